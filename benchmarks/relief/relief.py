@@ -1,4 +1,4 @@
-"""Relief mapping beside the paper's frame rate, Mesa's llvmpipe, and ray casting of the displaced mesh (Embree)."""
+"""Relief mapping beside the paper's frame rate, Mesa's llvmpipe, and the displaced mesh: cast at, and drawn."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from benchmarks.cases import Plan
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import bricks, scanned
+from benchmarks.tessellated import CUTS, size_of, subject, tessellated
 from pyibr.capture import models
 from pyibr.opencl.device import current
 from pyibr.opencl.memory import empty
@@ -27,6 +28,7 @@ from pyibr.relief import draw_relief
 
 SIZE = (800, 600)
 PLANE, PLANE_SAFE = "linear, 32 + 6 steps", "safe"
+OURS, OURS_LINEAR = "pyibr", "pyibr, linear search"
 PEER, PEER_FLOAT = "llvmpipe, heights in 8 bits", "llvmpipe, heights in float"
 PAPER_RATE = 85.0  # frames per second, GeForce 6800 GT: the refresh rate of its monitor
 BARS = {"plane": 0.3, "same picture": 45.0}
@@ -34,10 +36,11 @@ SCENE_BARS = {"torus": ("linear", PAPER_RATE), "teapot": ("linear", PAPER_RATE),
 """Frames per second, by scene, and of which way."""
 ROOMS = ("room", "room, the light moves")
 WAYS: dict[str, dict[str, Any]] = {
-    "linear": {"search": "linear"},
-    "safe": {"search": "safe"},
+    "linear": {"search": "linear", "distance": "approximate"},
+    "safe": {"search": "safe", "distance": "approximate"},
     "safe, exact": {"search": "safe", "distance": "exact"},
     "linear, exact": {"search": "linear", "distance": "exact"},
+    "linear, equation 6": {"search": "linear", "distance": "perpendicular"},
     "flat (no silhouettes)": {"search": "linear", "silhouette": "none"},
 }
 SAFE_STEPS = 0  # the number of steps that stands for the safe search
@@ -216,7 +219,7 @@ def _mean_steps(thing: ibr.ReliefSurface, camera: ibr.Camera) -> float:
 
 
 def _embree(repeats: int) -> Work | Skip:
-    """The torus: its displaced mesh, two triangles a texel, built and cast by Open3D."""
+    """The torus: its displaced mesh, two triangles a texel, built and cast by Open3D; and as meshes drawn by pyibr."""
     try:
         o3d: Any = import_module("open3d")
     except ImportError as error:
@@ -225,7 +228,12 @@ def _embree(repeats: int) -> Work | Skip:
     tiles, scale = (10, 4), 0.05
     camera = ibr.Camera.look_at((1.7, -2.8, 2.2), (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
     vertices, faces = _displaced_torus(height, tiles, scale)
-    relief = ibr.ReliefSurface(models.donut(48), height, color, scale, tiles=tiles)
+    base = models.donut(48)
+    reliefs = {
+        OURS: ibr.ReliefSurface(base, height, color, scale, tiles=tiles),
+        OURS_LINEAR: ibr.ReliefSurface(base, height, color, scale, tiles=tiles, **WAYS["linear"]),
+    }
+    meshes = {subject(cut): tessellated(48, height, color, (-scale, 0.0), tiles, cut) for cut in CUTS}
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T @ camera.world_from_camera[:3, :3].T
     packed = np.concatenate([np.broadcast_to(camera.center, rays.shape), rays], axis=-1).astype(np.float32)
@@ -239,10 +247,11 @@ def _embree(repeats: int) -> Work | Skip:
     before = _resident()
     built = build()
     grown = _resident() - before
+    things: dict[str, Any] = {**reliefs, **meshes}
     subjects: dict[str, Subject] = {
-        "pyibr": functools.partial(ibr.render, relief, camera),
-        "Embree, cast": lambda: built.cast_rays(packed)["t_hit"].numpy(),
+        name: functools.partial(ibr.render, thing, camera) for name, thing in things.items()
     }
+    subjects["Embree, cast"] = lambda: built.cast_rays(packed)["t_hit"].numpy()
 
     def read() -> Iterator[Record]:
         parameters: dict[str, Parameter] = {"case": "embree"}
@@ -251,20 +260,32 @@ def _embree(repeats: int) -> Work | Skip:
         yield Record("Embree, build", "end to end", "ms", parameters, [1e3 * (time.perf_counter() - start)])
         if grown > 0:
             yield Record("Embree, build", "memory", "bytes", parameters, [grown])
-        fresh = ibr.ReliefSurface(models.donut(48), height, color, scale, tiles=tiles)
-        start = time.perf_counter()
-        ibr.render(fresh, camera)
-        yield Record("pyibr, first frame", "end to end", "ms", parameters, [1e3 * (time.perf_counter() - start)])
+        fresh = {
+            f"{OURS}, first frame": lambda: ibr.ReliefSurface(base, height, color, scale, tiles=tiles),
+            f"{subject(CUTS[0])}, first frame": lambda: tessellated(48, height, color, (-scale, 0.0), tiles, CUTS[0]),
+        }
+        for name, make in fresh.items():
+            start = time.perf_counter()
+            ibr.render(make(), camera)
+            yield Record(name, "end to end", "ms", parameters, [1e3 * (time.perf_counter() - start)])
         yield Record("Embree, cast", "triangles", "count", parameters, [len(faces)])
         yield Record("Embree, cast", "memory", "bytes", parameters, [vertices.nbytes + faces.nbytes])
-        levels, mesh = relief.levels, relief.base
-        ours = levels.texels.nbytes + levels.bounds.nbytes + mesh.vertices.nbytes + mesh.faces.nbytes
-        yield Record("pyibr", "memory", "bytes", parameters, [ours + 64 * len(mesh.vertices)])
-        yield Record("pyibr", "triangles", "count", parameters, [len(mesh.faces)])
-        truth, frame = built.cast_rays(packed)["t_hit"].numpy(), ibr.render(relief, camera)
+        for name, relief in reliefs.items():
+            levels = relief.levels
+            ours = levels.texels.nbytes + levels.bounds.nbytes + base.vertices.nbytes + base.faces.nbytes
+            yield Record(name, "memory", "bytes", parameters, [ours + 64 * len(base.vertices)])
+            yield Record(name, "triangles", "count", parameters, [len(base.faces)])
+        for name, mesh in meshes.items():
+            yield Record(name, "memory", "bytes", parameters, [size_of(mesh)])
+            yield Record(name, "triangles", "count", parameters, [len(mesh.faces)])
+        truth = built.cast_rays(packed)["t_hit"].numpy()
         solid = np.isfinite(truth)
-        same = float((frame.valid & solid).sum() / (frame.valid | solid).sum())
-        yield Record("pyibr", "silhouette (IoU)", "share", parameters, [same])
+        for name, thing in things.items():
+            frame = ibr.render(thing, camera)
+            same = float((frame.valid & solid).sum() / (frame.valid | solid).sum())
+            yield Record(name, "silhouette (IoU)", "share", parameters, [same])
+            off = float(np.median(np.abs(frame.depth - truth)[frame.valid & solid]) / scale)
+            yield Record(name, "depth error", "share", parameters, [off])
 
     return Work(subjects, repeats, read)
 

@@ -19,6 +19,7 @@ from benchmarks.cases import Plan
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import bumps, scanned
+from benchmarks.tessellated import CUTS, size_of, subject, tessellated
 from pyibr.capture import MeshScene, models, object_views
 from pyibr.slicing import alpha_tests
 
@@ -34,6 +35,7 @@ DIRECTIONS = ("surface", "orthogonal", "screen")
 UNCLIPPED = "screen, unclipped"
 SCALE = 0.2  # of the displacement, over a unit square
 
+_SCALE = 0.15  # of the donut's fur
 _IMAGES = 512  # pixels a side of the six
 
 
@@ -126,6 +128,7 @@ def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
 
 
 def _donut(repeats: int) -> Work:
+    """Fur on the paper's donut; and the same as meshes."""
     rng = np.random.default_rng(1)
     fur = (rng.random((64, 64)) ** 3).astype(np.float32)
     color = np.repeat((60 + 190 * fur[..., None]).astype(np.uint8), 3, axis=2)
@@ -137,23 +140,31 @@ def _donut(repeats: int) -> Work:
             models.donut(),
             fur,
             color,
-            0.15,
+            _SCALE,
             tiles=(8, 4),
             slices=DONUT_SLICES,
             slicing=slicing,
             clipped=name != UNCLIPPED,
         )
 
+    base = models.donut(25)
+    meshes = {subject(cut): tessellated(25, fur, color, (0.0, _SCALE), (8, 4), cut) for cut in CUTS}
+    parameters: dict[str, Parameter] = {"case": "donut"}
+
     def read() -> Iterator[Record]:
         for name, surface in surfaces.items():
-            yield Record(
-                name, "coverage", "share", {"case": "donut"}, [float(ibr.render(surface, camera).valid.mean())]
-            )
-            tests = float(alpha_tests(surface, camera).sum())
-            yield Record(name, "alpha tests", "samples", {"case": "donut"}, [tests])
+            covered = float(ibr.render(surface, camera).valid.mean())
+            yield Record(name, "coverage", "share", parameters, [covered])
+            yield Record(name, "alpha tests", "samples", parameters, [float(alpha_tests(surface, camera).sum())])
+            memory = fur.nbytes + base.vertices.nbytes + base.faces.nbytes
+            yield Record(name, "memory", "bytes", parameters, [memory])
+        for name, mesh in meshes.items():
+            yield Record(name, "memory", "bytes", parameters, [size_of(mesh)])
+            yield Record(name, "triangles", "count", parameters, [len(mesh.faces)])
 
+    things: dict[str, Any] = {**surfaces, **meshes}
     subjects: dict[str, Subject] = {
-        name: functools.partial(ibr.render, surface, camera) for name, surface in surfaces.items()
+        name: functools.partial(ibr.render, thing, camera) for name, thing in things.items()
     }
     return Work(subjects, repeats, read)
 
