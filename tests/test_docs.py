@@ -39,6 +39,7 @@ def entries_of(text: str) -> list[str]:
     return [line for line in lines if line and not line.startswith(":")]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks_of(p)], ids=name_of)
 def test_python_of_page_runs(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

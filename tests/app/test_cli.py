@@ -56,6 +56,7 @@ def assert_one_line(result, *words: str) -> None:
 # ---- pictures
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("clean", [(), ("--clean",)])
 def test_depth_of_another_size_wants_its_own_camera(scene: Scene, clean: tuple[str, ...]):
     """As phones deliver it: depth of fewer samples than the picture has pixels, of the same view."""

@@ -49,6 +49,7 @@ def test_a_view_is_covered_at_its_own_camera(size, projection):
     check_own_camera(size, projection)
 
 
+@pytest.mark.thorough
 def test_a_view_is_covered_at_its_own_camera_in_one_lane():
     with one_lane():
         for size, projection in (((2, 2), "perspective"), ((7, 13), "orthographic"), ((61, 37), "perspective")):

@@ -79,6 +79,7 @@ def test_the_thread_keeps_binaries_once_nobody_waits(tmp_path: Path, reads_late:
     assert (second.returncode, second.stdout) == (0, first.stdout), second.stderr
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("moment", ["before it reads", "while it reads"])
 def test_a_process_that_ends_leaves_whole_entries_or_none(tmp_path: Path, reads_late: None, moment: str):
     begin = "binaries._QUIET = 0.0\n"
@@ -90,6 +91,7 @@ def test_a_process_that_ends_leaves_whole_entries_or_none(tmp_path: Path, reads_
     assert (second.returncode, second.stdout) == (0, first.stdout), second.stderr
 
 
+@pytest.mark.thorough
 @posix
 def test_a_process_that_is_killed_while_it_reads_breaks_nothing(tmp_path: Path, reads_late: None):
     wait = "while binaries.reading.acquire(blocking=False): binaries.reading.release()\nprint('reads', flush=True)\n"

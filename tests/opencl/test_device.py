@@ -568,6 +568,7 @@ time.sleep({more})
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "number", [n if n in (0, 1, 4) else pytest.param(n, marks=pytest.mark.thorough) for n in range(8)]
 )
@@ -581,6 +582,7 @@ def test_a_process_ends_cleanly_while_daemon_threads_call(number: int):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.thorough
 def test_the_last_call_may_come_after_the_end_has_begun():
     code = ENDING.format(threads=2, wait=60, more=0)
     last = "import atexit\natexit.register(lambda: print(ibr.warp(views[0], camera).valid.all()))\n"

@@ -297,6 +297,7 @@ def _child(script: str) -> subprocess.Popen[str]:
 posix = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no timers that raise signals")
 
 
+@pytest.mark.thorough
 @posix
 def test_calls_after_one_that_ended_at_any_moment():
     with _child(ALARMS) as child:
@@ -314,6 +315,7 @@ def test_ctrl_c_ends_a_search_within_a_piece():
     assert out.endswith("in order\n"), errors
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lanes", ["wide", "one"])
 def test_other_threads_run_while_a_call_waits(lanes: str):
     view = scenes.stepped((320, 240))

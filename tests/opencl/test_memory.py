@@ -174,6 +174,7 @@ def test_launches_that_find_no_memory_name_the_kernel(monkeypatch):
 CALLS = calls()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CALLS)
 def test_things_go_with_their_last_use(name):
     """Without a pass of the garbage collector, which would leave a recording's frames on the device for long."""

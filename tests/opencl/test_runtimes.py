@@ -193,6 +193,7 @@ print(json.dumps([platform, threads, os.environ.get("POCL_AFFINITY")]))
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="threads are kept on processors on Linux alone")
 @pytest.mark.parametrize("choice", ["nobody's", "taskset", *POCLS])
 def test_threads_have_a_processor_each_unless_the_user_chose(choice: str):

@@ -132,6 +132,7 @@ def test_an_object_from_afar(slicing):
     assert silhouette_iou(near.valid, far.valid) >= 0.98
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("light", ["sun", "lamp"])
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.DepthMeshObject])
 def test_shadows_on_images_are_the_same_anywhere(make, light):

@@ -119,6 +119,7 @@ def psnr(one: np.ndarray, other: np.ndarray, which: np.ndarray) -> float:
     return float(10 * np.log10(255**2 / np.mean((one.astype(float) - other)[which] ** 2)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("camera", [PERSPECTIVE, ORTHOGRAPHIC], ids=["perspective", "orthographic"])
 @pytest.mark.parametrize("projection", ["orthographic", "perspective"])
 @pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
@@ -201,6 +202,7 @@ def test_in_shadow_too(name):
 LENS = ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["depth object", "depth meshes", "warp"])
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_through_a_lens_and_by_several_samples(name, dtype):

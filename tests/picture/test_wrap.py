@@ -187,6 +187,7 @@ def uv_from_above(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return u0 + (u1 - u0) * places[..., 0], v0 + (v1 - v0) * places[..., 1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wrap", [("clamp", "clamp"), ("repeat", "clamp"), ("clamp", "repeat")])
 @pytest.mark.parametrize("level", [0, 1])
 @pytest.mark.parametrize("size", [(20, 14), (33, 1), (1, 1)])
@@ -206,6 +207,7 @@ def test_clamped_colours(system, size, level, wrap):
     assert np.abs(frame.color - expected)[frame.valid].max() <= 0.52  # to a byte
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [(20, 14), (1, 9)])
 @pytest.mark.parametrize("system", ["slices", "relief"])
 def test_clamped_normals(system, size):
@@ -223,6 +225,7 @@ def test_clamped_normals(system, size):
     assert np.abs(frame.color[..., 0] - 255 * (told @ towards))[frame.valid].max() <= 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "system", ["slices", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("relief", "relief, exact"))]
 )

@@ -91,6 +91,7 @@ def check(frame: ibr.Frame, truth: np.ndarray, camera: Camera, part: float) -> N
     assert (off <= 0.5 * most).mean() >= 0.5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("search", ["safe", "linear"])
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize("name", BASES)
@@ -110,6 +111,7 @@ def test_few_steps_are_enough_for_rays_that_leave(name, look):
     check(frame, carved(name, False).depth(camera), camera, seen_aside(name))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("distance_", ["approximate", "exact"])
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize("name", ["plane", "torus, inside"])

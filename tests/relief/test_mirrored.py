@@ -55,6 +55,7 @@ def test_a_map_turned_with_its_uv_is_the_same_picture(turn, distance_, mapped):
     assert (np.abs(one.color.astype(int) - two.color)[one.valid].max(axis=1) <= 2).mean() >= 0.995
 
 
+@pytest.mark.thorough
 def test_a_map_of_the_heights_own_normals_lights_as_its_slopes_do():
     height, color, normals = slanted()
     slopes, mapped = (ibr.ReliefSurface(square(), height, color, 0.1, normal_map=n) for n in (None, normals))

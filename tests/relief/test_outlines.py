@@ -38,6 +38,7 @@ def edges(covered: np.ndarray) -> np.ndarray:
     return np.stack([covered.argmax(axis=1), covered.shape[1] - 1 - covered[:, ::-1].argmax(axis=1)], axis=1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("level", [1, 2, 3, 4])
 @pytest.mark.parametrize("name", MAPS)
 def test_outlines_stay_where_coarser_levels_would_do(name, level):

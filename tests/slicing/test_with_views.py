@@ -58,6 +58,7 @@ def same(expected: ibr.DepthObject | ibr.VisualHull, *found: ibr.DepthObject | i
 FEW = [pytest.param(kind, marks=pytest.mark.thorough if kind in ("perspective", "four") else ()) for kind in KINDS]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("missing", ["empty", "unknown"])
 @pytest.mark.parametrize("kind", FEW)
 def test_an_object_is_as_a_new_one(kind, missing):

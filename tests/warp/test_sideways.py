@@ -130,6 +130,7 @@ def test_the_nearest_sample_is_the_one_next_to_where_the_ray_meets_the_surface(s
         np.testing.assert_allclose(frame.depth[frame.valid], view.depth[y, x][frame.valid], rtol=2e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("edges", ["connect", "cut"])
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("step", ["right", "up", "down right", "up right"])

@@ -65,6 +65,7 @@ def test_a_word_of_another_ways_choices_is_left_aside():
     np.testing.assert_array_equal(frame.color, ibr.warp(views(), CAMERA).color)
 
 
+@pytest.mark.thorough
 def test_a_light_shines_in_every_way():
     light = ibr.Light(direction=(0, 1, 1), relight=True)
     for name, method in methods_of(views()).items():
