@@ -68,8 +68,18 @@ typedef WIDE(long) longl;
 #define as_uintl WIDE(as_uint)
 
 #if LANES == 16
+/* Unaligned, in one instruction. OpenCL's vload16 and vstore16 are calls on some runtimes. */
+#ifdef __clang__
+#define LOADED_AND_STORED(space, type)                                                                             typedef struct __attribute__((packed)) {                                                                           type##16 lanes;                                                                                            } space##_##type;                                                                                              INLINED __attribute__((overloadable)) type##16 load_lanes(space const type *p)                                 {                                                                                                                  return ((space const space##_##type *)p)->lanes;                                                           }                                                                                                              INLINED __attribute__((overloadable)) void store_lanes(type##16 lanes, space type *p)                          {                                                                                                                  ((space space##_##type *)p)->lanes = lanes;                                                                }
+LOADED_AND_STORED(global, float)
+LOADED_AND_STORED(global, int)
+LOADED_AND_STORED(global, uint)
+LOADED_AND_STORED(private, float)
+LOADED_AND_STORED(private, int)
+#else
 #define load_lanes(p) vload16(0, p)
 #define store_lanes(v, p) vstore16(v, 0, p)
+#endif
 #define shifted_lanes(v) (v).s00123456789abcde /* each lane's left neighbour; the first its own */
 #define lane_index ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
 #define gather(p, i)                                                                                           \
@@ -152,8 +162,8 @@ typedef struct __attribute__((packed)) {
 #define COUNT(counter, mask)
 #endif
 
-/* mask ? yes : no, lane by lane, of floats and of ints; OpenCL's own select has the mask last. */
-#define select_lanes(mask, yes, no) select(no, yes, mask)
+/* Lane by lane, of floats and of ints. OpenCL's select is a call on some runtimes. */
+#define select_lanes(mask, yes, no) ((mask) ? (yes) : (no))
 
 #if LANES == 16
 #define ZIP_LOW(a, b)                                                                                          \
