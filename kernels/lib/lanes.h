@@ -13,6 +13,8 @@
 #define COUNTERS 0 /* 1: kernels have `counters` of their work, for benchmarks and tests */
 #endif
 
+#include "lib/builtins.h"
+
 /* A function whose arguments and results stay in registers: vectors are passed through memory otherwise. */
 #if LANES == 16
 #define INLINED static inline __attribute__((always_inline))
@@ -68,18 +70,8 @@ typedef WIDE(long) longl;
 #define as_uintl WIDE(as_uint)
 
 #if LANES == 16
-/* Unaligned, in one instruction. OpenCL's vload16 and vstore16 are calls on some runtimes. */
-#ifdef __clang__
-#define LOADED_AND_STORED(space, type)                                                                             typedef struct __attribute__((packed)) {                                                                           type##16 lanes;                                                                                            } space##_##type;                                                                                              INLINED __attribute__((overloadable)) type##16 load_lanes(space const type *p)                                 {                                                                                                                  return ((space const space##_##type *)p)->lanes;                                                           }                                                                                                              INLINED __attribute__((overloadable)) void store_lanes(type##16 lanes, space type *p)                          {                                                                                                                  ((space space##_##type *)p)->lanes = lanes;                                                                }
-LOADED_AND_STORED(global, float)
-LOADED_AND_STORED(global, int)
-LOADED_AND_STORED(global, uint)
-LOADED_AND_STORED(private, float)
-LOADED_AND_STORED(private, int)
-#else
 #define load_lanes(p) vload16(0, p)
 #define store_lanes(v, p) vstore16(v, 0, p)
-#endif
 #define shifted_lanes(v) (v).s00123456789abcde /* each lane's left neighbour; the first its own */
 #define lane_index ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
 #define gather(p, i)                                                                                           \

@@ -1,0 +1,123 @@
+"""What kernels/lib/builtins.h inlines has the bits of OpenCL's own functions, and leaves no calls in kernels' loops."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyopencl as cl
+import pytest
+
+from pyibr.opencl.device import current
+from pyibr.opencl.headers import kernels_folder
+from tests.processes import run_within
+
+INF, NAN = np.inf, np.nan
+FLOATS = np.float32([0.0, -0.0, 1.0, -1.0, 1.5, 2e-38, -2e-38, 3e38, -3e38, INF, -INF, NAN, 7.25, -7.75, 0.5, 2**24])
+INTS = np.int32([0, 1, -1, 7, -7, 2**31 - 1, -(2**31), 255])
+ONE = {"fabs": "fabs(a)", "floor": "floor(a)", "ceil": "ceil(a)", "sqrt": "sqrt(a)"}
+TWO = {name: f"{name}(a, b)" for name in ("fmin", "fmax", "min", "max")}
+TWO |= {"fmin, a number": "fmin(a, b.s0)", "clamp": "clamp(a, -fabs(b), fabs(b))", "isnan": "isnan(a) ? b : a"}
+
+
+def values_of(expression: str, type_: str, a: np.ndarray, b: np.ndarray, header: str) -> np.ndarray:
+    """The expression of vectors of 16, by the built-ins or by the header."""
+    session = current()
+    with session.turn():
+        source = f"""{header}
+        kernel void k(global const {type_} *all_a, global const {type_} *all_b, global {type_} *out)
+        {{
+            const size_t i = get_global_id(0);
+            const {type_}16 a = vload16(i, all_a), b = vload16(i, all_b);
+            vstore16({expression}, i, out);
+        }}"""
+        options = ["-cl-std=CL1.2", "-cl-denorms-are-zero", "-DLANES=16"]
+        program = cl.Program(session.context, source).build(options, cache_dir=False)
+        flags = cl.mem_flags
+        given = [cl.Buffer(session.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=v) for v in (a, b)]
+        out = np.empty_like(a)
+        result = cl.Buffer(session.context, flags.WRITE_ONLY, out.nbytes)
+        program.k(session.queue, (a.size // 16,), None, *given, result)
+        cl.enqueue_copy(session.queue, out, result)
+    return out
+
+
+def by_both(expression: str, type_: str, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    header = (kernels_folder() / "lib/builtins.h").read_text()
+    return values_of(expression, type_, a, b, header), values_of(expression, type_, a, b, "")
+
+
+def pairs_of(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of values, the number of them a multiple of 16."""
+    a, b = (np.ascontiguousarray(side.ravel()) for side in np.meshgrid(values, values))
+    return a, b
+
+
+@pytest.mark.parametrize("name", [*ONE, *TWO])
+def test_floats_have_the_bits_of_the_built_ins(name):
+    a, b = pairs_of(FLOATS)
+    if name in ("min", "max", "clamp"):  # OpenCL leaves open what NaNs become
+        known = ~np.isnan(a) & ~np.isnan(b)
+        a, b = np.where(known, a, 0).astype(np.float32), np.where(known, b, 1).astype(np.float32)
+    ours, own = by_both({**ONE, **TWO}[name], "float", a, b)
+    np.testing.assert_array_equal(np.isnan(ours), np.isnan(own))
+    there = ~np.isnan(own)
+    # Which of two zeros of both signs is the less, OpenCL leaves open; whatever follows takes them for equal.
+    bits = [np.where(v == 0, 0, v.view(np.int32)) for v in (ours, own)] if name in TWO else [ours, own]
+    np.testing.assert_array_equal(bits[0][there], bits[1][there])
+
+
+def test_clamp_makes_the_least_of_nans():
+    """What may become an index: of a work-item of 16 lanes, by whichever runtime."""
+    a, b = pairs_of(FLOATS)
+    ours, _ = by_both("clamp(a, -2.0f, 5.0f)", "float", a, b)
+    np.testing.assert_array_equal(ours, np.where(np.isnan(a), -2, a.clip(-2, 5)))
+
+
+@pytest.mark.parametrize("expression", ["min(a, b)", "max(a, b)", "min(a, b.s0)", "clamp(a, min(b, 0), max(b, 0))"])
+def test_ints_are_those_of_the_built_ins(expression):
+    np.testing.assert_array_equal(*by_both(expression, "int", *pairs_of(INTS)))
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "(float16)(vload4(i, all_a), vload2(i, all_a), vload2(3, all_a + 1), vload8(i, all_a + 3))",
+        "(float16)(vload3(i, all_a), vload3(1, all_a + 1), vload8(0, all_b), vload2(0, all_b))",
+    ],
+)
+def test_loads_are_those_of_the_built_ins(expression):
+    a, b = pairs_of(FLOATS)
+    ours, own = by_both(expression, "float", a, b)
+    assert ours.tobytes() == own.tobytes()
+
+
+HOT = {
+    "epipolar_sweep", "resolve", "draw_relief", "draw_surface", "draw_object", "draw_mesh", "draw_meshes", "smooth",
+    "roughen", "find_edges", "behind_lines", "activate",
+}  # fmt: skip
+"""The kernels that take most of the time."""
+LEFT = {"dot", "fast_length", "log2", "rint", "isfinite", "clz"}
+"""Calls outside of inner loops."""
+
+
+@pytest.mark.thorough
+def test_no_built_in_is_a_call_in_the_kernels_that_take_most_of_the_time(tmp_path: Path):
+    if "Portable Computing Language" not in current().device.platform or shutil.which("objdump") is None:
+        pytest.skip("needs PoCL, which keeps the machine code, and objdump")
+    program = "from tests.opencl.everything import calls\nfor call in calls().values():\n    call()"
+    folders = {"POCL_CACHE_DIR": str(tmp_path / "pocl"), "PYIBR_CACHE": str(tmp_path / "pyibr")}
+    done = run_within(600, [sys.executable, "-c", program], **folders)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, set[str]] = {}
+    for code in tmp_path.rglob("*.so"):
+        if code.stem in HOT:
+            text = subprocess.run(["objdump", "-d", str(code)], capture_output=True, text=True, check=True).stdout
+            mangled = re.findall(r"call.*<_Z(\d+)(\w+)", text)
+            found.setdefault(code.stem, set()).update(rest[: int(size)].removeprefix("_cl_") for size, rest in mangled)
+    assert found.keys() == HOT
+    assert {name: calls - LEFT for name, calls in found.items() if calls - LEFT} == {}
