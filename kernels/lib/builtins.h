@@ -4,9 +4,9 @@
  *
  * Some runtimes for CPUs leave them calls, around which all registers are saved: PoCL 6 took twice the time of PoCL 3.
  * Comparisons, bits and packed structs are an instruction or two everywhere. Only Clang knows C functions of one name for
- * several types; other compilers keep the built-ins, and so do GPUs, which have no calls.
+ * several types; other compilers keep the built-ins, and so does the form of one lane.
  */
-#if LANES == 16 && defined(__clang__)
+#ifdef __clang__
 
 #define OVERLOADED static inline __attribute__((overloadable, always_inline))
 

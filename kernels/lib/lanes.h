@@ -13,7 +13,9 @@
 #define COUNTERS 0 /* 1: kernels have `counters` of their work, for benchmarks and tests */
 #endif
 
+#if LANES == 16
 #include "lib/builtins.h"
+#endif
 
 /* A function whose arguments and results stay in registers: vectors are passed through memory otherwise. */
 #if LANES == 16

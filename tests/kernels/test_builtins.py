@@ -1,4 +1,4 @@
-"""What kernels/lib/builtins.h inlines has the bits of OpenCL's own functions, and leaves no calls in kernels' loops."""
+"""Built-in functions of kernels/lib/builtins.h: the bits of OpenCL's own, and no calls left in kernels' loops."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_floats_have_the_bits_of_the_built_ins(name):
 
 
 def test_clamp_makes_the_least_of_nans():
-    """What may become an index: of a work-item of 16 lanes, by whichever runtime."""
+    """They may become an index."""
     a, b = pairs_of(FLOATS)
     ours, _ = by_both("clamp(a, -2.0f, 5.0f)", "float", a, b)
     np.testing.assert_array_equal(ours, np.where(np.isnan(a), -2, a.clip(-2, 5)))
