@@ -2,4 +2,5 @@
 #include "depthmesh/errors.cl"
 #include "depthmesh/samples.cl"
 #include "depthmesh/select.cl"
+#include "depthmesh/squeezed.cl"
 #include "depthmesh/states.cl"

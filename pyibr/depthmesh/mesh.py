@@ -249,7 +249,7 @@ class DepthMesh(Immutable):
         with self.tree.states.session.turn():
             samples, faces = self._some_triangles_for(camera, tolerance)
             made = self._mesh_of(samples, faces) if normals else None
-        strips = strips_of(samples[faces], faces, self.view.camera.width, self.tree.side)
+        strips = strips_of(samples[faces], faces, self.view.camera.size, self.tree.side)
         return strips if made is None else with_normals(strips, made, self.view.shown_color.dtype)
 
     def _some_triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:

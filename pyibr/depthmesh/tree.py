@@ -17,7 +17,7 @@ from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.samples import samples_of
 
@@ -45,6 +45,9 @@ class Tree:
         Whether each cell's two triangles are drawn.
     states : DeviceArray (side + 1, row) uint8
         Which of the two triangles that a vertex splits are drawn.
+    squeezed : (DeviceArray, DeviceArray)
+        Of vertices with sides that reach over the last column or row: numbers y * row + x, (N,) int32, and their own
+        errors, (N,) float32.
     joined : str
         Of `ErrorsBy`: how a vertex's error is joined with its children's.
     """
@@ -56,6 +59,7 @@ class Tree:
     placed: DeviceArray
     cells: DeviceArray
     states: DeviceArray
+    squeezed: tuple[DeviceArray, DeviceArray] | None
     joined: ErrorsBy
 
     def drawn_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -137,11 +141,54 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
     launch(kernel(_KERNELS, "find_finest_states"), (side + 1,), cells=cells, states=states, layout=layout)
     of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_states", "find_coarse_states"))
     _fine_to_coarse(of_step, of_coarse, side, height, states=states, layout=layout)
-    return Tree(view, layout, side, nearness, placed, cells, states, joined)
+    numbers = squeezed_vertices(width, height, side, row)
+    squeezed = None
+    if len(numbers):
+        measured = {"nearness": nearness, "placed": placed, "cells": cells, "layout": layout}
+        squeezed = _measure_squeezed(upload(numbers), states, measured)
+    return Tree(view, layout, side, nearness, placed, cells, states, squeezed, joined)
+
+
+def squeezed_vertices(width: int, height: int, side: int, row: int) -> NDArray[np.int32]:
+    """(N,) numbers y * row + x of vertices with a side that reaches over the last column or row, coarse ones first."""
+    found = list[NDArray[np.int64]]()
+    step = side // 2
+    while step:
+        # Centres, and midpoints of edges along x and along y, but the finest ones': their sides' halves are cells'.
+        for odd_x, odd_y in ((1, 1), (1, 0), (0, 1)) if step > 1 else ((1, 1),):
+            x, over_x = _reaching(width - 1, side, step, odd_x)
+            y, over_y = _reaching(height - 1, side, step, odd_y)
+            found.append((y[:, None] * row + x[over_x]).ravel())
+            found.append((y[over_y][:, None] * row + x[~over_x]).ravel())
+        step //= 2
+    return np.concatenate(found).astype(np.int32) if found else np.empty(0, np.int32)
+
+
+def _reaching(last: int, side: int, step: int, odd: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Odd or even multiples of a step that reach into the image, and which of them reach beyond its last sample."""
+    at = np.arange(odd * step, side + 1, 2 * step)
+    at = at[at - step < last]
+    return at, (last < at + step) & ((at != last) | bool(odd))
+
+
+def _measure_squeezed(
+    vertices: DeviceArray, states: DeviceArray, measured: dict[str, Any]
+) -> tuple[DeviceArray, DeviceArray]:
+    """Find the states of vertices with squeezed sides; return them with their own errors."""
+    count, parts = vertices.shape[0], int(constant("depthmesh/squeezed.cl", "PARTS"))
+    shared: dict[str, Any] = {
+        "vertices": vertices,
+        "count": count,
+        "part_errors": empty((count, 2, parts), np.float32),
+        "part_states": empty((count, 2, parts), np.uint8),
+    }
+    own_errors = empty((count,), np.float32)
+    launch(kernel(_KERNELS, "measure_squeezed"), (count, parts), **shared, **measured)
+    launch(kernel(_KERNELS, "join_squeezed"), (count,), **shared, states=states, own_errors=own_errors)
+    return vertices, own_errors
 
 
 def _find_normals(tree: Tree) -> DeviceArray:
-
     width, height = tree.view.camera.size
     normals = empty((3, height, pitch(width)), np.float32)
     launch(
@@ -169,6 +216,11 @@ def _find_errors(tree: Tree) -> Errors:
         "largest": tree.joined == "largest",
     }
     launch(kernel(_KERNELS, "find_finest_midpoints"), (side + 1,), **shared)
+    if tree.squeezed:
+        vertices, own_errors = tree.squeezed
+        count = vertices.shape[0]
+        placing = kernel(_KERNELS, "place_squeezed_errors")
+        launch(placing, (count,), vertices=vertices, count=count, own_errors=own_errors, errors=errors)
     if side > 1:
         launch(kernel(_KERNELS, "find_finest_centers"), (side // 2,), **shared)
     of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_errors", "find_coarse_errors"))
