@@ -10,7 +10,7 @@
  * triangle of which only a part is drawn has CUT_ERROR times its own length as an error, since all of it is lost unless
  * it is split: edges and segmentation stay at any tolerance that is of use.
  *
- * nearness, placed: (height, pitch), samples.cl. Of each vertex, (side + 1, row): states, states.cl; errors in scene
+ * nearness, placed: (height, pitch), samples.cl; nearness without its noise (smooth.cl). Of each vertex, (side + 1, row): states, states.cl; errors in scene
  * units, -1 where nothing is drawn; radii of the bounding spheres, which hold triangles as they are drawn; depths of
  * their centres, which are a child's where there is no sample. Work-item: a row of vertices of step 1, most of all, one
  * after the other (`find_finest_midpoints`, which also writes what is true of vertices that no cell belongs to,
@@ -20,6 +20,7 @@
 #include "depthmesh/tree.h"
 
 #define CUT_ERROR 4.0f
+#define UNSEEN 0.75f /* deviations of the noise: what smoothed samples (smooth.cl) lie off a side by for its sake */
 #define MARGIN 0.01f /* samples by which spheres reach beyond children's: more than what rounding may turn round */
 
 typedef struct {
@@ -102,6 +103,13 @@ floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl a
     return select_lanes(known & (off > ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z))), off, (floatl)0.0f);
 }
 
+/* What of errors is more than noise may be, at a depth */
+floatl beyond_noise(const Layout *layout, floatl error, floatl depth)
+{
+    const float *of = layout->noise;
+    return fmax(error - UNSEEN * ((of[0] * depth + of[1]) * depth + of[2]), (floatl)0.0f);
+}
+
 /* Joins the vertices' own errors with their children's, unless nothing is drawn. Of a vertex with a `squeezed` side the
  * own error is that of all samples within: it holds the children's. */
 void add_error(const Layout *layout, const Tree *tree, floatl own, intl squeezed, intl states, int s, int centers,
@@ -111,6 +119,7 @@ void add_error(const Layout *layout, const Tree *tree, floatl own, intl squeezed
     const intl partly = (a == (UNDRAWN | DRAWN)) | (b == (UNDRAWN | DRAWN)), drawn = ((a | b) & DRAWN) != 0;
     const float samples = CUT_ERROR * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
     const floatl length = samples * sample_size(layout, v->depth);
+    own = beyond_noise(layout, own, v->depth);
     const floatl below = fmax(v->error, (floatl)0.0f), largest = fmax(own, below);
     const floatl joined = tree->largest ? largest : select_lanes(squeezed, largest, own + below);
     v->error = select_lanes(drawn, fmax(joined, select_lanes(partly, length, (floatl)0.0f)), v->error);

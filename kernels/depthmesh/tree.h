@@ -39,6 +39,7 @@ typedef struct {
     float ray[6];    /* the sample (x, y) lies on (ray[0] x + ray[1] y + ray[2], ray[3] x + ray[4] y + ray[5], 1) z, or, seen
                         by an orthographic camera, at these x and y with its own z */
     float footprint; /* of a sample, in scene units: at depth 1, or everywhere */
+    float noise[3];  /* at depth z the depths have a standard deviation of a z z + b z + c; 0 where it is not known */
     int perspective;
     int width, height; /* samples */
     int pitch;         /* samples from one row to the next */

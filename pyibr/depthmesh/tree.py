@@ -9,11 +9,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
-from pyibr.depthmesh.segmentation import Segmentation
+from pyibr.depthmesh.segmentation import NOISE_MAX, Segmentation
 from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
@@ -39,8 +38,9 @@ class Tree:
         Of kernels/depthmesh/tree.h.
     side : int
         Cells along the side, a power of two.
-    nearness, placed : DeviceArray (H, pitch)
-        Of the samples; and of the vertices as they are drawn, the outermost ones half a pixel beyond their samples.
+    nearness, smoothed, placed : DeviceArray (H, pitch)
+        Of the samples; without their noise, for errors; and of the vertices as they are drawn, the outermost ones half
+        a pixel beyond their samples.
     cells : DeviceArray (H, pitch) uint8
         Whether each cell's two triangles are drawn.
     states : DeviceArray (side + 1, row) uint8
@@ -56,6 +56,7 @@ class Tree:
     layout: Struct
     side: int
     nearness: DeviceArray
+    smoothed: DeviceArray
     placed: DeviceArray
     cells: DeviceArray
     states: DeviceArray
@@ -124,7 +125,7 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
     side = 1 << (max(width, height) - 2).bit_length()
     row = pitch(side + 1)
     nearness = samples.nearness
-    layout = Struct("Layout", _layout(view.camera, side, row))
+    layout = Struct("Layout", _layout(view, side, row))
     rule = Struct("Segmentation", segmentation.record(view, depths[1] - depths[0]))
     cells = empty((height, pitch(width)), np.uint8)
     launch(
@@ -135,8 +136,12 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
         layout=layout,
         rule=rule,
     )
-    placed = empty(nearness.shape, np.float32)
-    launch(kernel(_KERNELS, "place_border"), (height,), nearness=nearness, cells=cells, placed=placed, layout=layout)
+    placed = _place_border(nearness, cells, layout)
+    smoothed, smoothed_placed = nearness, placed
+    if any(view.sure_noise):
+        smoothed = empty(nearness.shape, np.float32)
+        launch(kernel(_KERNELS, "smooth_nearness"), (height,), nearness=nearness, smoothed=smoothed, layout=layout)
+        smoothed_placed = _place_border(smoothed, cells, layout)
     states = empty((side + 1, row), np.uint8)
     launch(kernel(_KERNELS, "find_finest_states"), (side + 1,), cells=cells, states=states, layout=layout)
     of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_states", "find_coarse_states"))
@@ -144,9 +149,16 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
     numbers = squeezed_vertices(width, height, side, row)
     squeezed = None
     if len(numbers):
-        measured = {"nearness": nearness, "placed": placed, "cells": cells, "layout": layout}
+        measured = {"nearness": smoothed, "placed": smoothed_placed, "cells": cells, "layout": layout}
         squeezed = _measure_squeezed(upload(numbers), states, measured)
-    return Tree(view, layout, side, nearness, placed, cells, states, squeezed, joined)
+    return Tree(view, layout, side, nearness, smoothed, placed, cells, states, squeezed, joined)
+
+
+def _place_border(nearness: DeviceArray, cells: DeviceArray, layout: Struct) -> DeviceArray:
+    placed = empty(nearness.shape, np.float32)
+    placing = kernel(_KERNELS, "place_border")
+    launch(placing, (nearness.shape[0],), nearness=nearness, cells=cells, placed=placed, layout=layout)
+    return placed
 
 
 def squeezed_vertices(width: int, height: int, side: int, row: int) -> NDArray[np.int32]:
@@ -206,7 +218,7 @@ def _find_errors(tree: Tree) -> Errors:
     side = tree.side
     errors, radii, depths = (empty(tree.states.shape, np.float32) for _ in range(3))
     shared: dict[str, Any] = {
-        "nearness": tree.nearness,
+        "nearness": tree.smoothed,
         "placed": tree.placed,
         "states": tree.states,
         "errors": errors,
@@ -240,10 +252,11 @@ def _fine_to_coarse(of_step: Kernel, of_coarse: Kernel, side: int, height: int, 
         launch(of_coarse, (1,), **shared, finest=step)
 
 
-def _layout(camera: Camera, side: int, row: int) -> np.ndarray[Any, np.dtype[np.void]]:
-    values = np.zeros((), struct("depthmesh/tree.h", "Layout"))
+def _layout(view: DepthImage, side: int, row: int) -> np.ndarray[Any, np.dtype[np.void]]:
+    values, camera = np.zeros((), struct("depthmesh/tree.h", "Layout")), view.camera
     values["ray"] = np.linalg.inv(camera.K)[:2].ravel()
     values["footprint"] = 1.0 / min(camera.K[0, 0], camera.K[1, 1])
+    values["noise"] = np.minimum(view.sure_noise, NOISE_MAX)
     values["perspective"] = camera.projection == "perspective"
     values["width"], values["height"] = camera.size
     values["pitch"], values["side"], values["row"] = pitch(camera.width), side, row

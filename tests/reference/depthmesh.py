@@ -25,6 +25,7 @@ UNDRAWN, DRAWN = 1, 2
 MARGIN = 0.01  # samples by which spheres reach beyond children's
 ROUNDING = 2**-22  # of the depths of three points: by less, they lie on a straight line
 NEAREST = 1e-20  # scene units, within a sphere
+UNSEEN, REACH, RADIUS = 0.75, 4.5, 3  # of noise: deviations of an error, and of a pair's mean; samples
 LOSS = 4.0  # what a triangle of which only a part is drawn counts as, in its own lengths
 
 
@@ -78,11 +79,13 @@ class Vertex:
 class Tree:
     """The tree over the view's samples; cells: (H, W) states of each cell's two triangles, A in the lower two bits.
 
-    Of a vertex's own error and its children's the sum counts, or the `largest` (the paper's).
+    Of a vertex's own error and its children's the sum counts, or the `largest` (the paper's). Errors are those of
+    samples without their noise.
     """
 
     def __init__(self, view: DepthImage, cells: np.ndarray, largest: bool = False) -> None:
         self.view, self.cells, self.largest = view, cells, largest
+        self.depth = smoothed(view)
         self.ray_from_pixel = np.linalg.inv(view.camera.K)
         side = 1
         while side < max(view.camera.size) - 1:
@@ -120,7 +123,7 @@ class Tree:
     def place(self, corner: Corner, z: float | None = None) -> np.ndarray:
         """In the camera's frame; z: the sample's if not given."""
         x, y = self.sample(corner)
-        z = float(self.view.depth[y, x]) if z is None else z
+        z = float(self.depth[y, x]) if z is None else z
         ray = self.ray_from_pixel @ (x, y, 1.0)
         return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
 
@@ -137,31 +140,32 @@ class Tree:
                     found |= {(a, b) for a in corners for b in corners}
         return found
 
-    def drawn_at(self, corner: Corner) -> np.ndarray:
+    def drawn_at(self, corner: Corner, depth: np.ndarray | None = None) -> np.ndarray:
         """(3,) pixel at which the vertex is drawn, and its nearness there: half a pixel beyond an outermost sample.
 
         The surface goes on straight from within, so that it passes through the sample.
         """
         x, y = corner = self.sample(corner)
         width, height = self.view.camera.size
-        z = float(self.view.depth[y, x])
+        depth = self.view.depth if depth is None else depth
+        z = float(depth[y, x])
         nearness = 1 / z if self.view.camera.projection == "perspective" else -z
         dx, dy = (int(at == 0) - int(at == count - 1) for at, count in ((x, width), (y, height)))
         place, within, found = (x - 0.5 * dx, y - 0.5 * dy), (x + dx, y + dy), nearness
         if (dx or dy) and (corner, within) in self.joined:
-            next_z = float(self.view.depth[within[::-1]])
+            next_z = float(depth[within[::-1]])
             next_n = 1 / next_z if self.view.camera.projection == "perspective" else -next_z
             found = nearness + 0.5 * (nearness - next_n)
         elif dx and dy and (corner, (x + dx, y)) in self.joined:  # a corner that no diagonal leads to
-            plane = np.array([(x, y, nearness), self.drawn_at((x + dx, y)), self.drawn_at((x, y + dy))])
+            plane = np.array([(x, y, nearness), *(self.drawn_at(at, depth) for at in ((x + dx, y), (x, y + dy)))])
             rows = np.column_stack([plane[:, :2], np.ones(3)])
             found = float(np.linalg.solve(rows, plane[:, 2]) @ (*place, 1.0))
         least, most = sorted((0.5 * nearness, 1.5 * nearness))
         return np.array([*place, min(max(found, least), most)])
 
-    def drawn_place(self, corner: Corner) -> np.ndarray:
+    def drawn_place(self, corner: Corner, depth: np.ndarray | None = None) -> np.ndarray:
         """Place at which the vertex is drawn, in the camera's frame."""
-        x, y, n = self.drawn_at(corner)
+        x, y, n = self.drawn_at(corner, depth)
         z = 1 / n if self.view.camera.projection == "perspective" else -n
         ray = self.ray_from_pixel @ (x, y, 1.0)
         return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
@@ -186,11 +190,12 @@ class Tree:
         below = max([-1.0, *(child.error for child in children.values())])
         known = [child.depth for child in children.values() if child.error >= 0]
         vertex.depth = (
-            float(self.view.depth[self.sample(corner)[::-1]]) if self.is_sample(corner) else next(iter(known), 0.0)
+            float(self.depth[self.sample(corner)[::-1]]) if self.is_sample(corner) else next(iter(known), 0.0)
         )
         vertex.error = below
         if any(state & DRAWN for state in vertex.states.values()):
-            errors = self.own_error(corner), max(below, 0.0)
+            noise = float(np.polyval(self.view.sure_noise, vertex.depth))
+            errors = max(self.own_error(corner) - UNSEEN * noise, 0.0), max(below, 0.0)
             squeezed = any(map(self.is_squeezed, vertex.sides))
             vertex.error = max(errors) if self.largest or squeezed else sum(errors)
             if UNDRAWN | DRAWN in vertex.states.values():
@@ -250,7 +255,7 @@ class Tree:
 
     def distance(self, triangle: Triangle) -> float:
         """Distance of the samples within it from its plane, as it is drawn."""
-        a, b, c = (self.drawn_place(corner) for corner in triangle.corners)
+        a, b, c = (self.drawn_place(corner, self.depth) for corner in triangle.corners)
         normal = np.cross(a - b, c - b)
         normal /= np.linalg.norm(normal)
         inside = [self.place(corner) for corner in self.samples_within(triangle)]
@@ -372,6 +377,28 @@ def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
     return np.array([*found, -here[2]])
 
 
+def smoothed(view: DepthImage) -> np.ndarray:
+    """(H, W) float64 depth without its noise: by means of pairs of samples that lie opposite each other, in 1 / z."""
+    if not any(view.sure_noise):
+        return view.depth.astype(np.float64)
+    perspective = view.camera.projection == "perspective"
+    depth = np.where(view.valid, view.depth, np.nan).astype(np.float64)
+    near = 1 / depth if perspective else -depth
+    reach = REACH * np.polyval(view.sure_noise, depth) * (near**2 if perspective else 1)
+    wide = np.pad(near, RADIUS, constant_values=np.nan)
+    total, weights = np.zeros(near.shape), np.ones(near.shape)
+    for dy in range(RADIUS + 1):
+        for dx in range(-RADIUS if dy else 1, RADIUS + 1):
+            a, b = (
+                wide[RADIUS + y :, RADIUS + x :][: near.shape[0], : near.shape[1]] for x, y in ((dx, dy), (-dx, -dy))
+            )
+            off = 0.5 * (a + b) - near
+            weight = np.where(np.abs(off) < reach, 2 - 2 * (off / reach) ** 2, 0)
+            total, weights = total + np.where(weight > 0, weight * off, 0), weights + weight
+    found = near + total / weights
+    return 1 / found if perspective else -found
+
+
 # --- what is surface -----------------------------------------------------------------------------------------------
 
 Bridges = Callable[[list[Corner]], bool]
@@ -383,7 +410,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
     tree = Tree(view, np.zeros((height, width), np.uint8))
     depth = view.depth.astype(np.float64)
     perspective = view.camera.projection == "perspective"
-    extent = np.ptp([tree.place((x, y)) for y, x in np.argwhere(view.valid)], axis=0).max()
+    extent = np.ptp([tree.place((x, y), float(depth[y, x])) for y, x in np.argwhere(view.valid)], axis=0).max()
 
     def explained(z: float) -> float:
         """By how much noise may set depths of one surface apart."""
@@ -394,7 +421,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         return explained(1 / n) * n * n if perspective else explained(-n)
 
     def orthogonality(corners: list[Corner]) -> bool:
-        p, q, r = (tree.place(corner) for corner in corners)
+        p, q, r = (tree.place(corner, float(depth[corner[::-1]])) for corner in corners)
         normal = np.cross(q - p, r - p)
         sight = p + q + r if perspective else np.array([0, 0, 1.0])
         sine = abs(normal @ sight) / np.linalg.norm(normal) / np.linalg.norm(sight)
@@ -452,11 +479,15 @@ def normals(view: DepthImage, cells: np.ndarray) -> np.ndarray:
     tree = Tree(view, cells)
     found = np.tile((0.0, 0.0, -1.0), (height, width, 1))
     for y, x in np.argwhere(view.valid):
-        here = tree.place((x, y))
+        here = tree.place((x, y), float(view.depth[y, x]))
         sums = []
         for dx, dy in ((1, 0), (0, 1)):
             ends = [(sign, (x + sign * dx, y + sign * dy)) for sign in (-1, 1)]
-            steps = [sign * (tree.place(end) - here) for sign, end in ends if ((x, y), end) in tree.joined]
+            steps = [
+                sign * (tree.place(end, float(view.depth[end[::-1]])) - here)
+                for sign, end in ends
+                if ((x, y), end) in tree.joined
+            ]
             sums.append(np.sum(steps, axis=0) if steps else np.array([dx, dy, 0.0]))
         normal = np.cross(sums[1], sums[0])
         found[y, x] = normal / np.linalg.norm(normal)
