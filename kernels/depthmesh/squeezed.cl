@@ -22,8 +22,9 @@ int states_in_row(const Layout *layout, global const uchar *cells, const Within 
     for (int first = columns.x; first <= columns.y; first += LANES) {
         const intl x = first + lane_index, there = x <= columns.y;
         const intl byte = select_lanes(there, load_bytes(cells + (size_t)row * layout->pitch + first), (intl)0);
-        if (!any_lane(there & (byte != (DRAWN | DRAWN << SIDE_BITS)))) {
-            found = found | select_lanes(there, (intl)DRAWN, (intl)0);
+        /* Most often both halves are alike: then it does not matter which of them is reached. */
+        if (!any_lane(there & (STATE_A(byte) != STATE_B(byte)))) {
+            found = found | STATE_A(byte);
             continue;
         }
         const intl main = ((x ^ row) & 1) == 0;
@@ -75,7 +76,7 @@ kernel void measure_squeezed(global const float *nearness, global const float *p
         Within t;
         float error = 0.0f, rounding = 0.0f;
         int states = 0;
-        if (triangle_within(&layout, placed, x, y, s, b, &t)) {
+        if (part <= 2 * s && triangle_within(&layout, placed, x, y, s, b, &t)) {
             Vector p[3];
             for (int k = 0; k < 3; k++)
                 p[k] = point_of(&layout, (floatl)t.at[k].x, (floatl)t.at[k].y, DEPTH_OF(layout.perspective, (floatl)t.n[k]));
@@ -89,6 +90,10 @@ kernel void measure_squeezed(global const float *nearness, global const float *p
             for (int row = t.low.y + part; row <= t.high.y; row += PARTS) {
                 if (t.squeezed && row < t.high.y)
                     states |= states_in_row(&layout, cells, &t, row);
+                if (states == (UNDRAWN | DRAWN))
+                    break;
+                if (states == UNDRAWN) /* errors count of what is drawn in full */
+                    continue;
                 error = fmax(error, error_in_row(&layout, nearness, &t, row, p[1], normal));
             }
         }

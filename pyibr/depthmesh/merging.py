@@ -148,7 +148,7 @@ def _apart(edges: _Edges, faces: Whole, vertices: int, max_error: float, most: i
 
 
 def _stays_in_order(pixels: Float64, faces: Whole, gone: Whole, stays: Whole, vertices: int) -> NDArray[np.bool_]:
-    """Which collapses turn no triangle over, and join no surfaces."""
+    """Tell which collapses turn no triangle over, and join no surfaces."""
     target = np.full(vertices, -1)
     target[gone] = stays
     number = np.full(vertices, -1)

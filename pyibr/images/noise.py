@@ -67,7 +67,7 @@ class DepthNoise:
 
     @cached_property
     def is_random(self) -> bool:
-        """Whether it is noise for sure: given, or second differences do not grow with the distance, as shapes' do."""
+        """True of what is noise for sure: given, or second differences do not grow with the distance, as shapes' do."""
         if self.given is not None:
             return any(self.given)
         near, far = (_typical_change(self._lines, step) for step in (1, 2))

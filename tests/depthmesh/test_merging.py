@@ -42,15 +42,15 @@ def test_as_many_as_are_asked_for(count):
     check_sound(mesh, view.camera)
     frame = ibr.render(mesh, view.camera)
     off = np.abs(frame.depth - clean)[frame.valid]
-    # A quarter of them on the half of a ball of radius 0.6 have sides e with e^2 = 9 / count: they lie e^2 / (8 r) = 2 /
-    # count below it, and along the lines of sight, towards its outline, several times that.
+    # A quarter of them on half a ball of radius 0.6 have sides e with e^2 = 9 / count: they lie e^2 / (8 r) = 2 / count
+    # below it, and along the lines of sight, towards its outline, several times that.
     assert np.quantile(off, 0.95) < 20 / count
     whole = ibr.render(thing, view.camera).valid
     assert (frame.valid == whole).mean() > {4000: 0.999, 1000: 0.995, 200: 0.98}[count]
 
 
 def test_the_error_holds_whatever_the_count():
-    """Where the count would take more than the error, more triangles are left."""
+    """More triangles are left where the count would take more than the error."""
     clean = corner_of_a_room()
     view = view_of(clean)
     thing = ibr.DepthMesh(view)
