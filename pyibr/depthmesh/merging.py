@@ -176,7 +176,7 @@ def _areas(pixels: Float64, faces: Whole) -> Float64:
 
 
 def _common_neighbours(faces: Whole, gone: Whole, stays: Whole, vertices: int) -> Whole:
-    """How many vertices have edges to both ends of each of the edges, which are apart from each other."""
+    """Number of vertices with edges to both ends of each of the edges, which are apart from each other."""
     number = np.full(vertices, -1)
     number[gone] = number[stays] = np.arange(len(gone))
     there = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
