@@ -10,7 +10,7 @@
  * triangle of which only a part is drawn has CUT_ERROR times its own length as an error, since all of it is lost unless
  * it is split: edges and segmentation stay at any tolerance that is of use.
  *
- * nearness, placed: (height, pitch), samples.cl. Of each vertex, (side + 1, row): states, states.cl; errors in scene
+ * nearness, placed: (height, pitch), samples.cl; nearness without its noise (smooth.cl). Of each vertex, (side + 1, row): states, states.cl; errors in scene
  * units, -1 where nothing is drawn; radii of the bounding spheres, which hold triangles as they are drawn; depths of
  * their centres, which are a child's where there is no sample. Work-item: a row of vertices of step 1, most of all, one
  * after the other (`find_finest_midpoints`, which also writes what is true of vertices that no cell belongs to,
@@ -20,6 +20,7 @@
 #include "depthmesh/tree.h"
 
 #define CUT_ERROR 4.0f
+#define UNSEEN 0.75f /* deviations of the noise: what smoothed samples (smooth.cl) lie off a side by for its sake */
 #define MARGIN 0.01f /* samples by which spheres reach beyond children's: more than what rounding may turn round */
 
 typedef struct {
@@ -34,6 +35,10 @@ typedef struct {
     Vector center;
     floatl error, radius, depth;
 } Vertices;
+
+/* A vertex's place among the samples: padding lies on the last column and row. */
+#define ON_COLUMN(layout, x) min(x, (intl)((layout)->width - 1))
+#define ON_ROW(layout, y) min(y, (intl)((layout)->height - 1))
 
 floatl vertex_nearness(const Layout *layout, const Tree *tree, intl x, intl y)
 {
@@ -52,8 +57,8 @@ Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, in
 {
     Children c;
     c.at = select_lanes(there, y * layout->row + x, (intl)0);
-    c.x = to_floatl(x);
-    c.y = to_floatl(y);
+    c.x = to_floatl(ON_COLUMN(layout, x));
+    c.y = to_floatl(ON_ROW(layout, y));
     c.error = select_lanes(there, (floatl)(gather(tree->errors, c.at)), (floatl)-1.0f);
     c.depth = (floatl)(gather(tree->depths, c.at));
     v->error = max_lanes(c.error, v->error);
@@ -94,17 +99,29 @@ floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl a
         length = sqrt(run * run + ab.z * ab.z);
     }
     const intl known = IS_SAMPLE(n) & IS_SAMPLE(na) & IS_SAMPLE(nb) & (length > 0.0f);
-    return select_lanes(known, area / select_lanes(known, length, (floatl)1.0f), (floatl)0.0f);
+    const floatl off = area / select_lanes(known, length, (floatl)1.0f);
+    return select_lanes(known & (off > ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z))), off, (floatl)0.0f);
 }
 
-/* Joins the vertices' own errors with their children's, unless nothing is drawn. */
-void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
+/* What of errors is more than noise may be, at a depth */
+floatl beyond_noise(const Layout *layout, floatl error, floatl depth)
+{
+    const float *of = layout->noise;
+    return fmax(error - UNSEEN * ((of[0] * depth + of[1]) * depth + of[2]), (floatl)0.0f);
+}
+
+/* Joins the vertices' own errors with their children's, unless nothing is drawn. Of a vertex with a `squeezed` side the
+ * own error is that of all samples within: it holds the children's. */
+void add_error(const Layout *layout, const Tree *tree, floatl own, intl squeezed, intl states, int s, int centers,
+               Vertices *v)
 {
     const intl a = STATE_A(states), b = STATE_B(states);
     const intl partly = (a == (UNDRAWN | DRAWN)) | (b == (UNDRAWN | DRAWN)), drawn = ((a | b) & DRAWN) != 0;
     const float samples = CUT_ERROR * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
     const floatl length = samples * sample_size(layout, v->depth);
-    const floatl below = fmax(v->error, (floatl)0.0f), joined = tree->largest ? fmax(own, below) : own + below;
+    own = beyond_noise(layout, own, v->depth);
+    const floatl below = fmax(v->error, (floatl)0.0f), largest = fmax(own, below);
+    const floatl joined = tree->largest ? largest : select_lanes(squeezed, largest, own + below);
     v->error = select_lanes(drawn, fmax(joined, select_lanes(partly, length, (floatl)0.0f)), v->error);
 }
 
@@ -116,7 +133,9 @@ void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int ce
          start += 2 * s * LANES) {
         const intl x = start + 2 * s * lane_index, mine = (x <= layout->side) & (x - s < layout->width - 1);
         const intl row = (intl)y, main = IS_MAIN(x, row, s), at = select_lanes(mine, row * layout->row + x, (intl)0);
-        const floatl n = vertex_nearness(layout, tree, x, row);
+        const intl sample_x = ON_COLUMN(layout, x), sample_y = ON_ROW(layout, row);
+        const intl squeezed = is_squeezed(layout, x, row, s, centers, across);
+        const floatl n = vertex_nearness(layout, tree, sample_x, sample_y);
         Vertices v = {{0.0f, 0.0f, 0.0f},
                       -1.0f,
                       0.0f,
@@ -129,7 +148,7 @@ void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int ce
                                (row + dy <= layout->side);
             children[k] = add_children(layout, tree, x + dx, row + dy, there, &v);
         }
-        v.center = point_of(layout, to_floatl(x), to_floatl(row), v.depth);
+        v.center = point_of(layout, to_floatl(sample_x), to_floatl(sample_y), v.depth);
         for (int k = 0; k < 4; k++)
             hold_children(layout, tree, &children[k], &v);
         const int before_x = centers || across ? s : 0, before_y = centers || !across ? s : 0;
@@ -137,8 +156,9 @@ void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int ce
         const intl by = centers ? select_lanes(main, row + s, row - s) : row + before_y;
         const intl ax = x - before_x, bx = x + before_x, states = (intl)(gather(tree->states, at));
         const floatl na = vertex_nearness(layout, tree, ax, ay), nb = vertex_nearness(layout, tree, bx, by);
-        const floatl own = bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across);
-        add_error(layout, tree, own, states, s, centers, &v);
+        const floatl bisected = bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across);
+        const floatl own = select_lanes(squeezed, (floatl)(gather(tree->errors, at)), bisected);
+        add_error(layout, tree, own, squeezed, states, s, centers, &v);
         for (int lane = 0; lane < LANES; lane++) {
             if (!int_lane(mine, lane))
                 continue;
@@ -197,7 +217,7 @@ kernel void find_finest_midpoints(global const float *nearness, global const flo
                 v.radius = select_lanes(IS_SAMPLE(next), max_lanes(sqrt(DOT(away, away)), v.radius), v.radius);
             }
             const intl odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
-            add_error(&layout, &tree, own, select_lanes(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
+            add_error(&layout, &tree, own, (intl)0, select_lanes(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
         }
         store_vertices(&tree, at, &v);
     }
@@ -240,8 +260,10 @@ kernel void find_finest_centers(global const float *nearness, global const float
         const floatl na = select_lanes(main, corner[0][0], corner[1][0]),
                      nb = select_lanes(main, corner[1][1], corner[0][1]);
         const intl down = select_lanes(main, (intl)1, (intl)-1), ay = y - down, by = y + down;
-        const floatl own = bisection_error(&layout, v.center, n, x - 1, ay, na, x + 1, by, nb, 1, 0);
-        add_error(&layout, &tree, own, load_bytes(states + at), 1, 1, &v);
+        const intl squeezed = is_squeezed(&layout, x, (intl)y, 1, 1, 0);
+        const floatl bisected = bisection_error(&layout, v.center, n, x - 1, ay, na, x + 1, by, nb, 1, 0);
+        const floatl own = select_lanes(squeezed, load_lanes(errors + at), bisected);
+        add_error(&layout, &tree, own, squeezed, load_bytes(states + at), 1, 1, &v);
         v.error = select_lanes(mine, v.error, load_lanes(errors + at));
         v.radius = select_lanes(mine, v.radius, load_lanes(radii + at));
         v.depth = select_lanes(mine, v.depth, load_lanes(depths + at));

@@ -21,6 +21,7 @@
 #include "depthmesh/tree.h"
 
 #define POINTS 1024
+#define AT_THE_EYE 1e-20f /* scene units, where the eye is within a sphere: not 0, so that errors of 0 are not seen there */
 
 typedef struct {
     float eye[3];      /* the target's, in the view's camera's frame */
@@ -46,10 +47,11 @@ kernel void activate(global const float *errors, global const float *radii, glob
         const intl x = first + lane_index, known = (error >= 0.0f) & (x <= layout.side);
         intl needed = known;
         if (any_lane(known)) {
-            const Vector p = point_of(&layout, to_floatl(x), (floatl)y, load_lanes(depths + at));
+            const Vector p = point_of(&layout, to_floatl(min(x, (intl)(layout.width - 1))),
+                                      (floatl)min(y, layout.height - 1), load_lanes(depths + at));
             const Vector away = {p.x - viewer.eye[0], p.y - viewer.eye[1], p.z - viewer.eye[2]};
             const floatl from_eye = sqrt(DOT(away, away));
-            const floatl distance = viewer.perspective ? fmax(from_eye - radius, (floatl)0.0f) : (floatl)1.0f;
+            const floatl distance = viewer.perspective ? fmax(from_eye - radius, (floatl)AT_THE_EYE) : (floatl)1.0f;
             const intl large = known & (error * viewer.scale >= viewer.tolerance * distance);
             needed = large;
             /* Children's spheres are within their parent's: so are they with this margin. */
@@ -82,7 +84,7 @@ int next_marked(global const uchar *row, int x, int side)
 }
 
 /* Is the triangle that the vertex `at` would split on a side (0: A, 1: B) whole and all drawn? */
-#define IS_DRAWN(at, b) (!active[at] & (((b) ? STATE_B(states[at]) : STATE_A(states[at])) == DRAWN))
+#define IS_DRAWN(at, b) (!IS_ACTIVE(active[at]) & (((b) ? STATE_B(states[at]) : STATE_A(states[at])) == DRAWN))
 
 /* The triangles with their right angle at the vertex (x, y) that are drawn, a bit each, clockwise: of a centre from the
  * one above, of others from the one to the upper left */
@@ -112,6 +114,22 @@ int triangles_at(const Layout *layout, global const uchar *active, global const 
     return found;
 }
 
+/* Lists the samples on which vertices of the padding lie. Work-item: those of a row, and of a column. */
+kernel void list_border(global uchar *active, Layout layout)
+{
+    const int at = get_global_id(0), right = layout.width - 1, bottom = layout.height - 1;
+    if (at > layout.side)
+        return;
+    for (int s = 1; s <= layout.side && !(at & (s - 1)); s *= 2) {
+        /* The first one beyond, of each step: others of it are no corners of triangles with an area. */
+        const int x = (right + s - 1) & -s, y = (bottom + s - 1) & -s;
+        if (active[at * layout.row + x])
+            active[min(at, bottom) * layout.row + right] |= LISTED;
+        if (active[y * layout.row + at])
+            active[bottom * layout.row + min(at, right)] |= LISTED;
+    }
+}
+
 kernel void find_triangles(global const uchar *active, global const uchar *states, global const uchar *cells,
                            global uchar *drawn, global int *counts, Layout layout)
 {
@@ -122,7 +140,7 @@ kernel void find_triangles(global const uchar *active, global const uchar *state
     const size_t start = (size_t)y * layout.row;
     for (int x = -1; (x = next_marked(active + start, x + 1, layout.side)) <= layout.side;) {
         points += x < layout.width && y < layout.height;
-        if (active[start + x] != ACTIVE)
+        if (!IS_ACTIVE(active[start + x]))
             continue;
         const int found = triangles_at(&layout, active, states, cells, x, y);
         drawn[start + x] = found;
@@ -159,20 +177,21 @@ kernel void list_triangles(global const uchar *active, global const uchar *drawn
     const size_t start = (size_t)y * row;
     global int *next = corners + 3 * (size_t)firsts[2 * y + 1];
     for (int x = -1; (x = next_marked(active + start, x + 1, layout.side)) <= layout.side;) {
-        if (active[start + x] != ACTIVE || !drawn[start + x])
+        if (!IS_ACTIVE(active[start + x]) || !drawn[start + x])
             continue;
-        const int s = step_of(x, y), down = s * row, upper_left = -s - down;
-        const int around[2][5] = {{-s, -down, s, down, -s}, {upper_left, s - down, s + down, down - s, upper_left}};
-        const int *corner = around[IS_CENTER(x, y, s)];
-        global const int *number = numbers + start + x;
-        global const uchar *is_listed = active + start + x;
+        const int s = step_of(x, y), last_x = layout.width - 1, last_y = layout.height - 1;
+        const int left = min(x - s, last_x), on_x = min(x, last_x), right = min(x + s, last_x);
+        const int top = min(y - s, last_y) * row, on_y = min(y, last_y) * row, bottom = min(y + s, last_y) * row;
+        const int around[2][5] = {{on_y + left, top + on_x, on_y + right, bottom + on_x, on_y + left},
+                                  {top + left, top + right, bottom + right, bottom + left, top + left}};
+        const int *corner = around[IS_CENTER(x, y, s)], middle = on_y + on_x;
         for (int k = 0; k < 4; k++) {
             if (!(drawn[start + x] >> k & 1))
                 continue;
             /* All are listed, unless rounding has turned a parent and its child round: then a triangle without area. */
-            next[0] = number[is_listed[corner[k]] ? corner[k] : 0];
-            next[1] = number[0];
-            next[2] = number[is_listed[corner[k + 1]] ? corner[k + 1] : 0];
+            next[0] = numbers[active[corner[k]] ? corner[k] : middle];
+            next[1] = numbers[middle];
+            next[2] = numbers[active[corner[k + 1]] ? corner[k + 1] : middle];
             next += 3;
         }
     }

@@ -14,6 +14,7 @@
  * split follows from single vertices, so the set is the same in any order.
  */
 #include "depthmesh/tree.h"
+#include "depthmesh/within.h"
 
 #ifndef CHUNK
 #define CHUNK 64 /* ints in a chunk of the pool */
@@ -34,38 +35,6 @@ typedef struct {
 /* Whether planes of nearness p lie off samples of nearness n by more than max_error, in depth: no division */
 #define IS_OFF(p, n) (fabs((p) - (n)) > work->max_error * (layout->perspective ? fabs((p) * (n)) : 1.0f))
 #define NEARNESS_AT(v) work->nearness[(v).y * layout->pitch + (v).x]
-#define VERTEX_NEARNESS(v) work->placed[(v).y * layout->pitch + (v).x]
-
-/* Where the vertex at a sample is drawn */
-float2 vertex_place(const Layout *layout, int2 v)
-{
-    return (float2)(place_of(v.x, layout->width), place_of(v.y, layout->height));
-}
-
-#define ON_EDGE 1e-3f /* samples: no farther from it, a sample is on an edge */
-
-/* An edge from a to b of a triangle: its point on a row y has x + (y - low) * slope */
-typedef struct {
-    float x, slope, low, high;
-} RowEdge;
-
-RowEdge row_edge(float2 a, float2 b)
-{
-    const float2 upper = a.y < b.y ? a : b, lower = a.y < b.y ? b : a;
-    const RowEdge edge = {upper.x, (lower.x - upper.x) / (lower.y - upper.y), upper.y,
-                          upper.y == lower.y ? -INFINITY : lower.y};
-    return edge;
-}
-
-/* Widens a part of a row so that it reaches to where the row crosses the edge. */
-void widen_to_edge(RowEdge edge, float row, float2 *part)
-{
-    if (row < edge.low || row > edge.high)
-        return;
-    const float x = edge.x + (row - edge.low) * edge.slope;
-    part->x = fmin(part->x, x);
-    part->y = fmax(part->y, x);
-}
 
 /* Must the triangle on the side b (0: A, 1: B) of the vertex (x, y) of step s be split? */
 int must_split(const Layout *layout, const Work *work, int x, int y, int s, int b)
@@ -73,41 +42,28 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
     const int byte = work->states[y * layout->row + x], state = b ? STATE_B(byte) : STATE_A(byte);
     if (state != DRAWN)
         return state == (UNDRAWN | DRAWN);
-    const int centers = IS_CENTER(x, y, s), across = (x & s) != 0, rises = centers && !IS_MAIN(x, y, s);
-    const int2 p = (int2)(x, y), along = centers ? (int2)(s, rises ? -s : s) : across ? (int2)(s, 0) : (int2)(0, s);
-    const int2 to_a = centers ? (int2)(rises ? -s : s, -s) : across ? (int2)(0, -s) : (int2)(-s, 0);
-    const int2 start = p - along, end = p + along, q = b ? p - to_a : p + to_a; /* q: the right angle */
-    const float n_start = VERTEX_NEARNESS(start), n_end = VERTEX_NEARNESS(end), n_q = VERTEX_NEARNESS(q);
-    const int2 low = min(q, min(start, end)), high = max(q, max(start, end));
-    const int is_within = low.x > 0 && low.y > 0 && high.x < layout->width - 1 && high.y < layout->height - 1;
-    if (is_within) {
+    Within t;
+    triangle_within(layout, work->placed, x, y, s, b, &t);
+    const int is_inner = t.low.x > 0 && t.low.y > 0 && t.high.x < layout->width - 1 && t.high.y < layout->height - 1;
+    if (is_inner) {
         /* The vertex itself and the middles of the two legs are off most often. */
-        if (IS_OFF(0.5f * (n_start + n_end), NEARNESS_AT(p)))
+        const int2 start = t.corner[0], q = t.corner[1], end = t.corner[2];
+        if (IS_OFF(0.5f * (t.n[0] + t.n[2]), NEARNESS_AT((int2)(x, y))))
             return 1;
-        if (s == 1 && !centers)
+        if (s == 1 && !IS_CENTER(x, y, s))
             return 0;
-        if (IS_OFF(0.5f * (n_start + n_q), NEARNESS_AT((start + q) / 2)) ||
-            IS_OFF(0.5f * (n_end + n_q), NEARNESS_AT((end + q) / 2)))
+        if (IS_OFF(0.5f * (t.n[0] + t.n[1]), NEARNESS_AT((start + q) / 2)) ||
+            IS_OFF(0.5f * (t.n[2] + t.n[1]), NEARNESS_AT((end + q) / 2)))
             return 1;
         if (s == 1)
             return 0;
     }
-    const float2 to_start = vertex_place(layout, start), to_end = vertex_place(layout, end);
-    const float2 to_q = vertex_place(layout, q), u = to_start - to_q, v = to_end - to_q;
-    const float inverse = 1.0f / (u.x * v.y - u.y * v.x);
-    const float per_x = ((n_start - n_q) * v.y - (n_end - n_q) * u.y) * inverse;
-    const float per_y = ((n_end - n_q) * u.x - (n_start - n_q) * v.x) * inverse;
-    const RowEdge edges[3] = {row_edge(to_start, to_end), row_edge(to_start, to_q), row_edge(to_end, to_q)};
-    for (int row = low.y; row <= high.y; row++) {
-        float2 part = (float2)(INFINITY, -INFINITY);
-        for (int k = 0; k < 3; k++)
-            widen_to_edge(edges[k], row, &part);
-        const int low_x = max((int)ceil(part.x - ON_EDGE), low.x), high_x = min((int)floor(part.y + ON_EDGE), high.x);
-        const float base = n_q + (row - to_q.y) * per_y;
-        for (int first = low_x; first <= high_x; first += LANES) {
+    for (int row = t.low.y; row <= t.high.y; row++) {
+        const int2 columns = columns_within(&t, row);
+        for (int first = columns.x; first <= columns.y; first += LANES) {
             const intl at = first + lane_index;
-            const floatl plane = base + (to_floatl(at) - to_q.x) * per_x;
-            if (any_lane((at <= high_x) & IS_OFF(plane, load_lanes(work->nearness + row * layout->pitch + first))))
+            const floatl plane = plane_nearness(&t, at, row);
+            if (any_lane((at <= columns.y) & IS_OFF(plane, load_lanes(work->nearness + row * layout->pitch + first))))
                 return 1;
         }
     }

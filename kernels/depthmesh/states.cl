@@ -1,10 +1,11 @@
 /* The states of the quadtree's triangles, fine to coarse: whether all, some or none of the cells within each are drawn
  * (Pajarola, Sainz & Meng 2003, section 3.3: segmentation carried up by boolean rules).
  *
- * A triangle's state is the union of its two halves' states; those are sides of the vertex's children.
+ * A triangle's state is the union of its two halves' states; those are sides of the vertex's children. Of triangles that
+ * are squeezed that is not so: theirs are written afterwards (squeezed.cl), and no other's follows from them.
  *
  * cells: samples.cl. states: (side + 1, row) of each vertex, both sides' (tree.h).
- * Work-item: a row of vertices, of which those of step 1 are found and of others UNDRAWN is written
+ * Work-item: a row of vertices, of which those of step 1 are found and of others 0 is written
  * (`find_finest_states`), a row of vertices of a coarser step (`find_states`), all rows of all coarser steps
  * (`find_coarse_states`). Cost: O(vertices). Determinism: nothing depends on an order.
  */
@@ -17,7 +18,7 @@ kernel void find_finest_states(global const uchar *cells, global uchar *states, 
         return;
     for (int first = 0; first <= layout.side; first += LANES) {
         const intl x = first + lane_index, odd = (x & 1) == 1, main = IS_MAIN(x, (intl)y, 1);
-        intl byte = NOTHING;
+        intl byte = (intl)0;
         if (first < layout.width && y < layout.height && layout.side > 1) {
             const intl upper_left = cell_next_to(&layout, cells, x, first, y, -1, -1);
             const intl upper_right = cell_next_to(&layout, cells, x, first, y, 0, -1);

@@ -2,4 +2,6 @@
 #include "depthmesh/errors.cl"
 #include "depthmesh/samples.cl"
 #include "depthmesh/select.cl"
+#include "depthmesh/smooth.cl"
+#include "depthmesh/squeezed.cl"
 #include "depthmesh/states.cl"

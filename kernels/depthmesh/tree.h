@@ -3,7 +3,9 @@
 /* The restricted quadtree over a depth image's samples (Pajarola 1998; Pajarola, Sainz & Meng 2003, section 3.2).
  *
  * Vertices are the points (x, y) of a square grid with a power of two of cells along its side, of which the image
- * covers the upper left part; the rest is padding, which is never drawn. All but the four corners bisect an edge of the
+ * covers the upper left part. The rest is padding: its vertices lie on the image's last column and row, so that
+ * triangles there have no area, and those that reach over the border are squeezed into the image. As columns and rows
+ * keep their order, no triangle turns over, and they cover the image as they covered the square. All but the four corners bisect an edge of the
  * next coarser triangulation. With s the largest power of two that divides x and y, a vertex is
  *   a centre   (x/s and y/s are odd): it bisects the diagonal of the block of side 2s around it;
  *   a midpoint (one of them is odd): it bisects the edge from s before to s after, along x or along y.
@@ -37,6 +39,7 @@ typedef struct {
     float ray[6];    /* the sample (x, y) lies on (ray[0] x + ray[1] y + ray[2], ray[3] x + ray[4] y + ray[5], 1) z, or, seen
                         by an orthographic camera, at these x and y with its own z */
     float footprint; /* of a sample, in scene units: at depth 1, or everywhere */
+    float noise[3];  /* at depth z the depths have a standard deviation of a z z + b z + c; 0 where it is not known */
     int perspective;
     int width, height; /* samples */
     int pitch;         /* samples from one row to the next */
@@ -78,26 +81,38 @@ int step_of(int x, int y)
 
 #define IS_CENTER(x, y, s) (((x) & (y) & (s)) != 0)
 
+/* Which vertices of step s that bisect edges along x (`across`), along y or diagonals (`centers`) have a side that is
+ * squeezed: drawn as another triangle than the image's cells within it make? (Not those of step 1 that bisect edges:
+ * their sides' halves are those of cells.) */
+INLINED intl is_squeezed(const Layout *layout, intl x, intl y, int s, int centers, int across)
+{
+    const int right = layout->width - 1, bottom = layout->height - 1;
+    const intl reaches = (x - s < right) & (y - s < bottom);
+    /* Sides end at their edge. */
+    const intl over_x = (right < x + s) & ((x != right) | (intl)-(centers || across));
+    const intl over_y = (bottom < y + s) & ((y != bottom) | (intl)-(centers || !across));
+    return reaches & (over_x | over_y);
+}
+
 /* LANES numbers of a row from first + dx on, dx in {-1, 0, 1}; the first of a row's has no left neighbour. */
 #define NEXT_TO(load, row, first, dx) ((dx) < 0 && !(first) ? shifted_lanes(load(row)) : load((row) + (first) + (dx)))
 
-#define NOTHING (UNDRAWN | UNDRAWN << 2)
-
-/* The byte of the cell at (dx, dy), each -1 or 0, from the vertices x of a row y; 0 beyond the tree */
+/* The byte of the cell at (dx, dy), each -1 or 0, from the vertices x of a row y; 0 beyond the image */
 intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int first, int y, int dx, int dy)
 {
-    if (y + dy < 0 || y + dy >= layout->side)
+    if (y + dy < 0 || y + dy >= layout->height - 1)
         return (intl)0;
-    const intl there = (x + dx >= 0) & (x + dx < layout->side);
-    if (y + dy >= layout->height - 1)
-        return select_lanes(there, (intl)NOTHING, (intl)0);
     const intl byte = NEXT_TO(load_bytes, cells + (size_t)(y + dy) * layout->pitch, first, dx);
-    return select_lanes(there, select_lanes(x + dx < layout->width - 1, byte, (intl)NOTHING), (intl)0);
+    return select_lanes((x + dx >= 0) & (x + dx < layout->width - 1), byte, (intl)0);
 }
+
+/* Of depths: by less than that part of their sum, three points of a straight line lie off it. Such errors are none. */
+#define ROUNDING 0x1p-22f
 
 /* Marks of vertices of a triangulation: all corners of triangles, and of them those where right angles may be */
 #define LISTED 2
 #define ACTIVE 3
+#define IS_ACTIVE(mark) ((mark) == ACTIVE)
 
 /* Marks the four corners of the tree, of which two are at the coarsest triangles' right angles. */
 void mark_corners(const Layout *layout, global uchar *active, int y)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,7 @@ class FarSides:
         if not self.far.any():
             return words
         shown = words.view(np.uint8).reshape(*words.shape, 4).astype(np.float32)
-        spread = np.rint(_spread(self.far, shown)).astype(np.uint8).view(np.uint32)[..., 0]
+        spread = np.rint(_spread(self.far, shown, self.hidden)).astype(np.uint8).view(np.uint32)[..., 0]
         return np.where(self.hidden, spread, words)
 
 
@@ -75,7 +75,9 @@ def far_sides_of(mesh: ViewMesh, limit: Float32) -> FarSides:
     if not far.any():
         return FarSides(limit, far, far)
     number = np.arange(far.size).reshape(far.shape)
-    depth = _continued(mesh, limit, _nearest(np.where(far, number, -1), far.shape[1]))
+    behind = (limit > 0) & np.isfinite(limit)  # what surfaces can hide: the rest is seen to be empty, or not known
+    origin = _nearest(np.where(far, number, -1), far.shape[1], behind)
+    depth = _continued(mesh, limit, origin, behind)
     hidden = (depth > limit) & (limit > 0)
     return FarSides(np.where(hidden, depth, limit), hidden, far & np.isfinite(limit))
 
@@ -108,7 +110,7 @@ _NEIGHBOUR_WEIGHTS = (
 )  # rows, columns and sixteenths of bilinear interpolation
 
 
-def _nearest(origin: Whole, width: int, step: int = 1) -> Whole:
+def _nearest(origin: Whole, width: int, wanted: NDArray[np.bool_] | Literal[True] = True, step: int = 1) -> Whole:
     """Fill up what has no origin with that of the nearest, nearly.
 
     Parameters
@@ -117,13 +119,15 @@ def _nearest(origin: Whole, width: int, step: int = 1) -> Whole:
         Numbers of samples, y * width + x, or -1.
     width : int
         Samples in a row of the view.
+    wanted : (h, w) bool
+        Where it is to be filled up: most of the time goes into this level.
     step : int
         Samples along the side of what an element stands for: levels are halved until all of one is known.
     """
     if (origin >= 0).all():
         return origin
-    coarse = _nearest(np.max(_quarters(origin, -1), axis=0), width, 2 * step)
-    y, x = np.nonzero(origin < 0)
+    coarse = _nearest(np.max(_quarters(origin, -1), axis=0), width, step=2 * step)
+    y, x = np.nonzero((origin < 0) & wanted)
     best, least = np.full(len(y), -1), np.full(len(y), np.inf)
     for up, left, _ in _NEIGHBOUR_WEIGHTS:
         there = coarse[_coarser(y, up, coarse.shape[0]), _coarser(x, left, coarse.shape[1])]
@@ -134,14 +138,14 @@ def _nearest(origin: Whole, width: int, step: int = 1) -> Whole:
     return found
 
 
-def _spread(known: NDArray[np.bool_], color: Float32) -> Float32:
-    """Fill up the colours (h, w, k) of what is not known with a blend from around: pull and push."""
+def _spread(known: NDArray[np.bool_], color: Float32, wanted: NDArray[np.bool_] | Literal[True] = True) -> Float32:
+    """Fill up the colours (h, w, k) of what is wanted and not known with a blend from around: pull and push."""
     if known.all():
         return color
     have = _quarters(known, False).astype(np.float32)[..., None]
     count = have.sum(axis=0)
     coarse = _spread(count[..., 0] > 0, (_quarters(color, 0) * have).sum(axis=0) / np.maximum(count, 1))
-    y, x = np.nonzero(~known)
+    y, x = np.nonzero(~known & wanted)
     blend = np.zeros((len(y), color.shape[2]), np.float32)
     for up, left, share in _NEIGHBOUR_WEIGHTS:
         there = coarse[_coarser(y, up, coarse.shape[0]), _coarser(x, left, coarse.shape[1])]
@@ -163,16 +167,17 @@ def _coarser(index: Whole, beside: int, count: int) -> Whole:
     return np.clip(index // 2 + beside * (2 * (index % 2) - 1), 0, count - 1)
 
 
-def _continued(mesh: ViewMesh, limit: Float32, origin: Whole) -> Float32:
-    """(H, W) depths of the planes of surfaces at their samples `origin`, where other samples look."""
+def _continued(mesh: ViewMesh, limit: Float32, origin: Whole, wanted: NDArray[np.bool_]) -> Float32:
+    """(H, W) depths of the planes of surfaces at their samples `origin`, where other samples that are wanted look."""
     camera = mesh.view.camera
-    y, x = np.divmod(origin, limit.shape[1])
+    rows, columns = np.nonzero(wanted)
+    y, x = np.divmod(origin[wanted], limit.shape[1])
     depth, normal = limit[y, x].astype(np.float64), mesh.tree.sample_normals()[y, x].astype(np.float64)
 
     def ray(x: Whole, y: Whole) -> Float64:
-        return np.asarray(np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T)
+        rows = np.linalg.inv(camera.K)  # term by term: products of small matrices are slow
+        return np.stack([a * x + b * y + c for a, b, c in rows], axis=-1)
 
-    rows, columns = np.divmod(np.arange(limit.size).reshape(limit.shape), limit.shape[1])
     here, there = ray(columns, rows), ray(x, y)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         if camera.projection == "perspective":
@@ -185,4 +190,6 @@ def _continued(mesh: ViewMesh, limit: Float32, origin: Whole) -> Float32:
             span = (_DEPTH_RATIO_MAX - 1) * float(np.ptp(mesh.view.depth[mesh.view.valid]))
             low, high = depth - span, depth + span
         found = np.where(steep, depth, np.clip(found, low, high))
-    return np.where(np.isinf(depth), np.inf, found).astype(np.float32)
+    result = limit.copy()
+    result[wanted] = np.where(np.isinf(depth), np.inf, found)
+    return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Literal, overload
 
@@ -9,10 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, Immutable, checked_bool, describe, instance_of, number_from, numbers, one_of
+from pyibr.core.checks import (
+    Float64,
+    Immutable,
+    checked_bool,
+    describe,
+    instance_of,
+    integer_from,
+    number_from,
+    numbers,
+    one_of,
+)
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import covering_camera
 from pyibr.depthmesh.drawing import draw_depth_meshes, entry_of_meshes
+from pyibr.depthmesh.merging import merged
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import REUSE_MAX, active_within, select_for
 from pyibr.depthmesh.strips import strips_of, with_normals
@@ -28,6 +40,9 @@ from pyibr.picture.target import Target
 from pyibr.picture.undistort import undistorted
 
 Int32 = NDArray[np.int32]
+
+_START = 3  # times as many triangles are merged to a number
+_LEAST_ERROR, _MOST_ERROR = 1e-4, 0.02  # of the extent: those of the tree that they are merged from
 
 
 class DepthMesh(Immutable):
@@ -48,7 +63,8 @@ class DepthMesh(Immutable):
     errors : {"sum", "largest"}
         How far off a surface is taken to be where a vertex and its children are left out: by the "sum" of their errors,
         which bounds it, or by the "largest" of them, as in the paper (section 3.2), which is seldom exceeded and has
-        fewer triangles at the same tolerance.
+        fewer triangles at the same tolerance. The sum is the default, as then the tolerance holds. What noise alone
+        would split counts in neither, where the view's noise is known or found (`DepthImage.noise`).
     reuse : float
         What `render` draws again while the camera moves by little: 0 to 0.5, 0 for nothing. With 0.1, triangles are
         chosen by a tolerance finer by a tenth, and for a view wider by a tenth, and drawn for as long as the tolerance
@@ -169,13 +185,20 @@ class DepthMesh(Immutable):
         with self.tree.states.session.turn():
             return self._mesh_of(*self._some_triangles_for(camera, tolerance))
 
-    def simplify(self, max_error: float) -> Mesh:
-        """Triangulate the surface within a vertical error, for any view.
+    def simplify(self, max_error: float | None = None, *, count: int | None = None) -> Mesh:
+        """Triangulate the surface within an error or to a number of triangles, for any view.
+
+        With `max_error` alone triangles are the quadtree's, which is as fine as the samples along depth edges. With
+        `count` they are merged, along depth edges, too, the flattest first: for pages and files that have to be small.
 
         Parameters
         ----------
-        max_error : float
-            Scene units, >= 0: at every sample the mesh's depth is the sample's within that.
+        max_error : float, optional
+            Scene units, >= 0: at every sample the mesh's depth is the sample's within that. Of what is merged to a
+            `count`, no vertex lies off the planes and outlines that are merged in it by more, and more triangles are
+            left if it takes them.
+        count : int, optional
+            >= 1: at most so many triangles.
 
         Returns
         -------
@@ -185,7 +208,7 @@ class DepthMesh(Immutable):
         Raises
         ------
         ArgumentError
-            If `max_error` is out of its range.
+            If neither is given, or one is out of its range.
 
         Examples
         --------
@@ -195,10 +218,38 @@ class DepthMesh(Immutable):
         >>> plane = ibr.DepthImage(np.zeros((33, 33, 3), np.uint8), np.full((33, 33), 2, np.float32), camera)
         >>> len(ibr.DepthMesh(plane).simplify(1e-4).faces)
         2
+        >>> y, x = np.mgrid[:33, :33]
+        >>> ball = np.where((x - 16) ** 2 + (y - 16) ** 2 < 100, 1.5, 2.0).astype(np.float32)
+        >>> thing = ibr.DepthMesh(ibr.DepthImage(plane.color, ball, camera))
+        >>> len(thing.simplify(0.1).faces) > 4 * len(thing.simplify(count=50).faces)
+        True
         """
-        tree, bound = self.tree, checked_tolerance("max_error", max_error)
+        tree = self.tree
+        if count is None:
+            if max_error is None:
+                raise ArgumentError("max_error", "a number >= 0, or a count", "neither")
+            bound = checked_tolerance("max_error", max_error)
+            with tree.states.session.turn():
+                return self._mesh_of(*_triangles_of(tree, active_within(tree, bound)))
+        most = integer_from("count", count, 1, 2**31 - 1)
+        limit = math.inf if max_error is None else checked_tolerance("max_error", max_error)
         with tree.states.session.turn():
-            return self._mesh_of(*_triangles_of(tree, active_within(tree, bound)))
+            samples, faces = self._start_for(most, limit)
+            pixels, depth = tree.vertices_of(samples)
+            points = self.view.camera.unproject(pixels, depth)
+            left = merged(points, pixels, faces.astype(np.int64), most, limit)
+            used, corners = np.unique(left, return_inverse=True)
+            return self._mesh_of(samples[used], corners.reshape(-1, 3).astype(np.int32))
+
+    def _start_for(self, count: int, limit: float) -> tuple[Int32, Int32]:
+        """Triangles of the tree to merge to a number: some times as many, unless edges leave more."""
+        low, high = self.bounds
+        error = _LEAST_ERROR * float(np.max(high - low))
+        found = _triangles_of(self.tree, active_within(self.tree, min(error, limit)))
+        while len(found[1]) > _START * count and 2 * error <= limit and error < _MOST_ERROR * np.max(high - low):
+            error *= 2
+            found = _triangles_of(self.tree, active_within(self.tree, error))
+        return found
 
     @overload
     def strips(
@@ -249,7 +300,7 @@ class DepthMesh(Immutable):
         with self.tree.states.session.turn():
             samples, faces = self._some_triangles_for(camera, tolerance)
             made = self._mesh_of(samples, faces) if normals else None
-        strips = strips_of(samples[faces], faces, self.view.camera.width, self.tree.side)
+        strips = strips_of(samples[faces], faces, self.view.camera.size, self.tree.side)
         return strips if made is None else with_normals(strips, made, self.view.shown_color.dtype)
 
     def _some_triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:

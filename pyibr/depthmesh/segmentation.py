@@ -14,7 +14,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 
-_NOISE_MAX = 1e18  # scene units: its products with depths are still within single precision
+NOISE_MAX = 1e18  # scene units: its products with depths are still within single precision
 
 Test = Literal["orthogonality", "connectedness", "disparity", "none"]
 
@@ -77,7 +77,7 @@ class Segmentation:
         values["sine"] = math.sin(math.radians(self.angle))
         values["depth_range"], values["gap"] = self.depth_range, self.gap
         if self.deviations > 0 and self.test != "none":
-            values["noise"] = np.minimum(self.deviations * np.array(view.noise), _NOISE_MAX)
+            values["noise"] = np.minimum(self.deviations * np.array(view.noise), NOISE_MAX)
         if view.camera.projection == "orthographic":
             values["extent"] = max(*_sides(view), depth_span)
         return values

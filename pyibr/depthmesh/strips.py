@@ -12,7 +12,7 @@ from pyibr.meshes.mesh import Mesh
 Int32 = NDArray[np.int32]
 
 
-def strips_of(samples: Int32, faces: Int32, width: int, side: int) -> list[Int32]:
+def strips_of(samples: Int32, faces: Int32, size: tuple[int, int], side: int) -> list[Int32]:
     """Join a quadtree's triangles to strips, in the order of the Sierpinski curve through them.
 
     Parameters
@@ -21,7 +21,8 @@ def strips_of(samples: Int32, faces: Int32, width: int, side: int) -> list[Int32
         y * width + x of each triangle's corners, the one at the right angle second.
     faces : (T, 3) int32
         The same corners as strips are to name them.
-    width : int
+    size : (width, height)
+        Of the image.
     side : int
         Cells along the tree's side.
 
@@ -31,7 +32,7 @@ def strips_of(samples: Int32, faces: Int32, width: int, side: int) -> list[Int32
         Three numbers in a row are a triangle, every other one wound the other way; one that comes again after one
         other number turns the strip.
     """
-    ordered = faces[np.argsort(_along_curve(samples, width, side), kind="stable")].tolist()
+    ordered = faces[np.argsort(_along_curve(samples, size, side), kind="stable")].tolist()
     strips: list[Int32] = []
     run: list[list[int]] = []
     for face in ordered:
@@ -53,11 +54,12 @@ def with_normals(strips: list[Int32], mesh: Mesh, color: np.dtype[Any]) -> list[
     return [records[strip] for strip in strips]
 
 
-def _along_curve(samples: Int32, width: int, side: int) -> NDArray[np.int64]:
+def _along_curve(samples: Int32, size: tuple[int, int], side: int) -> NDArray[np.int64]:
     """Position of each triangle on the curve: the choices on the way down to it, as binary digits."""
-    corners = np.stack(np.divmod(samples, width)[::-1], -1).astype(np.float64)
+    last = np.subtract(size, 1)  # column and row, on which the padding lies (kernels/depthmesh/tree.h)
+    corners = np.stack(np.divmod(samples, size[0])[::-1], -1).astype(np.float64)
     middle = corners.mean(axis=1)
-    upper = middle[:, 0] > middle[:, 1]  # the root's diagonal runs to the lower right
+    upper = _turns(np.zeros(2), last, middle) < 0  # the root's diagonal runs to the lower right
     # The curve runs from `start` to `end`, the ends of a triangle's longest side; it sees `right_angle` on the way.
     start = np.where(upper[:, None], side, 0) * np.ones(2)
     end = side - start
@@ -65,11 +67,18 @@ def _along_curve(samples: Int32, width: int, side: int) -> NDArray[np.int64]:
     key = upper.astype(np.int64)
     for _ in range(2 * side.bit_length() - 1):
         split = 0.5 * (start + end)
-        second = np.sum((middle - split) * (end - start), axis=1) > 0
+        beside = _turns(np.minimum(right_angle, last), np.minimum(split, last), middle)
+        second = beside * _turns(right_angle, split, end) > 0
         start, end = np.where(second[:, None], right_angle, start), np.where(second[:, None], end, right_angle)
         right_angle = split
         key = 2 * key + second
     return key
+
+
+def _turns(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDArray[Any]:
+    """Twice the area of the triangle a, b, c; its sign tells to which side the path turns."""
+    u, v = b - a, c - a
+    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
 
 
 def _may_follow(run: list[list[int]], face: list[int]) -> bool:

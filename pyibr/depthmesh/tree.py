@@ -9,15 +9,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
-from pyibr.depthmesh.segmentation import Segmentation
+from pyibr.depthmesh.segmentation import NOISE_MAX, Segmentation
 from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.samples import samples_of
 
@@ -39,12 +38,16 @@ class Tree:
         Of kernels/depthmesh/tree.h.
     side : int
         Cells along the side, a power of two.
-    nearness, placed : DeviceArray (H, pitch)
-        Of the samples; and of the vertices as they are drawn, the outermost ones half a pixel beyond their samples.
+    nearness, smoothed, placed : DeviceArray (H, pitch)
+        Of the samples; without their noise, for errors; and of the vertices as they are drawn, the outermost ones half
+        a pixel beyond their samples.
     cells : DeviceArray (H, pitch) uint8
         Whether each cell's two triangles are drawn.
     states : DeviceArray (side + 1, row) uint8
         Which of the two triangles that a vertex splits are drawn.
+    squeezed : (DeviceArray, DeviceArray)
+        Of vertices with sides that reach over the last column or row: numbers y * row + x, (N,) int32, and their own
+        errors, (N,) float32.
     joined : str
         Of `ErrorsBy`: how a vertex's error is joined with its children's.
     """
@@ -53,9 +56,11 @@ class Tree:
     layout: Struct
     side: int
     nearness: DeviceArray
+    smoothed: DeviceArray
     placed: DeviceArray
     cells: DeviceArray
     states: DeviceArray
+    squeezed: tuple[DeviceArray, DeviceArray] | None
     joined: ErrorsBy
 
     def drawn_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -120,7 +125,7 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
     side = 1 << (max(width, height) - 2).bit_length()
     row = pitch(side + 1)
     nearness = samples.nearness
-    layout = Struct("Layout", _layout(view.camera, side, row))
+    layout = Struct("Layout", _layout(view, side, row))
     rule = Struct("Segmentation", segmentation.record(view, depths[1] - depths[0]))
     cells = empty((height, pitch(width)), np.uint8)
     launch(
@@ -131,17 +136,71 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
         layout=layout,
         rule=rule,
     )
-    placed = empty(nearness.shape, np.float32)
-    launch(kernel(_KERNELS, "place_border"), (height,), nearness=nearness, cells=cells, placed=placed, layout=layout)
+    placed = _place_border(nearness, cells, layout)
+    smoothed, smoothed_placed = nearness, placed
+    if any(view.sure_noise):
+        smoothed = empty(nearness.shape, np.float32)
+        launch(kernel(_KERNELS, "smooth_nearness"), (height,), nearness=nearness, smoothed=smoothed, layout=layout)
+        smoothed_placed = _place_border(smoothed, cells, layout)
     states = empty((side + 1, row), np.uint8)
     launch(kernel(_KERNELS, "find_finest_states"), (side + 1,), cells=cells, states=states, layout=layout)
     of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_states", "find_coarse_states"))
     _fine_to_coarse(of_step, of_coarse, side, height, states=states, layout=layout)
-    return Tree(view, layout, side, nearness, placed, cells, states, joined)
+    numbers = squeezed_vertices(width, height, side, row)
+    squeezed = None
+    if len(numbers):
+        measured = {"nearness": smoothed, "placed": smoothed_placed, "cells": cells, "layout": layout}
+        squeezed = _measure_squeezed(upload(numbers), states, measured)
+    return Tree(view, layout, side, nearness, smoothed, placed, cells, states, squeezed, joined)
+
+
+def _place_border(nearness: DeviceArray, cells: DeviceArray, layout: Struct) -> DeviceArray:
+    placed = empty(nearness.shape, np.float32)
+    placing = kernel(_KERNELS, "place_border")
+    launch(placing, (nearness.shape[0],), nearness=nearness, cells=cells, placed=placed, layout=layout)
+    return placed
+
+
+def squeezed_vertices(width: int, height: int, side: int, row: int) -> NDArray[np.int32]:
+    """(N,) numbers y * row + x of vertices with a side that reaches over the last column or row, coarse ones first."""
+    found = list[NDArray[np.int64]]()
+    step = side // 2
+    while step:
+        # Centres, and midpoints of edges along x and along y, but the finest ones': their sides' halves are cells'.
+        for odd_x, odd_y in ((1, 1), (1, 0), (0, 1)) if step > 1 else ((1, 1),):
+            x, over_x = _reaching(width - 1, side, step, odd_x)
+            y, over_y = _reaching(height - 1, side, step, odd_y)
+            found.append((y[:, None] * row + x[over_x]).ravel())
+            found.append((y[over_y][:, None] * row + x[~over_x]).ravel())
+        step //= 2
+    return np.concatenate(found).astype(np.int32) if found else np.empty(0, np.int32)
+
+
+def _reaching(last: int, side: int, step: int, odd: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Odd or even multiples of a step that reach into the image, and which of them reach beyond its last sample."""
+    at = np.arange(odd * step, side + 1, 2 * step)
+    at = at[at - step < last]
+    return at, (last < at + step) & ((at != last) | bool(odd))
+
+
+def _measure_squeezed(
+    vertices: DeviceArray, states: DeviceArray, measured: dict[str, Any]
+) -> tuple[DeviceArray, DeviceArray]:
+    """Find the states of vertices with squeezed sides; return them with their own errors."""
+    count, parts = vertices.shape[0], int(constant("depthmesh/squeezed.cl", "PARTS"))
+    shared: dict[str, Any] = {
+        "vertices": vertices,
+        "count": count,
+        "part_errors": empty((count, 2, parts), np.float32),
+        "part_states": empty((count, 2, parts), np.uint8),
+    }
+    own_errors = empty((count,), np.float32)
+    launch(kernel(_KERNELS, "measure_squeezed"), (count, parts), **shared, **measured)
+    launch(kernel(_KERNELS, "join_squeezed"), (count,), **shared, states=states, own_errors=own_errors)
+    return vertices, own_errors
 
 
 def _find_normals(tree: Tree) -> DeviceArray:
-
     width, height = tree.view.camera.size
     normals = empty((3, height, pitch(width)), np.float32)
     launch(
@@ -159,7 +218,7 @@ def _find_errors(tree: Tree) -> Errors:
     side = tree.side
     errors, radii, depths = (empty(tree.states.shape, np.float32) for _ in range(3))
     shared: dict[str, Any] = {
-        "nearness": tree.nearness,
+        "nearness": tree.smoothed,
         "placed": tree.placed,
         "states": tree.states,
         "errors": errors,
@@ -169,6 +228,11 @@ def _find_errors(tree: Tree) -> Errors:
         "largest": tree.joined == "largest",
     }
     launch(kernel(_KERNELS, "find_finest_midpoints"), (side + 1,), **shared)
+    if tree.squeezed:
+        vertices, own_errors = tree.squeezed
+        count = vertices.shape[0]
+        placing = kernel(_KERNELS, "place_squeezed_errors")
+        launch(placing, (count,), vertices=vertices, count=count, own_errors=own_errors, errors=errors)
     if side > 1:
         launch(kernel(_KERNELS, "find_finest_centers"), (side // 2,), **shared)
     of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_errors", "find_coarse_errors"))
@@ -188,10 +252,11 @@ def _fine_to_coarse(of_step: Kernel, of_coarse: Kernel, side: int, height: int, 
         launch(of_coarse, (1,), **shared, finest=step)
 
 
-def _layout(camera: Camera, side: int, row: int) -> np.ndarray[Any, np.dtype[np.void]]:
-    values = np.zeros((), struct("depthmesh/tree.h", "Layout"))
+def _layout(view: DepthImage, side: int, row: int) -> np.ndarray[Any, np.dtype[np.void]]:
+    values, camera = np.zeros((), struct("depthmesh/tree.h", "Layout")), view.camera
     values["ray"] = np.linalg.inv(camera.K)[:2].ravel()
     values["footprint"] = 1.0 / min(camera.K[0, 0], camera.K[1, 1])
+    values["noise"] = np.minimum(view.sure_noise, NOISE_MAX)
     values["perspective"] = camera.projection == "perspective"
     values["width"], values["height"] = camera.size
     values["pitch"], values["side"], values["row"] = pitch(camera.width), side, row

@@ -52,6 +52,7 @@ def list_triangles(
     found: list[tuple[DeviceArray, DeviceArray]] = []
     for tree, marks in zip(trees, active, strict=True):
         drawn, counts = empty(marks.shape, np.uint8), empty((tree.side + 1, 2), np.int32)
+        launch(kernel("depthmesh/tree.cl", "list_border"), (tree.side + 1,), active=marks, layout=tree.layout)
         launch(
             kernel("depthmesh/tree.cl", "find_triangles"),
             (tree.side + 1,),

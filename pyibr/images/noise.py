@@ -28,6 +28,8 @@ _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
 _LEVELS_MIN = 12  # one step; and so many levels
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
 _GOLDEN = 0.6180339887498949
+_SHAPE = 2.0  # times as large over two samples as over one: of noise 1, of a curve 4
+_NOISE_MIN = 5e-4  # a part of the nearness: smaller differences may be of a scale's steps, or of shapes
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
 _ROWS = 5  # times as many lie in the rows that they are taken from
 _CHOICES = np.array(
@@ -62,6 +64,14 @@ class DepthNoise:
             return self.given
         at, deviations = _noise_along(self._lines, _ENOUGH)
         return fitted_noise(1 / at, deviations / at**2)
+
+    @cached_property
+    def is_random(self) -> bool:
+        """True of what is noise for sure: given, or second differences do not grow with the distance, as shapes' do."""
+        if self.given is not None:
+            return any(self.given)
+        near, far = (_typical_change(self._lines, step) for step in (1, 2))
+        return near > _NOISE_MIN and far < _SHAPE * near
 
     @cached_property
     def steps(self) -> tuple[float, float, float]:
@@ -128,6 +138,13 @@ def _noise_along(lines: list[Nearness], count_max: int) -> tuple[Float64, Float6
         step = float(some[-(levels[part] // 2)])  # the middle one
         middles[part] = max(middles[part], 0.5 * step if step < _STEP_MAX * place[part, 0] else 0.0)
     return place[:, each // 2].astype(np.float64), middles
+
+
+def _typical_change(lines: list[Nearness], step: int) -> float:
+    """The middle second difference of nearness along lines, as a part of it; 0 if too few samples are known."""
+    found = [_changes(near, step, _ENOUGH) for near in lines if near.shape[1] > 2 * step]
+    parts = np.concatenate([change / place for place, change in found]) if found else np.empty(0)
+    return float(np.median(parts)) if len(parts) >= _SAMPLES_MIN else 0.0
 
 
 def _changes(near: Nearness, step: int, count_max: int) -> tuple[Nearness, Nearness]:

@@ -207,6 +207,7 @@ def seen(name: str) -> list[tuple[ibr.DepthMesh, Camera]]:
     for projection in PROJECTIONS:
         for noise in (0.0, 0.01):
             view = rough(np.random.default_rng(4), (120, 90), projection, noise)
+            view = ibr.DepthImage(view.color, view.depth, view.camera, noise=0)  # to the samples, not what they are of
             own = view.camera.world_from_camera
             for move in ({"yaw": -30, "center": (2, 0.3, 0.5)}, {"pitch": 15, "center": (0, 0.8, 1.5)}):
                 camera = Camera(scenes.target_intrinsics((200, 150)), (200, 150), own @ scenes.pose(**move))

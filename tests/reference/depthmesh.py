@@ -1,7 +1,8 @@
 """The restricted quadtree of a depth image in float64, for reading (Pajarola, Sainz & Meng 2003, section 3).
 
 Everything is told by triangles: each has its right angle at `apex` and is split at the middle of its longest side, the
-`split`. A vertex of the tree is such a middle: its children are the splits of the triangles that it makes.
+`split`. A vertex of the tree is such a middle: its children are the splits of the triangles that it makes. Vertices of
+the padding lie on the image's last column and row.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -22,6 +23,9 @@ Corner = tuple[int, int]  # x, y
 
 UNDRAWN, DRAWN = 1, 2
 MARGIN = 0.01  # samples by which spheres reach beyond children's
+ROUNDING = 2**-22  # of the depths of three points: by less, they lie on a straight line
+NEAREST = 1e-20  # scene units, within a sphere
+UNSEEN, REACH, RADIUS = 0.75, 4.5, 3  # of noise: deviations of an error, and of a pair's mean; samples
 LOSS = 4.0  # what a triangle of which only a part is drawn counts as, in its own lengths
 
 
@@ -75,11 +79,13 @@ class Vertex:
 class Tree:
     """The tree over the view's samples; cells: (H, W) states of each cell's two triangles, A in the lower two bits.
 
-    Of a vertex's own error and its children's the sum counts, or the `largest` (the paper's).
+    Of a vertex's own error and its children's the sum counts, or the `largest` (the paper's). Errors are those of
+    samples without their noise.
     """
 
     def __init__(self, view: DepthImage, cells: np.ndarray, largest: bool = False) -> None:
         self.view, self.cells, self.largest = view, cells, largest
+        self.depth = smoothed(view)
         self.ray_from_pixel = np.linalg.inv(view.camera.K)
         side = 1
         while side < max(view.camera.size) - 1:
@@ -101,14 +107,23 @@ class Tree:
             for child in self.vertices[corner].children:
                 self.parents[child].append(corner)
 
+    def sample(self, corner: Corner) -> Corner:
+        width, height = self.view.camera.size
+        return min(corner[0], width - 1), min(corner[1], height - 1)
+
+    def is_squeezed(self, triangle: Triangle) -> bool:
+        """Tell whether it is drawn as another triangle than its cells make: halves of cells are drawn or not."""
+        beyond = any(self.sample(corner) != corner for corner in triangle.corners)
+        return beyond and self.doubled_area(triangle) > 0 and not triangle.halves[0].is_leaf
+
     def is_sample(self, corner: Corner) -> bool:
-        x, y = corner
-        return x < self.view.camera.width and y < self.view.camera.height and bool(self.view.valid[y, x])
+        x, y = self.sample(corner)
+        return bool(self.view.valid[y, x])
 
     def place(self, corner: Corner, z: float | None = None) -> np.ndarray:
         """In the camera's frame; z: the sample's if not given."""
-        x, y = corner
-        z = float(self.view.depth[y, x]) if z is None else z
+        x, y = self.sample(corner)
+        z = float(self.depth[y, x]) if z is None else z
         ray = self.ray_from_pixel @ (x, y, 1.0)
         return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
 
@@ -125,31 +140,32 @@ class Tree:
                     found |= {(a, b) for a in corners for b in corners}
         return found
 
-    def drawn_at(self, corner: Corner) -> np.ndarray:
+    def drawn_at(self, corner: Corner, depth: np.ndarray | None = None) -> np.ndarray:
         """(3,) pixel at which the vertex is drawn, and its nearness there: half a pixel beyond an outermost sample.
 
         The surface goes on straight from within, so that it passes through the sample.
         """
-        x, y = corner
+        x, y = corner = self.sample(corner)
         width, height = self.view.camera.size
-        z = float(self.view.depth[y, x])
+        depth = self.view.depth if depth is None else depth
+        z = float(depth[y, x])
         nearness = 1 / z if self.view.camera.projection == "perspective" else -z
         dx, dy = (int(at == 0) - int(at == count - 1) for at, count in ((x, width), (y, height)))
         place, within, found = (x - 0.5 * dx, y - 0.5 * dy), (x + dx, y + dy), nearness
         if (dx or dy) and (corner, within) in self.joined:
-            next_z = float(self.view.depth[within[::-1]])
+            next_z = float(depth[within[::-1]])
             next_n = 1 / next_z if self.view.camera.projection == "perspective" else -next_z
             found = nearness + 0.5 * (nearness - next_n)
         elif dx and dy and (corner, (x + dx, y)) in self.joined:  # a corner that no diagonal leads to
-            plane = np.array([(x, y, nearness), self.drawn_at((x + dx, y)), self.drawn_at((x, y + dy))])
+            plane = np.array([(x, y, nearness), *(self.drawn_at(at, depth) for at in ((x + dx, y), (x, y + dy)))])
             rows = np.column_stack([plane[:, :2], np.ones(3)])
             found = float(np.linalg.solve(rows, plane[:, 2]) @ (*place, 1.0))
         least, most = sorted((0.5 * nearness, 1.5 * nearness))
         return np.array([*place, min(max(found, least), most)])
 
-    def drawn_place(self, corner: Corner) -> np.ndarray:
+    def drawn_place(self, corner: Corner, depth: np.ndarray | None = None) -> np.ndarray:
         """Place at which the vertex is drawn, in the camera's frame."""
-        x, y, n = self.drawn_at(corner)
+        x, y, n = self.drawn_at(corner, depth)
         z = 1 / n if self.view.camera.projection == "perspective" else -n
         ray = self.ray_from_pixel @ (x, y, 1.0)
         return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
@@ -160,22 +176,28 @@ class Tree:
             return self.vertices[triangle.split].states[triangle]
         x, y = np.min(triangle.corners, axis=0)
         if x >= self.view.camera.width - 1 or y >= self.view.camera.height - 1:
-            return UNDRAWN
+            return 0
         return int(self.cells[y, x] if triangle.is_a else self.cells[y, x] >> 2) & 3
 
     def _fill(self, corner: Corner, vertex: Vertex) -> None:
-        vertex.states = {side: self.state(side.halves[0]) | self.state(side.halves[1]) for side in vertex.sides}
+        for side in vertex.sides:
+            of_halves = self.state(side.halves[0]) | self.state(side.halves[1])
+            vertex.states[side] = self.state_of_cells(side) if self.is_squeezed(side) else of_halves
         low = np.min([side.corners for side in vertex.sides], axis=(0, 1))
         if (low >= np.subtract(self.view.camera.size, 1)).any():
             return  # no triangle of it reaches the image: nothing drawn can depend on it
         children = {child: self.vertices[child] for child in vertex.children}
         below = max([-1.0, *(child.error for child in children.values())])
         known = [child.depth for child in children.values() if child.error >= 0]
-        vertex.depth = float(self.view.depth[corner[::-1]]) if self.is_sample(corner) else next(iter(known), 0.0)
+        vertex.depth = (
+            float(self.depth[self.sample(corner)[::-1]]) if self.is_sample(corner) else next(iter(known), 0.0)
+        )
         vertex.error = below
         if any(state & DRAWN for state in vertex.states.values()):
-            errors = self.own_error(corner), max(below, 0.0)
-            vertex.error = max(errors) if self.largest else sum(errors)
+            noise = float(np.polyval(self.view.sure_noise, vertex.depth))
+            errors = max(self.own_error(corner) - UNSEEN * noise, 0.0), max(below, 0.0)
+            squeezed = any(map(self.is_squeezed, vertex.sides))
+            vertex.error = max(errors) if self.largest or squeezed else sum(errors)
             if UNDRAWN | DRAWN in vertex.states.values():
                 vertex.error = max(vertex.error, LOSS * self.length(corner))
         if not vertex.children and self.is_sample(corner):
@@ -189,7 +211,10 @@ class Tree:
 
     def own_error(self, corner: Corner) -> float:
         """Equation 1 for midpoints, which leaves out the axis across their edge, equation 2 for centres."""
-        start, end = self.vertices[corner].sides[0].start, self.vertices[corner].sides[0].end
+        sides = self.vertices[corner].sides
+        start, end = sides[0].start, sides[0].end
+        if any(map(self.is_squeezed, sides)):
+            return max([0.0, *(self.distance(side) for side in sides if self.vertices[corner].states[side] == DRAWN)])
         if not (self.is_sample(start) and self.is_sample(end) and self.is_sample(corner)):
             return 0.0
         a, b, p = self.place(start), self.place(end), self.place(corner)
@@ -198,7 +223,51 @@ class Tree:
         elif start[0] == end[0]:
             a, b, p = a[[1, 2]], b[[1, 2]], p[[1, 2]]
         along = (b - a) / np.linalg.norm(b - a)
-        return float(np.linalg.norm((p - a) - ((p - a) @ along) * along))
+        off = float(np.linalg.norm((p - a) - ((p - a) @ along) * along))
+        return off if off > ROUNDING * (abs(a[-1]) + abs(b[-1]) + abs(p[-1])) else 0.0
+
+    def doubled_area(self, triangle: Triangle) -> int:
+        """In the picture, as it is squeezed."""
+        (ax, ay), (bx, by), (cx, cy) = map(self.sample, triangle.corners)
+        return abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+
+    def state_of_cells(self, triangle: Triangle) -> int:
+        """Union of what those halves of cells are of which a squeezed triangle covers a part."""
+        outline = [self.drawn_at_pixel(corner) for corner in triangle.corners]
+        low, high = np.min(outline, axis=0), np.max(outline, axis=0)
+        found = 0
+        for y in range(self.view.camera.height - 1):
+            for x in range(self.view.camera.width - 1):
+                if x >= high[0] or y >= high[1] or x + 2 <= low[0] or y + 2 <= low[1]:
+                    continue
+                four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
+                skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)
+                for side, other in enumerate(skip):
+                    half = [self.drawn_at_pixel(corner) for k, corner in enumerate(four) if k != other]
+                    if common_area(half, outline) > 1e-6:
+                        found |= int(self.cells[y, x]) >> 2 * side & 3
+        return found
+
+    def drawn_at_pixel(self, corner: Corner) -> np.ndarray:
+        x, y = self.sample(corner)
+        beyond = [0.5 * (int(at == n - 1) - int(at == 0)) for at, n in zip((x, y), self.view.camera.size, strict=True)]
+        return np.array([x + beyond[0], y + beyond[1]])
+
+    def distance(self, triangle: Triangle) -> float:
+        """Distance of the samples within it from its plane, as it is drawn."""
+        a, b, c = (self.drawn_place(corner, self.depth) for corner in triangle.corners)
+        normal = np.cross(a - b, c - b)
+        normal /= np.linalg.norm(normal)
+        inside = [self.place(corner) for corner in self.samples_within(triangle)]
+        off = float(np.abs((np.array(inside) - b) @ normal).max())
+        return off if off > 2 * ROUNDING * sum(abs(p[2]) for p in (a, b, c)) else 0.0
+
+    def samples_within(self, triangle: Triangle) -> list[Corner]:
+        x, y = np.meshgrid(*map(np.arange, self.view.camera.size))
+        corners = np.column_stack([[self.drawn_at_pixel(corner) for corner in triangle.corners], np.ones(3)])
+        weight = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(corners)
+        rows, columns = np.nonzero((weight > -1e-9).all(axis=-1))
+        return list(zip(columns.tolist(), rows.tolist(), strict=True))
 
     def length(self, corner: Corner) -> float:
         """Of the edge that a vertex bisects, if it faces the camera."""
@@ -221,7 +290,7 @@ class Tree:
             center = there[:3, :3] @ self.place(corner, vertex.depth) + there[:3, 3]
             distance = 1.0
             if camera.projection == "perspective":
-                distance = max(float(np.linalg.norm(center - camera.center)) - vertex.radius, 0.0)
+                distance = max(float(np.linalg.norm(center - camera.center)) - vertex.radius, NEAREST)
             seen = (outside(camera, center) <= vertex.radius).all()
             if seen and vertex.error * np.linalg.norm(camera.K[:2, :2], 2) >= tolerance * distance:
                 found.add(corner)
@@ -247,14 +316,14 @@ class Tree:
 
     def departure(self, triangle: Triangle) -> float:
         """Distance in depth of the samples within it from its plane, as it is drawn."""
-        low, high = np.min(triangle.corners, axis=0), np.max(triangle.corners, axis=0)
-        x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
         drawn = np.array([self.drawn_at(c) for c in triangle.corners])
-        weight = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(np.column_stack([drawn[:, :2], np.ones(3)]))
+        inside = np.array(self.samples_within(triangle))
+        weight = np.column_stack([inside, np.ones(len(inside))]) @ np.linalg.inv(
+            np.column_stack([drawn[:, :2], np.ones(3)])
+        )
         plane = weight @ drawn[:, 2]
-        depth = self.view.depth.astype(np.float64)
-        off = (1 / plane if self.view.camera.projection == "perspective" else -plane) - depth[y, x]
-        return float(np.abs(off[(weight > -1e-9).all(axis=-1)]).max())
+        depth = self.view.depth.astype(np.float64)[inside[:, 1], inside[:, 0]]
+        return float(np.abs((1 / plane if self.view.camera.projection == "perspective" else -plane) - depth).max())
 
     def left(self, active: set[Corner]) -> Iterator[Triangle]:
         """The triangles that are left when those with an active split are split, from the roots down."""
@@ -268,7 +337,32 @@ class Tree:
 
     def triangles(self, active: set[Corner]) -> Iterator[tuple[Corner, Corner, Corner]]:
         """Those of them that are drawn."""
-        return (triangle.corners for triangle in self.left(active) if self.state(triangle) == DRAWN)
+        drawn = (triangle for triangle in self.left(active) if self.state(triangle) == DRAWN)
+        for triangle in drawn:
+            start, apex, end = map(self.sample, triangle.corners)
+            yield start, apex, end
+
+
+def common_area(polygon: list[np.ndarray], triangle: list[np.ndarray]) -> float:
+    """Area of what two triangles share: one cut by the other's sides."""
+
+    def twice(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
+        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+
+    turn = np.sign(twice(*triangle))
+    for k in range(3):
+        a, b = triangle[k], triangle[(k + 1) % 3]
+        inside = [turn * twice(a, b, p) for p in polygon]
+        cut: list[np.ndarray] = []
+        for p, q, s, t in zip(polygon, polygon[1:] + polygon[:1], inside, inside[1:] + inside[:1], strict=True):
+            if s >= 0:
+                cut.append(p)
+            if s * t < 0:
+                cut.append(p + s / (s - t) * (q - p))
+        polygon = cut
+        if not polygon:
+            return 0.0
+    return 0.5 * abs(sum(twice(polygon[0], p, q) for p, q in pairwise(polygon[1:])))
 
 
 def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
@@ -283,6 +377,28 @@ def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
     return np.array([*found, -here[2]])
 
 
+def smoothed(view: DepthImage) -> np.ndarray:
+    """(H, W) float64 depth without its noise: by means of pairs of samples that lie opposite each other, in 1 / z."""
+    if not any(view.sure_noise):
+        return view.depth.astype(np.float64)
+    perspective = view.camera.projection == "perspective"
+    depth = np.where(view.valid, view.depth, np.nan).astype(np.float64)
+    near = 1 / depth if perspective else -depth
+    reach = REACH * np.polyval(view.sure_noise, depth) * (near**2 if perspective else 1)
+    wide = np.pad(near, RADIUS, constant_values=np.nan)
+    total, weights = np.zeros(near.shape), np.ones(near.shape)
+    for dy in range(RADIUS + 1):
+        for dx in range(-RADIUS if dy else 1, RADIUS + 1):
+            a, b = (
+                wide[RADIUS + y :, RADIUS + x :][: near.shape[0], : near.shape[1]] for x, y in ((dx, dy), (-dx, -dy))
+            )
+            off = 0.5 * (a + b) - near
+            weight = np.where(np.abs(off) < reach, 2 - 2 * (off / reach) ** 2, 0)
+            total, weights = total + np.where(weight > 0, weight * off, 0), weights + weight
+    found = near + total / weights
+    return 1 / found if perspective else -found
+
+
 # --- what is surface -----------------------------------------------------------------------------------------------
 
 Bridges = Callable[[list[Corner]], bool]
@@ -294,7 +410,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
     tree = Tree(view, np.zeros((height, width), np.uint8))
     depth = view.depth.astype(np.float64)
     perspective = view.camera.projection == "perspective"
-    extent = np.ptp([tree.place((x, y)) for y, x in np.argwhere(view.valid)], axis=0).max()
+    extent = np.ptp([tree.place((x, y), float(depth[y, x])) for y, x in np.argwhere(view.valid)], axis=0).max()
 
     def explained(z: float) -> float:
         """By how much noise may set depths of one surface apart."""
@@ -305,7 +421,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         return explained(1 / n) * n * n if perspective else explained(-n)
 
     def orthogonality(corners: list[Corner]) -> bool:
-        p, q, r = (tree.place(corner) for corner in corners)
+        p, q, r = (tree.place(corner, float(depth[corner[::-1]])) for corner in corners)
         normal = np.cross(q - p, r - p)
         sight = p + q + r if perspective else np.array([0, 0, 1.0])
         sine = abs(normal @ sight) / np.linalg.norm(normal) / np.linalg.norm(sight)
@@ -329,7 +445,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         change = nearness(b) - nearness(a)
         off = [abs(change)]
         for end, sign in ((tuple(a - step), 1), (tuple(b + step), -1)):
-            if min(end) >= 0 and tree.is_sample(end):
+            if min(end) >= 0 and tree.sample(end) == end and tree.is_sample(end):
                 other = nearness(a) - nearness(end) if sign > 0 else nearness(end) - nearness(b)
                 off.append(abs(change - other))
         scale = max(abs(nearness(a)), abs(nearness(b))) if perspective else extent
@@ -363,11 +479,15 @@ def normals(view: DepthImage, cells: np.ndarray) -> np.ndarray:
     tree = Tree(view, cells)
     found = np.tile((0.0, 0.0, -1.0), (height, width, 1))
     for y, x in np.argwhere(view.valid):
-        here = tree.place((x, y))
+        here = tree.place((x, y), float(view.depth[y, x]))
         sums = []
         for dx, dy in ((1, 0), (0, 1)):
             ends = [(sign, (x + sign * dx, y + sign * dy)) for sign in (-1, 1)]
-            steps = [sign * (tree.place(end) - here) for sign, end in ends if ((x, y), end) in tree.joined]
+            steps = [
+                sign * (tree.place(end, float(view.depth[end[::-1]])) - here)
+                for sign, end in ends
+                if ((x, y), end) in tree.joined
+            ]
             sums.append(np.sum(steps, axis=0) if steps else np.array([dx, dy, 0.0]))
         normal = np.cross(sums[1], sums[0])
         found[y, x] = normal / np.linalg.norm(normal)

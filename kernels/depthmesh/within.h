@@ -1,0 +1,132 @@
+#ifndef DEPTHMESH_WITHIN_H
+#define DEPTHMESH_WITHIN_H
+/* What lies within one triangle of the quadtree as it is drawn: the samples of a row, the cells between two rows.
+ *
+ * Samples are told by where they lie in the picture; of cells and of triangles the outermost edges are the image's.
+ */
+#include "depthmesh/tree.h"
+
+#define ON_EDGE 1e-3f /* samples: no farther from it, a sample is on an edge, and nothing lies across it */
+
+/* An edge from a to b of a triangle: its point on a row y has x + (y - low) * slope */
+typedef struct {
+    float x, slope, low, high;
+} RowEdge;
+
+/* A triangle: its corners' samples, at the longest side's start, the right angle and that side's end, and where these
+ * are drawn, with their nearness; its edges; and its plane, of nearness n.y + (x - at[1].x) * per_x + (y - at[1].y) *
+ * per_y */
+typedef struct {
+    int2 corner[3], low, high; /* least and greatest of the corners */
+    float2 at[3];
+    float n[3], per_x, per_y;
+    RowEdge edges[3];
+    int squeezed; /* 1: a corner lies in the padding */
+} Within;
+
+RowEdge row_edge(float2 a, float2 b)
+{
+    const float2 upper = a.y < b.y ? a : b, lower = a.y < b.y ? b : a;
+    const RowEdge edge = {upper.x, (lower.x - upper.x) / (lower.y - upper.y), upper.y,
+                          upper.y == lower.y ? -INFINITY : lower.y};
+    return edge;
+}
+
+/* Widens a part of a row so that it reaches to where the row crosses the edge. */
+void widen_to_edge(RowEdge edge, float row, float2 *part)
+{
+    if (row < edge.low || row > edge.high)
+        return;
+    const float x = edge.x + (row - edge.low) * edge.slope;
+    part->x = fmin(part->x, x);
+    part->y = fmax(part->y, x);
+}
+
+/* The sample on which a vertex lies */
+int2 sample_of(const Layout *layout, int2 v)
+{
+    return min(v, (int2)(layout->width - 1, layout->height - 1));
+}
+
+/* The triangle on the side b (0: A, 1: B) of the vertex (x, y) of step s. Returns whether it has an area. */
+int triangle_within(const Layout *layout, global const float *placed, int x, int y, int s, int b, Within *t)
+{
+    const int centers = IS_CENTER(x, y, s), across = (x & s) != 0, rises = centers && !IS_MAIN(x, y, s);
+    const int2 p = (int2)(x, y), along = centers ? (int2)(s, rises ? -s : s) : across ? (int2)(s, 0) : (int2)(0, s);
+    const int2 to_a = centers ? (int2)(rises ? -s : s, -s) : across ? (int2)(0, -s) : (int2)(-s, 0);
+    const int2 corner[3] = {p - along, b ? p - to_a : p + to_a, p + along};
+    if (any(corner[1] < 0) || any(corner[1] > layout->side))
+        return 0;
+    t->squeezed = 0;
+    for (int k = 0; k < 3; k++) {
+        const int2 v = sample_of(layout, corner[k]);
+        t->squeezed |= any(v != corner[k]);
+        t->corner[k] = v;
+        t->at[k] = (float2)(place_of(v.x, layout->width), place_of(v.y, layout->height));
+        t->n[k] = placed[v.y * layout->pitch + v.x];
+    }
+    t->low = min(t->corner[1], min(t->corner[0], t->corner[2]));
+    t->high = max(t->corner[1], max(t->corner[0], t->corner[2]));
+    const float2 u = t->at[0] - t->at[1], v = t->at[2] - t->at[1];
+    const float area = u.x * v.y - u.y * v.x, inverse = 1.0f / area;
+    t->per_x = ((t->n[0] - t->n[1]) * v.y - (t->n[2] - t->n[1]) * u.y) * inverse;
+    t->per_y = ((t->n[2] - t->n[1]) * u.x - (t->n[0] - t->n[1]) * v.x) * inverse;
+    for (int k = 0; k < 3; k++)
+        t->edges[k] = row_edge(t->at[k], t->at[(k + 1) % 3]);
+    return area != 0.0f;
+}
+
+/* First and last column of the triangle's samples in a row; the first is after the last where there are none */
+int2 columns_within(const Within *t, int row)
+{
+    float2 part = (float2)(INFINITY, -INFINITY);
+    for (int k = 0; k < 3; k++)
+        widen_to_edge(t->edges[k], row, &part);
+    return (int2)(max((int)ceil(part.x - ON_EDGE), t->low.x), min((int)floor(part.y + ON_EDGE), t->high.x));
+}
+
+/* Nearness of the triangle's plane at samples of a row */
+INLINED floatl plane_nearness(const Within *t, intl x, int row)
+{
+    return t->n[1] + (row - t->at[1].y) * t->per_y + (to_floatl(x) - t->at[1].x) * t->per_x;
+}
+
+/* First and last column of the cells below a row of samples that the triangle reaches into */
+int2 cells_within(const Layout *layout, const Within *t, int row)
+{
+    float2 part = (float2)(INFINITY, -INFINITY);
+    for (int k = 0; k < 3; k++) {
+        widen_to_edge(t->edges[k], place_of(row, layout->height), &part);
+        widen_to_edge(t->edges[k], place_of(row + 1, layout->height), &part);
+    }
+    const int first = (int)floor(part.x + ON_EDGE), last = (int)ceil(part.y - ON_EDGE) - 1;
+    return clamp((int2)(first, last), t->low.x, t->high.x - 1);
+}
+
+/* Which of the halves of cells, with corners (x, y), overlap the triangle, in more than an edge? Cells are of its own
+ * rows and columns, so either an edge of it or the cell's diagonal lies between the two, or nothing. */
+INLINED intl overlaps(const Within *t, const floatl x[3], const floatl y[3], floatl diagonal_x, floatl diagonal_y,
+                      int own)
+{
+    intl apart = (intl)0;
+    const float turn = (t->at[1].x - t->at[0].x) * (t->at[2].y - t->at[0].y) -
+                       (t->at[1].y - t->at[0].y) * (t->at[2].x - t->at[0].x);
+    const int next[3] = {1, 2, 0};
+    for (int k = 0; k < 3; k++) {
+        const float2 from = t->at[k], along = t->at[next[k]] - from;
+        const float scale = (turn > 0.0f ? 1.0f : -1.0f) / length(along);
+        floatl inside = -INFINITY;
+        for (int c = 0; c < 3; c++)
+            inside = fmax(inside, (along.x * (y[c] - from.y) - along.y * (x[c] - from.x)) * scale);
+        apart = apart | (inside <= ON_EDGE);
+    }
+    /* (diagonal_x, diagonal_y): from the diagonal's start, corner 0, to its end; the half's own corner is `own` */
+    const floatl side = diagonal_x * (y[own] - y[0]) - diagonal_y * (x[own] - x[0]);
+    floatl beside = -INFINITY;
+    for (int c = 0; c < 3; c++) {
+        const floatl off = diagonal_x * (t->at[c].y - y[0]) - diagonal_y * (t->at[c].x - x[0]);
+        beside = fmax(beside, select_lanes(side > 0.0f, off, -off));
+    }
+    return !(apart | (beside <= ON_EDGE));
+}
+#endif

@@ -1,0 +1,90 @@
+"""Triangles merged to a number of them: as many, no cracks or folds, and close to the samples."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.core.camera import Camera
+from tests.data import shared
+from tests.depthmesh.test_bad_input import refused
+from tests.depthmesh.test_noise import corner_of_a_room, view_of
+
+
+def pixels_of(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
+    assert mesh.uv is not None
+    return (mesh.uv.astype(np.float64) * camera.size - 0.5)[mesh.faces]
+
+
+def check_sound(mesh: ibr.Mesh, camera: Camera) -> None:
+    """Assert that no triangle is turned over, and none lies over another: areas add up to what the picture shows."""
+    a, b, c = np.moveaxis(pixels_of(mesh, camera), 1, 0)
+    u, v = b - a, c - a
+    areas = -0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    assert (areas > 0).all()
+    edges = np.concatenate([mesh.faces[:, k] for k in ([0, 1], [1, 2], [2, 0])])
+    assert len(np.unique(edges, axis=0)) == len(edges)  # each is wound the other way on its other side
+    # Pixels are counted by their centres: of random outlines as many are in as out.
+    shown = ibr.render(mesh, camera).valid.sum()
+    assert abs(areas.sum() - shown) < 0.01 * shown
+
+
+@pytest.mark.parametrize("count", [4000, 1000, 200])
+def test_as_many_as_are_asked_for(count):
+    clean = corner_of_a_room()
+    view = view_of(clean)
+    thing = ibr.DepthMesh(view)
+    mesh = thing.simplify(count=count)
+    assert 0.9 * count < len(mesh.faces) <= count
+    assert len(thing.simplify(0.5).faces) > 2500  # the quadtree's floor: depth edges and borders
+    check_sound(mesh, view.camera)
+    frame = ibr.render(mesh, view.camera)
+    off = np.abs(frame.depth - clean)[frame.valid]
+    # A quarter of them on half a ball of radius 0.6 have sides e with e^2 = 9 / count: they lie e^2 / (8 r) = 2 / count
+    # below it, and along the lines of sight, towards its outline, several times that.
+    assert np.quantile(off, 0.95) < 20 / count
+    whole = ibr.render(thing, view.camera).valid
+    assert (frame.valid == whole).mean() > {4000: 0.999, 1000: 0.995, 200: 0.98}[count]
+
+
+def test_the_error_holds_whatever_the_count():
+    """More triangles are left where the count would take more than the error."""
+    clean = corner_of_a_room()
+    view = view_of(clean)
+    thing = ibr.DepthMesh(view)
+    for bound in (0.005, 0.02):
+        mesh = thing.simplify(bound, count=1)
+        assert 10 < len(mesh.faces) < 0.8 * len(thing.simplify(bound).faces)
+        check_sound(mesh, view.camera)
+        frame = ibr.render(mesh, view.camera)
+        # Vertices lie off the planes by that, and triangles between them: but across, not along the lines of sight,
+        # which meet the floor at a sixth of a right angle and more.
+        assert np.quantile(np.abs(frame.depth - clean)[frame.valid], 0.99) < 6 * bound
+
+
+def test_one_triangle_is_the_least():
+    view = view_of(np.full((250, 331), 2.0))
+    assert len(ibr.DepthMesh(view).simplify(count=2).faces) == 2
+    assert len(ibr.DepthMesh(view).simplify(count=1).faces) <= 2
+
+
+def test_a_room_for_the_web():
+    """A quadtree leaves 25,000 triangles along the edges, however large its error."""
+    depth = cv2.imread(str(shared("rgbd_livingroom1") / "depth" / "00000.png"), cv2.IMREAD_UNCHANGED) / 1000
+    thing = ibr.DepthMesh(view_of(depth))
+    mesh = thing.simplify(count=3000)
+    frame, whole = (ibr.render(each, thing.view.camera) for each in (mesh, thing))
+    assert 2900 < len(mesh.faces) <= 3000
+    assert len(thing.simplify(0.5).faces) > 25_000
+    assert (frame.valid == whole.valid).mean() > 0.99
+    both = frame.valid & whole.valid
+    assert np.quantile(np.abs(frame.depth - depth)[both], 0.9) < 0.005
+
+
+def test_bad_arguments():
+    thing = ibr.DepthMesh(view_of(np.full((250, 331), 2.0)))
+    for count in (0, -3, 1.5, "many"):
+        assert refused("count", thing.simplify, count=count)
+    assert "neither" in refused("max_error", thing.simplify)
