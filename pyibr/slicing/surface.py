@@ -40,6 +40,8 @@ from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_
 Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
 
+_READ = ("corners", "points", "uv", "frames", "tilts", "gradients", "heights", "colors")  # by all pictures
+
 
 class SlicedSurface(HeightMapped):
     """A mesh displaced along its normals by a height map, drawn by slices.
@@ -174,7 +176,7 @@ def draw_surface(
         ),
     }
     near = target.near(surface.volume.bounds)
-    projected = project(target, buffers["points"], near, corners=4)
+    projected = project(target, buffers["points"], near, corners=6)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
     slices = _slices_in(surface, target.camera)
     defines = target.filter_defines | wrap_defines(surface.wrap)
@@ -194,12 +196,12 @@ def draw_surface(
     launch(
         kernel("slicing/surface.cl", "draw_surface", **bins.defines, **target.color_defines, **defines),
         bins.grid,
-        **{name: buffers[name] for name in ("corners", "points", "places", "frames", "gradients", "heights", "colors")},
+        **{name: buffers[name] for name in _READ},
         spacing=surface.scale / slices,
         slices=slices,
         by_view=surface.slices == "view",
         halvings=surface.halvings,
-        slicing=constant("slicing/tetrahedra.h", surface.slicing.upper()),
+        slicing=constant("slicing/prisms.h", surface.slicing.upper()),
         test=constant("slicing/alpha_test.h", surface.test.upper()),
         band=surface.band or 0.0,
         map_width=surface.height.shape[1],
@@ -224,5 +226,5 @@ def _slices_in(surface: SlicedSurface, camera: Camera) -> int:
 
 def _volume_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
     """The surface, but for its heights, for the current device."""
-    names = ("points", "places", "corners", "frames", "gradients", "normals")
+    names = ("points", "uv", "corners", "frames", "tilts", "gradients", "normals")
     return {name: upload(getattr(surface.volume, name)) for name in names} | map_buffers(surface)
