@@ -26,6 +26,7 @@
 typedef struct {
     global const int *corners;
     global const float *projected, *points, *uv, *frames, *tilts;
+    global const int *ends;
     global const uint *heights;
     global const float *gradients;
     Screen screen;
@@ -74,9 +75,10 @@ typedef struct {
     float count;
     float spacing, band;   /* of its slices, and of heights that the test BAND takes */
     float height_rounding; /* HEIGHT_ROUNDING, more where the displacement is shallow; */
-    float share_rounding;  /* of corners' shares; */
+    float share_rounding;  /* no less, of corners' shares; */
     float slice_rounding;  /* and SLICE_ROUNDING */
     int halvings; /* of the interval between two slices */
+    int ends;     /* rays that leave it may leave the surface */
 } Prism;
 
 typedef struct {
@@ -324,6 +326,7 @@ int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
     t->second = rows[1], t->third = rows[2], t->rise = rows[3];
     t->perspective = context->screen.perspective;
     t->index = index;
+    t->ends = context->slicing != SURFACE && context->ends[index];
     t->crosses = crosses;
     t->nearest = t->front = context->screen.nearest;
     t->rear = t->perspective ? 0.0f : -INFINITY;
@@ -335,8 +338,10 @@ int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
         }
     }
     t->height_rounding = crosses ? HEIGHT_ROUNDING : rounding_of(t, &t->rise, x, y);
-    t->share_rounding = crosses ? HEIGHT_ROUNDING
-                                : fmax(rounding_of(t, &t->second, x, y), rounding_of(t, &t->third, x, y));
+    t->share_rounding = t->height_rounding;
+    if (!crosses)
+        t->share_rounding = fmax(t->share_rounding,
+                                 fmax(rounding_of(t, &t->second, x, y), rounding_of(t, &t->third, x, y)));
     const float2 middle = middle_in_bin(low, high, x, y);
     set_slices(context, t, rows, direction_at(context->screen, x + middle.x, y + middle.y), base, across,
                t->perspective ? p[0].z : -p[0].w);

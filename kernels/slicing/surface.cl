@@ -8,14 +8,15 @@
  * UNCLIPPED: slices parallel to the screen are tested all over the box of each prism, not only inside.
  *
  * Deviations from the paper: slices are met per pixel instead of drawn as polygons; where a ray enters or leaves
- * through the base, the base is tested as a slice is, so that no view sees through flat parts between two slices;
+ * through the base, the base is tested as a slice is, so that no view sees through flat parts between two slices, and
+ * so is where it leaves at a border of the surface;
  * `halvings` bring the point that passes closer to the surface than its slice; `by_view` chooses how many
  * there are, for each prism (space_slices).
  *
  * corners: (triangles, 6) of projected, three of the base and those above them. points: (2 vertices, 3) world, of the
  * base and above it. uv: (vertices, 2) u, v (times tiles). frames: (triangles, 3, 3) the slicing directions a (normal),
  * b, c: unit length. tilts: (triangles, 3, 3) of each corner the way to the one above it, in the triangle's sides and
- * in a times the displacement. heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by
+ * in a times the displacement. ends: (triangles,) 1: at a border of the surface. heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by
  * lib/footprint.h, as normal_map. gradients: (triangles, 2, 3) of u and v in the world, times tiles. normals: (vertices
  * of the base, 3). spacing: of the slices, in the world. slices: of direction a, over the displacement; by_view: as in
  * the volume's middle. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are the shares of a
@@ -37,15 +38,17 @@
 #define UNCLIPPED 0 /* 1: slices are tested beside the prisms, too, as described at the top */
 #endif
 
+#define END_HALVINGS 4   /* of the way from the last slice to the end of the surface */
 #define Z_ROUNDING 4e-6f /* of depths: where a ray meets a slice of even height, and where it enters and leaves */
 #define SLICE_NUMBER_MAX 8388608.0f /* slices: beyond, the next one would be the same float */
 
 INLINED intl is_in_prism(const Prism *t, Place place)
 {
-    const float rounding = -t->share_rounding;
-    return (place.h >= -t->height_rounding) & (place.second >= rounding) & (place.third >= rounding) &
-           (1.0f - place.second - place.third >= rounding);
+    const floatl shares = min_lanes(min_lanes(place.second, place.third), 1.0f - place.second - place.third);
+    return min_lanes(shares, place.h) >= -t->share_rounding;
 }
+
+#define RUN (UNCLIPPED ? 2 : 16) /* slices; of two, each is exact, beside the prism, too */
 
 /* What a block's rays have met */
 typedef struct {
@@ -78,9 +81,9 @@ void test_at(const Context *context, const Prism *t, const Region *region, int b
 
 /* Bisects the interval from the depth `before`, whose points do not pass, to the hits that have `passed`. */
 void refine_slice_hit(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
-                      SliceHit *hit, floatl before, intl passed, intl extended)
+                      SliceHit *hit, int halvings, floatl before, intl passed, intl extended)
 {
-    for (int i = 0; i < t->halvings && any_lane(passed); i++) {
+    for (int i = 0; i < halvings && any_lane(passed); i++) {
         const floatl middle = 0.5f * (before + hit->z);
         const Place place = place_at(&t->bend, rays, middle, height_at_depth(&t->bend, rays, middle));
         test_at(context, t, region, block, hit, middle, place, passed, extended);
@@ -128,49 +131,90 @@ INLINED Passage passage_of(const Prism *t, floatl x, floatl y, floatl so_far)
     return p;
 }
 
-/* Tests the slices from front to back until one passes; returns the depths before the hits, which did not. drawn: what
- * lies behind is hidden */
+/* Where a block's rays meet their slices */
+typedef struct {
+    floatl z;
+    Place place;
+} Meeting;
+
+INLINED Meeting meeting_of(const Prism *t, const PrismRays *rays, const Passage *p, Linear number, floatl slice)
+{
+    Meeting met;
+    floatl h;
+    if (t->by_height) {
+        h = slice / t->count;
+        met.z = depth_at_height(&t->bend, rays, h);
+    } else {
+        met.z = clamp_lanes((slice - number.fixed) / number.sloped, p->front, p->back);
+        h = height_at_depth(&t->bend, rays, met.z);
+    }
+    met.place = place_at(&t->bend, rays, met.z, h);
+    return met;
+}
+
+/* The parabola through three values, part 0 to 1 of the way from the first to the last */
+#define ON_PARABOLA(from, middle, to, part)                                                                    \
+    ((from) + (part) * ((4.0f * (middle) - 3.0f * (from) - (to)) + (part) * (2.0f * ((from) - 2.0f * (middle) + (to)))))
+
+/* The numbers of the slices that rays meet: the first, and how many more there are, < 0: none at all */
+INLINED intl slices_of(const Prism *t, const PrismRays *rays, const Passage *p, Linear number, floatl *slice,
+                       floatl *step)
+{
+    floatl front, back;
+    if (t->by_height) {
+        front = clamp_lanes(height_at_depth(&t->bend, rays, p->front), (floatl)0.0f, (floatl)1.0f) * t->count;
+        back = clamp_lanes(height_at_depth(&t->bend, rays, p->back), (floatl)0.0f, (floatl)1.0f) * t->count;
+    } else {
+        front = clamp_lanes(AT(number, p->front), (floatl)-SLICE_NUMBER_MAX, (floatl)SLICE_NUMBER_MAX);
+        back = clamp_lanes(AT(number, p->back), (floatl)-SLICE_NUMBER_MAX, (floatl)SLICE_NUMBER_MAX);
+    }
+    const float rounding = t->slice_rounding;
+    const intl rises = back > front;
+    const floatl last = select_lanes(rises, floor_lanes(back + rounding), ceil_lanes(back - rounding));
+    *step = select_lanes(rises, (floatl)1.0f, (floatl)-1.0f);
+    *slice = select_lanes(rises, ceil_lanes(front - rounding), floor_lanes(front + rounding));
+    return to_intl((last - *slice) * *step);
+}
+
+/* Tests the slices from front to back until one passes. Returns the depths before the hits, which did not. Where rays
+ * meet the ends and the middle of a run of slices is exact, between these it lies on a parabola: off by much less than
+ * slices are apart. drawn: what lies behind is hidden */
 floatl walk_slices(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
                    const Passage *p, Linear number, floatl drawn, SliceHit *hit)
 {
-    floatl s_front, s_back;
-    if (t->by_height) {
-        s_front = clamp_lanes(height_at_depth(&t->bend, rays, p->front), (floatl)0.0f, (floatl)1.0f) * t->count;
-        s_back = clamp_lanes(height_at_depth(&t->bend, rays, p->back), (floatl)0.0f, (floatl)1.0f) * t->count;
-    } else {
-        s_front = clamp_lanes(AT(number, p->front), (floatl)-SLICE_NUMBER_MAX, (floatl)SLICE_NUMBER_MAX);
-        s_back = clamp_lanes(AT(number, p->back), (floatl)-SLICE_NUMBER_MAX, (floatl)SLICE_NUMBER_MAX);
-    }
-    const intl rises = s_back > s_front;
-    const floatl step = select_lanes(rises, (floatl)1.0f, (floatl)-1.0f);
-    const float per_count = 1.0f / t->count;
-    const floatl per_slice = 1.0f / number.sloped;
-    const floatl last = select_lanes(rises, floor_lanes(s_back + t->slice_rounding),
-                                     ceil_lanes(s_back - t->slice_rounding));
-    floatl slice = select_lanes(rises, ceil_lanes(s_front - t->slice_rounding),
-                                floor_lanes(s_front + t->slice_rounding));
-    const intl slices = to_intl((last - slice) * step); /* after the first; < 0: none at all */
-    const floatl rounding = Z_ROUNDING * (fabs(p->entry) + fabs(p->exit));
-    floatl before = p->entry, latest = p->front;
-    for (int count = 0;; count++, slice += step) {
-        floatl z, h;
-        if (t->by_height) {
-            h = slice * per_count;
-            z = depth_at_height(&t->bend, rays, h);
-        } else {
-            z = clamp_lanes((slice - number.fixed) * per_slice, p->front, p->back);
-            h = height_at_depth(&t->bend, rays, z);
+    floatl slice, step, before = p->entry, latest = p->front;
+    const intl slices = slices_of(t, rays, p, number, &slice, &step);
+    intl left = p->meets & !hit->found & (slices >= 0);
+    if (!any_lane(left))
+        return before;
+    Meeting from = meeting_of(t, rays, p, number, slice);
+    for (int first = 0;; first += RUN) {
+        const floatl length = clamp_lanes(to_floatl(slices - first), (floatl)1.0f, (floatl)RUN);
+        const Meeting middle = meeting_of(t, rays, p, number, slice + 0.5f * step * length);
+        const Meeting to = meeting_of(t, rays, p, number, slice + step * length);
+        const floatl per_length = 1.0f / length;
+        for (int k = 0; k < RUN; k++) {
+            const floatl part = k * per_length;
+            const floatl z = ON_PARABOLA(from.z, middle.z, to.z, part);
+            left = left & !hit->found & (first + k <= slices) & ((t->halvings > 0 ? latest : z) < drawn);
+            if (!any_lane(left))
+                return before;
+            Place place = {ON_PARABOLA(from.place.h, middle.place.h, to.place.h, part),
+                           ON_PARABOLA(from.place.second, middle.place.second, to.place.second, part),
+                           ON_PARABOLA(from.place.third, middle.place.third, to.place.third, part)};
+#if UNCLIPPED
+            const intl within = p->inside & (z >= p->entry) & (z <= p->exit);
+            place.h = select_lanes(within, place.h, (floatl)-1.0f); /* not in the prism */
+#else
+            const intl within = left;
+#endif
+            test_at(context, t, region, block, hit, z, place, left, 0);
+            before = select_lanes(within & !hit->found, z, before);
+            latest = z;
         }
-        const intl tested = p->meets & !hit->found & (count <= slices) & ((t->halvings > 0 ? latest : z) < drawn);
-        if (!any_lane(tested))
-            break;
-        const intl within = p->inside & (z >= p->entry - rounding) & (z <= p->exit + rounding);
-        h = select_lanes(within, h, (floatl)-1.0f); /* not in the prism */
-        test_at(context, t, region, block, hit, z, place_at(&t->bend, rays, z, h), tested, 0);
-        before = select_lanes(tested & within & !hit->found, z, before);
-        latest = z;
+        from = to;
+        slice += step * length;
     }
-    return before;
 }
 
 void cover(const Context *context, const Primitives *made, int lane, Region *region, int block, int first_x,
@@ -203,19 +247,23 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const intl at_once = hit.found;
     floatl before = walk_slices(context, t, region, block, &rays, &p, along_ray(t, t->slice, x, y), drawn, &hit);
 
-    /* Where rays leave: through the base; with halvings anywhere, as the next prism's slices lie beyond it. What the
-     * planes bound is a little larger than the prism: there, heights are those that it would have. */
     if (context->slicing != SURFACE)
         test_at(context, t, region, block, &hit, base, place_at(&t->bend, &rays, base, 0.0f),
                 at_base & !hit.found & (rays.rise.sloped < 0.0f) & (base < drawn), 0);
+    /* Where rays leave by another side: the next prism's slices, if there is one, lie beyond it. What the planes bound
+     * is a little larger than the prism: there, heights are those that it would have. */
     const intl in_prism = hit.found;
-    if (t->halvings > 0) {
+    if (t->halvings > 0 || t->ends) {
         const Place end = place_at(&t->bend, &rays, p.exit, height_at_depth(&t->bend, &rays, p.exit));
         test_at(context, t, region, block, &hit, p.exit, end, p.inside & !hit.found & (before < drawn), -1);
-        refine_slice_hit(context, t, region, block, &rays, &hit, before, hit.found & !at_once, !in_prism);
+        const intl refined = t->halvings > 0 ? hit.found & !at_once : hit.found & !in_prism;
+        refine_slice_hit(context, t, region, block, &rays, &hit, t->halvings > 0 ? t->halvings : END_HALVINGS, before,
+                         refined, !in_prism);
     }
-    const intl found = hit.found & (in_prism | is_in_prism(t, hit.place)) &
-                       ((intl)(t->halvings > 0 ? 0 : -1) | (DEPTH_OF(t->perspective, hit.z) > so_far));
+    const floatl rounding = Z_ROUNDING * (fabs(p.entry) + fabs(p.exit));
+    const intl found = hit.found & (hit.z >= p.entry - rounding) & (hit.z <= p.exit + rounding) &
+                       (in_prism | is_in_prism(t, hit.place)) &
+                       (DEPTH_OF(t->perspective, hit.z) > so_far);
     if (!any_lane(found))
         return;
     region->nearness[block] = select_lanes(found, DEPTH_OF(t->perspective, hit.z), so_far);
@@ -230,7 +278,7 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 
 kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *corners, global const float *points,
                          global const float *uv, global const float *frames, global const float *tilts,
-                         global const uint *heights, global const uint *colors, float spacing, int slices,
+                         global const int *ends, global const uint *heights, global const uint *colors, float spacing, int slices,
                          int by_view /* 1: each prism has as many as the picture needs there */,
                          int halvings /* of the interval to the slice before, once one has passed */, int slicing,
                          int test, float band /* of heights that BAND takes; 0: that of a slice */, int map_width,
@@ -251,6 +299,7 @@ kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *
                              uv,
                              frames,
                              tilts,
+                             ends,
                              heights,
                              gradients,
                              screen,

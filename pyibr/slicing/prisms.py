@@ -37,6 +37,8 @@ class Volume:
     tilts : (T, 3, 3) float32
         Of each corner the way to the one above it: in the triangle's second and third side, which begin at its first
         corner, and in `scale` times a.
+    ends : (T,) int32
+        1: a side of the triangle is a border of the mesh.
     gradients : (T, 2, 3) float32
         Of u and v (tiled), in the world.
     normals : (V / 2, 3) float32
@@ -49,6 +51,7 @@ class Volume:
     corners: NDArray[np.int32]
     frames: Float32
     tilts: Float32
+    ends: NDArray[np.int32]
     gradients: Float32
     normals: Float32
 
@@ -72,7 +75,8 @@ def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
     arrays = (points, uv, frames, tilts, gradients, normals)
     single = [np.ascontiguousarray(values, np.float32) for values in arrays]
     corners = np.ascontiguousarray(np.concatenate([faces, faces + len(vertices)], axis=1), np.int32)
-    return Volume(single[0], single[1], corners, single[2], single[3], single[4], single[5])
+    ends = _at_borders(place_of(base.vertices)[faces])
+    return Volume(single[0], single[1], corners, single[2], single[3], ends, single[4], single[5])
 
 
 def _one_at_each_place(base: Mesh, normals: Float64, faces: NDArray[np.int32]) -> Float64:
@@ -98,6 +102,13 @@ def _with_area(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.maximum(np.linalg.norm(sides, axis=2).max(axis=1), np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1))
     return faces[area > _FLAT * longest**2]
+
+
+def _at_borders(faces: NDArray[np.int64]) -> NDArray[np.int32]:
+    """1 where a side of a triangle, (T, 3) places, is no other's."""
+    sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    _, kind, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
+    return (count[kind.ravel()] == 1).reshape(-1, 3).any(axis=1).astype(np.int32)
 
 
 def _tilts(corners: Float64, ways: Float64, across: Float64) -> Float64:

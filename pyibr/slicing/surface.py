@@ -40,7 +40,7 @@ from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_
 Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
 
-_READ = ("corners", "points", "uv", "frames", "tilts", "gradients", "heights", "colors")  # by all pictures
+_READ = ("corners", "points", "uv", "frames", "tilts", "ends", "gradients", "heights", "colors")  # by all pictures
 
 
 class SlicedSurface(HeightMapped):
@@ -226,5 +226,5 @@ def _slices_in(surface: SlicedSurface, camera: Camera) -> int:
 
 def _volume_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
     """The surface, but for its heights, for the current device."""
-    names = ("points", "uv", "corners", "frames", "tilts", "gradients", "normals")
+    names = ("points", "uv", "corners", "frames", "tilts", "ends", "gradients", "normals")
     return {name: upload(getattr(surface.volume, name)) for name in names} | map_buffers(surface)
