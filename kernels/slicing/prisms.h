@@ -9,8 +9,10 @@
  * Arrays: surface.cl.
  */
 #include "raster/fragment.h"
+#include "slicing/alpha_test.h"
 #include "slicing/rays.h"
 
+#define STEADY_PARTS 12.0f /* of a pixel, along a ray: what slices lie apart at least, lest thin things flicker */
 #define SURFACE 0
 #define ORTHOGONAL 1
 #define SCREEN 2
@@ -143,7 +145,7 @@ void space_slices(const Context *context, Prism *t, float facing)
                               fast_length(vload3(1, g)) * context->map_height);
     const float least = fmax(fmin(0.5f / fmax(texels, 1e-30f), scale), scale / SLICES_MAX);
     const float pixel_spacing = pixel * facing;
-    t->spacing = fmax(fmin(pixel_spacing, fmax(pixel_spacing / PIXEL_PARTS, scale / SLICES_STEADY)), least);
+    t->spacing = fmax(fmin(pixel_spacing, fmax(pixel_spacing / STEADY_PARTS, scale / SLICES_STEADY)), least);
     if (context->band == 0.0f)
         t->band = t->spacing / scale;
     const float parts = t->spacing * fmax(PIXEL_PARTS / pixel, TEXTURE_PARTS / scale);
@@ -326,7 +328,7 @@ int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
     t->second = rows[1], t->third = rows[2], t->rise = rows[3];
     t->perspective = context->screen.perspective;
     t->index = index;
-    t->ends = context->slicing != SURFACE && context->ends[index];
+    t->ends = context->slicing != SURFACE && context->test != BAND && context->ends[index];
     t->crosses = crosses;
     t->nearest = t->front = context->screen.nearest;
     t->rear = t->perspective ? 0.0f : -INFINITY;

@@ -58,18 +58,18 @@ typedef struct {
 } SliceHit;
 
 /* The alpha test of points at depth z of the rays that are `tested`. Only points in the prism pass, but where it is
- * `extended`. */
-void test_at(const Context *context, const Prism *t, const Region *region, int block, SliceHit *hit, floatl z,
+ * `extended`. Returns which are such points. */
+intl test_at(const Context *context, const Prism *t, const Region *region, int block, SliceHit *hit, floatl z,
              Place place, intl tested, intl extended)
 {
-    const intl asked = UNCLIPPED ? tested : tested & (extended | is_in_prism(t, place));
+    const intl possible = tested & (extended | is_in_prism(t, place)), asked = UNCLIPPED ? tested : possible;
     if (!any_lane(asked))
-        return;
+        return possible;
     const floatl u = t->u + place.second * t->u_second + place.third * t->u_third;
     const floatl v = t->v + place.second * t->v_second + place.third * t->v_third;
     const floatl alpha = height_at(context->heights, context->map_width, context->map_height, u, v);
     const floatl h = select_lanes(place.h > t->height_rounding, place.h, (floatl)0.0f);
-    const intl passed = asked & passes(context->test, alpha, h, t->band) & (extended | is_in_prism(t, place));
+    const intl passed = possible & passes(context->test, alpha, h, t->band);
     hit->z = select_lanes(passed, z, hit->z);
     hit->place.h = select_lanes(passed, place.h, hit->place.h);
     hit->place.second = select_lanes(passed, place.second, hit->place.second);
@@ -77,16 +77,18 @@ void test_at(const Context *context, const Prism *t, const Region *region, int b
     hit->found = hit->found | passed;
     if (COUNTERS)
         add_to_counters(context->counters, region, block, context->screen, asked & 1);
+    return possible;
 }
 
-/* Bisects the interval from the depth `before`, whose points do not pass, to the hits that have `passed`. */
+/* Bisects the interval from the depth `before`, whose points do not pass, to the hits that have `passed`. extended: from
+ * which depths on points may also lie beside the prism */
 void refine_slice_hit(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
-                      SliceHit *hit, int halvings, floatl before, intl passed, intl extended)
+                      SliceHit *hit, int halvings, floatl before, intl passed, floatl extended)
 {
     for (int i = 0; i < halvings && any_lane(passed); i++) {
         const floatl middle = 0.5f * (before + hit->z);
         const Place place = place_at(&t->bend, rays, middle, height_at_depth(&t->bend, rays, middle));
-        test_at(context, t, region, block, hit, middle, place, passed, extended);
+        test_at(context, t, region, block, hit, middle, place, passed, middle > extended);
         before = select_lanes(hit->z == middle, before, middle);
     }
 }
@@ -137,18 +139,19 @@ typedef struct {
     Place place;
 } Meeting;
 
+INLINED floatl depth_of_slice(const Prism *t, const PrismRays *rays, const Passage *p, Linear number, floatl slice)
+{
+    if (t->by_height)
+        return depth_at_height(&t->bend, rays, slice / t->count);
+    return clamp_lanes((slice - number.fixed) / number.sloped, p->front, p->back);
+}
+
 INLINED Meeting meeting_of(const Prism *t, const PrismRays *rays, const Passage *p, Linear number, floatl slice)
 {
     Meeting met;
-    floatl h;
-    if (t->by_height) {
-        h = slice / t->count;
-        met.z = depth_at_height(&t->bend, rays, h);
-    } else {
-        met.z = clamp_lanes((slice - number.fixed) / number.sloped, p->front, p->back);
-        h = height_at_depth(&t->bend, rays, met.z);
-    }
-    met.place = place_at(&t->bend, rays, met.z, h);
+    met.z = depth_of_slice(t, rays, p, number, slice);
+    met.place = place_at(&t->bend, rays, met.z,
+                         t->by_height ? slice / t->count : height_at_depth(&t->bend, rays, met.z));
     return met;
 }
 
@@ -176,14 +179,16 @@ INLINED intl slices_of(const Prism *t, const PrismRays *rays, const Passage *p, 
     return to_intl((last - *slice) * *step);
 }
 
-/* Tests the slices from front to back until one passes. Returns the depths before the hits, which did not. Where rays
+/* Tests the slices from front to back until one passes. Returns the depths before the hits, which did not. last: the
+ * depths of the last slices, or where the ray enters if there are none. Where rays
  * meet the ends and the middle of a run of slices is exact, between these it lies on a parabola: off by much less than
  * slices are apart. drawn: what lies behind is hidden */
 floatl walk_slices(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
-                   const Passage *p, Linear number, floatl drawn, SliceHit *hit)
+                   const Passage *p, Linear number, floatl drawn, SliceHit *hit, floatl *last)
 {
     floatl slice, step, before = p->entry, latest = p->front;
     const intl slices = slices_of(t, rays, p, number, &slice, &step);
+    *last = select_lanes(slices >= 0, depth_of_slice(t, rays, p, number, slice + step * to_floatl(slices)), p->entry);
     intl left = p->meets & !hit->found & (slices >= 0);
     if (!any_lane(left))
         return before;
@@ -205,11 +210,9 @@ floatl walk_slices(const Context *context, const Prism *t, const Region *region,
 #if UNCLIPPED
             const intl within = p->inside & (z >= p->entry) & (z <= p->exit);
             place.h = select_lanes(within, place.h, (floatl)-1.0f); /* not in the prism */
-#else
-            const intl within = left;
 #endif
-            test_at(context, t, region, block, hit, z, place, left, 0);
-            before = select_lanes(within & !hit->found, z, before);
+            const intl possible = test_at(context, t, region, block, hit, z, place, left, 0);
+            before = select_lanes(possible & !hit->found, z, before);
             latest = z;
         }
         from = to;
@@ -245,20 +248,24 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
                 at_base & (rays.rise.sloped > 0.0f), 0);
     }
     const intl at_once = hit.found;
-    floatl before = walk_slices(context, t, region, block, &rays, &p, along_ray(t, t->slice, x, y), drawn, &hit);
+    floatl last;
+    const floatl before = walk_slices(context, t, region, block, &rays, &p, along_ray(t, t->slice, x, y), drawn, &hit,
+                                      &last);
 
+    const intl reaches_end = (t->halvings > 0 ? before : last) < drawn;
     if (context->slicing != SURFACE)
         test_at(context, t, region, block, &hit, base, place_at(&t->bend, &rays, base, 0.0f),
-                at_base & !hit.found & (rays.rise.sloped < 0.0f) & (base < drawn), 0);
+                at_base & !hit.found & (rays.rise.sloped < 0.0f) & reaches_end, 0);
     /* Where rays leave by another side: the next prism's slices, if there is one, lie beyond it. What the planes bound
-     * is a little larger than the prism: there, heights are those that it would have. */
+     * is a little larger than the prism: there, behind it, heights are those that it would have. */
     const intl in_prism = hit.found;
     if (t->halvings > 0 || t->ends) {
         const Place end = place_at(&t->bend, &rays, p.exit, height_at_depth(&t->bend, &rays, p.exit));
-        test_at(context, t, region, block, &hit, p.exit, end, p.inside & !hit.found & (before < drawn), -1);
+        test_at(context, t, region, block, &hit, p.exit, end, p.inside & !hit.found & reaches_end, -1);
         const intl refined = t->halvings > 0 ? hit.found & !at_once : hit.found & !in_prism;
+        const floatl behind = select_lanes(before > p.entry, before, 0.5f * (p.entry + p.exit));
         refine_slice_hit(context, t, region, block, &rays, &hit, t->halvings > 0 ? t->halvings : END_HALVINGS, before,
-                         refined, !in_prism);
+                         refined, select_lanes(in_prism, (floatl)INFINITY, behind));
     }
     const floatl rounding = Z_ROUNDING * (fabs(p.entry) + fabs(p.exit));
     const intl found = hit.found & (hit.z >= p.entry - rounding) & (hit.z <= p.exit + rounding) &
