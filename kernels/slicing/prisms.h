@@ -328,7 +328,8 @@ int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
     t->second = rows[1], t->third = rows[2], t->rise = rows[3];
     t->perspective = context->screen.perspective;
     t->index = index;
-    t->ends = context->slicing != SURFACE && context->test != BAND && context->ends[index];
+    t->ends = context->slicing != SURFACE && (context->test != BAND || context->band >= 1.0f) &&
+              context->ends[index];
     t->crosses = crosses;
     t->nearest = t->front = context->screen.nearest;
     t->rear = t->perspective ? 0.0f : -INFINITY;

@@ -45,7 +45,7 @@ typedef struct {
 } SliceSides;
 
 /* The mean of three vectors by a point's shares */
-INLINED Vector mean_of(const SlicePoint *p, const Vector *of_corner)
+INLINED Vector mean_by_shares(const SlicePoint *p, const Vector *of_corner)
 {
     const Vector a = minus(of_corner[1], of_corner[0]), b = minus(of_corner[2], of_corner[0]);
     const Vector mean = {of_corner[0].x + p->second * a.x + p->third * b.x,
@@ -63,7 +63,7 @@ INLINED SliceSides sides_of_slice(const Context *context, const SlicePoint *p, i
         base[k] = vector_at(context->points, p->corner[k]);
         up[k] = minus(vector_at(context->points, (intl)(gather(context->corners, at))), base[k]);
     }
-    const Vector above = mean_of(p, up), from_base = minus(seen, mean_of(p, base));
+    const Vector above = mean_by_shares(p, up), from_base = minus(seen, mean_by_shares(p, base));
     const floatl h = clamp_lanes(DOT(from_base, above) / DOT(above, above), (floatl)0.0f, (floatl)1.0f);
     const Vector second = minus(base[1], base[0]), third = minus(base[2], base[0]);
     const Vector more = minus(up[1], up[0]), more_yet = minus(up[2], up[0]);
@@ -135,7 +135,7 @@ INLINED Vector normal_below(global const float *normals, const SlicePoint *p)
     Vector of_corner[3];
     for (int k = 0; k < 3; k++)
         of_corner[k] = vector_at(normals, p->corner[k]);
-    return normalized(mean_of(p, of_corner));
+    return normalized(mean_by_shares(p, of_corner));
 }
 
 /* The base's normal, tilted by the heights' gradient over two texels */

@@ -17,7 +17,7 @@
  * base and above it. uv: (vertices, 2) u, v (times tiles). frames: (triangles, 3, 3) the slicing directions a (normal),
  * b, c: unit length. tilts: (triangles, 3, 3) of each corner the way to the one above it, in the triangle's sides and
  * in a times the displacement. ends: (triangles,) 1: at a border of the surface. heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by
- * lib/footprint.h, as normal_map. gradients: (triangles, 2, 3) of u and v in the world, times tiles. normals: (vertices
+ * lib/footprint.h, as normal_map. gradients: (triangles, 2, 3) of u and v on the base, in the world, times tiles. normals: (vertices
  * of the base, 3). spacing: of the slices, in the world. slices: of direction a, over the displacement; by_view: as in
  * the volume's middle. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are the shares of a
  * triangle's second and third corner. Work-item: a region (raster/region.h): with LANES 16 a bin, in
@@ -339,8 +339,8 @@ kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *
             const floatl n = region.nearness[block];
 #if LIT || ANISOTROPIC
             const Vector point = point_at(screen, BLOCK_X(&region, block), BLOCK_Y(&region, block), n);
-            const Vector ahead = view_direction(screen, point);
             const SliceSides sides = sides_of_slice(&context, &p, triangle, point);
+            const Vector ahead = view_direction(screen, point);
 #endif
 #if ANISOTROPIC
             const UvSteps over = slice_uv_steps(&context, ahead, n, &p, &sides, anisotropy);

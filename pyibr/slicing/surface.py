@@ -63,12 +63,12 @@ class SlicedSurface(HeightMapped):
     slices : int or "view"
         Over the displacement volume's height. Slices across the surface and parallel to the screen have the same
         spacing, `scale / slices` (section 3.4). "view": as many as the picture needs over each triangle, with slices a
-        pixel apart (closer where 256 slices are, down to an eighth, but no closer than half a texel), and as many
+        pixel apart (closer where 256 slices are, down to a twelfth, but no closer than half a texel), and as many
         `halvings` as bring points within an eighth of a pixel of the surface, and 1/512 of `scale`.
     slicing : {"orthogonal", "surface", "screen"}
         "surface": parallel to the base only (section 3.1), which one sees through from the side; "orthogonal":
         along the normal or one of two directions in the surface, whichever faces the viewer most (section 3.2), for
-        each of the three tetrahedra over a triangle; "screen": parallel to the view plane (section 3.3).
+        each triangle and bin of pixels; "screen": parallel to the view plane (section 3.3).
     test : {"inside", "at_least", "band"}
         A slice at height h is drawn where the map's height is more than h, so that 0 masks the surface out; at least
         h (Dietrich), which draws the base, too; or at least h and less than h + `band` (Schaufler), so that one may see
