@@ -70,7 +70,7 @@ BASES: dict[str, Any] = {
 def moved(base: ibr.Mesh, by: float) -> ibr.Mesh:
     """The mesh with its vertices moved along its normals, as slices at that height are."""
     normals = base.normals if base.normals is not None else base.smooth_normals
-    return ibr.Mesh(base.vertices + by * normals, base.faces, uv=base.uv * (5, 2), texture=lines())
+    return ibr.Mesh(base.vertices + by * normals, base.faces, uv=np.asarray(base.uv) * (5, 2), texture=lines())
 
 
 @pytest.mark.parametrize("eye", [ABOVE, ASLANT, GRAZING])
@@ -206,7 +206,7 @@ def large() -> Solid:
 
 
 def test_a_border_is_no_wider_than_the_surface():
-    """Where rays leave at a border, only those show that have met what is filled."""
+    """Rays that leave at a border show only if they have met what is filled."""
     camera = Camera.look_at((0.5, -1.2, 0.6), (0.5, 0.5, 0), (0, 0, 1), (240, 180), fov_y=50)
     truth = np.isfinite(large().depth(camera)).astype(np.uint8)
     seen = ibr.render(ibr.SlicedSurface(square(), heights(), EVEN_COLOR, SCALE), camera).valid
