@@ -308,8 +308,10 @@ int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
     /* The frame's corners in the picture: the triangle's, and one above the first. */
     const float3 across = vload3(index * 3, context->frames) * (context->spacing * context->slices);
     const float *m = context->screen.from_world;
-    float4 up = (float4)(dot(vload3(0, m), across), dot(vload3(0, m + 4), across), dot(vload3(0, m + 8), across),
-                         dot(vload3(0, m + 12), across));
+    float up_row[4]; /* of the pixel space */
+    for (int row = 0; row < 4; row++)
+        up_row[row] = m[4 * row] * across.x + m[4 * row + 1] * across.y + m[4 * row + 2] * across.z;
+    float4 up = (float4)(up_row[0], up_row[1], up_row[2], up_row[3]);
     up.xy -= (float2)(x, y) * up.z;
     const float4 frame[4] = {p[0], p[1], p[2], p[0] + up};
     Quantity rows[4];
