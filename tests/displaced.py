@@ -58,6 +58,23 @@ class Solid:
         return true_depth(self.scene, camera)
 
 
+def finely_displaced(base: ibr.Mesh, height: np.ndarray, scale: float, tiles: tuple[int, int], cells: int) -> ibr.Mesh:
+    """Each triangle of a mesh with normals, `cells` a side, displaced along the normals between its corners'."""
+    y, x = np.mgrid[: cells + 1, : cells + 1]
+    kept = x + y <= cells
+    number = np.full(x.shape, -1)
+    number[kept] = np.arange(kept.sum())
+    shares = np.column_stack([1 - (x + y)[kept] / cells, x[kept] / cells, y[kept] / cells])
+    a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
+    small = np.concatenate([np.stack([a, b, c], -1)[b + c >= 0], np.stack([b, d, c], -1)[d >= 0]])
+    small = small[(small >= 0).all(axis=1)]
+    corners = (np.asarray(values, np.float64)[base.faces] for values in (base.vertices, base.normals, base.uv))
+    points, normals, uv = (np.einsum("kc,tcd->tkd", shares, of_corners) for of_corners in corners)
+    rise = scale * bilinear_height(height.astype(np.float64), uv[..., 0] * tiles[0], uv[..., 1] * tiles[1])
+    faces = small + np.arange(len(points))[:, None, None] * len(shares)
+    return ibr.Mesh((points + rise[..., None] * normals).reshape(-1, 3), faces.reshape(-1, 3))
+
+
 def interior(truth: np.ndarray, jump: float = 0.03) -> np.ndarray:
     """Pixels 3 away from where depth jumps by more than this between neighbours."""
     z = np.where(np.isfinite(truth), truth, 100.0).astype(np.float32)

@@ -15,7 +15,7 @@
 #include "lib/screen.h"
 
 #ifndef CORNERS
-#define CORNERS 3 /* vertices of a primitive: 3 triangles, 4 tetrahedra */
+#define CORNERS 3 /* vertices of a primitive: 3 triangles, 6 prisms */
 #endif
 #define BIN_MARGIN 0.01f /* pixels: rounding of the projected corners, to 1/256 in triangle.h */
 

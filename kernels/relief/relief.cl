@@ -99,7 +99,7 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
                           1.0f / 255.0f, &shade);
 #if LIT
             /* The surface's own: shadows are not to follow the map of normals. */
-            const Vector own = relief_normal_by_slope(shading.normal, &e, texels, shading.track, scale);
+            const Vector own = relief_normal_by_slope(&relief, &e, &shading);
             Vector normal = own;
             if (normal_width > 0) {
 #if ANISOTROPIC

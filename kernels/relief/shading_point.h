@@ -5,6 +5,8 @@
 #include "lib/light.h"
 #include "relief/entry.h"
 
+#define FOCUS 0.1f /* the least part of the base's lengths that is left below it, near centres of curvature */
+
 /* The points of the relief that LANES pixels show: their places on the maps, and the rays, whose hits lie t after their
  * entries */
 typedef struct {
@@ -12,17 +14,29 @@ typedef struct {
     Track track;
     Vector ahead, point;
     Vector normal; /* of the quadric */
-    floatl t;
+    floatl t, below; /* the base, scene units */
 } ShadingPoint;
 
-/* The quadric's normal where a ray in direction d is after t */
-INLINED Vector normal_at(const Entry *e, Vector d, floatl t, int quadric)
+/* A tangent vector of the base, (x, y) in its frame, on the surface that is parallel to it `below` it: where the base
+ * bends by k, one is as much longer there as lengths are shorter, 1 + k `below` times */
+INLINED void carry_below(const Entry *e, floatl below, floatl *x, floatl *y)
+{
+    const floatl xx = 1.0f + 2.0f * e->a * below, xy = e->c * below, yy = 1.0f + 2.0f * e->b * below;
+    const floatl inverse = 1.0f / max_lanes(xx * yy - xy * xy, (floatl)FOCUS);
+    const floatl carried_x = (yy * *x - xy * *y) * inverse;
+    *y = (xx * *y - xy * *x) * inverse;
+    *x = carried_x;
+}
+
+/* The quadric's normal above where a ray in direction d is after t, `below` the quadric */
+INLINED Vector normal_at(const Entry *e, Vector d, floatl t, floatl below, int quadric)
 {
     Vector x, y, normal = e->normal;
     if (!quadric)
         return normal;
     tangents_of(e, &x, &y);
-    const floatl px = t * DOT(d, x), py = t * DOT(d, y);
+    floatl px = t * DOT(d, x), py = t * DOT(d, y);
+    carry_below(e, below, &px, &py);
     const floatl along_x = -2.0f * quadric_form(e, px, py, 1.0f, 0.0f),
                  along_y = -2.0f * quadric_form(e, px, py, 0.0f, 1.0f);
     normal.x += along_x * x.x + along_y * y.x;
@@ -31,17 +45,30 @@ INLINED Vector normal_at(const Entry *e, Vector d, floatl t, int quadric)
     return normalized(normal);
 }
 
-/* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs; not of unit
- * length */
-INLINED Vector relief_normal_by_rises(Vector normal, const Entry *e, HeightMap map, floatl across, floatl down,
-                                      float scale)
+/* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs, on the surface
+ * parallel to the base through a point below it; not of unit length */
+INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *e, floatl across, floatl down,
+                                      float scale, int quadric)
 {
+    const HeightMap map = shading->track.map;
     const float rise = scale * HEIGHT_UNIT;
     const floatl du = across * to_floatl(map.width) * rise, dv = down * to_floatl(map.height) * rise;
-    const Vector tilted = {normal.x - du * e->along_u.x - dv * e->along_v.x,
-                           normal.y - du * e->along_u.y - dv * e->along_v.y,
-                           normal.z - du * e->along_u.z - dv * e->along_v.z};
-    return tilted;
+    const Vector normal = shading->normal;
+    Vector slope = {du * e->along_u.x + dv * e->along_v.x, du * e->along_u.y + dv * e->along_v.y,
+                    du * e->along_u.z + dv * e->along_v.z};
+    if (quadric) {
+        Vector x, y;
+        tangents_of(e, &x, &y);
+        floatl sx = DOT(slope, x), sy = DOT(slope, y);
+        carry_below(e, shading->below, &sx, &sy);
+        /* Turned as the normal has turned on the way from the entry */
+        const Vector there = {sx * x.x + sy * y.x, sx * x.y + sy * y.y, sx * x.z + sy * y.z};
+        const floatl part = DOT(there, normal) / max_lanes(1.0f + DOT(normal, e->normal), (floatl)FOCUS);
+        slope.x = there.x - part * (normal.x + e->normal.x);
+        slope.y = there.y - part * (normal.y + e->normal.y);
+        slope.z = there.z - part * (normal.z + e->normal.z);
+    }
+    return minus(normal, slope);
 }
 
 /* At (px, py) in the picture, where the ray has come t beyond its entry to (u, v) */
@@ -57,7 +84,9 @@ INLINED ShadingPoint shading_point_at(const Relief *relief, const Entry *e, floa
     shading.place.du = shading.place.dv = 0.0f;
     shading.place.level = level_of(relief, e, PIXEL_SIZE(relief, n), mine);
     shading.track = track_of(&shading.place, relief->levels);
-    shading.normal = normal_at(e, shading.ahead, t, relief->quadric);
+    const Track k = shading.track;
+    shading.below = relief->scale * (1.0f - HEIGHT_UNIT * height_in(relief->texels, k.map, k.x, k.y));
+    shading.normal = normal_at(e, shading.ahead, t, shading.below, relief->quadric);
     return shading;
 }
 
@@ -81,18 +110,20 @@ INLINED UvSteps relief_uv_steps(const Relief *relief, const Entry *e, const Shad
 {
     floatl across, down;
     rises_at(relief->texels, shading->track.map, shading->track.x, shading->track.y, &across, &down);
-    const Vector tilted = relief_normal_by_rises(shading->normal, e, shading->track.map, across, down, relief->scale);
+    const Vector tilted = relief_normal_by_rises(shading, e, across, down, relief->scale, relief->quadric);
     return uv_steps(relief->screen, n, shading->ahead, tilted, e->along_u, e->along_v, anisotropy);
 }
 #endif
 
 #if LIT
-/* A normal tilted by the heights' slopes, over two texels of the level */
-INLINED Vector relief_normal_by_slope(Vector normal, const Entry *e, global const uint *texels, Track k, float scale)
+/* A point's normal tilted by the heights' slopes, over two texels of the level */
+INLINED Vector relief_normal_by_slope(const Relief *relief, const Entry *e, const ShadingPoint *shading)
 {
+    global const uint *texels = relief->texels;
+    const Track k = shading->track;
     const floatl across = height_in(texels, k.map, k.x + 1.0f, k.y) - height_in(texels, k.map, k.x - 1.0f, k.y);
     const floatl down = height_in(texels, k.map, k.x, k.y + 1.0f) - height_in(texels, k.map, k.x, k.y - 1.0f);
-    return normalized(relief_normal_by_rises(normal, e, k.map, 0.5f * across, 0.5f * down, scale));
+    return normalized(relief_normal_by_rises(shading, e, 0.5f * across, 0.5f * down, relief->scale, relief->quadric));
 }
 
 /* A normal tilted by one of a map, x along u, y along v */

@@ -1,4 +1,4 @@
-"""The rasteriser: triangles and tetrahedra to pixels; and meshes, which it draws."""
+"""The rasteriser: triangles and prisms to pixels; and meshes, which it draws."""
 
 from __future__ import annotations
 

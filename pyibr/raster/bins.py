@@ -1,4 +1,4 @@
-"""Primitives to bins on the device, for every system that draws triangles or tetrahedra (kernels/raster/)."""
+"""Primitives to bins on the device, for every system that draws triangles or prisms (kernels/raster/)."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def project(target: Target, vertices: DeviceArray, near: float, corners: int = 3
 def bin_primitives(
     target: Target, corners: DeviceArray, projected: DeviceArray, near: float, sides: Sides = "both", sort: bool = False
 ) -> Bins:
-    """Sort primitives, (P, 3) or (P, 4) indices of projected vertices, into the target's bins.
+    """Sort primitives, (P, 3) or (P, 6) indices of projected vertices, into the target's bins.
 
     Each bin's are in the order of their numbers or, with `sort`, from front to back. Of triangles, those that only show
     another of their `sides` are left out.

@@ -32,7 +32,7 @@ def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera)
     ----------
     thing : SlicedSurface, DepthObject or VisualHull
         Each image that an object's point is tested against counts as one. A surface's slice that a ray meets on the
-        border of two tetrahedra of the displacement volume counts twice.
+        border of two triangles' prisms counts twice.
     camera : Camera
 
     Returns

@@ -1,4 +1,4 @@
-"""The displacement volume of a mesh: each triangle's prism along its corners' normals, as tetrahedra."""
+"""The displacement volume of a mesh: each triangle's prism along its corners' normals."""
 
 from __future__ import annotations
 
@@ -22,18 +22,23 @@ _FLAT = 1e-6  # of its longest side: the height of a triangle that float32 takes
 
 @dataclass(frozen=True)
 class Volume:
-    """A displacement volume: each triangle's prism as three tetrahedra, walls shared by neighbours.
+    """A displacement volume: each triangle's prism, walls shared by neighbours.
 
     Attributes
     ----------
     points : (V, 3) float32
         Corners, in the world: the base's, then those `scale` above them.
-    places : (V, 3) float32
-        u and v (tiled) and height of each.
-    corners : (3 T, 4) int32
-        Of the tetrahedra, three in a row for each triangle.
+    uv : (V / 2, 2) float32
+        u and v (tiled) of the base's vertices.
+    corners : (T, 6) int32
+        Of the prisms: the triangle's, then those above them.
     frames : (T, 3, 3) float32
         The slicing directions a (the normal), b (along u) and c (along v): unit length, at right angles.
+    tilts : (T, 3, 3) float32
+        Of each corner the way to the one above it: in the triangle's second and third side, which begin at its first
+        corner, and in `scale` times a.
+    ends : (T,) int32
+        1: a side of the triangle is a border of the mesh.
     gradients : (T, 2, 3) float32
         Of u and v (tiled), in the world.
     normals : (V / 2, 3) float32
@@ -42,15 +47,17 @@ class Volume:
     """
 
     points: Float32
-    places: Float32
+    uv: Float32
     corners: NDArray[np.int32]
     frames: Float32
+    tilts: Float32
+    ends: NDArray[np.int32]
     gradients: Float32
     normals: Float32
 
     @cached_property
     def bounds(self) -> tuple[Float32, Float32]:
-        """Of the points that tetrahedra use."""
+        """Of the points that prisms use."""
         used = self.points[self.corners.ravel()] if len(self.corners) else self.points
         return used.min(axis=0), used.max(axis=0)
 
@@ -61,20 +68,15 @@ def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
     faces = _with_area(vertices, base.faces)
     normals = np.asarray(base.normals if base.normals is not None else base.smooth_normals, np.float64)
     uv = np.asarray(base.uv, np.float64) * tiles
-    count = len(vertices)
-    points = np.concatenate([vertices, vertices + scale * _one_at_each_place(base, normals, faces)])
-    places = np.column_stack([np.concatenate([uv, uv]), np.repeat([0.0, 1.0], count)])
-
-    # The diagonal of a wall goes from the corner of lower rank up: neighbours agree, across seams of uv, too.
-    rank = place_of(base.vertices)
-    order = np.argsort(rank[faces], axis=1, kind="stable")
-    i, j, k = np.take_along_axis(faces, order, axis=1).T
-    top_i, top_j, top_k = i + count, j + count, k + count
-    corners = np.stack([i, j, k, top_k, i, j, top_j, top_k, i, top_i, top_j, top_k], axis=1).reshape(-1, 4)
-
+    ways = scale * _one_at_each_place(base, normals, faces)
+    points = np.concatenate([vertices, vertices + ways])
     frames, gradients = _frames(vertices[faces], normals[faces], uv[faces])
-    single = [np.ascontiguousarray(values, np.float32) for values in (points, places, frames, gradients, normals)]
-    return Volume(single[0], single[1], np.ascontiguousarray(corners, np.int32), single[2], single[3], single[4])
+    tilts = _tilts(vertices[faces], ways[faces], scale * frames[:, 0])
+    arrays = (points, uv, frames, tilts, gradients, normals)
+    single = [np.ascontiguousarray(values, np.float32) for values in arrays]
+    corners = np.ascontiguousarray(np.concatenate([faces, faces + len(vertices)], axis=1), np.int32)
+    ends = _at_borders(place_of(base.vertices)[faces])
+    return Volume(single[0], single[1], corners, single[2], single[3], ends, single[4], single[5])
 
 
 def _one_at_each_place(base: Mesh, normals: Float64, faces: NDArray[np.int32]) -> Float64:
@@ -100,6 +102,20 @@ def _with_area(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.maximum(np.linalg.norm(sides, axis=2).max(axis=1), np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1))
     return faces[area > _FLAT * longest**2]
+
+
+def _at_borders(faces: NDArray[np.int64]) -> NDArray[np.int32]:
+    """1 where a side of a triangle, (T, 3) places, is no other's."""
+    sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    _, kind, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
+    return (count[kind.ravel()] == 1).reshape(-1, 3).any(axis=1).astype(np.int32)
+
+
+def _tilts(corners: Float64, ways: Float64, across: Float64) -> Float64:
+    """Vectors from triangles' corners, (T, 3, 3), by their second and third side and the vector across them."""
+    sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], across], axis=2)
+    tilts: Float64 = np.linalg.solve(sides, ways.transpose(0, 2, 1)).transpose(0, 2, 1)
+    return tilts
 
 
 def _frames(corners: Float64, normals: Float64, uv: Float64) -> tuple[Float64, Float64]:

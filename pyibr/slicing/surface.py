@@ -40,6 +40,8 @@ from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_
 Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
 
+_READ = ("corners", "points", "uv", "frames", "tilts", "ends", "gradients", "heights", "colors")  # by all pictures
+
 
 class SlicedSurface(HeightMapped):
     """A mesh displaced along its normals by a height map, drawn by slices.
@@ -61,12 +63,12 @@ class SlicedSurface(HeightMapped):
     slices : int or "view"
         Over the displacement volume's height. Slices across the surface and parallel to the screen have the same
         spacing, `scale / slices` (section 3.4). "view": as many as the picture needs over each triangle, with slices a
-        pixel apart (closer where 256 slices are, down to an eighth, but no closer than half a texel), and as many
+        pixel apart (closer where 256 slices are, down to a twelfth, but no closer than half a texel), and as many
         `halvings` as bring points within an eighth of a pixel of the surface, and 1/512 of `scale`.
     slicing : {"orthogonal", "surface", "screen"}
         "surface": parallel to the base only (section 3.1), which one sees through from the side; "orthogonal":
         along the normal or one of two directions in the surface, whichever faces the viewer most (section 3.2), for
-        each of the three tetrahedra over a triangle; "screen": parallel to the view plane (section 3.3).
+        each triangle and bin of pixels; "screen": parallel to the view plane (section 3.3).
     test : {"inside", "at_least", "band"}
         A slice at height h is drawn where the map's height is more than h, so that 0 masks the surface out; at least
         h (Dietrich), which draws the base, too; or at least h and less than h + `band` (Schaufler), so that one may see
@@ -174,7 +176,7 @@ def draw_surface(
         ),
     }
     near = target.near(surface.volume.bounds)
-    projected = project(target, buffers["points"], near, corners=4)
+    projected = project(target, buffers["points"], near, corners=6)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
     slices = _slices_in(surface, target.camera)
     defines = target.filter_defines | wrap_defines(surface.wrap)
@@ -194,12 +196,12 @@ def draw_surface(
     launch(
         kernel("slicing/surface.cl", "draw_surface", **bins.defines, **target.color_defines, **defines),
         bins.grid,
-        **{name: buffers[name] for name in ("corners", "points", "places", "frames", "gradients", "heights", "colors")},
+        **{name: buffers[name] for name in _READ},
         spacing=surface.scale / slices,
         slices=slices,
         by_view=surface.slices == "view",
         halvings=surface.halvings,
-        slicing=constant("slicing/tetrahedra.h", surface.slicing.upper()),
+        slicing=constant("slicing/prisms.h", surface.slicing.upper()),
         test=constant("slicing/alpha_test.h", surface.test.upper()),
         band=surface.band or 0.0,
         map_width=surface.height.shape[1],
@@ -224,5 +226,5 @@ def _slices_in(surface: SlicedSurface, camera: Camera) -> int:
 
 def _volume_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
     """The surface, but for its heights, for the current device."""
-    names = ("points", "places", "corners", "frames", "gradients", "normals")
+    names = ("points", "uv", "corners", "frames", "tilts", "ends", "gradients", "normals")
     return {name: upload(getattr(surface.volume, name)) for name in names} | map_buffers(surface)

@@ -1,0 +1,79 @@
+#ifndef SLICING_PRISM_RAYS_H
+#define SLICING_PRISM_RAYS_H
+/* Rays in a prism: the heights and corners' shares of their points.
+ *
+ * The slice of height h is the base triangle moved by h times its corners' ways to the top, which differ: a point is in
+ * the mean of the corners, by its shares, and of their ways. In the prism's frame, with a, b, c the first corner's way,
+ * a1, a2 ... what that of the second and third is more:
+ *
+ *   second (1 + h a1) + third h a2 = x - h a       x, y, z: the point in the frame
+ *   second h b1 + third (1 + h b2) = y - h b
+ *   h (c + second c1 + third c2) = z
+ *
+ * The first two give the shares for a height; put into the third they make a cubic in h, whose coefficients are linear
+ * in x, y and z, hence along a ray. So the depth at which a ray meets a height is explicit, and the height at a depth is
+ * found by Newton's steps from c + x c1 + y c2 for the bracket, which is exact if corners' ways are parallel.
+ */
+#include "slicing/prisms.h"
+
+#define NEWTON_STEPS 2 /* from a guess that is off by a few hundredths: to rounding */
+
+/* A block's rays in a prism's frame */
+typedef struct {
+    Linear second, third, rise;
+} PrismRays;
+
+/* A height, and the shares of the second and third corner */
+typedef struct {
+    floatl h, second, third;
+} Place;
+
+INLINED Linear along_ray(const Prism *t, Quantity q, floatl x, floatl y)
+{
+    const floatl at = q.x * x + (q.y * y + q.one);
+    Linear made;
+    made.fixed = t->perspective ? (floatl)q.n : at;
+    made.sloped = t->perspective ? at : (floatl)(-q.n);
+    return made;
+}
+
+/* The corners' shares of the points at height h and depth z */
+INLINED Place place_at(const Bend *bend, const PrismRays *rays, floatl z, floatl h)
+{
+    const floatl x = AT(rays->second, z), y = AT(rays->third, z);
+    const floatl per_area = 1.0f / (1.0f + h * (bend->area_1 + h * bend->area_2));
+    const floatl second = x + h * (x * bend->to_third.third - y * bend->to_third.second - bend->first.second +
+                                   h * bend->second_2);
+    const floatl third = y + h * (y * bend->to_second.second - x * bend->to_second.third - bend->first.third +
+                                  h * bend->third_2);
+    const Place place = {h, second * per_area, third * per_area};
+    return place;
+}
+
+/* The depths at which rays meet a height */
+INLINED floatl depth_at_height(const Bend *bend, const PrismRays *rays, floatl h)
+{
+    const floatl by_x = h * (bend->to_second.rise + h * bend->by_second),
+                 by_y = h * (bend->to_third.rise + h * bend->by_third);
+    const floatl area = 1.0f + h * (bend->area_1 + h * bend->area_2);
+    const floatl alone = h * (bend->first.rise + h * (bend->square + h * bend->cube));
+    return (area * rays->rise.fixed - by_x * rays->second.fixed - by_y * rays->third.fixed - alone) /
+           (by_x * rays->second.sloped + by_y * rays->third.sloped - area * rays->rise.sloped);
+}
+
+/* The heights of rays' points at depth z */
+INLINED floatl height_at_depth(const Bend *bend, const PrismRays *rays, floatl z)
+{
+    const floatl x = AT(rays->second, z), y = AT(rays->third, z), rise = AT(rays->rise, z);
+    const floatl bracket = bend->first.rise + x * bend->to_second.rise + y * bend->to_third.rise;
+    const floatl one = bracket - rise * bend->area_1;
+    const floatl two = bend->square + x * bend->by_second + y * bend->by_third - rise * bend->area_2;
+    floatl h = clamp_lanes(rise / bracket, (floatl)-0.5f, (floatl)1.5f);
+    for (int i = 0; i < NEWTON_STEPS; i++) {
+        const floatl off = h * (one + h * (two + h * bend->cube)) - rise;
+        const floatl slope = one + h * (2.0f * two + h * (3.0f * bend->cube));
+        h = clamp_lanes(h - off / slope, (floatl)-0.5f, (floatl)1.5f);
+    }
+    return h;
+}
+#endif

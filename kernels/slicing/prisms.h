@@ -1,0 +1,374 @@
+#ifndef SLICING_PRISMS_H
+#define SLICING_PRISMS_H
+/* Prisms of a displacement volume, set up for a region of pixels (Kautz & Seidel 2001, section 3).
+ *
+ * A prism's frame is affine: its base triangle's second and third side, and the triangle's normal as long as the
+ * displacement. A point's coordinates in the frame are affine over the picture, and so are the planes that bound the
+ * prism and the numbers of slices that are planes. What a point in the frame is in the prism (its shares of the corners
+ * and its height) prism_rays.h says. For each triangle one of the slicing directions is chosen here (section 3.2).
+ * Arrays: surface.cl.
+ */
+#include "raster/fragment.h"
+#include "slicing/alpha_test.h"
+#include "slicing/rays.h"
+
+#define STEADY_PARTS 12.0f /* of a pixel, along a ray: what slices lie apart at least, lest thin things flicker */
+#define SURFACE 0
+#define ORTHOGONAL 1
+#define SCREEN 2
+#define PRISM_CORNERS 6 /* three of the base, and the three above them */
+#define PRISM_PLANES 5  /* that bound a prism: below, above and one along each side of its triangle */
+#define OUTLINES_MAX 6
+#define TILT_FLOATS 9     /* of a triangle in `tilts` */
+#define SIDE_MARGIN 1e-5f /* of a prism, by which its sides are moved outwards */
+#define HEIGHT_ROUNDING 1e-5f /* of the displacement: what lies no higher is on the base */
+#define ROUNDING_ULPS 8.0f /* the least parts of a float that heights err by, where a displacement is next to nothing */
+#define SLICE_ROUNDING 1e-4f /* slices: rounding of where a ray enters and leaves a prism */
+
+typedef struct {
+    global const int *corners;
+    global const float *projected, *points, *uv, *frames, *tilts;
+    global const int *ends;
+    global const uint *heights;
+    global const float *gradients;
+    Screen screen;
+    float nearest_w, spacing;
+    float pixel; /* scene units of a pixel at depth 1; 0: slices are the same in all pictures */
+    float band;  /* of heights that BAND takes; 0: that of a slice */
+    int slices, slicing, test, halvings, map_width, map_height;
+    global int *counters;
+} Context;
+
+/* A quantity that is affine in the picture's pixel space: x px + y py + one + n times the nearness. So along a ray it
+ * is linear in depth (`Linear`); in a perspective picture its `fixed` is the same for all pixels, in an orthographic
+ * one its `sloped`. */
+typedef struct {
+    float x, y, one, n;
+} Quantity;
+
+/* A corner's way from the base to the top, in the prism's frame */
+typedef struct {
+    float second, third, rise;
+} Tilt;
+
+/* What the heights of points follow from (prism_rays.h): from the first corner's tilt, and from what that of the second
+ * and third is more */
+typedef struct {
+    Tilt first, to_second, to_third;
+    float area_1, area_2;     /* a slice's area over the base's is 1 + h area_1 + h^2 area_2 */
+    float second_2, third_2;  /* of h^2 in the numerators of the shares */
+    float by_second, by_third; /* of h^2 in the cubic, times the frame's coordinates, */
+    float square, cube;       /* and alone; of h^3 */
+} Bend;
+
+typedef struct {
+    Quantity second, third, rise; /* coordinates in the frame */
+    Quantity slice;               /* the number of the slice, unless slices are even heights */
+    Bend bend;
+    float u, v, u_second, v_second, u_third, v_third; /* at the first corner; what the others' are more */
+    Quantity sides[PRISM_PLANES]; /* per pixel, the nearness at which the ray crosses each plane, */
+    int leaves[PRISM_PLANES];     /* and whether it leaves there, on its way to the camera */
+    Quantity outline[OUTLINES_MAX]; /* positive at a block's first pixel if the prism may be seen in it */
+    int outlines;
+    float nearest, front, rear; /* nearness: of the screen, of the corners */
+    float first, last;          /* a little farther and nearer than the corners */
+    int index, perspective, crosses; /* the near plane */
+    int by_height;         /* slices are even heights, so many over the displacement: */
+    float count;
+    float spacing, band;   /* of its slices, and of heights that the test BAND takes */
+    float height_rounding; /* HEIGHT_ROUNDING, more where the displacement is shallow; */
+    float share_rounding;  /* no less, of corners' shares; */
+    float slice_rounding;  /* and SLICE_ROUNDING */
+    int halvings; /* of the interval between two slices */
+    int ends;     /* rays that leave it may leave the surface */
+} Prism;
+
+typedef struct {
+    Prism of[LANES];
+    intl low_x, high_x, low_y, high_y;
+} Primitives;
+
+/* Rows of the inverse of the matrix whose columns are the corners: barycentric coordinates. 0 if it is flat. */
+int barycentric_rows(const float4 *p, Quantity *rows)
+{
+    float determinant = 0.0f;
+    for (int k = 0; k < 4; k++) {
+        const float4 a = p[(k + 1) & 3], b = p[(k + 2) & 3], c = p[(k + 3) & 3];
+        const float bc_zw = b.z * c.w - b.w * c.z, bc_yw = b.y * c.w - b.w * c.y, bc_yz = b.y * c.z - b.z * c.y;
+        const float bc_xw = b.x * c.w - b.w * c.x, bc_xz = b.x * c.z - b.z * c.x, bc_xy = b.x * c.y - b.y * c.x;
+        const float sign = k & 1 ? -1.0f : 1.0f;
+        rows[k].x = sign * (a.y * bc_zw - a.z * bc_yw + a.w * bc_yz);
+        rows[k].y = -sign * (a.x * bc_zw - a.z * bc_xw + a.w * bc_xz);
+        rows[k].one = sign * (a.x * bc_yw - a.y * bc_xw + a.w * bc_xy);
+        rows[k].n = -sign * (a.x * bc_yz - a.y * bc_xz + a.z * bc_xy);
+        if (k == 0)
+            determinant = rows[0].x * p[0].x + rows[0].y * p[0].y + rows[0].one * p[0].z + rows[0].n * p[0].w;
+    }
+    if (determinant == 0.0f || !isfinite(determinant))
+        return 0;
+    const float inverse = 1.0f / determinant;
+    for (int k = 0; k < 4; k++) {
+        rows[k].x *= inverse;
+        rows[k].y *= inverse;
+        rows[k].one *= inverse;
+        rows[k].n *= inverse;
+    }
+    return 1;
+}
+
+/* A quantity from its values at the corners */
+Quantity from_corners(const Quantity *rows, float4 values)
+{
+    Quantity made;
+    made.x = rows[0].x * values.x + rows[1].x * values.y + rows[2].x * values.z + rows[3].x * values.w;
+    made.y = rows[0].y * values.x + rows[1].y * values.y + rows[2].y * values.z + rows[3].y * values.w;
+    made.one = rows[0].one * values.x + rows[1].one * values.y + rows[2].one * values.z + rows[3].one * values.w;
+    made.n = rows[0].n * values.x + rows[1].n * values.y + rows[2].n * values.z + rows[3].n * values.w;
+    return made;
+}
+
+/* Spaces the slices a pixel apart along the ray, where the prism is nearest; facing: the cosine between the ray
+ * and the slices' normal there. They lie closer where they would be fewer than SLICES_STEADY, lest thin things flicker;
+ * but no closer than the part of a pixel to which halvings refine hits, nor than half a texel, within which heights
+ * hold nothing new. Where slices lie more than a pixel apart, there are more halvings between two. */
+void space_slices(const Context *context, Prism *t, float facing)
+{
+    t->spacing = context->spacing;
+    t->halvings = context->halvings;
+    t->band = context->band > 0.0f ? context->band : 1.0f / context->slices;
+    if (context->pixel == 0.0f)
+        return;
+    const float pixel = context->pixel * (t->perspective ? 1.0f / t->front : 1.0f);
+    const float scale = context->spacing * context->slices;
+    global const float *g = context->gradients + t->index * 6;
+    const float texels = fmax(fast_length(vload3(0, g)) * context->map_width,
+                              fast_length(vload3(1, g)) * context->map_height);
+    const float least = fmax(fmin(0.5f / fmax(texels, 1e-30f), scale), scale / SLICES_MAX);
+    const float pixel_spacing = pixel * facing;
+    t->spacing = fmax(fmin(pixel_spacing, fmax(pixel_spacing / STEADY_PARTS, scale / SLICES_STEADY)), least);
+    if (context->band == 0.0f)
+        t->band = t->spacing / scale;
+    const float parts = t->spacing * fmax(PIXEL_PARTS / pixel, TEXTURE_PARTS / scale);
+    t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MAX));
+}
+
+/* By how much a coordinate in the frame errs by rounding. Along a ray it is a difference of two numbers as large as the
+ * ray is long in the frame, at a pixel whose coordinates are rounded, too. x, y: the region's first pixel */
+float rounding_of(const Prism *t, const Quantity *q, int x, int y)
+{
+    const float by_x = fabs(q->x) * (x + REGION), by_y = fabs(q->y) * (y + REGION);
+    const float along = fabs(q->n) * (t->perspective ? 1.0f : fmax(fabs(t->front), fabs(t->rear)));
+    const float across = (by_x + by_y) * (t->perspective ? 1.0f / fmax(t->rear, 1e-30f) : 1.0f);
+    return fmin(fmax(ROUNDING_ULPS * FLT_EPSILON * (along + across), HEIGHT_ROUNDING), 1.0f);
+}
+
+/* Sets what heights follow from: the determinant and cofactors of the shares' linear system (prism_rays.h). */
+void set_bend(Bend *bend, global const float *tilts)
+{
+    const float3 one = vload3(0, tilts), two = vload3(1, tilts) - one, three = vload3(2, tilts) - one;
+    bend->first = (Tilt){one.x, one.y, one.z};
+    bend->to_second = (Tilt){two.x, two.y, two.z};
+    bend->to_third = (Tilt){three.x, three.y, three.z};
+    bend->area_1 = two.x + three.y;
+    bend->area_2 = two.x * three.y - three.x * two.y;
+    bend->second_2 = one.y * three.x - one.x * three.y;
+    bend->third_2 = one.x * two.y - one.y * two.x;
+    bend->by_second = two.z * three.y - three.z * two.y;
+    bend->by_third = three.z * two.x - two.z * three.x;
+    bend->square = one.z * bend->area_1 - two.z * one.x - three.z * one.y;
+    bend->cube = one.z * bend->area_2 + two.z * bend->second_2 + three.z * bend->third_2;
+}
+
+/* Sets the planes that bound a prism: two along its base, and three that each contain a side of its triangle and lean
+ * as much as keeps the corners above that within; a little farther out where others are not. rows: barycentric
+ * coordinates in the frame */
+void set_planes(Prism *t, const Quantity *rows, global const float *tilts)
+{
+    float3 tilt[3];
+    for (int k = 0; k < 3; k++)
+        tilt[k] = vload3(k, tilts);
+    const float low = fmin(fmin(0.0f, tilt[0].z), fmin(tilt[1].z, tilt[2].z));
+    const float high = fmax(fmax(0.0f, tilt[0].z), fmax(tilt[1].z, tilt[2].z));
+    t->sides[0] = from_corners(rows, (float4)(-low, -low, -low, 1.0f - low));
+    t->sides[1] = from_corners(rows, (float4)(high, high, high, high - 1.0f));
+    for (int side = 0; side < 3; side++) { /* opposite to that corner */
+        float moved[3]; /* by how much the share of that corner, by the frame, is more at the top */
+        for (int k = 0; k < 3; k++)
+            moved[k] = side == 0 ? -tilt[k].x - tilt[k].y : (side == 1 ? tilt[k].x : tilt[k].y);
+        const int l = side == 0 ? 1 : 0, m = side == 2 ? 1 : 2;
+        const int stands = tilt[l].z > 1e-3f && tilt[m].z > 1e-3f;
+        const float lean = stands ? fmin(moved[l] / tilt[l].z, moved[m] / tilt[m].z) : 0.0f;
+        float out = 0.0f;
+        for (int k = 0; k < 3; k++)
+            out = fmax(out, lean * tilt[k].z - moved[k] - (k == side ? 1.0f : 0.0f));
+        const float4 of_frame = (float4)(side == 0, side == 1, side == 2, (side == 0) - lean);
+        t->sides[2 + side] = from_corners(rows, of_frame + out);
+    }
+}
+
+/* Sets where rays enter and leave through each of the planes, which are moved outwards by `grown`; and the outline in
+ * the picture, whose lines lie between a plane by which rays enter and one by which they leave. */
+void bound_sides(Prism *t, float grown)
+{
+    for (int k = 0; k < PRISM_PLANES; k++) {
+        const Quantity row = t->sides[k];
+        const float n = fabs(row.n) > 1e-30f ? row.n : 1e-30f; /* seen edge-on */
+        t->sides[k] = (Quantity){-row.x / n, -row.y / n, -(row.one + grown) / n, 0.0f};
+        t->leaves[k] = n < 0.0f;
+    }
+    t->outlines = 0;
+    for (int k = 0; k < PRISM_PLANES; k++)
+        for (int l = 0; l < PRISM_PLANES; l++)
+            if (t->leaves[k] && !t->leaves[l]) {
+                Quantity o = {t->sides[k].x - t->sides[l].x, t->sides[k].y - t->sides[l].y,
+                              t->sides[k].one - t->sides[l].one, 0.0f};
+                o.one += (fmax(o.x, 0.0f) + fmax(o.y, 0.0f)) * (BLOCK - 1);
+                t->outline[t->outlines++] = o;
+            }
+}
+
+/* The direction of the ray through a pixel; its length is not 1. */
+float3 direction_at(Screen screen, float x, float y)
+{
+    const float *m = screen.to_world;
+    if (!screen.perspective)
+        return (float3)(m[3], m[7], m[11]);
+    return (float3)(PIXEL_ROW(m, 0, x, y), PIXEL_ROW(m, 1, x, y), PIXEL_ROW(m, 2, x, y));
+}
+
+/* Chooses the direction of the slices, how they are spaced and numbered. view: the ray through the middle of what a bin
+ * sees of the prism; base: its triangle's corners; across: the frame's normal */
+void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 view, const float3 *base, float3 across,
+                float first_depth)
+{
+    int direction = 0; /* a */
+    float3 d = vload3(t->index * 3, context->frames);
+    float facing = fabs(dot(d, view)); /* times the view's length */
+    if (context->slicing == ORTHOGONAL) /* the direction that faces the viewer most */
+        for (int k = 1; k < 3; k++) {
+            const float3 other = vload3(t->index * 3 + k, context->frames);
+            if (fabs(dot(other, view)) > facing) {
+                facing = fabs(dot(other, view));
+                direction = k;
+                d = other;
+            }
+        }
+    space_slices(context, t, context->slicing == SCREEN ? 1.0f : facing / length(view));
+    t->by_height = context->slicing != SCREEN && direction == 0;
+    t->count = context->pixel == 0.0f ? context->slices : context->slices * (context->spacing / t->spacing);
+    t->slice_rounding = SLICE_ROUNDING;
+    /* A whole number is taken off, as large as that of the first corner: what remains is exact. */
+    const float along = 1.0f / t->spacing;
+    if (context->slicing == SCREEN) {
+        const float off = rint(first_depth * along);
+        t->slice = t->perspective ? (Quantity){0.0f, 0.0f, along, -off} : (Quantity){0.0f, 0.0f, -off, -along};
+    } else if (t->by_height)
+        t->slice_rounding = fmax(SLICE_ROUNDING, fmin(t->height_rounding * t->count, 0.5f));
+    else {
+        const float first = dot(base[0], d) * along;
+        const float4 beside = (float4)(0.0f, dot(base[1] - base[0], d), dot(base[2] - base[0], d), dot(across, d));
+        t->slice = from_corners(rows, (first - rint(first)) + beside * along);
+    }
+}
+
+/* Where a bin sees a prism in its middle; low, high: the prism's box. All relative to the region at (x, y), which is
+ * the bin or one of its pixels */
+float2 middle_in_bin(float2 low, float2 high, int x, int y)
+{
+    const float2 bin = (float2)(-(x % BIN), -(y % BIN));
+    return 0.5f * (clamp(low, bin, bin + (BIN - 1.0f)) + clamp(high, bin, bin + (BIN - 1.0f)));
+}
+
+/* Sets up a prism. Returns its box in the region at (x, y): (low_x, high_x, low_y, high_y); empty if it cannot be
+ * seen */
+int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
+{
+    const int4 empty = (int4)(1, 0, 1, 0);
+    float4 p[PRISM_CORNERS];
+    int crosses = 0;
+    for (int k = 0; k < PRISM_CORNERS; k++) {
+        p[k] = vload4(context->corners[PRISM_CORNERS * index + k], context->projected);
+        p[k].xy -= (float2)(x, y) * p[k].z; /* relative to the region */
+        crosses |= !(p[k].z >= context->nearest_w);
+    }
+    int4 box = (int4)(0, REGION - 1, 0, REGION - 1);
+    float2 low = -BIN, high = BIN;
+    if (!crosses) {
+        low = high = p[0].xy / p[0].z;
+        for (int k = 1; k < PRISM_CORNERS; k++) {
+            low = fmin(low, p[k].xy / p[k].z);
+            high = fmax(high, p[k].xy / p[k].z);
+        }
+        const float2 first = fmin(fmax(ceil(low - 1e-3f), 0.0f), (float)REGION);
+        const float2 last = fmin(fmax(floor(high + 1e-3f), -1.0f), REGION - 1.0f);
+        box = (int4)((int)first.x, (int)last.x, (int)first.y, (int)last.y);
+        if (box.x > box.y || box.z > box.w)
+            return empty;
+    }
+    /* The frame's corners in the picture: the triangle's, and one above the first. */
+    const float3 across = vload3(index * 3, context->frames) * (context->spacing * context->slices);
+    const float *m = context->screen.from_world;
+    float up_row[4]; /* of the pixel space */
+    for (int row = 0; row < 4; row++)
+        up_row[row] = m[4 * row] * across.x + m[4 * row + 1] * across.y + m[4 * row + 2] * across.z;
+    float4 up = (float4)(up_row[0], up_row[1], up_row[2], up_row[3]);
+    up.xy -= (float2)(x, y) * up.z;
+    const float4 frame[4] = {p[0], p[1], p[2], p[0] + up};
+    Quantity rows[4];
+    if (!barycentric_rows(frame, rows))
+        return empty;
+    float3 base[3];
+    float2 uv[3];
+    for (int k = 0; k < 3; k++) {
+        const int corner = context->corners[PRISM_CORNERS * index + k];
+        base[k] = vload3(corner, context->points);
+        uv[k] = vload2(corner, context->uv);
+    }
+    t->u = uv[0].x, t->v = uv[0].y;
+    t->u_second = uv[1].x - uv[0].x, t->v_second = uv[1].y - uv[0].y;
+    t->u_third = uv[2].x - uv[0].x, t->v_third = uv[2].y - uv[0].y;
+    t->second = rows[1], t->third = rows[2], t->rise = rows[3];
+    t->perspective = context->screen.perspective;
+    t->index = index;
+    t->ends = context->slicing != SURFACE && (context->test != BAND || context->band >= 1.0f) &&
+              context->ends[index];
+    t->crosses = crosses;
+    t->nearest = t->front = context->screen.nearest;
+    t->rear = t->perspective ? 0.0f : -INFINITY;
+    if (!crosses) {
+        t->front = t->rear = p[0].w / p[0].z;
+        for (int k = 1; k < PRISM_CORNERS; k++) {
+            t->front = fmax(t->front, p[k].w / p[k].z);
+            t->rear = fmin(t->rear, p[k].w / p[k].z);
+        }
+    }
+    t->height_rounding = crosses ? HEIGHT_ROUNDING : rounding_of(t, &t->rise, x, y);
+    t->share_rounding = t->height_rounding;
+    if (!crosses)
+        t->share_rounding = fmax(t->share_rounding,
+                                 fmax(rounding_of(t, &t->second, x, y), rounding_of(t, &t->third, x, y)));
+    const float2 middle = middle_in_bin(low, high, x, y);
+    set_slices(context, t, rows, direction_at(context->screen, x + middle.x, y + middle.y), base, across,
+               t->perspective ? p[0].z : -p[0].w);
+    set_bend(&t->bend, context->tilts + TILT_FLOATS * index);
+    set_planes(t, rows, context->tilts + TILT_FLOATS * index);
+    bound_sides(t, crosses ? 0.0f : SIDE_MARGIN / p[0].z); /* no gap between neighbours by rounding */
+    const float margin = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
+    t->first = crosses ? t->rear : t->rear - margin;
+    t->last = crosses ? t->nearest : fmin(t->front + margin, t->nearest);
+    return box;
+}
+
+intl set_up(const Context *context, intl index, int x, int y, Primitives *made)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const int4 box = set_up_one(context, int_lane(index, lane), x, y, &made->of[lane]);
+        set_int_lane(made->low_x, lane, box.x);
+        set_int_lane(made->high_x, lane, box.y);
+        set_int_lane(made->low_y, lane, box.z);
+        set_int_lane(made->high_y, lane, box.w);
+    }
+    return made->low_x <= made->high_x;
+}
+
+#endif

@@ -1,0 +1,178 @@
+#ifndef SLICING_SLICE_NORMALS_H
+#define SLICING_SLICE_NORMALS_H
+/* Normals of what slices show, and the footprint of a pixel there.
+ *
+ * Lengths are those of the slice through the point, a triangle whose corners are as high as the point above the base's:
+ * where the base bends by k, it is 1 + k d as long, d above the base, and the heights' slopes so much less.
+ */
+#include "lib/footprint.h"
+#include "lib/light.h"
+#include "slicing/alpha_test.h"
+#include "slicing/prisms.h"
+
+/* Of LANES owners, in the middle of a pixel: u and v there, and what they are at the corners more than at the first */
+typedef struct {
+    intl corner[3]; /* of the base */
+    floatl second, third;
+    floatl u, v, u_second, v_second, u_third, v_third;
+} SlicePoint;
+
+/* The point of a triangle with these shares of its second and third corner */
+INLINED SlicePoint slice_point_of(const Context *context, intl triangle, floatl second, floatl third)
+{
+    SlicePoint p;
+    floatl u[3], v[3];
+    for (int k = 0; k < 3; k++) {
+        const intl at = PRISM_CORNERS * triangle + k;
+        p.corner[k] = (intl)(gather(context->corners, at));
+        gather_pairs(context->uv, 2 * p.corner[k], &u[k], &v[k]);
+    }
+    p.second = second, p.third = third;
+    p.u_second = u[1] - u[0], p.v_second = v[1] - v[0];
+    p.u_third = u[2] - u[0], p.v_third = v[2] - v[0];
+    p.u = u[0] + second * p.u_second + third * p.u_third;
+    p.v = v[0] + second * p.v_second + third * p.v_third;
+    return p;
+}
+
+#if LIT || ANISOTROPIC
+#define HEIGHT(u, v) height_at(context->heights, context->map_width, context->map_height, u, v)
+
+/* The second and third side of a slice */
+typedef struct {
+    Vector second, third;
+    floatl h;
+} SliceSides;
+
+/* The mean of three vectors by a point's shares */
+INLINED Vector mean_by_shares(const SlicePoint *p, const Vector *of_corner)
+{
+    const Vector a = minus(of_corner[1], of_corner[0]), b = minus(of_corner[2], of_corner[0]);
+    const Vector mean = {of_corner[0].x + p->second * a.x + p->third * b.x,
+                         of_corner[0].y + p->second * a.y + p->third * b.y,
+                         of_corner[0].z + p->second * a.z + p->third * b.z};
+    return mean;
+}
+
+/* Those of the slice through a point that is seen at `seen` in the world */
+INLINED SliceSides sides_of_slice(const Context *context, const SlicePoint *p, intl triangle, Vector seen)
+{
+    Vector base[3], up[3];
+    for (int k = 0; k < 3; k++) {
+        const intl at = PRISM_CORNERS * triangle + 3 + k;
+        base[k] = vector_at(context->points, p->corner[k]);
+        up[k] = minus(vector_at(context->points, (intl)(gather(context->corners, at))), base[k]);
+    }
+    const Vector above = mean_by_shares(p, up), from_base = minus(seen, mean_by_shares(p, base));
+    const floatl h = clamp_lanes(DOT(from_base, above) / DOT(above, above), (floatl)0.0f, (floatl)1.0f);
+    const Vector second = minus(base[1], base[0]), third = minus(base[2], base[0]);
+    const Vector more = minus(up[1], up[0]), more_yet = minus(up[2], up[0]);
+    const SliceSides sides = {
+        {second.x + h * more.x, second.y + h * more.y, second.z + h * more.z},
+        {third.x + h * more_yet.x, third.y + h * more_yet.y, third.z + h * more_yet.z},
+        h};
+    return sides;
+}
+
+/* Gradients of u and v on a slice: at right angles to `normal`, right along both sides */
+INLINED void gradients_on_slice(const SlicePoint *p, const SliceSides *sides, Vector normal, Vector *along_u,
+                                Vector *along_v)
+{
+    const Vector across = cross_product(sides->third, normal), down = cross_product(normal, sides->second);
+    const floatl area = DOT(across, sides->second);
+    const floatl inverse = select_lanes(fabs(area) > 1e-30f, 1.0f / area, (floatl)0.0f);
+    const floatl u_second = p->u_second * inverse, u_third = p->u_third * inverse;
+    const floatl v_second = p->v_second * inverse, v_third = p->v_third * inverse;
+    const Vector of_u = {u_second * across.x + u_third * down.x, u_second * across.y + u_third * down.y,
+                         u_second * across.z + u_third * down.z};
+    const Vector of_v = {v_second * across.x + v_third * down.x, v_second * across.y + v_third * down.y,
+                         v_second * across.z + v_third * down.z};
+    *along_u = of_u;
+    *along_v = of_v;
+}
+
+/* A normal, tilted by how much heights (0 to 1) rise over a unit of u, and of v, of the slice */
+INLINED Vector slice_normal_by_rises(const Context *context, const SlicePoint *p, const SliceSides *sides,
+                                     Vector normal, floatl over_u, floatl over_v)
+{
+    const float rise = context->spacing * context->slices;
+    const floatl by_u = over_u * rise, by_v = over_v * rise;
+    Vector along_u, along_v;
+    gradients_on_slice(p, sides, normal, &along_u, &along_v);
+    const Vector tilted = {normal.x - (by_u * along_u.x + by_v * along_v.x),
+                           normal.y - (by_u * along_u.y + by_v * along_v.y),
+                           normal.z - (by_u * along_u.z + by_v * along_v.z)};
+    return normalized(tilted);
+}
+#endif
+
+#if ANISOTROPIC
+/* By how much u and v change over a pixel: on the tangent plane of the heights where it sees them, above the
+ * triangle */
+INLINED UvSteps slice_uv_steps(const Context *context, Vector ahead, floatl n, const SlicePoint *p,
+                               const SliceSides *sides, int anisotropy)
+{
+    const Vector across = normalized(cross_product(sides->second, sides->third));
+    const Vector base = scaled(across, select_lanes(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
+    /* Heights are linear along either from a texel's centre to the next: slopes there, and not the lights', which
+     * are means of two, decide what the surface shows of its map. */
+    const float width = context->map_width, height = context->map_height;
+    const floatl left = (floor_lanes(p->u * width - 0.5f) + 0.5f) / width,
+                 upper = (floor_lanes(p->v * height - 0.5f) + 0.5f) / height;
+    const floatl by_u = (HEIGHT(left + 1.0f / width, p->v) - HEIGHT(left, p->v)) * width;
+    const floatl by_v = (HEIGHT(p->u, upper + 1.0f / height) - HEIGHT(p->u, upper)) * height;
+    Vector along_u, along_v;
+    gradients_on_slice(p, sides, base, &along_u, &along_v);
+    return uv_steps(context->screen, n, ahead, slice_normal_by_rises(context, p, sides, base, by_u, by_v), along_u,
+                    along_v, anisotropy);
+}
+#endif
+
+#if LIT
+/* The base's normal below a point, interpolated */
+INLINED Vector normal_below(global const float *normals, const SlicePoint *p)
+{
+    Vector of_corner[3];
+    for (int k = 0; k < 3; k++)
+        of_corner[k] = vector_at(normals, p->corner[k]);
+    return normalized(mean_by_shares(p, of_corner));
+}
+
+/* The base's normal, tilted by the heights' gradient over two texels */
+INLINED Vector slice_normal_by_heights(const Context *context, const SlicePoint *p, const SliceSides *sides,
+                                       Vector base)
+{
+    const float du = 1.0f / context->map_width, dv = 1.0f / context->map_height;
+    const floatl by_u = (HEIGHT(p->u + du, p->v) - HEIGHT(p->u - du, p->v)) * (0.5f * context->map_width);
+    const floatl by_v = (HEIGHT(p->u, p->v + dv) - HEIGHT(p->u, p->v - dv)) * (0.5f * context->map_height);
+    return slice_normal_by_rises(context, p, sides, base, by_u, by_v);
+}
+
+/* The base's normal, tilted by a map of tangent-space normals, whose slopes are per length of the surface */
+INLINED Vector slice_normal_by_map(const Context *context, Vector base, intl triangle, Vector own)
+{
+    const Vector across = vector_at(context->frames, 3 * triangle + 1),
+                 down = vector_at(context->frames, 3 * triangle + 2);
+    const floatl steep = 1.0f / max_lanes(own.z, (floatl)1e-3f), mu = own.x * steep, mv = own.y * steep;
+    const Vector tilted = {base.x + (mu * across.x + mv * down.x), base.y + (mu * across.y + mv * down.y),
+                           base.z + (mu * across.z + mv * down.z)};
+    return normalized(tilted);
+}
+
+#if SHADOWED
+/* Is a point farther than a slice below the heights? Then it may lie on a side of the volume. */
+INLINED intl is_on_side(const Context *context, const SlicePoint *p, floatl h)
+{
+    return (HEIGHT(p->u, p->v) - h) * context->slices > 1.0f;
+}
+
+/* The normal of such a side: at right angles to the base's, towards the viewer */
+INLINED Vector side_normal(Vector base, Vector ahead)
+{
+    const floatl up = DOT(base, ahead);
+    const Vector across = {up * base.x - ahead.x, up * base.y - ahead.y, up * base.z - ahead.z};
+    return normalized(across);
+}
+#endif
+#endif
+#endif

@@ -1,0 +1,213 @@
+"""Sliced surfaces on curved and bent bases, against meshes that are moved along their normals."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.capture import models
+from pyibr.core.camera import Camera
+from tests.boxes import box
+from tests.displaced import Solid, finely_displaced, interior, square
+from tests.embree import embree, true_depth
+from tests.one_lane import one_lane
+from tests.relief.solids import grid
+from tests.relief.solids import torus as ring
+from tests.slicing.test_surfaces import SCALE, heights
+
+EVEN = np.full((8, 8), 0.5, np.float32)
+EVEN_COLOR = np.full((2, 2, 3), 255, np.uint8)
+SLICINGS = ["surface", "orthogonal", "screen"]
+ABOVE, ASLANT, GRAZING = (0.3, 0.2, 3.4), (1.6, -2.6, 2), (2.9, 1.2, 0.25)
+
+
+def lines() -> np.ndarray:
+    """Thin black lines on white, which tell a texture that waves."""
+    y, x = np.mgrid[:256, :256]
+    color = np.full((256, 256, 3), 255, np.uint8)
+    color[(x % 32 < 3) | (y % 32 < 3)] = 0
+    return color
+
+
+@cache
+def blob() -> ibr.Mesh:
+    """A coarse ball with bumps, saddles and legs, as an animal's mesh has, of triangles of all sizes."""
+    rng = np.random.default_rng(2)
+    v, u = np.mgrid[:13, :25]
+    turn, polar = 2 * np.pi * (u + 0.3 * np.sin(v)) / 24, np.pi * (0.005 + 0.99 * v / 12)
+    way = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=-1)
+    reach = np.ones(way.shape[:2])
+    for bump in rng.normal(size=(9, 3)):
+        reach += 0.35 * np.exp(8 * (way @ (bump / np.linalg.norm(bump)) - 1))
+    i = (v * 25 + u)[:-1, :-1].ravel()
+    faces = np.concatenate([np.stack([i, i + 25, i + 1], 1), np.stack([i + 1, i + 25, i + 26], 1)])
+    points = (way * reach[..., None]).reshape(-1, 3)
+    return ibr.Mesh(points, faces, uv=np.stack([u / 24, v / 12], -1).reshape(-1, 2))
+
+
+def crate() -> ibr.Mesh:
+    """A box with smooth normals: flat polygons, whose corners' normals differ by far."""
+    mesh = box()
+    normals = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1)[:, None]
+    return ibr.Mesh(mesh.vertices, mesh.faces, uv=mesh.uv, normals=normals)
+
+
+BASES: dict[str, Any] = {
+    "donut of 6": (lambda: models.donut(6), 0.3),
+    "donut of 12": (lambda: models.donut(12), 0.3),
+    "donut of 25": (lambda: models.donut(25), 0.1),
+    "fat donut of 25": (lambda: models.donut(25), 0.3),
+    "blob": (blob, 0.2),
+    "crate": (crate, 0.3),
+}
+
+
+def moved(base: ibr.Mesh, by: float) -> ibr.Mesh:
+    """The mesh with its vertices moved along its normals, as slices at that height are."""
+    normals = base.normals if base.normals is not None else base.smooth_normals
+    return ibr.Mesh(base.vertices + by * normals, base.faces, uv=np.asarray(base.uv) * (5, 2), texture=lines())
+
+
+@pytest.mark.parametrize("eye", [ABOVE, ASLANT, GRAZING])
+@pytest.mark.parametrize("slicing", SLICINGS)
+@pytest.mark.parametrize("name", BASES)
+def test_even_heights_show_the_moved_mesh(name, slicing, eye):
+    make, scale = BASES[name]
+    filtered: dict[str, Any] = {"samples": 4, "anisotropy": 16}  # else meshes are filtered more strongly, aslant
+    base, camera = make(), Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (240, 180), fov_y=42)
+    truth = ibr.render(moved(base, 0.5 * scale), camera, **filtered)
+    thing = ibr.SlicedSurface(base, EVEN, lines(), scale, tiles=(5, 2), slices=1024, slicing=slicing)
+    seen = ibr.render(thing, camera, **filtered)
+    both = truth.valid & seen.valid
+    assert both.sum() >= 0.99 * (truth.valid | seen.valid).sum()
+    # One pixel in a hundred, at outlines within the picture: a line elsewhere is as thick as a pixel or two.
+    assert (np.abs(truth.color.astype(int) - seen.color)[both].max(axis=-1) > 64).mean() <= 0.01
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+@pytest.mark.parametrize("sides", [12, 25])
+def test_depth_error_with_hills_falls_with_slices(sides, slicing):
+    base, scale, counts = models.donut(sides), 0.3, (32, 128, 512)
+    fine = embree(finely_displaced(base, heights(), scale, (5, 2), cells=-(-640 // sides)))  # 4 a texel
+    cameras = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (160, 120), fov_y=42) for eye in (ABOVE, ASLANT, GRAZING)]
+    truths = [true_depth(fine, camera) for camera in cameras]
+    means = []
+    for slices in counts:
+        thing = ibr.SlicedSurface(base, heights(), EVEN_COLOR, scale, tiles=(5, 2), slices=slices, slicing=slicing)
+        off = []
+        for camera, truth in zip(cameras, truths, strict=True):
+            frame, inside = ibr.render(thing, camera), interior(truth, 0.05)
+            assert frame.valid[inside].all()
+            off.append(np.abs(frame.depth - truth)[inside])
+        means.append(np.concatenate(off).mean())
+        assert means[-1] <= scale / slices
+    assert np.polyfit(np.log(counts), np.log(means), 1)[0] <= -0.9, means
+
+
+def test_slices_by_view_are_near_the_true_surface():
+    base, scale = models.donut(12), 0.3
+    camera = Camera.look_at(ASLANT, (0, 0, 0), (0, 0, 1), (240, 180), fov_y=42)
+    truth = true_depth(embree(finely_displaced(base, heights(), scale, (5, 2), cells=54)), camera)
+    frame = ibr.render(ibr.SlicedSurface(base, heights(), EVEN_COLOR, scale, tiles=(5, 2), slices="view"), camera)
+    inside, pixel = interior(truth, 0.05), 3.7 / camera.K[0, 0]
+    assert frame.valid[inside].all()
+    assert np.abs(frame.depth - truth)[inside].mean() <= 0.15 * pixel  # an eighth of one is what is promised
+
+
+def test_slices_beside_curved_prisms_change_the_cost_alone():
+    camera = Camera.look_at(ASLANT, (0, 0, 0), (0, 0, 1), (160, 120), fov_y=42)
+    frames = [
+        ibr.render(
+            ibr.SlicedSurface(
+                models.donut(12), heights(), lines(), 0.3, tiles=(5, 2), slicing="screen", clipped=clipped
+            ),
+            camera,
+        )
+        for clipped in (True, False)
+    ]
+    assert (frames[0].valid != frames[1].valid).mean() < 1e-3
+    both = frames[0].valid & frames[1].valid
+    # Slices that graze the surface pass or not by what lies between exact ones, a hundredth of them.
+    assert (np.abs(frames[0].depth - frames[1].depth)[both] > 1e-4).mean() < 0.01
+
+
+@pytest.mark.parametrize("slices", [64, "view"])
+@pytest.mark.parametrize("slicing", SLICINGS)
+def test_curved_bases_in_one_lane(slicing, slices):
+    thing = ibr.SlicedSurface(models.donut(12), heights(), lines(), 0.3, tiles=(5, 2), slices=slices, slicing=slicing)
+    camera, light = Camera.look_at(ASLANT, (0, 0, 0), (0, 0, 1), (101, 77), fov_y=42), ibr.Light(direction=(0, 1, -1))
+    wide = ibr.render(thing, camera, light)
+    with one_lane():
+        one = ibr.render(thing, camera, light)
+    assert (one.valid != wide.valid).mean() <= 2e-3  # a slice that grazes is found by one rounding alone
+    both = one.valid & wide.valid
+    assert np.isclose(one.depth, wide.depth, rtol=1e-5)[both].mean() >= 0.99
+    assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 1).mean() >= 0.99
+
+
+def rolling(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Smooth heights from 0.1 to 0.9 over a tile."""
+    a, b = 2 * np.pi * u, 2 * np.pi * v
+    return 0.5 + 0.2 * np.sin(a) * np.cos(b) + 0.15 * np.sin(2 * b + a) + 0.05 * np.cos(2 * a)
+
+
+def test_normals_from_heights_are_the_displaced_torus_own():
+    """Lengths on a torus displaced by 0.25 are up to 1.6 times the base's: with those, 8 of 255 are off on average."""
+    scale, tiles = 0.25, (6, 3)
+    y, x = (np.mgrid[:128, :128] + 0.5) / 128
+    camera = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (240, 180), fov_y=42)
+
+    def displaced(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        points, normals = ring(u, v)
+        return np.asarray(points + scale * rolling(u * tiles[0], v * tiles[1])[:, None] * normals)
+
+    fine = grid(ring, 1200, 600)
+    u, v = np.asarray(fine.uv, np.float64).T
+    e = 1e-5
+    along = [displaced(u + e, v) - displaced(u - e, v), displaced(u, v + e) - displaced(u, v - e)]
+    normals = np.cross(along[0], along[1])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    true = ibr.Mesh(displaced(u, v), fine.faces, normals=normals, colors=np.full((len(u), 3), 255, np.uint8))
+    thing = ibr.SlicedSurface(
+        grid(ring, 96, 48), rolling(x, y).astype(np.float32), EVEN_COLOR, scale, tiles=tiles, slices=256, halvings=4
+    )
+    off = []
+    for direction in ((-0.3, 0.6, -1), (-1, 0.2, -0.3), (0.2, 1, -0.1)):
+        light = ibr.Light(direction=direction, ambient=0.0, shadow_size=0)
+        truth, seen = ibr.render(true, camera, light), ibr.render(thing, camera, light)
+        both = truth.valid & seen.valid & (np.abs(truth.depth - seen.depth) < 0.02)
+        off.append(np.abs(truth.color.astype(int) - seen.color)[both].max(axis=1))
+    shades = np.concatenate(off)
+    assert shades.mean() <= 1.5  # a byte's rounding, and means of two texels for slopes
+    assert np.quantile(shades, 0.95) <= 5
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+@pytest.mark.parametrize("fov", [60, 90, 120])
+@pytest.mark.parametrize("eye", [(0.5, -0.25, 0.35), (0.2, 0.1, 0.45), (0.5, 0.5, 0.5), (0.9, 1.1, 0.3)])
+def test_none_sees_through_one_large_polygon(eye, fov, slicing):
+    """Within it, the direction that faces the viewer most differs, and rays leave by its borders."""
+    camera = Camera.look_at(eye, (0.55, 0.6, 0), (0.01, 0, 1), (320, 240), fov_y=fov)
+    truth = large().depth(camera)
+    seen = ibr.render(ibr.SlicedSurface(square(), heights(), EVEN_COLOR, SCALE, slicing=slicing), camera).valid
+    assert seen[interior(truth)].all()
+    # Outlines of it lie on pixels' rays by chance; and a ray that cuts through a corner may pass a slice by.
+    assert (np.isfinite(truth) & ~seen).mean() <= 5e-4
+
+
+@cache
+def large() -> Solid:
+    return Solid(heights(), SCALE, 8)
+
+
+def test_a_border_is_no_wider_than_the_surface():
+    """Rays that leave at a border show only if they have met what is filled."""
+    camera = Camera.look_at((0.5, -1.2, 0.6), (0.5, 0.5, 0), (0, 0, 1), (240, 180), fov_y=50)
+    truth = np.isfinite(large().depth(camera)).astype(np.uint8)
+    seen = ibr.render(ibr.SlicedSurface(square(), heights(), EVEN_COLOR, SCALE), camera).valid
+    assert not seen[cv2.dilate(truth, np.ones((3, 3))) == 0].any()
