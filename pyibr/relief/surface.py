@@ -35,7 +35,8 @@ from pyibr.raster.bins import bin_primitives, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
 from pyibr.relief.interior import Interior, InteriorPoint, window
 from pyibr.relief.levels import HeightLevels, height_levels
-from pyibr.relief.quadrics import VertexFrames, is_flat, juts_out, split_at_edges, split_at_mirrors, vertex_frames
+from pyibr.relief.neighbours import neighbours
+from pyibr.relief.quadrics import VertexFrames, is_flat, is_sharp, juts_out, split_at_edges, split_at_mirrors, vertex_frames
 
 Silhouette = Literal["quadric", "none"]
 Distance = Literal["approximate", "exact", "perpendicular"]
@@ -190,6 +191,7 @@ class ReliefSurface(HeightMapped):
         parts = [uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics]
         values = np.concatenate(parts, axis=1)
         rows[:, : values.shape[1]] = values
+        rows[:, int(constant("relief/entry.h", "VERTEX_IS_SHARP"))] = is_sharp(self.drawn, frames.normals)
         return rows
 
     @cached_property
@@ -296,7 +298,7 @@ def draw_relief(
         bins.grid,
         faces=seen["faces"],
         vertices=seen["vertices"],
-        **{name: buffers[name] for name in ("texels", "bounds", "levels", "colors")},
+        **{name: buffers[name] for name in ("points", "neighbours", "texels", "bounds", "levels", "colors")},
         level_count=len(surface.levels.table),
         **color_arguments(surface, target.camera),
         scale=surface.scale,
@@ -349,6 +351,7 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
     made = {
         "points": upload(base.vertices),
         "faces": upload(base.faces),
+        "neighbours": upload(neighbours(base.vertices.astype(np.float64), base.faces, surface.frames.normals)),
         "vertices": upload(surface.vertex_rows),
         "texels": upload(levels.texels),
         "bounds": upload(levels.bounds.view(np.uint32)),

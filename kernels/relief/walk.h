@@ -1,0 +1,152 @@
+#ifndef RELIEF_WALK_H
+#define RELIEF_WALK_H
+/* How deep a ray is below the mesh itself, by a walk over its triangles.
+ *
+ * Below a triangle whose corners lie at P with normals N, a point is X = P - h N, with P and N interpolated by the same
+ * weights: h is its depth. Newton's method finds weights and depth; where a weight is negative, the point lies below
+ * the neighbour on that side, and the walk goes on there. From the ray's entry on every point is near the one before, so
+ * some triangles are passed and few steps are taken in each.
+ *
+ * points: (vertices, 3). neighbours: (triangles, 3) on the sides opposite to each corner, -1: none, at borders and hard
+ * edges, where the walk is at its end.
+ */
+#include "relief/entry.h"
+
+#define WALK_PARTS 8       /* of the ray, at whose ends its depth is found; they grow by equal steps */
+#define WALK_STEPS_MAX 64
+#define ALMOST 0.999f      /* of the way to where the ray leaves, where it may be below another side of an edge */
+#define SURELY 1.05f       /* times as deep as by the quadric */
+#define OUTSIDE -1e-3f     /* weight of a point that is not below a triangle */
+#define LOST_DEPTH 4.0f     /* of the relief's: what is deeper has lost its way */
+
+/* What a walk has found: where the ray first reaches the bottom, or else is deepest */
+typedef struct {
+    floatl t, depth, slope; /* depths over scale; slope: over the first part, per scene unit */
+    intl is_found;          /* it has come to the bottom, or to the ray's end */
+    intl at_border;         /* it has come to a border, or a hard edge */
+} Walk;
+
+/* The corners of triangles, less a point, and their normals */
+typedef struct {
+    Vector point[3], normal[3];
+} Corners;
+
+INLINED Corners corners_of(const Relief *relief, intl triangle, Vector from)
+{
+    Corners c;
+    UNROLLED
+    for (int k = 0; k < 3; k++) {
+        const intl side = 3 * triangle + k, corner = (intl)(gather(relief->faces, side));
+        c.point[k] = minus(vector_at(relief->points, corner), from);
+        const intl row = VERTEX_FLOATS * corner + 2;
+        gather_pairs(relief->vertices, row, &c.normal[k].x, &c.normal[k].y);
+        c.normal[k].z = (floatl)(gather(relief->vertices, row + 2));
+    }
+    return c;
+}
+
+/* One of Newton's steps towards the weights of the second and the third corner, and the depth, of a point */
+INLINED void refine_place(const Corners *c, Vector at, floatl *second, floatl *third, floatl *depth)
+{
+    Vector side[2], turn[2], along[2];
+    UNROLLED
+    for (int k = 0; k < 2; k++) {
+        side[k] = minus(c->point[k + 1], c->point[0]);
+        turn[k] = minus(c->normal[k + 1], c->normal[0]);
+        along[k] = minus(side[k], scaled(turn[k], *depth));
+    }
+    const floatl u = *second, v = *third, h = *depth;
+    const Vector n = {c->normal[0].x + u * turn[0].x + v * turn[1].x, c->normal[0].y + u * turn[0].y + v * turn[1].y,
+                      c->normal[0].z + u * turn[0].z + v * turn[1].z};
+    const Vector rest = {at.x - c->point[0].x - u * side[0].x - v * side[1].x + h * n.x,
+                         at.y - c->point[0].y - u * side[0].y - v * side[1].y + h * n.y,
+                         at.z - c->point[0].z - u * side[0].z - v * side[1].z + h * n.z};
+    const Vector across = cross_product(along[0], along[1]), beside = cross_product(rest, n);
+    const floatl determinant = DOT(across, n); /* of the columns along[0], along[1], -n, negated */
+    const floatl inverse = select_lanes(determinant != 0.0f, 1.0f / determinant, (floatl)0.0f);
+    *second = u - DOT(along[1], beside) * inverse;
+    *third = v + DOT(along[0], beside) * inverse;
+    *depth = h - DOT(across, rest) * inverse;
+}
+
+/* Follows rays from where they enter a triangle, `distance` far at most; wanted: those that are asked for. */
+Walk walk_below(const Relief *relief, Vector from, Vector direction, intl triangle, floatl distance, intl wanted)
+{
+    Walk made;
+    made.t = made.depth = made.slope = 0.0f;
+    made.is_found = made.at_border = 0;
+    intl active = wanted, part = 1;
+    const floatl first_part = distance * (ALMOST / (WALK_PARTS * WALK_PARTS)), deepest = LOST_DEPTH * relief->scale;
+    floatl second = 1.0f / 3.0f, third = 1.0f / 3.0f, depth = 0.0f, before = 0.0f;
+    for (int i = 0; i < WALK_STEPS_MAX && any_lane(active); i++) {
+        const Corners c = corners_of(relief, triangle, from);
+        const floatl so_far = to_floatl(part), t = first_part * so_far * so_far;
+        const Vector at = scaled(direction, t);
+        refine_place(&c, at, &second, &third, &depth);
+        refine_place(&c, at, &second, &third, &depth);
+        const floatl first = 1.0f - second - third;
+        const intl is_second = second < first, least_of_two = select_lanes(is_second, (intl)1, (intl)0);
+        const floatl least = min_lanes(select_lanes(is_second, second, first), third);
+        const intl side = select_lanes(third <= least, (intl)2, least_of_two);
+        const intl is_inside = active & (least >= OUTSIDE), passes = active & !is_inside;
+        /* Where a part ends */
+        const floatl now = depth / relief->scale;
+        const intl reaches = now >= 1.0f, is_deeper = is_inside & (now > made.depth);
+        const floatl back = select_lanes(reaches, first_part * (2.0f * so_far - 1.0f) * (now - 1.0f) /
+                                         max_lanes(now - before, (floatl)1e-20f), (floatl)0.0f);
+        made.slope = select_lanes(is_inside & (part == 1), now / t, made.slope);
+        made.t = select_lanes(is_deeper, t - back, made.t);
+        made.depth = select_lanes(is_deeper, min_lanes(now, (floatl)1.0f), made.depth);
+        before = select_lanes(is_inside, now, before);
+        part += select_lanes(is_inside, (intl)1, (intl)0);
+        made.is_found = made.is_found | (is_inside & (reaches | (part > WALK_PARTS)));
+        /* Where it goes on below a neighbour */
+        const intl edge = 3 * triangle + side, neighbour = (intl)(gather(relief->neighbours, edge));
+        made.at_border = made.at_border | (passes & (neighbour < 0));
+        const intl goes_on = passes & (neighbour >= 0);
+        triangle = select_lanes(goes_on, neighbour, triangle);
+        second = select_lanes(goes_on, (floatl)(1.0f / 3.0f), second);
+        third = select_lanes(goes_on, (floatl)(1.0f / 3.0f), third);
+        depth = select_lanes(goes_on, clamp_lanes(depth, (floatl)0.0f, deepest), depth);
+        active = active & !made.is_found & !made.at_border;
+    }
+    return made;
+}
+
+/* Where a ray leaves the mesh: how far from its entry, and with what normal there */
+typedef struct {
+    floatl distance; /* INFINITY: it does not */
+    Vector normal;
+} Exit;
+
+/* Gives rays a parabola by what the mesh itself tells of their depth up to their exits: through where a walk has first
+ * found them at the bottom, or deepest. Where a walk has not come to its end, the mesh may be thinner there than the
+ * relief is deep: then the cubic between entry and exit tells (entry.h), of rays that have escaped, which by their
+ * quadrics have come out again, only if it is deeper than these. Where it has come to a border or a hard edge, the
+ * quadric holds, unless it is less deep. farthest: to where rays are followed. Returns which rays it has changed;
+ * share: of the quadric's curvature that is left. */
+intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *e, Vector from, Vector direction, intl triangle,
+                 Exit exit, floatl farthest, intl escaped, intl wanted, floatl *share)
+{
+    const intl leaves = isfinite_lanes(exit.distance);
+    const floatl slope = DOT(direction, exit.normal) / relief->scale, K = ray->K,
+                 distance = select_lanes(leaves, exit.distance, (floatl)0.0f);
+    const Walk walk = walk_below(relief, from, direction, triangle, min_lanes(exit.distance, farthest),
+                                 wanted & STARTS_AT_MESH(ray));
+    /* Half of the angle between both normals is that between the chord and a circle through both places. */
+    const floatl half_cosine = sqrt(max_lanes(0.5f + 0.5f * DOT(e->normal, exit.normal), (floatl)0.0f));
+    const floatl round = select_lanes(escaped, (floatl)1.0f, 2.0f / (1.0f + half_cosine));
+    floatl t, depth = deepest_between(ray, distance, slope, round, &t);
+    const intl is_deep = walk.depth > max_lanes(depth, SURELY * depth_of(ray, walk.t));
+    const intl is_known = walk.is_found | is_deep;
+    t = select_lanes(is_known, walk.t, t);
+    depth = select_lanes(is_known, walk.depth, depth);
+    const intl is_lost = leaves & (escaped | !walk.at_border) & (depth > depth_of(ray, t));
+    const intl follows = wanted & (t > 0.0f) & (walk.is_found | is_deep | is_lost);
+    const floatl steep = select_lanes(depth < 1.0f, (floatl)INFINITY, max_lanes(ray->L, walk.slope));
+    bend_through(ray, max_lanes(t, (floatl)1e-20f), depth * (1.0f + BOTTOM_TOLERANCE), steep, follows);
+    *share = select_lanes(follows & (K < ray->K), max_lanes(ray->K / K, (floatl)0.0f), (floatl)1.0f);
+    use_quadric_depth(ray, follows);
+    return follows;
+}
+#endif
