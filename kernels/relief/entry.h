@@ -24,7 +24,7 @@
 #define ARC_PARTS 16         /* of a ray below the mesh, among whose ends its deepest point is searched */
 #define DEEPEST_HALVINGS 8   /* of the interval in which a ray is deepest below circles */
 #define BOTTOM_STEPS 8       /* towards where it reaches the bottom below circles */
-#define CIRCLES_TOLERANCE 2e-3f /* of the depth: by what rays may be less deep below circles than by equation 7 */
+#define CIRCLES_TOLERANCE 5e-3f /* of the depth: by what rays may be less deep below circles than by equation 7 */
 #define COSINE_MIN 1e-3f     /* of a ray that enters: at outlines interpolated normals may point away from the viewer */
 
 typedef struct {
@@ -153,20 +153,21 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
     tangents_of(e, &x_axis, &y_axis);
     const PrincipalCurvatures c = curvatures_of(e, DOT(d, x_axis), DOT(d, y_axis), 1.0f);
     const floatl tolerance = CIRCLES_TOLERANCE * scale;
-    const intl differs = enters & (beyond_quadric(&c, -cosine * at_quadric, at_quadric) > tolerance);
+    const floatl off = beyond_quadric(&c, -cosine * at_quadric, at_quadric);
+    const intl differs = enters & (off > tolerance);
     if (!any_lane(differs))
         return;
     /* The secant method, from where equation 7 reaches the bottom */
-    floatl t = at_quadric, depth = 0.0f;
+    floatl t = at_quadric, depth = 1.0f - off / scale, rise = L + K * t;
     intl reaches = differs & (discriminant >= 0.0f);
-    for (int i = 0; i < BOTTOM_STEPS && any_lane(reaches & (depth < 1.0f - BOTTOM_PRECISION)); i++) {
-        const floatl next = 1.001f * t;
-        depth = t * (L + K * t) - beyond_quadric(&c, -cosine * t, t) / scale;
-        const floatl rise = next * (L + K * next) - beyond_quadric(&c, -cosine * next, next) / scale - depth;
-        reaches = reaches & ((rise > 0.0f) | (depth >= 1.0f - BOTTOM_PRECISION));
-        t = select_lanes(reaches & (rise > 0.0f), t + max_lanes(1.0f - depth, (floatl)0.0f) * (next - t) / rise, t);
+    for (int i = 0; i < BOTTOM_STEPS && any_lane(reaches & (depth < 1.0f - BOTTOM_TOLERANCE)); i++) {
+        const floatl next = t + max_lanes(1.0f - depth, (floatl)0.0f) / rise;
+        const floatl there = next * (L + K * next) - beyond_quadric(&c, -cosine * next, next) / scale;
+        reaches = reaches & ((there > depth) | (depth >= 1.0f - BOTTOM_TOLERANCE));
+        rise = select_lanes(next > t, (there - depth) / (next - t), rise);
+        t = select_lanes(reaches, next, t);
+        depth = select_lanes(reaches, there, depth);
     }
-    depth = t * (L + K * t) - beyond_quadric(&c, -cosine * t, t) / scale;
     reaches = reaches & (depth >= 1.0f - BOTTOM_TOLERANCE);
     const intl peaks = differs & !reaches & (bend * scale > FLAT_MAX) & (c.k2 > 0.0f);
     if (any_lane(peaks)) {
@@ -190,7 +191,7 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
     }
     const intl follows = reaches | (peaks & (depth > 0.0f) & (depth < 1.0f));
     const floatl steep = select_lanes(reaches, L, (floatl)INFINITY);
-    bend_through(ray, t, select_lanes(reaches, (floatl)(1.0f + BOTTOM_PRECISION), depth), steep, follows);
+    bend_through(ray, t, select_lanes(reaches, max_lanes(depth, (floatl)(1.0f + BOTTOM_PRECISION)), depth), steep, follows);
 }
 
 /* A ray is below the mesh until it leaves that by a back, `distance` after its entry, where its depth falls by `slope`

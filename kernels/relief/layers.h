@@ -135,18 +135,22 @@ EntryRay begin_search(const Context *context, const Region *region, int block, i
         const Vector through = minus(point_at(relief->screen, x, y, select_lanes(leaves, layers->exit[block], n)),
                                      entry_ray.from);
         const floatl way = sqrt(DOT(through, through)), short_way = SHORT_WAY / s->ray.L;
-        const intl is_asked = ((leaves & (way < short_way)) | (enters & (e.is_sharp > 0.0f))) & STARTS_AT_MESH(&s->ray);
-        const intl asks = by_mesh ? leaves : is_asked;
+        intl asks = by_mesh ? leaves : ((leaves & (way < short_way)) | (enters & (e.is_sharp > 0.0f))) &
+                                           STARTS_AT_MESH(&s->ray);
         if (by_mesh)
             searches = 0;
         if ((by_mesh || ASKS_MESH) && any_lane(asks)) {
             const Exit exit = {select_lanes(leaves, way, (floatl)INFINITY),
                                entry_of(relief, select_lanes(leaves, layers->exit_triangle[block], triangle), x, y).normal};
             const floatl farthest = by_mesh ? (floatl)INFINITY : short_way;
-            const intl follows = follow_mesh(relief, &s->ray, &e, entry_ray.from, entry_ray.direction, triangle, exit,
-                                             farthest, by_mesh ? leaves : (intl)0, asks, &entry_ray.share);
             entry_ray.by_mesh = asks & (exit.distance <= farthest);
-            longest = select_lanes(follows, exit.distance, longest);
+            if (!by_mesh)
+                asks = asks & ((e.is_sharp > 0.0f) | !is_as_mesh(&s->ray, &e, exit, entry_ray.direction, relief->scale));
+            intl follows = 0;
+            if (any_lane(asks))
+                follows = follow_mesh(relief, &s->ray, &e, entry_ray.from, entry_ray.direction, triangle, exit, farthest,
+                                      by_mesh ? leaves : (intl)0, asks, &entry_ray.share);
+            longest = select_lanes(follows, way, longest);
             searches = by_mesh ? follows : searches;
         }
         longest = select_lanes(leaves & !STARTS_AT_MESH(&s->ray), way, longest);

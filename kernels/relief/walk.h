@@ -15,6 +15,8 @@
 #define WALK_PARTS 8       /* of the ray, at whose ends its depth is found; they grow by equal steps */
 #define WALK_STEPS_MAX 64
 #define ALMOST 0.999f      /* of the way to where the ray leaves, where it may be below another side of an edge */
+#define ALIKE 0.1f         /* of the greatest depth: by what it may differ between quadric and mesh */
+#define SURELY_DEEP 1.25f  /* of a ray that reaches the bottom by its quadric */
 #define SURELY 1.05f       /* times as deep as by the quadric */
 #define OUTSIDE -1e-3f     /* weight of a point that is not below a triangle */
 #define LOST_DEPTH 4.0f     /* of the relief's: what is deeper has lost its way */
@@ -83,7 +85,6 @@ Walk walk_below(const Relief *relief, Vector from, Vector direction, intl triang
         const floatl so_far = to_floatl(part), t = first_part * so_far * so_far;
         const Vector at = scaled(direction, t);
         refine_place(&c, at, &second, &third, &depth);
-        refine_place(&c, at, &second, &third, &depth);
         const floatl first = 1.0f - second - third;
         const intl is_second = second < first, least_of_two = select_lanes(is_second, (intl)1, (intl)0);
         const floatl least = min_lanes(select_lanes(is_second, second, first), third);
@@ -119,6 +120,22 @@ typedef struct {
     Vector normal;
 } Exit;
 
+/* By what the depth between is more than by parabolas, on a circle that goes through entry and exit: half of the angle
+ * between both normals is that between the chord and the circle. */
+INLINED floatl roundness(const Entry *e, Exit exit)
+{
+    return 2.0f / (1.0f + sqrt(max_lanes(0.5f + 0.5f * DOT(e->normal, exit.normal), (floatl)0.0f)));
+}
+
+/* Are rays as deep, at most, between entry and exit as their quadrics say? Nothing more is to be asked of these. */
+INLINED intl is_as_mesh(const ReliefRay *ray, const Entry *e, Exit exit, Vector direction, float scale)
+{
+    const floatl leaves = max_lanes(DOT(direction, exit.normal), (floatl)0.0f) / scale;
+    const floatl between = 0.125f * exit.distance * (ray->L + leaves) * roundness(e, exit);
+    const floatl deepest = -0.25f * ray->L * ray->L / min_lanes(ray->K, (floatl)-1e-20f);
+    return select_lanes(deepest < 1.0f, fabs(between - deepest) < ALIKE * deepest, between > SURELY_DEEP);
+}
+
 /* Gives rays a parabola by what the mesh itself tells of their depth up to their exits: through where a walk has first
  * found them at the bottom, or deepest. Where a walk has not come to its end, the mesh may be thinner there than the
  * relief is deep: then the cubic between entry and exit tells (entry.h), of rays that have escaped, which by their
@@ -131,11 +148,10 @@ intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *e, Vector fr
     const intl leaves = isfinite_lanes(exit.distance);
     const floatl slope = DOT(direction, exit.normal) / relief->scale, K = ray->K,
                  distance = select_lanes(leaves, exit.distance, (floatl)0.0f);
+#if DISTANCE == EXACT
     const Walk walk = walk_below(relief, from, direction, triangle, min_lanes(exit.distance, farthest),
                                  wanted & STARTS_AT_MESH(ray));
-    /* Half of the angle between both normals is that between the chord and a circle through both places. */
-    const floatl half_cosine = sqrt(max_lanes(0.5f + 0.5f * DOT(e->normal, exit.normal), (floatl)0.0f));
-    const floatl round = select_lanes(escaped, (floatl)1.0f, 2.0f / (1.0f + half_cosine));
+    const floatl round = select_lanes(escaped, (floatl)1.0f, roundness(e, exit));
     floatl t, depth = deepest_between(ray, distance, slope, round, &t);
     const intl is_deep = walk.depth > max_lanes(depth, SURELY * depth_of(ray, walk.t));
     const intl is_known = walk.is_found | is_deep;
@@ -144,6 +160,11 @@ intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *e, Vector fr
     const intl is_lost = leaves & (escaped | !walk.at_border) & (depth > depth_of(ray, t));
     const intl follows = wanted & (t > 0.0f) & (walk.is_found | is_deep | is_lost);
     const floatl steep = select_lanes(depth < 1.0f, (floatl)INFINITY, max_lanes(ray->L, walk.slope));
+#else
+    floatl t, depth = deepest_between(ray, distance, slope, (floatl)1.0f, &t);
+    const intl follows = wanted & leaves & (t > 0.0f) & (depth > depth_of(ray, t));
+    const floatl steep = ray->L;
+#endif
     bend_through(ray, max_lanes(t, (floatl)1e-20f), depth * (1.0f + BOTTOM_TOLERANCE), steep, follows);
     *share = select_lanes(follows & (K < ray->K), max_lanes(ray->K / K, (floatl)0.0f), (floatl)1.0f);
     use_quadric_depth(ray, follows);

@@ -20,7 +20,7 @@ from pyibr.relief.neighbours import place_and_way
 
 _SINGULAR = 1e-6  # of the largest: less than that is rounding
 _HARD = 0.97  # cosine: of normals at one place some are 14 degrees and more from their mean
-_SHARP = 0.94  # cosine: between a vertex' normal and a triangle's, 20 degrees
+_SHARP = 0.866  # cosine: between a vertex' normal and a triangle's, 30 degrees
 _BENT = 1e-3  # of normals of length 1: by what those of a flat triangle differ at most, by rounding
 _BELOW = -0.1  # cosine of the way into a vertex's triangles with that mean: they fall away from it
 
