@@ -140,16 +140,17 @@ EntryRay begin_search(const Context *context, const Region *region, int block, i
         if (by_mesh)
             searches = 0;
         if ((by_mesh || ASKS_MESH) && any_lane(asks)) {
-            const Exit exit = {select_lanes(leaves, way, (floatl)INFINITY),
-                               entry_of(relief, select_lanes(leaves, layers->exit_triangle[block], triangle), x, y).normal};
+            const Exit exit = exit_at(relief, select_lanes(leaves, layers->exit_triangle[block], triangle), x, y,
+                                      entry_ray.direction, select_lanes(leaves, way, (floatl)INFINITY));
             const floatl farthest = by_mesh ? (floatl)INFINITY : short_way;
             entry_ray.by_mesh = asks & (exit.distance <= farthest);
             if (!by_mesh)
-                asks = asks & ((e.is_sharp > 0.0f) | !is_as_mesh(&s->ray, &e, exit, entry_ray.direction, relief->scale));
+                asks = asks & ((e.is_sharp > 0.0f) | !is_as_mesh(&s->ray, &e, exit, relief->scale));
             intl follows = 0;
             if (any_lane(asks))
                 follows = follow_mesh(relief, &s->ray, &e, entry_ray.from, entry_ray.direction, triangle, exit, farthest,
                                       by_mesh ? leaves : (intl)0, asks, &entry_ray.share);
+            entry_ray.by_mesh = entry_ray.by_mesh & (follows | !asks);
             longest = select_lanes(follows, way, longest);
             searches = by_mesh ? follows : searches;
         }

@@ -114,11 +114,24 @@ Walk walk_below(const Relief *relief, Vector from, Vector direction, intl triang
     return made;
 }
 
-/* Where a ray leaves the mesh: how far from its entry, and with what normal there */
+/* Where a ray leaves the mesh */
 typedef struct {
-    floatl distance; /* INFINITY: it does not */
-    Vector normal;
+    floatl distance; /* from its entry; INFINITY: it does not */
+    Vector normal;   /* there, */
+    floatl rise;     /* and the ray's slope along it */
+    floatl deepest;  /* how deep, in scene units, the ray is between at most, by the quadric there */
 } Exit;
+
+Exit exit_at(const Relief *relief, intl triangle, floatl x, floatl y, Vector direction, floatl distance)
+{
+    Vector x_axis, y_axis;
+    const Entry e = entry_of(relief, triangle, x, y);
+    tangents_of(&e, &x_axis, &y_axis);
+    const floatl along_x = DOT(direction, x_axis), along_y = DOT(direction, y_axis), rise = DOT(direction, e.normal);
+    const floatl bend = quadric_form(&e, along_x, along_y, along_x, along_y);
+    const Exit exit = {distance, e.normal, rise, -0.25f * rise * rise / min_lanes(bend, (floatl)-1e-20f)};
+    return exit;
+}
 
 /* By what the depth between is more than by parabolas, on a circle that goes through entry and exit: half of the angle
  * between both normals is that between the chord and the circle. */
@@ -127,13 +140,16 @@ INLINED floatl roundness(const Entry *e, Exit exit)
     return 2.0f / (1.0f + sqrt(max_lanes(0.5f + 0.5f * DOT(e->normal, exit.normal), (floatl)0.0f)));
 }
 
-/* Are rays as deep, at most, between entry and exit as their quadrics say? Nothing more is to be asked of these. */
-INLINED intl is_as_mesh(const ReliefRay *ray, const Entry *e, Exit exit, Vector direction, float scale)
+/* Are rays as deep, at most, between entry and exit as the quadrics of both say? Nothing more is to be asked of these. */
+INLINED intl is_as_mesh(const ReliefRay *ray, const Entry *e, Exit exit, float scale)
 {
-    const floatl leaves = max_lanes(DOT(direction, exit.normal), (floatl)0.0f) / scale;
-    const floatl between = 0.125f * exit.distance * (ray->L + leaves) * roundness(e, exit);
+    const floatl round = roundness(e, exit), leaves = max_lanes(exit.rise, (floatl)0.0f) / scale;
+    const floatl between = 0.125f * exit.distance * (ray->L + leaves) * round;
     const floatl deepest = -0.25f * ray->L * ray->L / min_lanes(ray->K, (floatl)-1e-20f);
-    return select_lanes(deepest < 1.0f, fabs(between - deepest) < ALIKE * deepest, between > SURELY_DEEP);
+    const floatl tolerance = ALIKE * deepest;
+    const intl alike = (fabs(between - deepest) < tolerance) &
+                       (fabs(exit.deepest / scale * round - deepest) < 4.0f * tolerance);
+    return select_lanes(deepest < 1.0f, alike, between > SURELY_DEEP);
 }
 
 /* Gives rays a parabola by what the mesh itself tells of their depth up to their exits: through where a walk has first
@@ -146,7 +162,7 @@ intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *e, Vector fr
                  Exit exit, floatl farthest, intl escaped, intl wanted, floatl *share)
 {
     const intl leaves = isfinite_lanes(exit.distance);
-    const floatl slope = DOT(direction, exit.normal) / relief->scale, K = ray->K,
+    const floatl slope = exit.rise / relief->scale, K = ray->K,
                  distance = select_lanes(leaves, exit.distance, (floatl)0.0f);
 #if DISTANCE == EXACT
     const Walk walk = walk_below(relief, from, direction, triangle, min_lanes(exit.distance, farthest),

@@ -123,7 +123,7 @@ class ReliefSurface(HeightMapped):
         tiles: tuple[int, int] = (1, 1),
         normal_map: NDArray[Any] | None = None,
         silhouette: Silhouette = "quadric",
-        distance: Distance = "approximate",
+        distance: Distance = "exact",
         search: Search = "safe",
         steps: int = 32,
         halvings: int = 6,
