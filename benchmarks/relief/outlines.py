@@ -1,7 +1,8 @@
 """``python -m benchmarks.relief.outlines [MESHES]``: outlines of even reliefs on real meshes against cast rays, as a table.
 
-An even relief moves the mesh's surface inwards by its depth, and so its outline. The truth is that mesh, each triangle
-cut into finer ones whose corners are moved along the normals, cast at by Open3D (Embree).
+An even relief moves the mesh's surface inwards, and so its outline. The truth is that mesh, each triangle cut into finer
+ones whose corners are moved along the normals, cast at by Open3D (Embree). Of parts that are thinner than the relief is
+deep it is inside out.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ Mask = NDArray[np.bool_]
 
 SIZE, TURNS, DEPTHS = 320, (20, 110, 200, 290), (0.01, 0.04)
 """Side of the pictures in pixels, degrees around the mesh, and depths over the diagonal of its box."""
+
+HEIGHT = 0.5
+"""Of the even reliefs, of whose depth the outline moves in by half."""
 
 CUTS = 4
 """Of a triangle's sides in the truth."""
@@ -85,12 +89,12 @@ class Outline:
 def carved_scene(relief: ibr.ReliefSurface) -> Any:
     """The even relief's surface, to cast rays at."""
     mesh, normals = relief.drawn, relief.frames.normals
-    parts = [(i / CUTS, j / CUTS) for i in range(CUTS + 1) for j in range(CUTS + 1 - i)]
-    number = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(CUTS + 1) for j in range(CUTS + 1 - i))}
-    weights = np.array([(1 - b - c, b, c) for b, c in parts])
+    parts = [(i, j) for i in range(CUTS + 1) for j in range(CUTS + 1 - i)]
+    number = {part: k for k, part in enumerate(parts)}
+    weights = np.array([(CUTS - i - j, i, j) for i, j in parts]) / CUTS
     points = np.einsum("kw,twc->tkc", weights, mesh.vertices.astype(np.float64)[mesh.faces])
     ahead = np.einsum("kw,twc->tkc", weights, normals[mesh.faces])
-    points -= relief.scale * ahead / np.maximum(np.linalg.norm(ahead, axis=2, keepdims=True), 1e-12)
+    points -= (1 - HEIGHT) * relief.scale * ahead / np.maximum(np.linalg.norm(ahead, axis=2, keepdims=True), 1e-12)
     cells = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in number if i + j < CUTS]
     cells += [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in number if i + j < CUTS - 1]
     faces = np.arange(len(points))[:, None, None] * len(parts) + np.array(cells)
@@ -113,8 +117,8 @@ def extent_of(mesh: ibr.Mesh) -> float:
 
 
 def even_relief(mesh: ibr.Mesh, depth: float, **options: Any) -> ibr.ReliefSurface:
-    """A relief that lies `depth` over the mesh's extent below it all over."""
-    return ibr.ReliefSurface(mesh, np.zeros((4, 4), np.float32), WHITE, depth * extent_of(mesh), **options)
+    """A relief of a depth over the mesh's extent, half of which it lies below it all over."""
+    return ibr.ReliefSurface(mesh, np.full((4, 4), HEIGHT, np.float32), WHITE, depth * extent_of(mesh), **options)
 
 
 def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, **options: Any) -> Outline:

@@ -18,7 +18,7 @@
 #define ALIKE 0.1f         /* of the greatest depth: by what it may differ between quadric and mesh */
 #define SURELY_DEEP 1.25f  /* of a ray that reaches the bottom by its quadric */
 #define SURELY 1.05f       /* times as deep as by the quadric */
-#define OUTSIDE -1e-3f     /* weight of a point that is not below a triangle */
+#define LEAST_WEIGHT -1e-3f     /* weight of a point that is not below a triangle */
 #define LOST_DEPTH 4.0f     /* of the relief's: what is deeper has lost its way */
 
 /* What a walk has found: where the ray first reaches the bottom, or else is deepest */
@@ -26,16 +26,16 @@ typedef struct {
     floatl t, depth, slope; /* depths over scale; slope: over the first part, per scene unit */
     intl is_found;          /* it has come to the bottom, or to the ray's end */
     intl at_border;         /* it has come to a border, or a hard edge */
-} Walk;
+} MeshWalk;
 
 /* The corners of triangles, less a point, and their normals */
 typedef struct {
     Vector point[3], normal[3];
-} Corners;
+} WalkCorners;
 
-INLINED Corners corners_of(const Relief *relief, intl triangle, Vector from)
+INLINED WalkCorners walk_corners_of(const Relief *relief, intl triangle, Vector from)
 {
-    Corners c;
+    WalkCorners c;
     UNROLLED
     for (int k = 0; k < 3; k++) {
         const intl side = 3 * triangle + k, corner = (intl)(gather(relief->faces, side));
@@ -48,7 +48,7 @@ INLINED Corners corners_of(const Relief *relief, intl triangle, Vector from)
 }
 
 /* One of Newton's steps towards the weights of the second and the third corner, and the depth, of a point */
-INLINED void refine_place(const Corners *c, Vector at, floatl *second, floatl *third, floatl *depth)
+INLINED void refine_place(const WalkCorners *c, Vector at, floatl *second, floatl *third, floatl *depth)
 {
     Vector side[2], turn[2], along[2];
     UNROLLED
@@ -72,16 +72,17 @@ INLINED void refine_place(const Corners *c, Vector at, floatl *second, floatl *t
 }
 
 /* Follows rays from where they enter a triangle, `distance` far at most; wanted: those that are asked for. */
-Walk walk_below(const Relief *relief, Vector from, Vector direction, intl triangle, floatl distance, intl wanted)
+MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl triangle, floatl distance, intl wanted)
 {
-    Walk made;
+    MeshWalk made;
     made.t = made.depth = made.slope = 0.0f;
     made.is_found = made.at_border = 0;
     intl active = wanted, part = 1;
     const floatl first_part = distance * (ALMOST / (WALK_PARTS * WALK_PARTS)), deepest = LOST_DEPTH * relief->scale;
-    floatl second = 1.0f / 3.0f, third = 1.0f / 3.0f, depth = 0.0f, before = 0.0f;
+    floatl second = 1.0f / 3.0f, third = 1.0f / 3.0f, depth = 0.0f, before = 0.0f,
+           long_before = 0.0f;
     for (int i = 0; i < WALK_STEPS_MAX && any_lane(active); i++) {
-        const Corners c = corners_of(relief, triangle, from);
+        const WalkCorners c = walk_corners_of(relief, triangle, from);
         const floatl so_far = to_floatl(part), t = first_part * so_far * so_far;
         const Vector at = scaled(direction, t);
         refine_place(&c, at, &second, &third, &depth);
@@ -89,7 +90,7 @@ Walk walk_below(const Relief *relief, Vector from, Vector direction, intl triang
         const intl is_second = second < first, least_of_two = select_lanes(is_second, (intl)1, (intl)0);
         const floatl least = min_lanes(select_lanes(is_second, second, first), third);
         const intl side = select_lanes(third <= least, (intl)2, least_of_two);
-        const intl is_inside = active & (least >= OUTSIDE), passes = active & !is_inside;
+        const intl is_inside = active & (least >= LEAST_WEIGHT), passes = active & !is_inside;
         /* Where a part ends */
         const floatl now = depth / relief->scale;
         const intl reaches = now >= 1.0f, is_deeper = is_inside & (now > made.depth);
@@ -98,6 +99,18 @@ Walk walk_below(const Relief *relief, Vector from, Vector direction, intl triang
         made.slope = select_lanes(is_inside & (part == 1), now / t, made.slope);
         made.t = select_lanes(is_deeper, t - back, made.t);
         made.depth = select_lanes(is_deeper, min_lanes(now, (floatl)1.0f), made.depth);
+        /* Between the last three places the deepest point is that of the parabola through them. */
+        const floatl last_t = first_part * (so_far - 1.0f) * (so_far - 1.0f),
+                     first_t = first_part * (so_far - 2.0f) * (so_far - 2.0f);
+        const floatl rise = (before - long_before) / (last_t - first_t),
+                     bend = ((now - before) / (t - last_t) - rise) / (t - first_t);
+        const intl turns = is_inside & (part >= 2) & (now <= before) & (before > long_before) & (bend < 0.0f);
+        const floatl peak_t = 0.5f * (first_t + last_t) - 0.5f * rise / min_lanes(bend, (floatl)-1e-20f);
+        const floatl peak = long_before + (peak_t - first_t) * (rise + bend * (peak_t - last_t));
+        const intl is_peak = turns & (peak > made.depth);
+        made.t = select_lanes(is_peak, peak_t, made.t);
+        made.depth = select_lanes(is_peak, min_lanes(peak, (floatl)1.0f), made.depth);
+        long_before = select_lanes(is_inside, before, long_before);
         before = select_lanes(is_inside, now, before);
         part += select_lanes(is_inside, (intl)1, (intl)0);
         made.is_found = made.is_found | (is_inside & (reaches | (part > WALK_PARTS)));
@@ -165,7 +178,7 @@ intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *e, Vector fr
     const floatl slope = exit.rise / relief->scale, K = ray->K,
                  distance = select_lanes(leaves, exit.distance, (floatl)0.0f);
 #if DISTANCE == EXACT
-    const Walk walk = walk_below(relief, from, direction, triangle, min_lanes(exit.distance, farthest),
+    const MeshWalk walk = walk_below(relief, from, direction, triangle, min_lanes(exit.distance, farthest),
                                  wanted & STARTS_AT_MESH(ray));
     const floatl round = select_lanes(escaped, (floatl)1.0f, roundness(e, exit));
     floatl t, depth = deepest_between(ray, distance, slope, round, &t);
