@@ -19,7 +19,7 @@
 #define DEPTH_ALONE 0 /* 1: no colours are asked for, as in a light's map */
 #endif
 #define ASKS_MESH (DISTANCE == EXACT && !DEPTH_ALONE) /* short ways through the mesh follow it, not its quadrics */
-#define SHORT_WAY 8.0f /* of the relief's depth: a ray's way through the mesh, times the cosine that it enters at */
+#define SHORT_WAY 6.0f /* of the relief's depth: a ray's way through the mesh, times the cosine that it enters at */
 
 /* A region's pixels: the entries of the layer that is searched, and how the pixel's hit has been found */
 typedef struct {

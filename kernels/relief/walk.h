@@ -15,8 +15,8 @@
 #define WALK_PARTS 8       /* of the ray, at whose ends its depth is found; they grow by equal steps */
 #define WALK_STEPS_MAX 64
 #define ALMOST 0.999f      /* of the way to where the ray leaves, where it may be below another side of an edge */
-#define ALIKE 0.1f         /* of the greatest depth: by what it may differ between quadric and mesh */
-#define SURELY_DEEP 1.25f  /* of a ray that reaches the bottom by its quadric */
+#define ALIKE 0.2f         /* of the greatest depth: by what it may differ between quadric and mesh */
+#define SURELY_DEEP 1.1f   /* of a ray that reaches the bottom by its quadric */
 #define SURELY 1.05f       /* times as deep as by the quadric */
 #define LEAST_WEIGHT -1e-3f     /* weight of a point that is not below a triangle */
 #define LOST_DEPTH 4.0f     /* of the relief's: what is deeper has lost its way */
@@ -161,7 +161,7 @@ INLINED intl is_as_mesh(const ReliefRay *ray, const Entry *e, Exit exit, float s
     const floatl deepest = -0.25f * ray->L * ray->L / min_lanes(ray->K, (floatl)-1e-20f);
     const floatl tolerance = ALIKE * deepest;
     const intl alike = (fabs(between - deepest) < tolerance) &
-                       (fabs(exit.deepest / scale * round - deepest) < 4.0f * tolerance);
+                       (fabs(exit.deepest / scale * round - deepest) < 2.0f * tolerance);
     return select_lanes(deepest < 1.0f, alike, between > SURELY_DEEP);
 }
 

@@ -64,8 +64,8 @@ def test_outlines_are_the_displaced_meshs(name, depth):
     found = measure(make(), depth, 160)
     assert found.iou >= least
     assert 1 - found.iou <= 0.5 * (1 - found.bare_iou)
-    assert found.holes <= 4
-    assert found.spurs <= 4
+    assert found.holes <= 8
+    assert found.spurs <= 8
 
 
 @pytest.mark.thorough
