@@ -1,8 +1,8 @@
-"""``python -m benchmarks.relief.outlines [MESHES]``: outlines of even reliefs on real meshes against cast rays, as a table.
+"""``python -m benchmarks.relief.outlines [MESHES]``: even reliefs' outlines on real meshes, against cast rays.
 
-An even relief moves the mesh's surface inwards, and so its outline. The truth is that mesh, each triangle cut into finer
-ones whose corners are moved along the normals, cast at by Open3D (Embree). Of parts that are thinner than the relief is
-deep it is inside out.
+An even relief moves the mesh's surface inwards, and so its outline. The truth is that mesh, each triangle cut into
+finer ones whose corners are moved along the normals, cast at by Open3D (Embree). Of parts that are thinner than the
+relief is deep it is inside out.
 """
 
 from __future__ import annotations
@@ -180,10 +180,13 @@ def lines(names: list[str], **options: Any) -> Iterator[list[str]]:
     """A table's rows, of the meshes that there are."""
     for name in names:
         mesh = MESHES[name]()
-        for depth in DEPTHS if not isinstance(mesh, Skip) else ():
+        if isinstance(mesh, Skip):
+            continue
+        for depth in DEPTHS:
             found = measure(mesh, depth, **options)
             carved, iou, bare, holes, spurs, dark = astuple(found)
-            yield [name, f"{depth:g}", f"{carved:.2f}", f"{iou:.3f}", f"{bare:.3f}", f"{holes}", f"{spurs}", f"{dark:.2%}"]
+            shares = [f"{carved:.2f}", f"{iou:.3f}", f"{bare:.3f}"]
+            yield [name, f"{depth:g}", *shares, f"{holes}", f"{spurs}", f"{dark:.2%}"]
 
 
 if __name__ == "__main__":

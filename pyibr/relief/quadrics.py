@@ -118,7 +118,8 @@ def is_sharp(mesh: Mesh, normals: Float64) -> NDArray[np.bool_]:
     own = unit(areas(mesh.vertices, mesh.faces), np.zeros(3))
     cosine = np.einsum("tc,tkc->tk", own, normals[mesh.faces])
     sharp = np.zeros(len(normals), np.bool_)
-    sharp[mesh.faces[own.any(axis=1)[:, None] & (cosine < _SHARP)]] = True
+    has_area = own.any(axis=1, keepdims=True)
+    sharp[mesh.faces[has_area & (cosine < _SHARP)]] = True
     return sharp
 
 
