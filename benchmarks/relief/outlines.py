@@ -62,7 +62,7 @@ MESHES: dict[str, Callable[[], ibr.Mesh | Skip]] = {
 
 @dataclass(frozen=True)
 class Outline:
-    """What was measured of an even relief in all pictures.
+    """Figures of an even relief over all pictures.
 
     Attributes
     ----------

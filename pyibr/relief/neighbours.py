@@ -1,4 +1,4 @@
-"""Which triangles of a mesh lie beside each other, as a walk over its surface goes."""
+"""Neighbours of a mesh's triangles, for walks over its surface."""
 
 from __future__ import annotations
 

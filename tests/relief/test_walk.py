@@ -113,6 +113,4 @@ def test_neighbours_of_a_globe():
 
 def test_neighbours_end_at_borders_and_hard_edges():
     assert (beside(grid(cylinder, 8, 1)) < 0).sum() == 16
-    assert (
-        (beside(facets(box(), with_normals=True)) < 0).sum(axis=1) == 2
-    ).all()  # each has its quadrilateral's other half beside it
+    assert ((beside(facets(box(), with_normals=True)) < 0).sum(axis=1) == 2).all()  # but for the other half of the side
