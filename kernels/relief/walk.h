@@ -13,7 +13,7 @@
 #include "relief/entry.h"
 
 #define WALK_PARTS 8       /* of the ray, at whose ends its depth is found; they grow by equal steps */
-#define WALK_STEPS_MAX 64
+#define WALK_STEPS_MAX 160
 #define ALMOST 0.999f      /* of the way to where the ray leaves, where it may be below another side of an edge */
 #define ALIKE 0.2f         /* of the greatest depth: by what it may differ between quadric and mesh */
 #define SURELY_DEEP 1.1f   /* of a ray that reaches the bottom by its quadric */
