@@ -13,7 +13,8 @@
 #include "relief/entry.h"
 
 #define WALK_PARTS 8       /* of the ray, at whose ends its depth is found; they grow by equal steps */
-#define WALK_STEPS_MAX 160
+#define WALK_STEPS_MAX 80
+#define HOPS_MAX 16        /* in a part: more have lost their way */
 #define ALMOST 0.999f      /* of the way to where the ray leaves, where it may be below another side of an edge */
 #define ALIKE 0.2f         /* of the greatest depth: by what it may differ between quadric and mesh */
 #define SURELY_DEEP 1.1f   /* of a ray that reaches the bottom by its quadric */
@@ -77,7 +78,7 @@ MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl tr
     MeshWalk made;
     made.t = made.depth = made.slope = 0.0f;
     made.is_found = made.at_border = 0;
-    intl active = wanted, part = 1;
+    intl active = wanted, part = 1, hops = 0;
     const floatl first_part = distance * (ALMOST / (WALK_PARTS * WALK_PARTS)), deepest = LOST_DEPTH * relief->scale;
     floatl second = 1.0f / 3.0f, third = 1.0f / 3.0f, depth = 0.0f, before = 0.0f,
            long_before = 0.0f;
@@ -122,7 +123,8 @@ MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl tr
         second = select_lanes(goes_on, (floatl)(1.0f / 3.0f), second);
         third = select_lanes(goes_on, (floatl)(1.0f / 3.0f), third);
         depth = select_lanes(goes_on, clamp_lanes(depth, (floatl)0.0f, deepest), depth);
-        active = active & !made.is_found & !made.at_border;
+        hops = select_lanes(is_inside, (intl)0, hops + 1);
+        active = active & !made.is_found & !made.at_border & (hops <= HOPS_MAX);
     }
     return made;
 }

@@ -81,7 +81,7 @@ class ReliefSurface(HeightMapped):
         How deep a ray is. "approximate": below the quadric, along the normal where it entered (equation 7). "exact":
         where that tells, below circles of the quadric's curvatures, which is the true distance on planes, tubes and
         spheres; and where a ray has a short way through the mesh, or creases are near, below the mesh itself, so that
-        outlines are those of the displaced mesh on creased, noisy and coarse meshes, too; at 1.2 to 1.6 times the time
+        outlines are those of the displaced mesh on creased, noisy and coarse meshes, too; at 1.2 to 1.5 times the time
         where the mesh bends. "perpendicular": to the quadric, at right angles to the ray (equation 6), which is more
         than the depth where a ray runs into the surface; of the linear search alone, as no bounds hold for it.
     search : {"safe", "linear"}
