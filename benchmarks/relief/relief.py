@@ -41,7 +41,7 @@ WAYS: dict[str, dict[str, Any]] = {
     "safe, exact": {"search": "safe", "distance": "exact"},
     "linear, exact": {"search": "linear", "distance": "exact"},
     "linear, equation 6": {"search": "linear", "distance": "perpendicular"},
-    "flat (no silhouettes)": {"search": "linear", "silhouette": "none"},
+    "flat (no silhouettes)": {"search": "linear", "silhouette": "none", "distance": "approximate"},
 }
 SAFE_STEPS = 0  # the number of steps that stands for the safe search
 MAPS = ("bricks", "thin")

@@ -4,8 +4,8 @@
  * (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices,
- * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, unused. texels,
- * bounds, levels: search.h.
+ * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, is sharp. texels,
+ * bounds, levels: search.h. points, neighbours: walk.h.
  *
  * With WITHIN the last triangle is a window right before the eye, which is below the mesh: it covers the whole picture,
  * and rays that enter there start at its vertices' depth, which is 0 at all others.
@@ -15,18 +15,22 @@
 #include "raster/triangle.h"
 #include "relief/search.h"
 
-#define VERTEX_FLOATS 16 /* floats of a vertex */
+#define VERTEX_FLOATS 16 /* floats of a vertex, */
+#define VERTEX_IS_SHARP 15 /* and which of them says that a triangle around it is turned far from its normal */
 
 #define LINEAR 0
 #define SAFE 1
 #define FLAT_MAX 1e-5f       /* curvature times depth: a surface of less is taken for a plane */
 #define ARC_PARTS 16         /* of a ray below the mesh, among whose ends its deepest point is searched */
-#define DEEPEST_HALVINGS 8   /* of the interval in which a light's ray is deepest */
+#define DEEPEST_HALVINGS 8   /* of the interval in which a ray is deepest below circles */
+#define BOTTOM_STEPS 8       /* towards where it reaches the bottom below circles */
+#define CIRCLES_TOLERANCE 5e-3f /* of the depth: by what rays may be less deep below circles than by equation 7 */
 #define COSINE_MIN 1e-3f     /* of a ray that enters: at outlines interpolated normals may point away from the viewer */
 
 typedef struct {
     global const int *faces;
-    global const float *projected, *vertices;
+    global const float *projected, *vertices, *points;
+    global const int *neighbours;
     global const uint *texels;
     global const uint *bounds;
     global const int *levels;
@@ -41,6 +45,7 @@ typedef struct {
     floatl u, v;
     Vector normal, along_u, along_v; /* the normal of unit length, and the gradients of u and v */
     floatl a, b, c;
+    floatl is_sharp; /* > 0: a corner's normal is far from that of a triangle around it, as at creases */
 #if WITHIN
     floatl depth;
 #endif
@@ -60,7 +65,8 @@ INLINED Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
     const Vector normal = {of_vertex[2], of_vertex[3], of_vertex[4]};
     const floatl unit = 1.0f / sqrt(max_lanes(DOT(normal, normal), (floatl)1e-20f));
     Entry e = {of_vertex[0], of_vertex[1], scaled(normal, unit), {of_vertex[5], of_vertex[6], of_vertex[7]},
-               {of_vertex[8], of_vertex[9], of_vertex[10]}, of_vertex[11], of_vertex[12], of_vertex[13]};
+               {of_vertex[8], of_vertex[9], of_vertex[10]}, of_vertex[11], of_vertex[12], of_vertex[13],
+               of_vertex[VERTEX_IS_SHARP]};
 #if WITHIN
     e.depth = of_vertex[14];
 #endif
@@ -110,13 +116,8 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     ray->L = max_lanes(-cosine, (floatl)COSINE_MIN) * per_scale;
     const floatl bend = quadric ? quadric_form(e, x, y, x, y) : (floatl)0.0f;
     ray->K = bend * per_scale;
-#if DISTANCE != APPROXIMATE
+#if DISTANCE == PERPENDICULAR
     ray->vz = min_lanes(cosine, (floatl)-COSINE_MIN);
-#endif
-#if DISTANCE == EXACT
-    ray->per_scale = per_scale;
-    ray->curvatures = curvatures_of(e, x, y, quadric ? 1.0f : 0.0f);
-#elif DISTANCE == PERPENDICULAR
     ray->bend = bend;
     ray->scale = scale;
 #endif
@@ -128,71 +129,91 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 #endif
 }
 
+/* Gives a ray whose point t after its entry is `depth` deep the parabola through both: one that is deepest there, or
+ * reaches the bottom; it begins with `slope` where that is less steep. */
+INLINED void bend_through(ReliefRay *ray, floatl t, floatl depth, floatl slope, intl which)
+{
+    const floatl mean = (depth - START_DEPTH(ray)) / t, rise = min_lanes(slope, 2.0f * mean);
+    ray->L = select_lanes(which, rise, ray->L);
+    ray->K = select_lanes(which, (mean - rise) / t, ray->K);
+}
+
 /* Far below a curved surface, rays are less deep than equation 7 says, which makes outlines, and the shadows that they
- * cast, too wide. A light's ray that reaches the bottom by equation 7, but not by the circles of EXACT (ray.h), is
- * given another parabola: the one that is deepest where the ray is deepest by circles, and as deep there. Below a
- * sphere of the greater curvature no ray is deeper than below the circles, so rays that reach the bottom even there
- * stay as they are. enters: the rays that are asked for */
+ * cast, too wide. Rays that are more than CIRCLES_TOLERANCE less deep by the circles of the principal curvatures (ray.h)
+ * where equation 7 has them at the bottom, or deepest, are given another parabola: the one that reaches the bottom where
+ * the ray does by circles, or is deepest where it is by circles, and as deep there. It is never deeper than by equation
+ * 7, and right at the bottom and at outlines. enters: the rays that are asked for */
 void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl enters)
 {
-    const floatl cosine = ray->L * scale, bend = -2.0f * ray->K * scale;
-    const floatl curvature = fabs(e->a - e->b) + fabs(e->c) - (e->a + e->b); /* no less than the greater one */
-    const floatl part = min_lanes(scale * curvature, (floatl)1.0f);
-    const floatl steep = part * (2.0f - part); /* squared cosine from which on rays reach the bottom below the sphere */
-    const intl reaches = ray->L * ray->L + 4.0f * ray->K >= 0.0f;
-    const intl grazes = enters & reaches & (bend * scale > FLAT_MAX) & (cosine * cosine < steep);
-    if (!any_lane(grazes))
-        return;
+    const floatl L = ray->L, K = ray->K, cosine = L * scale, bend = -2.0f * K * scale;
+    const floatl discriminant = L * L + 4.0f * K;
+    const floatl at_quadric = select_lanes(discriminant >= 0.0f, 2.0f / (L + sqrt(max_lanes(discriminant, (floatl)0.0f))),
+                                           -0.5f * L / K);
     Vector x_axis, y_axis;
     tangents_of(e, &x_axis, &y_axis);
     const PrincipalCurvatures c = curvatures_of(e, DOT(d, x_axis), DOT(d, y_axis), 1.0f);
-    /* Bisection finds where the derivative of the depth by circles is 0: after the ray is deepest below that sphere,
-     * and before it is by equation 7. up: 1 + k1 z of the ray's point; far: the same with z raised by the first
-     * circle's part; around: 1 + k2 z with that z. */
-    floatl before = cosine / c.k2, after = cosine / bend;
-    for (int i = 0; i < DEEPEST_HALVINGS; i++) {
-        const floatl t = 0.5f * (before + after);
-        const floatl up = 1.0f - c.k1 * cosine * t, x_2 = c.w1 * t * t, far = sqrt(up * up + c.k1 * c.k1 * x_2);
-        const floatl around = 1.0f + c.k2 * (c.k1 * x_2 / (up + far) - cosine * t);
-        const intl dives = around * (cosine * up - c.k1 * c.w1 * t) > c.k2 * c.w2 * t * far;
-        before = select_lanes(dives, t, before);
-        after = select_lanes(dives, after, t);
+    const floatl tolerance = CIRCLES_TOLERANCE * scale;
+    const floatl off = beyond_quadric(&c, -cosine * at_quadric, at_quadric);
+    const intl differs = enters & (off > tolerance);
+    if (!any_lane(differs))
+        return;
+    /* The secant method, from where equation 7 reaches the bottom */
+    floatl t = at_quadric, depth = 1.0f - off / scale, rise = L + K * t;
+    intl reaches = differs & (discriminant >= 0.0f);
+    for (int i = 0; i < BOTTOM_STEPS && any_lane(reaches & (depth < 1.0f - BOTTOM_TOLERANCE)); i++) {
+        const floatl next = t + max_lanes(1.0f - depth, (floatl)0.0f) / rise;
+        const floatl there = next * (L + K * next) - beyond_quadric(&c, -cosine * next, next) / scale;
+        reaches = reaches & ((there > depth) | (depth >= 1.0f - BOTTOM_TOLERANCE));
+        rise = select_lanes(next > t, (there - depth) / (next - t), rise);
+        t = select_lanes(reaches, next, t);
+        depth = select_lanes(reaches, there, depth);
     }
-    const floatl t = 0.5f * (before + after);
-    const floatl depth = (t * (cosine - 0.5f * bend * t) - beyond_quadric(&c, -cosine * t, t)) / scale;
-    const intl comes_out = grazes & (depth > 0.0f) & (depth < 1.0f);
-    ray->L = select_lanes(comes_out, 2.0f * depth / t, ray->L);
-    ray->K = select_lanes(comes_out, -depth / (t * t), ray->K);
+    reaches = reaches & (depth >= 1.0f - BOTTOM_TOLERANCE);
+    const intl peaks = differs & !reaches & (bend * scale > FLAT_MAX) & (c.k2 > 0.0f);
+    if (any_lane(peaks)) {
+        /* Bisection finds where the derivative of the depth by circles is 0: after the ray is deepest below a sphere of
+         * the greater curvature, and before it is by equation 7. up: 1 + k1 z of the ray's point; far: the same with z
+         * raised by the first circle's part; around: 1 + k2 z with that z. */
+        floatl before = cosine / c.k2, after = cosine / bend;
+        for (int i = 0; i < DEEPEST_HALVINGS; i++) {
+            const floatl middle = 0.5f * (before + after);
+            const floatl up = 1.0f - c.k1 * cosine * middle, x_2 = c.w1 * middle * middle,
+                         far = sqrt(up * up + c.k1 * c.k1 * x_2);
+            const floatl around = 1.0f + c.k2 * (c.k1 * x_2 / (up + far) - cosine * middle);
+            const intl dives = around * (cosine * up - c.k1 * c.w1 * middle) > c.k2 * c.w2 * middle * far;
+            before = select_lanes(dives, middle, before);
+            after = select_lanes(dives, after, middle);
+        }
+        const floatl deepest = 0.5f * (before + after);
+        const floatl there = deepest * (L + K * deepest) - beyond_quadric(&c, -cosine * deepest, deepest) / scale;
+        t = select_lanes(peaks, deepest, t);
+        depth = select_lanes(peaks, there, depth);
+    }
+    const intl follows = reaches | (peaks & (depth > 0.0f) & (depth < 1.0f));
+    const floatl steep = select_lanes(reaches, L, (floatl)INFINITY);
+    bend_through(ray, t, select_lanes(reaches, max_lanes(depth, (floatl)(1.0f + BOTTOM_PRECISION)), depth), steep, follows);
 }
 
-/* A ray that has escaped, having come out by its quadric, is still below the mesh until it leaves that by a back,
- * `distance` after its entry, where its depth falls by `slope` per scene unit. Its depth between is estimated by the
- * cubic with the depths and slopes of both ends. If where the cubic first reaches the bottom, or else is deepest, it is
- * deeper than the quadric says, the mesh is less curved than its quadric: then the ray gets the parabola through its
- * entry and that point, no steeper at the entry than before. Returns which rays do; share: of the quadric's curvature
- * that is left. */
-intl follow_mesh(ReliefRay *ray, floatl distance, floatl slope, floatl *share)
+/* A ray is below the mesh until it leaves that by a back, `distance` after its entry, where its depth falls by `slope`
+ * per scene unit. Its depth between is estimated by the cubic with the depths and slopes of both ends. Returns where the
+ * cubic first reaches the bottom, or else is deepest, in t, and how deep it is there. round: by what the depth below
+ * circles is more than below parabolas */
+INLINED floatl deepest_between(const ReliefRay *ray, floatl distance, floatl slope, floatl round, floatl *t)
 {
-    const floatl L = ray->L, leaves = max_lanes(slope, (floatl)0.0f), start = START_DEPTH(ray);
-    floatl t = 0.0f, depth = start, before = start;
+    const floatl L = ray->L * round, leaves = max_lanes(slope, (floatl)0.0f) * round, start = START_DEPTH(ray);
+    floatl depth = start, before = start;
+    *t = 0.0f;
     for (int i = 1; i <= ARC_PARTS; i++) {
         const float part = (float)i / ARC_PARTS, rest = 1.0f - part;
         const float started = rest * rest * (1.0f + 2.0f * part); /* what is left of the depth at the start */
         const floatl now = distance * (part * rest) * (L * rest + leaves * part) + start * started;
         const intl rises = (depth < 1.0f) & (now > depth);
         const floatl reached = select_lanes(now > 1.0f, (1.0f - before) / (now - before), (floatl)1.0f);
-        t = select_lanes(rises, distance * (i - 1 + reached) * (1.0f / ARC_PARTS), t);
+        *t = select_lanes(rises, distance * (i - 1 + reached) * (1.0f / ARC_PARTS), *t);
         depth = select_lanes(rises, min_lanes(now, (floatl)1.0f), depth);
         before = now;
     }
-    const intl deeper = (t > 0.0f) & (depth > depth_of(ray, t));
-    depth *= 1.0f + BOTTOM_TOLERANCE;
-    const floatl mean = (depth - start) / t, rise = min_lanes(L, 2.0f * mean), K = (mean - rise) / t;
-    *share = select_lanes(deeper & (ray->K < K), max_lanes(K / ray->K, (floatl)0.0f), (floatl)1.0f);
-    ray->L = select_lanes(deeper, rise, L);
-    ray->K = select_lanes(deeper, K, ray->K);
-    use_quadric_depth(ray, deeper);
-    return deeper;
+    return depth;
 }
 
 /* An entry whose quadric has a share of its curvature */

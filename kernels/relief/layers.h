@@ -7,16 +7,19 @@
  * been found. All lanes of a block search at once, whichever triangles their rays enter.
  *
  * A ray that escapes, which by its quadric has come out again, is searched once more by what the mesh itself tells
- * (entry.h, follow_mesh): up to the back by which it leaves the mesh. In a light's map, rays that meet a back before
+ * (walk.h, follow_mesh): up to the back by which it leaves the mesh. With ASKS_MESH all rays whose way through the mesh
+ * is short are searched by that alone. In a light's map, rays that meet a back before
  * any front are stopped at the bottom of the relief (stop_from_below).
  */
 #define KEEPS_UV 1
 #include "raster/fragment.h"
-#include "relief/entry.h"
+#include "relief/walk.h"
 
 #ifndef DEPTH_ALONE
 #define DEPTH_ALONE 0 /* 1: no colours are asked for, as in a light's map */
 #endif
+#define ASKS_MESH (DISTANCE == EXACT && !DEPTH_ALONE) /* short ways through the mesh follow it, not its quadrics */
+#define SHORT_WAY 6.0f /* of the relief's depth: a ray's way through the mesh, times the cosine that it enters at */
 
 /* A region's pixels: the entries of the layer that is searched, and how the pixel's hit has been found */
 typedef struct {
@@ -87,7 +90,18 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
 typedef struct {
     Vector from, direction;
     floatl share; /* of the quadric's curvature that their depth follows, 0 to 1 */
+    intl by_mesh; /* the mesh has been asked how deep they are */
 } EntryRay;
+
+/* Are the exits of all rays found before they are searched? */
+INLINED int finds_exits_first(const Relief *relief)
+{
+#if WITHIN
+    return 1;
+#else
+    return ASKS_MESH ? relief->quadric : 0;
+#endif
+}
 
 /* Sets up a search along the rays of a block's pixels from their first entries; by_mesh: along those that have escaped,
  * by what the mesh tells, up to their exits. */
@@ -105,29 +119,42 @@ EntryRay begin_search(const Context *context, const Region *region, int block, i
     entry_ray.direction = view_direction(relief->screen, entry_ray.from);
 #endif
     entry_ray.share = 1.0f;
-    const intl entered = layers->entered[block], enters = entered >= 0;
-    const Entry e = entry_of(relief, select_lanes(enters, entered, (intl)0), x, y);
+    entry_ray.by_mesh = 0;
+    const intl entered = layers->entered[block], enters = entered >= 0, triangle = select_lanes(enters, entered, (intl)0);
+    const Entry e = entry_of(relief, triangle, x, y);
     set_ray(&s->ray, &e, entry_ray.direction, relief->quadric, relief->scale);
-#if DEPTH_ALONE && DISTANCE == APPROXIMATE
-    if (relief->quadric)
-        follow_circles(&s->ray, &e, entry_ray.direction, relief->scale, enters);
+#if DISTANCE == EXACT || (DEPTH_ALONE && DISTANCE == APPROXIMATE)
+    if (relief->quadric && !by_mesh)
+        follow_circles(&s->ray, &e, entry_ray.direction, relief->scale, enters & STARTS_AT_MESH(&s->ray));
 #endif
     s->ray.level = level_of(relief, &e, PIXEL_SIZE(relief, n), enters);
     intl searches = enters;
     floatl longest = INFINITY;
-    if (by_mesh || WITHIN) {
+    if (by_mesh || finds_exits_first(relief)) {
         const intl leaves = layers->escaped[block] & (layers->exit[block] > EMPTY);
         const Vector through = minus(point_at(relief->screen, x, y, select_lanes(leaves, layers->exit[block], n)),
                                      entry_ray.from);
-        const floatl distance = sqrt(DOT(through, through));
-        if (by_mesh) {
-            const Entry exit = entry_of(relief, select_lanes(leaves, layers->exit_triangle[block], (intl)0), x, y);
-            longest = distance;
-            const floatl slope = DOT(entry_ray.direction, exit.normal) / relief->scale;
-            searches = leaves & follow_mesh(&s->ray, distance, slope, &entry_ray.share);
-        } else {
-            longest = select_lanes(leaves & (ENTRY_DEPTH(&e) > 0.0f), distance, longest);
+        const floatl way = sqrt(DOT(through, through)), short_way = SHORT_WAY / s->ray.L;
+        intl asks = by_mesh ? leaves : ((leaves & (way < short_way)) | (enters & (e.is_sharp > 0.0f))) &
+                                           STARTS_AT_MESH(&s->ray);
+        if (by_mesh)
+            searches = 0;
+        if ((by_mesh || ASKS_MESH) && any_lane(asks)) {
+            const Exit exit = exit_at(relief, select_lanes(leaves, layers->exit_triangle[block], triangle), x, y,
+                                      entry_ray.direction, select_lanes(leaves, way, (floatl)INFINITY));
+            const floatl farthest = by_mesh ? (floatl)INFINITY : short_way;
+            entry_ray.by_mesh = asks & (exit.distance <= farthest);
+            if (!by_mesh)
+                asks = asks & ((e.is_sharp > 0.0f) | !is_as_mesh(&s->ray, &e, exit, relief->scale));
+            intl follows = 0;
+            if (any_lane(asks))
+                follows = follow_mesh(relief, &s->ray, &e, entry_ray.from, entry_ray.direction, triangle, exit, farthest,
+                                      by_mesh ? leaves : (intl)0, asks, &entry_ray.share);
+            entry_ray.by_mesh = entry_ray.by_mesh & (follows | !asks);
+            longest = select_lanes(follows, way, longest);
+            searches = by_mesh ? follows : searches;
         }
+        longest = select_lanes(leaves & !STARTS_AT_MESH(&s->ray), way, longest);
     }
 #if COUNTERS
     s->taken = 0;
@@ -168,7 +195,7 @@ intl keep_hits(const Context *context, int block, const Search *s, EntryRay entr
     region->owner[block] = select_lanes(nearer, entered, region->owner[block]);
     layers->t[block] = select_lanes(nearer, t, layers->t[block]);
     layers->share[block] = select_lanes(nearer, entry_ray.share, layers->share[block]);
-    layers->escaped[block] = s->searches & !s->found;
+    layers->escaped[block] = s->searches & !s->found & !entry_ray.by_mesh;
     region->u[block] = select_lanes(nearer, s->ray.u + s->ray.du * t, region->u[block]);
     region->v[block] = select_lanes(nearer, s->ray.v + s->ray.dv * t, region->v[block]);
     const intl more = (entered >= 0) & (layers->second[block] > region->nearness[block]);
@@ -230,7 +257,7 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
         const Entry e = entry_of(relief, triangle, x, y);
         ReliefRay ray;
         set_ray(&ray, &e, back, relief->quadric, relief->scale);
-#if DISTANCE == APPROXIMATE
+#if DISTANCE != PERPENDICULAR
         if (relief->quadric)
             follow_circles(&ray, &e, back, relief->scale, leaves);
 #endif
@@ -253,12 +280,13 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
 int search_layer(const Context *context, Region *region, BinList listed)
 {
     Layers *layers = context->layers;
+    const int asks = finds_exits_first(&context->relief);
     int more = 0, escaped = 0;
     for (int block = 0; block < BLOCKS; block++) {
         layers->searched[block] = -INFINITY;
-        layers->escaped[block] = WITHIN ? layers->entered[block] >= 0 : (intl)0;
+        layers->escaped[block] = asks ? layers->entered[block] >= 0 : (intl)0;
     }
-    if (WITHIN)
+    if (asks)
         find_exits(context, region, listed);
     for (int block = 0; block < BLOCKS; block += INTERLEAVED) {
         int any = 0;
@@ -271,7 +299,7 @@ int search_layer(const Context *context, Region *region, BinList listed)
     }
     if (!escaped || DEPTH_ALONE)
         return more;
-    if (!WITHIN)
+    if (!asks)
         find_exits(context, region, listed);
     for (int block = 0; block < BLOCKS; block += INTERLEAVED) {
         int any = 0;

@@ -41,13 +41,8 @@ typedef struct {
 #if WITHIN
     floatl depth; /* where the ray starts; > 0: below the mesh */
 #endif
-#if DISTANCE != APPROXIMATE
-    floatl vz; /* of the unit direction, along the normal: < 0 */
-#endif
-#if DISTANCE == EXACT
-    floatl per_scale; /* depths per scene unit */
-    PrincipalCurvatures curvatures;
-#elif DISTANCE == PERPENDICULAR
+#if DISTANCE == PERPENDICULAR
+    floatl vz;    /* of the unit direction, along the normal: < 0 */
     floatl scale; /* of depth 1 */
     floatl bend;  /* a x^2 + b y^2 + c x y of the direction */
 #endif
@@ -56,9 +51,11 @@ typedef struct {
 /* Equation 7 */
 #if WITHIN
 #define START_DEPTH(ray) ((ray)->depth)
+#define STARTS_AT_MESH(ray) ((ray)->depth <= 0.0f)
 #define QUADRIC_DEPTH(ray, t) ((ray)->depth + (t) * ((ray)->L + (ray)->K * (t)))
 #else
 #define START_DEPTH(ray) 0.0f
+#define STARTS_AT_MESH(ray) ((intl)-1)
 #define QUADRIC_DEPTH(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
 #endif
 
@@ -78,12 +75,7 @@ INLINED floatl beyond_quadric(const PrincipalCurvatures *c, floatl z, floatl t)
     return first + second - 0.5f * t_2 * (c->k1 * c->w1 + c->k2 * c->w2);
 }
 
-#if DISTANCE == EXACT
-floatl depth_of(const ReliefRay *ray, floatl t)
-{
-    return QUADRIC_DEPTH(ray, t) - beyond_quadric(&ray->curvatures, ray->vz * t, t) * ray->per_scale;
-}
-#elif DISTANCE == PERPENDICULAR
+#if DISTANCE == PERPENDICULAR
 /* P = V t; R = P + s U, U at right angles to V in the plane of V and the normal. */
 floatl depth_of(const ReliefRay *ray, floatl t)
 {
@@ -101,13 +93,8 @@ floatl depth_of(const ReliefRay *ray, floatl t)
 /* The depths of some rays become those of equation 7: without curvatures there is no other. */
 INLINED void use_quadric_depth(ReliefRay *ray, intl which)
 {
-#if DISTANCE != APPROXIMATE
+#if DISTANCE == PERPENDICULAR
     ray->vz = select_lanes(which, (floatl)0.0f, ray->vz);
-#endif
-#if DISTANCE == EXACT
-    ray->curvatures.k1 = select_lanes(which, (floatl)0.0f, ray->curvatures.k1);
-    ray->curvatures.k2 = select_lanes(which, (floatl)0.0f, ray->curvatures.k2);
-#elif DISTANCE == PERPENDICULAR
     ray->bend = select_lanes(which, (floatl)0.0f, ray->bend);
 #endif
 }
@@ -124,16 +111,8 @@ void mask_inactive(ReliefRay *ray, intl active)
 #if WITHIN
     ray->depth = select_lanes(active, ray->depth, (floatl)0.0f);
 #endif
-#if DISTANCE != APPROXIMATE
+#if DISTANCE == PERPENDICULAR
     ray->vz = select_lanes(active, ray->vz, (floatl)-0.5f);
-#endif
-#if DISTANCE == EXACT
-    PrincipalCurvatures *c = &ray->curvatures;
-    c->k1 = select_lanes(active, c->k1, (floatl)0.0f);
-    c->k2 = select_lanes(active, c->k2, (floatl)0.0f);
-    c->w1 = select_lanes(active, c->w1, (floatl)0.0f);
-    c->w2 = select_lanes(active, c->w2, (floatl)0.0f);
-#elif DISTANCE == PERPENDICULAR
     ray->bend = select_lanes(active, ray->bend, (floatl)0.0f);
 #endif
 }
@@ -164,27 +143,7 @@ void set_end(ReliefRay *ray)
     const floatl discriminant = ray->L * ray->L + 4.0f * ray->K;
     ray->at_bottom = discriminant >= 0.0f;
     ray->end = select_lanes(ray->at_bottom, 2.0f / (ray->L + sqrt(fmax(discriminant, (floatl)0.0f))), -ray->L / ray->K);
-#if DISTANCE == EXACT
-    /* Depths are less than by equation 7, so the bottom is reached later, or never: the secant method */
-    floatl t = select_lanes(ray->at_bottom, ray->end, (floatl)0.0f);
-    intl reaches = ray->at_bottom;
-    for (int i = 0; i < 8 && any_lane(reaches & (depth_of(ray, t) < 1.0f - BOTTOM_PRECISION)); i++) {
-        const floatl step = 1e-3f * t, depth = depth_of(ray, t), rise = depth_of(ray, t + step) - depth;
-        reaches = reaches & ((rise > 0.0f) | (depth >= 1.0f));
-        t = select_lanes(reaches & (rise > 0.0f), t + max_lanes(1.0f - depth, (floatl)0.0f) * step / rise, t);
-    }
-    reaches = reaches & (depth_of(ray, t) >= 1.0f - BOTTOM_TOLERANCE);
-    /* And the ray comes out earlier: bisection */
-    floatl inside = 0.0f, beyond = select_lanes(ray->K < 0.0f, -ray->L / ray->K, ray->end);
-    for (int i = 0; i < 20 && any_lane(!reaches); i++) {
-        const floatl middle = 0.5f * (inside + beyond);
-        const intl in = depth_of(ray, middle) > 0.0f;
-        inside = select_lanes(in, middle, inside);
-        beyond = select_lanes(in, beyond, middle);
-    }
-    ray->end = select_lanes(reaches, t, select_lanes(ray->K < 0.0f, beyond, ray->end));
-    ray->at_bottom = reaches | (ray->at_bottom & (ray->K >= 0.0f));
-#elif DISTANCE == PERPENDICULAR
+#if DISTANCE == PERPENDICULAR
     /* The bottom is reached before the ray is deepest, if at all: bisection */
     floatl before = 0.0f, after = select_lanes(ray->K < 0.0f, -0.5f * ray->L / ray->K, 4.0f * ray->end);
     const intl reaches = depth_of(ray, after) >= 1.0f;

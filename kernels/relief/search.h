@@ -22,7 +22,6 @@
 #define FIRST_TIER 2     /* where a safe search starts */
 #define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
 #define AXIS_PARALLEL 1e-4f      /* texels: what moves less along x, or y, stays on its column, or row */
-#define CELL_PARTS 4     /* of a cell, in a search by EXACT */
 
 /* Where a ray runs on its level of the map: (x, y) + (dx, dy) t */
 typedef struct {
@@ -151,27 +150,6 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     const floatl t = s->t, dx = s->track.dx, dy = s->track.dy;
     const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
     const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
-#if DISTANCE != APPROXIMATE
-    floatl before = t, after = t;
-    intl within = 0;
-    for (int part = 0; part <= CELL_PARTS; part++) {
-        const floatl z = t + (leaves - t) * (part * (1.0f / CELL_PARTS)), gx = fx + dx * (z - t),
-                     gy = fy + dy * (z - t);
-        const intl now = !within &
-                         (depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy));
-        after = select_lanes(within, after, z);
-        within = within | now;
-        before = select_lanes(within, before, z);
-    }
-    for (int part = 0; part < 8; part++) {
-        const floatl z = 0.5f * (before + after), gx = fx + dx * (z - t), gy = fy + dy * (z - t);
-        const intl now = depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy);
-        after = select_lanes(now, z, after);
-        before = select_lanes(now, before, z);
-    }
-    const intl met = tries & within;
-    s->t = select_lanes(met, after, t);
-#else
     /* Ray less surface is F0 + F1 ahead + F2 ahead^2, F0 < 0 above the surface. */
     const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
     const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
@@ -181,7 +159,6 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     const intl crosses = (discriminant >= 0.0f) & (ahead >= 0.0f) & (ahead <= (leaves - t) + s->nudge);
     const intl met = tries & ((F0 >= 0.0f) | crosses);
     s->t = select_lanes(met, min_lanes(t + select_lanes(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), t);
-#endif
     return met;
 }
 

@@ -65,14 +65,8 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
 #if WITHIN
     ray->depth = (floatl)0.0f;
 #endif
-#if DISTANCE != APPROXIMATE
-    ray->vz = (floatl)0.0f; /* without curvatures its depth is that of equation 7 */
-#endif
-#if DISTANCE == EXACT
-    ray->per_scale = per_scale;
-    const PrincipalCurvatures none = {(floatl)0.0f, (floatl)0.0f, (floatl)0.0f, (floatl)0.0f};
-    ray->curvatures = none;
-#elif DISTANCE == PERPENDICULAR
+#if DISTANCE == PERPENDICULAR
+    ray->vz = (floatl)0.0f; /* without curvature its depth is that of equation 7 */
     ray->bend = (floatl)0.0f;
     ray->scale = scale;
 #endif

@@ -16,9 +16,11 @@ from pyibr.core.checks import Float64
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit_or_up
 from pyibr.meshes.tangents import unit, uv_gradients
+from pyibr.relief.neighbours import place_and_way
 
 _SINGULAR = 1e-6  # of the largest: less than that is rounding
 _HARD = 0.97  # cosine: of normals at one place some are 14 degrees and more from their mean
+_SHARP = 0.866  # cosine: between a vertex' normal and a triangle's, 30 degrees
 _BENT = 1e-3  # of normals of length 1: by what those of a flat triangle differ at most, by rounding
 _BELOW = -0.1  # cosine of the way into a vertex's triangles with that mean: they fall away from it
 
@@ -111,6 +113,16 @@ def juts_out(mesh: Mesh, normals: Float64) -> bool:
     return bool((turned & ((ways * means).sum(axis=1) < _BELOW)).any())
 
 
+def is_sharp(mesh: Mesh, normals: Float64) -> NDArray[np.bool_]:
+    """(N,) is a vertex' normal far from that of a triangle around it, so that no quadric holds there?"""
+    own = unit(areas(mesh.vertices, mesh.faces), np.zeros(3))
+    cosine = np.einsum("tc,tkc->tk", own, normals[mesh.faces])
+    sharp = np.zeros(len(normals), np.bool_)
+    has_area = own.any(axis=1, keepdims=True)
+    sharp[mesh.faces[has_area & (cosine < _SHARP)]] = True
+    return sharp
+
+
 def vertex_frames(mesh: Mesh, tiles: tuple[int, int]) -> VertexFrames:
     """Frames and quadrics of all vertices of a mesh with uv."""
     vertices = mesh.vertices.astype(np.float64)
@@ -172,8 +184,7 @@ def fitted_quadrics(
     planar : (N,) bool
         Where the neighbours determine no quadric, as they lie on a line through the vertex; a = b = c = 0.
     """
-    kinds = np.column_stack([vertices, normals.round(3)])
-    place = np.unique(kinds, axis=0, return_inverse=True)[1].reshape(-1)
+    place = place_and_way(vertices, normals)
     count = int(place.max()) + 1
     first = np.zeros(count, np.int64)
     first[place] = np.arange(len(vertices))  # any vertex at the place

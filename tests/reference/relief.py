@@ -89,13 +89,6 @@ class Rays:
         if distance == "approximate":
             return np.where(at_bottom, bottom, out), at_bottom
         depth = getattr(self, distance)
-        if distance == "exact":  # less than equation 7: out again earlier
-            inside, beyond = np.zeros(len(out)), np.where(K < 0, out, 0)
-            for _ in range(60):
-                middle = 0.5 * (inside + beyond)
-                within = depth(middle) > 0
-                inside, beyond = np.where(within, middle, inside), np.where(within, beyond, middle)
-            out = beyond
         # The first of many steps that is at the bottom, up to where equation 7 is out again; then halvings.
         far = np.where(K < 0, out, 4 * np.where(at_bottom, bottom, 0))
         after, reaches = far.copy(), np.zeros(len(far), bool)

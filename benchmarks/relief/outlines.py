@@ -1,0 +1,194 @@
+"""``python -m benchmarks.relief.outlines [MESHES]``: even reliefs' outlines on real meshes, against cast rays.
+
+An even relief moves the mesh's surface inwards, and so its outline. The truth is that mesh, each triangle cut into
+finer ones whose corners are moved along the normals, cast at by Open3D (Embree). Of parts that are thinner than the
+relief is deep it is inside out.
+"""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import astuple, dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from benchmarks.results import Skip
+from benchmarks.scenes import scanned
+from benchmarks.tables import table
+from pyibr.capture import models
+
+Float64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SIZE, TURNS, DEPTHS = 320, (20, 110, 200, 290), (0.01, 0.04)
+"""Side of the pictures in pixels, degrees around the mesh, and depths over the diagonal of its box."""
+
+HEIGHT = 0.5
+"""Of the even reliefs, of whose depth the outline moves in by half."""
+
+CUTS = 4
+"""Of a triangle's sides in the truth."""
+
+WHITE = np.full((2, 2, 3), 255, np.uint8)
+LIGHT: dict[str, Any] = {"direction": (0.4, -1.0, -0.7), "ambient": 0.2}
+
+
+def _file(name: str, axis: int | None = None, *, creased: bool = False) -> ibr.Mesh | Skip:
+    """A mesh of the data folder; axis: around which it is given uv; creased: it keeps no normals."""
+    mesh = scanned(name)
+    if isinstance(mesh, Skip) or axis is None:
+        return mesh
+    wrapped = models.with_cylindrical_uv(mesh, axis=axis)
+    return ibr.Mesh(wrapped.vertices, wrapped.faces, uv=wrapped.uv) if creased else wrapped
+
+
+MESHES: dict[str, Callable[[], ibr.Mesh | Skip]] = {
+    "Spot": functools.partial(_file, "spot/spot_triangulated.obj"),
+    "cow": functools.partial(_file, "cow.obj.gz", 1),
+    "rocker-arm": functools.partial(_file, "rocker-arm.obj.gz", 1),
+    "fandisk, smooth": functools.partial(_file, "fandisk.obj.gz", 1),
+    "fandisk, creased": functools.partial(_file, "fandisk.obj.gz", 1, creased=True),
+    "cheburashka": functools.partial(_file, "cheburashka.obj.gz", 1),
+    "human": functools.partial(_file, "human_female_makehuman.obj.gz"),
+    "teapot": functools.partial(_file, "teapot.obj.gz", 1),
+}
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Figures of an even relief over all pictures.
+
+    Attributes
+    ----------
+    carved : float
+        By how much the outline has moved in, over by how much it should: 1 is right.
+    iou : float
+        Intersection over union with the truth.
+    bare_iou : float
+        The same of the bare mesh's outline.
+    holes, spurs : int
+        Pixels that are empty two pixels and more inside of the true outline, and covered as far outside of it.
+    false_shadow : float
+        Share of the pixels in shadow that the truth lights.
+    """
+
+    carved: float
+    iou: float
+    bare_iou: float
+    holes: int
+    spurs: int
+    false_shadow: float
+
+
+def carved_scene(relief: ibr.ReliefSurface) -> Any:
+    """The even relief's surface, to cast rays at."""
+    mesh, normals = relief.drawn, relief.frames.normals
+    parts = [(i, j) for i in range(CUTS + 1) for j in range(CUTS + 1 - i)]
+    number = {part: k for k, part in enumerate(parts)}
+    weights = np.array([(CUTS - i - j, i, j) for i, j in parts]) / CUTS
+    points = np.einsum("kw,twc->tkc", weights, mesh.vertices.astype(np.float64)[mesh.faces])
+    ahead = np.einsum("kw,twc->tkc", weights, normals[mesh.faces])
+    points -= (1 - HEIGHT) * relief.scale * ahead / np.maximum(np.linalg.norm(ahead, axis=2, keepdims=True), 1e-12)
+    cells = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in number if i + j < CUTS]
+    cells += [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in number if i + j < CUTS - 1]
+    faces = np.arange(len(points))[:, None, None] * len(parts) + np.array(cells)
+    scene = import_module("open3d").t.geometry.RaycastingScene()
+    scene.add_triangles(points.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))
+    return scene
+
+
+def around(mesh: ibr.Mesh, turn: float, size: int = SIZE) -> ibr.Camera:
+    """A camera that sees a mesh from `turn` degrees about its y axis, somewhat from above."""
+    low, high = (np.asarray(corner, np.float64) for corner in mesh.bounds)
+    middle, extent, angle = (low + high) / 2, float(np.linalg.norm(high - low)), np.radians(turn)
+    away = np.array([np.sin(angle), 0.35, np.cos(angle)])
+    return ibr.Camera.look_at(middle + 1.15 * extent * away, middle, (0, 1, 0), (size, size), fov_y=42)
+
+
+def extent_of(mesh: ibr.Mesh) -> float:
+    """The diagonal of a mesh's box."""
+    return float(np.linalg.norm(np.subtract(*mesh.bounds)))
+
+
+def even_relief(mesh: ibr.Mesh, depth: float, **options: Any) -> ibr.ReliefSurface:
+    """A relief of a depth over the mesh's extent, half of which it lies below it all over."""
+    return ibr.ReliefSurface(mesh, np.full((4, 4), HEIGHT, np.float32), WHITE, depth * extent_of(mesh), **options)
+
+
+def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, **options: Any) -> Outline:
+    """An even relief on a mesh, from all sides."""
+    relief = even_relief(mesh, depth, **options)
+    scene = carved_scene(relief)
+    light, plain = (ibr.Light(**LIGHT, shadow_size=side) for side in (1024, 0))
+    rows = []
+    for turn in TURNS:
+        camera = around(mesh, turn, size)
+        rays = _rays(camera)
+        hits = scene.cast_rays(rays.astype(np.float32))
+        true = np.isfinite(hits["t_hit"].numpy()).reshape(size, size)
+        bare = ibr.render(ibr.Mesh(mesh.vertices, mesh.faces), camera).valid
+        lit, unshadowed = (ibr.render(relief, camera, lamp) for lamp in (light, plain))
+        ours = lit.valid
+        told = unshadowed.color.max(axis=2) > 75
+        dark = told & (lit.color.max(axis=2) < unshadowed.color.max(axis=2) - 15)
+        is_lit = _lit(scene, rays, hits, relief.scale).reshape(size, size)
+        counts = (bare & ~ours).sum(), (bare & ~true).sum(), (ours & true).sum(), (ours | true).sum()
+        counts += (bare & true).sum(), (bare | true).sum()
+        counts += (_shrunk(true) & ~ours).sum(), (ours & ~_grown(true)).sum()
+        rows.append((*counts, (dark & is_lit).sum(), (told & true & ours).sum()))
+    carved, should, both, either, bare_both, bare_either, holes, spurs, dark, told = np.sum(rows, axis=0, dtype=float)
+    return Outline(carved / should, both / either, bare_both / bare_either, int(holes), int(spurs), dark / told)
+
+
+def _rays(camera: ibr.Camera) -> Float64:
+    """(pixels, 6) origins and directions of planar depth 1."""
+    y, x = np.mgrid[: camera.height, : camera.width]
+    ahead = camera.unproject(np.column_stack([x.ravel(), y.ravel()]), np.ones(x.size)) - camera.center
+    return np.concatenate([np.broadcast_to(camera.center, ahead.shape), ahead], axis=1)
+
+
+def _lit(scene: Any, rays: Float64, hits: Any, scale: float) -> Mask:
+    """(pixels,) which of the points that rays hit the light reaches."""
+    t = hits["t_hit"].numpy().astype(np.float64)
+    met = np.isfinite(t)
+    back = -np.array(LIGHT["direction"]) / np.linalg.norm(LIGHT["direction"])
+    normals = hits["primitive_normals"].numpy().astype(np.float64)
+    normals *= -np.sign((normals * rays[:, 3:]).sum(axis=1, keepdims=True))
+    from_ = rays[:, :3] + np.where(met, t, 0)[:, None] * rays[:, 3:] + 0.05 * scale * normals
+    to_light = np.concatenate([from_, np.broadcast_to(back, from_.shape)], axis=1).astype(np.float32)
+    return met & ~scene.test_occlusions(to_light).numpy()
+
+
+def _grown(mask: Mask) -> Mask:
+    """A mask and all that is within two pixels of it."""
+    padded, (height, width) = np.pad(mask, 2), mask.shape
+    return np.any([padded[y : y + height, x : x + width] for y in range(5) for x in range(5)], axis=0)
+
+
+def _shrunk(mask: Mask) -> Mask:
+    """A mask without what is within two pixels of its outline."""
+    return ~_grown(~mask)
+
+
+def lines(names: list[str], **options: Any) -> Iterator[list[str]]:
+    """A table's rows, of the meshes that there are."""
+    for name in names:
+        mesh = MESHES[name]()
+        if isinstance(mesh, Skip):
+            continue
+        for depth in DEPTHS:
+            found = measure(mesh, depth, **options)
+            carved, iou, bare, holes, spurs, dark = astuple(found)
+            shares = [f"{carved:.2f}", f"{iou:.3f}", f"{bare:.3f}"]
+            yield [name, f"{depth:g}", *shares, f"{holes}", f"{spurs}", f"{dark:.2%}"]
+
+
+if __name__ == "__main__":
+    head = ["mesh", "depth", "carved share", "IoU", "IoU of the bare mesh", "holes, px", "spurs, px", "false shadow"]
+    print(table(head, list(lines(sys.argv[1:] or list(MESHES)))))

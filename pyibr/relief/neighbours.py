@@ -1,0 +1,43 @@
+"""Neighbours of a mesh's triangles, for walks over its surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.checks import Float64
+from pyibr.meshes.normals import place_of
+
+
+def place_and_way(vertices: Float64, normals: Float64) -> NDArray[np.int64]:
+    """(N,) equal numbers for vertices at one place with one normal: seams of uv do not part them, hard edges do."""
+    kinds = np.column_stack([place_of(vertices.astype(np.float32)), normals.round(3)])
+    return np.unique(kinds, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def neighbours(vertices: Float64, faces: NDArray[np.int32], normals: Float64) -> NDArray[np.int32]:
+    """(M, 3) triangles on the sides opposite to each corner, across seams of uv, too; -1 at borders and hard edges.
+
+    Triangles with two corners at one place, as at the poles of a globe, are left out: those at both of their sides are
+    neighbours.
+
+    Parameters
+    ----------
+    vertices : (N, 3) float64
+    faces : (M, 3) int32
+    normals : (N, 3) float64
+        Unit length.
+    """
+    place = place_and_way(vertices, normals)
+    ends = place[faces]
+    start, end = ends[:, [1, 2, 0]], ends[:, [2, 0, 1]]
+    solid = np.flatnonzero((start != end).all(axis=1))
+    made = np.full(faces.shape, -1, np.int32)
+    if not len(solid):
+        return made
+    count = int(place.max()) + 1
+    there, back = ((first * count + second)[solid].ravel() for first, second in ((start, end), (end, start)))
+    order = np.argsort(there, kind="stable")
+    beside = order[np.searchsorted(there[order], back).clip(0, len(there) - 1)]  # the first of several
+    made[solid] = np.where(there[beside] == back, solid[beside // 3], -1).reshape(-1, 3)
+    return made

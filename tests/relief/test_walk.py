@@ -1,0 +1,116 @@
+"""Outlines of even reliefs on meshes with creases, saddles and poles, and on coarse ones, against cast rays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from benchmarks.relief.outlines import MESHES as SCANS
+from benchmarks.relief.outlines import around, even_relief, measure
+from pyibr.capture import models
+from pyibr.relief.neighbours import neighbours
+from tests.boxes import box, facets
+from tests.data import shared
+from tests.one_lane import one_lane
+from tests.relief.solids import cylinder, grid
+
+
+def globe(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radius 1 about the origin, with both poles."""
+    a, b = 2 * np.pi * u, np.pi * (v - 0.5)
+    normals = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
+    return normals, normals
+
+
+def cushion(cells: int = 9) -> ibr.Mesh:
+    """A cube of 6 x cells x cells squares whose corners share normals over its edges."""
+    x, y = np.meshgrid(*[np.linspace(-1, 1, cells + 1)] * 2)
+    i = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    square = np.concatenate([np.stack([i, i + 1, i + cells + 2], 1), np.stack([i, i + cells + 2, i + cells + 1], 1)])
+    points, faces, uv = [], [], []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            of_side = np.stack([side * x, y, np.full_like(x, side)], axis=-1).reshape(-1, 3)
+            points.append(np.roll(of_side, axis, axis=1))
+            faces.append(square + 2 * axis * x.size + (side > 0) * x.size)
+            uv.append(np.stack([x, y], axis=-1).reshape(-1, 2))
+    at = np.concatenate(points)
+    normals = np.sign(at) * (np.abs(at) > 1 - 1e-6)
+    return ibr.Mesh(at, np.concatenate(faces), uv=np.concatenate(uv), normals=normals)
+
+
+MESHES: dict[str, tuple[Callable[[], ibr.Mesh], float]] = {
+    # and the intersection over union at the greater depth
+    "creases": (cushion, 0.96),
+    "poles": (lambda: grid(globe, 32, 16), 0.98),
+    "6 sides": (lambda: models.donut(6), 0.97),
+    "8 sides": (lambda: models.donut(8), 0.97),
+    "12 sides": (lambda: models.donut(12), 0.97),
+    "24 sides": (lambda: models.donut(24), 0.97),
+}
+SCANNED = {"Spot": (0.75, 1.1), "rocker-arm": (0.75, 1.1), "cheburashka": (0.75, 1.1), "cow": (0.75, 1.4)}
+"""By what share of their true change outlines move: of the cow, whose horns and ears are thinner than the greater depth
+and inside out in the truth, more."""
+
+
+@pytest.mark.parametrize("depth", [0.01, 0.04])
+@pytest.mark.parametrize("name", MESHES)
+def test_outlines_are_the_displaced_meshs(name, depth):
+    """Nothing is empty or covered two pixels off the true outline, but for some pixels where three creases meet."""
+    make, least = MESHES[name]
+    found = measure(make(), depth, 160)
+    assert found.iou >= least
+    assert 1 - found.iou <= 0.5 * (1 - found.bare_iou)
+    assert found.holes <= 8
+    assert found.spurs <= 8
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("depth", [0.01, 0.04])
+@pytest.mark.parametrize("name", [*SCANNED, "fandisk, smooth", "fandisk, creased"])
+def test_no_outline_of_a_scanned_mesh_is_worse_than_the_bare_meshs(name, depth):
+    shared("meshes")
+    mesh = SCANS[name]()
+    assert isinstance(mesh, ibr.Mesh)
+    found = measure(mesh, depth)
+    assert found.iou > found.bare_iou
+    low, high = SCANNED.get(name, (0.0, np.inf))
+    assert low <= found.carved <= high
+
+
+@pytest.mark.parametrize("name", ["creases", "poles", "8 sides"])
+def test_one_lane_finds_the_same(name):
+    """But for rays that graze a triangle's side, which go on below either of two."""
+    mesh, camera = MESHES[name][0](), around(MESHES[name][0](), 20, 61)
+    relief = even_relief(mesh, 0.04)
+    wide = ibr.render(relief, camera)
+    with one_lane():
+        single = ibr.render(even_relief(mesh, 0.04), camera)
+    assert (wide.valid != single.valid).sum() <= 2
+    both = wide.valid & single.valid
+    assert both.sum() > 300
+    assert (np.abs(wide.depth - single.depth)[both] <= 1e-4).mean() >= 0.995
+
+
+def beside(mesh: ibr.Mesh) -> np.ndarray:
+    return neighbours(mesh.vertices.astype(np.float64), mesh.faces, np.asarray(mesh.normals, np.float64))
+
+
+def test_neighbours_of_a_globe():
+    """Across the seam of uv and the poles, where every other triangle has no area."""
+    globe_ = grid(globe, 8, 4)
+    found = beside(globe_)
+    solid = np.setdiff1d(np.arange(len(globe_.faces)), np.flatnonzero((found < 0).all(axis=1)))
+    assert len(solid) == 2 * 8 * 4 - 2 * 8
+    assert (found[solid] >= 0).all()
+    for triangle in solid:
+        for other in found[triangle]:
+            assert triangle in found[other]
+
+
+def test_neighbours_end_at_borders_and_hard_edges():
+    assert (beside(grid(cylinder, 8, 1)) < 0).sum() == 16
+    assert ((beside(facets(box(), with_normals=True)) < 0).sum(axis=1) == 2).all()  # but for the other half of the side
