@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl.outcome import Outcome, Speed
 from pyibr.opencl.runtimes import Found, Kind, cpu_remedies, problems, remedy_for
+
+_log = logging.getLogger("pyibr")
 
 Examine = Callable[[Found, bool], Outcome]
 """(device, measure its speed too?) -> outcome"""
@@ -103,7 +106,8 @@ def select(found: Sequence[Found], examine: Examine, selector: int | str, argume
     examine : callable
         Tells whether one of them works.
     selector : int or str
-        An index or a part of a name; of several that match, the first that works is meant.
+        An index or a part of a name. Platforms' names come first: processors are of Intel's, too, whose own runtime is
+        another. Of several that match, the first that works is meant, which the logger "pyibr" tells.
     argument : str
         Where the words came from, for the error.
 
@@ -120,7 +124,8 @@ def select(found: Sequence[Found], examine: Examine, selector: int | str, argume
     if text.isdecimal():
         matches = [f for f in found if f.index == int(text)]
     else:
-        matches = [f for f in found if text and text in f.words()]
+        of_platforms = [f for f in found if text and text in f"{f.platform}\n{f.version}".lower()]
+        matches = of_platforms or [f for f in found if text and text in f.words()]
     if not matches:
         names = "; ".join(f"{f.index} = {f.platform}: {f.name}" for f in found)
         raise ArgumentError(argument, f"an index or a part of the name of one of [{names}]", repr(selector))
@@ -128,6 +133,9 @@ def select(found: Sequence[Found], examine: Examine, selector: int | str, argume
     for match in matches:
         device = describe(match, examine(match, False))
         if device.works:
+            others = "; ".join(f"{f.index} = {f.platform}: {f.name}" for f in matches if f is not match)
+            if others:
+                _log.info("%s=%r is %d = %s; it fits %s, too", argument, selector, device.index, device, others)
             return device
         broken.append(device)
     raise DeviceError(f"the device asked for by {argument}={selector!r} does not work.\n{explain_broken(broken)}")

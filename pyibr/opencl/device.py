@@ -192,8 +192,8 @@ def use_device(device: Device | int | str) -> Generator[Device, None, None]:
     ----------
     device : Device, int or str
         One of `devices`, its index there, or a part of its platform's or its own name, version or kind, such
-        as ``"intel"``, ``"pocl"`` or ``"gpu"``; upper and lower case are the same. Of several that match, the
-        first that works is taken.
+        as ``"intel"``, ``"pocl"`` or ``"gpu"``; upper and lower case are the same. Platforms' names count first. Of
+        several that match, the first that works is taken.
 
     Raises
     ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -132,6 +133,22 @@ def test_select(selector: int | str, index: int):
 def test_of_several_that_match_the_first_that_works_is_taken():
     listed = [found(0, "one", "cpu"), found(1, "two", "cpu")]
     assert select(listed, Examiner(one=BROKEN, two=fast(1.0)), "portable", "device").name == "two"
+
+
+def test_names_of_platforms_come_before_those_of_processors(caplog: pytest.LogCaptureFixture):
+    """PoCL calls its device on a processor of Intel's by the processor's name."""
+    pocl = found(0, "pthread-Intel(R) Xeon(R)", "cpu", "OpenCL 3.0 PoCL 6.0+debian")
+    intel = dataclasses.replace(found(1, "Intel(R) Xeon(R)", "cpu", "OpenCL 3.1 LINUX"), platform="Intel(R) OpenCL")
+    examiner = Examiner(**{pocl.name: fast(1.0), intel.name: fast(1.0)})
+    with caplog.at_level("INFO", "pyibr"):
+        assert select([pocl, intel], examiner, "intel", "device").platform == intel.platform
+        assert select([pocl, intel], examiner, "PoCL", "device").index == 0
+    assert not caplog.messages
+    with caplog.at_level("INFO", "pyibr"):
+        assert select([pocl, intel], examiner, "xeon", "device").index == 0
+        assert select([pocl], examiner, "intel", "device").index == 0
+    (said,) = caplog.messages
+    assert said.startswith("device='xeon' is 0 = ") and "it fits 1 = Intel(R) OpenCL: Intel(R) Xeon(R), too" in said
 
 
 @pytest.mark.parametrize("selector", ["radeon", 7, -1, "", "  "])
@@ -322,6 +339,7 @@ def test_a_device_that_cannot_be_opened_is_named(nothing_open: None, own_cache: 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 def test_a_forked_process_gets_an_error_and_does_not_hang():
     code = """
+import dataclasses
 import os
 from pyibr.core.errors import DeviceError
 from pyibr.opencl.device import current
