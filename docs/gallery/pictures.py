@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import matplotlib as mpl
@@ -85,6 +86,8 @@ if __name__ == "__main__":
     save("depth-camera.jpg", depthcameras.steps(), 80)
     save("own-system.jpg", splats(), 100)
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
+    if teapot := os.environ.get("PYIBR_TEAPOT"):  # a mesh file of whoever has it
+        save("paper-relief-teapot.jpg", reliefs.teapot(ibr.Mesh.load(teapot)), 80)
     save("relief-distances.jpg", reliefs.distances(), 80)
     save("relief-scenes.jpg", reliefs.scenes(), 80)
     save("relief-walk.jpg", reliefwalk.walk(), 80)

@@ -92,24 +92,37 @@ def wires(axes: Axes, mesh: ibr.Mesh, camera: ibr.Camera) -> None:
 
 def silhouettes() -> Figure:
     """A torus and a tube, flat and with the quadrics, and the mesh over that."""
-    light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
-    height, color = bricks()
     size, up = (620, 440), (0, 0, 1)
-    things = [
-        (models.donut(32), (10, 4), 0.09, ibr.Camera.look_at((1.3, -2.2, 1.7), (0, 0, -0.05), up, size, fov_y=42)),
-        (tube(24), (7, 3), 0.12, ibr.Camera.look_at((2.0, -4.0, 0.6), (0, 0, 0), up, size, fov_y=42)),
-    ]
     figure, grid = plt.subplots(2, 3, figsize=(13.5, 6.6), layout="constrained")
-    for row, (mesh, tiles, scale, camera) in zip(grid, things, strict=True):
-        made = {
-            s: ibr.ReliefSurface(mesh, height, color, scale, tiles=tiles, silhouette=s) for s in ("none", "quadric")
-        }
-        frames = {s: ibr.render(thing, camera, light, background=WHITE, samples=4).color for s, thing in made.items()}
-        show(row[0], frames["none"], 'silhouette="none"')
-        show(row[1], frames["quadric"], 'silhouette="quadric"')
-        show(row[2], frames["quadric"], "the mesh over it")
-        wires(row[2], mesh, camera)
+    camera = ibr.Camera.look_at((1.3, -2.2, 1.7), (0, 0, -0.05), up, size, fov_y=42)
+    outlines(grid[0], models.donut(32), (10, 4), 0.09, camera)
+    outlines(grid[1], tube(24), (7, 3), 0.12, ibr.Camera.look_at((2.0, -4.0, 0.6), (0, 0, 0), up, size, fov_y=42))
     return figure
+
+
+def teapot(mesh: ibr.Mesh) -> Figure:
+    """The paper's figure 9."""
+    figure, row = plt.subplots(1, 3, figsize=(13.5, 2.9), layout="constrained")
+    low, high = (np.asarray(corner, np.float64) for corner in mesh.bounds)
+    middle, extent = 0.5 * (low + high), float(np.linalg.norm(high - low))
+    away = extent * np.array([0.35, 0.55, 1.0])
+    camera = ibr.Camera.look_at(middle + away, middle, (0, 1, 0), (620, 360), fov_y=27)
+    outlines(row, models.with_cylindrical_uv(mesh, axis=1), (12, 5), 0.02 * extent, camera)
+    return figure
+
+
+def outlines(row: np.ndarray, mesh: ibr.Mesh, tiles: tuple[int, int], scale: float, camera: ibr.Camera) -> None:
+    """A mesh of bricks, flat and with the quadrics, and the mesh over that."""
+    turn = camera.world_from_camera[:3, :3]
+    light = ibr.Light(direction=turn @ (0.45, 0.45, 0.8), color=(1.4, 1.35, 1.25))
+    frames = {}
+    for silhouette in ("none", "quadric"):
+        thing = ibr.ReliefSurface(mesh, *bricks(), scale, tiles=tiles, silhouette=silhouette)
+        frames[silhouette] = ibr.render(thing, camera, light, background=WHITE, samples=4).color
+    show(row[0], frames["none"], 'silhouette="none"')
+    show(row[1], frames["quadric"], 'silhouette="quadric"')
+    show(row[2], frames["quadric"], "the mesh over it")
+    wires(row[2], mesh, camera)
 
 
 def texture() -> Figure:
