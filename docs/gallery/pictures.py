@@ -27,6 +27,8 @@ from objects import depth_object, relight
 from splats import splats
 from terrain import height_field, source_view
 
+import pyibr as ibr
+
 IMAGES = Path(__file__).resolve().parents[1] / "images"
 
 
