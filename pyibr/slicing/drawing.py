@@ -28,6 +28,9 @@ from pyibr.slicing.spacing import halvings_between, nearest_pixel, spacing_min
 
 _SLICES_MIN = 32  # slices of what is seen small
 _NEIGHBOUR_OFFSET = 4  # pixels between the depths that tell normals: slices are steps
+# An image knows outlines to half a sample. Of k that know the same place, the innermost lies k / (k + 1) of a sample
+# within the outermost on average: it is right if each reaches out to where its samples' share is 1 / (k + 1).
+_AGREEING = 3.0  # k + 1 by the number of images is their third: six, the paper's, end half-way
 _BEHIND = 8.0  # samples by which an object's surface may lie behind a view's own
 
 
@@ -86,6 +89,7 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
             finds_thin=thing.slices == "view",
             visible=thing.texture == "visible",
             unknown=thing.missing == "unknown",
+            outline=min(0.5, _AGREEING / len(order)),
             sample=sample,
             stride=(_BEHIND * sample + spacing / 2**halvings) / 2 ** (constant("slicing/object.cl", "STRIDES") - 1),
             low_x=low_x,
@@ -166,6 +170,7 @@ def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
         "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
         "sizes": upload(np.array(sizes, np.int32)),
         "maps": _joined(thing.maps),
+        "reaches": upload(np.array([thing.reach_of(view) for view in thing.views], np.float32)),
         "colors": _joined(thing.rgba),
     }
 

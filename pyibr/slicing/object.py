@@ -14,7 +14,8 @@ from pyibr.images import DepthImage
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import undistorted
-from pyibr.slicing.boxes import box_of_samples, depth_extent_of, nearness_map
+from pyibr.slicing.boxes import box_of_samples, depth_extent_of, is_empty, nearness_map
+from pyibr.slicing.cells import reach_of, with_cells
 from pyibr.slicing.drawing import draw_in_light
 from pyibr.slicing.solid import Float32, Missing, Solid, SolidSlicing, Texture, checked_views, words_of
 from pyibr.slicing.spacing import SLICES_USUAL, Slices
@@ -26,7 +27,8 @@ class DepthObject(Solid):
     """Solid that depth images all round leave of space, in their colours.
 
     A point is part of it if it lies behind every image's surface. Where an image saw no surface it leaves nothing; a
-    sample covers its pixel, so outlines run half-way between samples with depth and those without.
+    sample covers its pixel, so outlines run half-way between samples with depth and those without, and the more images
+    there are, the farther out: each cuts off what its samples missed.
     Section 4 of the paper.
 
     Parameters
@@ -152,8 +154,13 @@ class DepthObject(Solid):
         return made
 
     def map_of(self, view: DepthImage) -> Float32:
-        """Nearness image of a view, see `nearness_map`."""
-        return nearness_map(view, self.box, self.missing == "empty")
+        """Nearness of a view's samples, and its cells: `pyibr.slicing.cells.with_cells`."""
+        missing_is_empty = self.missing == "empty"
+        return with_cells(view, nearness_map(view, self.box, missing_is_empty), is_empty(view, missing_is_empty))
+
+    def reach_of(self, view: DepthImage) -> float:
+        """What a view's surface may be nearer by, in nearness, than its samples."""
+        return reach_of(view)
 
 
 def _check_resolved(thing: DepthObject) -> None:
