@@ -12,8 +12,8 @@
  * that see the point (view_colors.h).
  *
  * matrices: (VIEWS, 16) from the world to each view's pixel space. sizes: (VIEWS, 3) width, height and start in maps
- * and colors. maps: (VIEWS, 2, height, width) view_volumes.h, or 0 and 1. reaches: (VIEWS,) by how much a view's surface
- * may be nearer than its samples. colors: RGBA bytes, A = 255 where the view has a
+ * and colors. maps: (VIEWS, 2, height, width) view_volumes.h, or 0 and 1. reaches: (VIEWS,) by how much a view's
+ * surface may be nearer than its samples. colors: RGBA bytes, A = 255 where the view has a
  * sample. order: (VIEWS,) views in the order of testing. closeness: (VIEWS,) of each view's direction to the target's,
  * > 0. The origin of world coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With
  * RIBBONS, firsts: the number of the first ribbon of each sample of each view, and at last that of all; ribbons: (N,

@@ -73,9 +73,9 @@ typedef struct {
 } SurfaceSample;
 
 /* Of the wanted places of nearness `mine`: exact where these are about as near, and on the right side of it elsewhere.
- * reach: what the surface is nearer by than its samples at most. outline: the share of the samples' weights at which a part ends where the view saw
- * background. A sample covers its pixel: between two, 0.5 is half-way. Where it saw a surface behind, the part falls
- * off to that, the later the less. */
+ * reach: what the surface is nearer by than its samples at most. outline: the share of the samples' weights at which a
+ * part ends where the view saw background. A sample covers its pixel: between two, 0.5 is half-way. Where it saw a
+ * surface behind, the part falls off to that, the later the less. */
 INLINED SurfaceSample surface_at(global const float *map, global const int *size, Samples samples, float outline,
                                  float reach, floatl mine, intl wanted)
 {
@@ -196,8 +196,8 @@ intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, 
         inside = inside & samples.on_image & (w > 0.0f) & (mask_at(MAP_OF(views, size), samples) >= 0.5f);
 #else
         const floatl mine = AT(rays[i].q, z) * inverse;
-        const SurfaceSample surface = surface_at(MAP_OF(views, size), size, samples, views->outline, views->reaches[number], mine,
-                                                 inside & samples.on_image);
+        const SurfaceSample surface = surface_at(MAP_OF(views, size), size, samples, views->outline,
+                                                 views->reaches[number], mine, inside & samples.on_image);
 #if RIBBONS
         const floatl value = select_lanes(surface.there, surface.nearness, (floatl)NO_SURFACE);
         const intl behind = mine <= over_ribbons(views, size, u, v, inside & samples.on_image, value);

@@ -45,7 +45,7 @@ def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None, norma
 
 def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = None, entry: Entry = NO_ENTRY) -> None:
     """Draw an object into the target; `counts`, (H, W) int32, gains the view tests of each pixel."""
-    buffers = cached_on_device(thing, "buffers", lambda: _object_buffers(thing))
+    buffers = buffers_of(thing)
     if entry.normals:
         entry = entry.with_arrays(normals=cached_on_device(thing, "normals", lambda: _normals_of(thing)))
     box, camera = thing.box, target.camera
@@ -74,7 +74,7 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
         more["counters"] = counters
     if thing.thin:
         defines["RIBBONS"] = 1
-        buffers = buffers | cached_on_device(thing, "ribbons", lambda: _ribbons_of(thing))
+        buffers = buffers | ribbons_on_device(thing)
     if across > 0 and down > 0:
         launch(
             kernel("slicing/object.cl", "draw_object", **defines),
@@ -89,7 +89,7 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
             finds_thin=thing.slices == "view",
             visible=thing.texture == "visible",
             unknown=thing.missing == "unknown",
-            outline=min(0.5, _AGREEING / len(order)),
+            outline=outline_of(len(order)),
             sample=sample,
             stride=(_BEHIND * sample + spacing / 2**halvings) / 2 ** (constant("slicing/object.cl", "STRIDES") - 1),
             low_x=low_x,
@@ -99,6 +99,11 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
             **more,
         )
         target.blank = False
+
+
+def outline_of(count: int) -> float:
+    """Where the surfaces of so many views end, between samples: `outline` of kernels/slicing/view_volumes.h."""
+    return min(0.5, _AGREEING / count)
 
 
 def spacing_in(thing: Solid, camera: Camera) -> tuple[float, int]:
@@ -155,6 +160,16 @@ def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
             low_x, width = max(int(np.floor((u / w).min())), 0), min(int(np.ceil((u / w).max())) + 1, width)
             low_y, height = max(int(np.floor((v / w).min())), 0), min(int(np.ceil((v / w).max())) + 1, height)
     return low_x, low_y, -(-(width - low_x) // block), -(-(height - low_y) // block)
+
+
+def buffers_of(thing: Solid) -> dict[str, DeviceArray]:
+    """The object on the current device, by the kernels' names."""
+    return cached_on_device(thing, "buffers", lambda: _object_buffers(thing))
+
+
+def ribbons_on_device(thing: Solid) -> dict[str, DeviceArray]:
+    """Its ribbons, in the same way."""
+    return cached_on_device(thing, "ribbons", lambda: _ribbons_of(thing))
 
 
 def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
