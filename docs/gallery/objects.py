@@ -76,8 +76,8 @@ def what_shows_most(scene: MeshScene, views: list[ibr.DepthImage]) -> str:
     x, y, z = best.camera.center
     return (
         f"The fin between the loops is what six images leave unseen, {left[0]:.1%} of the surface: no image shows that "
-        f"it is empty. One more shows most of it from ({x:.1f}, {y:.1f}, {z:.1f}), as propose_frusta says: {left[1]:.1%} "
-        "are left."
+        f"it is empty. One more shows most of it from ({x:.1f}, {y:.1f}, {z:.1f}), as propose_frusta says: "
+        f"{left[1]:.1%} are left."
     )
 
 

@@ -35,7 +35,9 @@ def with_cells(view: DepthImage, nearness: Float32, empty: Mask) -> Float32:
     empty : (H, W) bool
         Where it saw that there is nothing.
     """
-    n, solid, background = (np.pad(image, ((0, 1), (0, 1)), mode="edge") for image in (nearness, view.valid, empty))
+    beyond = (0, 1), (0, 1)
+    n = np.pad(nearness, beyond, mode="edge")
+    solid, background = np.pad(view.valid, beyond, mode="edge"), np.pad(empty, beyond, mode="edge")
     sample = _sample_of(view, n)
     right, left, crease_x = _along_rows(n, solid, sample)
     down, up, crease_y = (part.T for part in _along_rows(n.T, solid.T, sample.T))
@@ -75,9 +77,9 @@ def with_cells(view: DepthImage, nearness: Float32, empty: Mask) -> Float32:
 
 
 def reach_of(view: DepthImage) -> float:
-    """What the surface of a view may be nearer by, in nearness, than the nearest of four samples."""
+    """The nearness by which the surface of a view may be nearer than the nearest of four samples."""
     nearest = 1 / float(view.depth[view.valid].min()) if view.camera.projection == "perspective" else 0.0
-    return 1.001 * float(_RISE_MAX * _sample_of(view, np.float32([nearest]))[0])
+    return 1.001 * float(_RISE_MAX * _sample_of(view, np.full(1, nearest, np.float32))[0])
 
 
 def _bits(name: str) -> int:
@@ -90,7 +92,7 @@ def _with_bits(image: Float32, bits: NDArray[Any], places: int) -> Float32:
 
 
 def _sample_of(view: DepthImage, nearness: Float32) -> Float32:
-    """What nearness changes by over as much in depth as neighbouring samples lie apart."""
+    """The change of nearness over as much in depth as neighbouring samples lie apart."""
     focal = np.float32(min(view.camera.K[0, 0], view.camera.K[1, 1]))
     return nearness / focal if view.camera.projection == "perspective" else np.full_like(nearness, 1 / focal)
 

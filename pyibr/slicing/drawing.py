@@ -102,7 +102,7 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
 
 
 def outline_of(count: int) -> float:
-    """Where the surfaces of so many views end, between samples: `outline` of kernels/slicing/view_volumes.h."""
+    """The place where surfaces of so many views end, between samples: `outline` of kernels/slicing/view_volumes.h."""
     return min(0.5, _AGREEING / count)
 
 

@@ -107,7 +107,8 @@ def _crossed(inside: Mask) -> tuple[Int64, NDArray[np.int32]]:
     corners = (cubes[:, None, None] + np.array(steps)).reshape(-1, 4)
     flags = inside.ravel()[corners]
     count = flags.sum(axis=1)
-    corners, flags, count = (values[(count > 0) & (count < 4)] for values in (corners, flags, count))
+    crossed = (count > 0) & (count < 4)
+    corners, flags, count = corners[crossed], flags[crossed], count[crossed]
     corners = np.take_along_axis(corners, np.argsort(~flags, axis=1, kind="stable"), axis=1)  # those within first
     triangles = list[Int64]()
     for held, shapes in _TRIANGLES.items():

@@ -193,7 +193,7 @@ class DepthObject(Solid):
         return with_cells(view, nearness_map(view, self.box, missing_is_empty), is_empty(view, missing_is_empty))
 
     def reach_of(self, view: DepthImage) -> float:
-        """What a view's surface may be nearer by, in nearness, than its samples."""
+        """The nearness by which a view's surface may be nearer than its samples."""
         return reach_of(view)
 
 

@@ -81,7 +81,7 @@ class Solid(Immutable):
         return [self.map_of(view) for view in self.views]
 
     def reach_of(self, view: Any) -> float:
-        """What a view's surface may be nearer by, in nearness, than its samples."""
+        """The nearness by which a view's surface may be nearer than its samples."""
         return 0.0
 
     @cached_property

@@ -46,7 +46,7 @@ def nearness(z: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 class DepthSurface:
-    """What a depth image knows of a surface, at any place (x, y) of it.
+    """A surface as a depth image knows it, at any place (x, y) of that.
 
     Within cells of one surface it is bilinear, and up to a sample's distance nearer where both sides bend: there a
     crease may be. In others the samples of the nearest part tell how near it lies at most. That part ends where its
@@ -89,7 +89,7 @@ class DepthSurface:
         return first, np.where(has_after, last, first)
 
     def crease(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> np.ndarray:
-        """How far planes from both sides meet above the chord from (x, y) to the next, less what roundness bends."""
+        """Height at which planes from both sides meet above the chord to the next sample, less what roundness bends."""
         first, last = self.bends(x, y, dx, dy)
         around = np.minimum(self.bends(x - dx, y - dy, dx, dy)[0], self.bends(x + dx, y + dy, dx, dy)[1])
         peak = first * last / np.maximum(first + last, 1e-300)
@@ -104,7 +104,7 @@ class DepthSurface:
         return np.array([np.where(self.valid[v, u], self.n[v, u], -np.inf) for u, v in self.corners(left, top)])
 
     def cells(self, left: np.ndarray, top: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Which are of one surface, by how much a crease in them is nearer, which samples are of the nearest part, and
+        """Tell which are of one surface, by how much a crease in them is nearer, which samples are of the nearest part, and
         how near that is at most."""
         n, corners = self.samples(left, top), self.corners(left, top)
         beside_empty = ~np.isfinite(n).all(axis=0)
