@@ -104,8 +104,8 @@ class DepthSurface:
         return np.array([np.where(self.valid[v, u], self.n[v, u], -np.inf) for u, v in self.corners(left, top)])
 
     def cells(self, left: np.ndarray, top: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Tell which are of one surface, by how much a crease in them is nearer, which samples are of the nearest part, and
-        how near that is at most."""
+        """Tell which are of one surface, by how much a crease there is nearer, which samples are of the nearest part,
+        and how near that is at most."""
         n, corners = self.samples(left, top), self.corners(left, top)
         beside_empty = ~np.isfinite(n).all(axis=0)
         sample = self.sample(np.where(np.isfinite(n).any(axis=0), n.max(axis=0), 1))
