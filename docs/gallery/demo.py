@@ -185,11 +185,11 @@ def main() -> None:
     with progress.status("drawing the picture"):
         OUTPUT.parent.mkdir(parents=True, exist_ok=True)
         picture(field, source, views).savefig(OUTPUT, dpi=100)
-    with progress.status("making a solid of six depth images"):
+    with progress.status("making a solid of depth images"):
         depth_object().savefig(OBJECT, dpi=100)
     print_table(console, source, views)
     console.print(f"The picture is [bold]{OUTPUT}[/bold]", soft_wrap=True)
-    console.print(f"A solid from six depth images is in [bold]{OBJECT}[/bold]", soft_wrap=True)
+    console.print(f"A solid from twelve depth images is in [bold]{OBJECT}[/bold]", soft_wrap=True)
     console.print(f"To see it, open it in a browser, or run: [bold]xdg-open {OUTPUT}[/bold]", soft_wrap=True)
 
 

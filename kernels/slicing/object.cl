@@ -3,15 +3,17 @@
  *
  * A pixel walks the slices of its ray's part of the object's box from front to back and stops at the first point that
  * passes the test of every view: behind the surface that the view's depth image displaces (SILHOUETTES 0), or inside
- * its silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness, up to half-way to where the view saw
- * background, as the outline of a mask; where it knows of no depth, it lies as near as the box reaches.
+ * its silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness, with creases between samples. It ends
+ * half-way to where the view saw background, as the outline of a mask, and farther out the more views there are; where
+ * it knows of no depth, it lies as near as the box reaches.
  *
  * Deviations from the paper: the slices are met per pixel instead of drawn as polygons, so the stencil passes become
  * one loop; `halvings` bring the point that passes closer to the surface than its slice; `visible` colours by the views
  * that see the point (view_colors.h).
  *
  * matrices: (VIEWS, 16) from the world to each view's pixel space. sizes: (VIEWS, 3) width, height and start in maps
- * and colors. maps: nearness, with the bit BACKGROUND, or 0 and 1. colors: RGBA bytes, A = 255 where the view has a
+ * and colors. maps: (VIEWS, 2, height, width) view_volumes.h, or 0 and 1. reaches: (VIEWS,) by how much a view's
+ * surface may be nearer than its samples. colors: RGBA bytes, A = 255 where the view has a
  * sample. order: (VIEWS,) views in the order of testing. closeness: (VIEWS,) of each view's direction to the target's,
  * > 0. The origin of world coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With
  * RIBBONS, firsts: the number of the first ribbon of each sample of each view, and at last that of all; ribbons: (N,
@@ -23,11 +25,13 @@
 #include "slicing/view_colors.h"
 
 kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
-            global const float *maps, global const uint *colors, global const int *order, global const float *closeness,
+            global const float *maps, global const float *reaches, global const uint *colors, global const int *order,
+            global const float *closeness,
             Box box, int slices_axis, int halvings /* of the interval to the slice before, once one has passed */,
             int finds_thin /* 1: what is thinner than slices lie apart, too */,
             int visible /* 1: colours are of views that see the points, if there are any */,
             int unknown /* 1: points beside an image pass its test */,
+            float outline /* where views' surfaces end: surface_at() */,
             float sample /* scene units between samples in the middle of the box, of the coarsest view */,
             float stride /* scene units of the ray, the shortest from the object's surface to a view's own */,
             int low_x, int low_y COUNTERS_PARAMETER(int)
@@ -45,7 +49,8 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     Region region;
     begin_region(&region, &picture, x, y);
 
-    const Views views = {matrices, sizes, maps, colors, order, closeness, visible, unknown, sample, stride,
+    const Views views = {matrices, sizes, maps, reaches, colors, order, closeness, visible, unknown, outline, sample,
+                         stride,
 #if RIBBONS
                          firsts, ribbons,
 #endif

@@ -55,7 +55,7 @@ INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view
         const intl word = texels_at(views->colors + size[2], samples.taps.at[k]);
         floatl weight = samples.weights[k] * to_floatl((word >> 24) & 1);
         if (visible) {
-            const floatl off = ((floatl)(gather(views->maps + size[2], samples.taps.at[k])) - mine) * by,
+            const floatl off = ((floatl)(gather(MAP_OF(views, size), samples.taps.at[k])) - mine) * by,
                          squared = off * off;
             seen_color.part += weight / (1.0f + squared * (1.0f / (LEVEL_SAMPLES * LEVEL_SAMPLES)));
             weight = weight / (1.0f + squared * (1.0f / (TORN_SAMPLES * TORN_SAMPLES)));
@@ -79,12 +79,12 @@ INLINED floatl view_surface_before(const Views *views, int number, const ViewRay
     const Samples samples = samples_at(size, AT(view->u, z) * inverse, AT(view->v, z) * inverse);
     floatl least = INFINITY;
     for (int k = 0; k < 4; k++)
-        least = min_lanes(least, (floatl)(gather(views->maps + size[2], samples.taps.at[k])));
+        least = min_lanes(least, (floatl)(gather(MAP_OF(views, size), samples.taps.at[k])));
     const floatl per_sample = samples_per_nearness(views, view, mine);
-    const SurfaceSample surface = surface_at(views->maps + size[2], samples);
+    const SurfaceSample surface = surface_at(MAP_OF(views, size), size, samples, views->outline,
+                                             views->reaches[number], mine, -1);
     *farthest = (least - mine) * per_sample;
-    return select_lanes(IS_WITHIN_OUTLINE(surface), (SURFACE_NEARNESS(surface) - mine) * per_sample,
-                        (floatl)-BEYOND_OUTLINE);
+    return select_lanes(surface.there, (surface.nearness - mine) * per_sample, (floatl)-BEYOND_OUTLINE);
 }
 
 /* The depth at which the rays meet a view's own surface, up to STRIDES strides before the object's, which they meet

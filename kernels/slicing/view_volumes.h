@@ -49,29 +49,63 @@ INLINED Samples samples_at(global const int *size, floatl x, floatl y)
     return samples;
 }
 
-#define BACKGROUND 1 /* the last bit of a sample's nearness: the view saw that there is no surface */
+/* A view's map is two images (slicing/cells.py): the nearness of samples, whose last bits tell what the cell between a
+ * sample and its three neighbours to the right and below is, */
+#define EMPTY_CELL 1 /* there is no surface, */
+#define OTHER_CELL 2 /* or a nearer one than the bilinear, */
+#define OUTLINE_CELL 3 /* or one that ends */
+/* and other cells: floats whose last bits tell which of the samples, row by row, are of the nearest part, and whether
+ * one is background. That part is by so much nearer than the first sample; or, of all four, than the bilinear. */
+#define CELL_WHOLE 15      /* all four */
+#define CELL_BACKGROUND 16 /* one at least: what is not of the part is empty */
+#define CELL_BITS 31
 
-/* A view's surface around a place: nearness, bilinear, of the samples that have one, times their part of the weights */
+#if SILHOUETTES
+#define MAP_OF(views, size) ((views)->maps + (size)[2])
+#else
+#define MAP_OF(views, size) ((views)->maps + 2 * (size)[2])
+#endif
+
+/* A view's surface around a place: nearness, and whether there is any */
 typedef struct {
-    floatl sum, part;
+    floatl nearness;
+    intl there;
 } SurfaceSample;
 
-INLINED SurfaceSample surface_at(global const float *map, Samples samples)
+/* Of the wanted places of nearness `mine`: exact where these are about as near, and on the right side of it elsewhere.
+ * reach: what the surface is nearer by than its samples at most. outline: the share of the samples' weights at which a
+ * part ends where the view saw background. A sample covers its pixel: between two, 0.5 is half-way. Where it saw a
+ * surface behind, the part falls off to that, the later the less. */
+INLINED SurfaceSample surface_at(global const float *map, global const int *size, Samples samples, float outline,
+                                 float reach, floatl mine, intl wanted)
 {
-    SurfaceSample surface = {0.0f, 0.0f};
-    for (int k = 0; k < 4; k++) {
+    const floatl first = (floatl)(gather(map, samples.taps.at[0]));
+    floatl bilinear = samples.weights[0] * first, nearest_sample = first;
+    for (int k = 1; k < 4; k++) {
         const floatl there = (floatl)(gather(map, samples.taps.at[k]));
-        const intl kept = (as_intl(there) & BACKGROUND) - 1; /* all bits, or none */
-        const floatl weight = as_floatl(as_intl(samples.weights[k]) & kept);
-        surface.sum += weight * there;
-        surface.part += weight;
+        bilinear += samples.weights[k] * there;
+        nearest_sample = max_lanes(nearest_sample, there);
     }
+    const intl kind = as_intl(first) & OUTLINE_CELL;
+    SurfaceSample surface = {bilinear, kind != EMPTY_CELL};
+    const intl other = wanted & (kind >= OTHER_CELL) & (mine <= nearest_sample + reach) &
+                       ((kind == OUTLINE_CELL) | (mine > bilinear));
+    if (!any_lane(other))
+        return surface;
+    const intl in_cells = samples.taps.at[0] + size[0] * size[1];
+    const floatl cell = (floatl)(gather(map, in_cells));
+    const intl bits = as_intl(cell), whole = (bits & CELL_WHOLE) == CELL_WHOLE, ends = (bits & CELL_BACKGROUND) != 0;
+    floatl part = 0.0f;
+    UNROLLED
+    for (int k = 0; k < 4; k++)
+        part += as_floatl(as_intl(samples.weights[k]) & -((bits >> k) & 1));
+    const floatl nearest = select_lanes(whole, bilinear, first) + cell;
+    const floatl falls = min_lanes(part * (0.5f / outline - 1.0f), (floatl)1.0f);
+    const floatl share = select_lanes(whole | ends, (floatl)1.0f, falls);
+    surface.nearness = select_lanes(other, bilinear + share * (nearest - bilinear), bilinear);
+    surface.there = surface.there & (!other | !ends | (part >= outline));
     return surface;
 }
-
-/* A sample covers its pixel: the surface ends at the outline half-way to where the view saw background. */
-#define IS_WITHIN_OUTLINE(surface) ((surface).part >= 0.5f)
-#define SURFACE_NEARNESS(surface) ((surface).sum / max_lanes((surface).part, (floatl)0.5f))
 
 /* The part of a silhouette's samples around a place that are the object's, bilinear */
 INLINED floatl mask_at(global const float *map, Samples samples)
@@ -99,10 +133,12 @@ typedef struct {
     global const float *matrices;
     global const int *sizes;
     global const float *maps;
+    global const float *reaches;
     global const uint *colors;
     global const int *order;
     global const float *closeness;
     int visible, unknown;
+    float outline;
     float sample, stride;
 #if RIBBONS
     global const int *firsts;
@@ -152,19 +188,21 @@ intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, 
     for (int i = 0; i < VIEWS && any_lane(inside); i++) {
         *tests += inside & 1;
         const floatl w = AT(rays[i].w, z), inverse = 1.0f / w;
-        global const int *size = views->sizes + 3 * views->order[i];
+        const int number = views->order[i];
+        global const int *size = views->sizes + 3 * number;
         const floatl u = AT(rays[i].u, z) * inverse, v = AT(rays[i].v, z) * inverse;
         const Samples samples = samples_at(size, u, v);
 #if SILHOUETTES
-        inside = inside & samples.on_image & (w > 0.0f) & (mask_at(views->maps + size[2], samples) >= 0.5f);
+        inside = inside & samples.on_image & (w > 0.0f) & (mask_at(MAP_OF(views, size), samples) >= 0.5f);
 #else
-        const SurfaceSample surface = surface_at(views->maps + size[2], samples);
         const floatl mine = AT(rays[i].q, z) * inverse;
+        const SurfaceSample surface = surface_at(MAP_OF(views, size), size, samples, views->outline,
+                                                 views->reaches[number], mine, inside & samples.on_image);
 #if RIBBONS
-        const floatl value = select_lanes(IS_WITHIN_OUTLINE(surface), SURFACE_NEARNESS(surface), (floatl)NO_SURFACE);
+        const floatl value = select_lanes(surface.there, surface.nearness, (floatl)NO_SURFACE);
         const intl behind = mine <= over_ribbons(views, size, u, v, inside & samples.on_image, value);
 #else
-        const intl behind = IS_WITHIN_OUTLINE(surface) & (mine * surface.part <= surface.sum);
+        const intl behind = surface.there & (mine <= surface.nearness);
 #endif
         const intl seen = samples.on_image & (w > 0.0f);
         inside = inside & (seen | (intl)(views->unknown ? -1 : 0)) & (!seen | behind);

@@ -15,7 +15,6 @@ from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
-from pyibr.opencl.headers import constant
 
 _FIRST = 8  # cells a side of the grid that begins to look for a hull's box
 _DEPTH_RATIO_MAX = 64  # times as long as it is wide by its silhouettes: where an object is looked for
@@ -159,18 +158,12 @@ def _seen_from(
 
 
 def nearness_map(view: DepthImage, box: Box, missing_is_empty: bool) -> NDArray[np.float32]:
-    """(H, W) nearness of a view's samples; what is empty as far as the box reaches, what is unknown as near.
-
-    The last bit tells what is empty: BACKGROUND of kernels/slicing/view_volumes.h.
-    """
+    """(H, W) nearness of a view's samples; what is empty as far as the box reaches, what is unknown as near."""
     z = view.camera.camera_from_world[2, :3] @ box.corners.T + view.camera.camera_from_world[2, 3]
     far = max(float(z.max()), float(view.depth[view.valid].max()))
     near = max(float(z.min()), 1e-3 * far) if view.camera.projection == "perspective" else float(z.min())
-    empty = is_empty(view, missing_is_empty)
-    depth = np.where(view.valid, view.depth, np.where(empty, far, near))
-    nearness = (1 / depth if view.camera.projection == "perspective" else -depth).astype(np.float32)
-    background = int(constant("slicing/view_volumes.h", "BACKGROUND"))
-    return ((nearness.view(np.int32) & ~background) | np.where(empty, background, 0)).astype(np.int32).view(np.float32)
+    depth = np.where(view.valid, view.depth, np.where(is_empty(view, missing_is_empty), far, near))
+    return (1 / depth if view.camera.projection == "perspective" else -depth).astype(np.float32)
 
 
 class Outline:

@@ -28,6 +28,9 @@ from pyibr.slicing.spacing import halvings_between, nearest_pixel, spacing_min
 
 _SLICES_MIN = 32  # slices of what is seen small
 _NEIGHBOUR_OFFSET = 4  # pixels between the depths that tell normals: slices are steps
+# An image knows outlines to half a sample. Of k that know the same place, the innermost lies k / (k + 1) of a sample
+# within the outermost on average: it is right if each reaches out to where its samples' share is 1 / (k + 1).
+_AGREEING = 3.0  # k + 1 by the number of images is their third: six, the paper's, end half-way
 _BEHIND = 8.0  # samples by which an object's surface may lie behind a view's own
 
 
@@ -42,7 +45,7 @@ def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None, norma
 
 def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = None, entry: Entry = NO_ENTRY) -> None:
     """Draw an object into the target; `counts`, (H, W) int32, gains the view tests of each pixel."""
-    buffers = cached_on_device(thing, "buffers", lambda: _object_buffers(thing))
+    buffers = buffers_of(thing)
     if entry.normals:
         entry = entry.with_arrays(normals=cached_on_device(thing, "normals", lambda: _normals_of(thing)))
     box, camera = thing.box, target.camera
@@ -71,7 +74,7 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
         more["counters"] = counters
     if thing.thin:
         defines["RIBBONS"] = 1
-        buffers = buffers | cached_on_device(thing, "ribbons", lambda: _ribbons_of(thing))
+        buffers = buffers | ribbons_on_device(thing)
     if across > 0 and down > 0:
         launch(
             kernel("slicing/object.cl", "draw_object", **defines),
@@ -86,6 +89,7 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
             finds_thin=thing.slices == "view",
             visible=thing.texture == "visible",
             unknown=thing.missing == "unknown",
+            outline=outline_of(len(order)),
             sample=sample,
             stride=(_BEHIND * sample + spacing / 2**halvings) / 2 ** (constant("slicing/object.cl", "STRIDES") - 1),
             low_x=low_x,
@@ -95,6 +99,11 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
             **more,
         )
         target.blank = False
+
+
+def outline_of(count: int) -> float:
+    """The place where surfaces of so many views end, between samples: `outline` of kernels/slicing/view_volumes.h."""
+    return min(0.5, _AGREEING / count)
 
 
 def spacing_in(thing: Solid, camera: Camera) -> tuple[float, int]:
@@ -153,6 +162,16 @@ def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
     return low_x, low_y, -(-(width - low_x) // block), -(-(height - low_y) // block)
 
 
+def buffers_of(thing: Solid) -> dict[str, DeviceArray]:
+    """The object on the current device, by the kernels' names."""
+    return cached_on_device(thing, "buffers", lambda: _object_buffers(thing))
+
+
+def ribbons_on_device(thing: Solid) -> dict[str, DeviceArray]:
+    """Its ribbons, in the same way."""
+    return cached_on_device(thing, "ribbons", lambda: _ribbons_of(thing))
+
+
 def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
     """The object for the current device."""
     sizes: list[tuple[int, int, int]] = []
@@ -166,6 +185,7 @@ def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
         "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
         "sizes": upload(np.array(sizes, np.int32)),
         "maps": _joined(thing.maps),
+        "reaches": upload(np.array([thing.reach_of(view) for view in thing.views], np.float32)),
         "colors": _joined(thing.rgba),
     }
 

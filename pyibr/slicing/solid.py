@@ -72,13 +72,17 @@ class Solid(Immutable):
         return list(range(len(self.views)))
 
     def map_of(self, view: Any) -> Float32:
-        """The (H, W) image that a view tests points with: nearness, or a mask, 0 or 1."""
+        """The image that a view tests points with: (2, H, W) nearness and cells, or an (H, W) mask, 0 or 1."""
         raise NotImplementedError
 
     @cached_property
     def maps(self) -> list[Float32]:
         """Images that the views test points with."""
         return [self.map_of(view) for view in self.views]
+
+    def reach_of(self, view: Any) -> float:
+        """The nearness by which a view's surface may be nearer than its samples."""
+        return 0.0
 
     @cached_property
     def rgba(self) -> list[NDArray[np.uint32]]:

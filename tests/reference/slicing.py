@@ -45,20 +45,109 @@ def nearness(z: np.ndarray, camera: Camera) -> np.ndarray:
     return 1 / np.maximum(z, 1e-12) if camera.projection == "perspective" else -z
 
 
-def depth_object(views: Sequence[DepthImage]) -> Inside:
-    """Points behind the surface of every view, within its outline, which is as a mask's.
+class DepthSurface:
+    """A surface as a depth image knows it, at any place (x, y) of that.
 
-    A surface is bilinear between the samples that have one.
+    Within cells of one surface it is bilinear, and up to a sample's distance nearer where both sides bend: there a
+    crease may be. In others the samples of the nearest part tell how near it lies at most. That part ends where its
+    weights are `outline` beside background, and falls off to what lies behind.
     """
+
+    EDGE = 3.0  # samples' distances between what is of one surface
+    REACH = 1.0  # samples' distances by which a surface may be nearer than its samples
+
+    def __init__(self, view: DepthImage, outline: float) -> None:
+        self.valid, self.outline = view.valid, outline
+        self.n = nearness(np.where(view.valid, view.depth, np.inf).astype(float), view.camera)
+        self.focal = min(view.camera.K[0, 0], view.camera.K[1, 1])
+        self.perspective = view.camera.projection == "perspective"
+        y, x = np.indices(self.n.shape)
+        self.whole, self.crease_there, self.of_part, self.near = self.cells(x, y)
+
+    def sample(self, n: np.ndarray) -> np.ndarray | float:
+        """The nearness that is as far in depth as samples lie apart."""
+        return n / self.focal if self.perspective else 1 / self.focal
+
+    def change(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
+        """From (x, y) to the next sample along a row or a column, and whether they are of one surface; else 0."""
+        height, width = self.n.shape
+        there = (x >= 0) & (y >= 0) & (x + dx < width) & (y + dy < height)
+        here = np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)
+        next_ = np.clip(y + dy, 0, height - 1), np.clip(x + dx, 0, width - 1)
+        there = there & self.valid[here] & self.valid[next_]
+        change = np.where(there, self.n[next_], 0) - np.where(there, self.n[here], 0)
+        there = there & (np.abs(change) <= self.EDGE * self.sample(np.where(there, self.n[here], 0)))
+        return np.where(there, change, 0), there
+
+    def bends(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
+        """Changes of slope at (x, y) and at the next sample, away from the camera; where one is unknown, the other."""
+        (before, has_before), (change, _), (after, has_after) = (
+            self.change(x + k * dx, y + k * dy, dx, dy) for k in (-1, 0, 1)
+        )
+        first, last = np.maximum(before - change, 0), np.maximum(change - after, 0)
+        first = np.where(has_before, first, np.where(has_after, last, 0))
+        return first, np.where(has_after, last, first)
+
+    def crease(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> np.ndarray:
+        """Height at which planes from both sides meet above the chord to the next sample, less what roundness bends."""
+        first, last = self.bends(x, y, dx, dy)
+        around = np.minimum(self.bends(x - dx, y - dy, dx, dy)[0], self.bends(x + dx, y + dy, dx, dy)[1])
+        peak = first * last / np.maximum(first + last, 1e-300)
+        return np.where(self.change(x, y, dx, dy)[1], np.maximum(peak - 0.375 * around, 0), 0)
+
+    def corners(self, left: np.ndarray, top: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        right, low = np.minimum(left + 1, self.n.shape[1] - 1), np.minimum(top + 1, self.n.shape[0] - 1)
+        return [(left, top), (right, top), (left, low), (right, low)]
+
+    def samples(self, left: np.ndarray, top: np.ndarray) -> np.ndarray:
+        """(4, ...) nearness around cells, -inf where there is none."""
+        return np.array([np.where(self.valid[v, u], self.n[v, u], -np.inf) for u, v in self.corners(left, top)])
+
+    def cells(self, left: np.ndarray, top: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Tell which are of one surface, by how much a crease there is nearer, which samples are of the nearest part,
+        and how near that is at most."""
+        n, corners = self.samples(left, top), self.corners(left, top)
+        beside_empty = ~np.isfinite(n).all(axis=0)
+        sample = self.sample(np.where(np.isfinite(n).any(axis=0), n.max(axis=0), 1))
+        close = n >= n.max(axis=0) - self.EDGE * sample
+        whole = ~beside_empty & close.all(axis=0)
+        of_part = np.where(beside_empty, np.isfinite(n), close)
+        (_, above), (right, _), (_, low) = corners[:3]
+        creases = [self.crease(left, v, 1, 0) for v in (above, low)], [self.crease(u, top, 0, 1) for u in (left, right)]
+        crease = np.minimum(sum(np.maximum(*pair) for pair in creases), self.REACH * sample)
+        crease = np.where(crease < sample / 64, 0, crease)  # makes no difference
+        rises = [
+            np.maximum(-self.change(u, v, 1, 0)[0] if k & 1 else self.change(u - 1, v, 1, 0)[0], 0)
+            + np.maximum(-self.change(u, v, 0, 1)[0] if k & 2 else self.change(u, v - 1, 0, 1)[0], 0)
+            for k, (u, v) in enumerate(corners)
+        ]
+        near = np.where(of_part, n + np.minimum(rises, self.REACH * sample), -np.inf).max(axis=0)
+        return whole, crease, of_part, near
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Nearness, -inf where there is nothing."""
+        height, width = self.n.shape
+        cx, cy = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+        left, top = (np.clip(np.floor(c).astype(int), 0, max(size - 2, 0)) for c, size in ((cx, width), (cy, height)))
+        fx, fy = cx - left, cy - top
+        weights = np.array([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy])
+        n, near = self.samples(left, top), self.near[top, left]
+        flat = (weights * np.where(np.isfinite(n), n, 0)).sum(axis=0)
+        part = (weights * self.of_part[:, top, left]).sum(axis=0)
+        torn = flat + np.minimum(part * (0.5 / self.outline - 1), 1) * (np.where(np.isfinite(near), near, 0) - flat)
+        beside = np.where(np.isfinite(n).all(axis=0), torn, np.where(part >= self.outline, near, -np.inf))
+        return np.where(self.whole[top, left], flat + self.crease_there[top, left], beside)
+
+
+def depth_object(views: Sequence[DepthImage]) -> Inside:
+    """Points behind the surface of every view; of more than six the outlines lie farther out than half-way."""
+    surfaces = [DepthSurface(view, min(0.5, 3 / len(views))) for view in views]
 
     def inside(points: np.ndarray) -> np.ndarray:
         left = np.arange(len(points))  # what fails a view's test is spared the others'
-        for view in views:
+        for view, surface in zip(views, surfaces, strict=True):
             x, y, z, on_image = seen_at(view.camera, points[left])
-            near = nearness(np.where(view.valid, view.depth, 1.0).astype(float), view.camera)
-            part = bilinear(view.valid.astype(float), x, y)
-            surface = bilinear(np.where(view.valid, near, 0.0), x, y) / np.maximum(part, 0.5)
-            left = left[on_image & (part >= 0.5) & (nearness(z, view.camera) <= surface)]
+            left = left[on_image & (nearness(z, view.camera) <= surface.at(x, y))]
         return np.isin(np.arange(len(points)), left)
 
     return inside

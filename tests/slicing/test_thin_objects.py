@@ -97,7 +97,8 @@ def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
             covered.append((share, compared(ibr.render(plain, camera), truth, zoom)[0]))
         assert np.mean(covered, axis=0)[0] >= least, covered
         assert np.mean(covered, axis=0)[1] >= plain_least, covered
-        assert np.mean(covered, axis=0)[0] >= np.mean(covered, axis=0)[1], covered
+        # Ribbons are as wide as samples, and both know outlines to half of one: within a rounding of it.
+        assert np.mean(covered, axis=0)[0] >= np.mean(covered, axis=0)[1] - 1e-3, covered
 
 
 def test_images_of_perspective_cameras():

@@ -1,0 +1,34 @@
+/* Which points are in an object: those that pass the tests of all views (slicing/view_volumes.h).
+ *
+ * points: (3, count) from the middle of the object's box; count is a whole number of packets. inside: (count,) 0 or 1.
+ * The rest: object.cl. Work-item: LANES points. Cost: O(points * views tested). Determinism: each point on its own.
+ */
+#include "slicing/view_volumes.h"
+
+kernel void find_inside(global const float *points, global uchar *inside, global const float *matrices,
+                        global const int *sizes, global const float *maps, global const float *reaches,
+                        global const int *order, int unknown, float outline, int count
+#if RIBBONS
+                        , global const int *firsts, global const float *ribbons
+#endif
+)
+{
+    const int i = get_global_id(0) * LANES;
+    if (i >= count)
+        return;
+    const Views views = {
+        .matrices = matrices, .sizes = sizes, .maps = maps, .reaches = reaches, .order = order, .unknown = unknown,
+        .outline = outline,
+#if RIBBONS
+        .firsts = firsts, .ribbons = ribbons,
+#endif
+    };
+    const WorldRay place = {{load_lanes(points + i), 0.0f}, {load_lanes(points + count + i), 0.0f},
+                            {load_lanes(points + 2 * (size_t)count + i), 0.0f}};
+    ViewRay rays[VIEWS];
+    for (int k = 0; k < VIEWS; k++)
+        rays[k] = view_ray(matrices + 16 * order[k], &place);
+    intl passed = 0, tests = 0;
+    const intl found = inside_all(&views, rays, 0.0f, -1, &passed, &tests);
+    store_bytes(to_ucharl(found & 1), inside + i);
+}

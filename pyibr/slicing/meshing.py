@@ -1,0 +1,171 @@
+"""Solids as triangle meshes: their surface between the points of a grid, in the views' colours.
+
+Cubes of the grid are cut into six tetrahedra each, the same way everywhere. Where a tetrahedron has corners on both
+sides of the surface, that crosses its edges in three or four places, found by bisection. Neighbours share them, so the
+mesh is closed, without a table of cases.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.checks import Float64, integer_from
+from pyibr.core.errors import ArgumentError
+from pyibr.meshes.mesh import Mesh
+from pyibr.opencl.device import current, one_call
+from pyibr.opencl.launch import launch
+from pyibr.opencl.memory import empty, upload
+from pyibr.opencl.program import kernel
+from pyibr.slicing.drawing import buffers_of, outline_of, ribbons_on_device
+from pyibr.slicing.solid import Solid
+
+Mask = NDArray[np.bool_]
+Int64 = NDArray[np.int64]
+
+RESOLUTION_MAX = 1024
+_AT_ONCE = 1 << 21  # points: a test of one takes a few bytes for each view
+_PACKET = 16  # points are tested in whole packets, of any device
+_BISECTIONS = 8  # of an edge of the grid
+_MARGIN = 1 / 256  # of an edge: no crossing lies at its very end, where triangles would have no area
+_FACING = 0.05  # cosine: what views see more aslant they hardly colour
+_UNSEEN = 1e-6  # what views count that did not see a point, where none did
+_HIDDEN = 4.0  # samples' distances by which a point lies behind what hides it
+
+
+def mesh_of(thing: Solid, resolution: int) -> Mesh:
+    """A solid's surface, closed, its front outside; `resolution`: cells of the grid along the box's longest edge."""
+    integer_from("resolution", resolution, 1, RESOLUTION_MAX)
+    box = thing.box
+    cell = float(box.edges.max()) / resolution
+    # Points are in the middle of cells. One more all round, beyond the box, is outside.
+    shape = tuple(int(n) for n in np.ceil(box.edges / cell - 1e-6).astype(int) + 2)
+    origin = 0.5 * (box.low + box.high) - 0.5 * cell * (np.array(shape) - 1)
+
+    def places(nodes: Int64, offsets: Float64 | float = 0.0) -> Float64:
+        return (origin + cell * (np.stack(np.unravel_index(nodes, shape), axis=-1) + offsets)) @ box.axes
+
+    inside = np.zeros(shape, np.bool_)
+    inner = np.arange(inside.size).reshape(shape)[1:-1, 1:-1, 1:-1].ravel()
+    for first in range(0, len(inner), _AT_ONCE):
+        some = inner[first : first + _AT_ONCE]
+        inside.ravel()[some] = contains(thing, places(some))
+    if not inside.any():
+        raise ArgumentError(
+            "resolution", "one that is fine enough for the object", f"{resolution}, whose points miss it"
+        )
+    ends, faces = _crossed(inside)
+    within, without = places(ends[:, 0]), places(ends[:, 1])
+    low, high = np.zeros(len(ends)), np.ones(len(ends))
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        held = contains(thing, within + middle[:, None] * (without - within))
+        low, high = np.where(held, middle, low), np.where(held, high, middle)
+    part = np.clip(0.5 * (low + high), _MARGIN, 1 - _MARGIN)[:, None]
+    points = within + part * (without - within)
+    bare = Mesh(points, faces)
+    return Mesh(points, faces, colors=colors_of(thing, points, bare.smooth_normals.astype(np.float64)))
+
+
+def contains(thing: Solid, points: Float64) -> Mask:
+    """Tell which of (N, 3) points of the world are in a solid."""
+    order = np.unique(np.array(thing.outlines)).astype(np.int32)
+    with one_call():
+        buffers = {name: held for name, held in buffers_of(thing).items() if name != "colors"}
+        defines = {"VIEWS": len(order), "SILHOUETTES": int(thing.silhouettes)}
+        if thing.thin:
+            defines["RIBBONS"] = 1
+            buffers |= ribbons_on_device(thing)
+        count = -(-len(points) // _PACKET) * _PACKET
+        near = np.zeros((3, count), np.float32)
+        near[:, : len(points)] = (points - thing.box.center).T
+        found = empty((count,), np.uint8)
+        launch(
+            kernel("slicing/contains.cl", "find_inside", **defines),
+            current().profile.packets(count, 1)[:1],
+            points=upload(near),
+            inside=found,
+            order=upload(order),
+            unknown=thing.missing == "unknown",
+            outline=outline_of(len(order)),
+            count=count,
+            **buffers,
+        )
+        return found.to_host()[: len(points)].astype(np.bool_)
+
+
+def _crossed(inside: Mask) -> tuple[Int64, NDArray[np.int32]]:
+    """(N, 2) nodes within and without of the edges that the surface crosses, and (M, 3) triangles of these."""
+    strides = np.array(inside.strides) // inside.itemsize
+    mixed = np.zeros(np.array(inside.shape) - 1, np.int8)
+    for corner in itertools.product((0, 1), repeat=3):
+        mixed += inside[tuple(slice(c, c - 1 or None) for c in corner)]
+    cubes = np.stack(np.nonzero((mixed > 0) & (mixed < 8)), axis=-1) @ strides
+    steps = [np.cumsum([0, *strides[list(axes)]]) for axes in itertools.permutations(range(3))]
+    corners = (cubes[:, None, None] + np.array(steps)).reshape(-1, 4)
+    flags = inside.ravel()[corners]
+    count = flags.sum(axis=1)
+    crossed = (count > 0) & (count < 4)
+    corners, flags, count = corners[crossed], flags[crossed], count[crossed]
+    corners = np.take_along_axis(corners, np.argsort(~flags, axis=1, kind="stable"), axis=1)  # those within first
+    triangles = list[Int64]()
+    for held, shapes in _TRIANGLES.items():
+        some = corners[count == held]
+        triangles += [
+            _outwards(np.stack([some[:, edge] for edge in shape], axis=1), some, held, inside.shape) for shape in shapes
+        ]
+    edges = np.concatenate(triangles).reshape(-1, 2)
+    _, first, number = np.unique(edges[:, 0] * inside.size + edges[:, 1], return_index=True, return_inverse=True)
+    return edges[first], number.reshape(-1, 3).astype(np.int32)
+
+
+# By how many corners of a tetrahedron lie within, which come first: triangles by the edges whose crossings they join
+_TRIANGLES = {
+    1: [([0, 1], [0, 2], [0, 3])],
+    2: [([0, 2], [0, 3], [1, 3]), ([0, 2], [1, 3], [1, 2])],
+    3: [([0, 3], [1, 3], [2, 3])],
+}
+
+
+def _outwards(triangles: Int64, corners: Int64, held: int, shape: tuple[int, ...]) -> Int64:
+    """(n, 3, 2) edges with their order turned so that triangles face those corners of tetrahedra that lie without."""
+    at = np.stack(np.unravel_index(triangles, shape), axis=-1).sum(axis=2)  # twice the edges' middles
+    ends = np.stack(np.unravel_index(corners, shape), axis=-1).astype(np.float64)
+    way = ends[:, held:].mean(axis=1) - ends[:, :held].mean(axis=1)
+    facing = (np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]) * way).sum(axis=1)
+    return np.where((facing < 0)[:, None, None], triangles[:, ::-1], triangles)
+
+
+def colors_of(thing: Solid, points: Float64, normals: Float64) -> NDArray[np.uint8]:
+    """(N, 3) colours of points on a solid's surface: of the views that see them, by how squarely they do."""
+    total, weights = np.zeros((len(points), 3)), np.full(len(points), 1e-30)
+    for view in thing.views:
+        camera = view.camera
+        pixels, z = camera.project(points)
+        width, height = camera.size
+        x, y = (np.clip(np.nan_to_num(pixels[:, k]), 0, size - 1) for k, size in enumerate((width, height)))
+        towards = camera.center - points if camera.projection == "perspective" else -camera.forward[None]
+        cosine = (normals * towards).sum(axis=1) / np.linalg.norm(towards, axis=1)
+        squarely = np.maximum(cosine, 0) ** 2 + _FACING**2 * np.exp(cosine)
+        sample = (z if camera.projection == "perspective" else 1.0) / min(camera.K[0, 0], camera.K[1, 1])
+        left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+        shown = view.shown_color
+        scale = 1.0 if shown.dtype == np.uint8 else 255.0
+        part_sum, color, hidden = np.zeros(len(points)), np.zeros((len(points), 3)), np.ones(len(points), np.bool_)
+        for across, down in itertools.product((0, 1), repeat=2):
+            u, v = np.minimum(left + across, width - 1), np.minimum(top + down, height - 1)
+            part = (x - left if across else 1 - x + left) * (y - top if down else 1 - y + top) + 1e-9
+            part *= view.valid[v, u] & (z > 0)
+            if not thing.silhouettes:
+                behind = (z - np.where(view.valid[v, u], view.depth[v, u], 0)) / sample
+                part /= 1 + (behind / _HIDDEN) ** 2
+                hidden &= behind > _HIDDEN
+            part_sum += part
+            color += part[:, None] * (scale * shown[v, u].astype(np.float64))
+        share = squarely if thing.silhouettes else squarely * np.where(hidden | (cosine < -_FACING), _UNSEEN, 1)
+        share = share / np.maximum(part_sum, 1e-30)
+        total += share[:, None] * color
+        weights += share * part_sum
+    return np.rint(np.clip(total / weights[:, None], 0, 255)).astype(np.uint8)

@@ -1,0 +1,84 @@
+"""Solids as meshes: closed, where the pictures show them, and in their colours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.capture import MeshScene, object_views
+from tests.boxes import cuboid
+from tests.one_lane import one_lane
+from tests.slicing.solids import cup, looking, torus, views_of_torus
+
+KINDS = (ibr.DepthObject, ibr.VisualHull)
+
+
+def check_closed(mesh: ibr.Mesh) -> None:
+    """Every edge has two triangles, which run along it in opposite directions."""
+    edges = mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    keys, back = (edges @ (len(mesh.vertices), 1), edges @ (1, len(mesh.vertices)))
+    assert len(np.unique(keys)) == len(keys)
+    np.testing.assert_array_equal(np.sort(keys), np.sort(back))
+
+
+def volume(mesh: ibr.Mesh) -> float:
+    a, b, c = mesh.vertices.astype(np.float64)[mesh.faces].transpose(1, 0, 2)
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+@pytest.mark.parametrize("make", KINDS)
+@pytest.mark.parametrize("scene", [torus, cup])
+def test_a_mesh_is_closed_and_shows_what_the_solid_does(make, scene):
+    thing = make(object_views(scene(), 96), slices=256)
+    mesh = thing.to_mesh(90)
+    check_closed(mesh)
+    for direction in ((0.5, 0.4, 1), (-1, 0.8, 0.2), (0.2, 1.5, 0.3)):
+        camera = looking(scene(), direction, (160, 120))
+        solid, drawn = ibr.render(thing, camera), ibr.render(mesh, camera)
+        both = solid.valid & drawn.valid
+        assert both.sum() >= 0.985 * (solid.valid | drawn.valid).sum()  # cells are 1.5 pixels wide
+        cell = float(thing.box.edges.max()) / 90
+        assert np.quantile(np.abs(solid.depth - drawn.depth)[both], 0.9) <= 0.5 * cell
+        if make is ibr.DepthObject:  # whose views tell what they see
+            assert np.abs(solid.color.astype(int) - drawn.color)[both].mean() <= 4
+
+
+@pytest.mark.parametrize("resolution", [1, 2, 7, 40])
+def test_a_box_has_its_volume(resolution):
+    scene = MeshScene(*cuboid((-1, -1, -0.4), (1, 1, 0.4)))
+    mesh = ibr.DepthObject(object_views(scene, 101)).to_mesh(resolution)
+    check_closed(mesh)
+    if resolution == 40:  # edges are cut off within a cell: 1/8 of its square along each, and by slanted cuts as much
+        lost = 0.25 * (2 / resolution) ** 2 * (8 * 2 + 4 * 0.8)
+        assert 3.2 - lost <= volume(mesh) <= 3.2 * 1.02  # and a sample is a hundredth of its width
+
+
+def test_an_image_of_unknown_depth_leaves_a_closed_mesh():
+    """Its volume goes on beyond the box, at whose sides the mesh ends."""
+    views = views_of_torus("four")
+    depth = np.where(views[0].valid, views[0].depth, np.nan).astype(np.float32)
+    thing = ibr.DepthObject([ibr.DepthImage(views[0].color, depth, views[0].camera)], missing="unknown")
+    check_closed(thing.to_mesh(20))
+
+
+def test_both_forms_of_kernels_find_the_same_mesh():
+    views = views_of_torus("nine, anywhere")
+    wide = ibr.DepthObject(views).to_mesh(31)
+    with one_lane():
+        narrow = ibr.DepthObject(views).to_mesh(31)
+    assert len(wide.faces) > 1000
+    assert abs(len(wide.faces) - len(narrow.faces)) <= 1e-3 * len(wide.faces)
+    assert abs(volume(wide) / volume(narrow) - 1) <= 1e-4
+
+
+def test_thin_things_have_meshes():
+    views = object_views(torus(), 48)
+    check_closed(ibr.DepthObject(views, thin=True).to_mesh(30))
+
+
+@pytest.mark.parametrize("wrong", [0, -1, 1025, 2.5, "64", None, True])
+def test_resolution_is_a_number(wrong):
+    thing = ibr.DepthObject(views_of_torus("orthographic"))
+    with pytest.raises(ibr.ArgumentError, match=r"^resolution: "):
+        thing.to_mesh(wrong)
