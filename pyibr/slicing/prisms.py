@@ -114,8 +114,7 @@ def _at_borders(faces: NDArray[np.int64]) -> NDArray[np.int32]:
 def _tilts(corners: Float64, ways: Float64, across: Float64) -> Float64:
     """Vectors from triangles' corners, (T, 3, 3), by their second and third side and the vector across them."""
     sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], across], axis=2)
-    tilts: Float64 = np.linalg.solve(sides, ways.transpose(0, 2, 1)).transpose(0, 2, 1)
-    return tilts
+    return np.asarray(np.linalg.solve(sides, ways.transpose(0, 2, 1)), np.float64).transpose(0, 2, 1)
 
 
 def _frames(corners: Float64, normals: Float64, uv: Float64) -> tuple[Float64, Float64]:
