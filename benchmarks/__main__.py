@@ -25,6 +25,7 @@ MODULES = {
     "slicing": "slicing.slicing",
     "relief": "relief.relief",
     "depthmesh": "depthmesh.depthmesh",
+    "runtimes": "runtimes",
     "pages": "app.pages",
     "startup": "startup",
 }

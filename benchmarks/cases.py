@@ -56,6 +56,7 @@ class Plan:
     filling: Size
     registration: Mapping[Size, int]
     cleaning: Mapping[Size, int]
+    runtimes: Mapping[Size, int]
     pages_size: Size
     pages_rounds: int
     pages_seconds: float  # that the camera moves in each
@@ -114,6 +115,7 @@ FULL = Plan(
     filling=(640, 480),
     registration={(640, 480): 31, (1280, 720): 21, (1920, 1080): 11},
     cleaning={(640, 480): 31, (1280, 720): 11, (4000, 3000): 3},
+    runtimes={(640, 480): 31, (1920, 1440): 11},
     pages_size=(640, 480),
     pages_rounds=5,
     pages_seconds=4.0,
@@ -167,6 +169,7 @@ QUICK = Plan(
     filling=(64, 48),
     registration={(64, 48): 1},
     cleaning={(64, 48): 1},
+    runtimes={(64, 48): 1},
     pages_size=(320, 240),
     pages_rounds=1,
     pages_seconds=0.5,
