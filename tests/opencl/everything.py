@@ -118,6 +118,12 @@ def _simplified() -> list[NDArray[Any]]:
     return [simple.vertices, simple.faces, mesh.normals]
 
 
+def _from_noisy_depth() -> list[NDArray[Any]]:
+    view = _view(scenes.smooth)
+    noisy = ibr.DepthImage(view.color, view.depth, view.camera, noise=(0, 0, 0.01))
+    return _arrays(ibr.render(ibr.DepthMesh(noisy), view.camera.moved(0.2, 0, 0)))
+
+
 def calls() -> dict[str, Call]:
     """By name; each makes its things anew and returns all that it has got."""
     views, base = object_views(models.donut(20), 32), models.donut(12)
@@ -154,7 +160,9 @@ def calls() -> dict[str, Call]:
         "relit depth mesh object": _drawn(lambda: ibr.DepthMeshObject(views), relight=True),
         "depth mesh": _drawn(lambda: ibr.DepthMesh(views[4])),
         "depth mesh object": _drawn(lambda: ibr.DepthMeshObject(views)),
+        "depth mesh of noise": _from_noisy_depth,
         "simplified": _simplified,
+        "meshed": lambda: [ibr.DepthObject(views).to_mesh(16).vertices],
     }
 
 

@@ -165,7 +165,9 @@ def _readable(file: str) -> list[str]:
         try:
             struct(file, name)
         except BuildError as error:
-            assert re.search(rf"struct {name}: it (has attributes|holds '(\w+l|[A-Z]\w+|global|#if).*')$", str(error))
+            assert re.search(
+                rf"struct {name}: it (has attributes|holds '(\w+l|\w+\d|[A-Z]\w+|global|#if).*')$", str(error)
+            )
         else:
             found.append(name)
     return found

@@ -234,7 +234,8 @@ def test_a_users_class_shadows_every_system(name):
     pixels = np.argwhere(on_thing)[:, ::-1]
     point = view.unproject(pixels, without.depth[on_thing])
     hidden = (point[:, 0] < -0.05) & (point[:, 0] > -0.95) & (np.abs(point[:, 1]) < 0.95)
-    open_ = point[:, 0] > 0.05
+    # At the very edge of a thing its shadow map ends, too, whose texels the other thing moves.
+    open_ = (point[:, 0] > 0.05) & ((np.abs(point[:, 0] - 1) > 0.01) | (name != "SlicedSurface"))
     before, after = without.color[on_thing].astype(float), lit.color[on_thing]
     assert min(hidden.sum(), open_.sum()) > 60
     np.testing.assert_array_equal(after[open_], before[open_])
