@@ -20,7 +20,8 @@
  * layer_nearness, layer_owner: (others + views, items, pixels of a region) what a region's pixels see of each mesh,
  * between the two passes: for all meshes, that is more than private memory holds. If CLOSED, of all `view_count` views
  * what closing.h calls FreeSpace: view_sizes are its sizes. depth, color, valid: the picture, whose pixels stay where
- * they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
+ * they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED. guesses: (height,
+ * width) gets the depth of what is closed, with GUESSES.
  * Work-item: the regions (raster/region.h) of every `items`-th number, of `items` work-items. Cost: O(list + pixels *
  * meshes).
  * Determinism: list order, then the meshes'.
@@ -38,6 +39,9 @@
 #define BLEND_NEAREST 2
 #ifndef OCCUPIED
 #define OCCUPIED 0 /* 1: which views gave colour is written, too */
+#endif
+#ifndef GUESSES
+#define GUESSES 0 /* 1: where what is closed was drawn is written, too */
 #endif
 #define LEVEL_BIAS 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
 #define QUALITY_MIN 1e-3f /* so that what is seen edge-on by all views still has a colour */
@@ -259,6 +263,19 @@ void write_occupancy(intl views, const Region *region, int block, Screen screen,
 }
 #endif
 
+#if GUESSES
+/* Writes the depths of those pixels of a block that are `written`, and show what is closed. */
+void write_guesses(intl written, const Region *region, int block, const Picture *picture, global float *guesses)
+{
+    for (int lane = 0; lane < LANES; lane++)
+        if (int_lane(written, lane)) {
+            const long at = pixel_of(picture->screen, region->x + FIRST_X(block), region->y + FIRST_Y(block), lane);
+            if (at >= 0)
+                guesses[at] = picture->depth[at];
+        }
+}
+#endif
+
 kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *corners, global const float *points,
                         global const int *firsts, global const int *sources, global const int *levels,
                         global const float *scales, global const uint *colors, global const float *weights, int culled,
@@ -275,6 +292,10 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
 #if OCCUPIED
                         ,
                         global uint *occupancy
+#endif
+#if GUESSES
+                        ,
+                        global float *guesses
 #endif
                             GBUFFER_PARAMETERS NORMALS_PARAMETER(uint) FAR_NORMALS_PARAMETER)
 {
@@ -352,6 +373,10 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
             const Color shade = color_times(sum, scale);
             const intl written = write_block(&region, block, &picture, shade);
             enter_block(gbuffer, written, &region, block, &picture, color_times(normal, scale));
+#if GUESSES
+            if (any_lane(written & closed))
+                write_guesses(written & closed, &region, block, &picture, guesses);
+#endif
 #if OCCUPIED
             write_occupancy(views, &region, block, screen, occupancy);
 #endif

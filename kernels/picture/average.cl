@@ -6,6 +6,7 @@
  * not valid: their colours count, as what shows beside the things; their depths do where a pixel has no other sample.
  * sample_depth, sample_color, sample_valid: (side * height, side * width), depth NaN, colour and valid 0 where nothing
  * shows. depth, color: (height, width); valid: whether any sample is; alpha: the share of the samples that are valid.
+ * GUESSES: sample_guesses: depths of guessed surface; guesses: the pixels' depths where any sample shows such, else NaN.
  * Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
@@ -13,6 +14,10 @@
 
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels that a work-item averages */
+#endif
+
+#ifndef GUESSES
+#define GUESSES 0 /* 1: which pixels show guessed surface is told, too */
 #endif
 
 /* Nearness of samples, as good a measure of depth in orthographic pictures; NaN: nothing, or, of pixels in
@@ -99,14 +104,41 @@ INLINED void average_packet(global const float *sample_depth, global const chann
     }
 }
 
+#if GUESSES
+/* Where any sample of a packet's pixels shows guessed surface: the pixels' depths */
+INLINED void average_guesses(global const float *sample_depth, global const float *sample_guesses, int side, int width,
+                             global const float *depth, global float *guesses, int x0, int y)
+{
+    for (int x = x0; x < min(x0 + LANES, width); x++) {
+        const size_t first = (size_t)side * x + (size_t)y * side * side * width, out = (size_t)y * width + x;
+        int guessed = 0;
+        for (int j = 0; j < side; j++)
+            for (int i = 0; i < side; i++) {
+                const size_t at = first + (size_t)j * side * width + i;
+                guessed |= sample_guesses[at] == sample_depth[at];
+            }
+        guesses[out] = guessed ? depth[out] : NAN;
+    }
+}
+#endif
+
 kernel void average(global const float *sample_depth, global const channel *sample_color,
                     global const uchar *sample_valid, int side, int width, int height, int perspective,
-                    global float *depth, global channel *color, global uchar *valid, global float *alpha)
+                    global float *depth, global channel *color, global uchar *valid, global float *alpha
+#if GUESSES
+                    ,
+                    global const float *sample_guesses, global float *guesses
+#endif
+)
 {
     const int from = get_global_id(0) * (STRIP * LANES), y = get_global_id(1);
     if (y >= height)
         return;
-    for (int x0 = from; x0 < min(from + STRIP * LANES, width); x0 += LANES)
+    for (int x0 = from; x0 < min(from + STRIP * LANES, width); x0 += LANES) {
         average_packet(sample_depth, sample_color, sample_valid, side, width, height, perspective, depth, color, valid,
                        alpha, x0, y);
+#if GUESSES
+        average_guesses(sample_depth, sample_guesses, side, width, depth, guesses, x0, y);
+#endif
+    }
 }

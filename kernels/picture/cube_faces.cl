@@ -6,8 +6,8 @@
  * slope is no edge, however steep. places: (3, height, pitch) u and v in the face, NaN for pixels that are none of its
  * own, and depth in the lens's frame over depth in the picture's. face_depth, face_color, face_valid: (face_height,
  * face_width), depth NaN where there is nothing. depth, color, valid: (height, width); pixels of other faces stay, or
- * with `first` are emptied. ORIGINS: where pixels come from, and CLASSES: what they are, is carried over, too; pixels
- * without a ray are `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on
+ * with `first` are emptied. ORIGINS: where pixels come from, CLASSES: what they are, and GUESSES: which of them show
+ * guessed surface, is carried over, too; pixels without a ray are `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on
  * its own.
  */
 #include "lib/color.h"
@@ -19,6 +19,9 @@
 #endif
 #ifndef CLASSES
 #define CLASSES 0 /* 1: what pixels are is carried over, too */
+#endif
+#ifndef GUESSES
+#define GUESSES 0 /* 1: which pixels show guessed surface, at whose depth `guesses` is, is carried over, too */
 #endif
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels that a work-item goes through: starting one takes longer than most */
@@ -175,6 +178,26 @@ INLINED void copy_classes(const Reading *read, int count, int empties, global co
 }
 #endif
 
+#if GUESSES
+/* Which show guessed surface: those that were made of any pixel that does */
+INLINED void copy_guesses(const Reading *read, Face face, int count, global const float *face_guesses,
+                          global const float *depth, global float *guesses)
+{
+    for (int lane = 0; lane < count; lane++) {
+        if (!int_lane(read->own, lane))
+            continue;
+        const int whole = int_lane(read->whole, lane);
+        const int corner = int_lane(read->y, lane) * face.width + int_lane(read->x, lane);
+        int guessed = 0;
+        for (int i = 0; i < (whole ? 4 : 1); i++) {
+            const int at = whole ? corner + (i >> 1) * face.width + (i & 1) : int_lane(read->nearest, lane);
+            guessed |= face_guesses[at] == face.depth[at];
+        }
+        guesses[lane] = guessed ? depth[lane] : NAN;
+    }
+}
+#endif
+
 kernel void join_faces(global const float *places, global const float *face_depth, global const channel *face_color,
                        global const uchar *face_valid, int face_width, int face_height, int width, int height,
                        int pitch, int first, int linear, global float *depth, global channel *color, global uchar *valid
@@ -186,6 +209,10 @@ kernel void join_faces(global const float *places, global const float *face_dept
 #if CLASSES
                        ,
                        global const uchar *face_classes, global uchar *classes, int unseen
+#endif
+#if GUESSES
+                       ,
+                       global const float *face_guesses, global float *guesses
 #endif
 )
 {
@@ -206,6 +233,9 @@ kernel void join_faces(global const float *places, global const float *face_dept
 #endif
 #if CLASSES
         copy_classes(&read, count, first, face_classes, classes + at, unseen);
+#endif
+#if GUESSES
+        copy_guesses(&read, face, count, face_guesses, depth + at, guesses + at);
 #endif
     }
 }

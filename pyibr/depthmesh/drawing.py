@@ -115,6 +115,9 @@ def draw_depth_meshes(
     sides = "both" if target.from_light else "front"  # backs have no colours, but cast shadows
     bins = bin_primitives(target, triangles.corners, projected, near, sides)
     more |= _color_arguments(thing, views, blending, colored, camera, entry.normals)
+    if closing is not None and not target.from_light:
+        defines["GUESSES"] = 1
+        more["guesses"] = target.made_guesses()
     if occupancy is not None:
         defines["OCCUPIED"] = 1
         more["occupancy"] = occupancy

@@ -60,8 +60,8 @@ class DepthMeshObject(Immutable):
         Whether holes are closed: by coarse meshes of the other close views, and where a ray must meet surface that no
         view saw, since it meets the back of one, or goes behind an edge and comes to nothing more that a view saw to be
         empty: there the near surface ends half a sample beyond its samples, and behind it the one on the edge's far
-        side goes on, which is a guess. A view's infinite depths, and those from its `far` on, say that there is
-        nothing; NaN and 0 say nothing.
+        side goes on. Such surface is a guess; `Frame.guessed` tells where it shows. A view's infinite depths, and those
+        from its `far` on, say that there is nothing; NaN and 0 say nothing.
     segmentation : Segmentation, optional
         For views that are no `DepthMesh`.
     match_exposures : bool

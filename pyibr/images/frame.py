@@ -62,6 +62,10 @@ class Frame:
         of all of them; without a background, and unless holes were filled, that is the things' own colour times alpha.
         Filled samples make up the rest of a pixel's colour, but change neither its alpha nor its depth, which is of
         what is in front among what was seen; where nothing was, it is that of the filled samples.
+    guessed : (H, W) bool, or None
+        If a thing was drawn that guesses, as a `DepthMeshObject` that is closed: the pixels that show surface which no
+        view saw; of several samples a pixel those with any such sample. They are valid, to be looked at; what was seen,
+        to be measured with, is `valid & ~guessed`. Holes that were filled are not valid and are not told here.
 
     Examples
     --------
@@ -81,6 +85,7 @@ class Frame:
     source: NDArray[np.float32] | None = None
     view: NDArray[np.int32] | None = None
     alpha: NDArray[np.float32] | None = None
+    guessed: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         color = self.color.dtype if self.color.shape[2] else "depth alone"

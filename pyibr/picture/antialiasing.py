@@ -10,7 +10,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images.frame import Frame
 from pyibr.opencl.device import current
 from pyibr.opencl.launch import launch
-from pyibr.opencl.memory import empty
+from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
@@ -53,9 +53,13 @@ def averaged(fine: Target, camera: Camera, side: int, out: Frame | None = None) 
         return fine
     target = Target(camera, fine.color.dtype, out=out, channels=fine.color.shape[-1])
     target.alpha = empty((camera.height, camera.width), np.float32)
+    told: dict[str, DeviceArray] = {}
+    if fine.guesses is not None:
+        target.guesses = empty(target.depth.shape, np.float32)
+        told = {"sample_guesses": fine.guesses, "guesses": target.guesses}
     profile = current().profile
     launch(
-        kernel("picture/average.cl", "average", STRIP=profile.strip, **fine.color_defines),
+        kernel("picture/average.cl", "average", GUESSES=int(bool(told)), STRIP=profile.strip, **fine.color_defines),
         profile.packets(*camera.size, profile.strip),
         sample_depth=fine.depth,
         sample_color=fine.color,
@@ -66,6 +70,7 @@ def averaged(fine: Target, camera: Camera, side: int, out: Frame | None = None) 
         perspective=camera.projection == "perspective",
         **target.outputs(),
         alpha=target.alpha,
+        **told,
     )
     target.blank, target.filled = False, fine.filled
     return target

@@ -49,16 +49,20 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
         channels=like.shape[2],
     )
     whole.filled = any(target.filled for target in targets)
+    guesses = any(target.guesses is not None for target in targets)
     for number, (face, target) in enumerate(zip(cube_faces(camera), targets, strict=True)):
         told: dict[str, Any] = {**whole.origins, **{f"face_{name}": array for name, array in target.origins.items()}}
         if whole.classes is not None:
             told |= {"face_classes": target.classes, "classes": whole.classes, "unseen": int(PixelClass.OUTSIDE)}
+        if guesses:
+            told |= {"face_guesses": target.made_guesses(), "guesses": whole.made_guesses()}
         launch(
             kernel(
                 "picture/cube_faces.cl",
                 "join_faces",
                 ORIGINS=int(whole.source is not None),
                 CLASSES=int(whole.classes is not None),
+                GUESSES=int(guesses),
                 STRIP=profile.strip,
                 **target.color_defines,
             ),

@@ -64,7 +64,8 @@ def render(
     Returns
     -------
     Frame
-        float32 if a depth image has float32 colours, else uint8. Depth is planar z.
+        float32 if a depth image has float32 colours, else uint8. Depth is planar z. `guessed` tells which pixels show
+        surface that no view saw, if a `DepthMeshObject` that is closed is among the things.
 
     Raises
     ------

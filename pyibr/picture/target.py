@@ -50,6 +50,9 @@ class Target:
     ----------
     alpha : (H, W) float32 DeviceArray, or None
         Of several samples a pixel: the share of them that show something.
+    guesses : (H, W) float32 DeviceArray, or None
+        Depths at which guessed surface was drawn, once a thing that guesses was: a pixel shows it only as long as that
+        is the picture's depth.
     blank : bool
         Nothing has been written yet: who draws first writes every pixel, who draws later keeps what is nearer.
     filled : bool
@@ -90,6 +93,7 @@ class Target:
         self.source_view = empty(shape, np.int32) if origins else None
         self.classes = empty(shape, np.uint8) if classes else None
         self.alpha: DeviceArray | None = None
+        self.guesses: DeviceArray | None = None
         self.blank = True
         self.filled = False
         self.mixable = True
@@ -133,6 +137,13 @@ class Target:
         if self.source is None or self.source_view is None:
             return {}
         return {"source": self.source, "source_view": self.source_view}
+
+    def made_guesses(self) -> DeviceArray:
+        """The depths of guessed surface, of which there is none yet if nothing that guesses was drawn before."""
+        if self.guesses is None:
+            self.guesses = empty(self.depth.shape, np.float32)
+            self.guesses.fill(np.nan)
+        return self.guesses
 
     @property
     def color_defines(self) -> dict[str, int]:
@@ -195,8 +206,10 @@ def frames(targets: Sequence[Target]) -> list[Frame]:
     made: list[Frame] = []
     for target in targets:
         color, depth, valid = next(values), next(values), next(values).view(np.bool_)
-        more: dict[str, Any] = {"source": None, "view": None, "classes": None, "alpha": None}
+        more: dict[str, Any] = {"source": None, "view": None, "classes": None, "alpha": None, "guessed": None}
         more |= {name: next(values) for name, _ in _told(target)}
+        if target.guesses is not None:
+            more["guessed"] = more["guessed"] == depth
         if target.out is None:
             made.append(Frame(color, depth, valid, target.camera, **more))
         else:
@@ -211,5 +224,6 @@ def _told(target: Target) -> list[tuple[str, DeviceArray]]:
         "view": target.source_view,
         "classes": target.classes,
         "alpha": target.alpha,
+        "guessed": target.guesses,
     }
     return [(name, array) for name, array in told.items() if array is not None]

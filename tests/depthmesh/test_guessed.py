@@ -1,0 +1,172 @@
+"""Pixels that are guessed: those of surface that no view saw, in any kind of picture, and no others."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("open3d")
+
+import pyibr as ibr
+from pyibr.capture import MeshScene, object_views
+from pyibr.core.camera import Camera
+from tests.depthmesh.test_closing import SIZE, donut, knot
+from tests.one_lane import one_lane
+from tests.shadowed import box
+
+SCENES = {"donut": (donut, (2, -2, 2)), "knot": (knot, (5.1, -4.7, 6.2))}
+
+
+@cache
+def drawn(name: str) -> tuple[MeshScene, list[ibr.DepthImage], Camera]:
+    scene, eye = SCENES[name][0](), SCENES[name][1]
+    views = object_views(scene, 128, projection="perspective")
+    return scene, views, Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
+
+
+def closed_and_open(name: str, **kwargs: object) -> tuple[ibr.Frame, ibr.Frame]:
+    """All views are drawn in both, so that what is closed is the only difference."""
+    _, views, camera = drawn(name)
+    first, second = (
+        ibr.render(ibr.DepthMeshObject(views, blended=6, closed=closed), camera, **kwargs)  # type: ignore[arg-type]
+        for closed in (True, False)
+    )
+    return first, second
+
+
+def told(frame: ibr.Frame) -> np.ndarray:
+    assert frame.guessed is not None and frame.guessed.dtype == np.bool_
+    assert frame.guessed.shape == frame.valid.shape and not (frame.guessed & ~frame.valid).any()
+    return frame.guessed
+
+
+def differs(frame: ibr.Frame, other: ibr.Frame) -> np.ndarray:
+    return (frame.valid != other.valid) | (frame.valid & other.valid & (frame.depth != other.depth))
+
+
+@pytest.mark.parametrize("lanes", ["many", "one"])
+@pytest.mark.parametrize("name", SCENES)
+def test_guessed_is_exactly_what_is_closed(name, lanes):
+    if lanes == "one":
+        with one_lane():
+            closed, bare = closed_and_open(name)
+    else:
+        closed, bare = closed_and_open(name)
+    assert told(closed).sum() > 300
+    np.testing.assert_array_equal(told(closed), differs(closed, bare))
+    if lanes == "one":  # of wide ones, a block's pixels share a level of colours
+        np.testing.assert_array_equal(closed.color[~told(closed)], bare.color[~told(closed)])
+    assert bare.guessed is None
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_view_saw_what_is_guessed(name):
+    scene, views, camera = drawn(name)
+    guessed, away = guessed_and_away(scene, views, camera)
+    assert (away < 0.5).sum() > 800 and guessed[away < 0.5].mean() < 0.02  # surfaces end half a sample beyond the last
+    guessed, away = guessed_and_away(scene, views[::2], camera)  # three sides, half of the surface
+    assert (away > 2.5).sum() > 300 and guessed[away > 2.5].mean() > 0.95
+
+
+def guessed_and_away(scene: MeshScene, views: list[ibr.DepthImage], camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Of every seventh pixel whether it is guessed, and the distance of its true point from any sample, in samples.
+
+    Samples lie 0.7 apart at most from what they saw face on, and twice that from what they saw at 60 degrees.
+    """
+    frame, truth = ibr.render(ibr.DepthMeshObject(views), camera), scene.capture(camera)
+    both = frame.valid & truth.valid
+    samples = np.concatenate([points_of(view, view.valid) for view in views])
+    spacing = float(np.median([view.depth[view.valid].mean() / view.camera.K[0, 0] for view in views]))
+    away = np.array([np.linalg.norm(samples - point, axis=1).min() for point in points_of(truth, both)[::7]])
+    return told(frame)[both][::7], away / spacing
+
+
+def points_of(view: ibr.DepthImage, pixels: np.ndarray) -> np.ndarray:
+    y, x = np.nonzero(pixels)
+    return view.camera.unproject(np.stack([x, y], axis=-1).astype(float), view.depth[y, x].astype(float))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_what_is_not_guessed_measures_better(name):
+    scene, views, camera = drawn(name)
+    frame, truth = ibr.render(ibr.DepthMeshObject(views), camera), scene.capture(camera)
+    both = frame.valid & truth.valid
+    off = np.abs(frame.depth - truth.depth) > 0.02 * truth.depth
+    assert off[both & ~told(frame)].mean() < 0.2 * off[both & told(frame)].mean()
+
+
+@pytest.mark.parametrize("lanes", ["many", "one"])
+def test_of_several_samples_any_may_be_guessed(lanes):
+    _, views, camera = drawn("donut")
+    thing = ibr.DepthMeshObject(views)
+
+    def frames() -> tuple[ibr.Frame, ibr.Frame]:
+        fine = camera.resized((3 * camera.width, 3 * camera.height))
+        return ibr.render(thing, camera, samples=9), ibr.render(thing, fine)
+
+    if lanes == "one":
+        with one_lane():
+            frame, fine = frames()
+    else:
+        frame, fine = frames()
+    any_of_nine = told(fine).reshape(camera.height, 3, camera.width, 3).any(axis=(1, 3))
+    np.testing.assert_array_equal(told(frame), any_of_nine)
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_a_lens_carries_over_what_is_guessed(samples):
+    _, views, camera = drawn("donut")
+    lens = Camera(
+        camera.K, camera.size, camera.world_from_camera, lens=ibr.Lens("brown_conrady", [-0.1, 0.01, 0.001, 0.002])
+    )
+    closed, bare = (
+        ibr.render(ibr.DepthMeshObject(views, blended=6, closed=closed), lens, samples=samples)
+        for closed in (True, False)
+    )
+    check_guesses_of_lens(closed, bare, 500)
+
+
+def test_a_fisheyes_faces_are_joined():
+    _, views, _ = drawn("donut")
+    lens = ibr.Lens("kannala_brandt", [0, 0, 0, 0])
+    near = Camera.look_at((1.3, -1.3, 1.2), (0, 0, 0), (0, 0, 1), SIZE, fov_y=90)
+    camera = Camera([[70, 0, 119.5], [0, 70, 89.5], [0, 0, 1]], SIZE, near.world_from_camera, lens=lens)
+    closed, bare = (
+        ibr.render(ibr.DepthMeshObject(views, blended=6, closed=closed), camera) for closed in (True, False)
+    )
+    check_guesses_of_lens(closed, bare, 100)
+
+
+def check_guesses_of_lens(closed: ibr.Frame, bare: ibr.Frame, least: int) -> None:
+    """Pixels are made of four, if these show one surface, as those next to them tell, too."""
+    changed = differs(closed, bare)
+    assert told(closed).sum() > least and changed[told(closed)].all()
+    beside = cv2.dilate(told(closed).astype(np.uint8), np.ones((5, 5))) > 0
+    assert not (changed & ~beside).any() and (changed & ~told(closed)).sum() < 0.1 * changed.sum()
+
+
+@pytest.mark.parametrize("first", ["object", "box"])
+def test_what_is_drawn_before_a_guess_is_none(first):
+    _, views, camera = drawn("donut")
+    thing = ibr.DepthMeshObject(views)
+    alone, before = ibr.render(thing, camera), box((0.9, -0.9, 0.55), (0.1, 0.1, 0.5))
+    things = [thing, before] if first == "object" else [before, thing]
+    for light in (None, ibr.Light(direction=(-1, 1, -2))):
+        frame = ibr.render(things, camera, light)
+        shown = frame.depth == alone.depth
+        assert told(alone)[~shown].sum() > 50 and told(alone)[shown].sum() > 50
+        np.testing.assert_array_equal(told(frame), told(alone) & shown)
+    other = ibr.DepthMeshObject([views[0]], closed=False)
+    frame = ibr.render([thing, other], camera)
+    np.testing.assert_array_equal(told(frame), told(alone) & (frame.depth == alone.depth))
+
+
+def test_nothing_is_told_where_nothing_guesses():
+    _, views, camera = drawn("donut")
+    assert ibr.render([ibr.DepthMeshObject(views, closed=False), ibr.DepthMesh(views[0])], camera).guessed is None
+    assert ibr.warp(views[0], camera).guessed is None
+    away = camera.moved(0, 0, -1e3)
+    assert not told(ibr.render(ibr.DepthMeshObject(views), away)).any()
