@@ -188,12 +188,13 @@ INLINED void copy_guesses(const Reading *read, Face face, int count, global cons
             continue;
         const int whole = int_lane(read->whole, lane);
         const int corner = int_lane(read->y, lane) * face.width + int_lane(read->x, lane);
+        const int nearest = int_lane(read->nearest, lane);
         int guessed = 0;
         for (int i = 0; i < (whole ? 4 : 1); i++) {
-            const int at = whole ? corner + (i >> 1) * face.width + (i & 1) : int_lane(read->nearest, lane);
+            const int at = whole ? corner + (i >> 1) * face.width + (i & 1) : nearest;
             guessed |= face_guesses[at] == face.depth[at];
         }
-        guesses[lane] = guessed ? depth[lane] : NAN;
+        guesses[lane] = guessed && face.valid[nearest] ? depth[lane] : NAN; /* beside a hole that was filled */
     }
 }
 #endif

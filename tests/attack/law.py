@@ -119,6 +119,10 @@ def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
         must(alpha.shape == shape and bool(((alpha >= 0) & (alpha <= 1)).all()), "alpha's values")
         must(bool(((alpha > 0) == valid).all()), "covered pixels that are not valid")
         made.append(alpha)
+    if frame.guessed is not None:
+        must(frame.guessed.shape == shape and frame.guessed.dtype == np.bool_, "guesses' form")
+        must(not (frame.guessed & ~valid).any(), "guesses of what is not valid")
+        made.append(frame.guessed)
     if frame.classes is not None:
         classes = frame.classes
         must(classes.shape == shape and bool((classes <= 3).all()), "classes' values")
