@@ -5,7 +5,7 @@
  * the largest distance of samples from the planes of its sides that are drawn in full.
  *
  * nearness, placed, cells: samples.cl. vertices: (count,) numbers of theirs, y row + x. part_errors, part_states:
- * (count, 2, PARTS) of each side, from every PARTS-th of its rows. states: states.cl. own_errors: (count,) scene units.
+ * (count, 2, PARTS) of each side, from every PARTS-th of its rows. states, tree_states: states.cl. own_errors: (count,) scene units.
  * Work-item: a vertex's rows of one part (`measure_squeezed`); a vertex (`join_squeezed`, `place_squeezed_errors`).
  * Cost: O(samples), as half of each level's triangles along the border lie in the next level's. Determinism: maxima.
  */
@@ -64,9 +64,28 @@ float error_in_row(const Layout *layout, global const float *nearness, const Wit
     return -least_lane(-most);
 }
 
+/* The largest distance of the samples of every PARTS-th row within a triangle from its plane; 0, if it is rounding's */
+float error_of_part(const Layout *layout, global const float *nearness, const Within *t, int part)
+{
+    Vector p[3];
+    for (int k = 0; k < 3; k++)
+        p[k] = point_of(layout, (floatl)t->at[k].x, (floatl)t->at[k].y, DEPTH_OF(layout->perspective, (floatl)t->n[k]));
+    const floatl depths = fabs(p[0].z) + fabs(p[1].z) + fabs(p[2].z);
+    const float rounding = 2.0f * ROUNDING * float_lane(depths, 0); /* twice, since corners lie beyond samples */
+    Vector normal = cross_product(minus(p[0], p[1]), minus(p[2], p[1]));
+    const floatl scale = 1.0f / sqrt(DOT(normal, normal));
+    normal.x *= scale;
+    normal.y *= scale;
+    normal.z *= scale;
+    float error = 0.0f;
+    for (int row = t->low.y + part; row <= t->high.y; row += PARTS)
+        error = fmax(error, error_in_row(layout, nearness, t, row, p[1], normal));
+    return error > rounding ? error : 0.0f;
+}
+
 kernel void measure_squeezed(global const float *nearness, global const float *placed, global const uchar *cells,
-                             global const int *vertices, int count, global float *part_errors,
-                             global uchar *part_states, Layout layout)
+                             global const uchar *tree_states, global const int *vertices, int count,
+                             global float *part_errors, global uchar *part_states, Layout layout)
 {
     const int number = get_global_id(0), part = get_global_id(1);
     if (number >= count || part >= PARTS)
@@ -74,30 +93,17 @@ kernel void measure_squeezed(global const float *nearness, global const float *p
     const int y = vertices[number] / layout.row, x = vertices[number] - y * layout.row, s = step_of(x, y);
     for (int b = 0; b < 2; b++) {
         Within t;
-        float error = 0.0f, rounding = 0.0f;
+        float error = 0.0f;
         int states = 0;
         if (part <= 2 * s && triangle_within(&layout, placed, x, y, s, b, &t)) {
-            Vector p[3];
-            for (int k = 0; k < 3; k++)
-                p[k] = point_of(&layout, (floatl)t.at[k].x, (floatl)t.at[k].y, DEPTH_OF(layout.perspective, (floatl)t.n[k]));
-            const floatl depths = fabs(p[0].z) + fabs(p[1].z) + fabs(p[2].z);
-            rounding = 2.0f * ROUNDING * float_lane(depths, 0); /* twice, since corners lie beyond samples */
-            Vector normal = cross_product(minus(p[0], p[1]), minus(p[2], p[1]));
-            const floatl scale = 1.0f / sqrt(DOT(normal, normal));
-            normal.x *= scale;
-            normal.y *= scale;
-            normal.z *= scale;
-            for (int row = t.low.y + part; row <= t.high.y; row += PARTS) {
-                if (t.squeezed && row < t.high.y)
-                    states |= states_in_row(&layout, cells, &t, row);
-                if (states == (UNDRAWN | DRAWN))
-                    break;
-                if (states == UNDRAWN) /* errors count of what is drawn in full */
-                    continue;
-                error = fmax(error, error_in_row(&layout, nearness, &t, row, p[1], normal));
-            }
+            for (int row = t.low.y + part; t.squeezed && row < t.high.y && states != (UNDRAWN | DRAWN); row += PARTS)
+                states |= states_in_row(&layout, cells, &t, row);
+            const int byte = tree_states[vertices[number]], known = b ? STATE_B(byte) : STATE_A(byte);
+            const int state = t.squeezed ? (states ? states : DRAWN) : known;
+            if (state == DRAWN) /* errors count of what is drawn in full */
+                error = error_of_part(&layout, nearness, &t, part);
         }
-        part_errors[(2 * number + b) * PARTS + part] = error > rounding ? error : 0.0f;
+        part_errors[(2 * number + b) * PARTS + part] = error;
         part_states[(2 * number + b) * PARTS + part] = states;
     }
 }

@@ -195,7 +195,7 @@ def _measure_squeezed(
         "part_states": empty((count, 2, parts), np.uint8),
     }
     own_errors = empty((count,), np.float32)
-    launch(kernel(_KERNELS, "measure_squeezed"), (count, parts), **shared, **measured)
+    launch(kernel(_KERNELS, "measure_squeezed"), (count, parts), **shared, **measured, tree_states=states)
     launch(kernel(_KERNELS, "join_squeezed"), (count,), **shared, states=states, own_errors=own_errors)
     return vertices, own_errors
 
