@@ -67,25 +67,6 @@ int lower_bound(BinList listed, int number)
     return first;
 }
 
-#if CLOSED
-/* Which of the pixels (x, y) show a surface that no view saw? The rays of some are `within` a solid, which they leave
- * at nearness `back`, those of others go `through` a sheet. Sets the surface's nearness there. */
-intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through,
-               floatl *n)
-{
-    floatl depth = DEPTH_OF(space->perspective, select_lanes(within, back, (floatl)1.0f)), entry = depth;
-    const intl solid = has_entered(space, x, y, depth, within, &entry);
-    depth = DEPTH_OF(space->perspective, select_lanes(through, sheet, (floatl)1.0f)) + space->stride;
-    floatl last;
-    intl ends = ends_hidden(space, x, y, depth, through & !solid, &last);
-    floatl rim, behind;
-    const intl on_rim = meets_rim(space, x, y, last, ends, &rim);
-    const intl on_far = leaves_free_space(space, space->cell_extended_depths, 0, x, y, last, ends & !on_rim, &behind);
-    *n = DEPTH_OF(space->perspective, select_lanes(solid, entry, select_lanes(on_rim, rim, behind)));
-    return solid | on_rim | on_far;
-}
-#endif
-
 /* Adds the colour at the pixel (x, y) of a view, from one of its levels: on the finest interpolated within the cell's
  * triangle, on a coarser one bilinearly, texels weighted by the part of them that has samples. */
 void add_sample(global const uint *colors, global const int *size, int level, floatl x, floatl y, floatl weight,
@@ -117,14 +98,19 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     add_color(sum, weight / max_lanes(opaque, (floatl)1e-6f), read);
 }
 
-/* Draws the meshes [first, last) of a bin's list together into the region at (x, y), which holds nothing else. */
+/* Draws the meshes [first, last) of a bin's list together into the region at (x, y), where they are nearer than
+ * `so_far`, nearness by block. */
 void draw_range(const Context *context, Region *region, BinList listed, global const int *firsts, int first, int last,
-                int x, int y)
+                int x, int y, const floatl *so_far)
 {
     BinList range = listed;
     range.first = lower_bound(range, firsts[first]);
     range.last = lower_bound(range, firsts[last]);
     begin_region(region, 0, x, y);
+    for (int block = 0; block < BLOCKS; block++) {
+        region->nearness[block] = so_far[block];
+        region->farthest[block] = least_lane(so_far[block]);
+    }
     draw_list(context, region, range);
 }
 
@@ -143,14 +129,15 @@ typedef struct {
 #endif
 } Fronts;
 
-/* Draws each of the meshes [first, last) by itself, into its layer; front: nearness of the nearest of them all */
+/* Draws each of the meshes [first, last) by itself, into its layer, where it is nearer than `so_far`; front: nearness
+ * of the nearest of them all */
 void draw_layers(const Context *context, Region *region, const MeshLayers *layers, BinList listed,
-                 global const int *firsts, int first, int last, int x, int y, floatl *front)
+                 global const int *firsts, int first, int last, int x, int y, const floatl *so_far, floatl *front)
 {
     for (int block = 0; block < BLOCKS; block++)
-        front[block] = EMPTY;
+        front[block] = so_far[block];
     for (int mesh = first; mesh < last; mesh++) {
-        draw_range(context, region, listed, firsts, mesh, mesh + 1, x, y);
+        draw_range(context, region, listed, firsts, mesh, mesh + 1, x, y, so_far);
         for (int block = 0; block < BLOCKS; block++) {
             const size_t at = mesh * layers->next + LANES * block;
             store_lanes(region->nearness[block], layers->nearness + at);
@@ -167,17 +154,24 @@ int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts cou
 {
     const int unseen = counts.sheets + counts.backs, meshes = counts.others + counts.views;
     Region region;
-    draw_layers(context, &region, layers, listed, firsts + unseen, counts.others, meshes, x, y, fronts->views);
+    floatl so_far[BLOCKS]; /* nothing; and beside holes, what no mesh is nearer than */
+    for (int block = 0; block < BLOCKS; block++)
+        so_far[block] = EMPTY;
+    draw_layers(context, &region, layers, listed, firsts + unseen, counts.others, meshes, x, y, so_far, fronts->views);
     intl holes = (intl)0;
 #if CLOSED
-    draw_range(context, &region, listed, firsts, counts.sheets, unseen, x, y);
+    draw_range(context, &region, listed, firsts, counts.sheets, unseen, x, y, fronts->views);
     for (int block = 0; block < BLOCKS; block++) {
-        fronts->backs[block] = region.nearness[block];
-        holes = holes | (fronts->views[block] == EMPTY);
+        const intl hole = fronts->views[block] == EMPTY;
+        fronts->backs[block] = select_lanes(region.owner[block] >= 0, region.nearness[block], (floatl)EMPTY);
+        so_far[block] = select_lanes(hole, (floatl)EMPTY, (floatl)INFINITY);
+        holes = holes | hole;
     }
     if (any_lane(holes)) {
-        draw_layers(context, &region, layers, listed, firsts + unseen, 0, counts.others, x, y, fronts->others);
-        draw_range(context, &region, listed, firsts, 0, counts.sheets, x, y);
+        draw_layers(context, &region, layers, listed, firsts + unseen, 0, counts.others, x, y, so_far, fronts->others);
+        for (int block = 0; block < BLOCKS; block++)
+            so_far[block] = select_lanes(fronts->others[block] == EMPTY, (floatl)EMPTY, (floatl)INFINITY);
+        draw_range(context, &region, listed, firsts, 0, counts.sheets, x, y, so_far);
         for (int block = 0; block < BLOCKS; block++)
             fronts->sheets[block] = region.nearness[block];
     }
@@ -326,19 +320,11 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
             const floatl px = BLOCK_X(&region, block), py = BLOCK_Y(&region, block);
             floatl front = fronts.views[block];
             const intl hole = front == EMPTY; /* in the meshes of the views that are drawn */
-            intl closed = (intl)0;
 #if CLOSED
             if (holed)
                 front = select_lanes(hole, fronts.others[block], front);
-            const floatl back = fronts.backs[block], sheet = holed ? fronts.sheets[block] : (floatl)EMPTY;
-            const intl within = front < (screen.perspective ? back / (1.0f + epsilon * back) : back - epsilon);
-            const intl through = (front == EMPTY) & (sheet > EMPTY);
-            if (any_lane(within | through)) {
-                floatl n;
-                closed = is_closed(&space, px, py, back, within, sheet, through, &n);
-                closed = closed & (n <= screen.nearest);
-                front = select_lanes(closed, n, front);
-            }
+            const floatl sheet = holed ? fronts.sheets[block] : (floatl)EMPTY;
+            const intl closed = close_block(&space, screen.nearest, epsilon, px, py, fronts.backs[block], sheet, &front);
 #endif
             const intl mine = front > region.nearness[block];
             if (!blank && !any_lane(mine))

@@ -125,13 +125,13 @@ intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl depth)
 
 /* Which of the `active` rays end in hidden space, behind a surface that a view saw? From a depth on they leave free
  * space, and what follows lies in a view's image; or they have left it before that depth. Sets the depth of their last
- * free point. */
+ * free point. Unless the scene is enclosed, it does not count where rays come out: most do at once. */
 intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *last)
 {
     floatl from = depth;
     intl walking = active, comes_out = (intl)0;
-    for (int k = MARCH_STEPS - 1; k >= 0 && any_lane(walking); k--) {
-        const floatl next = depth + k * space->stride;
+    for (int k = 0; k < MARCH_STEPS && any_lane(walking); k++) {
+        const floatl next = depth + (space->enclosed ? MARCH_STEPS - 1 - k : k) * space->stride;
         const intl free = walking & is_free(space, space->cell_free_depths, 0, x, y, next, walking);
         from = select_lanes(free, next, from);
         comes_out = comes_out | free;
@@ -141,6 +141,8 @@ intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl 
     const intl entered = has_entered(space, x, y, depth + space->stride, active & !comes_out, &entry);
     *last = select_lanes(comes_out, from, entry);
     const intl ends = space->enclosed ? comes_out | entered : entered;
+    if (!any_lane(ends))
+        return ends;
     return ends & is_in_any_view(space, x, y, *last + space->stride);
 }
 
@@ -200,6 +202,40 @@ intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl ac
     return at_once | is_at_sample(space, x, y, later, leaves);
 }
 
+/* Which of the pixels (x, y) show a surface that no view saw? The rays of some are `within` a solid, which they leave
+ * at nearness `back`, those of others go `through` a sheet. Sets the surface's nearness there. */
+intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through,
+               floatl *n)
+{
+    floatl depth = DEPTH_OF(space->perspective, select_lanes(within, back, (floatl)1.0f)), entry = depth;
+    const intl solid = has_entered(space, x, y, depth, within, &entry);
+    depth = DEPTH_OF(space->perspective, select_lanes(through, sheet, (floatl)1.0f)) + space->stride;
+    floatl last;
+    intl ends = ends_hidden(space, x, y, depth, through & !solid, &last);
+    floatl rim, behind;
+    const intl on_rim = meets_rim(space, x, y, last, ends, &rim);
+    const intl on_far = leaves_free_space(space, space->cell_extended_depths, 0, x, y, last, ends & !on_rim, &behind);
+    *n = DEPTH_OF(space->perspective, select_lanes(solid, entry, select_lanes(on_rim, rim, behind)));
+    return solid | on_rim | on_far;
+}
+
+/* Closes a block's pixels (x, y) that show surface which no view saw: it is in front there. Returns which they are.
+ * nearest: the near plane. back, sheet: nearness of what is seen first of the meshes' backs, and of sheets; EMPTY: none
+ */
+intl close_block(const FreeSpace *space, float nearest, float epsilon, floatl x, floatl y, floatl back,
+                         floatl sheet, floatl *front)
+{
+    const floatl deepest = space->perspective ? back / (1.0f + epsilon * back) : back - epsilon;
+    const intl within = (back > EMPTY) & (*front < deepest), through = (*front == EMPTY) & (sheet > EMPTY);
+    if (!any_lane(within | through))
+        return (intl)0;
+    floatl n;
+    intl closed = is_closed(space, x, y, back, within, sheet, through, &n);
+    closed = closed & (n <= nearest);
+    *front = select_lanes(closed, n, *front);
+    return closed;
+}
+
 /* A view's four samples around the points of the pixels (x, y) at nearness n. off: how far each is off in depth,
  * INFINITY where there is none; share: its bilinear weight; at: its number; own: the sample itself is as close as
  * `off`, not the continued surface behind it. */
@@ -241,11 +277,15 @@ floatl add_closest(const FreeSpace *space, global const uint *colors, global con
         const int start = levels[3 * space->first_levels[view] + 2];
         for (int k = 0; k < 4; k++) {
             const intl close = given & (off[k] <= least + space->stride);
+            if (!any_lane(close))
+                continue;
             const floatl weight = select_lanes(close, space->closeness[view] * (share[k] + 1e-3f), (floatl)0.0f);
             const intl place = start + at[k];
             const intl beyond = space->sizes[3 * view + 2] + at[k];
-            add_color(sum, weight,
-                      color_of(select_lanes(own[k], texels_at(colors, place), texels_at(space->far_colors, beyond))));
+            intl word = texels_at(colors, place);
+            if (any_lane(close & !own[k]))
+                word = select_lanes(own[k], word, texels_at(space->far_colors, beyond));
+            add_color(sum, weight, color_of(word));
             total += weight;
             *views |= select_lanes(close, (intl)(1 << (view & 31)), (intl)0);
         }

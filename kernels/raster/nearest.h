@@ -22,6 +22,8 @@ intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
 
 void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
 {
+    if (float_lane(t->n_high, lane) <= region->farthest[block])
+        return;
     floatl n;
     const floatl so_far = region->nearness[block];
     const intl seen = covered_by(t, lane, first_x, first_y, &n) & (n > so_far) & (n <= context->screen.nearest);

@@ -18,6 +18,7 @@ from pyibr.depthmesh.viewpoints import DrawnViews
 from pyibr.opencl.memory import upload
 
 _COARSE_ERROR = 0.001  # of the largest extent: that of the coarse meshes
+_BACK_ERROR = 0.003  # of the largest extent: that of their backs, which are not shown
 _STRIDE = 0.015  # of the largest extent: from point to point along rays that look for empty space
 
 
@@ -46,8 +47,8 @@ class Closing:
 
     Attributes
     ----------
-    surfaces, sheets : list of CoarseMesh
-        Of each view: its surface, and what is over that which segmentation took out.
+    surfaces, backs, sheets : list of CoarseMesh
+        Of each view: its surface, the same seen from behind, and what is over that which segmentation took out.
     far_sides : list of FarSides
         Of each view: what goes on behind its depth edges.
     arguments : dict
@@ -58,6 +59,7 @@ class Closing:
     """
 
     surfaces: list[CoarseMesh]
+    backs: list[CoarseMesh]
     sheets: list[CoarseMesh]
     far_sides: list[FarSides]
     arguments: dict[str, Any]
@@ -69,7 +71,7 @@ class Closing:
         if latest is not None and latest[0] == drawn:
             return latest[1]
         parts = [self.sheets[number] for number in drawn.sheets]
-        parts += [self.surfaces[number].reversed for number in drawn.around]
+        parts += [self.backs[number] for number in drawn.around]
         parts += [self.surfaces[number] for number in drawn.others]
         point_firsts = np.cumsum([0, *(len(part.points) for part in parts)]).tolist()
         firsts = np.cumsum([0, *(len(part.corners) for part in parts)]).tolist()
@@ -83,9 +85,10 @@ class Closing:
 def closing_of(meshes: Sequence[ViewMesh], extent: float) -> Closing:
     """Make the surfaces that close the holes of meshes whose box has this largest edge."""
     limits = list[NDArray[np.float32]]()
-    surfaces, sheets = list[CoarseMesh](), list[CoarseMesh]()
+    surfaces, backs, sheets = list[CoarseMesh](), list[CoarseMesh](), list[CoarseMesh]()
     for mesh in meshes:
         surfaces.append(CoarseMesh.of(mesh.tree, _COARSE_ERROR * extent))
+        backs.append(CoarseMesh.of(mesh.tree, _BACK_ERROR * extent).reversed)
         stretched = CoarseMesh.of(build_tree(mesh.view, Segmentation("none")), _COARSE_ERROR * extent)
         sheets.append(CoarseMesh(stretched.points, _over_holes(stretched, mesh)))
         view = mesh.view
@@ -111,7 +114,7 @@ def closing_of(meshes: Sequence[ViewMesh], extent: float) -> Closing:
         "stride": _STRIDE * extent,
         "enclosed": all(bool(np.isfinite(limit).all()) for limit in limits),  # no view saw background
     }
-    return Closing(surfaces, sheets, far_sides, arguments)
+    return Closing(surfaces, backs, sheets, far_sides, arguments)
 
 
 def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -102,12 +102,7 @@ def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
     return far & ~near & (surface | np.isinf(limit))
 
 
-_NEIGHBOUR_WEIGHTS = (
-    (0, 0, 9),
-    (0, 1, 3),
-    (1, 0, 3),
-    (1, 1, 1),
-)  # rows, columns and sixteenths of bilinear interpolation
+_NEIGHBOUR_WEIGHTS = (9, 3, 3, 1)  # sixteenths of bilinear interpolation, of `_coarser`
 
 
 def _nearest(origin: Whole, width: int, wanted: NDArray[np.bool_] | Literal[True] = True, step: int = 1) -> Whole:
@@ -129,10 +124,11 @@ def _nearest(origin: Whole, width: int, wanted: NDArray[np.bool_] | Literal[True
     coarse = _nearest(np.max(_quarters(origin, -1), axis=0), width, step=2 * step)
     y, x = np.nonzero((origin < 0) & wanted)
     best, least = np.full(len(y), -1), np.full(len(y), np.inf)
-    for up, left, _ in _NEIGHBOUR_WEIGHTS:
-        there = coarse[_coarser(y, up, coarse.shape[0]), _coarser(x, left, coarse.shape[1])]
-        off = np.hypot(there % width - step * (x + 0.5), there // width - step * (y + 0.5))
-        best, least = np.where(off < least, there, best), np.minimum(off, least)
+    there_y, there_x = (part.astype(np.float64) for part in np.divmod(coarse, width))
+    middle_x, middle_y = step * (x + 0.5), step * (y + 0.5)
+    for place in _coarser(y, x, coarse.shape):
+        off = (there_x.take(place) - middle_x) ** 2 + (there_y.take(place) - middle_y) ** 2
+        best, least = np.where(off < least, coarse.take(place), best), np.minimum(off, least)
     found = origin.copy()
     found[y, x] = best
     return found
@@ -144,12 +140,13 @@ def _spread(known: NDArray[np.bool_], color: Float32, wanted: NDArray[np.bool_] 
         return color
     have = _quarters(known, False).astype(np.float32)[..., None]
     count = have.sum(axis=0)
-    coarse = _spread(count[..., 0] > 0, (_quarters(color, 0) * have).sum(axis=0) / np.maximum(count, 1))
+    known_there = count[..., 0] > 0
+    coarse = _spread(known_there, (_quarters(color, 0) * have).sum(axis=0) / np.maximum(count, 1))
+    coarse = coarse.reshape(-1, color.shape[2])
     y, x = np.nonzero(~known & wanted)
     blend = np.zeros((len(y), color.shape[2]), np.float32)
-    for up, left, share in _NEIGHBOUR_WEIGHTS:
-        there = coarse[_coarser(y, up, coarse.shape[0]), _coarser(x, left, coarse.shape[1])]
-        blend += np.float32(share / 16) * there
+    for place, share in zip(_coarser(y, x, known_there.shape), _NEIGHBOUR_WEIGHTS, strict=True):
+        blend += np.float32(share / 16) * coarse.take(place, axis=0)
     found = color.copy()
     found[y, x] = blend
     return found
@@ -162,9 +159,12 @@ def _quarters(values: NDArray[Any], beyond: float) -> NDArray[Any]:
     return np.stack([padded[dy::2, dx::2] for dy in (0, 1) for dx in (0, 1)])
 
 
-def _coarser(index: Whole, beside: int, count: int) -> Whole:
-    """Index of the one of `count` elements of the next coarser level around an element's middle, or `beside` that."""
-    return np.clip(index // 2 + beside * (2 * (index % 2) - 1), 0, count - 1)
+def _coarser(y: Whole, x: Whole, shape: tuple[int, ...]) -> list[Whole]:
+    """Places in the next coarser level, (h, w, ...), of the four elements around others' middles, the own one first."""
+    rows, columns = (
+        (at // 2, np.clip(at // 2 + 2 * (at % 2) - 1, 0, count - 1)) for at, count in zip((y, x), shape, strict=False)
+    )
+    return [row * shape[1] + column for row in rows for column in columns]
 
 
 def _continued(mesh: ViewMesh, limit: Float32, origin: Whole, wanted: NDArray[np.bool_]) -> Float32:
