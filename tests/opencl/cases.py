@@ -404,6 +404,13 @@ def _objects(setting: Setting) -> Cases:
                 light = ibr.Light(direction=(-1, -1, -2), shadow_size=7, relight=True)
                 name = f"objects of {sizes} {slicing} {camera.size}, relit"
                 yield name, partial(_draw, setting, things, camera, light)
+            yield f"a mesh of objects of {sizes} {slicing}", partial(_meshed, things[:1] + things[3:])
+
+
+def _meshed(things: list[Any]) -> None:
+    for thing in things:
+        with suppress(ibr.ArgumentError):  # nothing is in it
+            thing.to_mesh(7)
 
 
 def _rough(setting: Setting, size: Size, projection: Projection, holes: float) -> DepthImage:
