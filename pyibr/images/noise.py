@@ -143,7 +143,8 @@ def _noise_along(lines: list[Nearness], count_max: int) -> tuple[Float64, Float6
 def _typical_change(lines: list[Nearness], step: int) -> float:
     """The middle second difference of nearness along lines, as a part of it; 0 if too few samples are known."""
     found = [_changes(near, step, _ENOUGH) for near in lines if near.shape[1] > 2 * step]
-    parts = np.concatenate([change / place for place, change in found]) if found else np.empty(0)
+    with np.errstate(over="ignore"):  # of nearness that float32 hardly holds
+        parts = np.concatenate([change / place for place, change in found]) if found else np.empty(0)
     return float(np.median(parts)) if len(parts) >= _SAMPLES_MIN else 0.0
 
 
