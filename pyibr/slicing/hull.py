@@ -9,20 +9,19 @@ import numpy as np
 
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette, is_opposite
-from pyibr.meshes.mesh import Mesh
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import undistorted, undistorted_silhouette
 from pyibr.slicing.boxes import box_of_silhouettes
 from pyibr.slicing.drawing import draw_in_light
-from pyibr.slicing.meshing import mesh_of
-from pyibr.slicing.solid import Float32, Solid, SolidSlicing, View, checked_views, words_of
+from pyibr.slicing.meshing import MeshableSolid
+from pyibr.slicing.solid import Float32, SolidSlicing, View, checked_views, words_of
 from pyibr.slicing.spacing import Slices
 
 _KINDS = {Silhouette: undistorted_silhouette, DepthImage: undistorted}
 
 
-class VisualHull(Solid):
+class VisualHull(MeshableSolid):
     """Visual hull: the largest solid that fits into all silhouettes.
 
     Parameters
@@ -84,38 +83,6 @@ class VisualHull(Solid):
     def tested(self) -> list[int]:
         """Numbers of the views with silhouettes of their own; each is tested once."""
         return sorted(set(self.outlines))
-
-    def to_mesh(self, resolution: int = 128) -> Mesh:
-        """The hull as a closed mesh, in its views' colours.
-
-        Parameters
-        ----------
-        resolution : int
-            Cells of a grid along the longest edge of its box, up to 1024. What is thinner than one may be lost; time
-            and memory grow with the cube.
-
-        Returns
-        -------
-        Mesh
-            Every edge has two triangles, which face outwards. Vertices have the
-            colours of the views that face them: outlines do not tell which see them.
-
-        Raises
-        ------
-        ArgumentError
-            If it is so thin that no point of the grid lies in it.
-
-        Examples
-        --------
-        >>> import pyibr as ibr
-        >>> from pyibr.capture import models
-        >>> from pyibr.capture.raycast import object_views
-        >>> mesh = ibr.VisualHull(object_views(models.donut(), 64)).to_mesh(48)
-        >>> mesh.save("hull.glb")
-        >>> (mesh.bounds[1] - mesh.bounds[0]).round().tolist()
-        [3.0, 3.0, 1.0]
-        """
-        return mesh_of(self, resolution)
 
     def map_of(self, view: View) -> Float32:
         """Mask of a view."""

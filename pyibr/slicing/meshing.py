@@ -35,6 +35,44 @@ _UNSEEN = 1e-6  # what views count that did not see a point, where none did
 _HIDDEN = 4.0  # samples' distances by which a point lies behind what hides it
 
 
+class MeshableSolid(Solid):
+    """Solid that other programs may have as a mesh."""
+
+    def to_mesh(self, resolution: int = 128) -> Mesh:
+        """The solid as a closed mesh, in its views' colours.
+
+        Parameters
+        ----------
+        resolution : int
+            Cells of a grid along the longest edge of its box, up to 1024. What is thinner than one may be lost; time
+            and memory grow with the cube.
+
+        Returns
+        -------
+        Mesh
+            Every edge has two triangles, which face outwards. Vertices of a depth object have the colours of the views
+            that saw them, of each the more, the more squarely it did; those of a hull, whose outlines do not tell
+            which see them, of the views that face them.
+
+        Raises
+        ------
+        ArgumentError
+            If it is so thin that no point of the grid lies in it.
+
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> from pyibr.capture import models
+        >>> from pyibr.capture.raycast import object_views
+        >>> mesh = ibr.DepthObject(object_views(models.donut(), 64)).to_mesh(48)
+        >>> mesh.save("donut.glb")
+        >>> (mesh.bounds[1] - mesh.bounds[0]).round().tolist()
+        [3.0, 3.0, 1.0]
+        >>> ibr.VisualHull(object_views(models.donut(), 64)).to_mesh(48).save("hull.glb")
+        """
+        return mesh_of(self, resolution)
+
+
 def mesh_of(thing: Solid, resolution: int) -> Mesh:
     """A solid's surface, closed, its front outside; `resolution`: cells of the grid along the box's longest edge."""
     integer_from("resolution", resolution, 1, RESOLUTION_MAX)

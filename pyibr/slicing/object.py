@@ -11,21 +11,20 @@ from pyibr.core.checks import checked_bool, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import longer_side, pixel_size
 from pyibr.images import DepthImage
-from pyibr.meshes.mesh import Mesh
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import undistorted
 from pyibr.slicing.boxes import box_of_samples, depth_extent_of, is_empty, nearness_map
 from pyibr.slicing.cells import reach_of, with_cells
 from pyibr.slicing.drawing import draw_in_light
-from pyibr.slicing.meshing import mesh_of
-from pyibr.slicing.solid import Float32, Missing, Solid, SolidSlicing, Texture, checked_views, words_of
+from pyibr.slicing.meshing import MeshableSolid
+from pyibr.slicing.solid import Float32, Missing, SolidSlicing, Texture, checked_views, words_of
 from pyibr.slicing.spacing import SLICES_USUAL, Slices
 
 _EXTENT_RATIO_MAX = 8.0  # times a view's nearest depth, or the width of what it sees if it is orthographic
 
 
-class DepthObject(Solid):
+class DepthObject(MeshableSolid):
     """Solid that depth images all round leave of space, in their colours.
 
     A point is part of it if it lies behind every image's surface. Where an image saw no surface it leaves nothing; a
@@ -154,38 +153,6 @@ class DepthObject(Solid):
         if all(map(np.array_equal, astuple(self.box), astuple(made.box))):  # what is empty lies at its end
             made.__dict__["maps"] = self.with_known(self.maps, made.views, made.map_of)
         return made
-
-    def to_mesh(self, resolution: int = 128) -> Mesh:
-        """The object as a closed mesh, in its views' colours.
-
-        Parameters
-        ----------
-        resolution : int
-            Cells of a grid along the longest edge of its box, up to 1024. What is thinner than one may be lost; time
-            and memory grow with the cube.
-
-        Returns
-        -------
-        Mesh
-            Every edge has two triangles, which face outwards. Vertices have the
-            colours of the views that saw them, of each the more, the more squarely it did.
-
-        Raises
-        ------
-        ArgumentError
-            If it is so thin that no point of the grid lies in it.
-
-        Examples
-        --------
-        >>> import pyibr as ibr
-        >>> from pyibr.capture import models
-        >>> from pyibr.capture.raycast import object_views
-        >>> mesh = ibr.DepthObject(object_views(models.donut(), 64)).to_mesh(48)
-        >>> mesh.save("donut.glb")
-        >>> (mesh.bounds[1] - mesh.bounds[0]).round().tolist()
-        [3.0, 3.0, 1.0]
-        """
-        return mesh_of(self, resolution)
 
     def map_of(self, view: DepthImage) -> Float32:
         """Nearness of a view's samples, and its cells: `pyibr.slicing.cells.with_cells`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,12 +28,11 @@ def drawn(name: str) -> tuple[MeshScene, list[ibr.DepthImage], Camera]:
     return scene, views, Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
 
 
-def closed_and_open(name: str, **kwargs: object) -> tuple[ibr.Frame, ibr.Frame]:
+def closed_and_open(name: str, **kwargs: Any) -> tuple[ibr.Frame, ibr.Frame]:
     """All views are drawn in both, so that what is closed is the only difference."""
     _, views, camera = drawn(name)
     first, second = (
-        ibr.render(ibr.DepthMeshObject(views, blended=6, closed=closed), camera, **kwargs)  # type: ignore[arg-type]
-        for closed in (True, False)
+        ibr.render(ibr.DepthMeshObject(views, blended=6, closed=closed), camera, **kwargs) for closed in (True, False)
     )
     return first, second
 
