@@ -12,8 +12,7 @@ from pyibr.opencl.runtimes import Found, Kind, cpu_remedies, problems, remedy_fo
 
 _log = logging.getLogger("pyibr")
 
-Examine = Callable[[Found, bool], Outcome]
-"""(device, measure its speed too?) -> outcome"""
+Examine = Callable[[Found], Outcome]
 
 
 @dataclass(frozen=True)
@@ -69,10 +68,10 @@ def describe(found: Found, outcome: Outcome) -> Device:
     )
 
 
-def choose(found: Sequence[Found], examine: Examine) -> Device:
+def choose(found: Sequence[Found], examine: Examine, picture_time: Callable[[Found], float]) -> Device:
     """The first GPU that works, else the fastest CPU runtime that works, else anything that works.
 
-    No more devices are examined than the choice needs.
+    No more devices are examined than the choice needs, and no times are asked for where one CPU runtime works alone.
 
     Raises
     ------
@@ -83,16 +82,16 @@ def choose(found: Sequence[Found], examine: Examine) -> Device:
     for kind in ("gpu", "cpu", "accelerator"):
         working: list[Found] = []
         for entry in (f for f in found if f.kind == kind):
-            device = describe(entry, examine(entry, False))
+            device = describe(entry, examine(entry))
             if device.works and kind != "cpu":
                 return device
             if device.works:
                 working.append(entry)
             else:
                 broken.append(device)
-        rivals = [describe(entry, examine(entry, len(working) > 1)) for entry in working]
-        if rivals:
-            return max(rivals, key=lambda d: (d.works, d.speed.search if d.speed else 0.0, -d.index))
+        if working:
+            fastest = min(working, key=picture_time) if len(working) > 1 else working[0]
+            return describe(fastest, examine(fastest))
     raise DeviceError(_nothing_works(sorted(broken, key=lambda d: d.index)))
 
 
@@ -131,7 +130,7 @@ def select(found: Sequence[Found], examine: Examine, selector: int | str, argume
         raise ArgumentError(argument, f"an index or a part of the name of one of [{names}]", repr(selector))
     broken: list[Device] = []
     for match in matches:
-        device = describe(match, examine(match, False))
+        device = describe(match, examine(match))
         if device.works:
             others = "; ".join(f"{f.index} = {f.platform}: {f.name}" for f in matches if f is not match)
             if others:

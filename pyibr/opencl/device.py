@@ -1,7 +1,7 @@
 """The device in use: opened once per process, chosen anew by nobody but the user.
 
 The choice: the device named by `use_device`, else by ``$PYIBR_DEVICE``, else the first GPU that works, else
-the fastest CPU runtime that works. A device counts only after it has built and run a tiny kernel; the outcome
+the CPU runtime that works and draws fastest. A device counts only after it has built and run a tiny kernel; the outcome
 is kept on disk, so a later process opens its device at once. Importing this module imports no pyopencl.
 """
 
@@ -23,6 +23,7 @@ from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl.binaries import forget_all, reading
 from pyibr.opencl.cache import cache_folder
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
+from pyibr.opencl.fastest import forget_picture_time, picture_time
 from pyibr.opencl.in_flight import InFlight
 from pyibr.opencl.locks import yield_lock
 from pyibr.opencl.memory_pool import MemoryPool
@@ -179,7 +180,9 @@ def devices(*, fresh: bool = False) -> list[Device]:
     checked_bool("fresh", fresh)
     with _lock:
         doubted: Doubted = "all" if fresh else "broken"
-        return [describe(found, _examine(found, fresh, doubted)) for found in found_devices()]
+        for found in found_devices() if fresh else ():
+            forget_picture_time(found)
+        return [describe(found, _examine(found, doubted, measure=fresh)) for found in found_devices()]
 
 
 @contextmanager
@@ -270,8 +273,11 @@ def explain() -> tuple[Device, str]:
         return device, f"named by ${VARIABLE}"
     if device.kind == "gpu":
         return device, "the first GPU that works"
-    rivals = [d for d in devices() if d.works and d.kind == device.kind]
-    return device, f"the {'fastest' if len(rivals) > 1 else 'only'} {device.kind} device that works"
+    rivals = [found_devices()[other.index] for other in devices() if other.works and other.kind == device.kind]
+    if len(rivals) > 1 and device.kind == "cpu":
+        times = ", ".join(f"{1e3 * picture_time(found):.1f} ms on {found.platform}" for found in rivals)
+        return device, f"the fastest CPU runtime that works: a small warp and a small relief take {times}"
+    return device, f"the {'first' if len(rivals) > 1 else 'only'} {device.kind} device that works"
 
 
 @functools.cache
@@ -282,9 +288,9 @@ def _default_session(selector: str) -> Session:
             return _session(select(found, _examine_broken_again, selector, f"${VARIABLE}"))
         while True:
             try:
-                device = choose(found, _examine)
+                device = choose(found, _examine, picture_time)
             except DeviceError:
-                device = choose(found, _examine_broken_again)
+                device = choose(found, _examine_broken_again, picture_time)
             try:
                 return _session(device)
             except DeviceError:
@@ -313,10 +319,10 @@ def _session(device: Device) -> Session:
         return session
 
 
-def _examine(found: Found, measure: bool, doubted: Doubted = "nothing") -> Outcome:
+def _examine(found: Found, doubted: Doubted = "nothing", measure: bool = False) -> Outcome:
     return _failed_here.get(found.index) or probe(found, measure, doubted)
 
 
-def _examine_broken_again(found: Found, measure: bool) -> Outcome:
+def _examine_broken_again(found: Found) -> Outcome:
     """Test a broken device again, once a process: what the disk says of it may be out of date."""
-    return _examine(found, measure, "broken")
+    return _examine(found, "broken")

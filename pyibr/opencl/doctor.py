@@ -115,8 +115,7 @@ def _print_device(console: Console, device: Device, chosen: bool) -> None:
     console.print(head, soft_wrap=True)
     lines = [f"{device.kind}, driver {device.driver}", device.version]
     if device.speed is not None:
-        s = device.speed
-        lines.append(f"copy {s.copy:.0f} GB/s, mad {s.mad:.0f} Gflop/s, search {s.search:.2f} Gsamples/s")
+        lines.append(f"copy {device.speed.copy:.0f} GB/s, mad {device.speed.mad:.0f} Gflop/s")
     for line in lines:
         console.print(Text(f"     {line}", style="dim"), soft_wrap=True)
     if not device.works:

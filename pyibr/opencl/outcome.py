@@ -15,8 +15,6 @@ class Speed:
     """GB/s, bytes read and bytes written together."""
     mad: float
     """Gflop/s of 16-wide float32 multiply-adds."""
-    search: float
-    """10^9 samples/s of searches along rays that end early: what the choice between two runtimes rests on."""
 
 
 @dataclass(frozen=True)

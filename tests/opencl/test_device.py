@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import subprocess
 import sys
@@ -16,12 +17,12 @@ import pyopencl as cl
 import pytest
 
 from pyibr.core.errors import ArgumentError, DeviceError
+from pyibr.opencl import apart, runtimes, selftest
 from pyibr.opencl import device as device_module
 from pyibr.opencl import probe as probe_module
-from pyibr.opencl import runtimes, selftest
 from pyibr.opencl.choice import choose, select
 from pyibr.opencl.device import current, devices, explain, one_call, use_device
-from pyibr.opencl.outcome import Outcome, Speed
+from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import forget, probe
 from pyibr.opencl.profile import profile_of
 from pyibr.opencl.runtimes import Found, found_devices, remedy_for
@@ -37,20 +38,27 @@ def found(index: int, name: str, kind: runtimes.Kind, version: str = "OpenCL 3.0
 
 
 class Examiner:
-    """Outcomes written down beforehand, and a record of who was asked."""
+    """Outcomes and times of pictures written down beforehand, and a record of who was asked."""
 
-    def __init__(self, **outcomes: Outcome) -> None:
-        self.outcomes = outcomes
-        self.asked: list[tuple[str, bool]] = []
+    def __init__(self, **known: Outcome | float) -> None:
+        self.known = known
+        self.asked: list[str] = []
+        self.timed: list[str] = []
 
-    def __call__(self, entry: Found, measure: bool) -> Outcome:
-        self.asked.append((entry.name, measure))
-        outcome = self.outcomes[entry.name]
-        return outcome if measure else Outcome(outcome.works, outcome.reason)
+    def __call__(self, entry: Found) -> Outcome:
+        self.asked.append(entry.name)
+        known = self.known[entry.name]
+        return known if isinstance(known, Outcome) else Outcome(True)
+
+    def picture_time(self, entry: Found) -> float:
+        self.timed.append(entry.name)
+        known = self.known[entry.name]
+        assert isinstance(known, float)
+        return known
 
 
-def fast(search: float) -> Outcome:
-    return Outcome(True, speed=Speed(copy=1.0, mad=1.0, search=search))
+def chosen(listed: list[Found], examiner: Examiner) -> str:
+    return choose(listed, examiner, examiner.picture_time).name
 
 
 @pytest.fixture
@@ -78,9 +86,9 @@ def test_the_first_gpu_that_works_comes_before_any_cpu():
         found(2, "good", "gpu"),
         found(3, "next", "gpu"),
     ]
-    examiner = Examiner(cpu=fast(9.0), bad=BROKEN, good=fast(1.0), next=fast(5.0))
-    assert choose(listed, examiner).name == "good"
-    assert examiner.asked == [("bad", False), ("good", False)], "no more is examined than the choice needs"
+    examiner = Examiner(cpu=1.0, bad=BROKEN, good=9.0, next=5.0)
+    assert chosen(listed, examiner) == "good"
+    assert examiner.asked == ["bad", "good"] and not examiner.timed, "no more is examined than the choice needs"
 
 
 def test_the_fastest_cpu_runtime_is_chosen_where_no_gpu_works():
@@ -90,34 +98,26 @@ def test_the_fastest_cpu_runtime_is_chosen_where_no_gpu_works():
         found(2, "quick", "cpu"),
         found(3, "broken", "cpu"),
     ]
-    examiner = Examiner(bad=BROKEN, slow=fast(1.0), quick=fast(2.0), broken=BROKEN)
-    assert choose(listed, examiner).name == "quick"
-    assert ("broken", True) not in examiner.asked
+    examiner = Examiner(bad=BROKEN, slow=2.0, quick=1.0, broken=BROKEN)
+    assert chosen(listed, examiner) == "quick"
+    assert examiner.timed == ["slow", "quick"]
 
 
 def test_a_single_runtime_is_not_measured():
-    examiner = Examiner(only=fast(1.0), broken=BROKEN)
-    chosen = choose([found(0, "broken", "cpu"), found(1, "only", "cpu")], examiner)
-    assert chosen.name == "only"
-    assert not any(measure for _, measure in examiner.asked)
+    examiner = Examiner(only=1.0, broken=BROKEN)
+    assert chosen([found(0, "broken", "cpu"), found(1, "only", "cpu")], examiner) == "only"
+    assert not examiner.timed
 
 
-def test_a_runtime_that_breaks_while_it_is_measured_loses():
-    class Breaks(Examiner):
-        def __call__(self, entry: Found, measure: bool) -> Outcome:
-            return BROKEN if measure and entry.name == "a" else super().__call__(entry, measure)
-
-    assert choose([found(0, "a", "cpu"), found(1, "b", "cpu")], Breaks(a=fast(9.0), b=fast(1.0))).name == "b"
-
-
-def test_equal_runtimes_are_taken_in_their_order():
-    assert choose([found(0, "a", "cpu"), found(1, "b", "cpu")], Examiner(a=fast(1.0), b=fast(1.0))).index == 0
+@pytest.mark.parametrize("seconds", [1.0, math.inf])
+def test_equal_runtimes_are_taken_in_their_order(seconds: float):
+    assert chosen([found(0, "a", "cpu"), found(1, "b", "cpu")], Examiner(a=seconds, b=seconds)) == "a"
 
 
 def test_an_accelerator_is_the_last_resort():
     listed = [found(0, "emulator", "accelerator"), found(1, "cpu", "cpu")]
-    assert choose(listed, Examiner(emulator=fast(9.0), cpu=fast(1.0))).name == "cpu"
-    assert choose(listed, Examiner(emulator=fast(9.0), cpu=BROKEN)).name == "emulator"
+    assert chosen(listed, Examiner(emulator=1.0, cpu=9.0)) == "cpu"
+    assert chosen(listed, Examiner(emulator=1.0, cpu=BROKEN)) == "emulator"
 
 
 # --- what a user names ----------------------------------------------------------------------------
@@ -126,20 +126,20 @@ def test_an_accelerator_is_the_last_resort():
 @pytest.mark.parametrize(("selector", "index"), [(1, 1), ("1", 1), ("EPYC", 1), ("gpu", 0), ("pocl 6", 1)])
 def test_select(selector: int | str, index: int):
     listed = [found(0, "Radeon", "gpu"), found(1, "pthread-AMD EPYC", "cpu", "OpenCL 3.0 PoCL 6.0+debian")]
-    examiner = Examiner(**{"Radeon": fast(1.0), "pthread-AMD EPYC": fast(1.0)})
+    examiner = Examiner(**{"Radeon": 1.0, "pthread-AMD EPYC": 1.0})
     assert select(listed, examiner, selector, "device").index == index
 
 
 def test_of_several_that_match_the_first_that_works_is_taken():
     listed = [found(0, "one", "cpu"), found(1, "two", "cpu")]
-    assert select(listed, Examiner(one=BROKEN, two=fast(1.0)), "portable", "device").name == "two"
+    assert select(listed, Examiner(one=BROKEN, two=1.0), "portable", "device").name == "two"
 
 
 def test_names_of_platforms_come_before_those_of_processors(caplog: pytest.LogCaptureFixture):
     """PoCL calls its device on a processor of Intel's by the processor's name."""
     pocl = found(0, "pthread-Intel(R) Xeon(R)", "cpu", "OpenCL 3.0 PoCL 6.0+debian")
     intel = dataclasses.replace(found(1, "Intel(R) Xeon(R)", "cpu", "OpenCL 3.1 LINUX"), platform="Intel(R) OpenCL")
-    examiner = Examiner(**{pocl.name: fast(1.0), intel.name: fast(1.0)})
+    examiner = Examiner(**{pocl.name: 1.0, intel.name: 1.0})
     with caplog.at_level("INFO", "pyibr"):
         assert select([pocl, intel], examiner, "intel", "device").platform == intel.platform
         assert select([pocl, intel], examiner, "PoCL", "device").index == 0
@@ -154,7 +154,7 @@ def test_names_of_platforms_come_before_those_of_processors(caplog: pytest.LogCa
 @pytest.mark.parametrize("selector", ["radeon", 7, -1, "", "  "])
 def test_a_name_that_matches_nothing(selector: int | str):
     with pytest.raises(ArgumentError, match=r"\$PYIBR_DEVICE: expected .*0 = Portable.*: one.*, got ") as caught:
-        select([found(0, "one", "cpu")], Examiner(one=fast(1.0)), selector, "$PYIBR_DEVICE")
+        select([found(0, "one", "cpu")], Examiner(one=1.0), selector, "$PYIBR_DEVICE")
     assert repr(selector) in str(caught.value)
 
 
@@ -162,7 +162,7 @@ def test_a_named_device_that_does_not_work_is_not_replaced():
     with pytest.raises(DeviceError, match="asked for by device='one'") as caught:
         select(
             [found(0, "one", "cpu"), found(1, "two", "cpu")],
-            Examiner(one=BROKEN, two=fast(1)),
+            Examiner(one=BROKEN, two=1.0),
             "one",
             "device",
         )
@@ -183,7 +183,7 @@ def debian(monkeypatch: pytest.MonkeyPatch, root: bool = False) -> None:
 def test_the_error_tells_what_was_found_why_it_failed_and_what_mends_it(monkeypatch: pytest.MonkeyPatch):
     debian(monkeypatch)
     with pytest.raises(DeviceError) as caught:
-        choose([found(0, "pthread", "cpu")], Examiner(pthread=BROKEN))
+        chosen([found(0, "pthread", "cpu")], Examiner(pthread=BROKEN))
     text = str(caught.value)
     assert "Portable Computing Language: pthread (cpu, driver driver 0)" in text
     assert "unknown target CPU 'generic'" in text
@@ -193,7 +193,7 @@ def test_the_error_tells_what_was_found_why_it_failed_and_what_mends_it(monkeypa
 
 def test_the_error_where_there_is_no_device_at_all(monkeypatch: pytest.MonkeyPatch):
     debian(monkeypatch, root=True)
-    for ask in (lambda: choose([], Examiner()), lambda: select([], Examiner(), "gpu", "device")):
+    for ask in (lambda: chosen([], Examiner()), lambda: select([], Examiner(), "gpu", "device")):
         with pytest.raises(DeviceError, match="no OpenCL device was found") as caught:
             ask()
         assert "  apt install pocl-opencl-icd" in str(caught.value), "root needs no sudo"
@@ -377,7 +377,7 @@ def test_a_probe_is_kept_and_forgotten(own_cache: Path, monkeypatch: pytest.Monk
             with pytest.raises(AssertionError):
                 probe(entry, doubted="all")
     speed = probe(entry, measure=True).speed
-    assert speed is not None and min(speed.copy, speed.mad, speed.search) > 0
+    assert speed is not None and min(speed.copy, speed.mad) > 0
     probe_module._tested.clear()
     assert probe(entry).speed == speed
     forget(entry)
@@ -415,7 +415,7 @@ def test_a_runtime_that_hangs_is_broken_with_a_reason(own_cache: Path, monkeypat
     python.write_text("#!/bin/sh\nexec sleep 60\n")
     python.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(python))
-    monkeypatch.setattr(probe_module, "_TIMEOUT", 0.2)
+    monkeypatch.setattr(apart, "_TIMEOUT", 0.2)
     assert "did not end within" in probe(found(0, "bad", "cpu")).reason
 
 
@@ -446,7 +446,7 @@ def test_a_device_that_was_broken_is_asked_again_but_once(
 
     def answer(entry: Found, measure: bool) -> Outcome:
         asked.append(entry.key)
-        return fast(1.0) if mended else Outcome(False, "as it is today")
+        return Outcome(True) if mended else Outcome(False, "as it is today")
 
     for entry in found_devices():
         probe_module._entry(entry).write(Outcome(False, "as it was yesterday").to_json().encode())
@@ -465,7 +465,7 @@ def test_a_device_that_was_broken_is_left_alone_where_another_works(own_cache: P
     """To ask it may take long."""
     listed = [found(0, "bad", "gpu"), found_devices()[current().device.index]]
     probe_module._entry(listed[0]).write(Outcome(False, "as it was yesterday").to_json().encode())
-    assert choose(listed, device_module._examine).works
+    assert choose(listed, device_module._examine, lambda entry: 1.0).works
     assert listed[0].key not in probe_module._tested
 
 
@@ -541,12 +541,12 @@ def test_the_test_finds_what_this_process_has_wherever_it_lies(tmp_path: Path, o
     code = """
 import sys
 sys.path[:0] = ["three", "one"]
-import pyibr.opencl.probe as probe, pyibr.opencl.selftest as selftest
+import pyibr.opencl.apart as apart, pyibr.opencl.probe as probe, pyibr.opencl.selftest as selftest
 from pyibr.opencl.runtimes import found_devices
 selftest.test = None  # nothing is tested in this process
 for found in found_devices():
     print(probe.probe(found))
-print(probe._folders())
+print(apart._folders())
 """
     environment = with_path() | {"PYTHONPATH": f"{tmp_path / 'two'}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
     command = [sys.executable, "-c", code]

@@ -20,7 +20,7 @@ def test_the_report_names_every_device_and_the_chosen_one(capsys: pytest.Capture
         assert device.name in text
         assert (f"{device.index}  {device.platform}" in text) and device.version in text
         assert device.works or (device.reason in text and device.remedy in text)
-    assert "Gsamples/s" in text and str(own_cache) in text
+    assert "Gflop/s" in text and str(own_cache) in text
     assert f"pyibr uses {current().device}" in text
 
 
