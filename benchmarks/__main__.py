@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +27,7 @@ MODULES = {
     "slicing": "slicing.slicing",
     "relief": "relief.relief",
     "depthmesh": "depthmesh.depthmesh",
-    "runtimes": "runtimes",
+    "runtimes": "runtimes.runtimes",
     "pages": "app.pages",
     "startup": "startup",
 }
@@ -34,6 +36,10 @@ MODULES = {
 def main(
     names: Annotated[list[str] | None, typer.Argument(help=f"Some of: {', '.join(MODULES)}. Default: all.")] = None,
     quick: Annotated[bool, typer.Option(help="Tiny sizes, to see that everything runs.")] = False,
+    python: Annotated[
+        list[Path] | None,
+        typer.Option(help="Another Python, whose CPU runtimes are measured, too; also of a system in a folder."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Default: benchmarks/results/VERSION, or build/benchmarks.")] = None,
 ) -> None:
     """Measure pyibr beside the papers' figures and its peers. No other work should run meanwhile."""
@@ -46,9 +52,10 @@ def main(
     if out is None:
         here = Path(__file__).parent
         out = here.parent / "build/benchmarks" if quick else here / "results" / ibr.__version__
+    plan = replace(QUICK if quick else FULL, pythons=(Path(sys.executable), *(python or [])))
     for name in wanted:
         module = import_module(f"benchmarks.{MODULES[name]}")
-        run(name, module.cases(QUICK if quick else FULL)).save(out / f"{name}.json")
+        run(name, module.cases(plan)).save(out / f"{name}.json")
     Console().print(f"written: {report.write(out)}")
 
 

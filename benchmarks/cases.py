@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from benchmarks.scenes import LIVINGROOM, MOTIONS, REGIONS, ROOM
 
@@ -64,6 +65,7 @@ class Plan:
     startup_repeats: int
     startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
     memory: tuple[int, ...]
+    pythons: tuple[Path, ...] = ()  # whose runtimes are measured
 
 
 FULL = Plan(

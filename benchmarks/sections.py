@@ -10,7 +10,7 @@ from benchmarks.cleaning.cleaning_section import cleaning_section
 from benchmarks.depthmesh.depthmesh_section import depthmesh_section
 from benchmarks.relief.relief_section import relief_section
 from benchmarks.results import Parameter, Result
-from benchmarks.runtimes_section import runtimes_section
+from benchmarks.runtimes.runtimes_section import runtimes_section
 from benchmarks.slicing.slicing_section import raster_section, slicing_section
 from benchmarks.statistics import Quartiles, exponent, median, number, ratios
 from benchmarks.tables import only, position, sizes_of, table, totals, verdict

@@ -1,55 +1,21 @@
-"""The same calls on every CPU runtime of the machine, from NumPy arrays to NumPy arrays, in turns in one process."""
+"""Calls that are measured on every CPU runtime, from NumPy arrays to NumPy arrays."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
 import pyibr as ibr
-from benchmarks.cases import Plan, Size
-from benchmarks.results import Parameter, Skip
-from benchmarks.runner import Case, Subject, Work
+from benchmarks.cases import Size
+from benchmarks.results import Skip
 from benchmarks.scenes import ROOM, bricks, rgbd
 from pyibr.capture import models, object_views
 
 Call = Callable[[], object]
 
-BAR = 1.2
-"""A runtime takes at most so many times as long as the fastest one, in each row."""
 _NOISE = 0.3  # pixels of disparity
-
-
-def cases(plan: Plan) -> Iterator[Case]:
-    """A case each row."""
-    for row in ROWS:
-        for size, repeats in plan.runtimes.items() if row in SIZED else [((0, 0), max(plan.runtimes.values()))]:
-            shown = f"{row}, {size[0]} x {size[1]}" if row in SIZED else row
-            parameters: dict[str, Parameter] = {"case": shown}
-            yield Case(parameters, functools.partial(_prepare, row, size, repeats))
-
-
-def _prepare(row: str, size: Size, repeats: int) -> Work | Skip:
-    runtimes = [device for device in ibr.devices() if device.kind == "cpu" and device.works]
-    if not runtimes:
-        return Skip(row, "no OpenCL device is a CPU")
-    call = ROWS[row](size)
-    if isinstance(call, Skip):
-        return call
-
-    def on(device: ibr.Device) -> object:
-        with ibr.use_device(device):
-            return call()
-
-    subjects: dict[str, Subject] = {name_of(device): functools.partial(on, device) for device in runtimes}
-    return Work(subjects, repeats)
-
-
-def name_of(device: ibr.Device) -> str:
-    """A runtime's name and version, without those of the processor."""
-    words = device.version.split()
-    return f"PoCL {words[words.index('PoCL') + 1]}" if "PoCL" in words else f"{device.platform}, {device.driver}"
 
 
 def _warp(size: Size, noise: float = 0.0, *, sideways: bool = False) -> Call | Skip:

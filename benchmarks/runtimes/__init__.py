@@ -1,0 +1,1 @@
+"""The CPU runtimes of a machine."""

@@ -1,0 +1,133 @@
+"""A CPU runtime in a process of its own, which draws a row of `rows.py` whenever it is asked to.
+
+Its Python may be another environment's, or that of another system in a folder, such as debootstrap makes: that folder
+becomes its root, which only root may do, and the project lies in its `/mnt`.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyibr as ibr
+from benchmarks.cases import Size
+from benchmarks.results import Skip
+from benchmarks.runtimes.rows import ROWS
+
+_PROJECT = Path(__file__).parents[2]
+_ENTER = """
+set -e
+for folder in proc dev sys; do mount --rbind "/$folder" "$0/$folder"; done
+mount --bind "$1" "$0/mnt"
+shift
+exec chroot "$0" env -i HOME=/root PATH="$PATH" LANG=C.UTF-8 sh -c 'cd /mnt && exec "$@"' sh "$@"
+"""
+
+
+@dataclass(frozen=True)
+class Runtime:
+    """A CPU device that works.
+
+    Attributes
+    ----------
+    name : str
+        The runtime's and its version.
+    python : Path
+        The Python that finds it.
+    index : int
+        Of the device, in that Python.
+    """
+
+    name: str
+    python: Path
+    index: int
+
+
+class Drawing:
+    """A row on a runtime, prepared and drawn once.
+
+    Attributes
+    ----------
+    fault : str
+        Why it cannot be drawn; else empty.
+    """
+
+    def __init__(self, runtime: Runtime, row: str, size: Size) -> None:
+        pipe = subprocess.PIPE
+        command = _command(runtime.python, json.dumps([runtime.index, row, *size]))
+        self._process = subprocess.Popen(command, cwd=_PROJECT, stdin=pipe, stdout=pipe, text=True)
+        self.fault = str(self._answer())
+
+    def draw(self) -> float:
+        """Milliseconds from NumPy arrays to NumPy arrays."""
+        assert self._process.stdin
+        self._process.stdin.write("\n")
+        self._process.stdin.flush()
+        return float(self._answer())
+
+    def end(self) -> None:
+        """End the process."""
+        self._process.communicate()
+
+    def _answer(self) -> str | float:
+        assert self._process.stdout
+        line = self._process.stdout.readline()
+        if not line:
+            raise RuntimeError(f"{self._process.args} ended with status {self._process.wait()}")
+        return json.loads(line)
+
+
+def runtimes_of(python: Path) -> list[Runtime]:
+    """All that a Python finds."""
+    done = subprocess.run(_command(python), cwd=_PROJECT, stdout=subprocess.PIPE, text=True, check=True)
+    return [Runtime(name, python, index) for name, index in json.loads(done.stdout.splitlines()[-1])]
+
+
+def _command(python: Path, *arguments: str) -> list[str]:
+    module = ["-m", "benchmarks.runtimes.process", *arguments]
+    anchor, folders = Path(python.absolute().anchor), python.absolute().parents
+    root = next((folder for folder in folders if (folder / "etc/os-release").exists()), anchor)
+    if root == anchor:
+        return [str(python), *module]
+    inside = f"/{python.absolute().relative_to(root)}"
+    return ["unshare", "--mount", "--fork", "sh", "-c", _ENTER, str(root), str(_PROJECT), inside, *module]
+
+
+def _name(device: ibr.Device) -> str:
+    """A runtime's name and version, without those of the processor."""
+    words = device.version.split()
+    return f"PoCL {words[words.index('PoCL') + 1]}" if "PoCL" in words else f"{device.platform}, {device.driver}"
+
+
+def _list() -> None:
+    found = [device for device in ibr.devices() if device.kind == "cpu" and device.works]
+    print(json.dumps([[_name(device), device.index] for device in found]))
+
+
+def _serve(index: int, row: str, *size: int) -> None:
+    with ibr.use_device(index):
+        call = ROWS[row]((size[0], size[1]))
+        if isinstance(call, Skip):
+            print(json.dumps(call.reason), flush=True)
+            return
+        call()
+        print(json.dumps(""), flush=True)
+        gc.collect()
+        gc.disable()
+        for _ in sys.stdin:
+            start = time.perf_counter()
+            made = call()
+            print(1e3 * (time.perf_counter() - start), flush=True)
+            del made
+
+
+if __name__ == "__main__":
+    if len(sys.argv) == 1:
+        _list()
+    else:
+        _serve(*json.loads(sys.argv[1]))

@@ -1,0 +1,49 @@
+"""The report's section on the CPU runtimes of one machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks.results import Result
+from benchmarks.runtimes import runtimes
+from benchmarks.statistics import Quartiles, median
+from benchmarks.tables import table, verdict
+
+RUNTIMES = """## CPU runtimes
+
+The same calls on each runtime, in turns, in milliseconds; each runtime is in a process of its own. The ratio is that of
+the slowest to the fastest.
+"""
+EACH = "Each runtime beside the fastest one of each row:\n"
+
+
+def runtimes_section(result: Result, folder: Path) -> list[str]:
+    """Times by row and runtime, how far the slowest is behind, and how far each."""
+    times: dict[str, dict[str, list[float]]] = {}
+    for record in result.select(quantity="end to end"):
+        times.setdefault(str(record.parameters["case"]), {})[record.subject] = record.values
+    names = list(dict.fromkeys(name for row in times.values() for name in row))
+    rows: list[list[str]] = []
+    ratios: dict[str, dict[str, float]] = {name: {} for name in names}
+    for case, row in times.items():
+        least = min(map(median, row.values()))
+        for name, values in row.items():
+            ratios[name][case] = median(values) / least
+        worst = max(ratios[name][case] for name in row)
+        judged = [f"{worst:.2f}", f"at most {runtimes.BAR:g}", verdict(worst <= runtimes.BAR)]
+        cells = [str(Quartiles.of(row[name])) if name in row else "" for name in names]
+        rows.append([case, *cells, *(judged if len(row) > 1 else ["", "", ""])])
+    parts = [RUNTIMES, table(["", *names, "ratio", "bar", ""], rows)]
+    if len(names) > 1:
+        parts += [
+            EACH,
+            table(["", "fastest in", "median ratio", "worst"], [_beside(name, ratios[name]) for name in names]),
+        ]
+    return parts
+
+
+def _beside(name: str, ratios: dict[str, float]) -> list[str]:
+    """A runtime's number of rows that it is fastest in, its median ratio and its worst row."""
+    worst = max(ratios, key=lambda case: ratios[case])
+    fastest = sum(ratio == 1 for ratio in ratios.values())
+    return [name, f"{fastest} of {len(ratios)}", f"{median(ratios.values()):.2f}", f"{ratios[worst]:.2f} ({worst})"]
