@@ -13,6 +13,12 @@
 #define COUNTERS 0 /* 1: kernels have `counters` of their work, for benchmarks and tests */
 #endif
 
+/* Without AVX-512, compilers warn that vectors of 64 bytes are passed otherwise than with it: nobody else is called.
+ * This comes first: it counts from here on. */
+#ifdef __clang__
+#pragma clang diagnostic ignored "-Wpsabi"
+#endif
+
 #if LANES == 16
 #include "lib/builtins.h"
 #endif
@@ -29,11 +35,6 @@
 #define UNROLLED _Pragma("unroll")
 #else
 #define UNROLLED
-#endif
-
-/* Without AVX-512, compilers warn that vectors of 64 bytes are passed otherwise than with it: nobody else is called. */
-#ifdef __clang__
-#pragma clang diagnostic ignored "-Wpsabi"
 #endif
 
 /* Keeps the compiler from merging shuffles before the vector with those after it, which makes one for each lane.

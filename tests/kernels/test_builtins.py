@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import re
 import shutil
 import subprocess
@@ -94,6 +95,20 @@ def test_loads_are_those_of_the_built_ins(expression):
     a, b = pairs_of(FLOATS)
     ours, own = by_both(expression, "float", a, b)
     assert ours.tobytes() == own.tobytes()
+
+
+def test_kernels_build_for_processors_without_avx_512(tmp_path: Path):
+    """Clang warns there of vectors that functions are passed, and its warnings are errors."""
+    if "Portable Computing Language" not in current().device.platform or platform.machine() not in ("x86_64", "AMD64"):
+        pytest.skip("needs PoCL, which is told to build for another processor")
+    program = """
+from pyibr.opencl.device import current
+from pyibr.opencl.program import kernel
+kernel("warp/resolve.cl", "resolve", CHANNELS=3, COLOR_BYTES=1, ORIGINS=0, STRIP=32)
+print(current().device.name)
+"""
+    done = run_within(100, [sys.executable, "-c", program], POCL_KERNELLIB_NAME="avx2", PYIBR_CACHE=str(tmp_path))
+    assert "haswell" in done.stdout, done.stderr
 
 
 HOT = {
