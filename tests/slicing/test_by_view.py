@@ -106,7 +106,7 @@ def test_surfaces_take_as_many_as_the_picture_needs(slicing):
 @pytest.mark.thorough
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_surfaces_flicker_less_than_with_256_slices(slicing):
-    cams = [camera(30, angle, (200, 150)) for angle in np.arange(24) * 3]
+    cams = [camera(30, angle, (200, 150)) for angle in np.arange(12) * 3]
     truth = [ibr.render(noisy_surface(4096, slicing), cam) for cam in cams]
     by_view, fixed = (
         flicker([ibr.render(noisy_surface(n, slicing), cam) for cam in cams], truth) for n in ("view", 256)
@@ -123,25 +123,23 @@ def test_curved_surfaces_flicker_no_more_where_pixels_are_wide(slicing):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("size", [(241, 181), (121, 91)])
-@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+@pytest.mark.parametrize(("slicing", "size"), [("orthogonal", (241, 181)), ("screen", (121, 91))])
 def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size):
     """Along some rays, the edge of a terrace is thinner than a pixel."""
     y, x = np.mgrid[:128, :128] * (2 * np.pi / 128)
     terraces = 0.5 + 0.25 * np.sin(2 * x) * np.cos(y) + 0.25 * np.sin(x + 2 * y)
     terraces = (np.rint(5 * terraces) / 5).astype(np.float32)
-    by_view, fixed = flicker_of_ring(terraces, slicing, size, 12)
+    by_view, fixed = flicker_of_ring(terraces, slicing, size, 8)
     assert by_view <= fixed
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("size", [(240, 180), (320, 240)])
-@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+@pytest.mark.parametrize(("slicing", "size"), [("orthogonal", (320, 240)), ("screen", (240, 180))])
 def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
     """Nor where a pixel is wider than 256 slices lie apart, so that fewer are taken."""
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
     views = object_views(scene, 512)
-    turns = np.arange(12) * 2 * np.pi / 120
+    turns = np.arange(6) * 2 * np.pi / 120
     cams = [looking(scene, (np.cos(turn), 0.3, np.sin(turn)), size) for turn in turns]
     truth = [ibr.render(ibr.DepthObject(views, slices=2048, slicing=slicing, halvings=8), cam) for cam in cams]
     thing = ibr.DepthObject(views, slices="view", slicing=slicing)
