@@ -1,4 +1,4 @@
-"""The two tiers of tests: `make test` runs what is not marked as thorough, `make test-all` all."""
+"""The tiers of tests: `make test` runs what is not marked as thorough, `make test-all` what is no marked product."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from tests.tiers import COLLECTED, leave_products
+from tests.tiers import COLLECTED, LEFT, leave_products
 
 os.environ.setdefault("PYIBR_BINARIES", "never")  # most programs are built once, and to read them compiles them twice
 
@@ -14,4 +14,4 @@ os.environ.setdefault("PYIBR_BINARIES", "never")  # most programs are built once
 @pytest.hookimpl(tryfirst=True)  # before -m chooses
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     leave_products(items)
-    config.stash[COLLECTED] = {item.nodeid: item.get_closest_marker("thorough") is None for item in items}
+    config.stash[COLLECTED] = {item.nodeid: {left for left in LEFT if item.get_closest_marker(left)} for item in items}

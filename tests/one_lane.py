@@ -6,6 +6,7 @@ import dataclasses
 import shutil
 from collections.abc import Generator
 from contextlib import contextmanager
+from functools import cache
 
 import pytest
 
@@ -16,16 +17,19 @@ from pyibr.opencl.profile import GPU
 from tests.processes import said_under_oclgrind
 
 
+@cache  # so that its kernels are built once
+def _of_one_lane(session: device.Session) -> device.Session:
+    # Of the sizes of work-groups that it may choose, PoCL compiles each anew.
+    profile = dataclasses.replace(GPU, local_size=1)
+    return dataclasses.replace(session, profile=profile, kernels={}, memory_pool=MemoryPool(), in_flight=InFlight())
+
+
 @contextmanager
 def one_lane() -> Generator[None, None, None]:
     """Within it kernels have one lane, and memory is copied to and fro."""
     session = device.current()
-    # Of the sizes of work-groups that it may choose, PoCL compiles each anew.
-    profile = dataclasses.replace(GPU, local_size=1)
     index = session.device.index
-    device._sessions[index] = dataclasses.replace(
-        session, profile=profile, kernels={}, memory_pool=MemoryPool(), in_flight=InFlight()
-    )
+    device._sessions[index] = _of_one_lane(session)
     device._default_session.cache_clear()
     try:
         assert device.current().profile.lanes == 1

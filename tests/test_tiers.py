@@ -1,9 +1,9 @@
-"""No test is left out by both tiers, and the quick one leaves out no room, no kernel and no value."""
+"""No test is left out by all tiers, and the quick one leaves out no room, no kernel and no value."""
 
 from __future__ import annotations
 
 import re
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 
 import pytest
@@ -17,22 +17,24 @@ ROOT = Path(__file__).parents[1]
 def command_of(target: str) -> str:
     """Command that a target of the Makefile runs."""
     text = (ROOT / "Makefile").read_text()
-    (line,) = re.findall(rf"^{target}:.*\n\t@(.*)$", text, re.MULTILINE)
+    (line,) = re.findall(rf"^{target}:.*\n\t@(.*TESTS.*)$", text, re.MULTILINE)
     return line.replace("$(TESTS)", re.findall(r"^TESTS := (.*)$", text, re.MULTILINE)[0])
 
 
-def test_the_thorough_tier_is_all_tests():
-    quick, thorough = command_of("test"), command_of("test-all")
-    assert quick.replace(' -m "not thorough"', "") == thorough
-    assert not re.search(r'-m "| -k | --deselect| --ignore|tests/', thorough)
+def test_the_tiers_are_all_tests():
+    quick, thorough, rest = (command_of(target) for target in ("test", "test-all", "fuzz"))
+    plain = quick.replace(' -m "not thorough"', "")
+    assert thorough == plain.replace("$(ARGS)", '-m "not product" $(ARGS)')
+    assert rest == plain.replace("$(ARGS)", "-m product")
+    assert not re.search(r'-m "| -k | --deselect| --ignore|tests/', plain)
     assert "\nmake test-all\n" in (ROOT / ".ci/run").read_text()
 
 
 def test_every_folder_has_quick_tests(pytestconfig: pytest.Config):
     """Of those that this run has found."""
     folders = {Path(name.split("::")[0]).parent: False for name in pytestconfig.stash[COLLECTED]}
-    for name, is_quick in pytestconfig.stash[COLLECTED].items():
-        folders[Path(name.split("::")[0]).parent] |= is_quick
+    for name, left in pytestconfig.stash[COLLECTED].items():
+        folders[Path(name.split("::")[0]).parent] |= not left
     assert all(folders.values()), folders
 
 
@@ -49,11 +51,20 @@ def test_few_places_of_a_product_hold_every_value():
     assert set().union(*chosen) == set().union(*places)
 
 
+def test_more_hold_every_pair():
+    pairs = [set(combinations(zip("abc", values, strict=True), 2)) for values in product(range(4), range(3), range(2))]
+    chosen = covering(pairs, {5})
+    assert 5 in chosen and len(chosen) <= 13
+    assert set[object]().union(*(pairs[number] for number in chosen)) == set[object]().union(*pairs)
+
+
 def test_of_a_product_few_tests_are_quick(pytestconfig: pytest.Config):
-    found = {name: is_quick for name, is_quick in pytestconfig.stash[COLLECTED].items() if "::test_a_product[" in name}
+    collected = pytestconfig.stash[COLLECTED]
+    found = {name.split("[")[1][:-1]: left for name, left in collected.items() if "::test_a_product[" in name}
     assert len(found) == 24
-    quick = [name.rstrip("]").split("[")[1] for name, is_quick in found.items() if is_quick]
+    quick = [name for name, left in found.items() if not left]
     assert len(quick) == 3
+    assert sum("product" not in left for left in found.values()) == 12  # as many as d has with b and c
     for value in ("-0.5-", "-0-", "-1-1-", "-2-1-", "-3-2-", "---", "-a-b-", "-b-"):
         assert any(value in f"-{name}-" for name in quick), value
 

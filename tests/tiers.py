@@ -1,19 +1,23 @@
-"""The two tiers of tests: which tests of a product of parameters are enough to meet every value."""
+"""The tiers of tests: which of a product of parameters are enough to meet every value, or every two values at once."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Sequence, Set
+from collections.abc import Collection, Hashable, Iterable, Sequence, Set
+from itertools import combinations
 
 import pytest
 
-COLLECTED = pytest.StashKey[dict[str, bool]]()
-"""All tests that were found, and whether `make test` runs them."""
+LEFT = "thorough", "product"
+"""Markers of what `make test` leaves to others, and of what `make test-all` does, too."""
+COLLECTED = pytest.StashKey[dict[str, set[str]]]()
+"""All tests that were found, with which of these markers they have."""
 
 
-def covering(places: Sequence[Set[Hashable]]) -> set[int]:
-    """Numbers of so many places in a product that each value is in one of them."""
-    missing, chosen = set[Hashable]().union(*places), set[int]()
+def covering(places: Sequence[Set[Hashable]], first: Collection[int] = ()) -> set[int]:
+    """Numbers of so many places in a product that each value is in one of them; those of `first` are among them."""
+    chosen = set(first)
+    missing = set[Hashable]().union(*places).difference(*(places[number] for number in chosen))
     while missing:
         best = max(range(len(places)), key=lambda number: len(places[number] & missing))  # of equal ones the first
         chosen.add(best)
@@ -31,13 +35,19 @@ def values_of(test: pytest.Function) -> frozenset[tuple[str, tuple[int, ...]]]:
 
 
 def leave_products(items: Iterable[pytest.Item]) -> None:
-    """Mark as thorough what a test whose parameters multiply has beyond those that are enough."""
+    """Of a test whose parameters multiply, mark as thorough what it has beyond those that meet every value, and as
+    product what is beyond those that meet every two values of different parameters at once."""
     of_function: dict[str, list[pytest.Function]] = defaultdict(list)
     for item in items:
-        if isinstance(item, pytest.Function) and hasattr(item, "callspec") and not item.get_closest_marker("thorough"):
+        if isinstance(item, pytest.Function) and hasattr(item, "callspec"):
             of_function[item.nodeid.split("[")[0]].append(item)
     for tests in of_function.values():
-        values = [values_of(test) for test in tests]
-        if len(values[0]) > 1:
-            for number in set(range(len(tests))) - covering(values):
-                tests[number].add_marker("thorough")
+        tests.sort(key=lambda test: test.get_closest_marker("thorough") is not None)
+        quick = [values_of(test) for test in tests if not test.get_closest_marker("thorough")]
+        enough = covering(quick) if quick and len(quick[0]) > 1 else set(range(len(quick)))
+        pairs = [set(combinations(sorted(values_of(test)), 2)) for test in tests]
+        with_pairs = covering(pairs, enough) if len(pairs[0]) > 1 else set(range(len(tests)))
+        for number, test in enumerate(tests):
+            for marker, kept in zip(LEFT, (enough, with_pairs), strict=True):
+                if number not in kept:
+                    test.add_marker(marker)

@@ -1,4 +1,4 @@
-"""Thousands of random calls; `make fuzz` makes ten times as many.
+"""Two thousand random calls; `make fuzz` makes many more.
 
 They are made in processes of their own: a crash, or a kernel that never ends, is told with its seed, too.
 """
@@ -23,8 +23,8 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.parametrize(
     ("kind", "first", "count"),
     [
-        *(("warp", first, 500) for first in range(0, 2000, 500)),
-        *(("render", first, 250) for first in range(0, 1000, 250)),
+        *(("warp", first, 500) for first in (0, 500)),
+        *(("render", first, 150) for first in (0, 150)),  # they meet other kernels than others do, built for them
         ("register", 0, 500),
         ("clean", 0, 200),
         ("rays", 0, 300),

@@ -4,8 +4,8 @@ An array ends where the pages after it begin, or it begins where those before it
 memory in place, however it is aligned. What is uploaded may not even be written. Kernels in one lane, whose memory is
 else the device's own, get the same.
 
-Run as a program, with a folder of kernels, "start" or "end" and 16 or 1 lanes: `cases` within fences. With seeds, too:
-after them, in the same process, whose programs are built, cameras' numbers are poisoned, and nothing is right but that
+Run as a program, with a folder of kernels and 16 or 1 lanes: `cases` within fences at the start, then at the end. After
+each, in the same process, whose programs are built, cameras' numbers are poisoned, and nothing is right but that
 kernels end and keep to their arrays. Programs are built without optimisation, in half the time: what kernels read and
 write is the same, and so is what they only read to no avail.
 """
@@ -17,7 +17,8 @@ import math
 import mmap
 import sys
 from contextlib import nullcontext
-from typing import Any, Literal
+from functools import partial
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pyopencl as cl
@@ -91,15 +92,15 @@ def raise_fences(where: Where) -> None:
 
 
 if __name__ == "__main__":
-    folder, lanes, *seeds = sys.argv[1], *sys.argv[3:]
-    where: Where = "start" if sys.argv[2] == "start" else "end"
+    folder, lanes = sys.argv[1:]
     current()  # what chooses a device has buffers of its own
-    raise_fences(where)
     program._OPTIONS.append("-cl-opt-disable")
     with one_lane() if lanes == "1" else nullcontext():
-        settings = [Setting(kind, True, lambda shape, dtype: fenced(shape, dtype, where)) for kind in KINDS]
-        check_all_ran({one for setting in settings for one in run_all(setting, Launches(), folder)}, folder)
-        for seed in map(int, seeds):
+        for seed, where in enumerate(get_args(Where)):
+            print("fences at the", where)
+            raise_fences(where)
+            settings = [Setting(kind, True, partial(fenced, where=where)) for kind in KINDS]
+            check_all_ran({one for setting in settings for one in run_all(setting, Launches(), folder)}, folder)
             print("poisoned", seed)
             run_all(Setting("uint8", thorough=False), Poisoned(seed), folder)
         print("through in lanes:", current().profile.lanes)

@@ -59,12 +59,11 @@ def test_a_byte_too_far_ends_the_process(where, of):
 
 
 @linux
-@pytest.mark.parametrize("where", ["start", "end"])
 @pytest.mark.parametrize("lanes", [16, 1])
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_no_kernel_leaves_its_arrays(folder, where, lanes):
-    """Nor runs for ever, whatever the cameras' numbers are: sound first, then poisoned by two seeds."""
-    done = run("-m", "tests.opencl.fences", folder, where, str(lanes), "1", "2")
+def test_no_kernel_leaves_its_arrays(folder, lanes):
+    """Nor runs for ever, whatever the cameras' numbers are: sound first, then poisoned."""
+    done = run("-m", "tests.opencl.fences", folder, str(lanes))
     last = done.stdout.splitlines()[-1:]
     assert done.returncode == 0, f"{done.returncode} in {last}, {done.stderr[-2000:]}"
     assert last == [f"through in lanes: {lanes}"]

@@ -55,6 +55,8 @@ def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str =
     shift = view.camera.K[axis, axis] * step[axis]  # along the line, in pixels at nearness 1
     size = height, width
     result = Sideways(np.full(size, np.nan), np.full((*size, 2), np.nan), np.zeros(size, bool))
+    epipole = np.append(np.diag(view.camera.K)[:2] * step, [0.0, 1.0])
+    across = np.array([-direction[1], direction[0]])
     for start in _starts(width, height, direction):
         pixels = np.arange(_length(width, height, start, direction))
         x, y = (start + pixels[:, None] * direction).T
@@ -62,26 +64,33 @@ def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str =
         seen, place, result.on_end[y, x] = _first_seen(s, s - shift * q, q, closed, pixels)
         result.depth[y, x] = 1 / seen
         result.source[y, x] = start + place[:, None] * direction
-    epipole = np.append(np.diag(view.camera.K)[:2] * step, [0.0, 1.0])
-    for y, x in np.ndindex(size):
-        _see_margins(result, margins, epipole, x, y)
+        away = np.abs((np.stack([margins.x, margins.y], axis=-1) - start) @ across)
+        beside = away <= np.abs(across).sum() * (0.5 + NEAR_END)  # a margin reaches half a pixel from its sample
+        _see_margins(result, margins.some(beside), epipole, x, y)
     return result
 
 
-def _see_margins(result: Sideways, margins: Margins, epipole: Array, x: int, y: int) -> None:
-    """Put what a pixel's ray meets of the margins, unless it sees something nearer."""
-    infinity = np.array([x, y, 1.0, 0.0])
-    seen = np.nan_to_num(result.depth[y, x], nan=np.inf)
-    t, number = margins.first_hit(epipole, infinity, 0.0, np.inf)
-    around = [margins.first_hit(epipole, infinity, 0.0, np.inf, grown)[0] for grown in (NEAR_END, -NEAR_END)]
-    if min(around) < seen and not np.isclose(*around, rtol=1e-5):
-        result.on_end[y, x] = True
-    if number < 0 or t >= seen:
+def _see_margins(result: Sideways, margins: Margins, epipole: Array, x: Array, y: Array) -> None:
+    """Put what a line's rays meet of the margins beside it, unless they see something nearer."""
+    if not len(margins.x):
         return
-    front = margins.planes[number] @ infinity > 0
+    infinity = np.stack([x, y, np.ones(len(x)), np.zeros(len(x))], axis=-1)
+    seen = np.nan_to_num(result.depth[y, x], nan=np.inf)
+
+    def hits(grown: float) -> Array:
+        t = margins.hits(epipole, infinity, grown)
+        return np.where(t >= 0, t, np.inf)
+
+    around = np.stack([hits(grown).min(axis=1) for grown in (NEAR_END, -NEAR_END)])
+    result.on_end[y, x] |= (around.min(axis=0) < seen) & ~np.isclose(*around, rtol=1e-5)
+    every = hits(0.0)
+    t, number = every.min(axis=1), every.argmin(axis=1)
+    met = t < seen
+    x, y, t, infinity = x[met], y[met], t[met, None], infinity[met]
+    front = (margins.planes[number[met]] * infinity).sum(axis=1) > 0
     point = epipole + t * infinity
-    result.depth[y, x] = t if front else np.nan
-    result.source[y, x] = point[:2] / point[2] if front else np.nan
+    result.depth[y, x] = np.where(front, t[:, 0], np.nan)
+    result.source[y, x] = np.where(front[:, None], point[:, :2] / point[:, 2:3], np.nan)
 
 
 def _starts(width: int, height: int, direction: Array) -> list[Array]:

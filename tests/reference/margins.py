@@ -7,7 +7,7 @@ half of one on a side of the cell's diagonal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -43,20 +43,26 @@ class Margins:
         level = self.q - self.gu * self.x - self.gv * self.y
         return np.stack([self.gu, self.gv, level, -np.ones(len(self.x))], axis=-1)
 
-    def first_hit(
-        self, epipole: Array, infinity: Array, low: float, high: float, grown: float = 0.0
-    ) -> tuple[float, int]:
-        """The least t in [low, high] at which epipole + t * infinity, in the image's pixel space, meets a margin, and
-        which one; -1 if none. grown: pixels by which margins are larger."""
+    def some(self, which: Array) -> Margins:
+        """Those that `which`, (n,) bool, tells."""
+        return Margins(*(getattr(self, one.name)[which] for one in fields(self)))
+
+    def hits(self, epipole: Array, infinity: Array, grown: float = 0.0) -> Array:
+        """(..., n) the t at which epipole + t * infinity (..., 4), in the image's pixel space, meets each margin; inf
+        where it does not. grown: pixels by which margins are larger."""
         with np.errstate(all="ignore"):
-            t = -(self.planes @ epipole) / (self.planes @ infinity)
-            points = epipole + t[:, None] * infinity
-            du, dv = points[:, 0] / points[:, 2] - self.x, points[:, 1] / points[:, 2] - self.y
+            t = -(self.planes @ epipole) / (infinity @ self.planes.T)
+            x, y, w = (epipole[i] + t * infinity[..., None, i] for i in range(3))
+            du, dv = x / w - self.x, y / w - self.y
             inside = (np.abs(du * self.to_x - 0.25) <= 0.25 + grown) & (np.abs(dv * self.to_y - 0.25) <= 0.25 + grown)
             inside &= ((self.parts & LOWER > 0) & (du + dv <= grown)) | ((self.parts & UPPER > 0) & (du + dv >= -grown))
-            inside &= (points[:, 2] > 0) & (t >= low) & (t <= high)
-        t = np.where(inside, t, np.inf)
-        return (float(t.min()), int(t.argmin())) if inside.any() else (np.inf, -1)
+        return np.where(inside & (w > 0), t, np.inf)
+
+    def first_hit(self, epipole: Array, infinity: Array, low: float, high: float) -> tuple[float, int]:
+        """The least t in [low, high] at which a ray meets a margin, and which one; -1 if none."""
+        t = self.hits(epipole, infinity)
+        t = np.where((t >= low) & (t <= high), t, np.inf)
+        return (float(t.min()), int(t.argmin())) if np.isfinite(t).any() else (np.inf, -1)
 
     def corners(self) -> tuple[Array, Array, Array, Array]:
         """Pixels (m, 2), nearness (m,), colours (m, c) and faces (k, 3) of the margins as triangles."""
