@@ -188,8 +188,9 @@ def _lenses(setting: Setting) -> Cases:
         color = view.color if view.has_color else None
         here = ibr.Camera(view.camera.K, size, view.camera.world_from_camera, lens=lens)
         yield f"lens {size} undistorted", partial(ibr.undistorted, DepthImage(color, view.depth, here, far=view.far))
-        for camera in (view.camera.moved(0.05, 0.02, 0.1).resized(target), view.camera.moved(0.2, 0, 0)):
-            bent = ibr.Camera(camera.K, camera.size, camera.world_from_camera, lens=lens)
+        targets = view.camera.moved(0.05, 0.02, 0.1).resized(target), view.camera.moved(0.2, 0, 0)
+        for camera, other in zip(targets, (lens, ibr.Lens("kannala_brandt", [0, 0, 0, 0])), strict=True):
+            bent = ibr.Camera(camera.K, camera.size, camera.world_from_camera, lens=other)
             ways: tuple[dict[str, Any], ...] = ({}, {"classes": True, "fill": "smooth"}, {"samples": 4})
             for way in (*ways, {"interpolation": "nearest", "fill": "background"}):
                 yield f"lens {size} to {camera.size} {way}", partial(ibr.warp, view, bent, **way)
@@ -373,13 +374,14 @@ def _reliefs(setting: Setting) -> Cases:
 
 
 def _views_around(setting: Setting, sizes: tuple[Size, ...]) -> list[DepthImage]:
-    """Of a block of a third of the image's width; what lies beside it is background."""
-    views = []
+    """Of a block of a third of the image's width; what lies beside it is background. Each other one has normals."""
+    views = list[DepthImage]()
     for eye, size in zip(((3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2)), sizes, strict=True):
         camera = ibr.Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), size, fov_y=40)
         depth = np.full(size[::-1], np.inf, np.float32)
         depth[size[1] // 3 : size[1] // 3 + 2, size[0] // 3 : size[0] // 2 + 2] = 2.5
-        views.append(DepthImage(setting.noise(*size), depth, camera))
+        normals = np.broadcast_to(np.float32([0.3, 0, -1]), (*depth.shape, 3)) if len(views) % 2 else None
+        views.append(DepthImage(setting.noise(*size), depth, camera, normals=normals))
     return views
 
 

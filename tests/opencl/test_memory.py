@@ -171,20 +171,18 @@ def test_launches_that_find_no_memory_name_the_kernel(monkeypatch):
         clear(array, 0.0)
 
 
-CALLS = calls()
-
-
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", CALLS)
-def test_things_go_with_their_last_use(name):
+def test_things_go_with_their_last_use():
     """Without a pass of the garbage collector, which would leave a recording's frames on the device for long."""
-    CALLS[name]()  # what is made once stays
+    made = calls()
+    for call in made.values():
+        call()  # what is made once stays
     gc.collect()
     gc.disable()
     try:
-        before = {id(thing): thing for thing in gc.get_objects() if isinstance(thing, Immutable)}
-        CALLS[name]()
-        left = [thing for thing in gc.get_objects() if isinstance(thing, Immutable) and id(thing) not in before]
+        for name, call in made.items():
+            call()
+            left = [thing for thing in gc.get_objects(generation=0) if isinstance(thing, Immutable)]
+            assert not left, name
     finally:
         gc.enable()
-    assert not left

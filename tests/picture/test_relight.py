@@ -14,7 +14,7 @@ from pyibr.core.camera import Camera
 from tests.boxes import cuboid
 from tests.data import shared
 from tests.embree import embree
-from tests.one_lane import check_bounds, one_lane
+from tests.one_lane import one_lane
 from tests.shadowed import edges, first_hits, plane, true_shares
 
 LIGHTS: dict[str, dict[str, Any]] = {
@@ -295,30 +295,6 @@ def test_in_one_lane_and_again():
         assert (one.valid != wide.valid).mean() <= 2e-3
         # Where slices and depth edges are met otherwise by one rounding, normals of the picture are others, too.
         assert (np.abs(one.color.astype(int) - wide.color).max(axis=2) <= 2).mean() >= 0.985
-
-
-BOUNDS = """
-import numpy as np, pyibr as ibr
-from pyibr.core.camera import Camera
-from pyibr.core.lens import Lens
-views = []
-for number, eye in enumerate(((3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2))):
-    camera = Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), (9, 7), fov_y=40)
-    depth = np.full((7, 9), np.inf, np.float32)
-    depth[2:5, 3:7] = 2.5
-    normals = np.broadcast_to(np.float32([0.3, 0, -1]), (7, 9, 3)) if number % 2 else None
-    views.append(ibr.DepthImage(np.full((7, 9, 3), 9, np.uint8), depth, camera, normals=normals))
-things = [ibr.DepthMeshObject(views), ibr.VisualHull(views, slices=5), views[2], ibr.DepthObject(views, slices=5)]
-for number, size in enumerate(((13, 7), (1, 1), (2, 3))):
-    camera = Camera.look_at((2, 1, 2), (0, 0, 0), (0, 1, 0.1), size, fov_y=40)
-    light = ibr.Light(direction=(1, 0.3, -1), shadow_size=8 * (number % 2), specular=0.5, relight=True)
-    ibr.render(things[number:], camera, light)
-"""
-
-
-@pytest.mark.thorough
-def test_no_kernel_leaves_its_arrays():
-    check_bounds(BOUNDS)
 
 
 def test_relight_is_true_or_false():

@@ -14,7 +14,7 @@ from pyibr.picture.drawable import as_drawable
 from pyibr.picture.shadow import light_cameras
 from tests.displaced import Solid, square
 from tests.embree import embree
-from tests.one_lane import check_bounds, one_lane
+from tests.one_lane import one_lane
 from tests.reference.heights import bilinear_height
 from tests.relief.solids import Carved, grid, torus
 from tests.shadowed import (
@@ -295,34 +295,6 @@ def test_a_thing_alone_and_one_of_no_extent():
     for shape in (*LIGHTS.values(), {"position": (0, 0, 0)}, {"position": (0, 0, 0), "direction": (0, 0, 1)}):
         for things in ([dot], [line], [dot, plane()]):
             assert ibr.render(things, SEES_ALL, ibr.Light(**shape)).valid.any() == (len(things) == 2)
-
-
-BOUNDS = """
-import numpy as np, pyibr as ibr
-from pyibr.core.camera import Camera
-corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
-square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv)
-views = []
-for eye in (3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2):
-    camera = Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), (9, 7), fov_y=40)
-    depth = np.full((7, 9), np.inf, np.float32)
-    depth[2:5, 3:7] = 2.5
-    views.append(ibr.DepthImage(np.full((7, 9, 3), 9, np.uint8), depth, camera))
-height, color = np.random.default_rng(0).random((3, 2), np.float32), np.full((2, 2, 3), 9, np.uint8)
-things = [ibr.SlicedSurface(square, height, color, 0.3, slices=3), ibr.ReliefSurface(square, height, color, 0.3),
-          square, views[2], ibr.DepthObject(views, slices=5)]
-eye = (2, 1, 2)
-lights = [{"direction": (1, 0.3, -1)}, {"position": (0.2, 0.1, 0.3)}, {"position": eye, "direction": (-2, -1, -2)}]
-for number, light in enumerate(lights):
-    for size in (13, 7), (1, 1):
-        camera = Camera.look_at(eye, (0, 0, 0), (0, 1, 0.1), size, fov_y=40)
-        ibr.render(things[number:], camera, ibr.Light(**light, shadow_size=16, specular=0.5))
-"""
-
-
-@pytest.mark.thorough
-def test_no_kernel_leaves_its_arrays():
-    check_bounds(BOUNDS)
 
 
 @pytest.mark.parametrize(

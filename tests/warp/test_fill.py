@@ -18,7 +18,7 @@ from pyibr.picture.target import Target
 from pyibr.warp.filling import find_behind, push_and_pull
 from pyibr.warp.inpaint import inpaint
 from tests import scenes
-from tests.one_lane import check_bounds, one_lane
+from tests.one_lane import one_lane
 from tests.reference.fill import HALO, behind_reference, edges_of, fill_reference
 
 Epipole = tuple[float, float, float]
@@ -373,23 +373,3 @@ def test_a_missing_opencv_is_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(ibr.Error, match='fill="inpaint" needs OpenCV'):
         ibr.warp(view, view.camera.moved(0.4, 0, 0), fill="inpaint")
-
-
-@pytest.mark.thorough
-def test_nothing_is_read_beyond_the_arrays():
-    check_bounds(
-        """
-import numpy as np
-import pyibr as ibr
-
-for size in ((1, 2), (33, 17), (7, 40)):
-    camera = ibr.Camera([[40, 0, size[0] / 2], [0, 40, size[1] / 2], [0, 0, 1]], size)
-    y, x = np.mgrid[: size[1], : size[0]]
-    depth = np.where(x < size[0] / 2, 2, 4).astype(np.float32)
-    depth[size[1] // 2 :, : size[0] // 3] = np.nan
-    view = ibr.DepthImage(np.full((*depth.shape, 3), 70, np.uint8), depth, camera)
-    for move in ((0.3, 0, 0), (0, 0.2, 0), (0.2, 0.1, 0.1)):
-        for way in ("background", "smooth"):
-            ibr.warp(view, camera.moved(*move), fill=way)
-""",
-    )
