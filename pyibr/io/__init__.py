@@ -3,7 +3,7 @@
 | suffix | colour | depth |
 |---|---|---|
 | .png | 8 bit, 16-bit gray | 16 or 8 bit, with a scale |
-| .tif | the same | floats, or 16 bit with a scale |
+| .tif | the same, gray floats | floats, or integers with a scale |
 | .jpg, .bmp, .webp, .ppm | the same | |
 | .npy, .npz | yes | yes |
 | .pfm | yes | yes |
@@ -55,7 +55,7 @@ __all__ = [
 
 _PathLike = str | PathLike[str]
 _COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}
-_DEPTH_MODULES = _COLOR_MODULES | {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".bin": "colmap_bin"}
+_DEPTH_MODULES = _COLOR_MODULES | {".png": "image", ".tif": "image", ".tiff": "image", ".bin": "colmap_bin"}
 
 
 class _Format(Protocol):

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.checks import describe
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import checked_path, reading, write_atomically
+from pyibr.io import png, tiff
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -30,20 +32,22 @@ def decoded(data: bytes) -> NDArray[Any]:
 
     Colours are as in the file; those of printers (CMYK), of L*a*b* and the like become RGB.
     """
-    with opened(data) as picture:
+    known, numbers = tiff.as_known(data)
+    with opened(known) as picture:
         if picture.mode in _OTHER_COLORS:
             return np.array(picture.convert("RGB"))
         if picture.mode == "P" and picture.palette is not None:
             return np.array(picture.convert(picture.palette.mode))
         if picture.mode == "I" and picture.format == "PNG":  # 16 bits, which Pillow before version 11.3 widens
             return np.array(picture.convert("I;16"))
-        return np.array(picture)
+        return tiff.as_they_are(np.array(picture), numbers)
 
 
 def opened(data: bytes) -> Image:
-    """The picture of Pillow's that these bytes are."""
+    """The picture of Pillow's that these bytes are, as it is stored."""
     from PIL import Image
 
+    data, _ = tiff.as_known(data)
     with Image.open(io.BytesIO(data)) as picture:
         if picture.format == "EPS":  # a program, which Pillow would run
             raise ValueError("PostScript is no picture")
@@ -51,8 +55,18 @@ def opened(data: bytes) -> Image:
     return Image.open(io.BytesIO(data))
 
 
+def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
+    """Return the stored (H, W): floats, or integers of an unknown unit, 0 where there is none."""
+    stored = read_color(path)
+    if stored.ndim != 2 or stored.dtype.kind not in "uif":
+        raise FileFormatError(f"{path}: expected gray of 8 or 16 bits, or floats, for depth, got {describe(stored)}")
+    return stored
+
+
 def encoded(image: NDArray[Any], suffix: str) -> bytes:
     """The bytes of a file. Libraries that write files themselves may not tell of a full disk."""
+    if suffix == ".png":
+        return png.encoded(image)
     from PIL import Image
 
     options = {"quality": 95} if suffix in (".jpg", ".jpeg", ".webp") else {}
@@ -76,3 +90,8 @@ def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
     if color.dtype.kind == "f":
         color = np.rint(np.clip(np.nan_to_num(color), 0, 1) * 255).astype(np.uint8)
     write_atomically(path, encoded(color, checked_path(path).suffix.lower()))
+
+
+def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
+    """Write (H, W): uint16 as PNG, float32 as TIFF."""
+    write_atomically(path, encoded(depth, checked_path(path).suffix.lower()))

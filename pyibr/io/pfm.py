@@ -18,7 +18,8 @@ from pyibr.core.errors import FileFormatError
 from pyibr.core.files import reading, write_atomically
 
 _HEADER = re.compile(
-    rb"P([Ff])\s{1,9}(\d{1,9})\s{1,9}(\d{1,9})\s{1,9}([-+]?\d{0,20}\.?\d{1,20}(?:[eE][-+]?\d{1,3})?)(?:\r\n|\s)"
+    rb"P([Ff])\s{1,9}(\d{1,9})\s{1,9}(\d{1,9})\s{1,9}"
+    rb"([-+]?(?:\d{1,20}\.?\d{0,20}|\.\d{1,20})(?:[eE][-+]?\d{1,3})?)(?:\r\n|\s)"
 )
 
 
