@@ -1,6 +1,7 @@
 """glTF 2.0: JSON that describes a scene and where in binary buffers its arrays lie; GLB holds both in one file.
 
-Of a scene all triangles are read, at their places in it, with the first texture that shows their base colour.
+Of a scene all triangles are read, at their places in it and as its skins have them, with the first texture that shows
+their base colour, or where there is none with the colours of vertices and materials.
 Its axes are left as they are: y up, z towards the viewer.
 """
 
@@ -10,7 +11,7 @@ import base64
 import json
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, cast
 from urllib.parse import unquote
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.files import check_unpacked
+from pyibr.images.srgb import linear_from_srgb, srgb_from_linear
 from pyibr.io import image
 from pyibr.io.mesh_arrays import MeshArrays, beside, color_bytes, texture_beside, texture_from
 
@@ -27,6 +29,9 @@ _KINDS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "
 _FLOAT, _UINT32 = 5126, 5125
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_WHITE = 1.0, 1.0, 1.0
+_TIMES, _LITTLE = 50, 1 << 16
+"""What an accessor without a buffer may take: so often the file's size, or so many bytes."""
 _KNOWN = ("KHR_materials_", "KHR_lights_", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp")
 """How the extensions open that a file may require: what they add is read here, or is no matter of triangles."""
 
@@ -37,7 +42,7 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     required = [name for name in scene.get("extensionsRequired", []) if not name.startswith(_KNOWN)]
     if required or not str(scene["asset"]["version"]).startswith("2."):
         raise ValueError(f"expected glTF 2.0 without {required[0] if required else 'other versions'}")
-    return _Scene(scene, binary, folder).mesh()
+    return _Scene(scene, binary, folder, max(_TIMES * len(data), _LITTLE)).mesh()
 
 
 def mesh_bytes(mesh: MeshArrays, double_sided: bool) -> bytes:
@@ -49,7 +54,7 @@ def mesh_bytes(mesh: MeshArrays, double_sided: bool) -> bytes:
     if mesh.uv is not None:
         attributes["TEXCOORD_0"] = writer.add(mesh.uv.astype("<f4"), _FLOAT, "VEC2")
     if mesh.colors is not None:
-        attributes["COLOR_0"] = writer.add(_linear(mesh.colors).astype("<f4"), _FLOAT, "VEC3")
+        attributes["COLOR_0"] = writer.add(linear_from_srgb(mesh.colors / 255.0).astype("<f4"), _FLOAT, "VEC3")
     indices = writer.add(mesh.faces.astype("<u4").ravel(), _UINT32, "SCALAR")
     surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
     scene: dict[str, Any] = {
@@ -102,78 +107,122 @@ class _Writer:
 class _Scene:
     """Contents of a file."""
 
-    def __init__(self, scene: dict[str, Any], binary: bytes | None, folder: Path) -> None:
-        self._scene, self._folder = scene, folder
+    def __init__(self, scene: dict[str, Any], binary: bytes | None, folder: Path, zeros_max: int) -> None:
+        self._scene, self._folder, self._zeros_max = scene, folder, zeros_max
         self._buffers: list[bytes] = [self._buffer(buffer, binary) for buffer in scene.get("buffers", [])]
         self._arrays: dict[int, NDArray[Any]] = {}
 
     def mesh(self) -> MeshArrays:
         """All triangles of the scene, in one."""
-        parts, first, size = list[MeshArrays](), 0, 0
-        for matrix, number in self._placed():
-            for primitive in self._item("meshes", number)["primitives"]:
-                if primitive.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP, _FAN):
-                    part = self._part(primitive, matrix, first)
-                    first += len(part.vertices)
-                    size += 3 * part.vertices.nbytes + part.faces.nbytes  # a mesh may stand in many places
-                    check_unpacked(size)
-                    parts.append(part)
-        if not parts:
+        matrices, lost = self._matrices(), dict[str, None]()
+        drawn = list(self._drawn(matrices, lost))
+        if not drawn:
             raise ValueError("no triangles in it")
+        surfaces = [self._surface(primitive) for _, primitive in drawn]
+        textures = list(dict.fromkeys(used["index"] for one in surfaces if (used := one.get("baseColorTexture"))))
+        if textures[1:]:
+            lost["textures but the first"] = None
+        if textures and any(_factor(one) != _WHITE for one in surfaces):
+            lost["colours of materials"] = None
+        parts, first, size = list[MeshArrays](), 0, 0
+        for (number, primitive), surface in zip(drawn, surfaces, strict=True):
+            placing = self._placing(number, primitive, matrices)
+            part = self._part(primitive, placing, first, _WHITE if textures else _factor(surface))
+            first += len(part.vertices)
+            size += 3 * part.vertices.nbytes + part.faces.nbytes  # a mesh may stand in many places
+            check_unpacked(size)
+            parts.append(part)
+        colors = _joined(parts, [part.colors for part in parts], 1)
+        bare = any(part.normals is None for part in parts)
         return MeshArrays(
             np.concatenate([part.vertices for part in parts]),
             np.concatenate([part.faces for part in parts]),
             _joined(parts, [part.uv for part in parts], 0),
-            None
-            if any(part.normals is None for part in parts)
-            else _joined(parts, [part.normals for part in parts], 0),
-            _shown(_joined(parts, [part.colors for part in parts], 1)),
-            self._texture(),
+            None if bare else _joined(parts, [part.normals for part in parts], 0),
+            None if colors is None else color_bytes(srgb_from_linear(colors.astype(np.float64))),
+            self._texture(textures[0]) if textures else None,
+            tuple(lost),
         )
 
-    def _placed(self) -> Iterator[tuple[NDArray[np.float64], int]]:
-        """The meshes' numbers, and the matrices from each to the scene."""
+    def _matrices(self) -> dict[int, NDArray[np.float64]]:
+        """From the nodes of the scene, by their numbers, to the scene."""
         nodes = self._scene.get("nodes", [])
         if "scenes" in self._scene:
             roots = self._item("scenes", self._scene.get("scene", 0)).get("nodes", [])
         else:
             below = {child for node in nodes for child in node.get("children", [])}
             roots = [number for number in range(len(nodes)) if number not in below]
-        waiting, seen = [(number, np.eye(4)) for number in reversed(roots)], set[int]()
+        waiting, found = [(number, np.eye(4)) for number in reversed(roots)], dict[int, NDArray[np.float64]]()
         while waiting:
             number, above = waiting.pop()
-            if number in seen:
+            if number in found:
                 raise ValueError(f"node {number} has two places in the scene")
-            seen.add(number)
             node = self._item("nodes", number)
-            matrix = above @ _matrix_of(node)
-            if "mesh" in node:
-                yield matrix, node["mesh"]
-            waiting += [(child, matrix) for child in reversed(node.get("children", []))]
+            found[number] = above @ _matrix_of(node)
+            waiting += [(child, found[number]) for child in reversed(node.get("children", []))]
+        return found
 
-    def _part(self, primitive: dict[str, Any], matrix: NDArray[np.float64], first: int) -> MeshArrays:
+    def _drawn(self, numbers: Iterable[int], lost: dict[str, None]) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Primitives of triangles, with their nodes' numbers; others and what would move them are lost."""
+        for number in numbers:
+            node = self._item("nodes", number)
+            if "mesh" not in node:
+                continue
+            mesh = self._item("meshes", node["mesh"])
+            if any(node.get("weights", mesh.get("weights", []))):
+                lost["morph targets"] = None
+            for primitive in mesh["primitives"]:
+                if primitive.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP, _FAN):
+                    yield number, primitive
+                else:
+                    lost["points and lines"] = None
+
+    def _placing(
+        self, number: int, primitive: dict[str, Any], matrices: dict[int, NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """(4, 4) from a node's primitive to the scene; (N, 4, 4) of each vertex, where a skin moves it."""
+        node, attributes = self._item("nodes", number), primitive["attributes"]
+        if "skin" not in node or "JOINTS_0" not in attributes:
+            return matrices[number]
+        skin = self._item("skins", node["skin"])
+        joints = np.stack([matrices[joint] for joint in skin["joints"]])
+        if "inverseBindMatrices" in skin:
+            joints = joints @ self._array(skin["inverseBindMatrices"], 16).reshape(-1, 4, 4).swapaxes(1, 2)
+        sets = [one for one in range(len(attributes)) if f"JOINTS_{one}" in attributes]
+        used = np.hstack([self._array(attributes[f"JOINTS_{one}"], 4) for one in sets])
+        weights = np.hstack([self._array(attributes[f"WEIGHTS_{one}"], 4) for one in sets]).astype(np.float64)
+        weights /= np.maximum(weights.sum(axis=1, keepdims=True), np.finfo(np.float64).tiny)
+        placing = np.zeros((len(used), 4, 4))
+        for joint, weight in zip(used.T, weights.T, strict=True):
+            placing += weight[:, None, None] * joints[joint]
+        return placing
+
+    def _part(
+        self, primitive: dict[str, Any], placing: NDArray[np.float64], first: int, factor: tuple[float, ...]
+    ) -> MeshArrays:
         """A primitive's triangles, whose vertices' numbers begin with `first`; colours are linear floats."""
         attributes = primitive["attributes"]
         points = self._array(attributes["POSITION"], 3)
         normals = self._array(attributes["NORMAL"], 3) if "NORMAL" in attributes else None
-        colors = self._array(attributes["COLOR_0"], None)[:, :3] if "COLOR_0" in attributes else None
+        colors: Any = self._array(attributes["COLOR_0"], None)[:, :3] if "COLOR_0" in attributes else None
+        if factor != _WHITE:
+            colors = np.broadcast_to(factor, (len(points), 3)) * (1 if colors is None else colors)
         uv = self._uv(primitive)
-        if any(values is not None and len(values) != len(points) for values in (uv, normals, colors)):
+        of_vertices = (uv, normals, colors, *([placing] if placing.ndim == 3 else []))
+        if any(values is not None and len(values) != len(points) for values in of_vertices):
             raise ValueError("a primitive's attributes differ in length")
         indices = self._array(primitive["indices"], 1)[:, 0] if "indices" in primitive else np.arange(len(points))
         faces = _triangles(indices.astype(np.int64), primitive.get("mode", _TRIANGLES))
         if faces.size and faces.max() >= len(points):
             raise ValueError(f"a triangle of vertex {faces.max()}, of {len(points)}")
-        turn = matrix[:3, :3]
-        if (matrix != np.eye(4)).any():
-            points = points @ turn.T + matrix[:3, 3]
-            normals = None if normals is None else normals @ np.linalg.inv(turn)
-            faces = faces[:, ::-1] if np.linalg.det(turn) < 0 else faces
+        if placing.ndim == 3 or (placing != np.eye(4)).any():
+            points, normals, mirrored = _moved(points, normals, placing)
+            faces = faces[:, ::-1] if mirrored else faces
         return MeshArrays(points, faces + first, uv, normals, colors)
 
     def _uv(self, primitive: dict[str, Any]) -> NDArray[Any] | None:
         """Positions of the vertices in the base colour's texture (KHR_texture_transform)."""
-        used = self._base_texture(primitive)
+        used = self._surface(primitive).get("baseColorTexture", {})
         moved = used.get("extensions", {}).get("KHR_texture_transform", {})
         name = f"TEXCOORD_{moved.get('texCoord', used.get('texCoord', 0))}"
         if name not in primitive["attributes"]:
@@ -185,22 +234,15 @@ class _Scene:
         turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
         return (uv * np.array(moved.get("scale", (1, 1)))) @ turn.T + np.array(moved.get("offset", (0, 0)))
 
-    def _base_texture(self, primitive: dict[str, Any]) -> dict[str, Any]:
-        if "material" not in primitive:
-            return {}
-        material = self._item("materials", primitive["material"])
-        return material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
+    def _surface(self, primitive: dict[str, Any]) -> dict[str, Any]:
+        """Description of a primitive's base colour."""
+        material = self._item("materials", primitive["material"]) if "material" in primitive else {}
+        return material.get("pbrMetallicRoughness", {})
 
-    def _texture(self) -> NDArray[np.uint8] | None:
-        """The first texture of the scene's triangles."""
-        for _, number in self._placed():
-            for primitive in self._item("meshes", number)["primitives"]:
-                used = self._base_texture(primitive)
-                if used:
-                    texture = self._item("textures", used["index"])
-                    webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
-                    return self._image(self._item("images", webp.get("source", texture.get("source"))))
-        return None
+    def _texture(self, number: Any) -> NDArray[np.uint8] | None:
+        texture = self._item("textures", number)
+        webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
+        return self._image(self._item("images", webp.get("source", texture.get("source"))))
 
     def _image(self, described: dict[str, Any]) -> NDArray[np.uint8] | None:
         if "bufferView" in described:
@@ -223,7 +265,8 @@ class _Scene:
         if "bufferView" in accessor:
             array = self._strided(accessor, kind, shape)
         else:
-            check_unpacked(count * shape[1] * kind.itemsize)
+            if count * shape[1] * kind.itemsize > self._zeros_max:
+                raise ValueError(f"an accessor of {count} entries, and no buffer that holds them")
             array = np.zeros(shape, kind)
         if "sparse" in accessor:
             sparse, array = accessor["sparse"], array.copy()
@@ -290,6 +333,11 @@ def _inline(described: dict[str, Any]) -> bytes | None:
     return base64.b64decode(uri.partition(",")[2], validate=True) if uri.startswith("data:") else None
 
 
+def _factor(surface: dict[str, Any]) -> tuple[float, ...]:
+    """The colour of a material, by which its texture or its vertices' colours are multiplied; linear in light."""
+    return tuple(float(value) for value in surface.get("baseColorFactor", _WHITE)[:3])
+
+
 def _matrix_of(node: dict[str, Any]) -> NDArray[np.float64]:
     """From a node to the one above."""
     if "matrix" in node:
@@ -304,6 +352,21 @@ def _matrix_of(node: dict[str, Any]) -> NDArray[np.float64]:
     matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), np.float64)
     matrix[:3, 3] = node.get("translation", (0, 0, 0))
     return matrix
+
+
+def _moved(
+    points: NDArray[Any], normals: NDArray[Any] | None, placing: NDArray[np.float64]
+) -> tuple[NDArray[Any], NDArray[Any] | None, bool]:
+    """Points and normals at their places, and whether all is mirrored there; placing: one matrix, or a point's own."""
+    turn = placing[..., :3, :3]
+    mirrored = np.linalg.det(turn) < 0
+    points = (turn @ points[..., None])[..., 0] + placing[..., :3, 3]
+    if normals is not None:
+        across = np.cross(
+            turn[..., (1, 2, 0), :], turn[..., (2, 0, 1), :]
+        )  # the transposed inverse, times the determinant
+        normals = (across @ normals[..., None])[..., 0] * np.where(mirrored, -1, 1)[..., None]
+    return points, normals, bool(mirrored.all())
 
 
 def _triangles(indices: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
@@ -325,17 +388,3 @@ def _joined(parts: list[MeshArrays], values: list[NDArray[Any] | None], otherwis
         for part, value in zip(parts, values, strict=True)
     ]
     return np.concatenate(filled) if width else None
-
-
-def _linear(colors: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Colours as screens show them, as glTF's vertices have them: linear in light (sRGB, IEC 61966-2-1)."""
-    shown = colors / 255.0
-    return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
-
-
-def _shown(linear: NDArray[Any] | None) -> NDArray[np.uint8] | None:
-    """The way back."""
-    if linear is None:
-        return None
-    light = np.clip(np.nan_to_num(linear.astype(np.float64)), 0, 1)
-    return color_bytes(np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055))

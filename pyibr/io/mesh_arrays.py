@@ -28,23 +28,15 @@ class MeshArrays:
     faces: NDArray[Any]
     """(M, 3) integers."""
     uv: NDArray[Any] | None = None
-    """(N, 2) floats; v runs down the texture's rows."""
+    """(N, 2) floats, or (M, 3, 2) of the triangles' corners; v runs down the texture's rows."""
     normals: NDArray[Any] | None = None
     """(N, 3) floats."""
     colors: NDArray[np.uint8] | None = None
     """(N, 3)."""
     texture: NDArray[np.uint8] | None = None
     """(h, w, 3)."""
-
-
-def fans(counts: NDArray[Any], corners: NDArray[Any]) -> NDArray[Any]:
-    """The triangles of polygons that have so many corners each: (M, 3) of what `corners` lists one after another."""
-    if (counts == 3).all():
-        return corners.reshape(-1, 3)
-    start, inner = np.cumsum(counts) - counts, np.maximum(counts - 2, 0)
-    first = np.repeat(start, inner)
-    step: NDArray[np.int64] = np.arange(int(inner.sum())) - np.repeat(np.cumsum(inner) - inner, inner)
-    return corners[np.column_stack([first, first + step + 1, first + step + 2])]
+    left_out: tuple[str, ...] = ()
+    """What the file holds and these arrays do not."""
 
 
 def whole(values: NDArray[Any]) -> NDArray[np.int64]:

@@ -1,4 +1,4 @@
-"""Wavefront OBJ, with its materials (MTL) as far as they name a texture."""
+"""Wavefront OBJ, with its materials (MTL): their first texture, or their colours where there is none."""
 
 from __future__ import annotations
 
@@ -6,16 +6,24 @@ import hashlib
 import re
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.io import image
-from pyibr.io.mesh_arrays import MeshArrays, beside, color_bytes, fans, texture_beside
+from pyibr.io.mesh_arrays import MeshArrays, beside, color_bytes, texture_beside
+from pyibr.io.polygons import triangles
 
 _OWN = re.compile(r"# pyibr: (\d{1,12}) vertices, (\d{1,12}) triangles\n")
 """What files of ours open with, as the format has no counts that tell a whole file from a part."""
+
+_NO_SURFACES = {"p": "points", "l": "lines", "curv": "curves", "surf": "free-form surfaces"}
+
+
+class _Material(NamedTuple):
+    color: tuple[float, ...] | None = None
+    texture: str | None = None
 
 
 class _Lines:
@@ -26,9 +34,13 @@ class _Lines:
         self.counts: list[int] = []
         self.corners: list[str] = []
         self.libraries: list[str] = []
-        self.materials: dict[str, None] = {}  # those of faces, in their order
+        self.materials: dict[str, int] = {}  # those of faces, by number in their order
+        self.of_faces: list[int] = []
+        self.left_out: dict[str, None] = {}
         material = ""
         for line in text.split("\n"):
+            if "#" in line:
+                line = re.sub(r"(^|\s)#.*", "", line)
             keyword, _, rest = line.strip().partition(" ")
             if keyword in self.rows:
                 self.rows[keyword].append(rest.split())
@@ -38,11 +50,13 @@ class _Lines:
                     corners = [self._from_the_start(corner) for corner in corners]
                 self.counts.append(len(corners))
                 self.corners += corners
-                self.materials[material] = None
+                self.of_faces.append(self.materials.setdefault(material, len(self.materials)))
             elif keyword == "usemtl":
                 material = rest.strip()
             elif keyword == "mtllib":
                 self.libraries.append(rest.strip())
+            elif keyword in _NO_SURFACES:
+                self.left_out[_NO_SURFACES[keyword]] = None
 
     def _from_the_start(self, corner: str) -> str:
         """A corner whose negative numbers count back from the last line so far."""
@@ -52,38 +66,53 @@ class _Lines:
 
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
-    """Return the mesh that a file's bytes hold, with the first texture that its materials name."""
+    """Return the mesh that a file's bytes hold, with the first texture of its materials, or their colours."""
     text = data.decode("utf-8", "surrogateescape").replace("\r\n", "\n").replace("\\\n", " ").replace("\t", " ")
     lines = _Lines(text)
     points, places, directions = (_numbers(lines.rows[name], least) for name, least in (("v", 3), ("vt", 2), ("vn", 3)))
-    numbered = dict[str, int]()
-    corners = np.array([numbered.setdefault(corner, len(numbered)) for corner in lines.corners], np.int64)
-    faces = fans(np.array(lines.counts, np.int64), corners)
+    known, lost = _materials(lines.libraries, folder)
+    used = [known.get(name, _Material()) for name in lines.materials]
+    textures = list(dict.fromkeys(material.texture for material in used if material.texture))
+    colors = _of_points(points)
+    is_tinted = not textures and colors is None and any(material.color for material in used)
+    counts = np.array(lines.counts, np.int64)
+    tints: list[int] = np.repeat(lines.of_faces, counts).tolist() if is_tinted else [0] * len(lines.corners)
+    numbered = dict[tuple[str, int], int]()
+    keys = zip(lines.corners, tints, strict=True)
+    corners = np.array([numbered.setdefault(key, len(numbered)) for key in keys], np.int64)
+    table = _indices([corner for corner, _ in numbered], (len(points), len(places), len(directions)))
+    faces = corners[triangles(counts, points[table[corners, 0], :3])]
     own = _OWN.match(text)
     if own and not ([len(points), len(faces)] == [int(count) for count in own.groups()] and text.endswith("\n")):
         raise ValueError(f"expected {own[1]} vertices and {own[2]} triangles, got {len(points)} and {len(faces)}")
-    table = _indices(list(numbered), (len(points), len(places), len(directions)))
-    colors = points[:, 3:6] if points.shape[1] in (6, 7) else None
-    if _one_to_one(table, points, places, directions):
+    order = np.argsort(table[:, 0], kind="stable")
+    if not is_tinted and _one_to_one(table, points, places, directions):
         vertex, uv, normals = slice(None), places if len(places) else None, directions if len(directions) else None
         faces = table[faces, 0]
     else:  # a vertex for each different corner, in the order of the points
-        order = np.argsort(table[:, 0], kind="stable")
         rank = np.empty_like(order)
         rank[order] = np.arange(len(order))
         vertex, of_uv, of_normal = table[order].T
         uv = np.where(of_uv[:, None] >= 0, places[of_uv, :2], 0) if (of_uv >= 0).any() else None
         normals = directions[of_normal] if (of_normal >= 0).all() else None
         faces = rank[faces]
+    if is_tinted:
+        painted = color_bytes(np.array([material.color or (1, 1, 1) for material in used]))
+        colors = painted[np.array([tint for _, tint in numbered])[order]]
+    elif colors is not None:
+        colors = colors[vertex]
     if uv is not None:
         uv = np.column_stack([uv[:, 0], 1 - uv[:, 1]])
+    if textures and any(material.color and not material.texture for material in used):
+        lost.append("colours of materials without a texture")
     return MeshArrays(
         points[vertex, :3],
         faces,
         uv,
         None if normals is None else normals[:, :3],
-        None if colors is None else color_bytes(colors[vertex] / (255 if colors.max(initial=0) > 1 else 1)),
-        _texture(lines, folder),
+        colors,
+        texture_beside(folder, textures[0]) if textures else None,
+        (*lines.left_out, *lost, *textures[1:]),
     )
 
 
@@ -132,6 +161,14 @@ def _numbers(rows: list[list[str]], least: int) -> NDArray[np.float64]:
     return np.array([float(word) for word in words]).reshape(-1, width)
 
 
+def _of_points(points: NDArray[np.float64]) -> NDArray[np.uint8] | None:
+    """Colours behind the points' coordinates, if there are any: up to 1, or up to 255."""
+    if points.shape[1] not in (6, 7):
+        return None
+    stored = points[:, 3:6]
+    return color_bytes(stored / (255 if stored.max(initial=0) > 1 else 1))
+
+
 def _indices(corners: list[str], counts: tuple[int, int, int]) -> NDArray[np.int64]:
     """(U, 3) numbers from 0 of each corner's point, uv and normal; -1 where there is none."""
     parts = [[int(part or 0) for part in corner.split("/")] for corner in corners]
@@ -152,20 +189,34 @@ def _one_to_one(table: NDArray[np.int64], points: NDArray[Any], *others: NDArray
     return True
 
 
-def _texture(lines: _Lines, folder: Path) -> NDArray[np.uint8] | None:
-    """The texture of the first material of a face that has one."""
-    named = dict[str, str]()
-    for library in lines.libraries:
-        found = beside(folder, library, "file of materials")
-        material = ""
-        for line in (found or b"").decode("utf-8", "surrogateescape").splitlines():
-            keyword, _, rest = line.strip().replace("\t", " ").partition(" ")
-            if keyword == "newmtl":
-                material = rest.strip()
-            elif keyword.lower() == "map_kd" and rest.strip():
-                # Options stand before the name, which then has no spaces.
-                named[material] = rest.split()[-1] if rest.lstrip().startswith("-") else rest.strip()
-    for material in lines.materials:
-        if material in named:
-            return texture_beside(folder, named[material])
-    return None
+def _materials(libraries: list[str], folder: Path) -> tuple[dict[str, _Material], list[str]]:
+    """The materials of libraries by their names, and the libraries that are not there.
+
+    A line names several by spaces, or one whose name has some.
+    """
+    found, lost = dict[str, _Material](), list[str]()
+    for line in libraries:
+        whole = beside(folder, line, "file of materials")
+        for name in line.split() if whole is None else [line]:
+            data = beside(folder, name, "file of materials")
+            if data is None:
+                lost.append(f"materials of {name}, which is not there")
+            else:
+                found = _described(data.decode("utf-8", "surrogateescape")) | found
+    return found, lost
+
+
+def _described(text: str) -> dict[str, _Material]:
+    found, name = dict[str, _Material](), ""
+    for line in text.splitlines():
+        keyword, _, rest = line.strip().replace("\t", " ").partition(" ")
+        words = rest.split()
+        if keyword == "newmtl":
+            name = rest.strip()
+            found[name] = _Material()
+        elif keyword == "Kd" and name in found and words[0] not in ("spectral", "xyz"):
+            found[name] = found[name]._replace(color=tuple(float(word) for word in words[:3]))
+        elif keyword.lower() == "map_kd" and words and name in found:
+            # Options stand before the name, which then has no spaces.
+            found[name] = found[name]._replace(texture=words[-1] if rest.lstrip().startswith("-") else rest.strip())
+    return found

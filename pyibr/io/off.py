@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.io.mesh_arrays import MeshArrays, color_bytes, count_of, fans
+from pyibr.io.mesh_arrays import MeshArrays, color_bytes, count_of
+from pyibr.io.polygons import triangles
 
-_KEYWORD = re.compile(r"\s*(ST)?(C)?(N)?OFF\b")
+_KEYWORD = re.compile(r"\s*(ST)?(C)?(N)?OFF(?![^\s\d])")
 
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
@@ -25,7 +26,7 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     vertices, faces = (count_of(word, len(lines)) for word in lines[0][:2])
     if len(lines) != 1 + vertices + faces:
         raise ValueError(f"expected {vertices} vertices and {faces} faces, got {len(lines) - 1} lines")
-    _, colored, directed = keyword.groups()
+    mapped, colored, directed = keyword.groups()
     rows = _numbers(lines[1 : 1 + vertices])
     before_color = 6 if directed else 3
     colors = None
@@ -34,11 +35,14 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
         words = chain.from_iterable(line[before_color : before_color + 3] for line in lines[1 : 1 + vertices])
         colors = color_bytes(stored / 255 if all(word.isdigit() for word in words) else stored)
     counts = np.array([int(line[0]) for line in lines[1 + vertices :]], np.int64)
+    is_painted = any(len(line) > 1 + count for line, count in zip(lines[1 + vertices :], counts.tolist(), strict=True))
+    lost = ("uv",) * bool(mapped) + ("colours of faces",) * is_painted
     corners = [line[1 : 1 + count] for line, count in zip(lines[1 + vertices :], counts.tolist(), strict=True)]
     if any(len(line) != count for line, count in zip(corners, counts.tolist(), strict=True)):
         raise ValueError("a face with fewer corners than it counts")
     numbers = np.array([int(word) for word in chain.from_iterable(corners)], np.int64)
-    return MeshArrays(rows[:, :3], fans(counts, numbers), normals=rows[:, 3:6] if directed else None, colors=colors)
+    faces = numbers[triangles(counts, rows[numbers, :3])]
+    return MeshArrays(rows[:, :3], faces, None, rows[:, 3:6] if directed else None, colors, left_out=lost)
 
 
 def mesh_bytes(mesh: MeshArrays) -> bytes:

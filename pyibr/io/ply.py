@@ -1,14 +1,19 @@
-"""PLY: a header that describes tables, then their rows as text or binary: vertices with normals and colours, faces."""
+"""PLY: a header that describes tables, then their rows as text or binary: vertices and what is theirs, faces.
+
+The name of the texture is in a comment, as MeshLab and others have it; v runs up there.
+"""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.io.mesh_arrays import MeshArrays, color_bytes, count_of, fans, whole
+from pyibr.io.mesh_arrays import MeshArrays, color_bytes, count_of, texture_beside, whole
+from pyibr.io.polygons import triangles
 
 _KINDS = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
@@ -19,6 +24,8 @@ _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _NAMES: dict[str, Literal["little", "big"]] = {"<": "little", ">": "big"}
 _HEADER_MAX = 1 << 16  # bytes
 _LIST_MAX = 64  # entries of lists of one length that are read as a table
+_UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+_TEXTURE = re.compile(r"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE)
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 
 
@@ -110,7 +117,7 @@ class _Binary:
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     """Return the mesh that a file's bytes hold."""
-    elements, order, body = _header(data)
+    elements, order, body, textures = _header(data)
     source = _Binary(body, order) if order else _Text(body)
     found = {element.name: (element, _columns(element, source)) for element in elements}
     if source.left():
@@ -127,7 +134,27 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
             white = 1.0 if kind[0] == "f" else float(np.iinfo(kind).max)
             colors = color_bytes(stored / white)
     points = np.column_stack([vertex[name] for name in "xyz"])
-    return MeshArrays(points, fans(whole(counts), whole(corners)), normals=normals, colors=colors)
+    numbers = whole(corners)
+    chosen = triangles(whole(counts), points[numbers])
+    uv = next((np.column_stack([vertex[name] for name in names]) for names in _UV if names[0] in vertex), None)
+    lengths, of_corners = face.get("texcoord", (None, None))
+    if uv is None and lengths is not None and np.array_equal(lengths, 2 * counts):
+        uv = of_corners.reshape(-1, 2)[chosen]
+    texture = texture_beside(folder, textures[0]) if textures and uv is not None else None
+    lost = (
+        *textures[1:],
+        *("colours of faces",) * ("red" in face),
+        *("uv of faces",) * ("texcoord" in face and uv is None),
+    )
+    return MeshArrays(
+        points,
+        numbers[chosen],
+        None if uv is None else np.stack([uv[..., 0], 1 - uv[..., 1].astype(np.float64)], axis=-1),
+        normals,
+        colors,
+        texture,
+        lost,
+    )
 
 
 def mesh_bytes(mesh: MeshArrays) -> bytes:
@@ -148,10 +175,11 @@ def mesh_bytes(mesh: MeshArrays) -> bytes:
     return "\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes()
 
 
-def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
-    """The tables, the byte order (empty for text), and what follows the header."""
+def _header(data: bytes) -> tuple[list[_Element], str, bytes, list[str]]:
+    """The tables, the byte order (empty for text), what follows the header, and the textures' names."""
     end = data.find(b"end_header", 0, _HEADER_MAX)
-    lines = data[: max(end, 0)].decode("ascii", "replace").splitlines()
+    text = data[: max(end, 0)].decode("utf-8", "surrogateescape")
+    lines = text.splitlines()
     if end < 0 or lines[0].strip() != "ply":
         raise ValueError("no header that opens with ply and ends with end_header")
     length = len(b"end_header") + (2 if data[end:].startswith(b"end_header\r\n") else 1)
@@ -172,7 +200,7 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
     names = [(element.name, item.name) for element in elements for item in element.properties]
     if len(set(names)) < len(names) or len({element.name for element in elements}) < len(elements):
         raise ValueError("the header names something twice")
-    return elements, order, body
+    return elements, order, body, _TEXTURE.findall(text)
 
 
 def _columns(element: _Element, source: _Text | _Binary) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -41,6 +42,8 @@ def read_mesh(path: str | PathLike[str], axes: Axes) -> MeshArrays:
         found = _READERS[kind].read_mesh(read_bytes(source), file.parent)
         if not len(found.faces):
             raise FileFormatError(f"{file}: no triangles in it, or truncated")
+        if found.left_out:
+            warnings.warn(f"{file}: left out: {', '.join(found.left_out)}"[:400], UserWarning, stacklevel=3)
         normals = found.normals
         if normals is not None and not (np.isfinite(normals).all() and normals.any(axis=1).all()):
             found = replace(found, normals=None)

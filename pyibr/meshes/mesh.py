@@ -148,7 +148,9 @@ class Mesh(Immutable):
     def load(cls, path: str | PathLike[str], *, texture: NDArray[Any] | None = None, axes: Axes = "opencv") -> Mesh:
         """Read a mesh: PLY, OBJ, GLB, GLTF, STL or OFF, also packed by gzip (``.ply.gz``).
 
-        Of several textures only the first is used. Polygons become fans of triangles.
+        Of several textures only the first is used; without one, the colours of materials are those of vertices. Skins
+        are applied as the scene's joints have them. Polygons are cut into triangles, concave ones by their ears. What
+        the file holds and the mesh does not is told by a UserWarning.
 
         Parameters
         ----------
@@ -161,7 +163,8 @@ class Mesh(Immutable):
         Raises
         ------
         FileFormatError
-            If the file cannot be read as its suffix says, or holds no triangles.
+            If the file cannot be read as its suffix says, or holds no triangles, or a concave polygon of more than
+            2000 corners.
 
         Examples
         --------

@@ -116,6 +116,14 @@ BOMBS: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
     "OFF": ("m.off", b"OFF\n3 999999999 0\n0 0 0\n0 0 1\n0 1 0\n3 0 1 2\n", ibr.Mesh.load),
     "OFF: long": ("m.off", b"OFF\n3 " + LONG + b" 0\n0 0 0\n", ibr.Mesh.load),
     "STL": ("m.stl", bytes(80) + b"\xff\xff\xff\xff" + bytes(50), ibr.Mesh.load),
+    "OFF: a concave polygon": (
+        "m.off",
+        b"OFF\n9999 1 0\n"
+        + b"".join(b"%d %d 0\n" % (i, i * i % 7) for i in range(9999))
+        + b"9999 "
+        + b" ".join(b"%d" % i for i in range(9999)),
+        ibr.Mesh.load,
+    ),
     "OBJ": ("m.obj", b"v 0 0 0\nv 0 0 1\nv 0 1 0\nf 1 2 " + LONG + b"\n", ibr.Mesh.load),
     "GLB: entries": (
         "m.glb",
@@ -123,6 +131,11 @@ BOMBS: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
         ibr.Mesh.load,
     ),
     "GLB: zeros": ("m.glb", glb(accessors=[{"componentType": 5126, "count": 10**12, "type": "VEC3"}]), ibr.Mesh.load),
+    "GLB: zeros of nothing": (
+        "m.glb",
+        glb(accessors=[{"componentType": 5126, "count": 10**5, "type": "VEC3"}], bufferViews=[], buffers=[]),
+        ibr.Mesh.load,
+    ),
     "GLB: places": (
         "m.glb",
         glb(nodes=[{"mesh": 0}] * 40_000, scenes=[{"nodes": list(range(40_000))}]),

@@ -118,7 +118,8 @@ def test_ply_of_polygons_with_other_columns_and_tables(tmp_path: Path, form):
         body += np.array(faces[1:], [(str(i), order + kind) for i, kind in enumerate(kinds)]).tobytes()
         body += np.array([5], order + "i4").tobytes()
     (tmp_path / "m.ply").write_bytes(head.encode() + body)
-    mesh = ibr.Mesh.load(tmp_path / "m.ply")
+    with pytest.warns(UserWarning, match=r"m\.ply: left out: uv of faces"):
+        mesh = ibr.Mesh.load(tmp_path / "m.ply")
     np.testing.assert_array_equal(mesh.vertices, SQUARE)
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3], [0, 2, 3]])
     np.testing.assert_array_equal(mesh.colors, [[0, 128, 255]] * 4)
@@ -131,7 +132,8 @@ def test_ply_of_polygons_with_other_columns_and_tables(tmp_path: Path, form):
     "text",
     [
         "OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n",
-        "# made by hand\nOFF 4 2 5\n\n0 0 0\n1 0 0 # right\n1 1 0\n0 1 0\n3 0 1 2 255 0 0\n3 0 2 3",
+        "# made by hand\nOFF 4 2 5\n\n0 0 0\n1 0 0 # right\n1 1 0\n0 1 0\n3 0 1 2 # first\n3 0 2 3",
+        "OFF4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n",
         "COFF\n4 1\n0 0 0 1.0 0 0 1\n1 0 0 1.0 0 0 1\n1 1 0 1.0 0 0 1\n0 1 0 1.0 0 0 1\n4 0 1 2 3\n",
         "NOFF\n4 1 0\n0 0 0 0 0 1\n1 0 0 0 0 1\n1 1 0 0 0 1\n0 1 0 0 0 1\n4 0 1 2 3\n",
     ],
@@ -175,7 +177,8 @@ def test_obj_of_others(tmp_path: Path):
     (tmp_path / "the materials.mtl").write_text("newmtl bare\nKd 1 0 0\nnewmtl shown\nmap_Kd -s 1 1 1 folder\\t.png\n")
     (tmp_path / "folder").mkdir()
     ibr.write_color(tmp_path / "folder" / "t.png", TEXTURED.texture)
-    mesh = ibr.Mesh.load(tmp_path / "m.obj")
+    with pytest.warns(UserWarning, match=r"m\.obj: left out: colours of materials without a texture"):
+        mesh = ibr.Mesh.load(tmp_path / "m.obj")
     np.testing.assert_array_equal(mesh.vertices[mesh.faces], np.array(SQUARE, float)[[[0, 1, 2], [0, 2, 3]]])
     np.testing.assert_array_equal(mesh.uv[mesh.faces], [[[0, 1], [1, 1], [1, 0]], [[0, 1], [1, 0], [0.5, 0.5]]])
     np.testing.assert_array_equal(mesh.normals, [[0, 0, 1]] * len(mesh.vertices))
@@ -184,7 +187,7 @@ def test_obj_of_others(tmp_path: Path):
     with pytest.raises(ibr.FileFormatError, match=r"m\.obj"):
         ibr.Mesh.load(tmp_path / "m.obj")
     (tmp_path / "folder" / "t.png").unlink()
-    with pytest.warns(UserWarning, match="the mesh is without it"):
+    with pytest.warns(UserWarning, match="the mesh is without it|left out"):
         assert ibr.Mesh.load(tmp_path / "m.obj").texture is None
 
 
@@ -291,7 +294,8 @@ def test_gltf_scene_of_several_primitives_in_their_places(tmp_path: Path, inline
     document = json.loads((tmp_path / "m.gltf").read_text())
     document["bufferViews"][0]["byteStride"] = 24
     (tmp_path / "m.gltf").write_text(json.dumps(document))
-    mesh = ibr.Mesh.load(tmp_path / "m.gltf", axes="gltf")
+    with pytest.warns(UserWarning, match="left out: points and lines"):
+        mesh = ibr.Mesh.load(tmp_path / "m.gltf", axes="gltf")
     corners = mesh.vertices[mesh.faces]
     turned, mirrored = points[:, [1, 0, 2]] * [-1, 1, 1] + [10, 0, 0], points * [-2, 1, 1] + [10, 0, 5]
     np.testing.assert_allclose(corners[:2], turned[[[0, 1, 3], [3, 1, 2]]], atol=1e-6)
