@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pyibr.core import conventions
+from pyibr.core.calibrations import cameras_in, chosen, listed, making, read_calibration
 from pyibr.core.camera_geometry import CameraGeometry, Projection
-from pyibr.core.camera_json import camera_arguments, camera_entries, read_json, write_json
+from pyibr.core.camera_json import camera_entries, write_json
 from pyibr.core.checks import Float64, checked_bool, checked_pose, checked_size, numbers
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.lens import Lens
@@ -285,15 +286,49 @@ class Camera(CameraGeometry):
         return conventions.pytorch3d_from_camera(self.K, self.size, self.camera_from_world)
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Camera:
-        """Read a camera from a JSON file.
+    def from_normalized(cls, K: ArrayLike, size: tuple[int, int], world_from_camera: ArrayLike | None = None) -> Camera:
+        """Make a camera from a K (3, 3) in parts of the picture's width and height, as networks give it.
 
-        Keys: `width`, `height`, `K` (or `fx`, `fy`, `cx`, `cy`), and optionally `world_from_camera` (4, 4),
-        `projection` and `lens` (with `model`, `coefficients` and, if it has one, `radius`). Or those of Open3D's
-        PinholeCameraIntrinsic or PinholeCameraParameters. Raises FileFormatError, which names the file, for anything
-        else.
+        The middle of the picture is at (0.5, 0.5).
+
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> ibr.Camera.from_normalized([[1, 0, 0.5], [0, 1.25, 0.5], [0, 0, 1]], (640, 480))
+        <Camera perspective 640x480 fx=640 fy=600 cx=319.5 cy=239.5 at (0, 0, 0)>
         """
-        return cls.from_json(read_json(path, "camera JSON"), path)
+        size = checked_size(size)
+        return cls(conventions.intrinsics_from_normalized(numbers("K", K, (3, 3)), size), size, world_from_camera)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], *, size: tuple[int, int] | None = None) -> Camera:
+        """Read a camera from a file, whose form is told by what is in it.
+
+        Parameters
+        ----------
+        path : path
+            As `save` writes it, or a calibration of: Open3D, ROS (YAML, INI), OpenCV (YAML, XML, JSON), Kalibr,
+            RealSense, Azure Kinect, Orbbec, OAK (DepthAI), NeRF's `transforms.json`; or K as 3 x 3, 3 x 4 or 4 x 4
+            numbers, in pixels or in parts of the picture's size. Of several cameras a name behind the file's chooses
+            one, as in ``camchain.yaml#cam1``; an Azure Kinect's are its modes, as ``calibration.json#720P``.
+        size : (width, height), optional
+            Of the pictures, for files that do not tell it. Without a name it also chooses the camera.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is none of these, or holds several cameras, which the error lists.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> import pyibr as ibr
+        >>> _ = Path("K.txt").write_text("500 0 319.5\\n0 500 239.5\\n0 0 1\\n")
+        >>> ibr.Camera.load("K.txt", size=(640, 480))
+        <Camera perspective 640x480 fx=500 fy=500 cx=319.5 cy=239.5 at (0, 0, 0)>
+        """
+        file, name, tree = read_calibration(path)
+        return cls._of_tree(tree, file, name, None if size is None else checked_size(size))
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the camera as JSON, which `load` reads back to the same bits."""
@@ -302,11 +337,18 @@ class Camera(CameraGeometry):
     @classmethod
     def from_json(cls, data: object, path: str | PathLike[str] = "camera") -> Camera:
         """Make the camera that an object of a JSON file means, as `load` reads it; `path` is for error messages."""
-        arguments = camera_arguments(data, path)
-        try:
-            return cls(**arguments)
-        except ArgumentError as error:
-            raise FileFormatError(f"{path}: {error}") from error
+        return cls._of_tree(data, path)
+
+    @classmethod
+    def _of_tree(
+        cls, tree: object, path: str | PathLike[str], name: str | None = None, size: tuple[int, int] | None = None
+    ) -> Camera:
+        with making(path):
+            found = chosen(cameras_in(tree, path, size), name, path, size)
+            if len(found) > 1:
+                raise FileFormatError(f"{path}: expected one camera, as {path}#NAME; got {listed(found)}")
+            (make,) = found.values()
+            return cls(**make())
 
     def to_json(self) -> dict[str, Any]:
         """Return the camera as `save` writes it, for JSON files that hold more than that.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property, partial
 from typing import Literal, NoReturn, TypeVar
 
@@ -19,6 +20,7 @@ from pyibr.core.checks import (
     one_of,
     positive,
     read_only,
+    warn_if_exchanged,
 )
 from pyibr.core.conventions import rotation_from_opencv
 from pyibr.core.errors import ArgumentError
@@ -27,6 +29,17 @@ from pyibr.core.lens import Lens
 Projection = Literal["perspective", "orthographic"]
 
 _Camera = TypeVar("_Camera", bound="CameraGeometry")
+
+
+_FILM_DIAGONAL = math.hypot(36, 24)  # millimetres
+
+
+def _focal_of(name: str, degrees: float | None, extent: int) -> float:
+    """Pixels, of a camera of which so many cover these degrees."""
+    half = np.radians(positive(name, degrees, "degrees between 0 and 180")) / 2
+    if half >= np.pi / 2:
+        raise ArgumentError(name, "degrees between 0 and 180", describe(degrees))
+    return float(extent / 2 / np.tan(half))
 
 
 class CameraGeometry:
@@ -53,9 +66,11 @@ class CameraGeometry:
         if lens is not None and projection == "orthographic":
             raise ArgumentError("lens", "None for an orthographic camera", describe(lens))
         pose = np.eye(4) if world_from_camera is None else checked_pose(world_from_camera)
+        matrix, extent = checked_intrinsics(K), checked_size(size)
+        warn_if_exchanged(matrix, extent, stacklevel=3)
         self.__dict__.update(
-            K=read_only(checked_intrinsics(K)),
-            size=checked_size(size),
+            K=read_only(matrix),
+            size=extent,
             world_from_camera=read_only(pose),
             projection=projection,
             lens=lens,
@@ -183,16 +198,53 @@ class CameraGeometry:
         if projection == "perspective":
             if height is not None:
                 raise ArgumentError("height", "None for a perspective camera (use fov_y)", describe(height))
-            half = np.radians(positive("fov_y", fov_y, "degrees between 0 and 180")) / 2
-            if half >= np.pi / 2:
-                raise ArgumentError("fov_y", "degrees between 0 and 180", describe(fov_y))
-            focal = size[1] / 2 / np.tan(half)
+            focal = _focal_of("fov_y", fov_y, size[1])
         else:
             focal = size[1] / positive("height", height, "scene units > 0 covered by the image's height")
         pose = np.eye(4)
         pose[:3] = np.column_stack([right, np.cross(forward, right), forward, at])
         K = [[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]]
         return cls(K, size, pose, projection=projection)
+
+    @classmethod
+    def from_fov(
+        cls: type[_Camera],
+        size: tuple[int, int],
+        *,
+        fov_x: float | None = None,
+        fov_y: float | None = None,
+        focal_35mm: float | None = None,
+        world_from_camera: ArrayLike | None = None,
+    ) -> _Camera:
+        """Make a perspective camera of square pixels, whose axis passes the middle of the picture.
+
+        Parameters
+        ----------
+        size : (width, height)
+        fov_x, fov_y : float
+            Degrees that the width or the height covers, between 0 and 180.
+        focal_35mm : float
+            Of these three the third that may be given alone: millimetres that the focal length would be on 35 mm
+            film, whose frame has a diagonal of 43.27 mm, as cameras and phones tell it.
+        world_from_camera : array_like (4, 4), optional
+
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> ibr.Camera.from_fov((640, 480), fov_x=90)
+        <Camera perspective 640x480 fx=320 fy=320 cx=319.5 cy=239.5 at (0, 0, 0)>
+        """
+        width, height = size = checked_size(size)
+        given = {"fov_x": fov_x, "fov_y": fov_y, "focal_35mm": focal_35mm}
+        named = [name for name, value in given.items() if value is not None]
+        if len(named) != 1:
+            raise ArgumentError("fov_x", "one of fov_x, fov_y and focal_35mm", " and ".join(named) or "none")
+        if focal_35mm is not None:
+            focal = positive("focal_35mm", focal_35mm, "millimetres > 0") * math.hypot(width, height) / _FILM_DIAGONAL
+        else:
+            focal = _focal_of(named[0], given[named[0]], width if fov_x is not None else height)
+        K = [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
+        return cls(K, size, world_from_camera)
 
     def moved(self: _Camera, dx: float, dy: float, dz: float) -> _Camera:
         """Return this camera moved by (dx, dy, dz) scene units along its own axes: right, down, forward."""

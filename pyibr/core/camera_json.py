@@ -9,24 +9,33 @@ from typing import Any, cast
 
 from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import reading, write_atomically
+from pyibr.core.files import read_text, reading, write_atomically
 from pyibr.core.lens import Lens
 from pyibr.core.open3d_json import is_open3d, open3d_arguments
 
 _PARTS = ("fx", "fy", "cx", "cy")
 _LENS_KEYS = ("model", "coefficients", "radius")
+_FOREIGN = ("distortion_model", "camera_model", "ppx", "depth_scale", "k1", "frames")
 _KEYS = ("width", "height", "K", *_PARTS, "world_from_camera", "projection", "lens")
-
-
-def read_json(path: str | PathLike[str], kind: str) -> object:
-    """Return what a JSON file holds; FileFormatError if it is none. `kind` is what it should hold, for the message."""
-    with reading(path, kind) as source:
-        return json.loads(source.read_text(encoding="utf-8"))
 
 
 def write_json(path: str | PathLike[str], data: object) -> None:
     """Write a JSON file, whole, or leave what is there."""
     write_atomically(path, (json.dumps(data, indent=1) + "\n").encode("utf-8"))
+
+
+def read_json(path: str | PathLike[str], kind: str) -> object:
+    """Return what a JSON file holds; FileFormatError if it is none. `kind` is what it should hold, for the message."""
+    with reading(path, kind) as source:
+        return json.loads(read_text(source))
+
+
+def is_own(entries: dict[str, Any]) -> bool:
+    """Tell whether a JSON object is a camera as `Camera.save` writes it, or one of Open3D's, right or wrong."""
+    if is_open3d(entries):
+        return True
+    is_whole = {"width", "height"} <= entries.keys() and not entries.keys().isdisjoint(("K", *_PARTS))
+    return is_whole and entries.keys().isdisjoint(_FOREIGN)
 
 
 def camera_arguments(data: object, path: str | PathLike[str]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable
 from functools import cached_property
 from typing import Any, TypeVar, cast, get_args
@@ -173,9 +174,14 @@ def checked_size(size: object) -> tuple[int, int]:
     raise ArgumentError("size", "(width, height), two integers > 0", describe(size))
 
 
+_OUTER = np.pad(np.zeros((3, 3), np.bool_), (0, 1), constant_values=True)  # of 4 x 4: the last row and column
+
+
 def checked_intrinsics(K: object) -> Float64:
-    """Return `K` as a new (3, 3) array or raise ArgumentError."""
-    matrix = numbers("K", K, (3, 3))
+    """Return `K`, (3, 3) or within a 4 x 4 identity, as a new (3, 3) array or raise ArgumentError."""
+    matrix = numbers("K", K, None, finite=False)
+    is_within = matrix.shape == (4, 4) and not np.any(matrix - np.eye(4), where=_OUTER)
+    matrix = numbers("K", matrix[:3, :3] if is_within else K, (3, 3))
     fixed = np.abs([matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1])
     if fixed.max() > 1e-9 or min(matrix[0, 0], matrix[1, 1]) <= 0:
         form = "[[fx, s, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0"
@@ -189,18 +195,33 @@ def checked_intrinsics(K: object) -> Float64:
     return matrix
 
 
+def warn_if_exchanged(K: Float64, size: tuple[int, int], stacklevel: int) -> None:
+    """Warn if K has the centre where the focal lengths belong, and these where it does: both cannot be told apart."""
+    middle, focal, center = np.array(size) / 2, np.diag(K)[:2], K[:2, 2]
+    is_middle = (np.abs(focal - middle) < 0.1 * middle).all()
+    if is_middle and np.ptp(center) < 0.1 * center.max() and (np.abs(center - middle) > 0.5 * middle).any():
+        told = f"fx, fy = {focal[0]:g}, {focal[1]:g} and cx, cy = {center[0]:g}, {center[1]:g}"
+        warnings.warn(f"K: {told} look exchanged, of a picture of {size[0]}x{size[1]}", stacklevel=stacklevel)
+
+
+_EXACT, _ROUNDED = 1e-9, 1e-2  # what matrices that are written with all and with few digits are off a rotation by
+
+
 def checked_pose(given: object, name: str = "world_from_camera") -> Float64:
-    """Return a rigid motion as a new (4, 4) array or raise ArgumentError."""
+    """Return a rigid motion as a new (4, 4) array, the nearest one if it has few digits, or raise ArgumentError."""
     rigid = "a rigid motion [[R, t], [0, 0, 0, 1]] with R^T R = 1 and det R = 1"
     pose = numbers(name, given, (4, 4))
     if np.abs(pose[3] - (0, 0, 0, 1)).max() > 1e-9:
         raise ArgumentError(name, rigid, f"last row {pose[3].tolist()}")
     rotation = pose[:3, :3]
     error = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if error > 1e-5:
+    if error >= _ROUNDED:
         raise ArgumentError(name, rigid, f"R^T R off by {error:.2g}")
     if np.linalg.det(rotation) < 0:
         raise ArgumentError(name, rigid, "det R = -1, a mirrored frame")
+    if error > _EXACT:
+        left, _, right = np.linalg.svd(rotation)
+        pose[:3, :3] = left @ right
     pose[3] = 0, 0, 0, 1
     if np.abs(pose).max() > _LENGTH_MAX:
         raise ArgumentError(name, f"positions up to {_LENGTH_MAX:g}", str(pose[:3, 3].tolist()))

@@ -64,6 +64,7 @@ _KINECT_COLOR: Mapping[str, tuple[int, int]] = {
     "2160P": (3840, 2160),
     "3072P": (4096, 3072),
 }
+KINECT_MODES = (*_KINECT_DEPTH, *_KINECT_COLOR)
 _KINECT_MODEL = "CALIBRATION_LensDistortionModelBrownConrady"  # which is OpenCV's rational one
 _KINECT_RADIUS = 1.7  # what its SDK takes where the calibration has found none
 
@@ -117,6 +118,11 @@ def with_principal_point_moved(K: Float64, by: float) -> Float64:
     moved = K.copy()
     moved[:2, 2] += by
     return moved
+
+
+def intrinsics_from_normalized(K: Float64, size: tuple[int, int]) -> Float64:
+    """Return K in pixels of one in parts of the picture's width and height, whose middle is (0.5, 0.5)."""
+    return with_principal_point_moved(np.diag([*size, 1.0]) @ K, -0.5)
 
 
 def pose_from_extrinsics(rotation: Float64, translation: Float64) -> Float64:
@@ -216,10 +222,10 @@ def camera_from_ros(info: object) -> tuple[Float64, tuple[int, int], Lens]:
     if any(int(_part(region, "info", name, default=0)) for name in ("x_offset", "y_offset")):
         raise ArgumentError("info", "an image that is not cropped", "a region of interest")
     model = str(_part(info, "info", "distortion_model"))
-    if model not in _ROS_MODELS:
+    if model not in ("", *_ROS_MODELS):  # drivers of rectified and of simulated cameras leave it empty
         raise ArgumentError("info", f"a distortion_model of {', '.join(_ROS_MODELS)}", repr(model))
     matrix = _part(info, "info", "k", "K", "camera_matrix")
-    values = _part(info, "info", "d", "D", "distortion_coefficients")
+    values = _part(info, "info", "d", "D", "distortion_coefficients", default=[])
     matrix, values = (_part(each, "info", "data", default=each) for each in (matrix, values))  # files wrap them
     K = numbers("info", np.ravel(np.asarray(matrix)), (9,)).reshape(3, 3)
     size = int(_part(info, "info", "width", "image_width")), int(_part(info, "info", "height", "image_height"))
@@ -305,15 +311,19 @@ def kalibr_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> 
     }
 
 
+def kinect_location(mode: str) -> str:
+    """Return what the calibration of an Azure Kinect calls the camera that has this mode."""
+    return f"CALIBRATION_CameraLocation{'D0' if mode in _KINECT_DEPTH else 'PV0'}"
+
+
 def camera_from_azure_kinect(calibration: object, mode: object) -> tuple[Float64, tuple[int, int], Lens, Float64]:
     """Return K, size, lens and the pose in the depth camera's frame, in metres, of one camera of an Azure Kinect."""
     name = "calibration"
     word = str(mode).upper()  # "720P", "K4A_COLOR_RESOLUTION_720P", "MJPG_720P"
-    modes = (*_KINECT_DEPTH, *_KINECT_COLOR)
-    known = next((each for each in modes if f"_{word}".endswith(f"_{each}")), None)
+    known = next((each for each in KINECT_MODES if f"_{word}".endswith(f"_{each}")), None)
     if known is None:
-        raise ArgumentError("mode", f"one of {', '.join(modes)}", repr(mode))
-    location = f"CALIBRATION_CameraLocation{'D0' if known in _KINECT_DEPTH else 'PV0'}"
+        raise ArgumentError("mode", f"one of {', '.join(KINECT_MODES)}", repr(mode))
+    location = kinect_location(known)
     entries = _part(_part(calibration, name, "CalibrationInformation"), name, "Cameras")
     if not isinstance(entries, list):
         raise ArgumentError(name, "a list of Cameras", describe(entries))

@@ -212,6 +212,12 @@ def read_bytes(source: Path) -> bytes:
         return stream.read()
 
 
+def read_text(source: Path) -> str:
+    """Read a text of UTF-8 or, as some programs of Windows write it, of UTF-16."""
+    data = source.read_bytes()
+    return data.decode("utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig")
+
+
 def read_at_most(stream: _Readable, size_max: int = UNPACKED_MAX) -> bytes:
     """All of what a packed stream holds; ValueError if that is too much."""
     parts: list[bytes] = []

@@ -1,16 +1,14 @@
-"""The cameras of several images: of JSON files, of a COLMAP model, or of a matrix."""
+"""The cameras of several images: of calibration files, of JSON files, or of a COLMAP model."""
 
 from __future__ import annotations
 
 from os import PathLike
 from typing import cast
 
-import numpy as np
-
+from pyibr.core.calibrations import cameras_in, chosen, is_matrix, making, read_calibration
 from pyibr.core.camera import Camera
-from pyibr.core.camera_json import read_json
-from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import checked_path, reading
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import checked_path
 from pyibr.core.open3d_json import open3d_cameras
 from pyibr.io.colmap_model import read_model
 from pyibr.io.folders import files_in
@@ -22,17 +20,18 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
     Parameters
     ----------
     path : path
-        A JSON file as `Camera.load` reads it, one with a list of such cameras, Open3D's PinholeCameraTrajectory, or a
-        set's `frusta.json`; a text file with the 3 x 3 numbers of K; a folder of JSON files of one camera each, in the
-        order of the numbers in their names; or the folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or
-        ``.txt``), be it in a folder ``0`` there.
+        A file as `Camera.load` reads it, of one camera or of several; a list of such cameras as JSON, Open3D's
+        PinholeCameraTrajectory, or a set's `frusta.json`; a folder of JSON files of one camera each, in the order of
+        the numbers in their names; or the folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or ``.txt``),
+        be it in a folder ``0`` there.
     size : (width, height), optional
-        Of the images, for a file with K alone.
+        Of the images, for files that do not tell it. Where a calibration has several cameras, those of this size.
 
     Returns
     -------
     dict of str and Camera
-        By the image's name (COLMAP), the file's name without its suffix (a folder), or the number in the list.
+        By the image's name (COLMAP, `transforms.json`), the file's name without its suffix (a folder), the name that
+        the file gives it, or the number in the list.
 
     Raises
     ------
@@ -58,22 +57,17 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
         if not files:
             raise FileFormatError(f"{source}: no cameras in it: expected JSON files, or COLMAP's cameras and images")
         return {file.stem: Camera.load(file) for file in files}
-    if source.suffix.lower() == ".txt" and size is not None:
-        with reading(source, "matrix") as file:
-            numbers = np.loadtxt(file, dtype=np.float64, ndmin=2)
-        try:
-            return {"0": Camera(numbers, size)}
-        except ArgumentError as error:
-            raise FileFormatError(f"{source}: {error}") from error
-    if source.suffix.lower() == ".txt":
-        raise ArgumentError("size", f"the (width, height) of the images whose K is in {source}", "none")
-    data = _listed(read_json(source, "camera JSON"))
-    if not isinstance(data, list):
-        return {"0": Camera.from_json(data, source)}
-    if not data:
-        raise FileFormatError(f"{source}: expected cameras, got an empty list")
-    listed = cast("list[object]", data)
-    return {str(k): Camera.from_json(one, f"{source}: camera {k}") for k, one in enumerate(listed)}
+    file, name, tree = read_calibration(source)
+    data = _listed(tree)
+    if isinstance(data, list) and not is_matrix(cast("object", data)):
+        several = cast("list[object]", data)
+        if not several:
+            raise FileFormatError(f"{file}: expected cameras, got an empty list")
+        if name is None:
+            return {str(k): Camera.from_json(one, f"{file}: camera {k}") for k, one in enumerate(several)}
+    with making(file):
+        found = chosen(cameras_in(cast("object", data), file, size), name, file, size)
+        return {own or "0": Camera(**make()) for own, make in found.items()}
 
 
 def _listed(data: object) -> object:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 import pyibr as ibr
 from pyibr.io import read_cameras, read_poses, read_range_grid, read_relief_map, write_relief_map
+from tests import calibrations
 
 RNG = np.random.default_rng(0)
 SIZE = (17, 11)
@@ -103,6 +105,15 @@ WRITERS: dict[str, Write] = {
     **{f"textured{suffix}": TEXTURED.save for suffix in (".glb", ".obj")},
     **{f"colored{suffix}": COLORED.save for suffix in (".glb", ".obj", ".ply", ".off", ".stl")},
 }
+CALIBRATIONS = {
+    "ros.yaml": calibrations.ROS,
+    "ros.ini": calibrations.ROS_INI,
+    "opencv.xml": calibrations.OPENCV_XML,
+    "orbbec.ini": calibrations.ORBBEC,
+    "azure.json": json.dumps(calibrations.AZURE),
+    "oak.json": json.dumps(calibrations.oak()),
+    "transforms.json": json.dumps(calibrations.transforms()[0]),
+}
 OTHERS: dict[str, Write] = {  # what is read, but not written
     "text.ply": _ply_of_text,
     "text.stl": _stl_of_text,
@@ -112,6 +123,7 @@ OTHERS: dict[str, Write] = {  # what is read, but not written
     "cameras.json": _cameras,
     "camera.open3d.json": _open3d_camera,
     "cameras.open3d.json": _open3d_trajectory,
+    **{f"cameras.{name}": partial(Path.write_text, data=text) for name, text in CALIBRATIONS.items()},
 }
 CHECKED = ("color.png", "depth.png", "relief.png", "color.npz", "depth.npz", "packed.ply.gz")
 """Formats with sums of all that matters: a damage is seen, or does no harm."""

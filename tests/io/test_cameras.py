@@ -93,7 +93,7 @@ def test_a_matrix_needs_the_size_of_the_images(tmp_path: Path):
         ibr.ArgumentError, match=r"^size: expected the \(width, height\) of the images whose K is in .*K\.txt"
     ):
         read_cameras(tmp_path / "K.txt")
-    for text, message in (("1 2 3", "K.txt: K: expected"), ("words", "not a readable matrix file")):
+    for text, message in (("1 2 3", "K.txt: K: expected"), ("words", "K.txt: no camera in it: expected K")):
         (tmp_path / "K.txt").write_text(text)
         with pytest.raises(ibr.FileFormatError, match=message):
             read_cameras(tmp_path / "K.txt", size=(61, 37))

@@ -1,0 +1,359 @@
+"""Calibration files of other programs and devices: the cameras that a tree (`calibration_text`) holds.
+
+Each is a function that makes the arguments of `Camera`, under the name that the file gives it: what cannot be read of
+one does no harm to the others.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from os import PathLike
+from pathlib import Path, PurePath
+from typing import Any, cast
+
+import numpy as np
+
+from pyibr.core import conventions
+from pyibr.core.calibration_text import read_tree
+from pyibr.core.camera_json import camera_arguments, is_own
+from pyibr.core.checks import Float64, checked_pose, checked_size, numbers
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import checked_path
+from pyibr.core.lens import Lens
+
+Arguments = dict[str, Any]
+Size = tuple[int, int] | None
+Cameras = dict[str, Callable[[], Arguments]]
+_Tree = Mapping[str, Any]
+
+_SIZES = (("width", "height"), ("image_width", "image_height"), ("w", "h"), ("cols", "rows"))
+_PAIRS = ("image_size", "imageSize", "size", "resolution", "img_size")
+# OpenCV's names are its users' own: what they call K and the distortion, and which camera of several
+_WHICH = r"(\d|left|right|l|r|)"
+_MATRIX = re.compile(rf"(?:camera_?matrix|camera matrix|intrinsic_?matrix|intrinsics?|mtx|k|m)_?{_WHICH}", re.I)
+_DISTORTION = r"(?:distortion_?coefficients|distortion_?coeffs?|dist_?coeffs?|distortion|dist|d)_?{}"
+_FISHEYES = ("equidistant", "fisheye", "kannala_brandt")
+_TEXTS = (".yaml", ".yml", ".xml", ".ini", ".txt", ".csv")  # which are of calibrations alone
+_LISTED = 12  # names in a message
+_ODD_FORMS = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, RecursionError)  # of damaged files
+_MILLIMETRES, _CENTIMETRES = 1000, 100  # a metre
+_OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+
+
+class _NoSizeError(ArgumentError):
+    """The file does not tell the images' size, and nobody else has."""
+
+
+def read_calibration(path: str | PathLike[str]) -> tuple[Path, str | None, object]:
+    """Return the file, the name of the one camera that is asked for (`FILE#NAME`), and what it holds."""
+    file, name = checked_path(path), None
+    if "#" in str(path) and not file.exists():
+        whole, _, name = str(path).rpartition("#")
+        file = Path(whole)
+    return file, name, read_tree(file)
+
+
+@contextmanager
+def making(path: str | PathLike[str]) -> Generator[None, None, None]:
+    """Within it, what is wrong with a file's numbers becomes FileFormatError."""
+    try:
+        yield
+    except _NoSizeError as error:
+        raise ArgumentError("size", f"the (width, height) of the images whose K is in {path}", "none") from error
+    except ArgumentError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    except _ODD_FORMS as error:
+        raise FileFormatError(f"{path}: not a camera of a known form: {type(error).__name__} {error}"[:300]) from error
+
+
+def cameras_in(tree: object, path: str | PathLike[str], size: Size = None) -> Cameras:
+    """Return the cameras that a tree holds, by name; of one that needs none it is "".
+
+    path: for messages. size: (width, height) of the pictures, for files that do not tell it.
+    """
+    if is_matrix(tree):
+        return {"": partial(_arguments, tree, size)}
+    found = {name: partial(_arranged, make) for name, make in _below(tree, path, size).items()}
+    if not found and PurePath(path).suffix.lower() in _TEXTS:
+        raise FileFormatError(f"{path}: no camera in it: expected K, or a calibration of a known program or device")
+    return found or {"": partial(camera_arguments, tree, path)}
+
+
+def _below(tree: object, path: str | PathLike[str], size: Size) -> Cameras:
+    children: Iterable[tuple[object, object]] = ()
+    if isinstance(tree, list):
+        children = enumerate(cast("list[object]", tree))
+    elif isinstance(tree, dict):
+        known = cast("dict[str, Any]", tree)
+        if is_own(known):
+            return {"": partial(camera_arguments, known, path)}
+        for kind in _KINDS:
+            if found := kind(known, size):
+                return found
+        size = _size_in(known) or size
+        children = known.items()
+    below = ((key, _below(value, path, size)) for key, value in children if not is_matrix(value))
+    return {f"{key}.{name}" if name else str(key): make for key, found in below for name, make in found.items()}
+
+
+def is_matrix(tree: object) -> bool:
+    """Tell whether it is rows of numbers."""
+    rows = cast("list[object]", tree) if isinstance(tree, list) else []
+    return bool(rows) and all(isinstance(row, list) and _are_numbers(cast("list[object]", row)) for row in rows)
+
+
+def _are_numbers(values: list[object]) -> bool:
+    return all(isinstance(value, (int, float)) for value in values)
+
+
+def chosen(found: Cameras, name: str | None, path: str | PathLike[str], size: Size = None) -> Cameras:
+    """Return those of this name or, without one, of several those whose pictures are of `size`, if there are any."""
+    if name is not None:
+        named = [own for own in found if name.lower() in (own.lower(), PurePath(own).stem.lower())]
+        if not named:
+            raise FileFormatError(f"{path}: expected one of {listed(found)} behind #, got {name}")
+        return {own: found[own] for own in named[:1]}
+    if len(found) == 1 or size is None:
+        return found
+    fitting: Cameras = {}
+    for own, make in found.items():
+        with suppress(ArgumentError):  # another one may be of no use
+            if tuple(make()["size"]) == size:
+                fitting[own] = make
+    is_one = len({repr(make()) for make in fitting.values()}) == 1
+    return dict([*fitting.items()][:1]) if is_one else fitting or found
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names for a message."""
+    first = list(names)
+    return ", ".join([*first[:_LISTED], *(["..."] if len(first) > _LISTED else [])])
+
+
+def _arranged(make: Callable[[], Arguments]) -> Arguments:
+    """Its arguments; where y points up, y is turned."""
+    made = make()
+    K = numbers("K", made["K"], (None, None))
+    if K.shape == (3, 3) and K[1, 1] < 0:
+        pose = made.get("world_from_camera")
+        made["K"], made["world_from_camera"] = _upright(K, np.eye(4) if pose is None else checked_pose(pose))
+    return made
+
+
+def _arguments(K: object, size: Size, lens: Lens | None = None, pose: Float64 | None = None) -> Arguments:
+    """Arguments of a camera whose K may be 3 x 3, 3 x 4 or 4 x 4, or of parts of the picture's size."""
+    if size is None:
+        raise _NoSizeError("size", "that of the images", "none")
+    values = numbers("K", np.ravel(np.asarray(K)), (None,))
+    if len(values) not in (9, 12, 16):
+        raise ArgumentError("K", "3 x 3, 3 x 4 or 4 x 4 numbers", f"{len(values)}")
+    matrix = values.reshape(4 if len(values) == 16 else 3, -1)[:3, :3]
+    if _is_normalized(matrix, size):
+        matrix = conventions.intrinsics_from_normalized(matrix, size)
+    return {"K": matrix, "size": size, "world_from_camera": pose, "lens": lens}
+
+
+def _is_normalized(K: Float64, size: tuple[int, int]) -> bool:
+    """Tell whether K is in parts of a picture's width and height: no picture has its centre within its first pixel."""
+    return bool((np.abs(K[:2, 2] - 0.5) < 0.5).all() and min(size) > 2 and max(K[0, 0], K[1, 1]) < min(size))
+
+
+def _upright(K: Float64, pose: Float64) -> tuple[Float64, Float64]:
+    """Return K and pose with y down of a camera whose y points up, as fy < 0 tells; its world is mirrored, too.
+
+    Such frames are left-handed, as those of ICL-NUIM are.
+    """
+    mirror = np.diag([1.0, -1.0, 1.0, 1.0])
+    return K @ mirror[:3, :3], mirror @ pose @ mirror
+
+
+def _given(K: Float64, size: tuple[int, int], lens: Lens, pose: Float64 | None = None) -> Arguments:
+    """Arguments of a camera that one of the converters has made."""
+    return {"K": K, "size": size, "lens": lens, "world_from_camera": pose}
+
+
+def _size_in(tree: _Tree) -> Size:
+    """The size of the pictures that a mapping tells, or what ROS's INI files call its image."""
+    named = {str(key).lower(): value for key, value in tree.items()}
+    for across, down in _SIZES:
+        if across in named and down in named and not isinstance(named[across], (dict, str)):
+            return checked_size(tuple(int(np.ravel(named[side])[0]) for side in (across, down)))
+    for name in _PAIRS:
+        if isinstance(tree.get(name), list) and len(tree[name]) == 2:
+            return checked_size(tuple(int(side) for side in tree[name]))
+    return _size_in(tree["image"]) if isinstance(tree.get("image"), dict) else None
+
+
+def _realsense(tree: _Tree, _: Size) -> Cameras | None:
+    if "ppx" not in tree:
+        return None
+    return {"": lambda: _given(*conventions.camera_from_realsense(tree))}
+
+
+def _kalibr(tree: _Tree, _: Size) -> Cameras | None:
+    if "camera_model" not in tree or not isinstance(tree.get("intrinsics"), list):
+        return None
+    return {"": lambda: _given(*conventions.camera_from_kalibr(tree))}
+
+
+def _ros(tree: _Tree, _: Size) -> Cameras | None:
+    if "distortion_model" not in tree or not ({"k", "K", "camera_matrix"} & tree.keys()) or _size_in(tree) is None:
+        return None
+    return {"": lambda: _given(*conventions.camera_from_ros(tree))}
+
+
+def _azure_kinect(tree: _Tree, _: Size) -> Cameras | None:
+    if "CalibrationInformation" not in tree:
+        return None
+    made = conventions.camera_from_azure_kinect
+    there = [entry.get("Location") for entry in tree["CalibrationInformation"].get("Cameras", ())]
+    modes = [mode for mode in conventions.KINECT_MODES if conventions.kinect_location(mode) in there]
+    return {mode: lambda mode=mode: _given(*made(tree, mode)) for mode in modes}
+
+
+def _opencv(tree: _Tree, size: Size) -> Cameras | None:
+    """Matrices of OpenCV's FileStorage, or as plain numbers; of several cameras with their numbers or sides behind."""
+    own = _size_in(tree) or size
+    found: Cameras = {}
+    for key, value in tree.items():
+        which = _MATRIX.fullmatch(key)
+        data = _data_of(value)
+        if which is None or not _is_square(data):
+            continue
+        named = re.compile(_DISTORTION.format(which[1]), re.I)
+        bent = next((tree[name] for name in tree if named.fullmatch(name)), None)
+        found[which[1]] = partial(_of_opencv, data, bent, _is_fisheye(tree), own)
+    return found
+
+
+def _is_square(data: object) -> bool:
+    """Tell whether it is a matrix of 3 x 3 or 4 x 4, its rows apart or in one."""
+    rows = data if is_matrix(data) else [data]
+    return is_matrix(rows) and sum(map(len, cast("list[list[float]]", rows))) in (9, 16)
+
+
+def _is_fisheye(tree: _Tree) -> bool:
+    model = str(tree.get("distortion_model", tree.get("camera_model", ""))).lower()
+    return bool(tree.get("fisheye_model") or tree.get("fisheye")) or any(name in model for name in _FISHEYES)
+
+
+def _data_of(matrix: object) -> Any:
+    """The numbers of a matrix of OpenCV's, or of a plain one."""
+    return cast("dict[str, Any]", matrix).get("data") if isinstance(matrix, dict) else matrix
+
+
+def _of_opencv(K: object, distortion: Any, fisheye: bool, size: Size) -> Arguments:
+    values = _data_of(distortion)
+    coefficients = np.ravel(np.asarray([] if values is None else values, np.float64))
+    return _arguments(K, size, Lens.from_opencv(coefficients, fisheye=fisheye) if coefficients.size else None)
+
+
+def _plain(tree: _Tree, size: Size) -> Cameras | None:
+    """The numbers fx, fy, cx and cy, with OpenCV's coefficients by their names."""
+    return {"": partial(_of_numbers, tree, _size_in(tree) or size)} if {"fx", "cx"} <= tree.keys() else None
+
+
+def _of_numbers(tree: _Tree, size: Size, distortion: _Tree | None = None, pose: Float64 | None = None) -> Arguments:
+    fx, fy, cx, cy = numbers("fx, fy, cx, cy", [tree.get(key) for key in ("fx", "fy", "cx", "cy")], (4,))
+    return _arguments([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], size, _lens_of(distortion or tree), pose)
+
+
+def _lens_of(tree: _Tree, fisheye: bool = False) -> Lens:
+    names = ("k1", "k2", "k3", "k4") if fisheye else _OPENCV_ORDER
+    return Lens.from_opencv([float(tree.get(name) or 0) for name in names], fisheye=fisheye)
+
+
+def _orbbec(tree: _Tree, _: Size) -> Cameras | None:
+    """The SDK's camera parameters, as its viewer writes them (INI) or its structs are (JSON); millimetres."""
+    words = [key[: -len("Intrinsic")] for key, value in tree.items() if key.endswith("Intrinsic") and "fx" in value]
+    moved = tree.get("D2CTransformParam", tree.get("transform"))
+
+    def made(word: str) -> Arguments:
+        inside = tree[f"{word}Intrinsic"]
+        pose = None if moved is None or word.lower().startswith("depth") else _moved_by_orbbec(moved)
+        return _of_numbers(inside, _size_in(inside), tree.get(f"{word}Distortion") or {"k1": 0}, pose)
+
+    return {word: partial(made, word) for word in words}
+
+
+def _moved_by_orbbec(entries: _Tree) -> Float64:
+    """Where the colour camera is in the depth camera's frame."""
+    rotation, translation = (
+        entries[name] if name in entries else [entries[f"{name}{k}"] for k in range(count)]
+        for name, count in (("rot", 9), ("trans", 3))
+    )
+    R = numbers("rot", np.ravel(rotation), (9,)).reshape(3, 3)
+    return conventions.pose_from_extrinsics(R, numbers("trans", np.ravel(translation), (3,)) / _MILLIMETRES)
+
+
+def _oak(tree: _Tree, _: Size) -> Cameras | None:
+    """DepthAI's calibration: sockets with what leads from each camera to another, in centimetres."""
+    if "cameraData" not in tree:
+        return None
+    sockets: dict[int, _Tree] = {int(socket): data for socket, data in tree["cameraData"]}
+
+    def pose(socket: int, known: Sequence[int]) -> Float64:
+        outside = sockets[socket]["extrinsics"]
+        to = int(outside["toCameraSocket"])
+        if to not in sockets or to in known:
+            return np.eye(4)
+        step, shift = np.eye(4), outside["translation"]
+        step[:3, :3] = numbers("rotationMatrix", outside["rotationMatrix"], (3, 3))
+        step[:3, 3] = np.array([shift["x"], shift["y"], shift["z"]], np.float64) / _CENTIMETRES
+        return pose(to, (*known, socket)) @ checked_pose(step, "extrinsics")
+
+    def made(socket: int) -> Arguments:
+        data = sockets[socket]
+        values, fisheye = data["distortionCoeff"], data.get("cameraType") == 1
+        lens = Lens.from_opencv(values[:4] if fisheye else values, fisheye=fisheye) if values else None
+        return _arguments(data["intrinsicMatrix"], _size_in(data), lens, pose(socket, (socket,)))
+
+    return {f"CAM_{chr(ord('A') + socket)}": partial(made, socket) for socket in sockets}
+
+
+def _frames(tree: _Tree, size: Size) -> Cameras | None:
+    """transforms.json of NeRF's kin: OpenGL's axes, pixel centres at halves; what a frame lacks is told for all."""
+    frames = tree.get("frames")
+    if not isinstance(frames, list):
+        return None
+    found: Cameras = {}
+    for k, frame in enumerate(cast("list[Any]", frames)):
+        if isinstance(frame, dict) and "transform_matrix" in frame:
+            path = str(cast("_Tree", frame).get("file_path", k))
+            name = PurePath(path.replace("\\", "/")).name
+            found[path if name in found else name] = partial(_of_frame, {**tree, **cast("dict[str, Any]", frame)}, size)
+    return found
+
+
+def _of_frame(tree: _Tree, size: Size) -> Arguments:
+    size = _size_in(tree) or size
+    if size is None:
+        raise _NoSizeError("size", "that of the images", "none")
+    focal = [tree.get("fl_x"), tree.get("fl_y", tree.get("fl_x"))]
+    if focal[0] is None:
+        angle = tree.get("camera_angle_x")
+        across = size[0] / 2 / np.tan(numbers("camera_angle_x", angle, ()) / 2)
+        focal = [across, across]
+    fx, fy = numbers("fl_x, fl_y", focal, (2,))
+    center = [float(tree.get(key, side / 2)) - 0.5 for key, side in (("cx", size[0]), ("cy", size[1]))]
+    pose = numbers("transform_matrix", tree["transform_matrix"], (None, 4))
+    pose = np.vstack([pose[:3], (0, 0, 0, 1)]) @ conventions.CV_FROM_GL
+    return _given(
+        np.array([[fx, 0, center[0]], [0, fy, center[1]], [0, 0, 1]]), size, _lens_of(tree, _is_fisheye(tree)), pose
+    )
+
+
+_KINDS: tuple[Callable[[_Tree, Size], Cameras | None], ...] = (
+    _azure_kinect,
+    _oak,
+    _orbbec,
+    _frames,
+    _realsense,
+    _kalibr,
+    _ros,
+    _opencv,
+    _plain,
+)
