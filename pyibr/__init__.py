@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from pyibr.cleaning import CleanedDepth, clean_depth
+from pyibr.cleaning import CleanedDepth, clean_depth, sharpen_depth
 from pyibr.core.camera import Camera
 from pyibr.core.errors import (
     ArgumentError,
@@ -120,6 +120,7 @@ __all__ = [
     "register",
     "register_color",
     "render",
+    "sharpen_depth",
     "uint16_from_depth",
     "undistorted",
     "use_device",

@@ -4,4 +4,5 @@
 #include "cleaning/area.cl"
 #include "cleaning/grow.cl"
 #include "cleaning/islands.cl"
+#include "cleaning/sharpen.cl"
 #include "cleaning/smooth.cl"

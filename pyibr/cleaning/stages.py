@@ -177,6 +177,20 @@ class Image:
         self._launch_runs("drop_speckle", values=values, totals=totals, marks=self._marks, **told)
         return bool(totals.to_host()[1])
 
+    def sharpen(self, nearness: Placed) -> NDArray[np.float32]:
+        """Nearness of the samples of soft edges, 0 of all others."""
+        profile, (width, height) = current().profile, self._size
+        sharp = empty((height, width), np.float32)
+        launch(
+            kernel("cleaning/clean.cl", "sharpen"),
+            profile.packets(self._shape[1], height, profile.strip),
+            nearness=nearness.depth,
+            sharp=sharp,
+            plane=self._plane,
+            strip=profile.strip,
+        )
+        return sharp.to_host()
+
     def smooth(
         self, before: Placed | None, scale: Scale, strength: float
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

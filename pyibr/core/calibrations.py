@@ -280,7 +280,7 @@ def _orbbec(tree: _Tree, _: Size) -> Cameras | None:
 
 
 def _moved_by_orbbec(entries: _Tree) -> Float64:
-    """Where the colour camera is in the depth camera's frame."""
+    """Pose of the colour camera in the depth camera's frame."""
     rotation, translation = (
         entries[name] if name in entries else [entries[f"{name}{k}"] for k in range(count)]
         for name, count in (("rot", 9), ("trans", 3))

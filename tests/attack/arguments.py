@@ -458,7 +458,7 @@ def random_clean(seed: int) -> Call:
     if chance(0.3):
         more["strength"] = chance.mostly(chance.one([0, 0.5, 1, 3, 1e-30]))
     given = chance.mostly(depth)
-    return Call(lambda: ibr.clean_depth(given, **more))
+    return Call(lambda: ibr.clean_depth(given, **more) if more else ibr.sharpen_depth(given))
 
 
 MAKERS = {"warp": random_warp, "render": random_render, "register": random_register, "clean": random_clean}

@@ -1,0 +1,121 @@
+/* Soft edges made sharp: each sample of a ramp between two surfaces goes to the nearer one, as it goes on from its side.
+ *
+ * Networks guess depth whose edges are ramps, several pixels wide. A ramp is looked for along rows, columns and
+ * diagonals: a run of samples that rise or fall together, as far as they do by RAMP_RISE of what they do at its steepest.
+ * Its tails belong to it, too: the surface of each side is the line through two samples farther out, by shares of the
+ * ramp's length. Where the two lines, continued to a sample, are apart by APART of the nearness, there is an edge. Of
+ * the four directions the steepest counts. A slope that does not end within RAMP_REACH is a surface's.
+ *
+ * nearness: a plane (plane.h) of 1 / depth, 0 for none. sharp: (height, width) nearness of samples that change, 0 of
+ * others. Work-item: `strip` packets of a row. Cost: O(pixels * RAMP_REACH). Determinism: each pixel from a plane that is
+ * finished.
+ */
+#include "cleaning/plane.h"
+
+#define RAMP_REACH 12 /* samples to each side that a ramp may have */
+#define RAMP_RISE 0.3f
+#define TAIL(length) ((length) / 3)      /* samples beyond the ramp */
+#define BASE(length) (1 + (length) / 4) /* samples between the two that a line passes */
+#define APART 0.04f
+#define BEYOND 0.1f /* of what is between the surfaces: so far beyond them a sample may be */
+#define RISES 1e-30f
+
+/* How many steps along a direction stay in the image */
+INLINED intl steps_inside(ImagePlane plane, int x, int row, int dx, int dy)
+{
+    const intl column = x - ASIDE + lane_index;
+    intl inside = 2 * (plane.width + plane.height);
+    if (dx != 0)
+        inside = min(inside, dx > 0 ? plane.width - 1 - column : column);
+    if (dy != 0)
+        inside = min(inside, (intl)(dy > 0 ? plane.height - 1 - row : row));
+    return max(inside, 0);
+}
+
+/* Follows samples that rise by `least`, times `sign`: how many steps, and by how much they do at most (`steepest`).
+ * Lanes of `ends` in which they never stop to, before the image or what is known does, become 0. */
+INLINED intl length_of_run(global const float *at, int step, intl inside, floatl sign, floatl least, floatl *steepest,
+                           intl *ends)
+{
+    floatl here = load_lanes(at);
+    intl goes_on = (here > 0.0f) & (sign != 0.0f), length = 0, stops = goes_on & (intl)0;
+    for (int t = 1; t <= RAMP_REACH; t++) {
+        goes_on &= inside >= t;
+        if (!any_lane(goes_on))
+            break;
+        const floatl next = load_lanes(at + t * step), rise = sign * (next - here);
+        goes_on &= next > 0.0f;
+        stops |= goes_on & (rise < least);
+        goes_on &= rise >= least;
+        *steepest = select_lanes(goes_on, max_lanes(*steepest, rise), *steepest);
+        length += select_lanes(goes_on, (intl)1, (intl)0);
+        here = next;
+    }
+    *ends &= stops;
+    return length;
+}
+
+/* The surface at the end of a ramp, continued back to its sample */
+INLINED floatl continued(global const float *values, int at, int step, intl end, intl length, intl inside, floatl steep)
+{
+    const intl close = min(end + TAIL(length), inside), far = min(close + BASE(length), inside);
+    const intl own = at + lane_index;
+    const floatl first = (floatl)(gather(values, own + close * step)), last = (floatl)(gather(values, own + far * step));
+    const floatl slope = (first - last) / to_floatl(max(far - close, 1));
+    const floatl line = first + clamp_lanes(slope, -steep, steep) * to_floatl(close);
+    const floatl there = clamp_lanes(line, 0.5f * first, 2.0f * first);
+    const intl is_known = (first > 0.0f) & (last > 0.0f);
+    return select_lanes(is_known, there, (floatl)(gather(values, own + end * step)));
+}
+
+/* Takes the nearer surface of a direction's ramp, if it is the steepest so far. */
+INLINED void sharpen_along(global const float *values, ImagePlane plane, int x, int row, int dx, int dy, floatl *found,
+                           floatl *steepest)
+{
+    const int at = (row + ABOVE) * plane.pitch + x, step = dy * plane.pitch + dx;
+    const intl ahead = steps_inside(plane, x, row, dx, dy), behind = steps_inside(plane, x, row, -dx, -dy);
+    const floatl own = load_lanes(values + at), next = load_lanes(values + at + step);
+    const floatl before = load_lanes(values + at - step);
+    const floatl change = select_lanes(next > 0.0f, next, own) - select_lanes(before > 0.0f, before, own);
+    const floatl sign = select_lanes(change > 0.0f, (floatl)1.0f, select_lanes(change < 0.0f, (floatl)-1.0f, (floatl)0.0f));
+    floatl peak = 0.0f, unused = 0.0f;
+    intl any = 1, ends = any == 1;
+    length_of_run(values + at, step, ahead, sign, (floatl)RISES, &peak, &any);
+    length_of_run(values + at, -step, behind, -sign, (floatl)RISES, &peak, &any);
+    const floatl steep = dx != 0 && dy != 0 ? peak * M_SQRT1_2_F : peak;
+    if (!any_lane(steep > *steepest))
+        return;
+    const floatl least = max_lanes(RAMP_RISE * peak, (floatl)RISES);
+    const intl to = length_of_run(values + at, step, ahead, sign, least, &unused, &ends);
+    const intl from = length_of_run(values + at, -step, behind, -sign, least, &unused, &ends);
+    const floatl high = sign * continued(values, at, step, to, to + from, ahead, least);
+    const floatl low = sign * continued(values, at, -step, from, to + from, behind, least);
+    const floatl apart = high - low, above = sign * own - low, below = high - sign * own;
+    const intl is_edge = ends & (to + from >= 2) & (apart > APART * max_lanes(fabs(high), fabs(low))) &
+                         (min_lanes(above, below) > -BEYOND * apart) & (steep > *steepest);
+    *found = select_lanes(is_edge, sign * select_lanes(above < below, low, high), *found);
+    *steepest = select_lanes(is_edge, steep, *steepest);
+}
+
+kernel void sharpen(global const float *nearness, global float *sharp, ImagePlane plane, int strip)
+{
+    const int row = get_global_id(1);
+    if (row >= plane.height)
+        return;
+    EACH_PACKET(plane, x)
+    {
+        if (x < ASIDE || x >= ASIDE + plane.width)
+            continue;
+        floatl found = 0.0f, steepest = 0.0f;
+        sharpen_along(nearness, plane, x, row, 1, 0, &found, &steepest);
+        sharpen_along(nearness, plane, x, row, 0, 1, &found, &steepest);
+        sharpen_along(nearness, plane, x, row, 1, 1, &found, &steepest);
+        sharpen_along(nearness, plane, x, row, -1, 1, &found, &steepest);
+        const size_t to = (size_t)row * plane.width + x - ASIDE;
+        if (x + LANES <= ASIDE + plane.width)
+            store_lanes(found, sharp + to);
+        else
+            for (int lane = 0; lane < ASIDE + plane.width - x; lane++)
+                sharp[to + lane] = float_lane(found, lane);
+    }
+}
