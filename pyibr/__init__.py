@@ -58,7 +58,7 @@ import_module("pyibr.raster")  # it draws meshes, which know nothing of it
 if TYPE_CHECKING:
     from pyibr.app.place import place
     from pyibr.app.view import view
-    from pyibr.capture.sets import load
+    from pyibr.capture.sets import load, save
     from pyibr.depthmesh import DepthMesh, DepthMeshObject
     from pyibr.relief import ReliefSurface
     from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
@@ -68,7 +68,7 @@ __version__ = "0.1.0"
 _LATER = {
     "app.place": ("place",),
     "app.view": ("view",),
-    "capture.sets": ("load",),
+    "capture.sets": ("load", "save"),
     "depthmesh": ("DepthMesh", "DepthMeshObject"),
     "relief": ("ReliefSurface",),
     "slicing": ("DepthObject", "SlicedSurface", "VisualHull"),
@@ -120,6 +120,7 @@ __all__ = [
     "register",
     "register_color",
     "render",
+    "save",
     "sharpen_depth",
     "uint16_from_depth",
     "undistorted",

@@ -35,6 +35,10 @@ DepthKindOption = Annotated[
     DepthKind,
     typer.Option(help="What depth is stored as: z, distance along the rays, inverse (1/z; disparity by its scale)"),
 ]
+MinConfidence = Annotated[
+    float | None,
+    typer.Option(help="Confidence, in its own units, below which samples are left out; default: by the layout"),
+]
 NoiseOption = Annotated[
     float | None,
     typer.Option(metavar="PIXELS", help="How noisy the disparity is that depth comes from, with --baseline"),

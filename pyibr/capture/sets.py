@@ -2,48 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import read_json, write_json
-from pyibr.core.checks import describe
+from pyibr.core.checks import describe, instance_of
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import checked_path, written_together
 from pyibr.images import DepthImage
 from pyibr.io import DepthKind, read_color, read_depth, write_color, write_depth
-from pyibr.io.recordings import cameras_of, posed, recording_in
+from pyibr.io.layouts import recording_in
+from pyibr.io.layouts.transforms import write_transforms
+from pyibr.io.recordings import Shot, cameras_of, shots_of
+from pyibr.io.video import Video
+from pyibr.warp import register
 
 SET_FILE = "frusta.json"
 """The file in a set's folder that lists its views."""
 
+_log = logging.getLogger("pyibr")
+
 
 def load(
-    folder: str | PathLike[str], *, depth_scale: float | None = None, depth_kind: DepthKind = "z"
+    folder: str | PathLike[str],
+    *,
+    depth_scale: float | None = None,
+    depth_kind: DepthKind = "z",
+    min_confidence: float | None = None,
 ) -> list[DepthImage]:
     """Read a folder of depth images.
 
-    A set that `pyibr place` has saved (with a `frusta.json`), or a recording of colour and depth: files
-    ``NAME.color.png`` and ``NAME.depth.png``, or folders ``color`` (or ``rgb``) and ``depth``, in any formats that can
-    be read, of the same numbers or times; TUM RGB-D with its lists; COLMAP's dense workspace, with its cameras.
+    A set that `save` or `pyibr place` has written (with a `frusta.json`); what data sets, phones and networks leave, in
+    the layouts that the manual lists, with their cameras, axes and scale; or files ``NAME.color.png`` and
+    ``NAME.depth.png``, or folders ``color`` (or ``rgb``) and ``depth``, in any formats that can be read, of the same
+    numbers or times. Depth of another camera than the picture's, or with fewer samples, is registered to it.
 
-    The camera of a frame is in ``NAME.json`` (as `Camera.save` writes it, in the folder or in ``camera/``); or that of
-    all is in ``camera.json``, or in ``camera-intrinsics.txt`` or ``intrinsics.K.txt`` with the 3 x 3 numbers of K, and
-    ``NAME.pose.txt``, ``groundtruth.txt``, ``trajectory.log`` or ``poses.txt`` (see `pyibr.io.read_poses`) tell the
-    poses. Frames of which no pose of their time is known are left out.
+    Of plain files the camera of a frame is in ``NAME.json`` (as `Camera.save` writes it, in the folder or in
+    ``camera/``); or that of all is in ``camera.json``, or in ``camera-intrinsics.txt`` or ``intrinsics.K.txt`` with the
+    3 x 3 numbers of K, and ``NAME.pose.txt``, ``groundtruth.txt``, ``trajectory.log`` or ``poses.txt`` (see
+    `pyibr.io.read_poses`) tell the poses. Frames without a usable pose, picture or depth are left out, which the logger
+    ``pyibr`` tells.
 
     Parameters
     ----------
     folder : path
     depth_scale : float, optional
-        Stored units per scene unit, for integer depth: see `read_depth`.
+        Stored units per scene unit, for integer depth: see `read_depth`. By default the layout's.
     depth_kind : {"z", "distance", "inverse"}
-        What a recording's depth is stored as: see `read_depth`.
+        What a recording's depth is stored as: see `read_depth`. With "z" the layout's, if it tells another.
+    min_confidence : float, optional
+        Samples that the recording is less sure of are left out. In the units of its own confidence; by default what
+        its layout says.
 
     Returns
     -------
@@ -77,24 +94,70 @@ def load(
     if (place / SET_FILE).exists():
         return [entry.read(place) for entry in read_set(place)[0]]
     recording = recording_in(place)
-    if not recording.cameras:
+    if not recording.cameras and recording.known is None:
         first = recording.colors[0]
         own = f"{first.stem.removesuffix('.color')}.json"
         raise FileFormatError(f"{place}: has neither {own} nor camera.json for {first.name}")
-    cameras = cameras_of(recording)
-    frames = zip(recording.colors, recording.depths, cameras, strict=True)
-    return [
-        _view(c, d, posed(camera, pose), depth_scale, depth_kind) for c, d, (camera, pose) in frames if pose is not None
-    ]
+    shots = shots_of(recording, cameras_of(recording))
+    found = [shot for shot in shots if shot is not None]
+    if len(found) < len(shots):
+        _log.warning("%s: %d frames without a usable pose are left out", place, len(shots) - len(found))
+    video = None if recording.video is None else Video(recording.video).frames([shot.number for shot in found])
+    views, lost = list[DepthImage](), list[FileFormatError]()
+    for shot in found:
+        try:
+            color = shot.stored.color(cast("Path", shot.color)) if video is None else next(video)
+            views.append(_view(shot, color, depth_scale, depth_kind, min_confidence))
+        except FileFormatError as error:
+            lost.append(error)
+    if lost and not views:
+        raise lost[0]
+    if lost:
+        _log.warning("%s: %d of %d frames are left out: %s", place, len(lost), len(shots), lost[0])
+    return views
 
 
-def _view(color: Path, depth: Path, camera: Camera, scale: float | None, kind: DepthKind) -> DepthImage:
-    image = read_color(color)
-    depths = read_depth(depth, depth_scale=scale, depth_kind=kind, camera=camera)
+def _view(shot: Shot, color: NDArray[Any], scale: float | None, kind: DepthKind, least: float | None) -> DepthImage:
     try:
-        return DepthImage(image, depths, camera)
+        depth, _ = shot.read_depth(scale, kind, least)
+        if shot.depth_camera is not None:
+            depth = register(depth, shot.depth_camera, shot.camera)
+        return DepthImage(color, depth, shot.camera)
     except ArgumentError as error:
-        raise FileFormatError(f"{depth}: {error}") from error
+        if error.argument not in ("color", "depth", "confidence"):
+            raise
+        raise FileFormatError(f"{shot.depth}: {error}") from error
+
+
+def save(views: DepthImage | Iterable[DepthImage], folder: str | PathLike[str]) -> None:
+    """Write depth images into a folder that `load` reads back to the same bits, and other programs, too.
+
+    Beside pyibr's own files (`frusta.json`, colours as PNG, depth as NPY) there is a `transforms.json` as nerfstudio
+    and instant-ngp read it, with depth as 16-bit PNG, unless it cannot tell a camera: an orthographic one, or its lens.
+
+    Parameters
+    ----------
+    views : DepthImage or sequence of DepthImage
+    folder : path
+        Made if it is missing. Files of a former set there are overwritten; those of views beyond the last one stay.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera([[50, 0, 3], [0, 50, 6], [0, 0, 1]], (7, 13))
+    >>> view = ibr.DepthImage(np.zeros((13, 7, 3), np.uint8), np.full((13, 7), 2, np.float32), camera)
+    >>> ibr.save([view, view], "saved")
+    >>> [one.camera == camera for one in ibr.load("saved")]
+    [True, True]
+    """
+    place = checked_path(folder)
+    listed = [views] if isinstance(views, DepthImage) else list(views)
+    for view in listed:
+        instance_of("views", view, DepthImage, "depth images")
+    with written_together():
+        _write(place, listed, None, {})
+        write_transforms(place, listed)
 
 
 @dataclass(frozen=True)
@@ -163,16 +226,21 @@ def write_set(
     **about
         What it says of the set.
     """
-    place = checked_path(folder)
-    listed: list[dict[str, Any]] = []
     with written_together():
-        for number, view in enumerate(views):
-            kind = "png" if view.shown_color.dtype == np.uint8 else "npy"
-            names = {"color": f"color_{number:02d}.{kind}", "depth": f"depth_{number:02d}.npy"}
-            write_color(place / names["color"], view.shown_color)
-            write_depth(place / names["depth"], view.depth)
-            listed.append(entry_json(view.camera, view.far) | names | (more[number] if more else {}))
-        write_json(place / SET_FILE, {**about, "views": listed})  # last: it is what names the others
+        _write(checked_path(folder), views, more, about)
+
+
+def _write(
+    place: Path, views: Sequence[DepthImage], more: Sequence[dict[str, Any]] | None, about: dict[str, object]
+) -> None:
+    listed: list[dict[str, Any]] = []
+    for number, view in enumerate(views):
+        kind = "png" if view.shown_color.dtype == np.uint8 else "npy"
+        names = {"color": f"color_{number:02d}.{kind}", "depth": f"depth_{number:02d}.npy"}
+        write_color(place / names["color"], view.shown_color)
+        write_depth(place / names["depth"], view.depth)
+        listed.append(entry_json(view.camera, view.far) | names | (more[number] if more else {}))
+    write_json(place / SET_FILE, {**about, "views": listed})  # last: it is what names the others
 
 
 def entry_json(camera: Camera, far: float) -> dict[str, Any]:

@@ -34,6 +34,11 @@ def openexr() -> Any:
     return _imported("OpenEXR", "EXR files need OpenEXR", "exr", "pip install --force-reinstall OpenEXR")
 
 
+def h5py() -> Any:
+    """h5py, or a MissingPackageError."""
+    return _imported("h5py", "HDF5 files need h5py", "hdf5", "pip install --force-reinstall h5py")
+
+
 def viser() -> Any:
     """viser, which serves pages, or a MissingPackageError."""
     return _imported("viser", "pages in the browser need viser", "view", "pip install --force-reinstall viser")

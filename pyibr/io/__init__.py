@@ -56,6 +56,7 @@ __all__ = [
 _PathLike = str | PathLike[str]
 _COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}
 _DEPTH_MODULES = _COLOR_MODULES | {".png": "image", ".tif": "image", ".tiff": "image", ".bin": "colmap_bin"}
+_DEPTH_MODULES |= {".pgm": "pgm", ".dpt": "dpt", ".hdf5": "hdf5"}
 
 
 class _Format(Protocol):

@@ -40,7 +40,7 @@ def _read(path: str | PathLike[str], name: str) -> NDArray[Any]:
     with reading(path, "NumPy") as source:
         data = source.read_bytes()
         if data[:2] != b"PK":
-            return _array(data)
+            return array_of(data)
         with ZipFile(io.BytesIO(data)) as packed:
             arrays = {member.filename.removesuffix(".npy"): member for member in packed.infolist()}
             if name not in arrays and len(arrays) != 1:
@@ -48,10 +48,10 @@ def _read(path: str | PathLike[str], name: str) -> NDArray[Any]:
             member = arrays.get(name) or next(iter(arrays.values()))
             check_unpacked(member.file_size)
             with packed.open(member) as stream:
-                return _array(read_at_most(stream))
+                return array_of(read_at_most(stream))
 
 
-def _array(data: bytes) -> NDArray[Any]:
+def array_of(data: bytes) -> NDArray[Any]:
     """The array of an NPY file. NumPy's own reader takes all the memory that a header asks for."""
     stream = io.BytesIO(data)
     header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0

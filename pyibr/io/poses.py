@@ -70,28 +70,69 @@ def read_poses(path: str | PathLike[str]) -> Poses:
     >>> poses.times.tolist(), poses.world_from_camera[0, :3, 3].tolist()
     ([12.5], [1.0, 2.0, 3.0])
     """
-    source = checked_path(path)
+    found = read_trajectory(checked_path(path))
+    if found.error is not None:
+        raise found.error
+    return Poses(np.array(found.poses), found.times)
+
+
+class Trajectory(NamedTuple):
+    """Poses as a file or folder has them.
+
+    Attributes
+    ----------
+    poses : list of (4, 4) float64
+        None for what is no usable pose, as the infinite ones of trackers that were lost.
+    times : (N,) float64, or None
+    files : list of Path, or None
+        Of each pose, if they are in files of their own.
+    error : FileFormatError, or None
+        What is wrong with the first that cannot be used.
+    """
+
+    poses: list[Float64 | None]
+    times: Float64 | None
+    files: list[Path] | None
+    error: FileFormatError | None
+
+
+def read_trajectory(source: Path) -> Trajectory:
+    """Read what `read_poses` reads; poses that cannot be used are None unless all are, which is an error."""
     if source.suffix.lower() == ".json":
-        return Poses(np.array([camera.world_from_camera for camera in read_cameras(source).values()]), None)
-    if not source.is_dir():
-        return _read_file(source)
-    files = files_in(source, (".txt",), "pose") or files_in(source, (".txt",))
+        return Trajectory([camera.world_from_camera for camera in read_cameras(source).values()], None, None, None)
+    found = _read_folder(source) if source.is_dir() else _read_file(source)
+    if found.error is not None and not any(pose is not None for pose in found.poses):
+        raise found.error
+    return found
+
+
+def _read_folder(folder: Path) -> Trajectory:
+    files = files_in(folder, (".txt",), "pose") or files_in(folder, (".txt",))
     if not files:
-        raise FileFormatError(f"{source}: no text files with poses in it")
-    parts = [_read_file(file) for file in files]
-    times = [part.times for part in parts if part.times is not None]
-    matrices = np.concatenate([part.world_from_camera for part in parts])
-    return Poses(matrices, np.concatenate(times) if len(times) == len(parts) else None)
+        raise FileFormatError(f"{folder}: no text files with poses in it")
+    poses, times, named = list[Float64 | None](), list[Float64](), list[Path]()
+    first: FileFormatError | None = None
+    for file in files:
+        try:
+            one = _read_file(file)
+        except FileFormatError as error:
+            one = Trajectory([None], None, None, error)
+        first = first or one.error
+        poses += one.poses
+        named += [file] * len(one.poses)
+        times += [] if one.times is None else [one.times]
+    stamped = np.concatenate(times) if times and sum(map(len, times)) == len(poses) else None
+    return Trajectory(poses, stamped, named if len(named) == len(files) else None, first)
 
 
-def _read_file(path: Path) -> Poses:
+def _read_file(path: Path) -> Trajectory:
     with reading(path, "trajectory") as source:
         lines = [line.partition("#")[0].split() for line in source.read_text(encoding="utf-8").splitlines()]
         rows = [[float(word) for word in line] for line in lines if line]
     lengths = {len(row) for row in rows}
     if lengths == {_TUM}:
         table = np.array(rows)
-        matrices, times = np.array([_matrix_of(row) for row in table]), table[:, 0]
+        matrices, times = np.array([pose_of(row[1:4], row[4:]) for row in table]), table[:, 0]
     elif lengths <= {3, 4} and 4 in lengths:
         matrices, times = _stacked(path, rows)
     elif len(lengths) == 1 and lengths <= {12, 13, 16, 17}:
@@ -104,26 +145,39 @@ def _read_file(path: Path) -> Poses:
     else:
         found = ", ".join(map(str, sorted(lengths))) or "no"
         raise FileFormatError(f"{path}: expected 8, 12, 13, 16 or 17 numbers a line, or 4 x 4 matrices, got {found}")
-    checked: list[Float64] = []
-    for number, matrix in enumerate(matrices):
-        try:
-            checked.append(checked_pose(_rounded_off(matrix)))
-        except ArgumentError as error:
-            raise FileFormatError(f"{path}: pose {number}: expected {error.expected}, got {error.got}") from error
     if times is not None and not np.isfinite(times).all():
         raise FileFormatError(f"{path}: expected times in seconds, got some that are not finite")
     if times is not None and (units := units_of(times[0])):
         times = times / units
-    return Poses(np.array(checked), times)
+    poses, first = list[Float64 | None](), None
+    for number, matrix in enumerate(matrices):
+        try:
+            poses.append(rigid(matrix))
+        except ArgumentError as error:
+            poses.append(None)
+            first = first or FileFormatError(f"{path}: pose {number}: expected {error.expected}, got {error.got}")
+    return Trajectory(poses, times, None, first)
 
 
-def _matrix_of(row: Float64) -> Float64:
-    """A pose of a line of a TUM file."""
+def rigid(matrix: Float64) -> Float64:
+    """A pose as it is, or the rigid motion nearest to one of few digits; ArgumentError if it is none."""
+    return checked_pose(_rounded_off(matrix))
+
+
+def rigid_or_none(matrix: Float64) -> Float64 | None:
+    """Do as `rigid` does; None for what is no pose."""
+    try:
+        return rigid(matrix)
+    except ArgumentError:
+        return None
+
+
+def pose_of(position: Float64, xyzw: Float64) -> Float64:
+    """A (4, 4) pose of a position and a quaternion (x, y, z, w); NaN for what is no rotation."""
     pose = np.eye(4)
-    pose[:3, 3] = row[1:4]
-    length = np.linalg.norm(row[4:])
-    # What is no rotation is told by the check of the matrix.
-    pose[:3, :3] = rotation_from_quaternion(row[[7, 4, 5, 6]]) if 0 < length < np.inf else np.nan
+    pose[:3, 3] = position
+    is_rotation = 0 < np.linalg.norm(xyzw) < np.inf
+    pose[:3, :3] = rotation_from_quaternion(xyzw[[3, 0, 1, 2]]) if is_rotation else np.nan
     return pose
 
 

@@ -3,25 +3,70 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import reading
-from pyibr.io import read_cameras, read_color, read_poses
+from pyibr.io import DepthKind, depth_kinds, read_cameras, read_color, read_depth
 from pyibr.io.folders import at_one_time, files_in, least_apart, number_of, time_of
+from pyibr.io.poses import read_trajectory
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".npy", ".npz", ".pfm", ".exr")
-DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin")
+DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin", ".pgm", ".dpt", ".hdf5")
 
-_COLOR_FOLDERS, _DEPTH_FOLDERS = ("rgb", "color", "colour", "image", "images"), ("depth", "depths")
-_POSE_FILES = ("groundtruth.txt", "trajectory.log", "trajectory.txt", "poses.txt")
-_OPEN3D = ("intrinsic.json", "camera_intrinsic.json", "camera_primesense.json")  # as its recorders and samples name it
-_CAMERA_FILES = ("frusta.json", "camera.json", *_OPEN3D, "camera-intrinsics.txt", "intrinsics.K.txt")
-_FORMS = "rgb.txt and depth.txt; color (or rgb) and depth folders; or files with color and depth in their names"
+Depth = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Stored:
+    """How a layout stores a frame.
+
+    Attributes
+    ----------
+    scale : float, or None
+        Stored units of depth per scene unit; None where the files or the caller tell.
+    kind : {"z", "distance", "inverse"}
+    color, depth, confidence : callable, optional
+        Read the picture, depth in stored units (NaN where there is none) and how sure each sample is, (h, w), where
+        more than a file's format tells how: of depth, and confidence, its path is given.
+    least : float
+        Samples less sure than that are left out.
+    """
+
+    scale: float | None = None
+    kind: DepthKind = "z"
+    color: Callable[[Path], NDArray[Any]] = read_color
+    depth: Callable[[Path], NDArray[Any]] | None = None
+    confidence: Callable[[], NDArray[Any]] | None = None
+    least: float = 0.0
+
+    def read_depth(self, path: Path, scale: float | None, kind: DepthKind, camera: Camera | None) -> Depth:
+        """Planar depth, as `pyibr.read_depth` gives it; `scale`, and a `kind` other than z, replace the layout's."""
+        scale, kind = scale or self.scale, self.kind if kind == "z" else kind
+        if self.depth is None:
+            return read_depth(path, depth_scale=scale, depth_kind=kind, camera=camera)
+        values = self.depth(path) / np.float64(scale or 1)
+        return depth_kinds.planar(values.astype(np.float32), kind, camera, path)
+
+    def sure(self, depth: Depth, least: float | None) -> tuple[Depth, float]:
+        """Depth without the samples less sure than `least` (None: the layout's), and the share of depth that went."""
+        if self.confidence is None:
+            return depth, 0.0
+        known = self.confidence()
+        if known.shape != depth.shape:
+            raise ArgumentError("confidence", f"{depth.shape[1]}x{depth.shape[0]}, as depth", str(known.shape[::-1]))
+        unsure = np.isfinite(depth) & (depth > 0) & (known < (self.least if least is None else least))
+        return np.where(unsure, np.float32(np.nan), depth), float(unsure.mean())
+
+
+PLAIN = Stored()
 
 
 class Recording(NamedTuple):
@@ -42,6 +87,17 @@ class Recording(NamedTuple):
         Of the colours, in seconds, if they are known.
     kept : list of bool, or None
         Of all colour images that there were, which are among these.
+    known : callable, or None
+        The cameras that the layout tells, one for all or one for each, in case that no file of `cameras` does.
+    placed : list of (4, 4) arrays, or None
+        Poses that the layout tells, as far as `poses` does not; None for a frame without a usable one.
+    depth_cameras : list of Camera, or None
+        Those of depth that is not of the pictures' cameras, in the frame in which `known` are.
+    stored : list of Stored, or None
+    video : Path, or None
+        What the colours are frames of.
+    is_still : bool
+        Whether it is one picture, or several of one moment.
     """
 
     colors: list[Path]
@@ -51,38 +107,12 @@ class Recording(NamedTuple):
     left_out: Sequence[Path] = ()
     times: list[float] | None = None
     kept: list[bool] | None = None
-
-
-def recording_in(folder: Path) -> Recording:
-    """The recording that a folder holds, in the form of TUM RGB-D, 7-Scenes, Redwood, COLMAP's dense maps or alike."""
-    found = find_recording(folder)
-    if found is None:
-        raise FileFormatError(f"{folder}: neither frusta.json nor frames are in it, of colour and depth: {_FORMS}")
-    return found
-
-
-def find_recording(folder: Path) -> Recording | None:
-    """Do as `recording_in` does; None if the folder holds no frames of colour and depth."""
-    if (folder / "rgb.txt").is_file() and (folder / "depth.txt").is_file():
-        (color_times, colors), (depth_times, depths) = (_listed(folder / name) for name in ("rgb.txt", "depth.txt"))
-        found = _at_one_time(colors, color_times, depths, depth_times)
-    elif (maps := folder / "stereo" / "depth_maps").is_dir() and (folder / "images").is_dir():
-        return _dense_maps(folder, maps)
-    elif (color := _folder_in(folder, _COLOR_FOLDERS)) and (depth := _folder_in(folder, _DEPTH_FOLDERS)):
-        found = paired(color, depth)
-    else:
-        depths = files_in(folder, DEPTH_SUFFIXES, "depth")
-        colors = files_in(folder, COLOR_SUFFIXES, "color") or files_in(folder, COLOR_SUFFIXES, "rgb")
-        if not depths or not colors:
-            return None
-        found = _paired(str(folder), colors, depths)
-    poses = next((folder / name for name in _POSE_FILES if (folder / name).is_file()), None)
-    if poses is None:
-        places = [
-            place for place in (folder / "pose", folder / "poses") if place.is_dir() and files_in(place, (".txt",))
-        ]
-        poses = next(iter(places), folder if files_in(folder, (".txt",), "pose") else None)
-    return found._replace(cameras=_camera_files(folder, found.colors), poses=poses)
+    known: Callable[[], Sequence[Camera]] | None = None
+    placed: Sequence[Float64 | None] | None = None
+    depth_cameras: Callable[[], Sequence[Camera | None]] | None = None
+    stored: Sequence[Stored] | None = None
+    video: Path | None = None
+    is_still: bool = False
 
 
 def cameras_of(
@@ -101,12 +131,75 @@ def cameras_of(
         Whether one camera may be that of all frames, without poses, too.
     """
     read = list(files) or list(recording.cameras)
-    own = recording.poses if len(read) == 1 else None
-    path = poses or own
-    cameras = _cameras(recording, read, shared or path is not None)
-    if path is None or (poses is None and len(set(cameras)) > 1):
-        return [(camera, camera.world_from_camera) for camera in cameras]
-    return list(zip(cameras, _poses(recording, path), strict=True))
+    path = poses or (recording.poses if len(read) <= 1 else None)
+    if not read and recording.known is not None:
+        known = list(recording.known())
+        cameras = known * len(recording.depths) if len(known) == 1 else known
+    else:
+        cameras = _cameras(recording, read, shared or path is not None)
+    if poses is None and len(set(cameras)) > 1 and recording.placed is None:
+        path = None
+    if path is not None:
+        return list(zip(cameras, _poses(recording, path), strict=True))
+    if recording.placed is not None:
+        return list(zip(cameras, recording.placed, strict=True))
+    return [(camera, camera.world_from_camera) for camera in cameras]
+
+
+class Shot(NamedTuple):
+    """One frame: its files (of depth alone no picture), the camera of its colours, and that of its depth if another.
+
+    stored: how the files are read. number: the frame's own, by which what is made of it is called.
+    """
+
+    color: Path | None
+    depth: Path
+    camera: Camera
+    depth_camera: Camera | None
+    stored: Stored = PLAIN
+    number: int = 0
+
+    def read_depth(self, scale: float | None, kind: DepthKind, least: float | None) -> tuple[Depth, float]:
+        """Planar depth without its unsure samples, and which share of the samples these are."""
+        depth = self.stored.read_depth(self.depth, scale, kind, self.depth_camera or self.camera)
+        return self.stored.sure(depth, least)
+
+
+def shots_of(
+    recording: Recording,
+    cameras: Sequence[tuple[Camera, Float64 | None]],
+    depth_camera: Camera | None = None,
+) -> list[Shot | None]:
+    """The frames where `cameras_of` has them; None for those without a pose.
+
+    depth_camera: instead of the recording's own. It is moved as one with the camera of the colours.
+    """
+    count, made = len(recording.depths), list[Shot | None]()
+    own = recording.depth_cameras() if recording.depth_cameras and depth_camera is None else [depth_camera] * count
+    for k, (number, (camera, pose)) in enumerate(zip(numbers_of(recording), cameras, strict=True)):
+        if pose is None:
+            made.append(None)
+            continue
+        of_depth = own[k]
+        if of_depth is not None and pose is not camera.world_from_camera:
+            of_depth = posed(of_depth, pose @ camera.camera_from_world @ of_depth.world_from_camera)
+        stored = recording.stored[k] if recording.stored else PLAIN
+        made.append(Shot(recording.colors[k], recording.depths[k], posed(camera, pose), of_depth, stored, number))
+    return made
+
+
+def are_placed(cameras: Sequence[Camera]) -> bool:
+    """Tell whether anything says where frames were taken: not all of several at one place."""
+    return len(cameras) == 1 or len({camera.world_from_camera.tobytes() for camera in cameras}) > 1
+
+
+def numbers_of(recording: Recording) -> list[int]:
+    """The frames' own numbers: those in the pictures' names, or their places among all pictures that there were."""
+    count = len(recording.colors)
+    named = [number_of(color) for color in recording.colors]
+    if recording.times is None and None not in named and len(set(named)) == count:
+        return [number or 0 for number in named]
+    return [place for place, is_kept in enumerate(recording.kept or [True] * count) if is_kept]
 
 
 def posed(camera: Camera, pose: Float64) -> Camera:
@@ -120,7 +213,7 @@ def paired(color_folder: Path, depth_folder: Path) -> Recording:
     for folder, files, kind in ((color_folder, colors, "picture"), (depth_folder, depths, "file of depth")):
         if not files:
             raise FileFormatError(f"{folder}: no {kind} in it")
-    return _paired(str(depth_folder), colors, depths)
+    return paired_files(str(depth_folder), colors, depths)
 
 
 def check_numbers(colors: int, depths: int, name: str) -> None:
@@ -129,11 +222,11 @@ def check_numbers(colors: int, depths: int, name: str) -> None:
         raise ArgumentError(name, f"a depth for each of the {colors} frames of colour", f"{depths} of depth")
 
 
-def _paired(name: str, colors: list[Path], depths: list[Path]) -> Recording:
+def paired_files(name: str, colors: list[Path], depths: list[Path]) -> Recording:
     """By their times if the names are times, else by the names, else by their numbers, else in order."""
     color_times, depth_times = ([time_of(path) for path in paths] for paths in (colors, depths))
     if None not in color_times and None not in depth_times:
-        return _at_one_time(colors, [t or 0.0 for t in color_times], depths, [t or 0.0 for t in depth_times])
+        return paired_by_time(colors, [t or 0.0 for t in color_times], depths, [t or 0.0 for t in depth_times])
     preferred = sorted(depths, key=lambda path: -DEPTH_SUFFIXES.index(path.suffix.lower()))
     by_name = {_name(path): path for path in preferred}
     if by_name.keys() == {_name(path) for path in colors} and len(by_name) == len(colors):
@@ -145,16 +238,6 @@ def _paired(name: str, colors: list[Path], depths: list[Path]) -> Recording:
             return found
     check_numbers(len(colors), len(depths), name)
     return Recording(colors, depths)
-
-
-def _folder_in(folder: Path, names: Sequence[str]) -> Path | None:
-    """The first folder in it of one of these names, in whatever case."""
-    try:
-        entries = sorted(folder.iterdir(), reverse=True)
-    except OSError as error:
-        raise FileFormatError(f"{folder}: cannot be read: {error.strerror}") from error
-    there = {entry.name.lower(): entry for entry in entries if entry.is_dir()}
-    return next((there[name] for name in names if name in there), None)
 
 
 def _of_same_numbers(
@@ -176,14 +259,14 @@ def _of_same_numbers(
 
 def _name(path: Path) -> str:
     """Name of a file without the words that tell colour from depth."""
-    return re.sub(r"[._-]?(colou?r|rgb|depth)[._-]?", "", path.stem.lower())
+    return re.sub(r"[._-]?(colou?r|rgb|depth|pose)[._-]?", "", path.stem.lower())
 
 
 def _numbers(path: Path) -> tuple[int, ...]:
-    return tuple(int(number) for number in re.findall(r"\d+", path.name))
+    return tuple(int(number) for number in re.findall(r"\d+", path.stem))
 
 
-def _at_one_time(
+def paired_by_time(
     colors: list[Path], color_times: list[float], depths: list[Path], depth_times: list[float]
 ) -> Recording:
     pairs = at_one_time(color_times, depth_times)
@@ -200,49 +283,17 @@ def _at_one_time(
     )
 
 
-def _listed(path: Path) -> tuple[list[float], list[Path]]:
-    """Times and files of a list of a TUM data set."""
-    with reading(path, "list of images") as source:
-        lines = [line.split() for line in source.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
-        rows = sorted((float(line[0]), line[1]) for line in lines if line)
-    if not rows:
-        raise FileFormatError(f"{path}: lists no image")
-    return [time for time, _ in rows], [path.parent / name for _, name in rows]
-
-
-def _dense_maps(folder: Path, maps: Path) -> Recording:
-    """COLMAP's workspace: depth maps have the names of their images, with more behind."""
-    images = files_in(folder / "images", COLOR_SUFFIXES)
-    of_image = {image: maps / f"{image.name}.geometric.bin" for image in images}
-    there = {image: depth for image, depth in of_image.items() if depth.is_file()}
-    if not there:
-        raise FileFormatError(f"{maps}: no depth map of an image, as {next(iter(of_image.values()), maps).name}")
-    cameras = (folder / "sparse",) if (folder / "sparse").is_dir() else ()
-    left_out = [image for image in images if image not in there]
-    return Recording(list(there), list(there.values()), cameras, None, left_out)
-
-
-def _camera_files(folder: Path, colors: Sequence[Path]) -> tuple[Path, ...]:
-    """A file of each frame, or of all."""
-    stems = [color.stem.removesuffix(".color") for color in colors]
-    for place in (folder, folder / "camera"):
-        own = [place / f"{stem}.json" for stem in stems]
-        if any(file.is_file() for file in own):
-            return tuple(own)
-    return next(((folder / name,) for name in _CAMERA_FILES if (folder / name).is_file()), ())
-
-
 def _cameras(recording: Recording, files: Sequence[Path], shared: bool) -> list[Camera]:
     """A camera for each frame: by the names of the pictures, or in order; or one for all."""
     colors, count = recording.colors, len(recording.depths)
     if not files:
         raise ArgumentError("camera", "a file with the camera", f"none for {colors[0]}")
-    sizes = [_size_of(colors[0]) if file.suffix.lower() == ".txt" else None for file in files]
+    sizes = [size_of(colors[0]) if file.suffix.lower() == ".txt" else None for file in files]
     found = [named for file, size in zip(files, sizes, strict=True) for named in read_cameras(file, size=size).items()]
     if len(found) == 1 and (count == 1 or shared):
         return [found[0][1]] * count
     by_name = dict(found) if len(files) == 1 and files[0].is_dir() else {}
-    chosen = [by_name[name] for color in colors for name in (color.name, color.stem) if name in by_name]
+    chosen = [by_name[name] for color in colors if (name := next((n for n in _names_of(color) if n in by_name), None))]
     if len(chosen) == count:
         return chosen
     if len(found) != count:
@@ -251,25 +302,45 @@ def _cameras(recording: Recording, files: Sequence[Path], shared: bool) -> list[
     return [camera for _, camera in found]
 
 
-def _size_of(color: Path) -> tuple[int, int]:
-    height, width = read_color(color).shape[:2]
+def _names_of(color: Path) -> list[str]:
+    """What files of cameras may call a picture: its name, with folders before it (those of rigs), and its stem."""
+    parts = color.parts
+    return ["/".join(parts[-count:]) for count in range(min(len(parts), 4), 0, -1)] + [color.stem]
+
+
+def size_of(picture: Path, read: Callable[[Path], NDArray[Any]] = read_color) -> tuple[int, int]:
+    """(width, height) of a picture, or of depth, by what reads it."""
+    height, width = read(picture).shape[:2]
     return width, height
 
 
 def _poses(recording: Recording, path: Path) -> list[Float64 | None]:
     """A pose for each frame, by its time or number, or in order; None where there is none of its time."""
-    matrices, times = read_poses(path)
-    colors, count = recording.colors, len(recording.depths)
+    found = read_trajectory(path)
+    matrices, colors, count = found.poses, recording.colors, len(recording.depths)
+    if found.files is not None and (named := _by_names(colors, found.files)):
+        return [matrices[named[place]] if place in named else None for place in range(count)]
     pairs: dict[int, int] = {}
-    if times is not None and len(set(colors)) == count:
+    if found.times is not None and len(set(colors)) == count:
         at = recording.times or [float(number_of(color) or 0) for color in colors]
-        pairs = dict(at_one_time(at, times.tolist()))
-    if pairs and (recording.times or len(pairs) == count):
+        pairs = dict(at_one_time(at, found.times.tolist()))
+    if pairs and (recording.times or 2 * len(pairs) >= count):
         return [matrices[pairs[place]] if place in pairs else None for place in range(count)]
     if not pairs and recording.kept is not None and len(matrices) == len(recording.kept):  # one of each that there was
         return [pose for pose, is_kept in zip(matrices, recording.kept, strict=True) if is_kept]
     if len(matrices) != count:
-        lacking = next(color for place, color in enumerate(colors) if place not in pairs)
-        named = f", and none for {lacking.name}" if pairs else ""
-        raise FileFormatError(f"{path}: expected a pose for each of {count} frames, got {len(matrices)}{named}")
-    return list(matrices)
+        raise FileFormatError(f"{path}: expected a pose for each of {count} frames, got {len(matrices)}")
+    return matrices
+
+
+def _by_names(colors: Sequence[Path], files: Sequence[Path]) -> dict[int, int]:
+    """Places of pictures and, for each, of the pose whose file has its time, name or numbers; none if none has."""
+    times = [[time_of(path) for path in paths] for paths in (colors, files)]
+    if None not in times[0] and None not in times[1]:
+        return dict(at_one_time(*([time or 0.0 for time in each] for each in times)))
+    for key in (_name, _numbers):
+        of_files = {key(file): place for place, file in enumerate(files)}
+        found = {place: of_files[key(color)] for place, color in enumerate(colors) if key(color) in of_files}
+        if len(of_files) == len(files) and found:
+            return found
+    return {}

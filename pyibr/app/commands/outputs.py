@@ -34,8 +34,8 @@ class Outputs:
         For each option, --output the first, its path (or None) and what it holds.
     stored : (float or None, DepthKind)
         --depth-scale and --depth-kind.
-    count : int, or None
-        How many frames there are; None for one, which has no number.
+    numbers : sequence of int, or None
+        Those of the frames; None for one, which has no number.
     fps, source_fps : float, or None
         --fps, and what the source has.
     """
@@ -44,7 +44,7 @@ class Outputs:
         self,
         files: Mapping[str, tuple[Path | None, Kind]],
         stored: tuple[float | None, DepthKind],
-        count: int | None,
+        numbers: Sequence[int] | None,
         fps: float | None,
         source_fps: float | None,
     ) -> None:
@@ -52,8 +52,8 @@ class Outputs:
             option: (path, kind) for option, (path, kind) in files.items() if path is not None
         }
         self._main, kind = next(iter(self._files.values()))
-        self._stored, self._count = stored, count
-        self._is_video = count is not None and kind == "color" and self._main.suffix.lower() in CODECS
+        self._stored, self._numbers = stored, numbers
+        self._is_video = numbers is not None and kind == "color" and self._main.suffix.lower() in CODECS
         if fps is not None and not self._is_video:
             expected = f"a video of several views ({', '.join(CODECS)}) for --output"
             raise ArgumentError("--fps", expected, str(self._main))
@@ -72,13 +72,20 @@ class Outputs:
         for option, (path, kind) in self._files.items():
             if self._is_video and path == self._main:
                 check_video_output(path)
-            elif kind == "color" and self._count is None and path.suffix.lower() in CODECS:
+            elif kind == "color" and self._numbers is None and path.suffix.lower() in CODECS:
                 raise ArgumentError(
                     option, "several views for a video, by --frames or of a recording", f"one for {path}"
                 )
             else:
                 check_output(path, kind)
         check_outputs(inputs, {option: self._names(path) for option, (path, _) in self._files.items()})
+
+    def done(self) -> set[int]:
+        """Numbers of the frames of which all files are there."""
+        if self._is_video:
+            raise ArgumentError("--skip-existing", "numbered pictures, of which some may be there", str(self._main))
+        paths = [path for path, _ in self._files.values()]
+        return {n for n in self._numbers or [0] if all(self._name(path, n).is_file() for path in paths)}
 
     def __enter__(self) -> Outputs:
         return self
@@ -107,7 +114,7 @@ class Outputs:
 
     def tell(self, size: tuple[int, int], several: str, lacking: str) -> None:
         """Say what was written; `several`: what the frames are called; lacking: why some are empty."""
-        written, count = self._written, None if self._count is None else len(self._written)
+        written, count = self._written, None if self._numbers is None else len(self._written)
         empty = [name for name, share in zip(written, self._shares, strict=True) if share == 0]
         if empty:
             many = f"{len(empty)} of {count} {several} are empty, as {empty[0]}" if count else f"{empty[0]} is empty"
@@ -120,10 +127,10 @@ class Outputs:
     def _names(self, path: Path) -> list[Path]:
         if self._is_video and path == self._main:
             return [path]
-        return [self._name(path, number) for number in range(self._count or 1)]
+        return [self._name(path, number) for number in self._numbers or [0]]
 
     def _name(self, path: Path, number: int) -> Path:
-        return path if self._count is None else path.with_name(f"{path.stem}_{number:04d}{path.suffix}")
+        return path if self._numbers is None else path.with_name(f"{path.stem}_{number:04d}{path.suffix}")
 
 
 def check_outputs(inputs: Mapping[str, Sequence[Path]], outputs: Mapping[str, Sequence[Path]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.outputs import Kind, Outputs
-from pyibr.app.commands.sources import FrameFiles, Source, UnreadableFiles, open_depths
+from pyibr.app.commands.sources import Losses, Source, open_depths
 from pyibr.app.commands.views import Depth, DepthOptions, DepthReader
 from pyibr.app.options import (
     Baseline,
@@ -21,6 +22,7 @@ from pyibr.app.options import (
     DepthKindOption,
     DepthScale,
     DeviceName,
+    MinConfidence,
     NoiseOption,
     Take,
     device_of,
@@ -28,9 +30,10 @@ from pyibr.app.options import (
     with_progress,
 )
 from pyibr.core.errors import ArgumentError
+from pyibr.io.recordings import Shot
 
 Color = NDArray[Any]
-_Given = tuple[FrameFiles, Depth, Color | None]
+_Given = tuple[Shot, Depth, Color | None]
 
 _DepthFiles = Annotated[
     Path,
@@ -63,6 +66,7 @@ def register(
     baseline: Baseline = None,
     depth_scale: DepthScale = None,
     depth_kind: DepthKindOption = "z",
+    min_confidence: MinConfidence = None,
     seen_out: Annotated[Path | None, typer.Option(help="With --color: write the mask of what has one, too")] = None,
     device: DeviceName = None,
 ) -> None:
@@ -70,25 +74,26 @@ def register(
     if seen_out is not None and color is None:
         raise ArgumentError("--seen-out", "--color with it", "none")
     source, is_still = open_depths(depth, color, (depth_camera, color_camera), take)
-    count = None if is_still else len(source.shots)
+    numbers = None if is_still else [shot.number for shot in source.shots]
     files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
-    outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_kind), count, None, source.fps)
+    outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_kind), numbers, None, source.fps)
     read = source.files()
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
     outputs.check({"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras})
-    unreadable = UnreadableFiles(recorded=not is_still)
-    reading = depth_scale, depth_kind, math.inf, None, clean, noise_of(noise, baseline)
+    losses = Losses(recorded=not is_still)
+    reading = depth_scale, depth_kind, min_confidence, math.inf, None, clean, noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_still, recorded=not is_still)
-    depths = DepthReader(depth_options, unreadable)
-    frames = _read(source, depths, None if color is None else source.colors(unreadable))
+    depths = DepthReader(depth_options, losses)
+    frames = _read(source, depths, None if color is None else source.colors(losses))
     size = 0, 0
     with device_of(device), outputs:
-        for number, (shot, given, picture) in enumerate(with_progress(frames, count or 1, "Registering")):
-            with depths.naming(shot):
-                images, covered = _registered(depths, shot, given, picture)
-            outputs.write(images, number, float(covered.mean()), shot.camera)
-            size = covered.shape[1], covered.shape[0]
-        unreadable.tell(some=size != (0, 0))
+        for shot, given, picture in with_progress(frames, len(source.shots), "Registering"):
+            made = losses.or_none(functools.partial(_registered, depths, shot, given, picture))
+            if made is not None:
+                images, covered = made
+                outputs.write(images, shot.number, float(covered.mean()), shot.camera)
+                size = covered.shape[1], covered.shape[0]
+        losses.tell(some=size != (0, 0))
     outputs.tell(size, "frames", "no depth is in view")
 
 
@@ -102,9 +107,16 @@ def _read(source: Source, depths: DepthReader, pictures: Iterator[Color | None] 
 
 
 def _registered(
-    depths: DepthReader, shot: FrameFiles, depth: Depth, picture: Color | None
+    depths: DepthReader, shot: Shot, depth: Depth, picture: Color | None
 ) -> tuple[dict[Kind, NDArray[Any]], NDArray[np.bool_]]:
     """Register a frame: the images to write, and the pixels that are covered."""
+    with depths.naming(shot):
+        return _made(depths, shot, depth, picture)
+
+
+def _made(
+    depths: DepthReader, shot: Shot, depth: Depth, picture: Color | None
+) -> tuple[dict[Kind, NDArray[Any]], NDArray[np.bool_]]:
     if picture is None:
         made = depths.registered(shot, depth)
         return {"depth": made}, np.isfinite(made)

@@ -2,43 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import functools
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from numpy.typing import NDArray
 
-import pyibr as ibr
 from pyibr.app.options import print_note, printable_text
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_exists
 from pyibr.io.folders import files_in
+from pyibr.io.layouts import find_recording, recording_in
 from pyibr.io.recordings import (
     DEPTH_SUFFIXES,
     Recording,
+    Shot,
     cameras_of,
     check_numbers,
-    find_recording,
     paired,
-    posed,
-    recording_in,
+    shots_of,
 )
 from pyibr.io.video import SUFFIXES, Video
 
-
-class FrameFiles(NamedTuple):
-    """One frame: its files (of depth alone no picture), the camera of its colours, and that of its depth if another."""
-
-    color: Path | None
-    depth: Path
-    camera: Camera
-    depth_camera: Camera | None
+_Read = TypeVar("_Read")
 
 
-class UnreadableFiles:
-    """Files of recordings that cannot be read: their frames are left out, and told. Of single pictures it is a mistake.
+class Losses:
+    """Frames of recordings that cannot be used: they are left out, and told. Of single pictures it is a mistake.
 
     recorded: whether frames are of a recording.
     """
@@ -46,16 +39,21 @@ class UnreadableFiles:
     def __init__(self, recorded: bool) -> None:
         self._recorded = recorded
         self._errors: list[FileFormatError] = []
+        self._unsure: list[float] = []
 
-    def or_read(self, read: Callable[[Path], NDArray[Any]], path: Path) -> NDArray[Any] | None:
-        """Read a file; None if it cannot be read."""
+    def or_none(self, made: Callable[[], _Read]) -> _Read | None:
+        """What is made of a frame's files; None if they cannot be used."""
         try:
-            return read(path)
+            return made()
         except FileFormatError as error:
             if not self._recorded:
                 raise
             self._errors.append(error)
             return None
+
+    def add_unsure(self, share: float) -> None:
+        """Note which share of a frame's samples is left out for want of confidence."""
+        self._unsure.append(share)
 
     def tell(self, some: bool) -> None:
         """Say which are lost; if there are no other frames, raise the first one's error."""
@@ -63,25 +61,26 @@ class UnreadableFiles:
             raise self._errors[0]
         if self._errors:
             files = "1 file" if len(self._errors) == 1 else f"{len(self._errors)} files"
-            print_note(f"{files} cannot be read; left out: {printable_text(self._errors[0])}")
+            print_note(f"{files} cannot be used; left out: {printable_text(self._errors[0])}")
+        if any(self._unsure):
+            share = sum(self._unsure) / len(self._unsure)
+            print_note(f"{share:.1%} of the samples are not sure enough (--min-confidence); left out")
 
 
 @dataclass(frozen=True)
 class Source:
-    """Frames; of a video their numbers in it.
+    """Frames; of a video their numbers are those in it.
 
     Attributes
     ----------
     shots : list of Shot
     video : Video, or None
-    numbers : range
     cameras : sequence of Path
         The recording's own, where it is a recording.
     """
 
-    shots: list[FrameFiles]
+    shots: list[Shot]
     video: Video | None
-    numbers: range
     cameras: Sequence[Path] = ()
 
     @property
@@ -89,14 +88,17 @@ class Source:
         """Frames a second, if that is known."""
         return None if self.video is None else self.video.fps
 
-    def colors(self, unreadable: UnreadableFiles) -> Iterator[NDArray[Any] | None]:
-        """The pictures, one after the other, None where one is lost; of depth alone none."""
-        if self.video is not None:
-            yield from self.video.frames(self.numbers)
-        else:
-            for shot in self.shots:
-                if shot.color is not None:
-                    yield unreadable.or_read(ibr.read_color, shot.color)
+    def colors(self, losses: Losses, skipped: Collection[int] = ()) -> Iterator[NDArray[Any] | None]:
+        """The pictures, one after the other, None where one is lost or its number skipped; of depth alone none."""
+        wanted = [shot.number for shot in self.shots if shot.number not in skipped]
+        frames = None if self.video is None else self.video.frames(wanted)
+        for shot in self.shots:
+            if shot.number in skipped:
+                yield None
+            elif frames is not None:
+                yield next(frames)
+            elif shot.color is not None:
+                yield losses.or_none(functools.partial(shot.stored.color, shot.color))
 
     def files(self) -> dict[str, list[Path]]:
         """List the files that are read of it: colours and depth."""
@@ -130,9 +132,9 @@ def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
     poses = _each("--poses", options.poses, count)
     sources: list[Source] = []
     for (recording, video), of_colors, of_depth, path in zip(recordings, cameras, depth_cameras, poses, strict=True):
-        shots = _shots(recording, are_stills, of_colors, of_depth, path)
-        numbers = _taken(options.take, len(shots), are_stills)
-        sources.append(Source([shots[number] for number in numbers], video, numbers, recording.cameras))
+        taken = _taken(options.take, len(recording.depths), are_stills)
+        shots = _shots(recording, are_stills, of_colors, of_depth, path, taken)
+        sources.append(Source(shots, video, recording.cameras))
     for source in sources[1:]:
         if len(source.shots) != len(sources[0].shots):
             expected = f"sources of as many frames as the first, {len(sources[0].shots)}"
@@ -156,8 +158,8 @@ def open_depths(depth: Path, color: Path | None, cameras: tuple[Path, Path], tak
         raise FileFormatError(f"{depth}: no file of depth in it")
     numbers = _taken(take, len(files), not depth.is_dir())
     of_colors, of_depth = Camera.load(there), Camera.load(here)
-    shots = [FrameFiles(None, files[number], of_colors, of_depth) for number in numbers]
-    return Source(shots, None, numbers), not depth.is_dir()
+    shots = [Shot(None, files[number], of_colors, of_depth, number=number) for number in numbers]
+    return Source(shots, None), not depth.is_dir()
 
 
 def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | None]], bool]:
@@ -166,7 +168,7 @@ def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | N
     if len(inputs) == 1 and inputs[0].is_dir():
         recording = recording_in(inputs[0])
         _note_unpaired(recording)
-        return [(recording, None)], False
+        return [(recording, None if recording.video is None else Video(recording.video))], recording.is_still
     if len(inputs) % 2:
         expected = "COLOR and DEPTH, for each source; or one folder with both"
         raise ArgumentError("sources", expected, f"{len(inputs)} paths" if inputs[1:] else str(inputs[0]))
@@ -245,16 +247,14 @@ def _shots(
     camera_files: Sequence[Path],
     depth_camera_files: Sequence[Path],
     pose_files: Sequence[Path],
-) -> list[FrameFiles]:
-    """The frames with their cameras; those of which no pose of their time is known are left out."""
+    taken: range,
+) -> list[Shot]:
+    """The frames that are taken, with their cameras; those of which no pose can be used are left out."""
     cameras = cameras_of(recording, camera_files, next(iter(pose_files), None), shared=not are_stills)
-    depth_camera = Camera.load(depth_camera_files[0]) if depth_camera_files else None
-    shots: list[FrameFiles] = []
-    for color, depth, (camera, pose) in zip(recording.colors, recording.depths, cameras, strict=True):
-        if pose is not None:
-            of_depth = depth_camera
-            if depth_camera is not None and pose is not camera.world_from_camera:  # they are moved as one
-                of_depth = posed(depth_camera, pose @ camera.camera_from_world @ depth_camera.world_from_camera)
-            shots.append(FrameFiles(color, depth, posed(camera, pose), of_depth))
-    _note_left_out(len(recording.colors) - len(shots), "no pose of its time", recording.colors)
-    return shots
+    shots = shots_of(recording, cameras, Camera.load(depth_camera_files[0]) if depth_camera_files else None)
+    found = [shot for place in taken if (shot := shots[place]) is not None]
+    why = "no usable pose" if recording.times is None else "no pose of its time"
+    _note_left_out(len(taken) - len(found), why, recording.colors)
+    if not found:
+        raise FileFormatError(f"{recording.colors[taken[0]]}: {why}, nor for any other")
+    return found

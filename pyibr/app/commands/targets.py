@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,14 @@ from pyibr.images import DepthImage
 from pyibr.io import read_cameras
 
 Move = tuple[float, float, float]
-Job = tuple[Sequence[DepthImage], Camera]
+
+
+class Job(NamedTuple):
+    """A view to draw, and its number among those that are written."""
+
+    views: Sequence[DepthImage]
+    target: Camera
+    number: int
 
 
 class Targets:
@@ -55,14 +63,14 @@ class Targets:
     def of_scene(self, views: Sequence[DepthImage], count: int | None) -> Iterator[Job]:
         """All views for each target."""
         for number, part in enumerate(np.linspace(0, 1, count) if count else [1.0]):
-            yield views, self._camera(views, number, float(part))
+            yield Job(views, self._camera(views, number, float(part)), number)
 
-    def of_frames(self, frames: Iterable[Sequence[DepthImage | None]]) -> Iterator[Job]:
-        """The views of each frame for its target; frames without any are left out."""
-        for number, each in enumerate(frames):
+    def of_frames(self, frames: Iterable[Sequence[DepthImage | None]], numbers: Sequence[int]) -> Iterator[Job]:
+        """The views of each frame, which has its own number, for its target; frames without any are left out."""
+        for place, each in enumerate(frames):
             views = [view for view in each if view is not None]
             if views:
-                yield views, self._camera(views, number, 1.0)
+                yield Job(views, self._camera(views, place, 1.0), numbers[place])
 
     def _camera(self, views: Sequence[DepthImage], number: int, part: float) -> Camera:
         if self._to is not None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
-from collections.abc import Generator, Iterator
+from collections.abc import Collection, Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any, NamedTuple
 
@@ -11,18 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.app.commands.sources import FrameFiles, Source, UnreadableFiles
+from pyibr.app.commands.sources import Losses, Source
 from pyibr.core.camera import Camera
-from pyibr.core.errors import ArgumentError
+from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import DefaultDepth
 from pyibr.io import DepthKind
+from pyibr.io.recordings import Shot
 
 Depth = NDArray[np.float32]
 
 
 class DepthOptions(NamedTuple):
-    """Options of reading depth: --depth-scale, --depth-kind, --far, --default-depth, --clean, --noise with --baseline.
+    """Options of reading depth: --depth-scale, --depth-kind, --min-confidence, --far, --default-depth, --clean, --noise
+    with --baseline.
 
     `steady`: they come one after the other, and each is cleaned by what is known from the last; else they are all of
     one scene. `recorded`: a frame may lack depth altogether, and errors name the frame.
@@ -30,6 +33,7 @@ class DepthOptions(NamedTuple):
 
     scale: float | None
     kind: DepthKind
+    least: float | None
     far: float
     default_depth: float | DefaultDepth | None
     clean: bool
@@ -41,21 +45,21 @@ class DepthOptions(NamedTuple):
 class DepthReader:
     """Depth of frames, one after the other: read and, if that is asked for, cleaned by what is known from the last."""
 
-    def __init__(self, depth_options: DepthOptions, unreadable: UnreadableFiles) -> None:
-        self._options, self._unreadable = depth_options, unreadable
+    def __init__(self, depth_options: DepthOptions, losses: Losses) -> None:
+        self._options, self._losses = depth_options, losses
         self._last: DepthImage | None = None
 
-    def read(self, shot: FrameFiles, color: NDArray[Any] | None = None) -> Depth | None:
+    def read(self, shot: Shot, color: NDArray[Any] | None = None) -> Depth | None:
         """The frame's depth, None if it is lost; `color` guides the cleaning, if it is of the depth's camera."""
-        camera, (scale, kind, *_) = shot.depth_camera or shot.camera, self._options
-        depth = self._unreadable.or_read(
-            lambda path: ibr.read_depth(path, depth_scale=scale, depth_kind=kind, camera=camera), shot.depth
-        )
-        if depth is None:
-            return None
-        if color is not None and shot.depth_camera is None:
-            with self.naming(shot):
+        return self._losses.or_none(lambda: self._read(shot, color))
+
+    def _read(self, shot: Shot, color: NDArray[Any] | None) -> Depth:
+        camera, (scale, kind, least, *_) = shot.depth_camera or shot.camera, self._options
+        with self.naming(shot):
+            depth, unsure = shot.read_depth(scale, kind, least)
+            if color is not None and shot.depth_camera is None:
                 _check_size(depth, color, shot.camera)
+        self._losses.add_unsure(unsure)
         if not self._options.clean:
             return depth
         before = _carried(self._last, camera) if self._last is not None and self._options.steady else None
@@ -69,7 +73,7 @@ class DepthReader:
         """Tell whether it is a frame of a recording without any depth."""
         return self._options.recorded and not (np.isfinite(depth) & (depth > 0)).any()
 
-    def registered(self, shot: FrameFiles, depth: Depth) -> Depth:
+    def registered(self, shot: Shot, depth: Depth) -> Depth:
         """The frame's depth in the camera of its colours."""
         if shot.depth_camera is None:
             return depth
@@ -77,39 +81,47 @@ class DepthReader:
             return np.full(shot.camera.size[::-1], np.nan, np.float32)
         return ibr.register(depth, shot.depth_camera, shot.camera, noise=self.noise_of(shot))
 
-    def noise_of(self, shot: FrameFiles) -> float | None:
+    def noise_of(self, shot: Shot) -> float | None:
         """The noise of the frame's depth, as `DepthImage` takes it; what is cleaned, or not told, has found its own."""
         if self._options.noise is None or self._options.clean:
             return None
         pixels, baseline = self._options.noise
         return ibr.disparity_noise(pixels, float((shot.depth_camera or shot.camera).K[0, 0]), baseline)
 
-    def naming(self, shot: FrameFiles) -> AbstractContextManager[None]:
+    def naming(self, shot: Shot) -> AbstractContextManager[None]:
         """Errors name the frame of a recording."""
         return _naming(shot) if self._options.recorded else nullcontext()
 
 
-def views_of(source: Source, depth_options: DepthOptions, unreadable: UnreadableFiles) -> Iterator[DepthImage | None]:
-    """The frames of a source, one after the other; None where one is lost."""
-    depths = DepthReader(depth_options, unreadable)
-    for shot, color in zip(source.shots, source.colors(unreadable), strict=True):
+def views_of(
+    source: Source, depth_options: DepthOptions, losses: Losses, skipped: Collection[int] = ()
+) -> Iterator[DepthImage | None]:
+    """The frames of a source, one after the other; None where one is lost, or its number skipped."""
+    depths = DepthReader(depth_options, losses)
+    for shot, color in zip(source.shots, source.colors(losses, skipped), strict=True):
         depth = None if color is None else depths.read(shot, color)
         if color is None or depth is None:
             yield None
-            continue
-        with depths.naming(shot):
-            default_depth = None if depths.is_blank(depth) else depth_options.default_depth
-            view = DepthImage(
-                color,
-                depths.registered(shot, depth),
-                shot.camera,
-                far=depth_options.far,
-                default_depth=default_depth,
-                noise=depths.noise_of(shot),
-            )
-            if not depth_options.recorded and not view.valid.any():
-                raise ArgumentError("depth", "at least one valid sample", f"none in {shot.depth}")
-        yield view
+        else:
+            yield losses.or_none(functools.partial(_view_of, shot, color, depth, depths, depth_options))
+
+
+def _view_of(
+    shot: Shot, color: NDArray[Any], depth: Depth, depths: DepthReader, depth_options: DepthOptions
+) -> DepthImage:
+    with depths.naming(shot):
+        default_depth = None if depths.is_blank(depth) else depth_options.default_depth
+        view = DepthImage(
+            color,
+            depths.registered(shot, depth),
+            shot.camera,
+            far=depth_options.far,
+            default_depth=default_depth,
+            noise=depths.noise_of(shot),
+        )
+        if not depth_options.recorded and not view.valid.any():
+            raise ArgumentError("depth", "at least one valid sample", f"none in {shot.depth}")
+    return view
 
 
 def _check_size(depth: Depth, color: NDArray[Any], camera: Camera) -> None:
@@ -133,13 +145,12 @@ def _carried(last: DepthImage, camera: Camera) -> Depth:
 
 
 @contextmanager
-def _naming(shot: FrameFiles) -> Generator[None, None, None]:
-    """Errors name the frame."""
+def _naming(shot: Shot) -> Generator[None, None, None]:
+    """What is wrong with a frame's arrays is wrong with its files."""
     try:
         yield
     except ArgumentError as error:
-        if error.argument not in ("color", "depth"):
+        if error.argument not in ("color", "depth", "confidence", "camera"):
             raise
         files = " with ".join(str(file) for file in (shot.color, shot.depth) if file)
-        name = f"{files}: {error.argument}"
-        raise ArgumentError(name, error.expected, error.got) from error
+        raise FileFormatError(f"{files}: {error}") from error

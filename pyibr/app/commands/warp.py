@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.outputs import Kind, Outputs
-from pyibr.app.commands.sources import InputOptions, UnreadableFiles, open_sources
+from pyibr.app.commands.sources import InputOptions, Losses, open_sources
 from pyibr.app.commands.targets import Job, Move, Targets
 from pyibr.app.commands.views import DepthOptions, views_of
 from pyibr.app.options import (
@@ -26,6 +26,7 @@ from pyibr.app.options import (
     DepthScale,
     DeviceName,
     FarDepth,
+    MinConfidence,
     NoiseOption,
     Take,
     default_depth_of,
@@ -35,8 +36,10 @@ from pyibr.app.options import (
     with_progress,
 )
 from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Side
+from pyibr.io.recordings import are_placed
 from pyibr.warp.blending import Blend
 from pyibr.warp.filling import Fill
 from pyibr.warp.view import Edges, Interpolation, Method, WarpOptions
@@ -112,8 +115,10 @@ def warp(
     default_depth: DefaultDepthText = "none",
     depth_scale: DepthScale = None,
     depth_kind: DepthKindOption = "z",
+    min_confidence: MinConfidence = None,
     depth_out: Annotated[Path | None, typer.Option(help="Write the new view's depth too")] = None,
     valid_out: Annotated[Path | None, typer.Option(help="Write the mask of what is no hole too")] = None,
+    skip_existing: Annotated[bool, typer.Option("--skip-existing", help="Leave out views that are there")] = False,
     fps: Annotated[float | None, typer.Option(help="Of a video: frames a second; default: the source's, or 30")] = None,
     device: DeviceName = None,
 ) -> None:
@@ -125,15 +130,22 @@ def warp(
     options = InputOptions(sources, camera or [], depth_camera or [], poses or [], take)
     opened, are_stills = open_sources(options)
     is_scene = are_stills or together
-    count = targets.count(None if is_scene else len(opened[0].shots))
+    shots = opened[0].shots
+    if together and not are_placed([shot.camera for shot in shots]):
+        raise ArgumentError("--together", "frames whose places are known, as by --poses", f"{len(shots)} at one place")
+    count = targets.count(None if is_scene else len(shots))
+    numbers = None if count is None else range(count) if is_scene else [shot.number for shot in shots]
     written: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "color")}
     written |= {"--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
-    outputs = Outputs(written, (depth_scale, depth_kind), count, fps, opened[0].fps)
+    outputs = Outputs(written, (depth_scale, depth_kind), numbers, fps, opened[0].fps)
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]})
-    reading = depth_scale, depth_kind, far, default_depth_of(default_depth), clean, noise_of(noise, baseline)
+    stored, backed = (depth_scale, depth_kind, min_confidence), default_depth_of(default_depth)
+    reading = *stored, far, backed, clean, noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_scene, recorded=not are_stills)
-    unreadable = UnreadableFiles(recorded=not are_stills)
-    each = [views_of(source, depth_options, unreadable) for source in opened]
+    losses, done = Losses(recorded=not are_stills), outputs.done() if skip_existing else set[int]()
+    if done and len(done) == (count or 1):
+        return typer.echo(f"{printable_text(output)}: all of it is there already")
+    each = [views_of(source, depth_options, losses, () if is_scene else done) for source in opened]
     how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}
     how |= {"side": side, "fill": None if fill == "none" else fill, "thin": thin, "blend": blend}
     draw = functools.partial(_drawn, samples=samples, how=how)
@@ -142,16 +154,16 @@ def warp(
             known = [view for views in each for view in views if view is not None]
             jobs = targets.of_scene(known, count) if known else ()
         else:
-            jobs = targets.of_frames(zip(*each, strict=True))
-        size = _write(jobs, draw, outputs, count)
-        unreadable.tell(some=size != (0, 0))
+            jobs = targets.of_frames(zip(*each, strict=True), numbers or [])
+        size = _write((job for job in jobs if job.number not in done), draw, outputs, count)
+        losses.tell(some=size != (0, 0))
     outputs.tell(size, "views", f"its camera sees nothing of {printable_text(sources[0])}")
 
 
 def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None) -> tuple[int, int]:
     """Draw and write the views; returns the last one's size."""
     size = 0, 0
-    for number, (views, target) in enumerate(with_progress(jobs, count or 1, "Warping")):
+    for views, target, number in with_progress(jobs, count or 1, "Warping"):
         frame = draw(views, target)
         images: dict[Kind, NDArray[Any]] = {"color": frame.color, "depth": frame.depth, "mask": frame.valid}
         outputs.write(images, number, float(frame.valid.mean()), target)

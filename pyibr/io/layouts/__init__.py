@@ -1,0 +1,92 @@
+"""Layouts of recordings in folders: which there are, how each is recognised, and in which scale and axes it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from pyibr.core.errors import FileFormatError
+from pyibr.io.layouts import (
+    colmap,
+    driving,
+    networks,
+    nyu,
+    phones,
+    plain,
+    scans,
+    slam,
+    stereo,
+    synthetic,
+    transforms,
+)
+from pyibr.io.recordings import Recording
+
+
+class Layout(NamedTuple):
+    """A way in which frames lie in folders.
+
+    Attributes
+    ----------
+    name : str
+    signs : str
+        What it is recognised by.
+    depth : str
+        What is stored of depth, and in which unit.
+    poses : str
+        Axes of its poses, and which way they lead.
+    find : callable
+        The recording in a folder; None if it is laid out otherwise.
+    """
+
+    name: str
+    signs: str
+    depth: str
+    poses: str
+    find: Callable[[Path], Recording | None]
+
+
+_CV, _GL, _INVERSE = "camera to world, y down", "camera to world, y up", "world to camera, y down"
+
+LAYOUTS: tuple[Layout, ...] = (
+    Layout("transforms.json", "with depth_file_path", "mm, or integer_depth_scale", _GL, transforms.find_transforms),
+    Layout("MoGe", "fov.json beside image and depth", "as stored", "none", networks.find_moge),
+    Layout("Depth Anything 3, VGGT", "NPZ with depth, extrinsics, ...", "as stored", _INVERSE, networks.find_stack),
+    Layout("Depth Pro", "NPZ with depth and focal length", "metres", "none", networks.find_depth_pro),
+    Layout("BOP", "scene_camera.json", "depth_scale, mm", _INVERSE, scans.find_bop),
+    Layout("Middlebury 2014", "calib.txt, im0.png, disp0", "disparity, doffs", "along x", stereo.find_middlebury),
+    Layout("Stray Scanner", "camera_matrix.csv beside depth", "mm", _CV, phones.find_stray),
+    Layout("Record3D", "metadata.json with K and poses", "metres", _GL, phones.find_record3d),
+    Layout("COLMAP dense", "images, stereo/depth_maps", "as the model", _INVERSE, colmap.find_dense),
+    Layout("TUM RGB-D, Bonn, ETH3D SLAM", "rgb.txt and depth.txt", "5000 a metre", _CV, slam.find_tum),
+    Layout("ICL-NUIM", "rgb, depth, *.gt.freiburg", "5000 a metre", "camera to world, mirrored", slam.find_icl),
+    Layout("Replica, NICE-SLAM", "results and traj.txt", "6553.5 a metre, or told", _CV, synthetic.find_replica),
+    Layout("MPI Sintel", "depth and camdata_left", "as stored", _INVERSE, synthetic.find_sintel),
+    Layout("Hypersim", "images and _detail", "distance in metres", _GL, synthetic.find_hypersim),
+    Layout("KITTI selection", "image, groundtruth_depth, intrinsics", "256 a metre", "none", driving.find_selection),
+    Layout("KITTI drive", "proj_depth, image_02, calib_cam_to_cam.txt", "256 a metre", "none", driving.find_drive),
+    Layout("NYU Depth raw", "r-*.ppm and d-*.pgm", "the sensor's counts", "none", nyu.find_raw),
+    Layout(".sens, unpacked", "frame-* beside _info.txt", "m_depthShift", _CV, scans.find_sens),
+    Layout("7-Scenes", "frame-*.pose.txt", "mm; 65535 is none", _CV, scans.find_seven_scenes),
+    Layout("ScanNet", "intrinsic_color.txt, or intrinsic.txt", "mm", _CV, scans.find_scannet),
+    Layout("Open3D, Redwood", "intrinsics or trajectory.log", "mm, or depth_scale", _CV, slam.find_open3d),
+    Layout("two folders", "color (or rgb, images) and depth", "--depth-scale", _CV, plain.find_folders),
+    Layout("one folder", "files with color and depth in their names", "--depth-scale", _CV, plain.find_names),
+)
+"""In the order in which they are tried: what tells more comes first."""
+
+
+def find_recording(folder: Path) -> Recording | None:
+    """The recording that a folder holds; None if it is laid out in none of the ways that are known."""
+    return next((found for layout in LAYOUTS if (found := layout.find(folder)) is not None), None)
+
+
+def recording_in(folder: Path) -> Recording:
+    """Do as `find_recording` does; FileFormatError, which tells what was looked for, if there is none."""
+    found = find_recording(folder)
+    if found is None:
+        known = "; ".join(f"{layout.name} ({layout.signs})" for layout in LAYOUTS)
+        raise FileFormatError(
+            f"{folder}: neither frusta.json nor frames are in it, of colour and depth. Looked for: {known}"
+        )
+    return found

@@ -1,0 +1,66 @@
+"""KITTI's depth: 256 units a metre, of few pixels; a selection of frames, or a drive with its calibration."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import reading
+from pyibr.io.folders import files_in
+from pyibr.io.layouts.parts import by_number, camera_of, joined, numbers_in
+from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, size_of
+
+_DEPTHS = ("groundtruth_depth", "velodyne_raw")
+_KINDS, _CAMERAS, _CALIBRATION = ("groundtruth", "velodyne_raw"), ("image_02", "image_03"), "calib_cam_to_cam.txt"
+_STORED = Stored(256)
+
+
+def find_selection(folder: Path) -> Recording | None:
+    """Folders image, groundtruth_depth (or velodyne_raw) and intrinsics, with one file of each frame."""
+    images, intrinsics = folder / "image", folder / "intrinsics"
+    depth = next((folder / name for name in _DEPTHS if (folder / name).is_dir()), None)
+    if not images.is_dir() or depth is None:
+        return None
+    if not intrinsics.is_dir():
+        raise FileFormatError(f"{folder}: has images and {depth.name}, but no folder intrinsics")
+    depths = {
+        re.sub("_(groundtruth_depth|velodyne_raw)_", "_image_", file.name): file for file in files_in(depth, (".png",))
+    }
+    colors = [file for file in files_in(images, COLOR_SUFFIXES)]
+    with_depth = [color for color in colors if color.name in depths]
+    files = [intrinsics / f"{color.stem}.txt" for color in with_depth]
+    if not files:
+        raise FileFormatError(f"{depth}: no depth of a picture's name")
+    return Recording(
+        with_depth,
+        [depths[color.name] for color in with_depth],
+        left_out=[color for color in colors if color.name not in depths],
+        kept=[color.name in depths for color in colors],
+        known=lambda: [
+            camera_of(file, numbers_in(file).reshape(3, 3), size_of(color))
+            for file, color in zip(files, with_depth, strict=True)
+        ],
+        stored=[_STORED] * len(with_depth),
+    )
+
+
+def find_drive(folder: Path) -> Recording | None:
+    """image_02/data beside proj_depth/groundtruth/image_02, and calib_cam_to_cam.txt there or one folder up."""
+    places = [folder / _CALIBRATION, folder.resolve().parent / _CALIBRATION]
+    calibration = next((place for place in places if place.is_file()), None)
+    depths = [folder / "proj_depth" / kind / camera for kind in _KINDS for camera in _CAMERAS]
+    depth = next((place for place in depths if place.is_dir() and (folder / place.name / "data").is_dir()), None)
+    if calibration is None or depth is None:
+        return None
+    _, found = joined(depth, by_number(folder / depth.name / "data", COLOR_SUFFIXES), by_number(depth, (".png",)))
+    with reading(calibration, "calibration") as source:
+        pairs = [line.partition(":") for line in source.read_text("utf-8").splitlines()]
+        row = next(value for name, _, value in pairs if name.strip() == f"P_rect_{depth.name[-2:]}")
+        K = np.reshape([float(word) for word in row.split()], (3, 4))[:, :3]
+    return found._replace(
+        known=lambda: [camera_of(calibration, K, size_of(found.colors[0]))],
+        stored=[_STORED] * len(found.colors),
+    )

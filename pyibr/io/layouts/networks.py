@@ -1,0 +1,171 @@
+"""What networks leave: MoGe's folders, NPZ files of Depth Anything 3 and VGGT, Depth Pro's depth and focal length."""
+
+from __future__ import annotations
+
+import functools
+import io
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import check_unpacked, read_at_most, reading
+from pyibr.io import image
+from pyibr.io.folders import files_in
+from pyibr.io.layouts.parts import camera_of, inverted, matrix, object_in
+from pyibr.io.npy import array_of
+from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, size_of
+
+_NAMES = {
+    "color": ("image", "images"),
+    "depth": ("depth",),
+    "confidence": ("conf", "depth_conf"),
+    "extrinsics": ("extrinsics", "extrinsic"),
+    "intrinsics": ("intrinsics", "intrinsic"),
+}
+"""Of Depth Anything 3's arrays and of VGGT's."""
+
+_FOCAL = ("focallength_px", "focal_length", "focallength")
+_PLACES = ("", "exports/npz", "exports/mini_npz")
+
+
+def find_moge(folder: Path) -> Recording | None:
+    """image.jpg, depth.exr (or .npy) and fov.json with angles in degrees; mask.png tells where depth is any."""
+    angles = folder / "fov.json"
+    color, depth = (
+        next((folder / f"{name}{suffix}" for suffix in suffixes if (folder / f"{name}{suffix}").is_file()), None)
+        for name, suffixes in (("image", COLOR_SUFFIXES), ("depth", (".exr", ".npy", ".npz", ".pfm")))
+    )
+    if not angles.is_file() or color is None or depth is None:
+        return None
+    size, told = size_of(color), object_in(angles)
+    try:
+        half = [np.tan(np.radians(float(told[name])) / 2) for name in ("fov_x", "fov_y")]
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{angles}: expected fov_x and fov_y in degrees: {error}") from error
+    (width, height), mask = size, folder / "mask.png"
+    K = matrix(width / 2 / half[0], (width - 1) / 2, (height - 1) / 2, height / 2 / half[1])
+    confidence = functools.partial(image.read_color, mask) if mask.is_file() else None
+    camera = camera_of(angles, K, size)
+    return Recording(
+        [color], [depth], known=lambda: [camera], stored=[Stored(confidence=confidence, least=1)], is_still=True
+    )
+
+
+def find_stack(folder: Path) -> Recording | None:
+    """An NPZ file of all frames: depth, conf, extrinsics (camera from world), intrinsics; image, or pictures beside."""
+    for file in [
+        file for place in _PLACES if (folder / place).is_dir() for file in files_in(folder / place, (".npz",))
+    ]:
+        names = _keys(file)
+        if {"depth", "extrinsics", "intrinsics"} <= names.keys():
+            return _stacked(folder, file, names)
+    return None
+
+
+def find_depth_pro(folder: Path) -> Recording | None:
+    """NPZ files of depth and its focal length in pixels, each beside the picture of its stem."""
+    pictures = {picture.stem: picture for picture in files_in(folder, COLOR_SUFFIXES) if picture.suffix != ".npz"}
+    files = [file for file in files_in(folder, (".npz",)) if file.stem.removesuffix("_depth") in pictures]
+    focal = {file: name for file in files for name in _FOCAL if "depth" in (keys := _arrays(file)) and name in keys}
+    if not focal:
+        return None
+    colors = [pictures[file.stem.removesuffix("_depth")] for file in focal]
+
+    def camera(file: Path, color: Path) -> Camera:
+        width, height = size_of(color)
+        f = float(_array(file, focal[file]).ravel()[0])
+        return camera_of(file, matrix(f, (width - 1) / 2, (height - 1) / 2), (width, height))
+
+    cameras = functools.partial(map, camera, focal, colors)
+    return Recording(colors, list(focal), known=lambda: list(cameras()), is_still=len(colors) == 1)
+
+
+def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
+    depths = _layers(_array(file, names["depth"]), file)
+    count, height, width = depths.shape
+    K = _array(file, names["intrinsics"]).reshape(-1, 3, 3)
+    extrinsics = np.tile(np.eye(4), (count, 1, 1))
+    told = _array(file, names["extrinsics"])
+    if (
+        told.reshape(-1, *told.shape[-2:]).shape[0] != count
+        or len(K) != count
+        or told.shape[-2:] not in ((3, 4), (4, 4))
+    ):
+        raise FileFormatError(f"{file}: expected extrinsics and intrinsics of {count} frames, got {told.shape}")
+    extrinsics[:, :3] = told.reshape(count, *told.shape[-2:])[:, :3]
+    sure = _layers(_array(file, names["confidence"]), file) if "confidence" in names else None
+    if "color" in names:
+        colors, read = [file] * count, functools.partial(_picture, file, names["color"])
+    else:
+        beside = [place for place in (folder, folder / "images", folder / "input_images") if place.is_dir()]
+        pictures = [one for place in beside for one in files_in(place, COLOR_SUFFIXES) if one.suffix != ".npz"]
+        if len(pictures) != count:
+            raise FileFormatError(f"{file}: has no image, and {len(pictures)} pictures lie beside it, not {count}")
+        colors, read = pictures, None
+    return Recording(
+        colors,
+        [file] * count,
+        known=lambda: [camera_of(file, one, (width, height)) for one in K],
+        placed=[inverted(one) for one in extrinsics],
+        stored=[_layer(depths, sure, read, k) for k in range(count)],
+        kept=[True] * count,
+        is_still=True,
+    )
+
+
+def _layer(depths: NDArray[Any], sure: NDArray[Any] | None, read: Callable[..., Any] | None, k: int) -> Stored:
+    """How one frame of the stack is read; pictures of another size are taken as large as their depth."""
+    height, width = depths.shape[1:]
+    color = functools.partial(_resized, (width, height)) if read is None else (lambda _: read(k))
+    return Stored(None, color=color, depth=lambda _: depths[k], confidence=None if sure is None else (lambda: sure[k]))
+
+
+def _resized(size: tuple[int, int], path: Path) -> NDArray[Any]:
+    from PIL import Image
+
+    picture = image.read_color(path)
+    return np.array(Image.fromarray(picture[..., :3]).resize(size, Image.Resampling.BOX))
+
+
+def _picture(file: Path, name: str, k: int) -> NDArray[Any]:
+    stack = _array(file, name)
+    picture = stack.reshape(-1, *stack.shape[-3:])[k]
+    if picture.shape[0] in (1, 3) and picture.shape[-1] not in (1, 3):
+        picture = np.moveaxis(picture, 0, -1)
+    return np.ascontiguousarray(picture if picture.dtype == np.uint8 else picture.astype(np.float32).clip(0, 1))
+
+
+def _layers(stack: NDArray[Any], file: Path) -> NDArray[np.float32]:
+    """(N, H, W) of such, or with axes of length 1 before or behind."""
+    shape = list(stack.shape)
+    while len(shape) > 3 and 1 in (shape[0], shape[-1]):
+        del shape[0 if shape[0] == 1 else -1]
+    if len(shape) != 3:
+        raise FileFormatError(f"{file}: expected depth of shape (N, H, W), got {stack.shape}")
+    return stack.reshape(shape).astype(np.float32)
+
+
+def _keys(file: Path) -> dict[str, str]:
+    """The names that this file has for what there is in it."""
+    there = _arrays(file)
+    return {what: name for what, names in _NAMES.items() for name in names if name in there}
+
+
+def _arrays(file: Path) -> list[str]:
+    with reading(file, "NumPy") as source, zipfile.ZipFile(source) as packed:
+        return [name.removesuffix(".npy") for name in packed.namelist()]
+
+
+@functools.lru_cache(maxsize=8)
+def _array(file: Path, name: str) -> NDArray[Any]:
+    with reading(file, "NumPy") as source, zipfile.ZipFile(io.BytesIO(source.read_bytes())) as packed:
+        member = packed.getinfo(f"{name}.npy")
+        check_unpacked(member.file_size)
+        with packed.open(member) as stream:
+            return array_of(read_at_most(stream))

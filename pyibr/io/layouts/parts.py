@@ -1,0 +1,110 @@
+"""What layouts are made of: tables of numbers, objects of JSON, files by number, cameras."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Container, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.camera_json import read_json
+from pyibr.core.checks import Float64
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import reading
+from pyibr.core.lens import Lens
+from pyibr.io import read_depth
+from pyibr.io.folders import files_in, number_of
+from pyibr.io.poses import rigid_or_none
+from pyibr.io.recordings import Recording, size_of
+
+_log = logging.getLogger("pyibr")
+
+
+def numbers_in(path: Path) -> Float64:
+    """(rows, columns) of a text file of numbers, between spaces or commas."""
+    with reading(path, "table of numbers") as source:
+        lines = [line.partition("#")[0].replace(",", " ").split() for line in source.read_text("utf-8").splitlines()]
+        return np.array([[float(word) for word in line] for line in lines if line])
+
+
+def object_in(path: Path) -> dict[str, Any]:
+    """An object of a JSON file."""
+    data = read_json(path, "JSON")
+    if not isinstance(data, dict):
+        raise FileFormatError(f"{path}: expected a JSON object, got {type(data).__name__}")
+    return cast("dict[str, Any]", data)
+
+
+def camera_of(path: Path, K: ArrayLike, size: tuple[int, int], lens: Lens | None = None) -> Camera:
+    """The camera of intrinsics out of a file, 3 x 3 or 4 x 4."""
+    try:
+        return Camera(np.asarray(K, np.float64)[:3, :3], size, lens=lens)
+    except (ArgumentError, ValueError, TypeError, IndexError) as error:
+        raise FileFormatError(f"{path}: {error}") from error
+
+
+def matrix(focal: float, cx: float, cy: float, fy: float | None = None) -> Float64:
+    """K of a focal length, or of two."""
+    return np.array([[focal, 0, cx], [0, fy or focal, cy], [0, 0, 1]])
+
+
+def inverted(camera_from_world: Float64) -> Float64 | None:
+    """The pose of what files tell the other way round; None if that is none."""
+    exact = rigid_or_none(camera_from_world)
+    return None if exact is None else np.linalg.inv(exact)
+
+
+def by_number(folder: Path, suffixes: Sequence[str], word: str = "") -> dict[int, Path]:
+    """Files by the last number in their names, in its order."""
+    found = {number: file for file in files_in(folder, suffixes, word) if (number := number_of(file)) is not None}
+    return dict(sorted(found.items()))
+
+
+def joined(
+    place: Path, colors: dict[int, Path], depths: dict[int, Path], *others: Container[int]
+) -> tuple[list[int], Recording]:
+    """The numbers that all have, and the recording of their files; FileFormatError if there are none."""
+    numbers = [number for number in colors if all(number in other for other in (depths, *others))]
+    if not numbers:
+        raise FileFormatError(f"{place}: no number of a frame of which all files are there, of {len(colors)} pictures")
+    is_kept = dict.fromkeys(numbers, True)
+    found = Recording(
+        [colors[number] for number in numbers],
+        [depths[number] for number in numbers],
+        left_out=[color for number, color in colors.items() if number not in is_kept],
+        kept=[number in is_kept for number in colors],
+    )
+    return numbers, found
+
+
+def own_camera(name: str, K: Float64, of: tuple[int, int], colors: Sequence[Path]) -> Callable[[], list[Camera]]:
+    """What gives the camera that a data set is known to have, for pictures of another size made smaller."""
+
+    def camera() -> list[Camera]:
+        size, known = size_of(colors[0]), Camera(K, of)
+        if size == of:
+            return [known]
+        _log.warning("%s: no camera of %dx%d pixels is told; that of %s is taken, resized", colors[0], *size, name)
+        return [known.resized(size)]
+
+    return camera
+
+
+def beside(camera: Camera, depth: Path, read: Callable[[Path], NDArray[Any]] | None = None) -> Camera | None:
+    """The camera of depth with fewer samples than the picture has pixels; None if it has as many."""
+    size = size_of(depth, read or (lambda path: read_depth(path, depth_scale=1)))
+    return None if size == camera.size else camera.resized(size)
+
+
+def without(nothing: float) -> Callable[[Path], NDArray[Any]]:
+    """What reads stored depth, of which also this number means that there is none."""
+
+    def read(path: Path) -> NDArray[Any]:
+        values = read_depth(path, depth_scale=1)
+        return np.where(values == nothing, np.float32(np.nan), values)
+
+    return read

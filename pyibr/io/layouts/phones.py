@@ -1,0 +1,103 @@
+"""Phones with a LiDAR scanner: recordings of Stray Scanner and Record3D, whose depth has fewer samples than pixels."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pyibr.core.conventions import CV_FROM_GL
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import reading
+from pyibr.io import image, read_depth
+from pyibr.io.layouts import plain
+from pyibr.io.layouts.parts import beside, by_number, camera_of, joined, numbers_in, object_in
+from pyibr.io.poses import pose_of, rigid_or_none
+from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, size_of
+from pyibr.io.video import Video
+
+_MEDIUM = 1  # of ARKit's confidences 0, 1 and 2
+
+
+def find_stray(folder: Path) -> Recording | None:
+    """rgb.mp4 (or rgb), depth in millimetres, confidence, camera_matrix.csv and odometry.csv (OpenCV's axes)."""
+    intrinsics, video = folder / "camera_matrix.csv", folder / "rgb.mp4"
+    depth = plain.folder_in(folder, ("depth",))
+    if not intrinsics.is_file() or depth is None:
+        return None
+    depths = by_number(depth, (".png", ".npy"))
+    pictures = plain.folder_in(folder, plain.COLOR_FOLDERS)
+    if pictures is not None:
+        colors = by_number(pictures, COLOR_SUFFIXES)
+    elif video.is_file():
+        colors = dict.fromkeys(range(len(Video(video))), video)
+    else:
+        return None
+    odometry = folder / "odometry.csv"
+    poses = _odometry(odometry) if odometry.is_file() else dict.fromkeys(colors, np.eye(4))
+    numbers, found = joined(depth, colors, depths)
+
+    @functools.cache
+    def camera() -> Any:
+        size = size_of(colors[numbers[0]], _first_of if pictures is None else image.read_color)
+        return camera_of(intrinsics, numbers_in(intrinsics), size)
+
+    return found._replace(
+        known=lambda: [camera()],
+        placed=[poses.get(number) for number in numbers],
+        depth_cameras=lambda: [beside(camera(), depths[numbers[0]])] * len(numbers),
+        stored=_of_arkit(1000, folder / "confidence", numbers),
+        video=video if pictures is None else None,
+    )
+
+
+def find_record3d(folder: Path) -> Recording | None:
+    """rgb, depth (metres), confidence and metadata.json: K by columns, OpenGL's poses as qx qy qz qw and position."""
+    file = folder / "metadata.json"
+    if not file.is_file() or not {"K", "poses"} <= (told := object_in(file)).keys():
+        return None
+    pictures, depth = plain.folder_in(folder, plain.COLOR_FOLDERS), plain.folder_in(folder, plain.DEPTH_FOLDERS)
+    if pictures is None or depth is None:
+        return None
+    colors, depths = by_number(pictures, COLOR_SUFFIXES), by_number(depth, (".exr", ".npy", ".png", ".tif"))
+    try:
+        rows = np.array(told["poses"], np.float64).reshape(-1, 7)
+        K = np.array(told["K"], np.float64).reshape(3, 3).T
+        size = int(told["w"]), int(told["h"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{file}: expected K, w, h and poses of 7 numbers: {error}") from error
+    numbers, found = joined(depth, colors, depths)
+    camera = camera_of(file, K, size)
+    exact = [rigid_or_none(pose_of(row[4:], row[:4])) for row in rows]
+    poses = {number: pose @ CV_FROM_GL for number, pose in enumerate(exact) if pose is not None}
+    return found._replace(
+        known=lambda: [camera],
+        placed=[poses.get(number) for number in numbers],
+        depth_cameras=lambda: [beside(camera, depths[numbers[0]])] * len(numbers),
+        stored=_of_arkit(None, folder / "confidence", numbers),
+    )
+
+
+def _of_arkit(scale: float | None, confidences: Path, numbers: Sequence[int]) -> list[Stored]:
+    """Depth with ARKit's confidence, where there is a file of it."""
+    files = by_number(confidences, (".png", ".exr", ".npy")) if confidences.is_dir() else {}
+    reads = {number: image.read_color if file.suffix == ".png" else read_depth for number, file in files.items()}
+    return [
+        Stored(scale, confidence=functools.partial(reads[n], files[n]) if n in files else None, least=_MEDIUM)
+        for n in numbers
+    ]
+
+
+def _odometry(path: Path) -> dict[int, Any]:
+    """Poses by the frames' numbers, of lines: timestamp, frame, x, y, z, qx, qy, qz, qw."""
+    with reading(path, "odometry") as source:
+        lines = [line.replace(",", " ").split() for line in source.read_text("utf-8").splitlines()[1:]]
+        rows = [[float(word) for word in line[:9]] for line in lines if line]
+        return {int(row[1]): rigid_or_none(pose_of(np.array(row[2:5]), np.array(row[5:9]))) for row in rows}
+
+
+def _first_of(video: Path) -> Any:
+    return next(Video(video).frames([0]))

@@ -1,0 +1,69 @@
+"""Middlebury's stereo pairs since 2014, and ETH3D's as they are laid out; Middlebury's multi-view parameters."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import reading
+from pyibr.io import read_depth
+from pyibr.io.layouts.parts import camera_of
+from pyibr.io.recordings import Recording, Stored, size_of
+
+_DISPARITY = ("disp{}.pfm", "disp{}GT.pfm", "disp{}.npy", "disp{}-n.pgm")
+
+
+def find_middlebury(folder: Path) -> Recording | None:
+    """im0.png, disp0.pfm (also of the other view) and calib.txt: disparity in pixels, the baseline in millimetres."""
+    calibration = folder / "calib.txt"
+    views = [number for number in (0, 1) if (folder / f"im{number}.png").is_file() and _disparity(folder, number)]
+    if not views or not calibration.is_file():
+        return None
+    with reading(calibration, "calibration") as source:
+        pairs = [line.partition("=") for line in source.read_text("utf-8").splitlines()]
+        told = {name.strip(): [float(n) for n in re.findall(r"[-+.\deE]+", value)] for name, _, value in pairs if value}
+        offset, baseline = told.get("doffs", [0.0])[0], told["baseline"][0] / 1000
+        matrices = [np.reshape(told[f"cam{number}"], (3, 3)) for number in views]
+    images = [folder / f"im{number}.png" for number in views]
+    cameras = [camera_of(calibration, K, size_of(image)) for K, image in zip(matrices, images, strict=True)]
+    steps = [np.diag([1.0, 1.0, 1.0, 1.0]) for _ in views]
+    for number, step in zip(views, steps, strict=True):
+        step[0, 3] = number * baseline
+    return Recording(
+        images,
+        [path for number in views if (path := _disparity(folder, number))],
+        known=lambda: cameras,
+        placed=steps,
+        stored=[_shifted(camera, baseline, offset) for camera in cameras],
+        is_still=True,
+    )
+
+
+def _shifted(camera: Camera, baseline: float, offset: float) -> Stored:
+    def read(path: Path) -> NDArray[np.float32]:
+        return read_depth(path) + np.float32(offset)
+
+    return Stored(float(camera.K[0, 0]) * baseline, "inverse", depth=read)
+
+
+def _disparity(folder: Path, number: int) -> Path | None:
+    return next((path for form in _DISPARITY if (path := folder / form.format(number)).is_file()), None)
+
+
+def read_parameters(path: Path, size: tuple[int, int]) -> dict[str, Camera]:
+    """The cameras of Middlebury's multi-view sets by their pictures' names: lines of a name, K, R and t."""
+    with reading(path, "multi-view parameters") as source:
+        lines = [line.split() for line in source.read_text("utf-8").splitlines() if line.strip()]
+        rows = {line[0]: np.array([float(word) for word in line[1:]]) for line in lines if len(line) > 1}
+    found: dict[str, Camera] = {}
+    for name, row in rows.items():
+        if len(row) != 21:
+            raise FileFormatError(f"{path}: {name}: expected 9 numbers of K, 9 of R, 3 of t, got {len(row)}")
+        camera = camera_of(path, row[:9].reshape(3, 3), size)
+        found[name] = Camera.from_opencv(camera.K, row[9:18].reshape(3, 3), row[18:], size)
+    return found

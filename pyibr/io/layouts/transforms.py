@@ -1,0 +1,148 @@
+"""transforms.json of nerfstudio, instant-ngp and NeRF: OpenGL's axes, pixel centres at halves."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pyibr.core.camera import Camera
+from pyibr.core.camera_json import write_json
+from pyibr.core.conventions import CV_FROM_GL
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.lens import Lens
+from pyibr.images import DepthImage
+from pyibr.io import image, write_color
+from pyibr.io.layouts.parts import camera_of, matrix, object_in
+from pyibr.io.poses import rigid_or_none
+from pyibr.io.recordings import Recording, Stored, size_of
+
+_FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")
+_DEPTH = ("depth_file_path", "depth_path")
+_SUFFIXES = ("", ".png", ".jpg", ".jpeg")
+_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4")
+
+
+def find_transforms(folder: Path) -> Recording | None:
+    """Frames with a file_path, a depth_file_path (millimetres, or integer_depth_scale) and a transform_matrix."""
+    found = next((folder / name for name in _FILES if (folder / name).is_file()), None)
+    if found is None:
+        return None
+    told = object_in(found)
+    listed = told.get("frames")
+    if not isinstance(listed, list) or not all(isinstance(one, dict) for one in listed):
+        raise FileFormatError(f"{found}: expected a list of frames")
+    entries = [{**told, **one} for one in listed]
+    with_depth = [(entry, name) for entry in entries for name in _DEPTH if name in entry]
+    if not with_depth:
+        raise FileFormatError(f"{found}: none of {len(entries)} frames has a depth_file_path")
+    colors = [_picture(folder, entry) for entry, _ in with_depth]
+    return Recording(
+        colors,
+        [folder / str(entry[name]) for entry, name in with_depth],
+        left_out=[_picture(folder, entry) for entry in entries if not any(name in entry for name in _DEPTH)],
+        known=lambda: [_camera(found, entry, color) for (entry, _), color in zip(with_depth, colors, strict=True)],
+        placed=[_pose(entry.get("transform_matrix")) for entry, _ in with_depth],
+        stored=[_stored(folder, entry) for entry, _ in with_depth],
+    )
+
+
+def _picture(folder: Path, entry: Mapping[str, Any]) -> Path:
+    """Its file, whose suffix NeRF's own files leave out."""
+    path = folder / str(entry.get("file_path", ""))
+    return next((file for suffix in _SUFFIXES if (file := path.with_name(path.name + suffix)).is_file()), path)
+
+
+def _pose(rows: object) -> Any:
+    try:
+        pose = np.vstack([np.array(rows, np.float64)[:3], [0, 0, 0, 1]])
+    except (TypeError, ValueError, IndexError):
+        return None
+    exact = rigid_or_none(pose) if pose.shape == (4, 4) else None
+    return None if exact is None else exact @ CV_FROM_GL
+
+
+def _stored(folder: Path, entry: Mapping[str, Any]) -> Stored:
+    unit = float(entry.get("integer_depth_scale", entry.get("depth_unit_scale_factor", 0.001)))
+    mask = folder / str(entry["mask_path"]) if entry.get("mask_path") else None
+    return Stored(1 / unit, confidence=None if mask is None else functools.partial(_mask, mask), least=1)
+
+
+def _mask(path: Path) -> Any:
+    values = image.read_color(path)
+    return values if values.ndim == 2 else values[..., 0]
+
+
+def _camera(file: Path, entry: Mapping[str, Any], color: Path) -> Camera:
+    try:
+        size = (int(entry["w"]), int(entry["h"])) if {"w", "h"} <= entry.keys() else size_of(color)
+        width, height = size
+        if "fl_x" in entry:
+            fx = float(entry["fl_x"])
+            fy = float(entry.get("fl_y", fx))
+        else:
+            fx = width / 2 / math.tan(float(entry["camera_angle_x"]) / 2)
+            fy = height / 2 / math.tan(float(entry["camera_angle_y"]) / 2) if "camera_angle_y" in entry else fx
+        cx, cy = float(entry.get("cx", width / 2)), float(entry.get("cy", height / 2))
+        lens = _lens(entry)
+    except (KeyError, TypeError, ValueError, ZeroDivisionError, ArgumentError) as error:
+        raise FileFormatError(f"{file}: {entry.get('file_path')}: {error}") from error
+    return camera_of(file, matrix(fx, cx - 0.5, cy - 0.5, fy), size, lens)
+
+
+def _lens(entry: Mapping[str, Any]) -> Lens | None:
+    values = [float(entry.get(name, 0)) for name in _COEFFICIENTS]
+    model = str(entry.get("camera_model", "OPENCV"))
+    if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE"):
+        raise ValueError(f"camera_model {model} is no pinhole with OpenCV's lens, nor a fisheye")
+    if model == "OPENCV_FISHEYE" or entry.get("is_fisheye"):
+        return Lens.from_opencv([values[0], values[1], values[4], values[5]], fisheye=True)
+    return Lens.from_opencv(values[:5]) if any(values[:5]) else None
+
+
+def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
+    """Write views whose colours are color_00.png and so on as transforms.json, and depth as PNG; none if it cannot be.
+
+    Colours that are floats are written as such pictures, too.
+    """
+    try:
+        cameras = [_camera_entries(view.camera) for view in views]
+    except ArgumentError:
+        return
+    frames: list[dict[str, Any]] = []
+    unit = _unit([float(view.depth[view.valid].max(initial=0)) for view in views])
+    for number, (view, camera) in enumerate(zip(views, cameras, strict=True)):
+        color, depth = f"color_{number:02d}.png", f"depth_{number:02d}.png"
+        if view.shown_color.dtype != np.uint8:
+            write_color(folder / color, view.shown_color)
+        counts = np.where(view.valid, np.rint(view.depth / unit), 0)
+        image.write_color(folder / depth, counts.astype(np.uint16))
+        pose = (view.camera.world_from_camera @ CV_FROM_GL).tolist()
+        frames.append({"file_path": color, "depth_file_path": depth, **camera, "transform_matrix": pose})
+    model = frames[0]["camera_model"] if frames else "OPENCV"
+    scales = {"integer_depth_scale": unit, "depth_unit_scale_factor": unit}
+    write_json(folder / _FILES[0], {"camera_model": model, **scales, "frames": frames})
+
+
+def _unit(farthest: Sequence[float]) -> float:
+    """Scene units of a stored one: a thousandth, as nerfstudio takes it, unless 16 bits hold too few of these."""
+    far = max(farthest, default=0.0)
+    return 0.001 if 1 <= far < 65.535 or far == 0 else far / 65535
+
+
+def _camera_entries(camera: Camera) -> dict[str, Any]:
+    """A camera as frames tell it; ArgumentError for one that they cannot tell."""
+    model, params, _, _ = camera.to_colmap()
+    values = [*params[4:].tolist(), *[0.0] * 8][:8]
+    if model == "FULL_OPENCV" and any(values[5:]):
+        raise ArgumentError("camera", "a lens of k1, k2, p1, p2 and k3", str(camera.lens))
+    if model == "OPENCV_FISHEYE":
+        values = [values[0], values[1], 0.0, 0.0, values[2], values[3]]
+    fx, fy, cx, cy = params[:4].tolist()
+    intrinsics = {"w": camera.width, "h": camera.height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy}
+    name = "OPENCV_FISHEYE" if model == "OPENCV_FISHEYE" else "OPENCV"
+    return {"camera_model": name, **intrinsics, **dict(zip(_COEFFICIENTS, values, strict=False))}
