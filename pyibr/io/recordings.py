@@ -188,9 +188,9 @@ def shots_of(
     return made
 
 
-def are_placed(cameras: Sequence[Camera]) -> bool:
-    """Tell whether anything says where frames were taken: not all of several at one place."""
-    return len(cameras) == 1 or len({camera.world_from_camera.tobytes() for camera in cameras}) > 1
+def are_placed(cameras: Sequence[tuple[Camera, Float64 | None]]) -> bool:
+    """Tell whether anything says where each of the frames was taken; else all have the pose of one camera."""
+    return len(cameras) == 1 or any(pose is not cameras[0][1] for _, pose in cameras)
 
 
 def numbers_of(recording: Recording) -> list[int]:

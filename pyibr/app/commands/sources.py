@@ -20,6 +20,7 @@ from pyibr.io.recordings import (
     DEPTH_SUFFIXES,
     Recording,
     Shot,
+    are_placed,
     cameras_of,
     check_numbers,
     paired,
@@ -77,11 +78,14 @@ class Source:
     video : Video, or None
     cameras : sequence of Path
         The recording's own, where it is a recording.
+    is_placed : bool
+        Whether anything tells where each frame was taken.
     """
 
     shots: list[Shot]
     video: Video | None
     cameras: Sequence[Path] = ()
+    is_placed: bool = False
 
     @property
     def fps(self) -> float | None:
@@ -133,8 +137,8 @@ def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
     sources: list[Source] = []
     for (recording, video), of_colors, of_depth, path in zip(recordings, cameras, depth_cameras, poses, strict=True):
         taken = _taken(options.take, len(recording.depths), are_stills)
-        shots = _shots(recording, are_stills, of_colors, of_depth, path, taken)
-        sources.append(Source(shots, video, recording.cameras))
+        shots, is_placed = _shots(recording, are_stills, of_colors, of_depth, path, taken)
+        sources.append(Source(shots, video, recording.cameras, is_placed))
     for source in sources[1:]:
         if len(source.shots) != len(sources[0].shots):
             expected = f"sources of as many frames as the first, {len(sources[0].shots)}"
@@ -248,8 +252,8 @@ def _shots(
     depth_camera_files: Sequence[Path],
     pose_files: Sequence[Path],
     taken: range,
-) -> list[Shot]:
-    """The frames that are taken, with their cameras; those of which no pose can be used are left out."""
+) -> tuple[list[Shot], bool]:
+    """The frames that are taken, without those of which no pose can be used, and whether poses are known at all."""
     cameras = cameras_of(recording, camera_files, next(iter(pose_files), None), shared=not are_stills)
     shots = shots_of(recording, cameras, Camera.load(depth_camera_files[0]) if depth_camera_files else None)
     found = [shot for place in taken if (shot := shots[place]) is not None]
@@ -257,4 +261,4 @@ def _shots(
     _note_left_out(len(taken) - len(found), why, recording.colors)
     if not found:
         raise FileFormatError(f"{recording.colors[taken[0]]}: {why}, nor for any other")
-    return found
+    return found, are_placed(cameras)

@@ -39,7 +39,6 @@ from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Side
-from pyibr.io.recordings import are_placed
 from pyibr.warp.blending import Blend
 from pyibr.warp.filling import Fill
 from pyibr.warp.view import Edges, Interpolation, Method, WarpOptions
@@ -131,7 +130,7 @@ def warp(
     opened, are_stills = open_sources(options)
     is_scene = are_stills or together
     shots = opened[0].shots
-    if together and not are_placed([shot.camera for shot in shots]):
+    if together and not all(source.is_placed for source in opened):
         raise ArgumentError("--together", "frames whose places are known, as by --poses", f"{len(shots)} at one place")
     count = targets.count(None if is_scene else len(shots))
     numbers = None if count is None else range(count) if is_scene else [shot.number for shot in shots]

@@ -92,17 +92,16 @@ def find_bop(folder: Path) -> Recording | None:
     size = size_of(pictures[numbers[0]])
     return found._replace(
         known=lambda: [camera_of(file, np.reshape(told[number].get("cam_K"), (-1, 3)), size) for number in numbers],
-        placed=[_bop_pose(told[number]) for number in numbers],
+        placed=[_bop_pose(told[number]) for number in numbers] if "cam_R_w2c" in told[numbers[0]] else None,
         stored=[Stored(1000 / float(told[number].get("depth_scale", 1))) for number in numbers],
     )
 
 
 def _bop_pose(told: dict[str, Any]) -> Float64 | None:
-    """The pose in metres; of scenes without poses, the origin."""
+    """The pose, in metres."""
     camera_from_world = np.eye(4)
-    if "cam_R_w2c" in told:
-        camera_from_world[:3, :3] = np.reshape(told["cam_R_w2c"], (3, 3))
-        camera_from_world[:3, 3] = np.array(told["cam_t_w2c"]) / 1000
+    camera_from_world[:3, :3] = np.reshape(told.get("cam_R_w2c", np.full(9, np.nan)), (3, 3))
+    camera_from_world[:3, 3] = np.array(told.get("cam_t_w2c", np.zeros(3))) / 1000
     return inverted(camera_from_world)
 
 
