@@ -391,6 +391,44 @@ def test_a_frame_of_another_size_is_left_out_and_named(recorded: Recorded):
     assert_one_line(recorded.run("rgb", "depth", "--move", 0, 0, 0), "rgb/0.png with", "color: expected", "(38, 62, 3)")
 
 
+def test_no_output_lies_within_a_recording(recorded: Recorded):
+    for words, output in ((("rgb", "depth"), "depth/far/n.png"), ((recorded.folder,), "new.png")):
+        result = recorded.run(
+            *words, "--move", 0, 0, 0, output=output, camera=None if words[1:] == () else "camera.json"
+        )
+        assert_one_line(result, "--output: expected a place outside of the recording", output)
+        assert not list(recorded.folder.rglob("n*.png"))
+
+
+def test_all_frames_together_need_poses(recorded: Recorded):
+    assert_one_line(
+        recorded.run("rgb", "depth", "--together", "--orbit", 5), "--together: expected frames whose places"
+    )
+
+
+def test_frames_keep_their_numbers(recorded: Recorded):
+    """Those in their names, of frames that are taken and that are not lost; what is there is left as it is."""
+    for kind, number in (("rgb", 3), ("depth", 3)):
+        (recorded.folder / f"{kind}/{number}.png").rename(recorded.folder / f"{kind}/17.png")
+    (recorded.folder / "pose").mkdir()
+    for number in (0, 1, 2, 17):
+        pose = np.full((4, 4), -np.inf) if number == 2 else np.eye(4)
+        np.savetxt(recorded.folder / f"pose/{number}.txt", pose)
+    result = recorded.run("rgb", "depth", "--poses", "pose", "--take", "1:", "--move", 0, 0, 0)
+    assert "2 views" in succeeded(result) and "1 picture of" in result.stderr and "no usable pose" in result.stderr
+    assert sorted(path.name for path in recorded.folder.glob("new*")) == ["new_0001.png", "new_0017.png"]
+    for number, color in ((1, recorded.colors[1]), (17, recorded.colors[3])):
+        seen = recorded.new(number).any(axis=2)
+        assert seen.mean() > 0.8
+        np.testing.assert_array_equal(recorded.new(number)[seen], color[seen])
+    (recorded.folder / "new_0001.png").write_bytes(b"mine")
+    (recorded.folder / "new_0017.png").unlink()
+    asked = ("--poses", "pose", "--move", 0, 0, 0, "--skip-existing")
+    assert "2 views" in succeeded(recorded.run("rgb", "depth", *asked))
+    assert (recorded.folder / "new_0001.png").read_bytes() == b"mine" and recorded.new(17).any()
+    assert "all of it is there already" in succeeded(recorded.run("rgb", "depth", *asked))
+
+
 def test_a_video_of_another_length(recorded: Recorded):
     with VideoWriter(recorded.folder / "color.mkv", 12) as video:
         for color in recorded.colors[:3]:
@@ -436,7 +474,8 @@ def test_no_output_is_a_file_of_a_model_that_is_read(recorded: Recorded, name: s
             result = recorded.run(*words, "--depth-out", place, camera=camera)
             assert_one_line(result, "--depth-out: expected a file of its own, got", said)
         assert file.read_bytes() == before
-        succeeded(recorded.run(*words, "--depth-out", file.with_name("new.bin"), camera=camera))
+        free = file.with_name("new.bin") if words[0] != "work" else recorded.folder / "new.bin"
+        succeeded(recorded.run(*words, "--depth-out", free, camera=camera))
 
 
 def test_a_video_that_fails_leaves_nothing(recorded: Recorded):

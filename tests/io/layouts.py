@@ -364,7 +364,10 @@ def nyu(folder: Path) -> None:
 SPECIMENS: dict[str, tuple[Callable[[Path], None], int]] = {
     one.__name__: (one, count)
     for one, count in (
-        *((one, 2) for one in (tum_camera, eth3d, tum_known, icl, seven_scenes, scannet, posed_images, sens, replica, bop)),
+        *(
+            (one, 2)
+            for one in (tum_camera, eth3d, tum_known, icl, seven_scenes, scannet, posed_images, sens, replica, bop)
+        ),
         *((one, 2) for one in (redwood, colmap, nerfstudio, instant_ngp, middlebury, stray, record3d, sintel)),
         *((one, 2) for one in (depth_anything, vggt, kitti)),
         *((one, 1) for one in (moge, depth_pro)),

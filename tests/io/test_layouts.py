@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import pyibr as ibr
-from pyibr.io.layouts import LAYOUTS, recording_in
+from pyibr.io.layouts import recording_in
 from pyibr.io.recordings import cameras_of, shots_of
 from tests.io.layouts import GL, NORMAL, OFFSET, SPECIMENS
 
@@ -103,5 +102,9 @@ def test_a_specimen_beats_its_neighbours_in_convention(tmp_path: Path, name):
     if len({pose.tobytes() for *_, pose in frames}) > 1:
         right = off_other(frames)
         assert right < 2
+        turned = len({pose[:3, :3].tobytes() for *_, pose in frames}) > 1
         for convention, wrong in neighbours(frames).items():
-            assert off_other(wrong) > right, convention
+            if turned or (
+                "pixel" not in convention and "up" not in convention
+            ):  # between parallel cameras these cancel
+                assert off_other(wrong) > right, convention

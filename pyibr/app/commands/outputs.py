@@ -63,8 +63,12 @@ class Outputs:
         self._written: list[str] = []
         self._shares: list[float] = []
 
-    def check(self, inputs: Mapping[str, Sequence[Path]]) -> None:
-        """Raise what writing them would raise, before anything is computed; inputs: files that are read, by option."""
+    def check(self, inputs: Mapping[str, Sequence[Path]], recordings: Sequence[Path] = ()) -> None:
+        """Raise what writing them would raise, before anything is computed.
+
+        inputs: files that are read, by option. recordings: folders that are, in which nothing may be written: it would
+        be read as a frame the next time.
+        """
         for path, kind in self._files.values():
             if kind == "depth" and path.suffix.lower() == ".png" and self._stored[0] is None:
                 expected = f"stored units per scene unit, for the integers of {path}"
@@ -79,6 +83,10 @@ class Outputs:
             else:
                 check_output(path, kind)
         check_outputs(inputs, {option: self._names(path) for option, (path, _) in self._files.items()})
+        folders = {folder.resolve() for folder in recordings if folder.is_dir()}
+        for option, (path, _) in self._files.items():
+            if not folders.isdisjoint(path.resolve().parents):
+                raise ArgumentError(option, "a place outside of the recording that is read", str(path))
 
     def done(self) -> set[int]:
         """Numbers of the frames of which all files are there."""

@@ -79,7 +79,8 @@ def register(
     outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_kind), numbers, None, source.fps)
     read = source.files()
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
-    outputs.check({"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras})
+    files_read = {"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras}
+    outputs.check(files_read, [depth] if color is None else [depth, color])
     losses = Losses(recorded=not is_still)
     reading = depth_scale, depth_kind, min_confidence, math.inf, None, clean, noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_still, recorded=not is_still)

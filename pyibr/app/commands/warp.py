@@ -137,7 +137,7 @@ def warp(
     written: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "color")}
     written |= {"--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
     outputs = Outputs(written, (depth_scale, depth_kind), numbers, fps, opened[0].fps)
-    outputs.check({**options.read(opened), "--to": [] if to is None else [to]})
+    outputs.check({**options.read(opened), "--to": [] if to is None else [to]}, sources)
     stored, backed = (depth_scale, depth_kind, min_confidence), default_depth_of(default_depth)
     reading = *stored, far, backed, clean, noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_scene, recorded=not are_stills)
