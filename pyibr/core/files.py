@@ -179,9 +179,16 @@ def reading(path: str | os.PathLike[str], kind: str) -> Generator[Path, None, No
         raise FileFormatError(f"{source}: is {'a folder' if stat.S_ISDIR(found.st_mode) else 'no regular file'}")
     if found.st_size == 0:
         raise FileFormatError(f"{source}: the file is empty")
-    try:
+    with decoding(source, kind):
         yield source
-    except (FileFormatError, MissingPackageError):
+
+
+@contextmanager
+def decoding(source: Path, kind: str, *passing: type[Exception]) -> Generator[None, None, None]:
+    """Turn what decoders of a file, or of a folder of such, raise into FileFormatError; but for what is `passing`."""
+    try:
+        yield
+    except (FileFormatError, MissingPackageError, *passing):
         raise
     except PermissionError as error:
         raise FileFormatError(f"{source}: cannot be read: {error.strerror}") from error

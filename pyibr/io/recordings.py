@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import decoding
 from pyibr.io import DepthKind, depth_kinds, read_cameras, read_color, read_depth
 from pyibr.io.folders import at_one_time, files_in, least_apart, number_of, time_of
 from pyibr.io.poses import read_trajectory
@@ -133,7 +134,8 @@ def cameras_of(
     read = list(files) or list(recording.cameras)
     path = poses or (recording.poses if len(read) <= 1 else None)
     if not read and recording.known is not None:
-        known = list(recording.known())
+        with decoding(recording.depths[0].parent, "camera", ArgumentError):
+            known = list(recording.known())
         cameras = known * len(recording.depths) if len(known) == 1 else known
     else:
         cameras = _cameras(recording, read, shared or path is not None)

@@ -12,6 +12,7 @@ from pyibr.capture.sets import load, read_set, write_set
 from tests.data import shared
 
 SIZE = (7, 13)
+BROWN = ibr.Lens("brown_conrady", [-0.01, 0.002, 0.001, -0.001, 0.0005])
 
 
 def camera(x: float = 0.0, lens: ibr.Lens | None = None) -> ibr.Camera:
@@ -140,3 +141,27 @@ def test_real_folders_are_read_as_they_are(name, count):
     both = frame.valid & other.valid
     assert both.mean() > 0.02
     assert np.median(np.abs(frame.depth - other.depth)[both]) < 0.01
+
+
+def test_saved_views_are_read_back_and_read_by_others(tmp_path):
+    """To the same bits by pyibr's own list; by transforms.json alone within a stored unit of depth."""
+    views = [view(0.0), view(1.0, far=2.5), ibr.DepthImage(view().color, view().depth, camera(lens=BROWN))]
+    ibr.save(views, tmp_path)
+    for found, expected in zip(load(tmp_path), views, strict=True):
+        assert_same(found, expected)
+    (tmp_path / "frusta.json").unlink()
+    for found, expected in zip(load(tmp_path), views, strict=True):
+        np.testing.assert_array_equal(found.color, expected.color)
+        np.testing.assert_array_equal(found.valid, expected.valid)
+        np.testing.assert_allclose(found.depth[found.valid], expected.depth[found.valid], atol=0.00051)
+        np.testing.assert_allclose(found.camera.K, expected.camera.K, rtol=1e-12)
+        np.testing.assert_allclose(found.camera.world_from_camera, expected.camera.world_from_camera, atol=1e-12)
+        assert found.camera.lens == expected.camera.lens
+
+
+def test_what_transforms_json_cannot_tell_is_saved_for_pyibr_alone(tmp_path):
+    flat = ibr.Camera([[2, 0, 3], [0, 2, 6], [0, 0, 1]], SIZE, projection="orthographic")
+    ibr.save(ibr.DepthImage(view().color, view().depth, flat), tmp_path)
+    assert load(tmp_path)[0].camera == flat and not (tmp_path / "transforms.json").exists()
+    with pytest.raises(ibr.ArgumentError, match="views: expected depth images"):
+        ibr.save([camera()], tmp_path)

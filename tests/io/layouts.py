@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 from PIL import Image
 
 import pyibr as ibr
@@ -352,13 +353,42 @@ def depth_pro(folder: Path) -> None:
     np.savez(folder / "a.npz", depth=scene.depths[0].astype(np.float32), focallength_px=np.float32(60))
 
 
-def nyu(folder: Path) -> None:
-    """As it counts: the sensor's 11 bits, whose bytes are swapped; pictures beside, without regard to the offset."""
-    scene = rendered(poses=[np.eye(4)], size=(640, 480), K=np.array([[582.6, 0, 312], [0, 582.7, 237.4], [0, 0, 1]]))
-    folder.mkdir(exist_ok=True)
-    Image.fromarray(scene.colors[0]).save(folder / "r-1294886360.208451-2996770081.ppm")
-    stored = np.rint(1092.5 - 351.3 / scene.depths[0]).astype(">u2").byteswap()
-    (folder / "d-1294886360.216451-2996770082.pgm").write_bytes(b"P5 640 480 65535\n" + stored.tobytes())
+def kitti_drive(folder: Path) -> None:
+    scene = rendered(poses=[np.eye(4), np.eye(4)])
+    for number, (color, depth) in enumerate(zip(scene.colors, scene.depths, strict=True), 5):
+        png(folder / f"image_02/data/{number:010d}.png", color)
+        png(folder / f"proj_depth/groundtruth/image_02/{number:010d}.png", counts(depth, 256))
+    row = " ".join(map(str, np.column_stack([K, [4.5, 0, 0]]).ravel().tolist()))
+    text(folder.parent / "calib_cam_to_cam.txt", f"corner_dist: 9.95e-02\nP_rect_02: {row}\n")
+
+
+def hypersim(folder: Path) -> None:
+    """A camera whose image is tilted: its K is skewed, and it looks along the image's normal."""
+    h5py = pytest.importorskip("h5py")
+    tilt = turned(0.08, -0.05, 0)
+    scene = rendered(
+        K, [one @ np.block([[tilt, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) for one in POSES]
+    )
+    pixel_from_uv = np.array([[32, 0, 31.5], [0, -24, 23.5], [0, 0, 1]])
+    cam_from_uv = GL[:3, :3] @ tilt @ np.linalg.inv(K) @ pixel_from_uv
+    metres, names = 0.02, [f"M_cam_from_uv_{i}{j}" for i in range(3) for j in range(3)]
+    values = [folder.name, metres, *cam_from_uv.ravel().tolist()]
+    head = ["scene_name", "settings_units_info_meters_scale", *names]
+    text(folder.parent / "metadata_camera_parameters.csv", ",".join(head) + "\n" + ",".join(map(str, values)) + "\n")
+    detail, images = folder / "_detail/cam_00", folder / "images/scene_cam_00"
+    detail.mkdir(parents=True)
+    arrays = {"frame_indices": np.array([0, 1]), "positions": np.array([one[:3, 3] for one in POSES]) / metres}
+    arrays["orientations"] = np.array([(one @ GL)[:3, :3] for one in POSES])
+    distances = {
+        f"{images}_geometry_hdf5/frame.{k:04d}.depth_meters.hdf5": one for k, one in enumerate(scene.distances)
+    }
+    distances |= {f"{detail}/camera_keyframe_{name}.hdf5": one for name, one in arrays.items()}
+    for path, one in distances.items():
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with h5py.File(path, "w") as file:
+            file["dataset"] = one.astype(np.float16) if "depth" in path else one
+    for number, color in enumerate(scene.colors):
+        png(Path(f"{images}_final_preview/frame.{number:04d}.tonemap.png"), color)
 
 
 SPECIMENS: dict[str, tuple[Callable[[Path], None], int]] = {
@@ -369,7 +399,7 @@ SPECIMENS: dict[str, tuple[Callable[[Path], None], int]] = {
             for one in (tum_camera, eth3d, tum_known, icl, seven_scenes, scannet, posed_images, sens, replica, bop)
         ),
         *((one, 2) for one in (redwood, colmap, nerfstudio, instant_ngp, middlebury, stray, record3d, sintel)),
-        *((one, 2) for one in (depth_anything, vggt, kitti)),
+        *((one, 2) for one in (depth_anything, vggt, kitti, kitti_drive, hypersim)),
         *((one, 1) for one in (moge, depth_pro)),
     )
 }

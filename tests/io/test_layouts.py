@@ -7,16 +7,32 @@ round, pixel centres half a pixel aside, another scale) they do not.
 
 from __future__ import annotations
 
+import random
+import shutil
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from pyibr.io.layouts import recording_in
+import pyibr as ibr
+from pyibr.io.layouts import LAYOUTS, recording_in
 from pyibr.io.recordings import cameras_of, shots_of
+from tests.io.damages import damaged, quick_folder
 from tests.io.layouts import GL, NORMAL, OFFSET, SPECIMENS
 
+PICTURES = (".png", ".jpg", ".ppm", ".pgm")  # whose readers are damaged elsewhere
+
 Frame = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    place = quick_folder()
+    yield place
+    shutil.rmtree(place)
 
 
 def frames_of(folder: Path) -> list[Frame]:
@@ -104,7 +120,66 @@ def test_a_specimen_beats_its_neighbours_in_convention(tmp_path: Path, name):
         assert right < 2
         turned = len({pose[:3, :3].tobytes() for *_, pose in frames}) > 1
         for convention, wrong in neighbours(frames).items():
-            if turned or (
-                "pixel" not in convention and "up" not in convention
-            ):  # between parallel cameras these cancel
+            if turned or convention.endswith(("deep", "camera")):  # between parallel cameras the others cancel
                 assert off_other(wrong) > right, convention
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", SPECIMENS)
+def test_damaged_layouts(folder: Path, name):
+    """Two hundred damages of what tells cameras, poses and names: what is read is whole, or refused."""
+    SPECIMENS[name][0](folder / "it")
+    told = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix not in PICTURES]
+    whole, rng = {file: file.read_bytes() for file in told}, random.Random(name)
+    for number in range(200):
+        file = rng.choice(told)
+        file.write_bytes(damaged(whole[file], rng, number))
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                recording = recording_in(folder / "it")
+                shots = [shot for shot in shots_of(recording, cameras_of(recording)) if shot is not None]
+                for shot in shots[:1]:
+                    assert np.isfinite(shot.camera.world_from_camera).all()
+                    shot.read_depth(1000, "z", None)
+        except ibr.Error:
+            pass
+        file.write_bytes(whole[file])
+
+
+def test_what_no_layout_is_tells_which_were_looked_for(tmp_path: Path):
+    (tmp_path / "transforms.json").write_text('{"frames": [{"file_path": "a"}]}')
+    with pytest.raises(ibr.FileFormatError, match=r"none of 1 frames has a depth_file_path"):
+        recording_in(tmp_path)
+    (tmp_path / "transforms.json").unlink()
+    with pytest.raises(ibr.FileFormatError) as raised:
+        recording_in(tmp_path)
+    for layout in LAYOUTS:
+        assert f"{layout.name} ({layout.signs})" in str(raised.value)
+
+
+def test_raw_kinect_counts_of_nyu(tmp_path: Path):
+    """Depth by its toolbox's formula, bytes swapped; its depth camera stands 25 mm beside that of the colours."""
+    Image.fromarray(np.zeros((480, 640, 3), np.uint8)).save(tmp_path / "r-1294886360.208451-2996770081.ppm")
+    stored = np.full((480, 640), 917, ">u2")  # 351.3 / (1092.5 - 917) m
+    stored[0] = 2047
+    data = b"P5\n640 480\n65535\n" + stored.byteswap().tobytes()
+    (tmp_path / "d-1294886360.216451-2996770082.pgm").write_bytes(data)
+    recording = recording_in(tmp_path)
+    (shot,) = shots_of(recording, cameras_of(recording))
+    depth, _ = shot.read_depth(None, "z", None)
+    assert np.isnan(depth[0]).all()
+    np.testing.assert_allclose(depth[1:], 351.3 / 175.5, rtol=1e-6)
+    from_depth = shot.camera.camera_from_world @ shot.depth_camera.world_from_camera
+    np.testing.assert_allclose(from_depth[:3, 3], (-0.0250, -0.0007, 0.0003), atol=5e-5)
+
+
+def test_unsure_samples_are_left_out(tmp_path: Path):
+    """By default those of which ARKit is less than medium sure: here an eighth of them."""
+    SPECIMENS["stray"][0](tmp_path)
+    recording = recording_in(tmp_path)
+    shot = shots_of(recording, cameras_of(recording))[0]
+    depth, share = shot.read_depth(None, "z", None)
+    assert share == 1 / 8 and np.isnan(depth[:3]).all() and np.isfinite(depth[3:]).all()
+    assert shot.read_depth(None, "z", 0)[1] == 0
+    assert shot.read_depth(None, "z", 3)[1] == 1

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from pyibr.core.errors import FileFormatError
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import decoding
 from pyibr.io.layouts import (
     colmap,
     driving,
@@ -78,7 +79,12 @@ LAYOUTS: tuple[Layout, ...] = (
 
 def find_recording(folder: Path) -> Recording | None:
     """The recording that a folder holds; None if it is laid out in none of the ways that are known."""
-    return next((found for layout in LAYOUTS if (found := layout.find(folder)) is not None), None)
+    for layout in LAYOUTS:
+        with decoding(folder, layout.name, ArgumentError):
+            found = layout.find(folder)
+        if found is not None:
+            return found
+    return None
 
 
 def recording_in(folder: Path) -> Recording:

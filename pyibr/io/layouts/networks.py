@@ -101,7 +101,7 @@ def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
     extrinsics[:, :3] = told.reshape(count, *told.shape[-2:])[:, :3]
     sure = _layers(_array(file, names["confidence"]), file) if "confidence" in names else None
     if "color" in names:
-        colors, read = [file] * count, functools.partial(_picture, file, names["color"])
+        colors, read = [file] * count, _pictures(file, names["color"])
     else:
         beside = [place for place in (folder, folder / "images", folder / "input_images") if place.is_dir()]
         pictures = [one for place in beside for one in files_in(place, COLOR_SUFFIXES) if one.suffix != ".npz"]
@@ -133,12 +133,17 @@ def _resized(size: tuple[int, int], path: Path) -> NDArray[Any]:
     return np.array(Image.fromarray(picture[..., :3]).resize(size, Image.Resampling.BOX))
 
 
-def _picture(file: Path, name: str, k: int) -> NDArray[Any]:
-    stack = _array(file, name)
-    picture = stack.reshape(-1, *stack.shape[-3:])[k]
-    if picture.shape[0] in (1, 3) and picture.shape[-1] not in (1, 3):
-        picture = np.moveaxis(picture, 0, -1)
-    return np.ascontiguousarray(picture if picture.dtype == np.uint8 else picture.astype(np.float32).clip(0, 1))
+def _pictures(file: Path, name: str) -> Callable[[int], NDArray[Any]]:
+    """What gives each picture of a stack, which is read once."""
+    stack = functools.cache(lambda: _array(file, name))
+
+    def picture(k: int) -> NDArray[Any]:
+        one = stack().reshape(-1, *stack().shape[-3:])[k]
+        if one.shape[0] in (1, 3) and one.shape[-1] not in (1, 3):
+            one = np.moveaxis(one, 0, -1)
+        return np.ascontiguousarray(one if one.dtype == np.uint8 else one.astype(np.float32).clip(0, 1))
+
+    return picture
 
 
 def _layers(stack: NDArray[Any], file: Path) -> NDArray[np.float32]:
@@ -162,7 +167,6 @@ def _arrays(file: Path) -> list[str]:
         return [name.removesuffix(".npy") for name in packed.namelist()]
 
 
-@functools.lru_cache(maxsize=8)
 def _array(file: Path, name: str) -> NDArray[Any]:
     with reading(file, "NumPy") as source, zipfile.ZipFile(io.BytesIO(source.read_bytes())) as packed:
         member = packed.getinfo(f"{name}.npy")
