@@ -29,6 +29,7 @@ _OPTIONS = {
     "default_depth": "--default-depth",
     "degrees": "--orbit",
     "max_error": "--max-error",
+    "count": "--count",
     "path": "--output",
     "device": "--device",
 }
@@ -97,7 +98,10 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
         f"color.mp4 depth {_MM} --depth-camera depth.json --clean --fill background --orbit 5 -o new.mp4",
     ),
     register: ("depth.png --depth-scale 1000 --depth-camera depth.json --color-camera color.json -o registered.png",),
-    mesh: (f"color.png depth.png {_MM} --max-error 0.005 -o scene.glb",),
+    mesh: (
+        f"color.png depth.png {_MM} --max-error 0.005 -o scene.glb",
+        f"color.png depth.png {_MM} --count 3000 -o small.glb",
+    ),
     live_commands.view: ("dragon.ply",),
     live_commands.place: ("dragon.ply --auto 16 -o dragon",),
     doctor: ("", "--build"),

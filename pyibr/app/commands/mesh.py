@@ -35,7 +35,10 @@ def mesh(
     depth: Depth,
     camera: CameraFile,
     output: Annotated[Path, typer.Option("--output", "-o", help="The mesh: GLB, OBJ (with the image as texture), PLY")],
-    max_error: Annotated[float, typer.Option(help="Depths may be off by that, in scene units; 0: by nothing")],
+    max_error: Annotated[
+        float | None, typer.Option(help="Depths may be off by that, in scene units; 0: by nothing")
+    ] = None,
+    count: Annotated[int | None, typer.Option(help="At most so many triangles, the flattest merged first")] = None,
     segmentation: Annotated[Test, typer.Option(help="How triangles between two surfaces are told")] = "orthogonality",
     clean: Clean = False,
     far: FarDepth = math.inf,
@@ -44,7 +47,7 @@ def mesh(
     depth_kind: DepthKindOption = "z",
     device: DeviceName = None,
 ) -> None:
-    """Turn an image with depth into a textured triangle mesh, simplified within an error."""
+    """Turn an image with depth into a textured triangle mesh, simplified within an error or to a number of triangles."""
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera]}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
     image, own = ibr.read_color(color), Camera.load(camera)
@@ -52,7 +55,7 @@ def mesh(
     depths = ibr.clean_depth(depths, image).depth if clean else depths
     view = DepthImage(image, depths, own, far=far, default_depth=default_depth_of(default_depth))
     with device_of(device):
-        made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error)
+        made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error, count=count)
     made.save(output)
     share = len(made.faces) / (2 * (view.camera.width - 1) * (view.camera.height - 1))
     typer.echo(f"{printable_text(output)}: {len(made.faces)} triangles, {share:.1%} of the full grid's")
