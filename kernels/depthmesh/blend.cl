@@ -3,10 +3,11 @@
  * The depth pass finds the nearest surface of each mesh that a region's pixels see. In the colour pass those that lie
  * within epsilon behind the nearest of all give their colours, weighted and normalised at once. Holes of the views that
  * are drawn show the meshes of the other views, which are coarser; and surface that no view saw, but that must be
- * there, is closed (closing.h). BLEND_QUALITY: weights of positions times quality, per pixel (the paper's);
+ * there, is closed (closing.h). Views fade towards the ends of their surfaces, so that where one ends the others have
+ * all weight already. BLEND_QUALITY: weights of positions times quality, per pixel (the paper's);
  * BLEND_POSITION: of positions alone; BLEND_NEAREST: the front mesh's colour.
  *
- * Deviations from the paper: of each mesh the nearest surface alone is blended, so surfaces that it hides itself are
+ * Deviations from the paper: views fade; of each mesh the nearest surface alone is blended, so surfaces that it hides itself are
  * left out, within epsilon, too; textures are projected, not stretched over triangles, and read within the source's
  * triangles, so that no colour leaks over a depth edge; triangles of coarse meshes that bridge two surfaces are not
  * drawn, but tell where rays go between surfaces.
@@ -15,7 +16,8 @@
  * firsts: (meshes + 1,) each mesh's first triangle. Of others and views: sources: (meshes, 4) number of its view, of
  * the first and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and
  * start in colors, each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of
- * the target that a scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples.
+ * the target that a scene unit takes at depth 1 of both. colors: RGBA bytes; A: of a view's finest level 255
+ * times how much each sample counts (feather_at), of others 255 times the part that has samples.
  * weights: (meshes,) positional, > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_...
  * layer_nearness, layer_owner: (others + views, items, pixels of a region) what a region's pixels see of each mesh,
  * between the two passes: for all meshes, that is more than private memory holds. If CLOSED, of all `view_count` views
@@ -44,7 +46,7 @@
 #define GUESSES 0 /* 1: where what is closed was drawn is written, too */
 #endif
 #define LEVEL_BIAS 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
-#define QUALITY_MIN 1e-3f /* so that what is seen edge-on by all views still has a colour */
+#define WEIGHT_MIN 1e-3f /* so that what is seen edge-on, or at its end, by all views still has a colour */
 
 /* Numbers of meshes of each kind, in their order. Sheets, of the triangles that segmentation took out, and backs, of
  * meshes whose backs are drawn, tell of surface that no view saw. Others, of views that are not drawn, show in
@@ -91,11 +93,22 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     floatl opaque = 0.0f;
     for (int k = 0; k < 4; k++) {
         const intl word = texels_at(colors, size[2] + taps.at[k]);
-        const floatl part = share[k] * to_floatl(word >> 24 & 255);
+        const intl alpha = word >> 24 & 255;
+        const floatl part = share[k] * to_floatl(level == 0 ? min(alpha, (intl)1) : alpha);
         add_color(&read, part, color_of(word));
         opaque += part;
     }
     add_color(sum, weight / max_lanes(opaque, (floatl)1e-6f), read);
+}
+
+/* How much a view's samples count at its pixel (x, y), 0 to 1; size: of its finest level */
+floatl feather_at(global const uint *colors, global const int *size, floatl x, floatl y)
+{
+    const Taps taps = clamped_taps(size[0], size[1], x, y);
+    floatl alpha[4];
+    for (int k = 0; k < 4; k++)
+        alpha[k] = to_floatl(texels_at(colors, size[2] + taps.at[k]) >> 24 & 255);
+    return bilinear(taps, alpha[0], alpha[1], alpha[2], alpha[3]) * (1.0f / 255);
 }
 
 /* Draws the meshes [first, last) of a bin's list together into the region at (x, y), where they are nearer than
@@ -204,19 +217,21 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
         at_z += p.weight[k] * at[2];
         quality += p.weight[k] * at[3];
     }
-    const floatl facing = meshes->by == BLEND_QUALITY ? max_lanes(quality, (floatl)QUALITY_MIN) : (floatl)1.0f;
-    const floatl weight = select_lanes(given, meshes->weights[mesh] * facing, (floatl)0.0f);
     global const int *source = meshes->sources + 4 * mesh;
     const floatl inverse = source[3] ? 1.0f / at_z : (floatl)1.0f;
     const floatl sound_x = select_lanes(shares, at_x * inverse, (floatl)0.0f),
                  sound_y = select_lanes(shares, at_y * inverse, (floatl)0.0f);
+    global const int *finest = meshes->levels + 3 * source[1];
+    const floatl least = WEIGHT_MIN, facing = meshes->by == BLEND_QUALITY ? max_lanes(quality, least) : (floatl)1.0f;
+    const floatl feather = max_lanes(feather_at(meshes->colors, finest, sound_x, sound_y), least);
+    const floatl weight = select_lanes(given, meshes->weights[mesh] * facing * feather, (floatl)0.0f);
     /* One level for the whole block: of the pixel that needs the finest one */
     const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
     const float samples = least_lane(select_lanes(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
     const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + LEVEL_BIAS), (float)(source[2] - source[1]));
-    add_sample(meshes->colors, meshes->levels + 3 * (source[1] + level), level, sound_x, sound_y, weight, sum);
+    add_sample(meshes->colors, finest + 3 * level, level, sound_x, sound_y, weight, sum);
 #if GBUFFER == 2
-    add_sample(meshes->normals, meshes->levels + 3 * (source[1] + level), level, sound_x, sound_y, weight, normal);
+    add_sample(meshes->normals, finest + 3 * level, level, sound_x, sound_y, weight, normal);
 #endif
     return weight;
 }

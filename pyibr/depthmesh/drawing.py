@@ -13,8 +13,8 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, Immutable
 from pyibr.core.pixelspace import camera_pair, pixel_size
 from pyibr.depthmesh.closing import Closing
-from pyibr.depthmesh.levels import view_colors
-from pyibr.depthmesh.tree import Tree
+from pyibr.depthmesh.far_sides import ViewMesh
+from pyibr.depthmesh.levels import feathers_of, view_colors
 from pyibr.depthmesh.triangulation import project_points, triangles_for
 from pyibr.depthmesh.viewpoints import DrawnViews
 from pyibr.images.depth_image import DepthImage
@@ -66,8 +66,7 @@ ONE_VIEW = Blending("quality", DrawnViews([0]), np.ones(1), 0.0)
 def draw_depth_meshes(
     target: Target,
     thing: Immutable,
-    views: Sequence[DepthImage],
-    trees: list[Tree],
+    meshes: Sequence[ViewMesh],
     bounds: Bounds,
     *,
     tolerance: float,
@@ -83,9 +82,8 @@ def draw_depth_meshes(
     target : Target
     thing : Immutable
         That keeps its colours and its triangles on the device.
-    views : sequence of DepthImage
-    trees : list of Tree
-        Of the chosen ones among them.
+    meshes : sequence of ViewMesh
+        Of all views.
     bounds : (low, high)
         In the world.
     tolerance : float
@@ -101,20 +99,21 @@ def draw_depth_meshes(
     camera, closing, drawn = target.camera, blending.closing, blending.drawn
     near, defines, more = target.near(bounds), target.color_defines | entry.defines, dict[str, Any](entry.arguments)
     colored = [*drawn.others, *drawn.chosen]
-    meshes = [*drawn.sheets, *drawn.around, *colored]
-    seen = meshes if closing is None else range(len(views))  # free space is what any view has seen
-    pairs = {number: camera_pair(views[number].camera, camera) for number in seen}
+    listed = [*drawn.sheets, *drawn.around, *colored]
+    seen = listed if closing is None else range(len(meshes))  # free space is what any view has seen
+    pairs = {number: camera_pair(meshes[number].view.camera, camera) for number in seen}
     underlay = None
     if closing is not None:
         underlay = closing.underlay(drawn)
         defines["CLOSED"] = 1
         maps = np.array([pair.src_from_dst for pair in pairs.values()], np.float32)
         more |= closing.arguments | {"from_target": upload(maps.reshape(-1, 16))}
+    trees = [meshes[number].tree for number in drawn.chosen]
     triangles = triangles_for(thing, trees, camera, tolerance, underlay, 0.0 if target.from_light else reuse)
-    projected = project_points(triangles, [pairs[number] for number in meshes])
+    projected = project_points(triangles, [pairs[number] for number in listed])
     sides = "both" if target.from_light else "front"  # backs have no colours, but cast shadows
     bins = bin_primitives(target, triangles.corners, projected, near, sides)
-    more |= _color_arguments(thing, views, blending, colored, camera, entry.normals)
+    more |= _color_arguments(thing, meshes, blending, colored, camera, entry.normals)
     if closing is not None and not target.from_light:
         defines["GUESSES"] = 1
         more["guesses"] = target.made_guesses()
@@ -147,15 +146,16 @@ def draw_depth_meshes(
 
 def _color_arguments(
     thing: Immutable,
-    views: Sequence[DepthImage],
+    meshes: Sequence[ViewMesh],
     blending: Blending,
     colored: list[int],
     camera: Camera,
     with_normals: bool,
 ) -> dict[str, Any]:
     """Kernel arguments of the views' colours and weights; and of their normals, where they are asked for."""
-    closing = blending.closing
-    colors = cached_on_device(thing, "colors", lambda: view_colors(views, blending.gains, closing))
+    closing, views = blending.closing, [mesh.view for mesh in meshes]
+    feathers = cached_on_device(thing, "feathers", lambda: list(map(feathers_of, meshes)))
+    colors = cached_on_device(thing, "colors", lambda: view_colors(views, feathers, blending.gains, closing))
     closeness = (blending.closeness / blending.closeness.max()).astype(np.float32)
     focal = np.sqrt(camera.K[0, 0] * camera.K[1, 1])
     arguments: dict[str, Any] = {
@@ -170,9 +170,8 @@ def _color_arguments(
         arguments |= {"far_colors": colors.far_sides, "first_levels": upload(first_levels)}
         arguments["closeness"] = upload(closeness)
     if with_normals:
-        shown = cached_on_device(
-            thing, "normals", lambda: view_colors([showing_normals(view) for view in views], None, closing)
-        )
+        normals = list(map(showing_normals, views))
+        shown = cached_on_device(thing, "normals", lambda: view_colors(normals, feathers, closing=closing))
         arguments |= {"normals": shown.words} | ({} if closing is None else {"far_normals": shown.far_sides})
     return arguments
 

@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 from pyibr.depthmesh.closing import Closing
+from pyibr.depthmesh.far_sides import ViewMesh
 from pyibr.images import DepthImage
 from pyibr.meshes.textures import halved, rgba_words
 from pyibr.opencl.memory import DeviceArray, upload
+
+_FEATHER = 8  # samples within which a view's weight fades towards an end of its surface
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,7 @@ class ViewColors:
     Attributes
     ----------
     words : DeviceArray (texels,) uint32
-        RGBA.
+        RGBA; A: of the finest levels, `feathers_of`; of others, 255 times the part that has samples.
     sizes : DeviceArray (levels, 3) int32
         Width, height and start of each level.
     sources : (views, 4) int32
@@ -41,14 +44,17 @@ class ViewColors:
 
 
 def view_colors(
-    views: Sequence[DepthImage], gains: Float64 | None = None, closing: Closing | None = None
+    views: Sequence[DepthImage],
+    feathers: Sequence[NDArray[np.uint8]],
+    gains: Float64 | None = None,
+    closing: Closing | None = None,
 ) -> ViewColors:
-    """Upload the colours of views, multiplied by their `gains` (views, 3)."""
+    """Upload the colours of views, multiplied by their `gains` (views, 3), and their `feathers_of`."""
     words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
     sources, far_sides, start = list[tuple[int, int, int, bool]](), list[NDArray[np.uint32]](), 0
-    for number, view in enumerate(views):
+    for number, (view, feather) in enumerate(zip(views, feathers, strict=True)):
         first = len(sizes)
-        for level in color_levels(view, None if gains is None else gains[number]):
+        for level in color_levels(view, feather, None if gains is None else gains[number]):
             sizes.append((*level.shape[::-1], start))
             words.append(level)
             start += level.size
@@ -68,18 +74,34 @@ def _joined(images: Sequence[NDArray[np.uint32]]) -> DeviceArray:
     return upload(np.concatenate([image.ravel() for image in images]))
 
 
-def color_levels(view: DepthImage, gains: Float64 | None = None) -> Iterator[NDArray[np.uint32]]:
-    """RGBA words (h, w) of a view's samples, A = 255 times the part of each texel that has some, down to 1x1.
+def feathers_of(mesh: ViewMesh) -> NDArray[np.uint8]:
+    """How much each sample of a view counts, (H, W): 255, 1 at the ends of its surface, 0 where there is no sample.
 
-    Colours are multiplied by the `gains` (3,).
+    Towards depth edges, holes and the image's border it fades, by the farther of both axes.
     """
+    upper, lower = mesh.tree.drawn_cells()
+    whole = np.pad(upper & lower, 1)
+    inner = whole[1:, 1:] & whole[1:, :-1] & whole[:-1, 1:] & whole[:-1, :-1]
+    distance = inner.astype(np.uint8)
+    for _ in range(_FEATHER - 1):
+        rows = np.pad(inner, 1)
+        rows = rows[1:-1] & rows[:-2] & rows[2:]
+        inner = rows[:, 1:-1] & rows[:, :-2] & rows[:, 2:]
+        distance += inner
+    return np.where(mesh.view.valid, np.maximum(distance * (255 / _FEATHER), 1), 0).astype(np.uint8)
+
+
+def color_levels(
+    view: DepthImage, feather: NDArray[np.uint8], gains: Float64 | None = None
+) -> Iterator[NDArray[np.uint32]]:
+    """RGBA words (h, w) of a view's samples, down to 1x1: colours times `gains` (3,), A as of `ViewColors.words`."""
     height, width = view.valid.shape
     shown = view.shown_color
     if gains is not None:
         white = 255 if shown.dtype == np.uint8 else 1
         shown = np.clip(shown * (gains / white), 0, 1).astype(np.float32)
-    words = rgba_words(shown, view.valid).reshape(height, width)
-    yield words
+    words = rgba_words(shown).reshape(height, width)
+    yield words & np.uint32(0xFFFFFF) | feather.astype(np.uint32) << np.uint32(24)
     sound = np.where(view.valid, words, np.uint32(0)).view(np.uint8).reshape(height, width, 4)
     level = sound.astype(np.float32)  # colours times the part, and the part
     while max(level.shape[:2]) > 1:

@@ -132,9 +132,9 @@ class DepthMesh(Immutable):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the triangles in the view's colours, which hold their light, unless a light relights them."""
-        views, bounds, tree = [self.view], self.bounds, self.tree
-        entry = entry_of_meshes(target, lighting, views, self.tolerance, bounds)
-        draw_depth_meshes(target, self, views, [tree], bounds, tolerance=self.tolerance, reuse=self.reuse, entry=entry)
+        bounds = self.bounds
+        entry = entry_of_meshes(target, lighting, [self.view], self.tolerance, bounds)
+        draw_depth_meshes(target, self, [self], bounds, tolerance=self.tolerance, reuse=self.reuse, entry=entry)
 
     @property
     def tree(self) -> Tree:

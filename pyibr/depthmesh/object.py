@@ -50,7 +50,8 @@ class DepthMeshObject(Immutable):
         Pixels of the target, >= 0, by which surfaces that are one may lie apart: each mesh gets half of it.
     blend : {"quality", "position", "nearest"}
         "quality" weighs views by the closeness of their viewpoints and, per pixel, by how much their surfaces face
-        them; "position" by the former alone; "nearest" takes the colour of the front surface.
+        them; "position" by the former alone. In both a view fades over 8 of its samples towards the ends of its
+        surface: depth edges, holes, its image's border. "nearest" takes the colour of the front surface.
     blended : int
         How many views are drawn, 1 to 32: three in the paper. Fewer if there are fewer.
     epsilon : float, optional
@@ -174,8 +175,7 @@ class DepthMeshObject(Immutable):
         draw_depth_meshes(
             target,
             self,
-            [mesh.view for mesh in self.meshes],
-            [self.meshes[number].tree for number in drawn.chosen],
+            self.meshes,
             self.bounds,
             tolerance=0.5 * self.tolerance,
             reuse=self.reuse,

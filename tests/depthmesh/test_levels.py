@@ -22,15 +22,15 @@ def test_levels_are_means_of_valid_samples(size):
     depth = np.where(rng.random(size[::-1]) < 0.6, np.float32(2), np.float32(np.nan))
     depth[0, 0] = 2
     view = ibr.DepthImage(color, depth, ibr.Camera([[9, 0, 0], [0, 9, 0], [0, 0, 1]], size))
-    there = view.valid[..., None].astype(np.float64)
-    sums, levels = np.concatenate([there * color, there], axis=-1), list(color_levels(view))
+    there, feather = view.valid[..., None].astype(np.float64), rng.integers(0, 256, size[::-1], dtype=np.uint8)
+    sums, levels = np.concatenate([there * color, there], axis=-1), list(color_levels(view, feather))
     assert levels[-1].shape == (1, 1)
     for number, level in enumerate(levels):
         assert level.shape == sums.shape[:2]
         found = np.ascontiguousarray(level).view(np.uint8).reshape(*level.shape, 4)
         part = sums[..., 3:]
         # The part is rounded up, so that a texel of which little is there is not empty.
-        np.testing.assert_array_equal(found[..., 3:], np.ceil(255 * part))
+        np.testing.assert_array_equal(found[..., 3], np.ceil(255 * part[..., 0]) if number else feather)
         seen = np.broadcast_to(part > 0, found[..., :3].shape)
         expected = (sums[..., :3] / np.maximum(part, 1e-9))[seen]
         assert np.abs(found[..., :3][seen] - expected).max() <= 0.5 + 1e-3

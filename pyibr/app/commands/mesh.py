@@ -47,7 +47,7 @@ def mesh(
     depth_kind: DepthKindOption = "z",
     device: DeviceName = None,
 ) -> None:
-    """Turn an image with depth into a textured triangle mesh, simplified within an error or to a number of triangles."""
+    """Turn an image with depth into a textured triangle mesh, simplified within an error or to a number."""
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera]}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
     image, own = ibr.read_color(color), Camera.load(camera)
