@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.slicing.drawing import slices_axis
+from pyibr.opencl.device import one_call
+from pyibr.slicing.drawing import buffers_of, slices_axis
 
 Array = NDArray[Any]
 
@@ -194,6 +195,15 @@ def triangles(camera: ibr.Camera, mesh: ibr.Mesh, colors: Array, near: float, fa
     return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far)
 
 
+def _maps_of(thing: ibr.DepthObject | ibr.VisualHull) -> list[Any]:
+    """Nearness of the views' samples, or their masks, as the kernels read them."""
+    sizes = [view.valid.size for view in thing.views]
+    starts = np.cumsum([0, *sizes]) * (1 if isinstance(thing, ibr.VisualHull) else 2)
+    with one_call():
+        maps = buffers_of(thing)["maps"].to_host()
+    return [maps[start : start + size] for start, size in zip(starts, sizes, strict=False)]
+
+
 def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: float, far: float) -> Picture:
     """An object's orthogonal slices, front to back: as many as ours, along the same edge of its box."""
     gl = context()
@@ -220,8 +230,9 @@ def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: fl
     weights[:3] = 1 / min(3, len(numbers))
     program["weights"].write(weights.tobytes())
     textures: dict[int, Any] = {}
+    maps = _maps_of(thing)
     for i, (k, view) in enumerate(zip(numbers, views, strict=True)):
-        for name, values, kind in (("maps", thing.maps[k], "f4"), ("colors", view.color, "f1")):
+        for name, values, kind in (("maps", maps[k], "f4"), ("colors", view.color, "f1")):
             texture = gl.texture(view.camera.size, 3 if kind == "f1" else 1, values.tobytes(), alignment=1, dtype=kind)
             texture.repeat_x = texture.repeat_y = False
             textures[i + (_VIEWS_MAX if name == "colors" else 0)] = texture

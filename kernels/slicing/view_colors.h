@@ -4,7 +4,7 @@
  * directions are to the ray's.
  *
  * A view sees a point if its own surface is met there, a little before the object's, which begins where the last of all
- * views' volumes does. It counts the less, the farther its samples around lie from the point in depth: a view says
+ * views' volumes does. Of its own surface samples tell where they show it, not the creases between them. It counts the less, the farther its samples around lie from the point in depth: a view says
  * little of a surface along its direction, which lies between a near sample and a far one, unless no other sees it.
  */
 #include "lib/color.h"
@@ -82,7 +82,7 @@ INLINED floatl view_surface_before(const Views *views, int number, const ViewRay
         least = min_lanes(least, (floatl)(gather(MAP_OF(views, size), samples.taps.at[k])));
     const floatl per_sample = samples_per_nearness(views, view, mine);
     const SurfaceSample surface = surface_at(MAP_OF(views, size), size, samples, views->outline,
-                                             views->reaches[number], mine, -1);
+                                             views->reaches[number], mine, -1, 0);
     *farthest = (least - mine) * per_sample;
     return select_lanes(surface.there, (surface.nearness - mine) * per_sample, (floatl)-BEYOND_OUTLINE);
 }

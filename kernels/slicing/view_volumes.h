@@ -6,6 +6,7 @@
  */
 #include "lib/screen.h"
 #include "lib/taps.h"
+#include "slicing/cell_bits.h"
 #include "slicing/rays.h"
 #include "slicing/ribbon_record.h"
 
@@ -49,17 +50,6 @@ INLINED Samples samples_at(global const int *size, floatl x, floatl y)
     return samples;
 }
 
-/* A view's map is two images (slicing/cells.py): the nearness of samples, whose last bits tell what the cell between a
- * sample and its three neighbours to the right and below is, */
-#define EMPTY_CELL 1 /* there is no surface, */
-#define OTHER_CELL 2 /* or a nearer one than the bilinear, */
-#define OUTLINE_CELL 3 /* or one that ends */
-/* and other cells: floats whose last bits tell which of the samples, row by row, are of the nearest part, and whether
- * one is background. That part is by so much nearer than the first sample; or, of all four, than the bilinear. */
-#define CELL_WHOLE 15      /* all four */
-#define CELL_BACKGROUND 16 /* one at least: what is not of the part is empty */
-#define CELL_BITS 31
-
 #if SILHOUETTES
 #define MAP_OF(views, size) ((views)->maps + (size)[2])
 #else
@@ -75,9 +65,9 @@ typedef struct {
 /* Of the wanted places of nearness `mine`: exact where these are about as near, and on the right side of it elsewhere.
  * reach: what the surface is nearer by than its samples at most. outline: the share of the samples' weights at which a
  * part ends where the view saw background. A sample covers its pixel: between two, 0.5 is half-way. Where it saw a
- * surface behind, the part falls off to that, the later the less. */
+ * surface behind, the part falls off to that, the later the less. creases: 0 leaves out those between four samples. */
 INLINED SurfaceSample surface_at(global const float *map, global const int *size, Samples samples, float outline,
-                                 float reach, floatl mine, intl wanted)
+                                 float reach, floatl mine, intl wanted, int creases)
 {
     const floatl first = (floatl)(gather(map, samples.taps.at[0]));
     floatl bilinear = samples.weights[0] * first, nearest_sample = first;
@@ -99,10 +89,10 @@ INLINED SurfaceSample surface_at(global const float *map, global const int *size
     UNROLLED
     for (int k = 0; k < 4; k++)
         part += as_floatl(as_intl(samples.weights[k]) & -((bits >> k) & 1));
-    const floatl nearest = select_lanes(whole, bilinear, first) + cell;
+    const floatl rise = select_lanes(whole, creases ? cell : (floatl)0.0f, first + cell - bilinear);
     const floatl falls = min_lanes(part * (0.5f / outline - 1.0f), (floatl)1.0f);
     const floatl share = select_lanes(whole | ends, (floatl)1.0f, falls);
-    surface.nearness = select_lanes(other, bilinear + share * (nearest - bilinear), bilinear);
+    surface.nearness = select_lanes(other, bilinear + share * rise, bilinear);
     surface.there = surface.there & (!other | !ends | (part >= outline));
     return surface;
 }
@@ -197,7 +187,7 @@ intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, 
 #else
         const floatl mine = AT(rays[i].q, z) * inverse;
         const SurfaceSample surface = surface_at(MAP_OF(views, size), size, samples, views->outline,
-                                                 views->reaches[number], mine, inside & samples.on_image);
+                                                 views->reaches[number], mine, inside & samples.on_image, 1);
 #if RIBBONS
         const floatl value = select_lanes(surface.there, surface.nearness, (floatl)NO_SURFACE);
         const intl behind = mine <= over_ribbons(views, size, u, v, inside & samples.on_image, value);

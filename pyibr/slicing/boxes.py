@@ -68,11 +68,6 @@ class Box:
         return np.column_stack([self.axes, -self.low]) / self.edges[:, None]
 
 
-def is_empty(view: DepthImage, missing_is_empty: bool) -> NDArray[np.bool_]:
-    """(H, W) where a view saw that there is nothing: infinite depth or beyond `far`, or every sample without depth."""
-    return ~view.valid & (missing_is_empty | (view.depth >= view.far))
-
-
 class DepthExtent:
     """Extent of an object by the samples of one depth image.
 
@@ -80,7 +75,7 @@ class DepthExtent:
     ----------
     some : (N, 3) float64
         Of its samples, some 500 to 1000 in the world.
-    nearest, farthest : float
+    least, nearest, farthest : float
         Depths; the nearest but for a hundredth, which may be wrong.
     """
 
@@ -90,7 +85,8 @@ class DepthExtent:
         some = np.flatnonzero(view.valid)
         few = len(some) // 100
         depth = view.depth[view.valid]
-        self.nearest, self.farthest = float(np.partition(depth, few)[few]), float(depth.max())
+        self.nearest = float(np.partition(depth, few)[few])
+        self.least, self.farthest = float(depth.min()), float(depth.max())
         some = some[:: max(len(some) // 500, 1)]
         y, x = np.divmod(some, view.camera.width)
         self.some = view.camera.unproject(np.column_stack([x, y]), view.depth.ravel()[some])
@@ -155,15 +151,6 @@ def _seen_from(
         x, y = np.rint(u / w), np.rint(v / w)
         on_image = (w > 0) & (z > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
     return np.where(on_image, x, 0).astype(np.intp), np.where(on_image, y, 0).astype(np.intp), z, on_image
-
-
-def nearness_map(view: DepthImage, box: Box, missing_is_empty: bool) -> NDArray[np.float32]:
-    """(H, W) nearness of a view's samples; what is empty as far as the box reaches, what is unknown as near."""
-    z = view.camera.camera_from_world[2, :3] @ box.corners.T + view.camera.camera_from_world[2, 3]
-    far = max(float(z.max()), float(view.depth[view.valid].max()))
-    near = max(float(z.min()), 1e-3 * far) if view.camera.projection == "perspective" else float(z.min())
-    depth = np.where(view.valid, view.depth, np.where(is_empty(view, missing_is_empty), far, near))
-    return (1 / depth if view.camera.projection == "perspective" else -depth).astype(np.float32)
 
 
 class Outline:

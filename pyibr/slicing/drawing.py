@@ -184,9 +184,9 @@ def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
     return {
         "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
         "sizes": upload(np.array(sizes, np.int32)),
-        "maps": _joined(thing.maps),
+        "maps": thing.maps(),
         "reaches": upload(np.array([thing.reach_of(view) for view in thing.views], np.float32)),
-        "colors": _joined(thing.rgba),
+        "colors": joined(thing.rgba),
     }
 
 
@@ -200,9 +200,9 @@ def _ribbons_of(thing: Solid) -> dict[str, DeviceArray]:
 
 
 def _normals_of(thing: Solid) -> DeviceArray:
-    return _joined([words_of(showing_normals(view)) for view in thing.views])
+    return joined([words_of(showing_normals(view)) for view in thing.views])
 
 
-def _joined(images: Sequence[NDArray[Any]]) -> DeviceArray:
+def joined(images: Sequence[NDArray[Any]]) -> DeviceArray:
     """Images of all views, one after the other."""
     return upload(np.concatenate([image.ravel() for image in images]))

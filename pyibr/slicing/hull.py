@@ -6,17 +6,21 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette, is_opposite
+from pyibr.opencl.memory import DeviceArray
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import undistorted, undistorted_silhouette
 from pyibr.slicing.boxes import box_of_silhouettes
-from pyibr.slicing.drawing import draw_in_light
+from pyibr.slicing.drawing import draw_in_light, joined
 from pyibr.slicing.meshing import MeshableSolid
-from pyibr.slicing.solid import Float32, SolidSlicing, View, checked_views, words_of
+from pyibr.slicing.solid import SolidSlicing, View, checked_views, words_of
 from pyibr.slicing.spacing import Slices
+
+Float32 = NDArray[np.float32]
 
 _KINDS = {Silhouette: undistorted_silhouette, DepthImage: undistorted}
 
@@ -84,9 +88,14 @@ class VisualHull(MeshableSolid):
         """Numbers of the views with silhouettes of their own; each is tested once."""
         return sorted(set(self.outlines))
 
-    def map_of(self, view: View) -> Float32:
-        """Mask of a view."""
-        return np.ascontiguousarray(view.valid, np.float32)
+    @cached_property
+    def masks(self) -> list[Float32]:
+        """Masks of the views."""
+        return [mask_of(view) for view in self.views]
+
+    def maps(self) -> DeviceArray:
+        """The same on the device."""
+        return joined(self.masks)
 
     def with_views(self, views: Sequence[Silhouette | DepthImage]) -> VisualHull:
         """The same of other views, for animations; see `DepthObject.with_views`.
@@ -109,8 +118,13 @@ class VisualHull(MeshableSolid):
         else:
             made = VisualHull(given, slices=self.slices, slicing=self.slicing, halvings=self.halvings, only=self.only)
         made.__dict__["rgba"] = self.with_known(self.rgba, given, words_of)
-        made.__dict__["maps"] = self.with_known(self.maps, given, self.map_of)
+        made.__dict__["masks"] = self.with_known(self.masks, given, mask_of)
         return made
+
+
+def mask_of(view: View) -> Float32:
+    """(H, W), 1 where a view shows the object."""
+    return np.ascontiguousarray(view.valid, np.float32)
 
 
 def _same_outline(a: View, b: View) -> bool:

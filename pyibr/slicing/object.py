@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple
-
-import numpy as np
 
 from pyibr.core.checks import checked_bool, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import longer_side, pixel_size
 from pyibr.images import DepthImage
+from pyibr.opencl.memory import DeviceArray
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import undistorted
-from pyibr.slicing.boxes import box_of_samples, depth_extent_of, is_empty, nearness_map
-from pyibr.slicing.cells import reach_of, with_cells
+from pyibr.slicing.boxes import box_of_samples, depth_extent_of
+from pyibr.slicing.cells import maps_of, reach_of
 from pyibr.slicing.drawing import draw_in_light
 from pyibr.slicing.meshing import MeshableSolid
-from pyibr.slicing.solid import Float32, Missing, SolidSlicing, Texture, checked_views, words_of
+from pyibr.slicing.solid import Missing, SolidSlicing, Texture, checked_views, words_of
 from pyibr.slicing.spacing import SLICES_USUAL, Slices
 
 _EXTENT_RATIO_MAX = 8.0  # times a view's nearest depth, or the width of what it sees if it is orthographic
@@ -150,14 +148,11 @@ class DepthObject(MeshableSolid):
             thin=self.thin,
         )
         made.__dict__["rgba"] = self.with_known(self.rgba, made.views, words_of)
-        if all(map(np.array_equal, astuple(self.box), astuple(made.box))):  # what is empty lies at its end
-            made.__dict__["maps"] = self.with_known(self.maps, made.views, made.map_of)
         return made
 
-    def map_of(self, view: DepthImage) -> Float32:
-        """Nearness of a view's samples, and its cells: `pyibr.slicing.cells.with_cells`."""
-        missing_is_empty = self.missing == "empty"
-        return with_cells(view, nearness_map(view, self.box, missing_is_empty), is_empty(view, missing_is_empty))
+    def maps(self) -> DeviceArray:
+        """Nearness of the views' samples, and cells: `pyibr.slicing.cells`."""
+        return maps_of(self.views, self.box, self.missing == "empty")
 
     def reach_of(self, view: DepthImage) -> float:
         """The nearness by which a view's surface may be nearer than its samples."""

@@ -14,13 +14,13 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 from pyibr.meshes.textures import rgba_words
+from pyibr.opencl.memory import DeviceArray
 from pyibr.slicing.boxes import Box
 from pyibr.slicing.spacing import Slices, checked_halvings, checked_only, checked_slices, slices_text
 
 SolidSlicing = Literal["orthogonal", "screen"]
 Texture = Literal["visible", "naive"]
 Missing = Literal["empty", "unknown"]
-Float32 = NDArray[np.float32]
 View = DepthImage | Silhouette
 
 _Known = TypeVar("_Known")
@@ -71,14 +71,12 @@ class Solid(Immutable):
         """For each view the number of the first that tests points as it does: each is tested once."""
         return list(range(len(self.views)))
 
-    def map_of(self, view: Any) -> Float32:
-        """The image that a view tests points with: (2, H, W) nearness and cells, or an (H, W) mask, 0 or 1."""
-        raise NotImplementedError
+    def maps(self) -> DeviceArray:
+        """The images that the views test points with, one after the other, on the current device.
 
-    @cached_property
-    def maps(self) -> list[Float32]:
-        """Images that the views test points with."""
-        return [self.map_of(view) for view in self.views]
+        Of each nearness and cells, (2, H, W), or a mask, (H, W), 0 or 1.
+        """
+        raise NotImplementedError
 
     def reach_of(self, view: Any) -> float:
         """The nearness by which a view's surface may be nearer than its samples."""

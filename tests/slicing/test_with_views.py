@@ -10,7 +10,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.slicing import boxes, solid
-from pyibr.slicing import object as objects
+from pyibr.slicing import hull as hulls
 from tests.slicing.solids import looking, torus, views_of_torus
 from tests.slicing.test_objects import KINDS
 
@@ -91,7 +91,7 @@ def test_what_stays_is_not_made_again(monkeypatch):
     thing = ibr.DepthObject(views, slices=48)
     ibr.render(thing, CAMERA)
     made: list[object] = []
-    for room, name in ((objects, "nearness_map"), (solid, "rgba_words"), (boxes, "DepthExtent")):
+    for room, name in ((solid, "rgba_words"), (boxes, "DepthExtent")):
         real = getattr(room, name)
         monkeypatch.setattr(room, name, lambda *given, real=real, name=name: made.append(name) or real(*given))
     depth = views[0].depth.copy()
@@ -99,7 +99,7 @@ def test_what_stays_is_not_made_again(monkeypatch):
     middle = np.unravel_index(np.nanargmin(np.abs(seen - np.nanmedian(seen))), depth.shape)
     depth[middle] += np.float32(0.01)  # far from the box's sides, so that it stays
     ibr.render(thing.with_views([ibr.DepthImage(views[0].color, depth, views[0].camera), *views[1:]]), CAMERA)
-    assert sorted(made) == ["DepthExtent", "nearness_map", "rgba_words"]
+    assert sorted(made) == ["DepthExtent", "rgba_words"]
 
 
 def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
@@ -112,14 +112,14 @@ def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     for name in ("touches", "holds"):
         real = getattr(boxes.Outline, name)
         monkeypatch.setattr(boxes.Outline, name, lambda *given, real=real: asked.append(len(given[1])) or real(*given))
-    for room, name in ((ibr.VisualHull, "map_of"), (solid, "rgba_words"), (boxes, "Outline")):
+    for room, name in ((hulls, "mask_of"), (solid, "rgba_words"), (boxes, "Outline")):
         real = getattr(room, name)
         monkeypatch.setattr(room, name, lambda *given, real=real, name=name: made.append(name) or real(*given))
     mask = views[0].valid.copy()
     mask[np.unravel_index(np.flatnonzero(mask)[:40], mask.shape)] = False
     bitten = ibr.Silhouette(views[0].color, mask, views[0].camera)
     ibr.render(thing.with_views([bitten, *views[1:]]), CAMERA)
-    assert sorted(made) == ["Outline", "map_of", "rgba_words"]
+    assert sorted(made) == ["Outline", "mask_of", "rgba_words"]
     # Cells at the box's sides alone: a grid of 64 along each edge would ask every view for all of its 260,000.
     assert 1000 < sum(asked) < len(views) * 64**3 / 10
 

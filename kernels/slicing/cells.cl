@@ -1,0 +1,180 @@
+/* What a depth image knows between its samples: a map of view_volumes.h, for objects of images.
+ *
+ * Rays know the surface where they meet it. Between them it is bilinear, but what sticks out there no image shows, and
+ * of many images each would cut off a part of it. So creases reach to where the surfaces of both sides meet, and beside
+ * depth edges a surface goes on as it rose before.
+ *
+ * depth: (height, width). maps: from `start` on, (2, height, width) nearness and cells, with bits. Work-item:
+ * STRIP * LANES samples of a row, each the first of its cell. Cost: O(samples). Determinism: every cell on its own.
+ */
+#include "lib/lanes.h"
+#include "lib/pixelspace.h"
+#include "slicing/cell_bits.h"
+
+#ifndef STRIP
+#define STRIP 1 /* packets of LANES samples that a work-item goes through: starting one takes longer than some */
+#endif
+
+/* In samples' distances: */
+#define EDGE 3.0f      /* neighbours that differ by more in depth are of two surfaces */
+#define RISE_MAX 1.0f  /* by which a surface is nearer than its samples tell */
+#define NOTHING (1.0f / 64) /* what makes no difference */
+#define ROUND 0.375f   /* of the bend beside a crease, which is then a part of something round */
+#define LINE 6         /* samples, of which a cell's side */
+#define FIRST 2        /* begins at this one */
+
+typedef struct {
+    int width, height, perspective;
+    float far;            /* depth from which on there is nothing */
+    int missing_is_empty; /* 0: of what has no depth before, nothing is known */
+    float empty, unknown; /* nearness of both */
+    float per_sample;     /* nearness that changes from sample to sample of what is as deep as wide; of 1, if it is 1/z */
+} CellImage;
+
+typedef struct {
+    floatl nearness;
+    intl solid, empty;
+    intl here; /* it is in the image, else its border's */
+} CellSample;
+
+/* Samples (low, y) to (low + LANES - 1, y) */
+INLINED CellSample cell_sample(global const float *depth, CellImage image, int low, int y)
+{
+    const intl x = low + lane_index, column = min(max(x, (intl)0), (intl)(image.width - 1));
+    const int row = min(max(y, 0), image.height - 1);
+    floatl d;
+    if (low >= 0 && low + LANES <= image.width)
+        d = load_lanes(depth + row * image.width + low);
+    else
+        d = (floatl)(gather(depth, row * image.width + column));
+    CellSample sample;
+    sample.here = (column == x) & (intl)(row == y ? -1 : 0);
+    sample.solid = (d > 0.0f) & (d < image.far);
+    sample.empty = (!sample.solid) & ((intl)(image.missing_is_empty ? -1 : 0) | (d >= image.far));
+    sample.nearness = select_lanes(sample.solid, DEPTH_OF(image.perspective, d),
+                                   select_lanes(sample.empty, (floatl)image.empty, (floatl)image.unknown));
+    return sample;
+}
+
+/* The change of nearness over as much in depth as neighbouring samples lie apart */
+INLINED floatl sample_size(CellImage image, floatl nearness)
+{
+    return image.perspective ? nearness * image.per_sample : (floatl)image.per_sample;
+}
+
+/* A cell's side: how much nearer the surface comes towards it at either end, and by how much a crease between the two
+ * is nearer than they tell, if there is one */
+typedef struct {
+    floatl first, last, crease;
+} CellSide;
+
+/* line: the samples along it, the side's own in the middle */
+INLINED CellSide side_of(CellImage image, const CellSample *line)
+{
+    floatl change[LINE - 1], bend[LINE];
+    intl joined[LINE - 1];
+    UNROLLED
+    for (int k = 0; k < LINE - 1; k++) {
+        const floatl by = line[k + 1].nearness - line[k].nearness;
+        joined[k] = line[k].solid & line[k + 1].solid & line[k].here & line[k + 1].here &
+                    (fabs(by) <= EDGE * sample_size(image, line[k].nearness));
+        change[k] = select_lanes(joined[k], by, (floatl)0.0f);
+    }
+    UNROLLED
+    for (int k = 1; k < LINE - 1; k++)
+        bend[k] = max_lanes(change[k - 1] - change[k], (floatl)0.0f);
+    /* Planes through the samples on either side meet in between, so far above. */
+    const floatl left = select_lanes(joined[1], bend[2], select_lanes(joined[3], bend[3], (floatl)0.0f));
+    const floatl right = select_lanes(joined[3], bend[3], left);
+    const floatl height = left * right / max_lanes(left + right, (floatl)1e-30f);
+    /* What is round bends as much beside them, and is an eighth of it above its chord, not a half. */
+    const floatl before = select_lanes(joined[0], bend[1], select_lanes(joined[2], bend[2], (floatl)0.0f));
+    const floatl after = select_lanes(joined[4], bend[4], select_lanes(joined[2], bend[3], (floatl)0.0f));
+    const floatl crease = max_lanes(height - ROUND * min_lanes(before, after), (floatl)0.0f);
+    const CellSide side = {max_lanes(change[1], (floatl)0.0f), max_lanes(-change[3], (floatl)0.0f),
+                           select_lanes(joined[2], crease, (floatl)0.0f)};
+    return side;
+}
+
+/* Of the values as many as there are places left */
+INLINED void store_first(floatl values, global float *to, int count)
+{
+    if (count >= LANES)
+        store_lanes(values, to);
+    else
+        for (int lane = 0; lane < count; lane++)
+            to[lane] = float_lane(values, lane);
+}
+
+/* A float with others as its last bits */
+INLINED floatl with_bits(floatl value, intl bits, int places)
+{
+    return as_floatl((as_intl(value) & ~places) | bits);
+}
+
+/* The cells whose first samples are (low, y) to (low + LANES - 1, y): to[0] and, one image further, their two floats */
+INLINED void find_packet(global const float *depth, CellImage image, int low, int y, global float *to)
+{
+    CellSample rows[2][LINE], columns[2][LINE];
+    UNROLLED
+    for (int k = 0; k < 2 * LINE; k++)
+        rows[k & 1][k >> 1] = cell_sample(depth, image, low + (k >> 1) - FIRST, y + (k & 1));
+    const CellSample corners[4] = {rows[0][FIRST], rows[0][FIRST + 1], rows[1][FIRST], rows[1][FIRST + 1]};
+    const floatl first = corners[0].nearness;
+    const intl nothing = corners[0].empty & corners[1].empty & corners[2].empty & corners[3].empty;
+    intl kind = EMPTY_CELL, bits = CELL_BACKGROUND;
+    floatl cell = 0.0f;
+    if (any_lane(!nothing)) {
+        UNROLLED
+        for (int k = 0; k < 2 * LINE; k++) {
+            const int side = k & 1, along = k >> 1;
+            columns[side][along] = along == FIRST || along == FIRST + 1
+                                       ? rows[along - FIRST][FIRST + side]
+                                       : cell_sample(depth, image, low + side, y + along - FIRST);
+        }
+        const CellSide above = side_of(image, rows[0]), below = side_of(image, rows[1]);
+        const CellSide left = side_of(image, columns[0]), right = side_of(image, columns[1]);
+        const floatl rises[4] = {above.first + left.first, above.last + right.first, below.first + left.last,
+                                 below.last + right.last};
+        floatl nearest = first, farthest = first;
+        intl whole = -1, beside_empty = 0;
+        UNROLLED
+        for (int k = 0; k < 4; k++) {
+            nearest = max_lanes(nearest, corners[k].nearness);
+            farthest = min_lanes(farthest, corners[k].nearness);
+            whole = whole & corners[k].solid;
+            beside_empty = beside_empty | corners[k].empty;
+        }
+        const floatl sample = sample_size(image, nearest);
+        whole = whole & (nearest - farthest <= EDGE * sample);
+        intl part = 0;
+        floatl ceiling = -INFINITY;
+        UNROLLED
+        for (int k = 0; k < 4; k++) {
+            const intl of_part = select_lanes(beside_empty, !corners[k].empty,
+                                              corners[k].nearness >= nearest - EDGE * sample);
+            const floatl reach = corners[k].nearness + min_lanes(rises[k], RISE_MAX * sample);
+            ceiling = select_lanes(of_part, max_lanes(ceiling, reach), ceiling);
+            part = part | select_lanes(of_part, (intl)(1 << k), (intl)0);
+        }
+        const floatl both = max_lanes(above.crease, below.crease) + max_lanes(left.crease, right.crease),
+                     crease = select_lanes(both < NOTHING * sample, (floatl)0.0f, min_lanes(both, RISE_MAX * sample));
+        const intl other = select_lanes(beside_empty, (intl)OUTLINE_CELL,
+                                        select_lanes(whole & (crease == 0.0f), (intl)0, (intl)OTHER_CELL));
+        kind = select_lanes(nothing, (intl)EMPTY_CELL, other);
+        cell = select_lanes(whole, crease, select_lanes(nothing, (floatl)0.0f, ceiling - first));
+        bits = select_lanes(whole, (intl)CELL_WHOLE, part) | select_lanes(beside_empty, (intl)CELL_BACKGROUND, (intl)0);
+    }
+    const int count = image.width - low;
+    store_first(with_bits(first, kind, OUTLINE_CELL), to, count);
+    store_first(with_bits(cell, bits, CELL_BITS), to + image.width * image.height, count);
+}
+
+kernel void find_cells(global const float *depth, global float *maps, int start, CellImage image)
+{
+    const int first = get_global_id(0) * STRIP * LANES, y = get_global_id(1);
+    if (y >= image.height)
+        return;
+    for (int low = first; low < min(first + STRIP * LANES, image.width); low += LANES)
+        find_packet(depth, image, low, y, maps + start + y * image.width + low);
+}
