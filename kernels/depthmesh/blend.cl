@@ -119,7 +119,7 @@ void draw_range(const Context *context, Region *region, BinList listed, global c
     BinList range = listed;
     range.first = lower_bound(range, firsts[first]);
     range.last = lower_bound(range, firsts[last]);
-    begin_region(region, 0, x, y);
+    begin_region(region, x, y);
     for (int block = 0; block < BLOCKS; block++) {
         region->nearness[block] = so_far[block];
         region->farthest[block] = least_lane(so_far[block]);

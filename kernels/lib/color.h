@@ -97,13 +97,18 @@ inline void write_color(global uchar *image, Color c)
     store_bytes((uchar16)(b.s5689, b.sacde, c_.s01245689), image + 16);
     store_bytes((uchar16)(c_.sacde, d.s01245689, d.sacde), image + 32);
 #else
-    vstore3(as_uchar4(word).xyz, 0, image);
+    image[0] = word;
+    image[1] = word >> 8;
+    image[2] = word >> 16;
 #endif
 }
 
 inline void write_pixel(global uchar *image, float3 color)
 {
-    vstore3(convert_uchar3_sat_rte(color), 0, image);
+    const uchar4 c = to_channels((float4)(color, 0.0f));
+    image[0] = c.x;
+    image[1] = c.y;
+    image[2] = c.z;
 }
 #else
 inline Color read_color(global const float *image, intl pixel, int pixels)

@@ -23,15 +23,16 @@
 #include "lib/builtins.h"
 #endif
 
-/* A function whose arguments and results stay in registers: vectors are passed through memory otherwise. */
+/* A function whose arguments and results stay in registers: vectors are passed through memory otherwise. Compilers for
+ * GPUs inline by themselves what no other program may call. */
 #if LANES == 16
 #define INLINED static inline __attribute__((always_inline))
 #else
-#define INLINED
+#define INLINED static inline
 #endif
 
-/* Before a loop of few steps whose number is known: CPU compilers leave it a loop, whose vectors go through memory. */
-#if LANES == 16 && defined(__clang__)
+/* Before a loop of few steps whose number is known: an array that it walks along stays in registers. */
+#if defined(__clang__) || defined(__NV_CL_C_VERSION)
 #define UNROLLED _Pragma("unroll")
 #else
 #define UNROLLED
@@ -138,11 +139,21 @@ typedef struct __attribute__((packed)) {
 
 #define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* the number of the lowest bit that is set */
 
-/* One lane of a variable, to be read, and to be set */
+/* One of up to four values, chosen: GPUs keep no array in registers whose index is only known at run time. */
+#define CHOSEN(values, i) ((i) < 2 ? (i) ? (values)[1] : (values)[0] : (i) == 2 ? (values)[2] : (values)[3])
+
+/* One lane of a variable, to be read, and to be set; the only one of a GPU without its address */
+#if LANES == 1
+#define float_lane(v, lane) (v)
+#define int_lane(v, lane) (v)
+#define set_float_lane(v, lane, value) ((v) = (value))
+#define set_int_lane(v, lane, value) ((v) = (value))
+#else
 #define float_lane(v, lane) (((const float *)&(v))[lane])
 #define int_lane(v, lane) (((const int *)&(v))[lane])
 #define set_float_lane(v, lane, value) (((float *)&(v))[lane] = (value))
 #define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
+#endif
 
 /* With COUNTERS: a kernel's parameter and its value, and adding how many lanes of a mask are true */
 #if COUNTERS

@@ -2,8 +2,9 @@
 #define LIB_LIGHT_H
 /* One light: Lambert's law, highlights (Blinn 1977), shadows by maps (Williams 1978).
  *
- * SHADOWED: the kernel has `global const float *shadow_maps, Shadow shadow`: depth images as the light sees the scene,
- * one below the other; NaN where there is nothing.
+ * SHADOWED: the kernel has SHADOW_PARAMETERS. shadow_maps: (maps * size, size) depth images as the light sees the scene,
+ * one below the other; NaN where there is nothing. shadow_views: (maps, SHADOW_VIEW), of each map 16 numbers from the
+ * world to its pixel space, row by row, and 4 to planar depth in it.
  */
 #include "lib/color.h"
 #include "lib/taps.h"
@@ -26,19 +27,18 @@ typedef struct {
     float shininess;  /* Blinn's exponent: how narrow they are */
 } Light;
 
-#define SHADOW_MAPS_MAX 6
+#define SHADOW_VIEW 20
 
 typedef struct {
-    float from_world[16 * SHADOW_MAPS_MAX]; /* pixel space of each map, row by row */
-    float depth_row[4 * SHADOW_MAPS_MAX];   /* planar depth in it */
     int maps, size;
     float texel_x, texel_y; /* sides of a texel: in the world, or (perspective) at depth 1 */
     float bias; /* scene units by which the thing itself may lie before its true surface in a map */
 } Shadow;
 
 #if SHADOWED
-#define SHADOW_PARAMETERS , global const float *shadow_maps, Shadow shadow
-#define VISIBILITY(p, normal) visibility(shadow_maps, shadow, p, normal)
+#define SHADOW_PARAMETERS , global const float *shadow_maps, global const float *shadow_views, Shadow shadow
+#define SHADOW_ARGUMENTS , shadow_maps, shadow_views, shadow
+#define VISIBILITY(p, normal) visibility(p, normal SHADOW_ARGUMENTS)
 #else
 #define SHADOW_PARAMETERS
 #define VISIBILITY(p, normal) (floatl)1.0f
@@ -73,13 +73,13 @@ INLINED ToLight to_light(Light light, Vector p)
  * normal lies before all of its own plane's texels (docs/theory/shadows.md). SHADOW_BIAS is for surfaces that are no
  * planes, and for rounding; the shadow's bias for things that their maps hold only to their slices' spacing.
  */
-INLINED floatl visibility(global const float *shadow_maps, Shadow shadow, Vector p, Vector normal)
+INLINED floatl visibility(Vector p, Vector normal SHADOW_PARAMETERS)
 {
     const float middle = 0.5f * (shadow.size - 1), safe = SHADOW_BIAS * fmax(shadow.texel_x, shadow.texel_y);
     floatl visible = 1.0f;
     intl remaining = lane_index >= 0; /* points that no map has shown yet */
     for (int i = 0; i < shadow.maps; i++) {
-        const float *m = shadow.from_world + 16 * i, *r = shadow.depth_row + 4 * i;
+        global const float *m = shadow_views + SHADOW_VIEW * i, *r = m + 16;
         float right[3], down[3]; /* as long as SHADOW_FILTER_RADIUS texels, where W is 1 */
         UNROLLED
         for (int axis = 0; axis < 3; axis++) {

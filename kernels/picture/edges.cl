@@ -84,8 +84,8 @@ INLINED intl goes_on(Image image, int x, int y, int dx, int dy, int across_x, in
     return straight | ((count_after > 0.0f) & FOLLOWS(d, sum_after / max_lanes(count_after, (floatl)1.0f), allowed));
 }
 
-/* Is each of LANES samples torn apart from its neighbour at (dx, dy)? direction: the index of per_pixel. */
-INLINED intl torn_along(Image image, int x, int y, int dx, int dy, int direction, Cut cut, EdgeTest test)
+/* Is each of LANES samples torn apart from its neighbour at (dx, dy)? per_pixel: the test's, in that direction */
+INLINED intl torn_along(Image image, int x, int y, int dx, int dy, float per_pixel, Cut cut, EdgeTest test)
 {
     const floatl a = samples_from(image, x, y), b = samples_from(image, x + dx, y + dy);
     const floatl near = max_lanes(a, b), far = min_lanes(a, b);
@@ -93,14 +93,13 @@ INLINED intl torn_along(Image image, int x, int y, int dx, int dy, int direction
     if (!test.straight)
         return IS_OPEN(cut, near, far);
     const floatl noise = test.noise[0] + near * (test.noise[1] + near * test.noise[2]);
-    const floatl facing = test.perspective ? test.per_pixel[direction] * far : (floatl)test.per_pixel[direction];
+    const floatl facing = test.perspective ? per_pixel * far : (floatl)per_pixel;
     intl apart = (!missing) & (near - far > max_lanes(facing, noise));
     if (test.both)
         apart = apart & IS_OPEN(cut, near, far);
     if (!any_lane(apart))
         return missing;
-    const int across_x = direction == 1, across_y = direction == 0;
-    return missing | (apart & !goes_on(image, x, y, dx, dy, across_x, across_y, noise));
+    return missing | (apart & !goes_on(image, x, y, dx, dy, dx == 0, dy == 0, noise));
 }
 
 /* The number nearest to a float's, of those with these last bits */
@@ -117,10 +116,10 @@ kernel void find_edges(global const float *nearness, global float *surface, int 
     for (int x0 = 0; x0 < width; x0 += LANES) {
         const floatl n = samples_from(image, x0, y);
         const intl solid = n > NO_SURFACE, last = x0 + lane_index == width - 1;
-        const intl below = y + 1 < height ? torn_along(image, x0, y, 0, 1, 1, cut, test) : !solid;
-        const intl right = select_lanes(last, !solid, torn_along(image, x0, y, 1, 0, 0, cut, test));
+        const intl below = y + 1 < height ? torn_along(image, x0, y, 0, 1, test.per_pixel[1], cut, test) : !solid;
+        const intl right = select_lanes(last, !solid, torn_along(image, x0, y, 1, 0, test.per_pixel[0], cut, test));
         /* The diagonal from the right neighbour to the one below; of the last ones a neighbour is in the ring. */
-        intl diagonal = y + 1 < height ? torn_along(image, x0 + 1, y, -1, 1, 2, cut, test) : right;
+        intl diagonal = y + 1 < height ? torn_along(image, x0 + 1, y, -1, 1, test.per_pixel[2], cut, test) : right;
         diagonal = select_lanes(last, below, diagonal);
         const intl bits = select_lanes(right, (intl)TORN_RIGHT, (intl)0) | select_lanes(below, (intl)TORN_BELOW, (intl)0) |
                           select_lanes(diagonal, (intl)TORN_DIAGONAL, (intl)0);

@@ -24,37 +24,47 @@ typedef struct {
     intl low_x, high_x, low_y, high_y;
 } Boxes;
 
-Boxes boxes_of(global const int *corners, global const float *projected, intl index, Screen screen, float nearest_w,
-               int culled)
+/* A projected corner */
+typedef struct {
+    floatl U, V, W;
+} ProjectedCorner;
+
+INLINED ProjectedCorner corner_of(global const int *corners, global const float *projected, intl index, int k)
 {
-    floatl U[CORNERS], V[CORNERS], W[CORNERS], x[CORNERS], y[CORNERS];
-    intl before[CORNERS], some = (intl)0, all = (intl)(LANES == 1 ? 1 : -1);
+    floatl row[4];
+    gather_rows(projected, (intl)(gather(corners, CORNERS * index + k)), row);
+    const ProjectedCorner corner = {row[0], row[1], row[2]};
+    return corner;
+}
+
+INLINED Boxes boxes_of(global const int *corners, global const float *projected, intl index, Screen screen,
+                       float nearest_w, int culled)
+{
+    floatl x[CORNERS], y[CORNERS];
+    intl some = (intl)0, all = (intl)(LANES == 1 ? 1 : -1);
     floatl low_x = INFINITY, high_x = -INFINITY, low_y = INFINITY, high_y = -INFINITY;
     UNROLLED
     for (int k = 0; k < CORNERS; k++) {
-        const intl at = CORNERS * index + k, corner = (intl)(gather(corners, at));
-        floatl row[4];
-        gather_rows(projected, corner, row);
-        U[k] = row[0];
-        V[k] = row[1];
-        W[k] = row[2];
-        x[k] = U[k] / W[k];
-        y[k] = V[k] / W[k];
-        before[k] = W[k] >= nearest_w;
-        some = some | before[k];
-        all = all & before[k];
-        low_x = select_lanes(before[k], min_lanes(x[k], low_x), low_x);
-        high_x = select_lanes(before[k], max_lanes(x[k], high_x), high_x);
-        low_y = select_lanes(before[k], min_lanes(y[k], low_y), low_y);
-        high_y = select_lanes(before[k], max_lanes(y[k], high_y), high_y);
+        const ProjectedCorner corner = corner_of(corners, projected, index, k);
+        x[k] = corner.U / corner.W;
+        y[k] = corner.V / corner.W;
+        const intl before = corner.W >= nearest_w;
+        some = some | before;
+        all = all & before;
+        low_x = select_lanes(before, min_lanes(x[k], low_x), low_x);
+        high_x = select_lanes(before, max_lanes(x[k], high_x), high_x);
+        low_y = select_lanes(before, min_lanes(y[k], low_y), low_y);
+        high_y = select_lanes(before, max_lanes(y[k], high_y), high_y);
     }
-    if (any_lane(some & !all)) /* where edges cross the near plane */
+    if (any_lane(some & !all)) /* where edges cross the near plane: seldom, so that corners are read again */
         for (int k = 0; k < CORNERS; k++)
             for (int l = 0; l < CORNERS; l++) {
-                const intl leaves = before[k] & !before[l];
-                const floatl part = (W[k] - nearest_w) / (W[k] - W[l]);
-                const floatl at_x = (U[k] + (U[l] - U[k]) * part) / nearest_w,
-                             at_y = (V[k] + (V[l] - V[k]) * part) / nearest_w;
+                const ProjectedCorner from = corner_of(corners, projected, index, k),
+                                      to = corner_of(corners, projected, index, l);
+                const intl leaves = (from.W >= nearest_w) & !(to.W >= nearest_w);
+                const floatl part = (from.W - nearest_w) / (from.W - to.W);
+                const floatl at_x = (from.U + (to.U - from.U) * part) / nearest_w,
+                             at_y = (from.V + (to.V - from.V) * part) / nearest_w;
                 low_x = select_lanes(leaves, min_lanes(at_x, low_x), low_x);
                 high_x = select_lanes(leaves, max_lanes(at_x, high_x), high_x);
                 low_y = select_lanes(leaves, min_lanes(at_y, low_y), low_y);

@@ -40,7 +40,7 @@ INLINED int begin_listed(Region *region, const Picture *picture, BinList listed,
 {
     const int any = listed.first < listed.last;
     if (any)
-        begin_region(region, picture, x, y);
+        begin_in_picture(region, picture, x, y);
     else if (picture->blank)
         clear_region(picture, x, y);
     return any;

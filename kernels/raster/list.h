@@ -9,7 +9,7 @@
 #endif
 
 #if FRAGMENTS
-void draw_list(const Context *context, Region *region, BinList listed)
+INLINED void draw_list(const Context *context, Region *region, BinList listed)
 {
     for (int i = listed.first; i < listed.last; i += LANES) {
         Primitives primitives;
@@ -24,7 +24,7 @@ void draw_list(const Context *context, Region *region, BinList listed)
             const int low_y = int_lane(primitives.low_y, lane), high_y = int_lane(primitives.high_y, lane);
             for (int row = low_y / BLOCK; row <= high_y / BLOCK; row++)
                 for (int column = low_x / BLOCK; column <= high_x / BLOCK; column++)
-                    cover(context, &primitives, lane, region, row * ROW + column, column * BLOCK, row * BLOCK);
+                    cover(context, &primitives, lane, region, BLOCK_AT(column, row), column * BLOCK, row * BLOCK);
         }
     }
 }

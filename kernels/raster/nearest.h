@@ -15,7 +15,7 @@ typedef struct {
 
 typedef Triangles Primitives;
 
-intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
+INLINED intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
 {
     return set_up_triangles(context->corners, context->projected, index, context->nearest_w, context->culled, x, y, t);
 }

@@ -17,11 +17,13 @@
 #define BLOCK 4
 #define block_x (lane_index & 3)
 #define block_y (lane_index >> 2)
+#define BLOCK_AT(column, row) ((row) * ROW + (column))
 #else
 #define REGION 1
 #define BLOCK 1
 #define block_x 0
 #define block_y 0
+#define BLOCK_AT(column, row) 0
 #endif
 #define ROW (REGION / BLOCK) /* blocks in a row */
 #define BLOCKS (ROW * ROW)
@@ -86,7 +88,7 @@ float16 block_depths(Screen screen, global const float *depth, int x, int y)
 #endif
 
 /* Nearness of the block at (x, y) in the picture so far; EMPTY beside the picture */
-floatl nearness_of_block(Screen screen, global const float *depth, int x, int y)
+INLINED floatl nearness_of_block(Screen screen, global const float *depth, int x, int y)
 {
     floatl so_far = EMPTY;
 #if LANES == 16
@@ -103,17 +105,28 @@ floatl nearness_of_block(Screen screen, global const float *depth, int x, int y)
     return so_far;
 }
 
-/* Begins the region at (x, y) with what the picture shows there; 0 instead of a picture: with nothing. */
-void begin_region(Region *region, const Picture *picture, int x, int y)
+/* Begins the region at (x, y), with nothing in it. */
+INLINED void begin_region(Region *region, int x, int y)
 {
     region->x = x;
     region->y = y;
     for (int block = 0; block < BLOCKS; block++) {
-        floatl so_far = EMPTY;
-        if (picture && !picture->blank)
-            so_far = nearness_of_block(picture->screen, picture->depth, x + FIRST_X(block), y + FIRST_Y(block));
-        region->nearness[block] = so_far;
+        region->nearness[block] = EMPTY;
         region->owner[block] = -1;
+        region->farthest[block] = EMPTY;
+    }
+}
+
+/* Begins it with what the picture shows there. */
+INLINED void begin_in_picture(Region *region, const Picture *picture, int x, int y)
+{
+    begin_region(region, x, y);
+    if (picture->blank)
+        return;
+    for (int block = 0; block < BLOCKS; block++) {
+        const floatl so_far =
+            nearness_of_block(picture->screen, picture->depth, x + FIRST_X(block), y + FIRST_Y(block));
+        region->nearness[block] = so_far;
         region->farthest[block] = least_lane(so_far);
     }
 }

@@ -43,7 +43,7 @@ typedef struct {
 #define IS_TOP_LEFT(a, b) (((a) > 0) | (((a) == 0) & ((b) > 0)))
 
 /* The function of the edges from (U, V, W)[i] to [j]: exactly the opposite of those from j to i */
-Edges edges_of(const floatl *U, const floatl *V, const floatl *W, int i, int j)
+INLINED Edges edges_of(const floatl *U, const floatl *V, const floatl *W, int i, int j)
 {
 #pragma OPENCL FP_CONTRACT OFF /* which rounds one of two products only */
     const Edges e = {V[i] * W[j] - W[i] * V[j], W[i] * U[j] - U[i] * W[j], U[i] * V[j] - V[i] * U[j]};
@@ -52,7 +52,7 @@ Edges edges_of(const floatl *U, const floatl *V, const floatl *W, int i, int j)
 
 /* The same from p to q in subpixels, with the top-left rule; turned: -1 for triangles whose corners run the other
  * way */
-ExactEdges exact_edges_of(intl px, intl py, intl qx, intl qy, intl turned)
+INLINED ExactEdges exact_edges_of(intl px, intl py, intl qx, intl qy, intl turned)
 {
     ExactEdges e;
     e.a = turned * (py - qy);
@@ -64,7 +64,7 @@ ExactEdges exact_edges_of(intl px, intl py, intl qx, intl qy, intl turned)
 }
 
 /* Triangles of corners (triangles, 3) of projected; x, y: the region's first pixel. Which of them may be seen? */
-intl set_up_triangles(global const int *corners, global const float *projected, intl index, float nearest_w, int culled,
+INLINED intl set_up_triangles(global const int *corners, global const float *projected, intl index, float nearest_w, int culled,
                       int x, int y, Triangles *t)
 {
     floatl U[3], V[3], W[3], Q[3], at_x[3], at_y[3];

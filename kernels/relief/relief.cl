@@ -114,7 +114,7 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
             floatl visible = 1.0f;
 #if SHADOWED
             const intl faces = mine & (DOT(normal, to_light(light, shading.point).direction) > 0.0f);
-            visible = in_sight(&relief, &e, &shading, own, light, faces, hidden_by, flat_base, shadow_maps, shadow);
+            visible = in_sight(&relief, &e, &shading, own, light, faces, hidden_by, flat_base SHADOW_ARGUMENTS);
 #endif
             apply_light(&shade, light, shading.point, normal, shading.ahead, visible);
 #endif

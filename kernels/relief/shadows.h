@@ -110,18 +110,18 @@ INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint
     intl wanted = faces;
     floatl mapped = 0.0f;
     if (hidden_by == MAPPED) {
-        mapped = visibility(shadow_maps, shadow, shading->point, own);
+        mapped = VISIBILITY(shading->point, own);
         wanted = wanted & (mapped < 1.0f);
         if (flat_base || !any_lane(wanted))
             return mapped;
     }
     const LightRay ray = light_ray(relief, e, shading, to_light(light, shading->point).direction);
     if (hidden_by == SEARCHED && any_lane(wanted & !ray.leaves))
-        mapped = visibility(shadow_maps, shadow, shading->point, own);
+        mapped = VISIBILITY(shading->point, own);
     wanted = wanted & ray.leaves;
     if (!any_lane(wanted))
         return mapped;
-    const floatl outside = visibility(shadow_maps, shadow, ray.exit, ray.normal);
+    const floatl outside = VISIBILITY(ray.exit, ray.normal);
     if (hidden_by == MAPPED) {
         wanted = wanted & (outside > mapped);
         if (!any_lane(wanted))

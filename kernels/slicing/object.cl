@@ -47,7 +47,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
         return;
     const Picture picture = PICTURE_VALUE;
     Region region;
-    begin_region(&region, &picture, x, y);
+    begin_in_picture(&region, &picture, x, y);
 
     const Views views = {matrices, sizes, maps, reaches, colors, order, closeness, visible, unknown, outline, sample,
                          stride,

@@ -22,6 +22,8 @@
 #define PIXEL_WEIGHT_MIN 1e-6f /* of any pixel: more than nothing */
 #define RATIO_FLOOR 1e-3f     /* ratios up to it weigh nothing, so that half the depth of what lies behind leaves no trace */
 
+#define ELEMENT(values, x) (((const float *)&(values))[x]) /* of 16 */
+
 #if HAS_BEHIND
 /* Whether all of them are; any() compiles to a branch a lane. */
 INLINED int is_zero(float16 values)
@@ -296,7 +298,7 @@ kernel void pull_cells(global float *base, int width, int height, global const f
             const float16 values = pulled(filled[p], y);
             for (int x = 0; x < min(TILE, width - column * TILE); x++) {
                 const int cell = (row * TILE + y) * width + column * TILE + x;
-                base[p * height * width + cell] += (1.0f - base[WEIGHT_PLANE * height * width + cell]) * float_lane(values, x);
+                base[p * height * width + cell] += (1.0f - base[WEIGHT_PLANE * height * width + cell]) * ELEMENT(values, x);
             }
         }
 }
@@ -349,7 +351,7 @@ kernel void pull_pixels(global channel *color, global float *depth, global const
             const float16 red = pulled(filled[0], y), green = pulled(filled[1], y), blue = pulled(filled[2], y);
             const channel16 r = to_channel16(red), g = to_channel16(green), b = to_channel16(blue);
 #endif
-            if (isnan(float_lane(nearness, 0))) /* nothing is known in the whole picture */
+            if (isnan(ELEMENT(nearness, 0))) /* nothing is known in the whole picture */
                 return;
             if (holes == 0xffffu) {
 #if CHANNELS == 3
@@ -364,7 +366,7 @@ kernel void pull_pixels(global channel *color, global float *depth, global const
                 color[3 * (pixel + x) + 1] = ((const channel *)&g)[x];
                 color[3 * (pixel + x) + 2] = ((const channel *)&b)[x];
 #endif
-                depth[pixel + x] = float_lane(z, x);
+                depth[pixel + x] = ELEMENT(z, x);
             }
 #if HAS_BEHIND && CHANNELS == 3
             const uint inner_holes = (here[-1] & here[1] & here[0] << 1 & here[0] >> 1) >> 1;
@@ -374,7 +376,7 @@ kernel void pull_pixels(global channel *color, global float *depth, global const
                 const float falloff = told[BEHIND_PLANE(height, pitch)];
                 if (falloff == 0.0f)
                     continue;
-                const float4 own = (float4)(float_lane(red, x), float_lane(green, x), float_lane(blue, x), 0.0f);
+                const float4 own = (float4)(ELEMENT(red, x), ELEMENT(green, x), ELEMENT(blue, x), 0.0f);
                 const float4 mixed = with_rim(color, depth, valid, width, height, u, v, told[0], falloff, own);
                 vstore3(to_channels(mixed).xyz, pixel + x, color);
             }

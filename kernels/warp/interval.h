@@ -127,7 +127,8 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
         const intl address = select_lanes(settles, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1),
                                           writer->spare + lane_index);
 #else
-        const float b_along = map.dst_from_src[4 * line.along + 3], b_across = map.dst_from_src[4 * line.across + 3];
+        const float b_along = AXIS_ENTRY(map.dst_from_src, line.along, 3);
+        const float b_across = AXIS_ENTRY(map.dst_from_src, line.across, 3);
         const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
         const floatl at_line = line.start + line.slope * p, c = floor_lanes(at_line + 0.5f);
         const floatl distance = group.distance + group.distance_step * p;
@@ -177,13 +178,13 @@ INLINED Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl d
 {
     const float *D = map.dst_from_src;
     Targets targets;
-    targets.p_0 = PIXEL_ROW(D, along, u, v);
-    targets.p_1 = D[4 * along] * du + D[4 * along + 1] * dv;
+    targets.p_0 = AXIS_ENTRY(D, along, 0) * u + AXIS_ENTRY(D, along, 1) * v + AXIS_ENTRY(D, along, 2);
+    targets.p_1 = AXIS_ENTRY(D, along, 0) * du + AXIS_ENTRY(D, along, 1) * dv;
     targets.w_0 = PIXEL_ROW(D, 2, u, v);
     targets.w_1 = D[8] * du + D[9] * dv;
     targets.q_0 = PIXEL_ROW(D, 3, u, v);
     targets.q_1 = D[12] * du + D[13] * dv;
-    targets.b_p = D[4 * along + 3];
+    targets.b_p = AXIS_ENTRY(D, along, 3);
     targets.b_w = D[11];
     targets.b_q = D[15];
     return targets;

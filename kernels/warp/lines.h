@@ -44,7 +44,7 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
     SweepLines line;
     line.along = group.axis;
     line.across = 1 - group.axis;
-    const float b_along = D[4 * line.along + 3], b_across = D[4 * line.across + 3], b_w = D[11];
+    const float b_along = AXIS_ENTRY(D, line.along, 3), b_across = AXIS_ENTRY(D, line.across, 3), b_w = D[11];
     const float e_u = S[3], e_v = S[7], e_w = S[11], e_q = S[15];
     const intl index = (packet - group.first_packet) * LANES + lane_index;
     const floatl at_reference = group.first + group.spacing * to_floatl(index);

@@ -61,7 +61,7 @@ typedef struct {
     float u, v, w;
 } Corner;
 
-Corner corner_at(Grid grid, PixelMap map, int x, int y)
+INLINED Corner corner_at(Grid grid, PixelMap map, int x, int y)
 {
     const float *D = map.dst_from_src;
     const float q = grid.nearness[y * grid.pitch + x], w = MAP_ROW(D, 2, x, y, q), inverse = 1.0f / w;
@@ -81,7 +81,7 @@ void widen(Corner a, Corner b, float row, float *low, float *high)
 
 /* The hit of a pixel's ray on the triangle of a corner and the samples beside it, `to` (1 or -1) along its row and its
  * column, with these differences of nearness; EMPTY if it meets none. */
-float hit_on(Corner corner, float to, float gu, float gv, Grid grid, PixelMap map, int column, int row, int *is_front)
+INLINED float hit_on(Corner corner, float to, float gu, float gv, Grid grid, PixelMap map, int column, int row, int *is_front)
 {
     const float *S = map.src_from_dst;
     const float u = PIXEL_ROW(S, 0, column, row), v = PIXEL_ROW(S, 1, column, row), w = PIXEL_ROW(S, 2, column, row);
@@ -100,7 +100,7 @@ float hit_on(Corner corner, float to, float gu, float gv, Grid grid, PixelMap ma
 
 /* Puts the hits of pixels on the triangle of a corner a and the samples beside it, b along its row and c along its
  * column, among `hits`. */
-void draw_triangle(Corner a, Corner b, Corner c, Grid grid, PixelMap map, int sides, global float *hits)
+INLINED void draw_triangle(Corner a, Corner b, Corner c, Grid grid, PixelMap map, int sides, global float *hits)
 {
     const float top = fmax(fmin(a.v, fmin(b.v, c.v)) - HAIR_OF_EDGE, 0.0f);
     const float bottom = fmin(fmax(a.v, fmax(b.v, c.v)) + HAIR_OF_EDGE, map.dst_height - 1.0f);
@@ -130,7 +130,7 @@ void draw_triangle(Corner a, Corner b, Corner c, Grid grid, PixelMap map, int si
 
 /* Puts the hits of the pixels whose rays run along the edge from a to b among `hits`: they see it even if the triangles
  * beside it are open. Of other rays that pass it within a hair the hit is one more place to look. */
-void draw_edge(Corner a, Corner b, PixelMap map, global float *hits)
+INLINED void draw_edge(Corner a, Corner b, PixelMap map, global float *hits)
 {
     const float *D = map.dst_from_src, *S = map.src_from_dst;
     const float along_u = a.x * S[11] - S[3], along_v = a.y * S[11] - S[7], dx = b.x - a.x, dy = b.y - a.y;
@@ -155,7 +155,7 @@ void draw_edge(Corner a, Corner b, PixelMap map, global float *hits)
 }
 
 /* Draws the triangles of the cell of sample (x, y), and its edges where they are open. */
-void draw_cell(Grid grid, PixelMap map, int x, int y, int sides, global float *hits)
+INLINED void draw_cell(Grid grid, PixelMap map, int x, int y, int sides, global float *hits)
 {
     const Corner q00 = corner_at(grid, map, x, y), q10 = corner_at(grid, map, x + 1, y);
     const Corner q01 = corner_at(grid, map, x, y + 1), q11 = corner_at(grid, map, x + 1, y + 1);
@@ -187,13 +187,13 @@ INLINED void draw_packet(Grid grid, PixelMap map, int x, int y, int sides, globa
         if (!int_lane(lone, lane))
             continue;
         const int at = x + lane, has_left = int_lane(left, lane), has_above = int_lane(above, lane);
-        if (!(has_left | has_above | int_lane(above_left, lane)))
-            draw_cell(grid, map, at - 1, y - 1, sides, hits);
-        if (!(has_above | int_lane(above_right, lane)))
-            draw_cell(grid, map, at, y - 1, sides, hits);
-        if (!has_left)
-            draw_cell(grid, map, at - 1, y, sides, hits);
-        draw_cell(grid, map, at, y, sides, hits);
+        const int drawn_upper_left = has_left | has_above | int_lane(above_left, lane);
+        const int drawn_upper = has_above | int_lane(above_right, lane);
+        for (int cell = 0; cell < 4; cell++) { /* row by row */
+            const int is_drawn = cell == 0 ? drawn_upper_left : cell == 1 ? drawn_upper : cell == 2 ? has_left : 0;
+            if (!is_drawn)
+                draw_cell(grid, map, at - 1 + (cell & 1), y - 1 + (cell >> 1), sides, hits);
+        }
     }
 }
 

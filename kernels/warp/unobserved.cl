@@ -3,11 +3,11 @@
  * Black without depth is no colour: registered cameras, and frames with holes, have it where nothing was seen.
  *
  * color, depth, valid: (dst_height, dst_width), the holes' colours are replaced. nearness: (src_height, src_pitch).
- * src_color: (src_height, src_width). Work-item: `strip` times 16 pixels of a row. Cost: O(pixels).
+ * src_color: (src_height, src_width). Work-item: `strip` times LANES pixels of a row. Cost: O(pixels).
  */
 #include "lib/channel.h"
+#include "lib/lanes.h"
 #include "lib/pixelspace.h"
-#include "warp/holes.h"
 
 float4 color_at_sample(global const channel *color, size_t sample)
 {
@@ -26,29 +26,36 @@ float4 color_between(global const channel *color, int width, int height, float u
     return mix(above, below, in_v - upper);
 }
 
-/* Of 16 pixels from (x, y) on, those of which `bits` are holes */
-INLINED void show_row(global channel *color, global const float *depth, global const float *nearness,
-                      global const channel *src_color, const PixelMap *map, int x, int y, uint bits)
+/* Of LANES pixels from (x, y) on, those that are holes */
+INLINED void show_pixels(global channel *color, global const float *depth, global const uchar *valid,
+                         global const float *nearness, global const channel *src_color, const PixelMap *map, int x,
+                         int y)
 {
     const float *m = map->src_from_dst;
     const size_t pixel = (size_t)y * map->dst_width + x;
-    float16 z = 1.0f;
-    if (x + TILE <= map->dst_width)
-        z = vload16(0, depth + pixel);
-    else
-        for (int i = 0; x + i < map->dst_width; i++)
+    floatl z = 1.0f;
+    intl holes = 0;
+    if (x + LANES <= map->dst_width) {
+        holes = load_bytes(valid + pixel) == 0;
+        if (!any_lane(holes))
+            return;
+        z = load_lanes(depth + pixel);
+    } else
+        for (int i = 0; x + i < map->dst_width; i++) {
             set_float_lane(z, i, depth[pixel + i]);
-    const float16 n = DEPTH_OF(map->dst_perspective, z), px = convert_float16(x + COLUMNS);
-    const float16 w = MAP_ROW(m, 2, px, y, n);
-    const float16 u = MAP_ROW(m, 0, px, y, n) / w, v = MAP_ROW(m, 1, px, y, n) / w;
-    const int16 inside = AMONG(bits) & (w > 0.0f) & (u >= -0.5f) & (v >= -0.5f) & (u < map->src_width - 0.5f) &
-                         (v < map->src_height - 0.5f);
-    const int16 nearest_u = convert_int16(inside ? u + 0.5f : 0.0f),
-                nearest_v = convert_int16(inside ? v + 0.5f : 0.0f);
-    const int16 sample = nearest_v * map->src_pitch + nearest_u;
-    for (uint left = bits; left; left &= left - 1) {
+            set_int_lane(holes, i, -(valid[pixel + i] == 0));
+        }
+    const floatl n = DEPTH_OF(map->dst_perspective, z), px = to_floatl(x + lane_index);
+    const floatl w = MAP_ROW(m, 2, px, y, n);
+    const floatl u = MAP_ROW(m, 0, px, y, n) / w, v = MAP_ROW(m, 1, px, y, n) / w;
+    const intl inside = holes & (w > 0.0f) & (u >= -0.5f) & (v >= -0.5f) & (u < map->src_width - 0.5f) &
+                        (v < map->src_height - 0.5f);
+    const intl nearest_u = to_intl(select_lanes(inside, u + 0.5f, (floatl)0.0f)),
+               nearest_v = to_intl(select_lanes(inside, v + 0.5f, (floatl)0.0f));
+    const intl sample = nearest_v * map->src_pitch + nearest_u;
+    for (uint left = lane_bits(inside); left; left &= left - 1) {
         const int i = LOWEST(left);
-        if (!int_lane(inside, i) || nearness[int_lane(sample, i)] > NO_SURFACE)
+        if (nearness[int_lane(sample, i)] > NO_SURFACE)
             continue;
         const float4 nearest = color_at_sample(src_color,
                                                int_lane(nearest_v, i) * map->src_width + int_lane(nearest_u, i));
@@ -63,12 +70,9 @@ INLINED void show_row(global channel *color, global const float *depth, global c
 kernel void show_unobserved(global channel *color, global const float *depth, global const uchar *valid,
                             global const float *nearness, global const channel *src_color, PixelMap map, int strip)
 {
-    const int first = get_global_id(0) * strip * TILE, y = get_global_id(1);
+    const int first = get_global_id(0) * strip * LANES, y = get_global_id(1);
     if (first >= map.dst_width || y >= map.dst_height)
         return;
-    for (int x = first; x < min(first + strip * TILE, map.dst_width); x += TILE) {
-        const uint bits = hole_bits(valid, map.dst_width, map.dst_height, x, y, TILE / 8);
-        if (bits)
-            show_row(color, depth, nearness, src_color, &map, x, y, bits);
-    }
+    for (int x = first; x < min(first + strip * LANES, map.dst_width); x += LANES)
+        show_pixels(color, depth, valid, nearness, src_color, &map, x, y);
 }

@@ -28,7 +28,7 @@ typedef struct {
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
     floatl leaves[4];   /* where on the step, 0 to 1, the lines leave them: none is entered that is left before */
-    floatl nearness[3]; /* the surface's, there */
+    floatl nearness[4]; /* the surface's, there */
     intl open[4];
 } PassedTriangles;
 
@@ -85,10 +85,10 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
     floatl entered = 0.0f;
     intl inside = 0, held = 0; /* held: a run has ended, and waits for those of the other lanes */
     for (int part = 0; part < 4; part++) {
-        const floatl leaves = triangles.leaves[part];
+        const floatl leaves = CHOSEN(triangles.leaves, part);
         Projection left = step.to.place;
         if (part < 3)
-            left = project_at(targets, major + line.sign * leaves, triangles.nearness[part]);
+            left = project_at(targets, major + line.sign * leaves, CHOSEN(triangles.nearness, part));
         const Projection passed = left;
         const intl is_passed = leaves > entered;
         intl there = active & is_passed;
@@ -103,7 +103,7 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
             enters = select_projection(is_passed & (low > entered), at_low, enters);
             there = there & (high > low);
         }
-        const intl stops = there & triangles.open[part];
+        const intl stops = there & CHOSEN(triangles.open, part);
         const intl ends = inside & stops, second = held & there & !stops;
         if (any_lane(second)) {
             extend(interval, writer, held_begin, held_end, second, (intl)0, line, group, map);

@@ -15,7 +15,7 @@ from pyibr.core.checks import Float64, Immutable
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import struct
 from pyibr.opencl.launch import Struct
-from pyibr.opencl.memory import DeviceArray, copy, empty
+from pyibr.opencl.memory import DeviceArray, copy, empty, upload
 from pyibr.picture.light import Light
 from pyibr.picture.target import Target
 
@@ -64,18 +64,23 @@ class Lighting:
         start = np.zeros(3) if origin is None else origin
         made: dict[str, Any] = {"light": Struct("Light", self.light.struct(start))}
         if self.maps is not None:
-            made |= {"shadow_maps": self.maps, "shadow": Struct("Shadow", self._shadow(bias, start))}
+            made |= {"shadow_maps": self.maps, "shadow_views": upload(self._views(start))}
+            made |= {"shadow": Struct("Shadow", self._shadow(bias))}
         return made
 
-    def _shadow(self, bias: float, origin: Float64) -> NDArray[np.void]:
-        """A record of the kernels' struct Shadow."""
-        values = np.zeros((), struct("lib/light.h", "Shadow"))
+    def _views(self, origin: Float64) -> NDArray[np.float32]:
+        """What the kernels know of each map's camera, for points relative to an origin."""
         shift = np.eye(4)
         shift[:3, 3] = origin
-        for i, camera in enumerate(self.cameras):
-            from_origin = camera.camera_from_world @ shift
-            values["from_world"][16 * i : 16 * i + 16] = (camera.pixel_matrix @ from_origin).ravel()
-            values["depth_row"][4 * i : 4 * i + 4] = from_origin[2]
+        from_origin = [camera.camera_from_world @ shift for camera in self.cameras]
+        pixel_maps = [
+            np.append(camera.pixel_matrix @ one, one[2]) for camera, one in zip(self.cameras, from_origin, strict=True)
+        ]
+        return np.array(pixel_maps, np.float32)
+
+    def _shadow(self, bias: float) -> NDArray[np.void]:
+        """A record of the kernels' struct Shadow."""
+        values = np.zeros((), struct("lib/light.h", "Shadow"))
         values["maps"], values["size"] = len(self.cameras), self.light.shadow_size
         values["texel_x"], values["texel_y"] = 1 / self.cameras[0].K[0, 0], 1 / self.cameras[0].K[1, 1]
         values["bias"] = min(bias, float(np.finfo(np.float32).max))  # noise of absurd depths, squared, is more

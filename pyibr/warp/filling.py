@@ -128,12 +128,11 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
 
 def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> None:
     """The colours that a view has without depth, where filled depths lead to them."""
-    width, height = target.camera.size
-    strip = current().profile.strip
+    profile = current().profile
     launch(
         kernel("warp/unobserved.cl", "show_unobserved", **target.color_defines),
-        (-(-width // (strip * _of_holes("TILE"))), height),
-        strip=strip,
+        profile.packets(*target.camera.size, profile.strip),
+        strip=profile.strip,
         nearness=samples.nearness,
         src_color=samples.color,
         map=map_of(pixel_map.pair),
