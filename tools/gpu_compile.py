@@ -187,7 +187,8 @@ def _weight(row: Row) -> tuple[int, int]:
 def table_of(found: list[Row], nvidia: str, amd: str) -> str:
     """The table, in Markdown."""
     lines = [
-        f"| kernel | defines | {nvidia}: registers | private bytes | occupancy | {amd}: registers | private bytes | occupancy |",
+        f"| kernel | defines | {nvidia}: registers | private bytes | occupancy "
+        f"| {amd}: registers | private bytes | occupancy |",
         "|---|---|---|---|---|---|---|---|",
     ]
 

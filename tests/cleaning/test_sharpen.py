@@ -27,8 +27,8 @@ def test_a_blurred_step_is_an_edge_where_it_was(sigma, side):
     truth = np.where(side, NEAR, FAR)
     found = 1 / ibr.sharpen_depth(blurred(truth, sigma))
     off = np.abs(found - truth)[inside] / np.abs(NEAR - FAR)[inside]
-    # Surfaces are looked for a third of the ramp beyond its ends: 1.5 to 2.6 sigma from the edge, by whole samples, where
-    # 7 to 0.5 % of the step are still to come; their lines are continued as far again.
+    # Surfaces are looked for a third of the ramp beyond its ends: 1.5 to 2.6 sigma from the edge, by whole samples,
+    # where 7 to 0.5 % of the step are still to come; their lines are continued as far again.
     assert np.median(off) < 0.02 and off.max() < 0.15  # so none is on the wrong side
 
 

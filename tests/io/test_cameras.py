@@ -12,7 +12,7 @@ import pytest
 import pyibr as ibr
 from pyibr.capture.sets import write_set
 from pyibr.io import read_cameras
-from pyibr.io.recordings import recording_in
+from pyibr.io.layouts import recording_in
 from tests.data import shared
 
 LENS = ibr.Lens("brown_conrady", [-0.2, 0.05, 0.001, 0])
