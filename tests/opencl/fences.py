@@ -95,12 +95,15 @@ if __name__ == "__main__":
     folder, lanes = sys.argv[1:]
     current()  # what chooses a device has buffers of its own
     program._OPTIONS.append("-cl-opt-disable")
+    kinds = KINDS if lanes == "16" else KINDS[:1]  # Oclgrind sees one lane with the others
     with one_lane() if lanes == "1" else nullcontext():
         for seed, where in enumerate(get_args(Where)):
             print("fences at the", where)
             raise_fences(where)
-            settings = [Setting(kind, True, partial(fenced, where=where)) for kind in KINDS]
-            check_all_ran({one for setting in settings for one in run_all(setting, Launches(), folder)}, folder)
+            settings = [Setting(kind, True, partial(fenced, where=where)) for kind in kinds]
+            ran = {one for setting in settings for one in run_all(setting, Launches(), folder)}
+            if kinds == KINDS:
+                check_all_ran(ran, folder)
             print("poisoned", seed)
             run_all(Setting("uint8", thorough=False), Poisoned(seed), folder)
         print("through in lanes:", current().profile.lanes)

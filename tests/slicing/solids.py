@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
+from tests.data import shared
 
 
 def revolved(profile: ArrayLike, closed: bool, sides: int = 96) -> tuple[np.ndarray, np.ndarray]:
@@ -42,6 +43,13 @@ def torus() -> MeshScene:
 def cup() -> MeshScene:
     """Open above (+y): a wall 0.15 thick, and a bottom."""
     return colored(*revolved([(0, -1), (0.8, -1), (0.8, 1), (0.65, 1), (0.65, -0.8), (0, -0.8)], closed=False))
+
+
+@cache
+def dragon() -> tuple[MeshScene, list[ibr.DepthImage]]:
+    """The scan of 871,414 triangles, and six images of it."""
+    scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
+    return scene, object_views(scene, 512)
 
 
 def looking(

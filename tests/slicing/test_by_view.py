@@ -12,17 +12,15 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
 from pyibr.core.pixelspace import pixel_size
 from pyibr.images.metrics import silhouette_iou
 from pyibr.slicing import alpha_tests
 from pyibr.slicing.drawing import spacing_in
-from tests.data import shared
 from tests.displaced import interior, square
 from tests.relief.solids import grid
 from tests.relief.solids import torus as ring
-from tests.slicing.solids import looking, torus, views_of_torus
+from tests.slicing.solids import dragon, looking, torus, views_of_torus
 from tests.slicing.test_surfaces import SCALE, camera, heights, solid
 
 MIDDLE = np.array([0.5, 0.5, 0.5 * SCALE])
@@ -137,8 +135,7 @@ def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size):
 @pytest.mark.parametrize(("slicing", "size"), [("orthogonal", (320, 240)), ("screen", (240, 180))])
 def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
     """Nor where a pixel is wider than 256 slices lie apart, so that fewer are taken."""
-    scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
-    views = object_views(scene, 512)
+    scene, views = dragon()
     turns = np.arange(6) * 2 * np.pi / 120
     cams = [looking(scene, (np.cos(turn), 0.3, np.sin(turn)), size) for turn in turns]
     truth = [ibr.render(ibr.DepthObject(views, slices=2048, slicing=slicing, halvings=8), cam) for cam in cams]

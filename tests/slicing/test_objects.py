@@ -21,7 +21,7 @@ from tests.boxes import cuboid
 from tests.data import shared
 from tests.processes import with_path
 from tests.reference.slicing import depth_object, first_depth
-from tests.slicing.solids import cup, looking, spacing, torus, views_of_torus
+from tests.slicing.solids import cup, dragon, looking, spacing, torus, views_of_torus
 
 KINDS = ["orthographic", "perspective", "four", "nine, anywhere"]
 FRONT = (0.5, 0.4, 1)
@@ -71,8 +71,8 @@ def test_it_is_the_intersection_of_the_displaced_volumes(kind, projection):
 
 @pytest.mark.thorough
 def test_the_dragon_at_full_size():
-    scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
-    views, camera = object_views(scene, 512), looking(scene, FRONT, (160, 120))
+    scene, views = dragon()
+    camera = looking(scene, FRONT, (160, 120))
     first = ibr.DepthObject(views, slices=256)
     truth = first_depth(depth_object(views), camera, first.box, spacing(first) / 4)
     for slicing in ("orthogonal", "screen"):
