@@ -470,6 +470,7 @@ def _cleanings(setting: Setting) -> Cases:
         color = None if setting.kind == "depth alone" else setting.noise(width, height)
         before = np.where(rng.random(depth.shape) < 0.1, np.float32(np.nan), np.float32(2.01)) if way else None
         yield f"clean {width} x {height} {way}", partial(ibr.clean_depth, depth, color, before=before, **way)
+        yield f"sharpen {width} x {height}", partial(ibr.sharpen_depth, depth)
 
 
 FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {

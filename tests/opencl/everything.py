@@ -98,7 +98,7 @@ def _cleaned() -> list[NDArray[Any]]:
     view = _view(scenes.holed)
     color = view.color.astype(np.float32) / 255
     first = ibr.clean_depth(np.where(view.valid, view.depth, np.float32(np.nan)), view.color)
-    return [*first, *ibr.clean_depth(view.depth, color, before=first.depth)]
+    return [*first, *ibr.clean_depth(view.depth, color, before=first.depth), ibr.sharpen_depth(view.depth)]
 
 
 def _from_within() -> list[NDArray[Any]]:
