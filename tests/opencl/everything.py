@@ -153,12 +153,14 @@ def calls() -> dict[str, Call]:
         "relief from within": _from_within,
         "filtered": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2), anisotropy=8),
         "object": _drawn(lambda: ibr.DepthObject(views, slices=16)),
-        "thin object": _drawn(lambda: ibr.DepthObject(object_views(models.donut(20), 32), slices=16, thin=True)),
+        "thin object": _drawn(
+            lambda: ibr.DepthObject(object_views(models.donut(20), 32), slices=16, thin=True), lit=False
+        ),
         "hull": _drawn(lambda: ibr.VisualHull(views, slices=16), lit=False),
         "relit": _drawn(lambda: [_view(scenes.stepped), ibr.DepthObject(views, slices=16)], relight=True),
         "relit hull": _drawn(lambda: ibr.VisualHull(views, slices=16), relight=True),
         "relit depth mesh object": _drawn(lambda: ibr.DepthMeshObject(views), relight=True),
-        "depth mesh": _drawn(lambda: ibr.DepthMesh(views[4])),
+        "depth mesh": _drawn(lambda: ibr.DepthMesh(views[4]), lit=False),
         "depth mesh object": _drawn(lambda: ibr.DepthMeshObject(views)),
         "depth mesh of noise": _from_noisy_depth,
         "simplified": _simplified,
