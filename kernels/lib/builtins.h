@@ -2,7 +2,7 @@
 #define LIB_BUILTINS_H
 /* OpenCL's built-in functions of inner loops, inlined, with the same bits.
  *
- * Some runtimes for CPUs leave them calls, around which all registers are saved: PoCL 6 took twice the time of PoCL 3.
+ * PoCL 6 leaves them calls, around which all registers are saved, for twice the time (CONTRIBUTING.md shows why).
  * Comparisons, bits and packed structs are an instruction or two everywhere. Only Clang knows C functions of one name for
  * several types; other compilers keep the built-ins, and so does the form of one lane.
  */
