@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import subprocess
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pyibr as ibr
 from benchmarks.cases import Size
@@ -82,10 +84,20 @@ class Drawing:
         return json.loads(line)
 
 
+def first_time(runtime: Runtime) -> float:
+    """Milliseconds of a first picture, for which kernels are built, in a process whose caches are empty."""
+    return float(_printed(runtime.python, json.dumps([runtime.index])))
+
+
 def runtimes_of(python: Path) -> list[Runtime]:
     """All that a Python finds."""
-    done = subprocess.run(_command(python), cwd=_PROJECT, stdout=subprocess.PIPE, text=True, check=True)
-    return [Runtime(name, python, index) for name, index in json.loads(done.stdout.splitlines()[-1])]
+    return [Runtime(name, python, index) for name, index in json.loads(_printed(python))]
+
+
+def _printed(python: Path, *arguments: str) -> str:
+    """The last line."""
+    done = subprocess.run(_command(python, *arguments), cwd=_PROJECT, stdout=subprocess.PIPE, text=True, check=True)
+    return done.stdout.splitlines()[-1]
 
 
 def _command(python: Path, *arguments: str) -> list[str]:
@@ -109,6 +121,18 @@ def _list() -> None:
     print(json.dumps([[_name(device), device.index] for device in found]))
 
 
+def _draw_first(index: int) -> None:
+    with TemporaryDirectory() as folder:
+        os.environ |= {"PYIBR_CACHE": f"{folder}/pyibr", "POCL_CACHE_DIR": f"{folder}/pocl"}
+        with ibr.use_device(index):
+            call = ROWS["warp, filled"]((640, 480))
+            if isinstance(call, Skip):
+                sys.exit(call.reason)
+            start = time.perf_counter()
+            call()
+            print(1e3 * (time.perf_counter() - start))
+
+
 def _serve(index: int, row: str, *size: int) -> None:
     with ibr.use_device(index):
         call = ROWS[row]((size[0], size[1]))
@@ -129,5 +153,7 @@ def _serve(index: int, row: str, *size: int) -> None:
 if __name__ == "__main__":
     if len(sys.argv) == 1:
         _list()
+    elif len(given := json.loads(sys.argv[1])) == 1:
+        _draw_first(*given)
     else:
-        _serve(*json.loads(sys.argv[1]))
+        _serve(*given)

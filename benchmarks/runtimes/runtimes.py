@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from benchmarks.cases import Plan, Size
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Work
-from benchmarks.runtimes.process import Drawing, Runtime, runtimes_of
+from benchmarks.runtimes.process import Drawing, Runtime, first_time, runtimes_of
 from benchmarks.runtimes.rows import ROWS, SIZED
 
 BAR = 1.2
@@ -17,11 +17,18 @@ BAR = 1.2
 
 def cases(plan: Plan) -> Iterator[Case]:
     """A case each row."""
-    found = {runtime.name: runtime for python in plan.pythons for runtime in runtimes_of(python)}
+    named = {runtime.name: runtime for python in plan.pythons for runtime in runtimes_of(python)}
+    found = list(named.values())
     for row in ROWS:
         for size, repeats in plan.runtimes.items() if row in SIZED else [((0, 0), max(plan.runtimes.values()))]:
             parameters: dict[str, Parameter] = {"case": f"{row}, {size[0]} x {size[1]}" if row in SIZED else row}
-            yield Case(parameters, functools.partial(_prepare, list(found.values()), row, size, repeats, parameters))
+            yield Case(parameters, functools.partial(_prepare, found, row, size, repeats, parameters))
+    yield Case({"case": "first picture"}, lambda: Work(read=lambda: _first_times(found)))
+
+
+def _first_times(found: list[Runtime]) -> Iterator[Record]:
+    for runtime in found:
+        yield Record(runtime.name, "first picture", "ms", {}, [first_time(runtime)])
 
 
 def _prepare(found: list[Runtime], row: str, size: Size, repeats: int, parameters: dict[str, Parameter]) -> Work | Skip:

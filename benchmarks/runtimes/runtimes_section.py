@@ -6,7 +6,7 @@ from pathlib import Path
 
 from benchmarks.results import Result
 from benchmarks.runtimes import runtimes
-from benchmarks.statistics import Quartiles, median
+from benchmarks.statistics import Quartiles, median, number
 from benchmarks.tables import table, verdict
 
 RUNTIMES = """## CPU runtimes
@@ -14,6 +14,7 @@ RUNTIMES = """## CPU runtimes
 The same calls on each runtime, in turns, in milliseconds; each runtime is in a process of its own. The ratio is that of
 the slowest to the fastest.
 """
+FIRST = "the first warp, filled, 640 x 480, for which kernels are built"
 EACH = "Each runtime beside the fastest one of each row:\n"
 
 
@@ -33,6 +34,9 @@ def runtimes_section(result: Result, folder: Path) -> list[str]:
         judged = [f"{worst:.2f}", f"at most {runtimes.BAR:g}", verdict(worst <= runtimes.BAR)]
         cells = [str(Quartiles.of(row[name])) if name in row else "" for name in names]
         rows.append([case, *cells, *(judged if len(row) > 1 else ["", "", ""])])
+    first = {record.subject: number(record.values[0]) for record in result.select(quantity="first picture")}
+    if first:
+        rows.append([FIRST, *(first.get(name, "") for name in names), "", "", ""])
     parts = [RUNTIMES, table(["", *names, "ratio", "bar", ""], rows)]
     if len(names) > 1:
         parts += [
