@@ -139,8 +139,12 @@ typedef struct __attribute__((packed)) {
 
 #define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* the number of the lowest bit that is set */
 
-/* One of up to four values, chosen: GPUs keep no array in registers whose index is only known at run time. */
+/* One of up to four values: GPUs, which keep no array in registers whose index is only known at run time, choose it. */
+#if LANES == 1
 #define CHOSEN(values, i) ((i) < 2 ? (i) ? (values)[1] : (values)[0] : (i) == 2 ? (values)[2] : (values)[3])
+#else
+#define CHOSEN(values, i) (values)[i]
+#endif
 
 /* One lane of a variable, to be read, and to be set; the only one of a GPU without its address */
 #if LANES == 1

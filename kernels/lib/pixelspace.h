@@ -43,5 +43,5 @@ typedef struct {
 /* An entry of the map's row for an axis, x: 0, y: 1: chosen by its bits, since compilers make an index of a condition,
  * and arrays with an index that is only known at run time are no registers. */
 #define AXIS_ENTRY(m, axis, column)                                                                            \
-    as_float(bitselect(as_int((m)[column]), as_int((m)[4 + (column)]), -(axis)))
+    as_float((as_int((m)[column]) & ((axis) - 1)) | (as_int((m)[4 + (column)]) & -(axis)))
 #endif
