@@ -5,9 +5,9 @@
 | .png | 8 bit, 16-bit gray | 16 or 8 bit, with a scale |
 | .tif | the same, gray floats | floats, or integers with a scale |
 | .jpg, .bmp, .webp, .ppm | the same | |
-| .npy, .npz | yes | yes |
+| .npy, .npz | yes | yes; of several arrays a chosen one |
 | .pfm | yes | yes |
-| .exr (extra `exr`) | R, G, B | Z, else V, else Y, else R |
+| .exr (extra `exr`) | R, G, B | what is called depth or z, or chosen |
 | .bin (COLMAP) | | yes |
 
 Scans on a grid, which are points and no images, are read by `read_range_grid`; pictures of normals and heights by
@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import describe, one_of, plain_array, positive
+from pyibr.core.checks import describe, instance_of, one_of, plain_array, positive
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_writable, checked_path
 from pyibr.images import depth_from_uint16, uint16_from_depth
@@ -59,24 +59,34 @@ _DEPTH_MODULES = _COLOR_MODULES | {".png": "image", ".tif": "image", ".tiff": "i
 _DEPTH_MODULES |= {".pgm": "pgm", ".dpt": "dpt", ".hdf5": "hdf5"}
 
 
+_CHOICES = {"channel": (".exr", ".npz"), "part": (".exr",)}
+
+
 class _Format(Protocol):
     """Functions that a module of this folder may have; arrays as stored, unchecked."""
 
-    def read_color(self, path: _PathLike) -> NDArray[Any]: ...
+    def read_color(self, path: _PathLike, **chosen: str) -> NDArray[Any]: ...
     def write_color(self, path: _PathLike, color: NDArray[Any]) -> None: ...
-    def read_depth(self, path: _PathLike) -> NDArray[Any]: ...
+    def read_depth(self, path: _PathLike, **chosen: str) -> NDArray[Any]: ...
     def write_depth(self, path: _PathLike, depth: NDArray[Any]) -> None: ...
     def check_output(self, path: _PathLike) -> None: ...
 
 
-def read_color(path: _PathLike) -> NDArray[np.uint8] | NDArray[np.float32]:
+def read_color(
+    path: _PathLike, *, channel: str | None = None, part: str | None = None
+) -> NDArray[np.uint8] | NDArray[np.float32]:
     """Read a colour image.
 
     Parameters
     ----------
     path : path
         Gray is repeated, alpha dropped, the first of several images taken. 16-bit gray becomes float32 in
-        [0, 1]; 16-bit RGB is reduced to 8 bit by the decoder (Pillow). EXR, PFM and NPY are read as they are.
+        [0, 1]; 16-bit RGB is reduced to 8 bit by the decoder (Pillow). EXR, PFM and NPY are read as they are: EXR
+        is linear in light, and may be more than 1.
+    channel : str, optional
+        Of EXR the layer, or one channel; of NPZ the array. By default R, G, B of the layer that is the picture.
+    part : str, optional
+        Of EXR: the part's name, or its number if it has none. By default the first that has what is sought.
 
     Returns
     -------
@@ -95,7 +105,8 @@ def read_color(path: _PathLike) -> NDArray[np.uint8] | NDArray[np.float32]:
     >>> ibr.read_color("red.png")[1, 2].tolist()
     [255, 0, 0]
     """
-    stored = _module(path, _COLOR_MODULES, "image").read_color(path)
+    chosen = _chosen(path, channel, part)
+    stored = _module(path, _COLOR_MODULES, "image").read_color(path, **chosen)
     image: NDArray[Any] = stored[..., None] if stored.ndim == 2 else stored
     if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4) or 0 in image.shape:
         raise FileFormatError(f"{path}: expected an image of shape (H, W, 3), got {describe(stored)}")
@@ -172,7 +183,13 @@ def check_output(path: _PathLike, kind: Literal["color", "depth", "mask"]) -> No
 
 
 def read_depth(
-    path: _PathLike, *, depth_scale: float | None = None, depth_kind: DepthKind = "z", camera: Camera | None = None
+    path: _PathLike,
+    *,
+    depth_scale: float | None = None,
+    depth_kind: DepthKind = "z",
+    camera: Camera | None = None,
+    channel: str | None = None,
+    part: str | None = None,
 ) -> NDArray[np.float32]:
     """Read planar depth.
 
@@ -188,6 +205,11 @@ def read_depth(
         with a scale of focal length times baseline (times the units that are stored a pixel).
     camera : Camera, optional
         Of the depth, for distances.
+    channel : str, optional
+        Of EXR the channel, as ``"ViewLayer.Depth.Z"``; of NPZ the array. By default what is called depth or z, never
+        one of X, Y, Z or of different R, G, B.
+    part : str, optional
+        Of EXR: the part's name, or its number if it has none. By default the first that has what is sought.
 
     Returns
     -------
@@ -210,7 +232,8 @@ def read_depth(
     [[1.5, nan]]
     """
     one_of("depth_kind", depth_kind, DepthKind)
-    stored = _module(path, _DEPTH_MODULES).read_depth(path)
+    chosen = _chosen(path, channel, part)
+    stored = _module(path, _DEPTH_MODULES).read_depth(path, **chosen)
     if stored.ndim > 2:  # (1, H, W) and the like, as networks have them
         stored = stored.reshape([length for length in stored.shape if length != 1] or stored.shape)
     if stored.dtype == np.uint8 and depth_scale is None:
@@ -272,6 +295,17 @@ def _required(depth_scale: float | None, path: _PathLike) -> float:
         )
         raise ArgumentError("depth_scale", expected, "none")
     return positive("depth_scale", depth_scale)
+
+
+def _chosen(path: _PathLike, channel: str | None, part: str | None) -> dict[str, str]:
+    """The choices that are given, which only files of several channels have."""
+    suffix = checked_path(path).suffix.lower()
+    given = {name: value for name, value in (("channel", channel), ("part", part)) if value is not None}
+    for name, value in given.items():
+        if suffix not in _CHOICES[name]:
+            raise ArgumentError(name, f"none but for {' and '.join(_CHOICES[name])}, of {path}", repr(value))
+        instance_of(name, value, str, "a name")
+    return given
 
 
 def _module(path: _PathLike, modules: dict[str, str], default: str | None = None) -> _Format:

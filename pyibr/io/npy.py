@@ -16,14 +16,14 @@ from pyibr.core.errors import FileFormatError
 from pyibr.core.files import check_unpacked, checked_path, read_at_most, reading, write_atomically
 
 
-def read_color(path: str | PathLike[str]) -> NDArray[Any]:
-    """Return the array as stored."""
-    return _read(path, "color")
+def read_color(path: str | PathLike[str], channel: str | None = None) -> NDArray[Any]:
+    """Return the array as stored; channel: its name."""
+    return _read(path, "color", channel)
 
 
-def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
-    """Return the array as stored."""
-    return _read(path, "depth")
+def read_depth(path: str | PathLike[str], channel: str | None = None) -> NDArray[Any]:
+    """Return the array as stored; channel: its name."""
+    return _read(path, "depth", channel)
 
 
 def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
@@ -36,16 +36,17 @@ def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
     _write(path, "depth", depth)
 
 
-def _read(path: str | PathLike[str], name: str) -> NDArray[Any]:
+def _read(path: str | PathLike[str], name: str, channel: str | None) -> NDArray[Any]:
     with reading(path, "NumPy") as source:
         data = source.read_bytes()
         if data[:2] != b"PK":
             return array_of(data)
         with ZipFile(io.BytesIO(data)) as packed:
             arrays = {member.filename.removesuffix(".npy"): member for member in packed.infolist()}
-            if name not in arrays and len(arrays) != 1:
-                raise FileFormatError(f"{path}: no array {name!r} among {', '.join(arrays) or 'none'}")
-            member = arrays.get(name) or next(iter(arrays.values()))
+            wanted = channel or name
+            if wanted not in arrays and (channel or len(arrays) != 1):
+                raise FileFormatError(f"{path}: no array {wanted!r} among {', '.join(arrays) or 'none'}")
+            member = arrays.get(wanted) or next(iter(arrays.values()))
             check_unpacked(member.file_size)
             with packed.open(member) as stream:
                 return array_of(read_at_most(stream))

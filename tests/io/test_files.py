@@ -212,6 +212,14 @@ def test_npz_with_several_arrays_is_asked_by_name(tmp_path: Path):
     np.savez(tmp_path / "others.npz", a=color, b=depth)
     with pytest.raises(ibr.FileFormatError, match="no array 'depth' among a, b"):
         ibr.read_depth(tmp_path / "others.npz")
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "others.npz", channel="b"), depth)
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / "others.npz", channel="a"), color)
+    with pytest.raises(ibr.FileFormatError, match="no array 'c' among a, b"):
+        ibr.read_depth(tmp_path / "others.npz", channel="c")
+    np.save(tmp_path / "d.npy", depth)
+    for choice, kinds in (("channel", r"\.exr and \.npz"), ("part", r"\.exr")):
+        with pytest.raises(ibr.ArgumentError, match=f"^{choice}: expected none but for {kinds}, of .*d.npy, got 'b'"):
+            ibr.read_depth(tmp_path / "d.npy", **{choice: "b"})
 
 
 # ---- PFM by hand
@@ -260,25 +268,7 @@ def test_bad_pfm(tmp_path: Path, content, words):
         ibr.read_depth(tmp_path / "d.pfm")
 
 
-# ---- OpenEXR channels
-
-
-@pytest.mark.parametrize(
-    ("names", "read"),
-    [
-        *[("Z", "Z"), ("YZ", "Z"), ("RY", "Y"), ("RGB", "R")],
-        *[(["View.Depth.Z", "R"], "View.Depth.Z"), (["Depth.V", "Y"], "Depth.V")],
-    ],
-)
-@pytest.mark.parametrize("dtype", [np.float32, np.float16])
-def test_exr_depth_channel(tmp_path: Path, names, read, dtype):
-    exr = pytest.importorskip("OpenEXR")
-    channels = {name: np.full((13, 7), i + 1, dtype) for i, name in enumerate(names)}
-    channels[read][2, 3] = 0.5
-    exr.File({"compression": exr.ZIP_COMPRESSION}, dict(channels)).write(str(tmp_path / "d.exr"))
-    depth = ibr.read_depth(tmp_path / "d.exr")
-    assert depth.dtype == np.float32
-    np.testing.assert_array_equal(depth, channels[read])
+# ---- names
 
 
 @pytest.mark.parametrize("suffix", DEPTH_SUFFIXES)
@@ -286,38 +276,6 @@ def test_names_that_are_no_text_are_names(tmp_path: Path, suffix: str):
     file = tmp_path / f"\udcff\n{suffix}"
     ibr.write_depth(file, np.ones((13, 7), np.float32), depth_scale=1000)
     assert (ibr.read_depth(file, depth_scale=1000) == 1).all()
-
-
-def test_exr_without_a_depth_channel(tmp_path: Path):
-    exr = pytest.importorskip("OpenEXR")
-    exr.File({}, {"A": np.ones((13, 7), np.float32)}).write(str(tmp_path / "d.exr"))
-    with pytest.raises(ibr.FileFormatError, match="no channel Z or V or Y or R among A"):
-        ibr.read_depth(tmp_path / "d.exr")
-
-
-@pytest.mark.parametrize("layers", [["Combined."], ["", "Other."], ["A.B."]])
-def test_exr_colors_of_a_layer(tmp_path: Path, layers):
-    exr = pytest.importorskip("OpenEXR")
-    color = color_of((7, 13)).astype(np.float32)
-    channels = {f"{layers[0]}{name}": np.ascontiguousarray(color[..., k]) for k, name in enumerate("RGB")}
-    channels |= {f"{layer}{name}": np.zeros((13, 7), np.float32) for layer in layers[1:] for name in "RGB"}
-    channels["Depth.Z"] = np.ones((13, 7), np.float32)
-    exr.File({"compression": exr.ZIP_COMPRESSION}, channels).write(str(tmp_path / "c.exr"))
-    np.testing.assert_array_equal(ibr.read_color(tmp_path / "c.exr"), color)
-
-
-@pytest.mark.parametrize(
-    ("names", "words"),
-    [
-        (["A.R", "A.G", "A.B", "B.R", "B.G", "B.B"], "several layers with R, G, B: A, B"),
-        (["A.R", "A.G", "Z"], "no channels R, G, B, nor Y, among A.G, A.R, Z"),
-    ],
-)
-def test_exr_without_colors_to_choose(tmp_path: Path, names, words):
-    exr = pytest.importorskip("OpenEXR")
-    exr.File({}, {name: np.ones((13, 7), np.float32) for name in names}).write(str(tmp_path / "c.exr"))
-    with pytest.raises(ibr.FileFormatError, match=words):
-        ibr.read_color(tmp_path / "c.exr")
 
 
 # ---- pictures as other programs write them
