@@ -23,6 +23,8 @@ _OPTIONS = {
     "view": "DEPTH",
     "camera": "--camera",
     "depth_scale": "--depth-scale",
+    "channel": "--depth-channel",
+    "part": "--depth-channel",
     "cut_ratio": "--cut-ratio",
     "thin": "--thin",
     "far": "--far",

@@ -12,14 +12,18 @@ import typer
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.app.commands.exposure import Exposure
 from pyibr.app.live.pages import Pages
 from pyibr.app.options import (
     Clean,
     DefaultDepthText,
+    DepthChannel,
     DepthKindOption,
     DepthScale,
     DeviceName,
+    ExposureOption,
     FarDepth,
+    chosen_of,
     default_depth_of,
     device_of,
     printable_text,
@@ -60,6 +64,8 @@ def view(
     camera: Annotated[Path | None, typer.Option(help="The camera of COLOR and DEPTH: JSON")] = None,
     depth_scale: DepthScale = None,
     depth_kind: DepthKindOption = "z",
+    depth_channel: DepthChannel = None,
+    exposure: ExposureOption = 0.0,
     far: FarDepth = math.inf,
     default_depth: DefaultDepthText = "none",
     clean: Clean = False,
@@ -82,16 +88,19 @@ def view(
 ) -> None:
     """Look around in a browser, drawn live. The page can only be opened on this machine."""
     with device_of(device):
-        views = _Views(camera, (depth_scale, depth_kind), far, default_depth, clean)
+        exposed = Exposure(exposure)
+        views = _Views(camera, (depth_scale, depth_kind, chosen_of(depth_channel)), far, default_depth, clean, exposed)
         shown, of_meshes = views.read(things)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]
         given: object = shown
         if height is not None:
             if len(meshes) != 1 or len(shown) != 1:
                 raise ArgumentError("--height", "one mesh to displace, and nothing else", f"{len(shown)} things")
-            given = _displaced(meshes[0], height, color, scale, tiles, _wraps(wrap))
+            texture = None if color is None else exposed.shown(ibr.read_color(color), color)
+            given = _displaced(meshes[0], height, texture, scale, tiles, _wraps(wrap))
         elif color is not None or scale is not None:
             raise ArgumentError("--color" if color else "--scale", "--height with it", "none")
+        exposed.tell()
         direction = _direction(up or ("y" if of_meshes else None))
         first = None if start is None else Camera.load(start)
         pages = ibr.view(given, first, up=direction, port=port)
@@ -168,8 +177,15 @@ class _Views:
     """Reads what is named on the command line."""
 
     def __init__(
-        self, camera: Path | None, stored: tuple[float | None, DepthKind], far: float, default_depth: str, clean: bool
+        self,
+        camera: Path | None,
+        stored: tuple[float | None, DepthKind, dict[str, str]],
+        far: float,
+        default_depth: str,
+        clean: bool,
+        exposure: Exposure,
     ) -> None:
+        self._exposure = exposure
         self._camera, self._stored, self._far, self._clean = camera, stored, far, clean
         self._default_depth: float | DefaultDepth | None = default_depth_of(default_depth)
 
@@ -177,7 +193,7 @@ class _Views:
         """The things, and whether they are meshes whose files say nothing of what is up, but for y by custom."""
         things: list[DepthImage | Mesh] = []
         customary = True
-        rest, (scale, kind) = list(names), self._stored
+        rest, (scale, kind, chosen) = list(names), self._stored
         while rest:
             name = rest.pop(0)
             check_exists(name)
@@ -193,8 +209,8 @@ class _Views:
                     "THINGS", f"a depth after the color {printable_text(name)}, and its --camera", lacking
                 )
             else:
-                color, own = ibr.read_color(name), Camera.load(self._camera)
-                depth = ibr.read_depth(rest.pop(0), depth_scale=scale, depth_kind=kind, camera=own)
+                color, own = self._exposure.shown(ibr.read_color(name), name), Camera.load(self._camera)
+                depth = ibr.read_depth(rest.pop(0), depth_scale=scale, depth_kind=kind, camera=own, **chosen)
                 cleaned = self._cleaned(color, depth)
                 things.append(DepthImage(color, cleaned, own, far=self._far, default_depth=self._default_depth))
             customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
@@ -211,7 +227,7 @@ def _wraps(text: str) -> Wraps:
 
 
 def _displaced(
-    mesh: Mesh, height: Path, color: Path | None, scale: float | None, tiles: tuple[int, int], wrap: Wraps
+    mesh: Mesh, height: Path, color: NDArray[Any] | None, scale: float | None, tiles: tuple[int, int], wrap: Wraps
 ) -> dict[str, object]:
     """The mesh with a height map, by the two systems that draw such."""
     if scale is None:
@@ -219,7 +235,7 @@ def _displaced(
     positive("--scale", scale)
     heights, normals = _heights(height)
     own = np.full((1, 1, 3), 200, np.uint8) if mesh.texture is None else mesh.texture
-    texture = own if color is None else ibr.read_color(color)
+    texture = own if color is None else color
     return {
         "relief": ReliefSurface(mesh, heights, texture, scale, tiles=tiles, normal_map=normals, wrap=wrap),
         "slices": SlicedSurface(mesh, heights, texture, scale, tiles=tiles, normal_map=normals, wrap=wrap),

@@ -39,6 +39,13 @@ MinConfidence = Annotated[
     float | None,
     typer.Option(help="Confidence, in its own units, below which samples are left out; default: by the layout"),
 ]
+DepthChannel = Annotated[
+    str | None,
+    typer.Option(metavar="[PART:]CHANNEL", help="Of depth in EXR, as ViewLayer.Depth.Z; of NPZ the array's name"),
+]
+ExposureOption = Annotated[
+    float, typer.Option("--exposure", metavar="STOPS", help="Of colours in EXR: how often their light is doubled")
+]
 NoiseOption = Annotated[
     float | None,
     typer.Option(metavar="PIXELS", help="How noisy the disparity is that depth comes from, with --baseline"),
@@ -58,6 +65,12 @@ def default_depth_of(text: str) -> float | DefaultDepth | None:
         return float(text)
     except ValueError:
         raise ArgumentError("--default-depth", "a depth > 0, farthest or none", text) from None
+
+
+def chosen_of(text: str | None) -> dict[str, str]:
+    """Parse the value of --depth-channel: what `read_depth` takes."""
+    part, _, channel = (text or "").rpartition(":")
+    return {name: value for name, value in (("part", part), ("channel", channel)) if value}
 
 
 def noise_of(pixels: float | None, baseline: float | None) -> tuple[float, float] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,11 +48,18 @@ class Stored:
     confidence: Callable[[], NDArray[Any]] | None = None
     least: float = 0.0
 
-    def read_depth(self, path: Path, scale: float | None, kind: DepthKind, camera: Camera | None) -> Depth:
-        """Planar depth, as `pyibr.read_depth` gives it; `scale`, and a `kind` other than z, replace the layout's."""
+    def read_depth(
+        self, path: Path, scale: float | None, kind: DepthKind, camera: Camera | None, chosen: Mapping[str, str]
+    ) -> Depth:
+        """Planar depth, as `pyibr.read_depth` gives it; `scale`, and a `kind` other than z, replace the layout's.
+
+        chosen : its channel and part.
+        """
         scale, kind = scale or self.scale, self.kind if kind == "z" else kind
         if self.depth is None:
-            return read_depth(path, depth_scale=scale, depth_kind=kind, camera=camera)
+            return read_depth(path, depth_scale=scale, depth_kind=kind, camera=camera, **chosen)
+        for name, value in chosen.items():
+            raise ArgumentError(name, f"none for {path}, of which its layout tells", repr(value))
         values = self.depth(path) / np.float64(scale or 1)
         return depth_kinds.planar(values.astype(np.float32), kind, camera, path)
 
@@ -161,9 +168,11 @@ class Shot(NamedTuple):
     stored: Stored = PLAIN
     number: int = 0
 
-    def read_depth(self, scale: float | None, kind: DepthKind, least: float | None) -> tuple[Depth, float]:
+    def read_depth(
+        self, scale: float | None, kind: DepthKind, least: float | None, chosen: Mapping[str, str] | None = None
+    ) -> tuple[Depth, float]:
         """Planar depth without its unsure samples, and which share of the samples these are."""
-        depth = self.stored.read_depth(self.depth, scale, kind, self.depth_camera or self.camera)
+        depth = self.stored.read_depth(self.depth, scale, kind, self.depth_camera or self.camera, chosen or {})
         return self.stored.sure(depth, least)
 
 

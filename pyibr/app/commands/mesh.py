@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 import pyibr as ibr
+from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import check_outputs
 from pyibr.app.options import (
     CameraFile,
@@ -16,10 +17,13 @@ from pyibr.app.options import (
     Color,
     DefaultDepthText,
     Depth,
+    DepthChannel,
     DepthKindOption,
     DepthScale,
     DeviceName,
+    ExposureOption,
     FarDepth,
+    chosen_of,
     default_depth_of,
     device_of,
     printable_text,
@@ -45,13 +49,18 @@ def mesh(
     default_depth: DefaultDepthText = "none",
     depth_scale: DepthScale = None,
     depth_kind: DepthKindOption = "z",
+    depth_channel: DepthChannel = None,
+    exposure: ExposureOption = 0.0,
     device: DeviceName = None,
 ) -> None:
     """Turn an image with depth into a textured triangle mesh, simplified within an error or to a number."""
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera]}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
-    image, own = ibr.read_color(color), Camera.load(camera)
-    depths = ibr.read_depth(depth, depth_scale=depth_scale, depth_kind=depth_kind, camera=own)
+    own = Camera.load(camera)
+    with Exposure(exposure) as exposed:
+        image = exposed.shown(ibr.read_color(color), color)
+    chosen = chosen_of(depth_channel)
+    depths = ibr.read_depth(depth, depth_scale=depth_scale, depth_kind=depth_kind, camera=own, **chosen)
     depths = ibr.clean_depth(depths, image).depth if clean else depths
     view = DepthImage(image, depths, own, far=far, default_depth=default_depth_of(default_depth))
     with device_of(device):

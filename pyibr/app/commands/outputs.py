@@ -12,6 +12,7 @@ import typer
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.app.commands.exposure import stored
 from pyibr.app.options import print_note, printable_text
 from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
@@ -110,7 +111,7 @@ class Outputs:
                     self._writer = self._stack.enter_context(VideoWriter(path, self._fps))
                 self._writer.add(images[kind])
             elif kind == "color":
-                ibr.write_color(name, images[kind])
+                ibr.write_color(name, stored(images[kind], name))
             elif kind == "depth":
                 ibr.write_depth(
                     name, images[kind], depth_scale=self._stored[0], depth_kind=self._stored[1], camera=camera

@@ -13,18 +13,22 @@ import typer
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs
 from pyibr.app.commands.sources import Losses, Source, open_depths
 from pyibr.app.commands.views import Depth, DepthOptions, DepthReader
 from pyibr.app.options import (
     Baseline,
     Clean,
+    DepthChannel,
     DepthKindOption,
     DepthScale,
     DeviceName,
+    ExposureOption,
     MinConfidence,
     NoiseOption,
     Take,
+    chosen_of,
     device_of,
     noise_of,
     with_progress,
@@ -67,6 +71,8 @@ def register(
     depth_scale: DepthScale = None,
     depth_kind: DepthKindOption = "z",
     min_confidence: MinConfidence = None,
+    depth_channel: DepthChannel = None,
+    exposure: ExposureOption = 0.0,
     seen_out: Annotated[Path | None, typer.Option(help="With --color: write the mask of what has one, too")] = None,
     device: DeviceName = None,
 ) -> None:
@@ -83,11 +89,12 @@ def register(
     outputs.check(files_read, [depth] if color is None else [depth, color])
     losses = Losses(recorded=not is_still)
     reading = depth_scale, depth_kind, min_confidence, math.inf, None, clean, noise_of(noise, baseline)
-    depth_options = DepthOptions(*reading, steady=not is_still, recorded=not is_still)
+    depth_options = DepthOptions(*reading, chosen_of(depth_channel), steady=not is_still, recorded=not is_still)
     depths = DepthReader(depth_options, losses)
-    frames = _read(source, depths, None if color is None else source.colors(losses))
+    pictures = None if color is None else source.colors(losses)
     size = 0, 0
-    with device_of(device), outputs:
+    with device_of(device), outputs, Exposure(exposure) as exposed:
+        frames = _read(source, depths, pictures, exposed)
         for shot, given, picture in with_progress(frames, len(source.shots), "Registering"):
             made = losses.or_none(functools.partial(_registered, depths, shot, given, picture))
             if made is not None:
@@ -98,13 +105,15 @@ def register(
     outputs.tell(size, "frames", "no depth is in view")
 
 
-def _read(source: Source, depths: DepthReader, pictures: Iterator[Color | None] | None) -> Iterator[_Given]:
+def _read(
+    source: Source, depths: DepthReader, pictures: Iterator[Color | None] | None, exposure: Exposure
+) -> Iterator[_Given]:
     """Frames with their depth and, if there are pictures, theirs; without those that are lost."""
     for shot in source.shots:
         picture = None if pictures is None else next(pictures)
         depth = depths.read(shot)
         if depth is not None and (pictures is None or picture is not None):
-            yield shot, depth, picture
+            yield shot, depth, None if picture is None else exposure.shown(picture, shot.color)
 
 
 def _registered(

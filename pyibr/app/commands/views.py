@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.sources import Losses, Source
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
@@ -27,8 +28,8 @@ class DepthOptions(NamedTuple):
     """Options of reading depth: --depth-scale, --depth-kind, --min-confidence, --far, --default-depth, --clean, --noise
     with --baseline.
 
-    `steady`: they come one after the other, and each is cleaned by what is known from the last; else they are all of
-    one scene. `recorded`: a frame may lack depth altogether, and errors name the frame.
+    `chosen`: what --depth-channel names. `steady`: they come one after the other, and each is cleaned by what is known
+    from the last; else they are all of one scene. `recorded`: a frame may lack depth altogether, and errors name it.
     """
 
     scale: float | None
@@ -38,6 +39,7 @@ class DepthOptions(NamedTuple):
     default_depth: float | DefaultDepth | None
     clean: bool
     noise: tuple[float, float] | None
+    chosen: dict[str, str]
     steady: bool
     recorded: bool
 
@@ -56,7 +58,7 @@ class DepthReader:
     def _read(self, shot: Shot, color: NDArray[Any] | None) -> Depth:
         camera, (scale, kind, least, *_) = shot.depth_camera or shot.camera, self._options
         with self.naming(shot):
-            depth, unsure = shot.read_depth(scale, kind, least)
+            depth, unsure = shot.read_depth(scale, kind, least, self._options.chosen)
             if color is not None and shot.depth_camera is None:
                 _check_size(depth, color, shot.camera)
         self._losses.add_unsure(unsure)
@@ -94,11 +96,12 @@ class DepthReader:
 
 
 def views_of(
-    source: Source, depth_options: DepthOptions, losses: Losses, skipped: Collection[int] = ()
+    source: Source, depth_options: DepthOptions, losses: Losses, exposure: Exposure, skipped: Collection[int] = ()
 ) -> Iterator[DepthImage | None]:
     """The frames of a source, one after the other; None where one is lost, or its number skipped."""
     depths = DepthReader(depth_options, losses)
-    for shot, color in zip(source.shots, source.colors(losses, skipped), strict=True):
+    for shot, stored in zip(source.shots, source.colors(losses, skipped), strict=True):
+        color = None if stored is None else exposure.shown(stored, shot.color)
         depth = None if color is None else depths.read(shot, color)
         if color is None or depth is None:
             yield None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,21 +14,25 @@ import typer
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs
-from pyibr.app.commands.sources import InputOptions, Losses, open_sources
+from pyibr.app.commands.sources import InputOptions, Losses, Source, open_sources
 from pyibr.app.commands.targets import Job, Move, Targets
 from pyibr.app.commands.views import DepthOptions, views_of
 from pyibr.app.options import (
     Baseline,
     Clean,
     DefaultDepthText,
+    DepthChannel,
     DepthKindOption,
     DepthScale,
     DeviceName,
+    ExposureOption,
     FarDepth,
     MinConfidence,
     NoiseOption,
     Take,
+    chosen_of,
     default_depth_of,
     device_of,
     noise_of,
@@ -115,6 +119,8 @@ def warp(
     depth_scale: DepthScale = None,
     depth_kind: DepthKindOption = "z",
     min_confidence: MinConfidence = None,
+    depth_channel: DepthChannel = None,
+    exposure: ExposureOption = 0.0,
     depth_out: Annotated[Path | None, typer.Option(help="Write the new view's depth too")] = None,
     valid_out: Annotated[Path | None, typer.Option(help="Write the mask of what is no hole too")] = None,
     skip_existing: Annotated[bool, typer.Option("--skip-existing", help="Leave out views that are there")] = False,
@@ -138,25 +144,50 @@ def warp(
     written |= {"--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
     outputs = Outputs(written, (depth_scale, depth_kind), numbers, fps, opened[0].fps)
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]}, sources)
-    stored, backed = (depth_scale, depth_kind, min_confidence), default_depth_of(default_depth)
-    reading = *stored, far, backed, clean, noise_of(noise, baseline)
-    depth_options = DepthOptions(*reading, steady=not is_scene, recorded=not are_stills)
-    losses, done = Losses(recorded=not are_stills), outputs.done() if skip_existing else set[int]()
-    if done and len(done) == (count or 1):
-        return typer.echo(f"{printable_text(output)}: all of it is there already")
-    each = [views_of(source, depth_options, losses, () if is_scene else done) for source in opened]
+    reading = depth_scale, depth_kind, min_confidence, far, default_depth_of(default_depth), clean
+    noisy, chosen = noise_of(noise, baseline), chosen_of(depth_channel)
+    depth_options = DepthOptions(*reading, noisy, chosen, steady=not is_scene, recorded=not are_stills)
+    done = _done(outputs, count, output) if skip_existing else set[int]()
     how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}
     how |= {"side": side, "fill": None if fill == "none" else fill, "thin": thin, "blend": blend}
     draw = functools.partial(_drawn, samples=samples, how=how)
-    with device_of(device), outputs:
-        if is_scene:
-            known = [view for views in each for view in views if view is not None]
-            jobs = targets.of_scene(known, count) if known else ()
-        else:
-            jobs = targets.of_frames(zip(*each, strict=True), numbers or [])
-        size = _write((job for job in jobs if job.number not in done), draw, outputs, count)
-        losses.tell(some=size != (0, 0))
+    with device_of(device), outputs, Exposure(exposure) as exposed:
+        size = _write(_jobs(opened, depth_options, exposed, targets, (count, numbers), done), draw, outputs, count)
     outputs.tell(size, "views", f"its camera sees nothing of {printable_text(sources[0])}")
+
+
+def _done(outputs: Outputs, count: int | None, output: Path) -> set[int]:
+    """Numbers of the frames that are there; if all are, the command ends."""
+    done = outputs.done()
+    if len(done) == (count or 1):
+        typer.echo(f"{printable_text(output)}: all of it is there already")
+        raise typer.Exit
+    return done
+
+
+def _jobs(
+    sources: Sequence[Source],
+    depth_options: DepthOptions,
+    exposure: Exposure,
+    targets: Targets,
+    numbered: tuple[int | None, Sequence[int] | None],
+    done: set[int],
+) -> Iterator[Job]:
+    """The views to draw, without those that are done, and in the end a word on frames that are lost."""
+    losses, (count, numbers) = Losses(recorded=depth_options.recorded), numbered
+    skipped = done if depth_options.steady else ()
+    each = [views_of(source, depth_options, losses, exposure, skipped) for source in sources]
+    if depth_options.steady:
+        jobs = targets.of_frames(zip(*each, strict=True), numbers or [])
+    else:
+        known = [view for views in each for view in views if view is not None]
+        jobs = targets.of_scene(known, count) if known else ()
+    some = False
+    for job in jobs:
+        if job.number not in done:
+            yield job
+            some = True
+    losses.tell(some=some)
 
 
 def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None) -> tuple[int, int]:
