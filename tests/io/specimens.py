@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import struct
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pyibr as ibr
 from pyibr.io import read_cameras, read_poses, read_range_grid, read_relief_map, write_relief_map
 from tests import calibrations
+from tests.io.others_meshes import write_concave_off, write_painted_obj, write_skinned, write_wedges_ply
 
 RNG = np.random.default_rng(0)
 SIZE = (17, 11)
@@ -85,6 +87,33 @@ def _open3d_trajectory(path: Path) -> None:
     path.write_text(json.dumps({"class_name": "PinholeCameraTrajectory", "parameters": [_open3d(), _open3d()]}))
 
 
+def tiff(values: np.ndarray, orientation: int = 1) -> bytes:
+    """A file by hand, its numbers in the byte order that they have."""
+    order, kind = ">" if values.dtype.byteorder == ">" else "<", {"u": 1, "i": 2, "f": 3}[values.dtype.kind]
+    height, width = values.shape
+    fields = [(256, width), (257, height), (258, 8 * values.itemsize), (259, 1), (262, 1), (273, 146)]
+    fields += [(274, orientation), (277, 1), (278, height), (279, values.nbytes), (339, kind)]
+    entries = b"".join(struct.pack(f"{order}HHII", tag, 4, 1, value) for tag, value in fields)
+    head = b"II*\0" if order == "<" else b"MM\0*"
+    return head + struct.pack(f"{order}IH", 8, len(fields)) + entries + bytes(4) + values.tobytes()
+
+
+def _tiff_of_doubles(path: Path) -> None:
+    path.write_bytes(tiff(DEPTH.astype(">f8"), orientation=6))
+
+
+def _exr_of_parts(path: Path) -> None:
+    """Two parts, of which depth has a data window of its own."""
+    import OpenEXR
+
+    shown = (0, 0), (SIZE[0] + 4, SIZE[1] + 3)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "displayWindow": shown}
+    color = {f"beauty.{name}": np.ascontiguousarray(COLOR[..., k], np.float32) for k, name in enumerate("RGB")}
+    window = {"dataWindow": ((2, 1), (SIZE[0] + 1, SIZE[1]))}
+    parts = [OpenEXR.Part({**header}, color, "color"), OpenEXR.Part({**header, **window}, {"Depth.Z": DEPTH}, "depth")]
+    OpenEXR.File(parts).write(str(path))
+
+
 def _color(path: Path) -> None:
     ibr.write_color(path, COLOR)
 
@@ -118,6 +147,12 @@ OTHERS: dict[str, Write] = {  # what is read, but not written
     "text.ply": _ply_of_text,
     "text.stl": _stl_of_text,
     "packed.ply.gz": _packed_ply,
+    "painted.obj": write_painted_obj,
+    "wedges.ply": write_wedges_ply,
+    "concave.off": write_concave_off,
+    "skinned.gltf": write_skinned,
+    "depth.doubles.tif": _tiff_of_doubles,
+    "depth.parts.exr": _exr_of_parts,
     "grid.ply": _range_grid,
     "poses.txt": _poses,
     "cameras.json": _cameras,
@@ -127,7 +162,7 @@ OTHERS: dict[str, Write] = {  # what is read, but not written
 }
 CHECKED = ("color.png", "depth.png", "relief.png", "color.npz", "depth.npz", "packed.ply.gz")
 """Formats with sums of all that matters: a damage is seen, or does no harm."""
-DECODED_ELSEWHERE = ["depth.png", "depth.tif", "depth.exr"]
+DECODED_ELSEWHERE = ["depth.png", "depth.tif", "depth.exr", "depth.doubles.tif", "depth.parts.exr"]
 DECODED_ELSEWHERE += [name for name in WRITERS if name.startswith(("color.", "relief."))]
 """What libraries in C decode, whose faults might kill the interpreter."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 
 import cv2
@@ -10,17 +9,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-
-
-def tiff(values: np.ndarray, orientation: int = 1) -> bytes:
-    """A file by hand, its numbers in the byte order that they have."""
-    order, kind = ">" if values.dtype.byteorder == ">" else "<", {"u": 1, "i": 2, "f": 3}[values.dtype.kind]
-    height, width = values.shape
-    fields = [(256, width), (257, height), (258, 8 * values.itemsize), (259, 1), (262, 1), (273, 146)]
-    fields += [(274, orientation), (277, 1), (278, height), (279, values.nbytes), (339, kind)]
-    entries = b"".join(struct.pack(f"{order}HHII", tag, 4, 1, value) for tag, value in fields)
-    head = b"II*\0" if order == "<" else b"MM\0*"
-    return head + struct.pack(f"{order}IH", 8, len(fields)) + entries + bytes(4) + values.tobytes()
+from tests.io.specimens import tiff
 
 
 @pytest.mark.parametrize("order", "<>")

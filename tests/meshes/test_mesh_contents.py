@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from tests.io.others_meshes import SQUARE, TRIANGLE, accessor, write_gltf, write_skinned
 from tests.io.specimens import TEXTURED
-from tests.meshes.test_mesh_files import SQUARE, accessor, write_gltf
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
-TRIANGLE = np.array(SQUARE[:3], np.float32)
 
 
 def test_obj_colours_of_materials_are_their_vertices(tmp_path: Path):
@@ -81,30 +80,6 @@ def test_gltf_factors_are_linear_and_multiply_the_vertices_colours(tmp_path: Pat
     colors = ibr.Mesh.load(tmp_path / "m.gltf").colors.reshape(3, 3, 3)
     assert (colors == colors[:, :1]).all()
     assert colors[:, 0].tolist() == [[255, 188, 0], [188, 188, 0], [255, 255, 255]]
-
-
-def write_skinned(path: Path, **changes: object) -> None:
-    """A triangle of two joints: one moved by 5 along x, one turned from x to y; the node itself is elsewhere."""
-    used, weights = np.array([[0, 1, 0, 0]] * 3, np.uint8), np.zeros((3, 4), np.float32)
-    weights[:, :2] = [[1, 0], [0, 2], [0.5, 0.5]]  # of another sum than 1, too
-    inverse, normals = np.array([np.eye(4), np.eye(4)], np.float32), np.float32([[1, 0, 0]] * 3)
-    inverse[0, 3, 1] = 2  # by columns: up by 2 before the joint
-    half = np.sqrt(0.5)
-    arrays = [TRIANGLE, used, weights, inverse.reshape(2, 16), normals]
-    scene = {
-        "accessors": [
-            accessor(i, a, f)
-            for i, (a, f) in enumerate(zip(arrays, ("VEC3", "VEC4", "VEC4", "MAT4", "VEC3"), strict=True))
-        ],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "JOINTS_0": 1, "WEIGHTS_0": 2, "NORMAL": 4}}]}],
-        "nodes": [
-            {"mesh": 0, "skin": 0, "translation": [0, 0, 90]},
-            {"translation": [5, 0, 0]},
-            {"rotation": [0, 0, half, half]},
-        ],
-        "skins": [{"joints": [1, 2], "inverseBindMatrices": 3}],
-    }
-    write_gltf(path, arrays, **(scene | changes))
 
 
 def test_gltf_skins_are_applied(tmp_path: Path):

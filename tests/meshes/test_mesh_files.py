@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import subprocess
 import sys
@@ -14,9 +13,9 @@ import pytest
 import pyibr as ibr
 from pyibr.io import gltf
 from tests.data import shared
+from tests.io.others_meshes import SQUARE, accessor, write_gltf
 from tests.io.specimens import COLORED, FACES, NORMALS, RNG, TEXTURED, VERTICES
 
-SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 NAMES = ("vertices", "faces", "uv", "normals", "colors", "texture")
 
 
@@ -239,22 +238,6 @@ def test_obj_files_of_any_name_have_their_texture(tmp_path: Path, stem):
 
 
 # ---- glTF
-
-
-def accessor(view: int, array: np.ndarray, form: str, **more: object) -> dict[str, object]:
-    kinds = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125, "float32": 5126}
-    return {"bufferView": view, "componentType": kinds[array.dtype.name], "count": len(array), "type": form, **more}
-
-
-def write_gltf(path: Path, arrays: list[np.ndarray], inline: bool = False, **scene: object) -> None:
-    views, data = [], b""
-    for array in arrays:
-        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
-        data += array.tobytes() + bytes(-array.nbytes % 4)
-    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode() if inline else "the%20data.bin"
-    path.with_name("the data.bin").write_bytes(data)
-    whole = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": len(data), "uri": uri}], "bufferViews": views}
-    path.write_text(json.dumps(whole | scene))
 
 
 @pytest.mark.parametrize("inline", [True, False])
