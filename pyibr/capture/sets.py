@@ -18,7 +18,9 @@ from pyibr.core.checks import describe, instance_of
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import checked_path, written_together
 from pyibr.images import DepthImage
+from pyibr.images.srgb import srgb_from_linear
 from pyibr.io import DepthKind, read_color, read_depth, write_color, write_depth
+from pyibr.io.exr import is_light
 from pyibr.io.layouts import recording_in
 from pyibr.io.layouts.transforms import write_transforms
 from pyibr.io.recordings import Shot, cameras_of, shots_of
@@ -49,7 +51,7 @@ def load(
     ``camera/``); or that of all is in ``camera.json``, or in ``camera-intrinsics.txt`` or ``intrinsics.K.txt`` with the
     3 x 3 numbers of K, and ``NAME.pose.txt``, ``groundtruth.txt``, ``trajectory.log`` or ``poses.txt`` (see
     `pyibr.io.read_poses`) tell the poses. Frames without a usable pose, picture or depth are left out, which the logger
-    ``pyibr`` tells.
+    ``pyibr`` tells. Colours of OpenEXR files, which are linear in light, become sRGB, what is brighter than 1 white.
 
     Parameters
     ----------
@@ -122,7 +124,8 @@ def _view(shot: Shot, color: NDArray[Any], scale: float | None, kind: DepthKind,
         depth, _ = shot.read_depth(scale, kind, least)
         if shot.depth_camera is not None:
             depth = register(depth, shot.depth_camera, shot.camera)
-        return DepthImage(color, depth, shot.camera)
+        shown = srgb_from_linear(color) if shot.color is not None and is_light(shot.color) else color
+        return DepthImage(shown, depth, shot.camera)
     except ArgumentError as error:
         if error.argument not in ("color", "depth", "confidence"):
             raise

@@ -10,6 +10,7 @@ import io
 import re
 from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,11 @@ class _Layer:
             (x, y), (to_x, to_y), (width, height) = begin - low, begin - left, end - begin
             found[to_y : to_y + height, to_x : to_x + width] = pixels[y : y + height, x : x + width]
         return found
+
+
+def is_light(path: Path) -> bool:
+    """Tell whether the colours in a file are linear in light."""
+    return path.suffix.lower() == ".exr"
 
 
 def read_color(path: _Path, channel: str | None = None, part: str | None = None) -> NDArray[Any]:

@@ -58,8 +58,8 @@ class Stored:
         scale, kind = scale or self.scale, self.kind if kind == "z" else kind
         if self.depth is None:
             return read_depth(path, depth_scale=scale, depth_kind=kind, camera=camera, **chosen)
-        for name, value in chosen.items():
-            raise ArgumentError(name, f"none for {path}, of which its layout tells", repr(value))
+        if chosen:
+            raise ArgumentError("channel", f"none for {path}, whose layout tells what is depth", repr(dict(chosen)))
         values = self.depth(path) / np.float64(scale or 1)
         return depth_kinds.planar(values.astype(np.float32), kind, camera, path)
 

@@ -44,6 +44,15 @@ def test_pictures_show_light_as_srgb_and_tell_what_is_clipped(run, stops, half, 
     assert ("1.10% of the pixels are brighter than 1, and clipped" in done.stderr) == clipped
 
 
+def test_loaded_recordings_show_light_as_srgb_too(tmp_path: Path):
+    ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], SIZE).save(tmp_path / "camera.json")
+    ibr.write_color(tmp_path / "color/0.exr", LIGHT)
+    ibr.write_depth(tmp_path / "depth/0.exr", np.ones((7, 13), np.float32))
+    (view,) = ibr.load(tmp_path)
+    np.testing.assert_allclose(view.color[1] * 255, 188, atol=0.5)
+    np.testing.assert_allclose(view.color[4, 5], 1, rtol=1e-6)  # float32
+
+
 def test_exr_from_exr_is_light_again(run):
     done, new = run("n.exr", "--depth-channel", "far.Z", "--depth-out", str(Path(run("d.npy")[1])))
     assert done.exit_code == 0, done.output

@@ -434,7 +434,9 @@ def test_floats_of_any_size_are_written(tmp_path: Path):
 def test_unknown_suffixes(tmp_path: Path):
     (tmp_path / "d.xyz").write_bytes(b"1")
     for name, read in (("d.xyz", ibr.read_depth), ("d", ibr.read_depth)):
-        with pytest.raises(ibr.FileFormatError, match=r"known are .bin, .exr, .npy, .npz, .pfm, .png, .tif, .tiff"):
+        with pytest.raises(
+            ibr.FileFormatError, match=r"known are .bin, .dpt, .exr, .hdf5, .npy, .npz, .pfm, .pgm, .png, .tif"
+        ):
             read(tmp_path / name)
     with pytest.raises(ibr.FileFormatError, match=r"no image format \.xyz"):
         ibr.write_color(tmp_path / "c.xyz", color_of((7, 13)))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pyibr.app.options import print_note
 from pyibr.images.srgb import linear_from_srgb, srgb_from_linear
+from pyibr.io.exr import is_light
 
 
 class Exposure:
@@ -43,11 +44,6 @@ class Exposure:
         share = float(np.mean(self._clipped or [0]))
         if share:
             print_note(f"{share:.2%} of the pixels are brighter than 1, and clipped; --exposure -1 halves their light")
-
-
-def is_light(path: Path) -> bool:
-    """Tell whether the colours in a file are linear in light."""
-    return path.suffix.lower() == ".exr"
 
 
 def stored(color: NDArray[Any], path: Path) -> NDArray[Any]:
