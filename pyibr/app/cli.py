@@ -96,7 +96,7 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
     warp: (
         f"color.png depth.png {_MM} --orbit 10 -o new.png",
         "a.png a_depth.npy b.png b_depth.npy --camera a.json --camera b.json --to new.json -o new.png",
-        "rgbd_dataset_freiburg1_desk --depth-scale 5000 --camera camera.json --clean --move 0.05 0 0 -o new.mp4",
+        "rgbd_dataset_freiburg1_desk --clean --move 0.05 0 0 -o new.mp4",
         f"color.mp4 depth {_MM} --depth-camera depth.json --clean --fill background --orbit 5 -o new.mp4",
     ),
     register: ("depth.png --depth-scale 1000 --depth-camera depth.json --color-camera color.json -o registered.png",),

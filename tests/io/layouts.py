@@ -366,9 +366,9 @@ def hypersim(folder: Path) -> None:
     """A camera whose image is tilted: its K is skewed, and it looks along the image's normal."""
     h5py = pytest.importorskip("h5py")
     tilt = turned(0.08, -0.05, 0)
-    scene = rendered(
-        K, [one @ np.block([[tilt, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) for one in POSES]
-    )
+    aslant = np.eye(4)
+    aslant[:3, :3] = tilt
+    scene = rendered(K, [one @ aslant for one in POSES])
     pixel_from_uv = np.array([[32, 0, 31.5], [0, -24, 23.5], [0, 0, 1]])
     cam_from_uv = GL[:3, :3] @ tilt @ np.linalg.inv(K) @ pixel_from_uv
     metres, names = 0.02, [f"M_cam_from_uv_{i}{j}" for i in range(3) for j in range(3)]
@@ -379,11 +379,10 @@ def hypersim(folder: Path) -> None:
     detail.mkdir(parents=True)
     arrays = {"frame_indices": np.array([0, 1]), "positions": np.array([one[:3, 3] for one in POSES]) / metres}
     arrays["orientations"] = np.array([(one @ GL)[:3, :3] for one in POSES])
-    distances = {
-        f"{images}_geometry_hdf5/frame.{k:04d}.depth_meters.hdf5": one for k, one in enumerate(scene.distances)
-    }
-    distances |= {f"{detail}/camera_keyframe_{name}.hdf5": one for name, one in arrays.items()}
-    for path, one in distances.items():
+    files = {f"{detail}/camera_keyframe_{name}.hdf5": one for name, one in arrays.items()}
+    for number, one in enumerate(scene.distances):
+        files[f"{images}_geometry_hdf5/frame.{number:04d}.depth_meters.hdf5"] = one
+    for path, one in files.items():
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         with h5py.File(path, "w") as file:
             file["dataset"] = one.astype(np.float16) if "depth" in path else one

@@ -183,3 +183,10 @@ def test_unsure_samples_are_left_out(tmp_path: Path):
     assert share == 1 / 8 and np.isnan(depth[:3]).all() and np.isfinite(depth[3:]).all()
     assert shot.read_depth(None, "z", 0)[1] == 0
     assert shot.read_depth(None, "z", 3)[1] == 1
+
+
+def test_the_manual_lists_every_layout():
+    manual = (Path(__file__).parents[2] / "docs/howto/recordings.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in manual.splitlines() if line.startswith("| ")]
+    lacking = [layout.name for layout in LAYOUTS if not any(layout.name in row for row in rows)]
+    assert not lacking
