@@ -10,7 +10,7 @@
  * Deviations from the paper: views fade; of each mesh the nearest surface alone is blended, so surfaces that it hides itself are
  * left out, within epsilon, too; textures are projected, not stretched over triangles, and read within the source's
  * triangles, so that no colour leaks over a depth edge; triangles of coarse meshes that bridge two surfaces are not
- * drawn, but tell where rays go between surfaces.
+ * drawn, unless holes are closed BY_SHEETS, but tell where rays go between surfaces.
  *
  * corners, projected, points: select.cl, mesh by mesh, as `MeshCounts` names them. list, starts: raster/bins.cl.
  * firsts: (meshes + 1,) each mesh's first triangle. Of others and views: sources: (meshes, 4) number of its view, of
@@ -20,7 +20,7 @@
  * times how much each sample counts (feather_at), of others 255 times the part that has samples.
  * weights: (meshes,) positional, > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_...
  * layer_nearness, layer_owner: (others + views, items, pixels of a region) what a region's pixels see of each mesh,
- * between the two passes: for all meshes, that is more than private memory holds. If CLOSED, of all `view_count` views
+ * between the two passes: for all meshes, that is more than private memory holds. If CLOSED BY_RAYS, of all `view_count` views
  * what closing.h calls FreeSpace: view_sizes are its sizes. depth, color, valid: the picture, whose pixels stay where
  * they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED. guesses: (height,
  * width) gets the depth of what is closed, with GUESSES.
@@ -34,8 +34,10 @@
 #include "raster/nearest.h"
 
 #ifndef CLOSED
-#define CLOSED 0 /* 1: surface that no view saw is closed (closing.h) */
+#define CLOSED 0 /* BY_RAYS: surface that no view saw is closed (closing.h). BY_SHEETS: others show as they are */
 #endif
+#define BY_RAYS 1
+#define BY_SHEETS 2
 #define BLEND_QUALITY 0
 #define BLEND_POSITION 1
 #define BLEND_NEAREST 2
@@ -138,7 +140,10 @@ typedef struct {
 typedef struct {
     floatl views[BLOCKS];
 #if CLOSED
-    floatl others[BLOCKS], sheets[BLOCKS], backs[BLOCKS];
+    floatl others[BLOCKS];
+#endif
+#if CLOSED == BY_RAYS
+    floatl sheets[BLOCKS], backs[BLOCKS];
 #endif
 } Fronts;
 
@@ -172,21 +177,26 @@ int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts cou
         so_far[block] = EMPTY;
     draw_layers(context, &region, layers, listed, firsts + unseen, counts.others, meshes, x, y, so_far, fronts->views);
     intl holes = (intl)0;
-#if CLOSED
+#if CLOSED == BY_RAYS
     draw_range(context, &region, listed, firsts, counts.sheets, unseen, x, y, fronts->views);
+    for (int block = 0; block < BLOCKS; block++)
+        fronts->backs[block] = select_lanes(region.owner[block] >= 0, region.nearness[block], (floatl)EMPTY);
+#endif
+#if CLOSED
     for (int block = 0; block < BLOCKS; block++) {
         const intl hole = fronts->views[block] == EMPTY;
-        fronts->backs[block] = select_lanes(region.owner[block] >= 0, region.nearness[block], (floatl)EMPTY);
         so_far[block] = select_lanes(hole, (floatl)EMPTY, (floatl)INFINITY);
         holes = holes | hole;
     }
     if (any_lane(holes)) {
         draw_layers(context, &region, layers, listed, firsts + unseen, 0, counts.others, x, y, so_far, fronts->others);
+#if CLOSED == BY_RAYS
         for (int block = 0; block < BLOCKS; block++)
             so_far[block] = select_lanes(fronts->others[block] == EMPTY, (floatl)EMPTY, (floatl)INFINITY);
         draw_range(context, &region, listed, firsts, 0, counts.sheets, x, y, so_far);
         for (int block = 0; block < BLOCKS; block++)
             fronts->sheets[block] = region.nearness[block];
+#endif
     }
 #endif
     return any_lane(holes);
@@ -236,7 +246,7 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     return weight;
 }
 
-#if CLOSED
+#if CLOSED == BY_RAYS
 #if GBUFFER == 2
 #define FAR_NORMALS_PARAMETER , global const uint *far_normals /* as far_colors */
 #define FAR_NORMALS_ARGUMENT far_normals
@@ -290,7 +300,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
                         global const float *scales, global const uint *colors, global const float *weights, int culled,
                         float epsilon, MeshCounts counts, int by, global float *layer_nearness, global int *layer_owner,
                         int items
-#if CLOSED
+#if CLOSED == BY_RAYS
                         ,
                         global const float *free_depths, global const float *extended_depths,
                         global const uint *far_colors, global const float *cell_free_depths,
@@ -317,7 +327,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
     const GBuffer gbuffer = GBUFFER_VALUE;
     const size_t size = BLOCKS * LANES, own = get_global_id(0) * size;
     const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
-#if CLOSED
+#if CLOSED == BY_RAYS
     const FreeSpace space = {free_depths, extended_depths, far_colors, cell_free_depths, cell_extended_depths,
                              view_sizes, from_target, perspectives, first_levels, closeness, stride,
                              screen.perspective, view_count, enclosed};
@@ -338,6 +348,10 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
 #if CLOSED
             if (holed)
                 front = select_lanes(hole, fronts.others[block], front);
+#endif
+#if CLOSED == BY_SHEETS
+            const intl closed = hole & (front > EMPTY);
+#elif CLOSED == BY_RAYS
             const floatl sheet = holed ? fronts.sheets[block] : (floatl)EMPTY;
             const intl closed = close_block(&space, screen.nearest, epsilon, px, py, fronts.backs[block], sheet, &front);
 #endif
@@ -362,7 +376,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
                 total += add_mesh(&context, &colored, mesh, n, owner, px, py, shares, given, &sum, &normal);
                 views |= select_lanes(given, (intl)(1 << sources[4 * mesh]), (intl)0);
             }
-#if CLOSED
+#if CLOSED == BY_RAYS
             const intl given = closed & mine;
             if (any_lane(given))
                 total += add_closing(&space, &colored, FAR_NORMALS_ARGUMENT, px, py, front, given, &sum, &normal,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from pyibr.depthmesh.tree import Tree, build_tree
 from pyibr.depthmesh.triangulation import Triangles, list_triangles, pixels_of
 from pyibr.depthmesh.viewpoints import DrawnViews
 from pyibr.opencl.memory import upload
+
+Closed = Literal["sheets"] | bool
+"""Whether holes are closed, and by what."""
 
 _COARSE_ERROR = 0.001  # of the largest extent: that of the coarse meshes
 _BACK_ERROR = 0.003  # of the largest extent: that of their backs, which are not shown
@@ -47,8 +50,11 @@ class Closing:
 
     Attributes
     ----------
-    surfaces, backs, sheets : list of CoarseMesh
-        Of each view: its surface, the same seen from behind, and what is over that which segmentation took out.
+    surfaces : list of CoarseMesh
+        Of each view what shows in holes: its surface; with its rubber sheets, if these close them.
+    backs, sheets : list of CoarseMesh
+        Of each view: its surface seen from behind, and what is over that which segmentation took out. As all that
+        follows, only where rays tell what is closed.
     far_sides : list of FarSides
         Of each view: what goes on behind its depth edges.
     arguments : dict
@@ -59,10 +65,10 @@ class Closing:
     """
 
     surfaces: list[CoarseMesh]
-    backs: list[CoarseMesh]
-    sheets: list[CoarseMesh]
-    far_sides: list[FarSides]
-    arguments: dict[str, Any]
+    backs: list[CoarseMesh] = field(default_factory=list[CoarseMesh])
+    sheets: list[CoarseMesh] = field(default_factory=list[CoarseMesh])
+    far_sides: list[FarSides] = field(default_factory=list[FarSides])
+    arguments: dict[str, Any] = field(default_factory=dict[str, Any])
     latest: tuple[DrawnViews, Triangles] | None = None
 
     def underlay(self, drawn: DrawnViews) -> Triangles:
@@ -82,15 +88,17 @@ class Closing:
         return made
 
 
-def closing_of(meshes: Sequence[ViewMesh], extent: float) -> Closing:
+def closing_of(meshes: Sequence[ViewMesh], extent: float, closed: Closed) -> Closing:
     """Make the surfaces that close the holes of meshes whose box has this largest edge."""
+    stretched = [CoarseMesh.of(build_tree(mesh.view, Segmentation("none")), _COARSE_ERROR * extent) for mesh in meshes]
+    if closed == "sheets":
+        return Closing(stretched)
     limits = list[NDArray[np.float32]]()
     surfaces, backs, sheets = list[CoarseMesh](), list[CoarseMesh](), list[CoarseMesh]()
-    for mesh in meshes:
+    for mesh, whole in zip(meshes, stretched, strict=True):
         surfaces.append(CoarseMesh.of(mesh.tree, _COARSE_ERROR * extent))
         backs.append(CoarseMesh.of(mesh.tree, _BACK_ERROR * extent).reversed)
-        stretched = CoarseMesh.of(build_tree(mesh.view, Segmentation("none")), _COARSE_ERROR * extent)
-        sheets.append(CoarseMesh(stretched.points, _over_holes(stretched, mesh)))
+        sheets.append(CoarseMesh(whole.points, _over_holes(whole, mesh)))
         view = mesh.view
         unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
         limits.append(np.where(view.valid, view.depth, unseen))

@@ -105,9 +105,10 @@ def draw_depth_meshes(
     underlay = None
     if closing is not None:
         underlay = closing.underlay(drawn)
-        defines["CLOSED"] = 1
-        maps = np.array([pair.src_from_dst for pair in pairs.values()], np.float32)
-        more |= closing.arguments | {"from_target": upload(maps.reshape(-1, 16))}
+        defines["CLOSED"] = int(constant("depthmesh/blend.cl", "BY_RAYS" if closing.arguments else "BY_SHEETS"))
+        if closing.arguments:
+            maps = np.array([pair.src_from_dst for pair in pairs.values()], np.float32)
+            more |= closing.arguments | {"from_target": upload(maps.reshape(-1, 16))}
     trees = [meshes[number].tree for number in drawn.chosen]
     triangles = triangles_for(thing, trees, camera, tolerance, underlay, 0.0 if target.from_light else reuse)
     projected = project_points(triangles, [pairs[number] for number in listed])
@@ -153,9 +154,10 @@ def _color_arguments(
     with_normals: bool,
 ) -> dict[str, Any]:
     """Kernel arguments of the views' colours and weights; and of their normals, where they are asked for."""
-    closing, views = blending.closing, [mesh.view for mesh in meshes]
+    far_sides = () if blending.closing is None else blending.closing.far_sides
+    views = [mesh.view for mesh in meshes]
     feathers = cached_on_device(thing, "feathers", lambda: list(map(feathers_of, meshes)))
-    colors = cached_on_device(thing, "colors", lambda: view_colors(views, feathers, blending.gains, closing))
+    colors = cached_on_device(thing, "colors", lambda: view_colors(views, feathers, blending.gains, far_sides))
     closeness = (blending.closeness / blending.closeness.max()).astype(np.float32)
     focal = np.sqrt(camera.K[0, 0] * camera.K[1, 1])
     arguments: dict[str, Any] = {
@@ -165,14 +167,14 @@ def _color_arguments(
         "scales": upload((colors.focals[colored] / focal).astype(np.float32)),
         "weights": upload(closeness[colored]),
     }
-    if closing is not None:
+    if far_sides:
         first_levels = np.ascontiguousarray(colors.sources[:, 1])
         arguments |= {"far_colors": colors.far_sides, "first_levels": upload(first_levels)}
         arguments["closeness"] = upload(closeness)
     if with_normals:
         normals = list(map(showing_normals, views))
-        shown = cached_on_device(thing, "normals", lambda: view_colors(normals, feathers, closing=closing))
-        arguments |= {"normals": shown.words} | ({} if closing is None else {"far_normals": shown.far_sides})
+        shown = cached_on_device(thing, "normals", lambda: view_colors(normals, feathers, None, far_sides))
+        arguments |= {"normals": shown.words} | ({"far_normals": shown.far_sides} if far_sides else {})
     return arguments
 
 

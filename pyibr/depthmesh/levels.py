@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
-from pyibr.depthmesh.closing import Closing
-from pyibr.depthmesh.far_sides import ViewMesh
+from pyibr.depthmesh.far_sides import FarSides, ViewMesh
 from pyibr.images import DepthImage
 from pyibr.meshes.textures import halved, rgba_words
 from pyibr.opencl.memory import DeviceArray, upload
@@ -47,7 +46,7 @@ def view_colors(
     views: Sequence[DepthImage],
     feathers: Sequence[NDArray[np.uint8]],
     gains: Float64 | None = None,
-    closing: Closing | None = None,
+    continued: Sequence[FarSides] = (),
 ) -> ViewColors:
     """Upload the colours of views, multiplied by their `gains` (views, 3), and their `feathers_of`."""
     words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
@@ -59,8 +58,8 @@ def view_colors(
             words.append(level)
             start += level.size
         sources.append((number, first, len(sizes) - 1, view.camera.projection == "perspective"))
-        if closing is not None:
-            far_sides.append(closing.far_sides[number].colored(words[first]))
+        if continued:
+            far_sides.append(continued[number].colored(words[first]))
     return ViewColors(
         _joined(words),
         upload(np.array(sizes, np.int32)),

@@ -13,7 +13,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, Immutable, checked_bool, describe, instance_of, integer_from, number_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import check_no_lens, covering_camera
-from pyibr.depthmesh.closing import closing_of
+from pyibr.depthmesh.closing import Closed, closing_of
 from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, entry_of_meshes
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
@@ -57,12 +57,13 @@ class DepthMeshObject(Immutable):
     epsilon : float, optional
         Scene units, >= 0: surfaces that lie less behind the front one are the same. By default 1 % of the largest
         extent of the samples.
-    closed : bool
+    closed : bool or "sheets"
         Whether holes are closed: by coarse meshes of the other close views, and where a ray must meet surface that no
         view saw, since it meets the back of one, or goes behind an edge and comes to nothing more that a view saw to be
         empty: there the near surface ends half a sample beyond its samples, and behind it the one on the edge's far
         side goes on. Such surface is a guess; `Frame.guessed` tells where it shows. A view's infinite depths, and those
-        from its `far` on, say that there is nothing; NaN and 0 say nothing.
+        from its `far` on, say that there is nothing; NaN and 0 say nothing. With "sheets", as in the paper (section
+        4.5): by coarse meshes of the drawn views that keep their rubber sheets, which span what is empty, too.
     segmentation : Segmentation, optional
         For views that are no `DepthMesh`.
     match_exposures : bool
@@ -103,7 +104,7 @@ class DepthMeshObject(Immutable):
         blend: Blend = "quality",
         blended: int = 3,
         epsilon: float | None = None,
-        closed: bool = True,
+        closed: Closed = True,
         segmentation: Segmentation | None = None,
         match_exposures: bool = False,
         choose: Choice = "closest",
@@ -115,8 +116,9 @@ class DepthMeshObject(Immutable):
         self.blend: Blend = blend
         self.blended = min(integer_from("blended", blended, 1, _BLENDED_MAX), len(self.meshes))
         self._epsilon = None if epsilon is None else checked_tolerance("epsilon", epsilon)
-        checked_bool("closed", closed)
-        self.closed = closed
+        if not isinstance(closed, bool) and closed != "sheets":  # pyright: ignore[reportUnnecessaryComparison]
+            raise ArgumentError("closed", 'True, False or "sheets"', describe(closed))
+        self.closed: Closed = closed
         checked_bool("match_exposures", match_exposures)
         self.match_exposures = match_exposures
         one_of("choose", choose, Choice)
@@ -171,7 +173,7 @@ class DepthMeshObject(Immutable):
         closeness, order = viewpoints.ranked(target.camera, self.choose == "facing")
         drawn = viewpoints.drawn(target.camera, order, self.blended, self.closed)
         if self.closed:
-            closing = cached_on_device(self, "closing", lambda: closing_of(self.meshes, self.extent))
+            closing = cached_on_device(self, "closing", lambda: closing_of(self.meshes, self.extent, self.closed))
         draw_depth_meshes(
             target,
             self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -23,7 +24,7 @@ class DrawnViews:
     chosen : list of int
         The closest ones, which are blended.
     others : list of int
-        Those that show in their holes: the next closest.
+        Those that show in their holes: the next closest, or the same with their rubber sheets.
     around : list of int
         Those whose backs tell of surface that nobody saw: the others, as many of the farthest, which see the thing from
         behind, and of the closest those that the camera may see the backs of, as of the wall of a cup that it is in.
@@ -98,11 +99,13 @@ class Viewpoints:
         worth = closeness * (1 + _OPPOSITE + cosines) if facing else closeness
         return closeness, np.argsort(-worth, kind="stable").tolist()
 
-    def drawn(self, camera: Camera, order: list[int], count: int, closed: bool) -> DrawnViews:
+    def drawn(self, camera: Camera, order: list[int], count: int, closed: Literal["sheets"] | bool) -> DrawnViews:
         """Choose the views that are drawn: the first `count` of them and, to close their holes, more."""
         chosen = sorted(order[:count])
         if not closed:
             return DrawnViews(chosen)
+        if closed == "sheets":
+            return DrawnViews(chosen, chosen)
         others = sorted(order[count : 2 * count])
         # A camera may see the back of what it is not before, along the view's direction.
         forward, center = camera.forward, camera.center
