@@ -7,10 +7,10 @@
  * all weight already. BLEND_QUALITY: weights of positions times quality, per pixel (the paper's);
  * BLEND_POSITION: of positions alone; BLEND_NEAREST: the front mesh's colour.
  *
- * Deviations from the paper: views fade; of each mesh the nearest surface alone is blended, so surfaces that it hides itself are
- * left out, within epsilon, too; textures are projected, not stretched over triangles, and read within the source's
- * triangles, so that no colour leaks over a depth edge; triangles of coarse meshes that bridge two surfaces are not
- * drawn, unless holes are closed BY_SHEETS, but tell where rays go between surfaces.
+ * Deviations from the paper: views fade; of each mesh the nearest surface alone is blended, so surfaces that it hides
+ * itself are left out, within epsilon, too; textures are projected, not stretched over triangles, and read within the
+ * source's triangles, so that no colour leaks over a depth edge; triangles of coarse meshes that bridge two surfaces
+ * are not drawn, unless holes are closed BY_SHEETS, but tell where rays go between surfaces.
  *
  * corners, projected, points: select.cl, mesh by mesh, as `MeshCounts` names them. list, starts: raster/bins.cl.
  * firsts: (meshes + 1,) each mesh's first triangle. Of others and views: sources: (meshes, 4) number of its view, of
@@ -20,9 +20,9 @@
  * times how much each sample counts (feather_at), of others 255 times the part that has samples.
  * weights: (meshes,) positional, > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_...
  * layer_nearness, layer_owner: (others + views, items, pixels of a region) what a region's pixels see of each mesh,
- * between the two passes: for all meshes, that is more than private memory holds. If CLOSED BY_RAYS, of all `view_count` views
- * what closing.h calls FreeSpace: view_sizes are its sizes. depth, color, valid: the picture, whose pixels stay where
- * they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED. guesses: (height,
+ * between the two passes: for all meshes, that is more than private memory holds. If CLOSED BY_RAYS, of all
+ * `view_count` views what closing.h calls FreeSpace: view_sizes are its sizes. depth, color, valid: the picture, whose
+ * pixels stay where they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED. guesses: (height,
  * width) gets the depth of what is closed, with GUESSES.
  * Work-item: the regions (raster/region.h) of every `items`-th number, of `items` work-items. Cost: O(list + pixels *
  * meshes).
@@ -108,6 +108,7 @@ floatl feather_at(global const uint *colors, global const int *size, floatl x, f
 {
     const Taps taps = clamped_taps(size[0], size[1], x, y);
     floatl alpha[4];
+    UNROLLED
     for (int k = 0; k < 4; k++)
         alpha[k] = to_floatl(texels_at(colors, size[2] + taps.at[k]) >> 24 & 255);
     return bilinear(taps, alpha[0], alpha[1], alpha[2], alpha[3]) * (1.0f / 255);

@@ -182,7 +182,7 @@ class DepthMesh(Immutable):
         ArgumentError
             If an argument is out of its range.
         """
-        with self.tree.states.session.turn():
+        with self.tree.cells.session.turn():
             return self._mesh_of(*self._some_triangles_for(camera, tolerance))
 
     def simplify(self, max_error: float | None = None, *, count: int | None = None) -> Mesh:
@@ -229,11 +229,11 @@ class DepthMesh(Immutable):
             if max_error is None:
                 raise ArgumentError("max_error", "a number >= 0, or a count", "neither")
             bound = checked_tolerance("max_error", max_error)
-            with tree.states.session.turn():
+            with tree.cells.session.turn():
                 return self._mesh_of(*_triangles_of(tree, active_within(tree, bound)))
         most = integer_from("count", count, 1, 2**31 - 1)
         limit = math.inf if max_error is None else checked_tolerance("max_error", max_error)
-        with tree.states.session.turn():
+        with tree.cells.session.turn():
             samples, faces = self._start_for(most, limit)
             pixels, depth = tree.vertices_of(samples)
             points = self.view.camera.unproject(pixels, depth)
@@ -297,7 +297,7 @@ class DepthMesh(Immutable):
         (('number', 'position', 'normal', 'color'), array([ 0.,  0., -1.], dtype=float32))
         """
         checked_bool("normals", normals)
-        with self.tree.states.session.turn():
+        with self.tree.cells.session.turn():
             samples, faces = self._some_triangles_for(camera, tolerance)
             made = self._mesh_of(samples, faces) if normals else None
         strips = strips_of(samples[faces], faces, self.view.camera.size, self.tree.side)

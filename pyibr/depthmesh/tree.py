@@ -38,16 +38,10 @@ class Tree:
         Of kernels/depthmesh/tree.h.
     side : int
         Cells along the side, a power of two.
-    nearness, smoothed, placed : DeviceArray (H, pitch)
-        Of the samples; without their noise, for errors; and of the vertices as they are drawn, the outermost ones half
-        a pixel beyond their samples.
+    nearness : DeviceArray (H, pitch)
+        Of the samples.
     cells : DeviceArray (H, pitch) uint8
         Whether each cell's two triangles are drawn.
-    states : DeviceArray (side + 1, row) uint8
-        Which of the two triangles that a vertex splits are drawn.
-    squeezed : (DeviceArray, DeviceArray)
-        Of vertices with sides that reach over the last column or row: numbers y * row + x, (N,) int32, and their own
-        errors, (N,) float32.
     joined : str
         Of `ErrorsBy`: how a vertex's error is joined with its children's.
     """
@@ -56,11 +50,7 @@ class Tree:
     layout: Struct
     side: int
     nearness: DeviceArray
-    smoothed: DeviceArray
-    placed: DeviceArray
     cells: DeviceArray
-    states: DeviceArray
-    squeezed: tuple[DeviceArray, DeviceArray] | None
     joined: ErrorsBy
 
     def drawn_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -92,9 +82,42 @@ class Tree:
         return _find_normals(self)
 
     @cached_property
+    def smoothed(self) -> DeviceArray:
+        """(H, pitch) nearness of the samples without their noise, for errors."""
+        if not any(self.view.sure_noise):
+            return self.nearness
+        found = empty(self.nearness.shape, np.float32)
+        arguments = {"nearness": self.nearness, "smoothed": found, "layout": self.layout}
+        launch(kernel(_KERNELS, "smooth_nearness"), (found.shape[0],), **arguments)
+        return found
+
+    @cached_property
+    def placed(self) -> DeviceArray:
+        """(H, pitch) nearness of the vertices as they are drawn, outermost ones half a pixel beyond their samples."""
+        return _place_border(self.nearness, self.cells, self.layout)
+
+    @property
+    def states(self) -> DeviceArray:
+        """(side + 1, row) uint8: which of the two triangles that a vertex splits are drawn."""
+        return self._states_and_squeezed[0]
+
+    @property
+    def squeezed(self) -> Squeezed | None:
+        """Vertices with sides that reach over the last column or row, if there are any."""
+        return self._states_and_squeezed[1]
+
+    @cached_property
+    def _states_and_squeezed(self) -> tuple[DeviceArray, Squeezed | None]:
+        return _find_states(self)
+
+    @cached_property
     def errors(self) -> Errors:
         """Errors and bounding spheres of the vertices, by which they are selected for a viewer."""
         return _find_errors(self)
+
+
+Squeezed = tuple[DeviceArray, DeviceArray]
+"""Numbers y * row + x of vertices, (N,) int32, and their own errors, (N,) float32."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +136,7 @@ class Errors:
 
 
 def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = "sum") -> Tree:
-    """Segment a view's grid, and find what its tree's triangles are made of."""
+    """Segment a view's grid; what else there is of its tree is found when it is first asked for."""
     width, height = view.camera.size
     samples = samples_of(view)
     perspective = view.camera.projection == "perspective"
@@ -123,9 +146,8 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
         allowed = f"depths from {least:g} to {most:g} scene units (or `far`, if larger ones are no surface)"
         raise ArgumentError("view", allowed, f"{depths[0]:g} to {depths[1]:g}")
     side = 1 << (max(width, height) - 2).bit_length()
-    row = pitch(side + 1)
     nearness = samples.nearness
-    layout = Struct("Layout", _layout(view, side, row))
+    layout = Struct("Layout", _layout(view, side, pitch(side + 1)))
     rule = Struct("Segmentation", segmentation.record(view, depths[1] - depths[0]))
     cells = empty((height, pitch(width)), np.uint8)
     launch(
@@ -136,22 +158,22 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
         layout=layout,
         rule=rule,
     )
-    placed = _place_border(nearness, cells, layout)
-    smoothed, smoothed_placed = nearness, placed
-    if any(view.sure_noise):
-        smoothed = empty(nearness.shape, np.float32)
-        launch(kernel(_KERNELS, "smooth_nearness"), (height,), nearness=nearness, smoothed=smoothed, layout=layout)
-        smoothed_placed = _place_border(smoothed, cells, layout)
-    states = empty((side + 1, row), np.uint8)
+    return Tree(view, layout, side, nearness, cells, joined)
+
+
+def _find_states(tree: Tree) -> tuple[DeviceArray, Squeezed | None]:
+    (width, height), side, layout, cells = tree.view.camera.size, tree.side, tree.layout, tree.cells
+    states = empty((side + 1, pitch(side + 1)), np.uint8)
     launch(kernel(_KERNELS, "find_finest_states"), (side + 1,), cells=cells, states=states, layout=layout)
     of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_states", "find_coarse_states"))
     _fine_to_coarse(of_step, of_coarse, side, height, states=states, layout=layout)
-    numbers = squeezed_vertices(width, height, side, row)
-    squeezed = None
-    if len(numbers):
-        measured = {"nearness": smoothed, "placed": smoothed_placed, "cells": cells, "layout": layout}
-        squeezed = _measure_squeezed(upload(numbers), states, measured)
-    return Tree(view, layout, side, nearness, smoothed, placed, cells, states, squeezed, joined)
+    numbers = squeezed_vertices(width, height, side, states.shape[1])
+    if not len(numbers):
+        return states, None
+    smoothed = tree.smoothed
+    placed = tree.placed if smoothed is tree.nearness else _place_border(smoothed, cells, layout)
+    measured = {"nearness": smoothed, "placed": placed, "cells": cells, "layout": layout}
+    return states, _measure_squeezed(upload(numbers), states, measured)
 
 
 def _place_border(nearness: DeviceArray, cells: DeviceArray, layout: Struct) -> DeviceArray:
