@@ -17,9 +17,10 @@
 
 /* In samples' distances: */
 #define EDGE 3.0f      /* neighbours that differ by more in depth are of two surfaces */
-#define RISE_MAX 1.0f  /* by which a surface is nearer than its samples tell */
+#define RISE_MAX 2.0f  /* by which a surface is nearer than its samples tell */
 #define NOTHING (1.0f / 64) /* what makes no difference */
 #define ROUND 0.375f   /* of the bend beside a crease, which is then a part of something round */
+#define FALL 1e30f     /* nearness by which a surface falls where it ends */
 #define LINE 6         /* samples, of which a cell's side */
 #define FIRST 2        /* begins at this one */
 
@@ -62,10 +63,10 @@ INLINED floatl sample_size(CellImage image, floatl nearness)
     return image.perspective ? nearness * image.per_sample : (floatl)image.per_sample;
 }
 
-/* A cell's side: how much nearer the surface comes towards it at either end, and by how much a crease between the two
- * is nearer than they tell, if there is one */
+/* A cell's side: how much nearer the surface comes towards it at either end, by how much a crease between the two is
+ * nearer than they tell, if there is one, and how sharply the surface bends at them */
 typedef struct {
-    floatl first, last, crease;
+    floatl first, last, crease, sharp;
 } CellSide;
 
 /* line: the samples along it, the side's own in the middle */
@@ -76,23 +77,24 @@ INLINED CellSide side_of(CellImage image, const CellSample *line)
     UNROLLED
     for (int k = 0; k < LINE - 1; k++) {
         const floatl by = line[k + 1].nearness - line[k].nearness;
-        joined[k] = line[k].solid & line[k + 1].solid & line[k].here & line[k + 1].here &
-                    (fabs(by) <= EDGE * sample_size(image, line[k].nearness));
-        change[k] = select_lanes(joined[k], by, (floatl)0.0f);
+        const intl both = line[k].solid & line[k + 1].solid & line[k].here & line[k + 1].here;
+        joined[k] = both & (fabs(by) <= EDGE * sample_size(image, line[k].nearness));
+        change[k] = select_lanes(both, by, select_lanes(line[k].solid, (floatl)-FALL, (floatl)FALL));
     }
     UNROLLED
     for (int k = 1; k < LINE - 1; k++)
         bend[k] = max_lanes(change[k - 1] - change[k], (floatl)0.0f);
     /* Planes through the samples on either side meet in between, so far above. */
-    const floatl left = select_lanes(joined[1], bend[2], select_lanes(joined[3], bend[3], (floatl)0.0f));
-    const floatl right = select_lanes(joined[3], bend[3], left);
-    const floatl height = left * right / max_lanes(left + right, (floatl)1e-30f);
+    const floatl left = bend[2], right = bend[3];
+    const floatl height = left / max_lanes(left + right, (floatl)1e-30f) * right;
     /* What is round bends as much beside them, and is an eighth of it above its chord, not a half. */
-    const floatl before = select_lanes(joined[0], bend[1], select_lanes(joined[2], bend[2], (floatl)0.0f));
-    const floatl after = select_lanes(joined[4], bend[4], select_lanes(joined[2], bend[3], (floatl)0.0f));
-    const floatl crease = max_lanes(height - ROUND * min_lanes(before, after), (floatl)0.0f);
-    const CellSide side = {max_lanes(change[1], (floatl)0.0f), max_lanes(-change[3], (floatl)0.0f),
-                           select_lanes(joined[2], crease, (floatl)0.0f)};
+    const floatl around = min_lanes(select_lanes(joined[1], bend[1], (floatl)FALL),
+                                    select_lanes(joined[3], bend[4], (floatl)FALL));
+    const intl known = joined[2] & (min_lanes(left, right) < FALL);
+    const CellSide side = {select_lanes(joined[1], max_lanes(change[1], (floatl)0.0f), (floatl)0.0f),
+                           select_lanes(joined[3], max_lanes(-change[3], (floatl)0.0f), (floatl)0.0f),
+                           select_lanes(known, max_lanes(height - ROUND * around, (floatl)0.0f), (floatl)0.0f),
+                           max_lanes(max_lanes(left, right) - around, (floatl)0.0f)};
     return side;
 }
 
@@ -157,7 +159,11 @@ INLINED void find_packet(global const float *depth, CellImage image, int low, in
             ceiling = select_lanes(of_part, max_lanes(ceiling, reach), ceiling);
             part = part | select_lanes(of_part, (intl)(1 << k), (intl)0);
         }
-        const floatl both = max_lanes(above.crease, below.crease) + max_lanes(left.crease, right.crease),
+        /* A crease from corner to corner meets no side: the surface is a quarter of the twist above the bilinear. */
+        const floatl twist = fabs(first - corners[1].nearness - corners[2].nearness + corners[3].nearness),
+                     sharp = max_lanes(max_lanes(above.sharp, below.sharp), max_lanes(left.sharp, right.sharp));
+        const floatl both = max_lanes(above.crease, below.crease) + max_lanes(left.crease, right.crease) +
+                            0.25f * min_lanes(twist, sharp),
                      crease = select_lanes(both < NOTHING * sample, (floatl)0.0f, min_lanes(both, RISE_MAX * sample));
         const intl other = select_lanes(beside_empty, (intl)OUTLINE_CELL,
                                         select_lanes(whole & (crease == 0.0f), (intl)0, (intl)OTHER_CELL));

@@ -90,7 +90,8 @@ INLINED SurfaceSample surface_at(global const float *map, global const int *size
     for (int k = 0; k < 4; k++)
         part += as_floatl(as_intl(samples.weights[k]) & -((bits >> k) & 1));
     const floatl rise = select_lanes(whole, creases ? cell : (floatl)0.0f, first + cell - bilinear);
-    const floatl falls = min_lanes(part * (0.5f / outline - 1.0f), (floatl)1.0f);
+    const float later = 0.5f / outline;
+    const floatl falls = min_lanes(part * (later * later - 1.0f), (floatl)1.0f);
     const floatl share = select_lanes(whole | ends, (floatl)1.0f, falls);
     surface.nearness = select_lanes(other, bilinear + share * rise, bilinear);
     surface.there = surface.there & (!other | !ends | (part >= outline));

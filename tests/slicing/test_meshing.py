@@ -7,6 +7,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
+from pyibr.slicing import meshing
 from tests.boxes import cuboid
 from tests.one_lane import one_lane
 from tests.slicing.solids import cup, looking, torus, views_of_torus
@@ -75,6 +76,13 @@ def test_both_forms_of_kernels_find_the_same_mesh():
 def test_thin_things_have_meshes():
     views = object_views(torus(), 48)
     check_closed(ibr.DepthObject(views, thin=True).to_mesh(30))
+
+
+def test_the_log_tells_how_far_a_mesh_is(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture):
+    monkeypatch.setattr(meshing, "_SILENT_MAX", 0.0)
+    caplog.set_level("INFO", "pyibr")
+    ibr.DepthObject(object_views(torus(), 48)).to_mesh(8)
+    assert "100 % of its grid are known" in caplog.text
 
 
 @pytest.mark.parametrize("wrong", [0, -1, 1025, 2.5, "64", None, True])

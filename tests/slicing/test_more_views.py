@@ -50,7 +50,7 @@ def block(thick: float) -> MeshScene:
 
 SCENES = {"ball": ball, "knot": knot, "torus": torus, "box": lambda: block(0.6), "plate": lambda: block(0.1)}
 # Of pictures' outlines 256 slices miss what is thinner than one: half a percent of things with sharp edges.
-CLOSE = {"ball": 0.999, "knot": 0.995, "torus": 0.998, "box": 0.991, "plate": 0.98}
+CLOSE = {"ball": 0.999, "knot": 0.995, "torus": 0.998, "box": 0.994, "plate": 0.987}
 
 
 @cache
@@ -111,7 +111,7 @@ def test_more_images_are_closer(name, projection):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("name", "size"), [("ball", (131, 97)), ("knot", (64, 64))])
+@pytest.mark.parametrize(("name", "size"), [("ball", (131, 97)), ("knot", (64, 64)), ("box", (64, 64))])
 def test_a_hundred_images(name, size):
     """None cuts off what its samples missed, in images of any size: at 64 the knot is eight samples thick."""
     few, many = (compared(name, ibr.DepthObject(views_of(name, n, size), slices=256), min(size)) for n in (6, 120))
