@@ -1,4 +1,4 @@
-"""The command line: `pyibr warp`, `register`, `mesh`, `view` and `doctor`."""
+"""The command line: `pyibr warp`, `register`, `mesh`, `object`, `hull`, `view`, `place` and `doctor`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from pyibr.app import live_commands
 from pyibr.app.commands.doctor import doctor
 from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
+from pyibr.app.commands.solids import hull, object_
 from pyibr.app.commands.warp import warp
 from pyibr.app.options import printable_text
 from pyibr.app.telling import telling
@@ -32,6 +33,7 @@ _OPTIONS = {
     "degrees": "--orbit",
     "max_error": "--max-error",
     "count": "--count",
+    "resolution": "--resolution",
     "path": "--output",
     "device": "--device",
 }
@@ -104,6 +106,11 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
         f"color.png depth.png {_MM} --max-error 0.005 -o scene.glb",
         f"color.png depth.png {_MM} --count 3000 -o small.glb",
     ),
+    object_: (
+        "dragon --frames 36 -o turn.mp4",
+        "room --depth-scale 1000 --missing unknown --resolution 256 -o room.glb",
+    ),
+    hull: ("pictures masks --camera cameras.json -o hull.ply",),
     live_commands.view: ("dragon.ply",),
     live_commands.place: ("dragon.ply --auto 16 -o dragon",),
     doctor: ("", "--build"),
@@ -111,5 +118,6 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
 """The commands, and how each is used."""
 
 for _command, _uses in _EXAMPLES.items():
-    _shown = [f"[bold]pyibr {_command.__name__} {_use}".rstrip() + "[/bold]" for _use in _uses]
-    app.command(epilog="\n\n".join([f"Example: {_shown[0]}", *_shown[1:]]))(_command)
+    _name = _command.__name__.rstrip("_")
+    _shown = [f"[bold]pyibr {_name} {_use}".rstrip() + "[/bold]" for _use in _uses]
+    app.command(_name, epilog="\n\n".join([f"Example: {_shown[0]}", *_shown[1:]]))(_command)

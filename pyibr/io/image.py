@@ -27,6 +27,15 @@ def read_color(path: str | PathLike[str]) -> NDArray[Any]:
         return decoded(source.read_bytes())
 
 
+def read_mask(path: str | PathLike[str]) -> NDArray[np.bool_]:
+    """(H, W) where the file's first image is opaque by half or more; of one without alpha, where it is not black."""
+    with reading(path, "mask") as source, opened(source.read_bytes()) as picture:
+        if picture.mode in ("RGBA", "LA", "PA") or "transparency" in picture.info:
+            return np.asarray(picture.convert("RGBA"))[..., 3] >= 128
+        values = np.asarray(picture.convert("RGB") if picture.mode == "P" else picture)
+        return values.any(axis=2) if values.ndim == 3 else values > 0
+
+
 def decoded(data: bytes) -> NDArray[Any]:
     """The first image of what a file holds, as stored; Pillow's errors, also for one too large for any good.
 

@@ -8,6 +8,8 @@ mesh is closed, without a table of cases.
 from __future__ import annotations
 
 import itertools
+import logging
+import time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +24,14 @@ from pyibr.opencl.program import kernel
 from pyibr.slicing.drawing import buffers_of, outline_of, ribbons_on_device
 from pyibr.slicing.solid import Solid
 
+_log = logging.getLogger("pyibr")
+
 Mask = NDArray[np.bool_]
 Int64 = NDArray[np.int64]
 
 RESOLUTION_MAX = 1024
-_AT_ONCE = 1 << 21  # points: a test of one takes a few bytes for each view
+_SILENT_MAX = 1.0  # seconds until the log tells how far it is
+_AT_ONCE = 1 << 18  # points: a test of one takes a few bytes for each view
 _PACKET = 16  # points are tested in whole packets, of any device
 _BISECTIONS = 8  # of an edge of the grid
 _MARGIN = 1 / 256  # of an edge: no crossing lies at its very end, where triangles would have no area
@@ -87,9 +92,13 @@ def mesh_of(thing: Solid, resolution: int) -> Mesh:
 
     inside = np.zeros(shape, np.bool_)
     inner = np.arange(inside.size).reshape(shape)[1:-1, 1:-1, 1:-1].ravel()
+    told = time.monotonic()
     for first in range(0, len(inner), _AT_ONCE):
         some = inner[first : first + _AT_ONCE]
         inside.ravel()[some] = contains(thing, places(some))
+        if time.monotonic() - told > _SILENT_MAX:
+            told = time.monotonic()
+            _log.info("a mesh is being made: %.0f %% of its grid are known", 100 * (first + len(some)) / len(inner))
     if not inside.any():
         raise ArgumentError(
             "resolution", "one that is fine enough for the object", f"{resolution}, whose points miss it"

@@ -1,0 +1,94 @@
+"""`pyibr object` and `pyibr hull`: pictures, turntables and meshes of solids, from folders of images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app.cli import app
+from pyibr.capture import models, object_views
+from tests.app.test_cli import assert_one_line
+
+runner = CliRunner()
+
+
+def run(*words: object):
+    return runner.invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def views() -> list[ibr.DepthImage]:
+    return object_views(models.donut(16), 41)
+
+
+@pytest.fixture(scope="module")
+def folder(views: list[ibr.DepthImage], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with a camera for each picture."""
+    place = tmp_path_factory.mktemp("donut")
+    for number, view in enumerate(views):
+        ibr.write_color(place / f"{number}.color.png", view.color)
+        ibr.write_depth(place / f"{number}.depth.npy", view.depth)
+        view.camera.save(place / f"{number}.json")
+    return place
+
+
+def test_a_picture_is_that_of_the_object(folder: Path, views: list[ibr.DepthImage], tmp_path: Path):
+    camera = ibr.Camera.look_at((1, 2, 4), (0, 0, 0), (0, 1, 0), (50, 40), fov_y=45)
+    camera.save(tmp_path / "to.json")
+    result = run("object", folder, "--to", tmp_path / "to.json", "-o", tmp_path / "new.png")
+    assert result.exit_code == 0, result.output
+    expected = ibr.render(ibr.DepthObject(views), camera)
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / "new.png"), expected.color)
+    assert f"new.png: 50x40, {expected.valid.mean():.1%} covered" in result.output
+
+
+def test_a_turntable_turns_about_the_middle(folder: Path, views: list[ibr.DepthImage], tmp_path: Path):
+    result = run("object", folder, "--frames", 4, "-o", tmp_path / "turn.png")
+    assert result.exit_code == 0, result.output
+    thing = ibr.DepthObject(views)
+    for number in range(4):
+        camera = views[0].camera.orbited(90.0 * number, thing.box.center)
+        found = ibr.read_color(tmp_path / f"turn_{number:04d}.png")
+        np.testing.assert_array_equal(found, ibr.render(thing, camera).color)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb", ".obj"])
+def test_a_mesh_is_the_objects(folder: Path, views: list[ibr.DepthImage], tmp_path: Path, suffix: str):
+    result = run("object", folder, "--resolution", 12, "-o", tmp_path / f"donut{suffix}")
+    assert result.exit_code == 0, result.output
+    found, expected = ibr.Mesh.load(tmp_path / f"donut{suffix}"), ibr.DepthObject(views).to_mesh(12)
+    assert len(found.faces) == len(expected.faces) and found.colors is not None
+    assert f"{len(found.faces)} triangles, closed" in result.output
+
+
+@pytest.mark.parametrize("form", ["depth", "alpha", "masks"])
+def test_a_hull_of_depth_of_alpha_or_of_masks(form: str, folder: Path, views: list[ibr.DepthImage], tmp_path: Path):
+    pictures, masks = tmp_path / "pictures", tmp_path / "masks"
+    pictures.mkdir(), masks.mkdir()
+    for number, view in enumerate(views):
+        rgba = np.dstack([view.color, 255 * view.valid.astype(np.uint8)])
+        Image.fromarray(rgba if form == "alpha" else view.color).save(pictures / f"{number}.png")
+        ibr.write_mask(masks / f"{number}.png", view.valid)
+    given = {"depth": [folder], "alpha": [pictures], "masks": [pictures, masks]}[form]
+    words = [] if form == "depth" else ["--camera", folder]
+    result = run("hull", *given, *words, "--resolution", 12, "-o", tmp_path / "hull.ply")
+    assert result.exit_code == 0, result.output
+    expected = ibr.VisualHull(views).to_mesh(12)
+    np.testing.assert_allclose(ibr.Mesh.load(tmp_path / "hull.ply").vertices, expected.vertices, atol=1e-6)
+
+
+def test_mistakes_are_told_in_a_line(folder: Path, tmp_path: Path):
+    mesh, picture = tmp_path / "a.ply", tmp_path / "a.png"
+    assert_one_line(run("object", tmp_path / "none", "-o", mesh), "no such folder")
+    assert_one_line(run("object", tmp_path, "-o", mesh), "neither frusta.json nor frames")
+    assert_one_line(run("object", folder, "--frames", 3, "-o", mesh), "--frames", "a picture or a video")
+    assert_one_line(run("object", folder, "--resolution", 0, "-o", mesh), "--resolution", "got int 0")
+    assert_one_line(run("object", folder, "-o", tmp_path / "a.txt"), "a.txt")
+    assert_one_line(run("hull", tmp_path, "-o", picture), "no picture in it")
+    assert_one_line(run("hull", folder, folder, "-o", folder / "0.json"), "0.json")
+    assert not mesh.exists() and not picture.exists()
