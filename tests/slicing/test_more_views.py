@@ -50,7 +50,7 @@ def block(thick: float) -> MeshScene:
 
 SCENES = {"ball": ball, "knot": knot, "torus": torus, "box": lambda: block(0.6), "plate": lambda: block(0.1)}
 # Of pictures' outlines 256 slices miss what is thinner than one: half a percent of things with sharp edges.
-CLOSE = {"ball": 0.999, "knot": 0.995, "torus": 0.998, "box": 0.994, "plate": 0.987}
+CLOSE = {"ball": 0.999, "knot": 0.995, "torus": 0.998, "box": 0.994, "plate": 0.986}
 
 
 @cache
