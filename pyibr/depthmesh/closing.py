@@ -98,7 +98,8 @@ def closing_of(meshes: Sequence[ViewMesh], extent: float, closed: Closed) -> Clo
     for mesh, whole in zip(meshes, stretched, strict=True):
         surfaces.append(CoarseMesh.of(mesh.tree, _COARSE_ERROR * extent))
         backs.append(CoarseMesh.of(mesh.tree, _BACK_ERROR * extent).reversed)
-        sheets.append(CoarseMesh(whole.points, _over_holes(whole, mesh)))
+        used, corners = np.unique(_over_holes(whole, mesh), return_inverse=True)  # few of its points
+        sheets.append(CoarseMesh(whole.points[used], corners.reshape(-1, 3).astype(np.int32)))
         view = mesh.view
         unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
         limits.append(np.where(view.valid, view.depth, unseen))
