@@ -16,7 +16,7 @@ from pyibr.picture.render import render
 from pyibr.relief.surface import ReliefSurface
 from pyibr.warp.warp import warp
 
-_TURNS = 15
+_TURNS = 30
 
 
 def main(key: str) -> None:
