@@ -32,8 +32,8 @@ def read_mask(path: str | PathLike[str]) -> NDArray[np.bool_]:
     with reading(path, "mask") as source, opened(source.read_bytes()) as picture:
         if picture.mode in ("RGBA", "LA", "PA") or "transparency" in picture.info:
             return np.asarray(picture.convert("RGBA"))[..., 3] >= 128
-        values = np.asarray(picture.convert("RGB") if picture.mode == "P" else picture)
-        return values.any(axis=2) if values.ndim == 3 else values > 0
+        values: NDArray[Any] = np.atleast_3d(np.asarray(picture.convert("RGB") if picture.mode == "P" else picture))
+        return (values > 0).max(axis=2)
 
 
 def decoded(data: bytes) -> NDArray[Any]:

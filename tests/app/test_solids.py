@@ -69,7 +69,8 @@ def test_a_mesh_is_the_objects(folder: Path, views: list[ibr.DepthImage], tmp_pa
 @pytest.mark.parametrize("form", ["depth", "alpha", "masks"])
 def test_a_hull_of_depth_of_alpha_or_of_masks(form: str, folder: Path, views: list[ibr.DepthImage], tmp_path: Path):
     pictures, masks = tmp_path / "pictures", tmp_path / "masks"
-    pictures.mkdir(), masks.mkdir()
+    pictures.mkdir()
+    masks.mkdir()
     for number, view in enumerate(views):
         rgba = np.dstack([view.color, 255 * view.valid.astype(np.uint8)])
         Image.fromarray(rgba if form == "alpha" else view.color).save(pictures / f"{number}.png")
@@ -90,5 +91,5 @@ def test_mistakes_are_told_in_a_line(folder: Path, tmp_path: Path):
     assert_one_line(run("object", folder, "--resolution", 0, "-o", mesh), "--resolution", "got int 0")
     assert_one_line(run("object", folder, "-o", tmp_path / "a.txt"), "a.txt")
     assert_one_line(run("hull", tmp_path, "-o", picture), "no picture in it")
-    assert_one_line(run("hull", folder, folder, "-o", folder / "0.json"), "0.json")
+    assert_one_line(run("hull", folder, folder, "-o", folder / "0.color.png"), "0.color.png", "VIEWS's too")
     assert not mesh.exists() and not picture.exists()

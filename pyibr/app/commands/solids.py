@@ -18,7 +18,8 @@ from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 from pyibr.io import read_cameras
 from pyibr.io.image import read_mask
-from pyibr.io.recordings import cameras_of, find_recording, paired, posed
+from pyibr.io.layouts import find_recording
+from pyibr.io.recordings import cameras_of, paired, posed
 from pyibr.meshes.files import check_mesh_file, is_mesh_file
 from pyibr.slicing import DepthObject, VisualHull
 from pyibr.slicing.solid import Missing
@@ -55,7 +56,7 @@ def object_(
     device: DeviceName = None,
 ) -> None:
     """Make a solid of depth images all round, and draw it, on a turntable, or write its mesh."""
-    writer = _Writer(output, to, orbit, frames, resolution, samples, fps)
+    writer = _Writer([views], output, to, orbit, frames, resolution, samples, fps)
     with device_of(device):
         writer.write(DepthObject(load(views, depth_scale=depth_scale, depth_kind=depth_kind), missing=missing))
 
@@ -80,7 +81,7 @@ def hull(
     device: DeviceName = None,
 ) -> None:
     """Make the largest solid that fits into silhouettes, and draw it, on a turntable, or write its mesh."""
-    writer = _Writer(output, to, orbit, frames, resolution, samples, fps)
+    writer = _Writer([views, *([masks] if masks else [])], output, to, orbit, frames, resolution, samples, fps)
     with device_of(device):
         writer.write(VisualHull(_silhouettes(views, masks, camera)))
 
@@ -90,6 +91,7 @@ class _Writer:
 
     def __init__(
         self,
+        folders: Sequence[Path],
         output: Path,
         to: Path | None,
         orbit: float,
@@ -109,13 +111,14 @@ class _Writer:
         self._turns = orbit / frames * np.arange(frames)
         count = max(frames, len(self._cameras or ()))
         self._outputs: Outputs | None = None
-        inputs = {"--to": [] if to is None else [to]}
+        read = [file for folder in folders for file in folder.rglob("*")]
+        inputs = {"VIEWS": read, "--to": [] if to is None else [to]}
         if self._is_mesh:
             check_mesh_file(output, textured=False, colored=True)
             check_outputs(inputs, {"--output": [output]})
         else:
             self._outputs = Outputs(
-                {"--output": (output, "color")}, (None, "z"), count if count > 1 else None, fps, None
+                {"--output": (output, "color")}, (None, "z"), range(count) if count > 1 else None, fps, None
             )
             self._outputs.check(inputs)
 
