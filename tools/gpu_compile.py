@@ -1,4 +1,4 @@
-"""What the compilers of GPUs make of every kernel, without a GPU: registers, private memory, occupancy.
+"""Costs of every kernel by the compilers of GPUs, without a GPU: registers, private memory, occupancy.
 
     python tools/gpu_compile.py [PART OF A FILE'S NAME ...] [--nvidia sm_80] [--amd gfx90a] [--json FILE]
 

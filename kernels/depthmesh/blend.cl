@@ -48,7 +48,7 @@
 #define GUESSES 0 /* 1: where what is closed was drawn is written, too */
 #endif
 #define LEVEL_BIAS 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
-#define WEIGHT_MIN 1e-3f /* so that what is seen edge-on, or at its end, by all views still has a colour */
+#define MESH_WEIGHT_MIN 1e-3f /* so that what is seen edge-on, or at its end, by all views still has a colour */
 
 /* Numbers of meshes of each kind, in their order. Sheets, of the triangles that segmentation took out, and backs, of
  * meshes whose backs are drawn, tell of surface that no view saw. Others, of views that are not drawn, show in
@@ -233,7 +233,7 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     const floatl sound_x = select_lanes(shares, at_x * inverse, (floatl)0.0f),
                  sound_y = select_lanes(shares, at_y * inverse, (floatl)0.0f);
     global const int *finest = meshes->levels + 3 * source[1];
-    const floatl least = WEIGHT_MIN, facing = meshes->by == BLEND_QUALITY ? max_lanes(quality, least) : (floatl)1.0f;
+    const floatl least = MESH_WEIGHT_MIN, facing = meshes->by == BLEND_QUALITY ? max_lanes(quality, least) : (floatl)1.0f;
     const floatl feather = max_lanes(feather_at(meshes->colors, finest, sound_x, sound_y), least);
     const floatl weight = select_lanes(given, meshes->weights[mesh] * facing * feather, (floatl)0.0f);
     /* One level for the whole block: of the pixel that needs the finest one */
@@ -361,8 +361,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
                 continue;
             Color sum = {0.0f, 0.0f, 0.0f}, normal = sum;
             floatl total = 0.0f;
-            intl taken = (intl)0; /* which pixels have their front mesh */
-            intl views = (intl)0; /* which views gave colour, a bit each */
+            intl taken = (intl)0, views = (intl)0; /* which pixels have their front mesh; a bit for each view with colour */
             const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
             for (int mesh = holed ? 0 : others; mesh < meshes; mesh++) {
                 const size_t at = mesh * layers.next + LANES * block;
@@ -386,12 +385,10 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
             const floatl scale = 1.0f / (255.0f * select_lanes(mine, total, (floatl)1.0f));
             region.nearness[block] = front;
             region.owner[block] = select_lanes(mine, (intl)0, (intl)-1);
-            const Color shade = color_times(sum, scale);
-            const intl written = write_block(&region, block, &picture, shade);
+            const intl written = write_block(&region, block, &picture, color_times(sum, scale));
             enter_block(gbuffer, written, &region, block, &picture, color_times(normal, scale));
 #if GUESSES
-            if (any_lane(written & closed))
-                write_guesses(written & closed, &region, block, &picture, guesses);
+            write_guesses(written & closed, &region, block, &picture, guesses);
 #endif
 #if OCCUPIED
             write_occupancy(views, &region, block, screen, occupancy);

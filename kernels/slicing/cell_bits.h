@@ -1,3 +1,5 @@
+#ifndef SLICING_CELL_BITS_H
+#define SLICING_CELL_BITS_H
 /* A view's map is two images (slicing/cells.cl): the nearness of samples, whose last bits tell what the cell between a
  * sample and its three neighbours to the right and below is, */
 #define EMPTY_CELL 1 /* there is no surface, */
@@ -8,3 +10,4 @@
 #define CELL_WHOLE 15      /* all four */
 #define CELL_BACKGROUND 16 /* one at least: what is not of the part is empty */
 #define CELL_BITS 31
+#endif

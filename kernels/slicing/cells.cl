@@ -58,7 +58,7 @@ INLINED CellSample cell_sample(global const float *depth, CellImage image, int l
 }
 
 /* The change of nearness over as much in depth as neighbouring samples lie apart */
-INLINED floatl sample_size(CellImage image, floatl nearness)
+INLINED floatl size_of_sample(CellImage image, floatl nearness)
 {
     return image.perspective ? nearness * image.per_sample : (floatl)image.per_sample;
 }
@@ -70,7 +70,7 @@ typedef struct {
 } CellSide;
 
 /* line: the samples along it, the side's own in the middle */
-INLINED CellSide side_of(CellImage image, const CellSample *line)
+INLINED CellSide side_beside(CellImage image, const CellSample *line)
 {
     floatl change[LINE - 1], bend[LINE];
     intl joined[LINE - 1];
@@ -78,7 +78,7 @@ INLINED CellSide side_of(CellImage image, const CellSample *line)
     for (int k = 0; k < LINE - 1; k++) {
         const floatl by = line[k + 1].nearness - line[k].nearness;
         const intl both = line[k].solid & line[k + 1].solid & line[k].here & line[k + 1].here;
-        joined[k] = both & (fabs(by) <= EDGE * sample_size(image, line[k].nearness));
+        joined[k] = both & (fabs(by) <= EDGE * size_of_sample(image, line[k].nearness));
         change[k] = select_lanes(both, by, select_lanes(line[k].solid, (floatl)-FALL, (floatl)FALL));
     }
     UNROLLED
@@ -134,8 +134,8 @@ INLINED void find_packet(global const float *depth, CellImage image, int low, in
                                        ? rows[along - FIRST][FIRST + side]
                                        : cell_sample(depth, image, low + side, y + along - FIRST);
         }
-        const CellSide above = side_of(image, rows[0]), below = side_of(image, rows[1]);
-        const CellSide left = side_of(image, columns[0]), right = side_of(image, columns[1]);
+        const CellSide above = side_beside(image, rows[0]), below = side_beside(image, rows[1]);
+        const CellSide left = side_beside(image, columns[0]), right = side_beside(image, columns[1]);
         const floatl rises[4] = {above.first + left.first, above.last + right.first, below.first + left.last,
                                  below.last + right.last};
         floatl nearest = first, farthest = first;
@@ -147,7 +147,7 @@ INLINED void find_packet(global const float *depth, CellImage image, int low, in
             whole = whole & corners[k].solid;
             beside_empty = beside_empty | corners[k].empty;
         }
-        const floatl sample = sample_size(image, nearest);
+        const floatl sample = size_of_sample(image, nearest);
         whole = whole & (nearest - farthest <= EDGE * sample);
         intl part = 0;
         floatl ceiling = -INFINITY;

@@ -27,7 +27,7 @@ Depth = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Stored:
-    """How a layout stores a frame.
+    """A layout's way of storing a frame.
 
     Attributes
     ----------

@@ -69,7 +69,7 @@ class Lighting:
         return made
 
     def _views(self, origin: Float64) -> NDArray[np.float32]:
-        """What the kernels know of each map's camera, for points relative to an origin."""
+        """The maps' cameras as the kernels know them, for points relative to an origin."""
         shift = np.eye(4)
         shift[:3, 3] = origin
         from_origin = [camera.camera_from_world @ shift for camera in self.cameras]

@@ -41,7 +41,7 @@ POSES = [pose((0.1, -0.05, 0.05), (0.05, -0.08, 0.06)), pose((-0.25, 0.15, -0.1)
 
 
 class Scene(NamedTuple):
-    """What two cameras see: (H, W) planar depth, distances, (H, W, 3) colours."""
+    """Views of two cameras: (H, W) planar depth, distances, (H, W, 3) colours."""
 
     colors: list[np.ndarray]
     depths: list[np.ndarray]

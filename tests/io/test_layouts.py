@@ -65,7 +65,7 @@ def scene_colors(points: np.ndarray) -> np.ndarray:
 
 
 def off_scene(frames: list[Frame]) -> float:
-    """How far colours are from the scene's where samples lie, levels of 8 bits; a median."""
+    """Distance of colours from the scene's where samples lie, levels of 8 bits; a median."""
     each = [np.abs(scene_colors(points) - colors) for points, colors in map(points_of, frames)]
     return float(np.median(np.concatenate(each)))
 

@@ -87,7 +87,7 @@ def hull(
 
 
 class _Writer:
-    """What is made of a solid: the options, checked before any work."""
+    """Options of what is made of a solid, checked before any work."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What networks leave: MoGe's folders, NPZ files of Depth Anything 3 and VGGT, Depth Pro's depth and focal length."""
+"""Outputs of networks: MoGe's folders, NPZ files of Depth Anything 3 and VGGT, Depth Pro's depth and focal length."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What layouts are made of: tables of numbers, objects of JSON, files by number, cameras."""
+"""Parts of layouts: tables of numbers, objects of JSON, files by number, cameras."""
 
 from __future__ import annotations
 
