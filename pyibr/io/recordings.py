@@ -27,7 +27,7 @@ Depth = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Stored:
-    """A layout's way of storing a frame.
+    """The way in which a layout stores a frame.
 
     Attributes
     ----------
@@ -314,7 +314,7 @@ def _cameras(recording: Recording, files: Sequence[Path], shared: bool) -> list[
 
 
 def _names_of(color: Path) -> list[str]:
-    """What files of cameras may call a picture: its name, with folders before it (those of rigs), and its stem."""
+    """Names that files of cameras may give a picture: its own, with folders before it (of rigs), and its stem."""
     parts = color.parts
     return ["/".join(parts[-count:]) for count in range(min(len(parts), 4), 0, -1)] + [color.stem]
 

@@ -392,10 +392,12 @@ def test_a_frame_of_another_size_is_left_out_and_named(recorded: Recorded):
 
 
 def test_no_output_lies_within_a_recording(recorded: Recorded):
-    for words, output in ((("rgb", "depth"), "depth/far/n.png"), ((recorded.folder,), "new.png")):
-        result = recorded.run(
-            *words, "--move", 0, 0, 0, output=output, camera=None if words[1:] == () else "camera.json"
-        )
+    for words, output in (
+        (("rgb", "depth"), "depth/n.png"),
+        ((recorded.folder,), "rgb/n.png"),
+        ((recorded.folder,), "o/n.png"),
+    ):
+        result = recorded.run(*words, "--move", 0, 0, 0, output=output)
         assert_one_line(result, "--output: expected a place outside of the recording", output)
         assert not list(recorded.folder.rglob("n*.png"))
 

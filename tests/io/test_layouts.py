@@ -65,13 +65,13 @@ def scene_colors(points: np.ndarray) -> np.ndarray:
 
 
 def off_scene(frames: list[Frame]) -> float:
-    """Distance of colours from the scene's where samples lie, levels of 8 bits; a median."""
+    """Difference of colours from the scene's where samples lie, in levels of 8 bits; the median."""
     each = [np.abs(scene_colors(points) - colors) for points, colors in map(points_of, frames)]
     return float(np.median(np.concatenate(each)))
 
 
 def off_other(frames: list[Frame]) -> float:
-    """How far the first frame's colours are from the second's where these show its samples; a median."""
+    """Difference of the first frame's colours from the second's where these show its samples; the median."""
     points, colors = points_of(frames[0])
     other, _, K, pose = frames[1]
     local = (points - pose[:3, 3]) @ pose[:3, :3]

@@ -12,6 +12,7 @@ import typer
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.app.commands.beside import Behind
 from pyibr.app.commands.exposure import stored
 from pyibr.app.options import print_note, printable_text
 from pyibr.core.camera import Camera
@@ -59,7 +60,7 @@ class Outputs:
             expected = f"a video of several views ({', '.join(CODECS)}) for --output"
             raise ArgumentError("--fps", expected, str(self._main))
         self._fps = source_fps or _FPS if fps is None else positive("--fps", fps, "frames a second > 0")
-        self._stack = ExitStack()
+        self._stack, self._behind = ExitStack(), Behind(in_order=self._is_video)
         self._writer: VideoWriter | None = None
         self._written: list[str] = []
         self._shares: list[float] = []
@@ -67,8 +68,8 @@ class Outputs:
     def check(self, inputs: Mapping[str, Sequence[Path]], recordings: Sequence[Path] = ()) -> None:
         """Raise what writing them would raise, before anything is computed.
 
-        inputs: files that are read, by option. recordings: folders that are, in which nothing may be written: it would
-        be read as a frame the next time.
+        inputs: files that are read, by option. recordings: folders that are. Nothing may be written into folders in
+        them, nor beside frames: it would be read as one the next time.
         """
         for path, kind in self._files.values():
             if kind == "depth" and path.suffix.lower() == ".png" and self._stored[0] is None:
@@ -85,8 +86,11 @@ class Outputs:
                 check_output(path, kind)
         check_outputs(inputs, {option: self._names(path) for option, (path, _) in self._files.items()})
         folders = {folder.resolve() for folder in recordings if folder.is_dir()}
+        frames = [file for name in ("COLOR", "DEPTH", "--color") for file in inputs.get(name, ())] if folders else []
+        of_frames = {file.resolve().parent for file in frames}
         for option, (path, _) in self._files.items():
-            if not folders.isdisjoint(path.resolve().parents):
+            place = path.resolve().parent
+            if not folders.isdisjoint(place.parents) or (place in of_frames and place in folders):
                 raise ArgumentError(option, "a place outside of the recording that is read", str(path))
 
     def done(self) -> set[int]:
@@ -97,18 +101,24 @@ class Outputs:
         return {n for n in self._numbers or [0] if all(self._name(path, n).is_file() for path in paths)}
 
     def __enter__(self) -> Outputs:
+        if self._is_video:
+            self._writer = self._stack.enter_context(VideoWriter(self._main, self._fps))
+        self._stack.enter_context(self._behind)  # last: it ends before the video does
         return self
 
     def __exit__(self, *error: object) -> None:
         self._stack.__exit__(*error)  # pyright: ignore[reportArgumentType]
 
     def write(self, images: Mapping[Kind, NDArray[Any]], number: int, covered: float, camera: Camera) -> None:
-        """Write a frame, of which so much is covered; camera: of the depth."""
+        """Write a frame, of which so much is covered, meanwhile; camera: of the depth."""
+        self._behind.add(lambda: self._store(images, number, camera))
+        self._written.append(printable_text(self._main if self._is_video else self._name(self._main, number)))
+        self._shares.append(covered)
+
+    def _store(self, images: Mapping[Kind, NDArray[Any]], number: int, camera: Camera) -> None:
         for path, kind in self._files.values():
             name = self._name(path, number)
-            if self._is_video and path == self._main:
-                if self._writer is None:
-                    self._writer = self._stack.enter_context(VideoWriter(path, self._fps))
+            if self._writer is not None and path == self._main:
                 self._writer.add(images[kind])
             elif kind == "color":
                 ibr.write_color(name, stored(images[kind], name))
@@ -118,8 +128,6 @@ class Outputs:
                 )
             else:
                 ibr.write_mask(name, images[kind])
-        self._written.append(printable_text(self._main if self._is_video else self._name(self._main, number)))
-        self._shares.append(covered)
 
     def tell(self, size: tuple[int, int], several: str, lacking: str) -> None:
         """Say what was written; `several`: what the frames are called; lacking: why some are empty."""

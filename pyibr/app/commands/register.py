@@ -13,6 +13,7 @@ import typer
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.app.commands.beside import read_ahead
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs
 from pyibr.app.commands.sources import Losses, Source, open_depths
@@ -95,7 +96,7 @@ def register(
     size = 0, 0
     with device_of(device), outputs, Exposure(exposure) as exposed:
         frames = _read(source, depths, pictures, exposed)
-        for shot, given, picture in with_progress(frames, len(source.shots), "Registering"):
+        for shot, given, picture in with_progress(read_ahead(frames), len(source.shots), "Registering"):
             made = losses.or_none(functools.partial(_registered, depths, shot, given, picture))
             if made is not None:
                 images, covered = made

@@ -43,7 +43,7 @@ class Losses:
         self._unsure: list[float] = []
 
     def or_none(self, made: Callable[[], _Read]) -> _Read | None:
-        """Result made of a frame's files; None if they cannot be used."""
+        """Return what is made of a frame's files; None if they cannot be used."""
         try:
             return made()
         except FileFormatError as error:

@@ -149,7 +149,7 @@ def _carried(last: DepthImage, camera: Camera) -> Depth:
 
 @contextmanager
 def _naming(shot: Shot) -> Generator[None, None, None]:
-    """Errors of a frame's arrays as those of its files."""
+    """Errors of a frame's arrays become those of its files."""
     try:
         yield
     except ArgumentError as error:

@@ -14,6 +14,7 @@ import typer
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.app.commands.beside import read_ahead
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs
 from pyibr.app.commands.sources import InputOptions, Losses, Source, open_sources
@@ -193,7 +194,7 @@ def _jobs(
 def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None) -> tuple[int, int]:
     """Draw and write the views; returns the last one's size."""
     size = 0, 0
-    for views, target, number in with_progress(jobs, count or 1, "Warping"):
+    for views, target, number in with_progress(read_ahead(jobs), count or 1, "Warping"):
         frame = draw(views, target)
         images: dict[Kind, NDArray[Any]] = {"color": frame.color, "depth": frame.depth, "mask": frame.valid}
         outputs.write(images, number, float(frame.valid.mean()), target)

@@ -1,4 +1,4 @@
-"""Outputs of networks: MoGe's folders, NPZ files of Depth Anything 3 and VGGT, Depth Pro's depth and focal length."""
+"""Output of networks: MoGe's folders, NPZ files of Depth Anything 3 and VGGT, Depth Pro's depth and focal length."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
 
 
 def _layer(depths: NDArray[Any], sure: NDArray[Any] | None, read: Callable[..., Any] | None, k: int) -> Stored:
-    """How one frame of the stack is read; pictures of another size are taken as large as their depth."""
+    """One frame of the stack; pictures of another size are made as large as their depth."""
     height, width = depths.shape[1:]
     color = functools.partial(_resized, (width, height)) if read is None else (lambda _: read(k))
     return Stored(None, color=color, depth=lambda _: depths[k], confidence=None if sure is None else (lambda: sure[k]))
@@ -134,7 +134,7 @@ def _resized(size: tuple[int, int], path: Path) -> NDArray[Any]:
 
 
 def _pictures(file: Path, name: str) -> Callable[[int], NDArray[Any]]:
-    """What gives each picture of a stack, which is read once."""
+    """A reader of each picture of a stack, which is read once."""
     stack = functools.cache(lambda: _array(file, name))
 
     def picture(k: int) -> NDArray[Any]:

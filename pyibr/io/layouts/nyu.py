@@ -67,6 +67,6 @@ def _metres(path: Path) -> NDArray[np.float32]:
 
 
 def _depth_pose() -> Float64:
-    """Pose of the depth camera in the frame of the colours: the other way round than points are carried over."""
+    """The depth camera's place in the frame of the colours: the other way round than points are carried over."""
     inverse = pose_from_extrinsics(_ROTATION, _TRANSLATION)
     return rigid(np.linalg.inv(inverse))

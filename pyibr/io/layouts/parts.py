@@ -82,7 +82,7 @@ def joined(
 
 
 def own_camera(name: str, K: Float64, of: tuple[int, int], colors: Sequence[Path]) -> Callable[[], list[Camera]]:
-    """What gives the camera that a data set is known to have, for pictures of another size made smaller."""
+    """The camera that a data set is known to have, once it is asked for; resized for pictures of another size."""
 
     def camera() -> list[Camera]:
         size, known = size_of(colors[0]), Camera(K, of)
@@ -101,7 +101,7 @@ def beside(camera: Camera, depth: Path, read: Callable[[Path], NDArray[Any]] | N
 
 
 def without(nothing: float) -> Callable[[Path], NDArray[Any]]:
-    """What reads stored depth, of which also this number means that there is none."""
+    """A reader of stored depth in which this number, too, means that there is none."""
 
     def read(path: Path) -> NDArray[Any]:
         values = read_depth(path, depth_scale=1)
