@@ -105,27 +105,34 @@ def load(
     if len(found) < len(shots):
         _log.warning("%s: %d frames without a usable pose are left out", place, len(shots) - len(found))
     video = None if recording.video is None else Video(recording.video).frames([shot.number for shot in found])
-    views, lost = list[DepthImage](), list[FileFormatError]()
+    views, lost, unsure = list[DepthImage](), list[FileFormatError](), list[float]()
     for shot in found:
         try:
             color = shot.stored.color(cast("Path", shot.color)) if video is None else next(video)
-            views.append(_view(shot, color, depth_scale, depth_kind, min_confidence))
+            view, share = _view(shot, color, depth_scale, depth_kind, min_confidence)
+            views.append(view)
+            unsure.append(share)
         except FileFormatError as error:
             lost.append(error)
     if lost and not views:
         raise lost[0]
     if lost:
         _log.warning("%s: %d of %d frames are left out: %s", place, len(lost), len(shots), lost[0])
+    if any(unsure):
+        _log.info("%s: %.1f %% of the samples are not sure enough; left out", place, 100 * np.mean(unsure))
     return views
 
 
-def _view(shot: Shot, color: NDArray[Any], scale: float | None, kind: DepthKind, least: float | None) -> DepthImage:
+def _view(
+    shot: Shot, color: NDArray[Any], scale: float | None, kind: DepthKind, least: float | None
+) -> tuple[DepthImage, float]:
+    """The view of a frame, and which share of its samples is left out for want of confidence."""
     try:
-        depth, _ = shot.read_depth(scale, kind, least)
+        depth, unsure = shot.read_depth(scale, kind, least)
         if shot.depth_camera is not None:
             depth = register(depth, shot.depth_camera, shot.camera)
         shown = srgb_from_linear(color) if shot.color is not None and is_light(shot.color) else color
-        return DepthImage(shown, depth, shot.camera)
+        return DepthImage(shown, depth, shot.camera), unsure
     except ArgumentError as error:
         if error.argument not in ("color", "depth", "confidence"):
             raise

@@ -12,6 +12,8 @@ from pyibr.core.files import checked_path
 from pyibr.core.open3d_json import open3d_cameras
 from pyibr.io.colmap_model import read_model
 from pyibr.io.folders import files_in
+from pyibr.io.gltf_cameras import SUFFIXES, read_gltf_cameras
+from pyibr.io.multiview import are_parameters, read_parameters
 
 
 def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = None) -> dict[str, Camera]:
@@ -23,15 +25,15 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
         A file as `Camera.load` reads it, of one camera or of several; a list of such cameras as JSON, Open3D's
         PinholeCameraTrajectory, or a set's `frusta.json`; a folder of JSON files of one camera each, in the order of
         the numbers in their names; or the folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or ``.txt``),
-        be it in a folder ``0`` there.
+        be it in a folder ``0`` there. Or a glTF scene, or the parameters of Middlebury's multi-view sets.
     size : (width, height), optional
         Of the images, for files that do not tell it. Where a calibration has several cameras, those of this size.
 
     Returns
     -------
     dict of str and Camera
-        By the image's name (COLMAP, `transforms.json`), the file's name without its suffix (a folder), the name that
-        the file gives it, or the number in the list.
+        By the image's name (COLMAP, `transforms.json`, Middlebury), the file's name without its suffix (a folder), the
+        name that the file gives it, or the number in the list.
 
     Raises
     ------
@@ -57,6 +59,10 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
         if not files:
             raise FileFormatError(f"{source}: no cameras in it: expected JSON files, or COLMAP's cameras and images")
         return {file.stem: Camera.load(file) for file in files}
+    if source.suffix.lower() in SUFFIXES:
+        return read_gltf_cameras(source, size)
+    if are_parameters(source):
+        return read_parameters(source, size)
     file, name, tree = read_calibration(source)
     data = _listed(tree)
     if isinstance(data, list) and not is_matrix(cast("object", data)):

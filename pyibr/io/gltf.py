@@ -38,7 +38,7 @@ _KNOWN = ("KHR_materials_", "KHR_lights_", "KHR_mesh_quantization", "KHR_texture
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     """Return the mesh that a file's bytes hold."""
-    scene, binary = _chunks(data)
+    scene, binary = chunks_of(data)
     required = [name for name in scene.get("extensionsRequired", []) if not name.startswith(_KNOWN)]
     if required or not str(scene["asset"]["version"]).startswith("2."):
         raise ValueError(f"expected glTF 2.0 without {required[0] if required else 'other versions'}")
@@ -114,7 +114,7 @@ class _Scene:
 
     def mesh(self) -> MeshArrays:
         """All triangles of the scene, in one."""
-        matrices, lost = self._matrices(), dict[str, None]()
+        matrices, lost = node_matrices(self._scene), dict[str, None]()
         drawn = list(self._drawn(matrices, lost))
         if not drawn:
             raise ValueError("no triangles in it")
@@ -144,31 +144,13 @@ class _Scene:
             tuple(lost),
         )
 
-    def _matrices(self) -> dict[int, NDArray[np.float64]]:
-        """From the nodes of the scene, by their numbers, to the scene."""
-        nodes = self._scene.get("nodes", [])
-        if "scenes" in self._scene:
-            roots = self._item("scenes", self._scene.get("scene", 0)).get("nodes", [])
-        else:
-            below = {child for node in nodes for child in node.get("children", [])}
-            roots = [number for number in range(len(nodes)) if number not in below]
-        waiting, found = [(number, np.eye(4)) for number in reversed(roots)], dict[int, NDArray[np.float64]]()
-        while waiting:
-            number, above = waiting.pop()
-            if number in found:
-                raise ValueError(f"node {number} has two places in the scene")
-            node = self._item("nodes", number)
-            found[number] = above @ _matrix_of(node)
-            waiting += [(child, found[number]) for child in reversed(node.get("children", []))]
-        return found
-
     def _drawn(self, numbers: Iterable[int], lost: dict[str, None]) -> Iterator[tuple[int, dict[str, Any]]]:
         """Primitives of triangles, with their nodes' numbers; others and what would move them are lost."""
         for number in numbers:
-            node = self._item("nodes", number)
+            node = item_of(self._scene, "nodes", number)
             if "mesh" not in node:
                 continue
-            mesh = self._item("meshes", node["mesh"])
+            mesh = item_of(self._scene, "meshes", node["mesh"])
             if any(node.get("weights", mesh.get("weights", []))):
                 lost["morph targets"] = None
             for primitive in mesh["primitives"]:
@@ -181,10 +163,10 @@ class _Scene:
         self, number: int, primitive: dict[str, Any], matrices: dict[int, NDArray[np.float64]]
     ) -> NDArray[np.float64]:
         """(4, 4) from a node's primitive to the scene; (N, 4, 4) of each vertex, where a skin moves it."""
-        node, attributes = self._item("nodes", number), primitive["attributes"]
+        node, attributes = item_of(self._scene, "nodes", number), primitive["attributes"]
         if "skin" not in node or "JOINTS_0" not in attributes:
             return matrices[number]
-        skin = self._item("skins", node["skin"])
+        skin = item_of(self._scene, "skins", node["skin"])
         joints = np.stack([matrices[joint] for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:
             joints = joints @ self._array(skin["inverseBindMatrices"], 16).reshape(-1, 4, 4).swapaxes(1, 2)
@@ -236,13 +218,13 @@ class _Scene:
 
     def _surface(self, primitive: dict[str, Any]) -> dict[str, Any]:
         """Description of a primitive's base colour."""
-        material = self._item("materials", primitive["material"]) if "material" in primitive else {}
+        material = item_of(self._scene, "materials", primitive["material"]) if "material" in primitive else {}
         return material.get("pbrMetallicRoughness", {})
 
     def _texture(self, number: Any) -> NDArray[np.uint8] | None:
-        texture = self._item("textures", number)
+        texture = item_of(self._scene, "textures", number)
         webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
-        return self._image(self._item("images", webp.get("source", texture.get("source"))))
+        return self._image(item_of(self._scene, "images", webp.get("source", texture.get("source"))))
 
     def _image(self, described: dict[str, Any]) -> NDArray[np.uint8] | None:
         if "bufferView" in described:
@@ -253,7 +235,7 @@ class _Scene:
     def _array(self, number: int, width: int | None) -> NDArray[Any]:
         """An accessor's (N, width) numbers, which normalised integers tell as floats."""
         if number not in self._arrays:
-            self._arrays[number] = self._accessor(self._item("accessors", number))
+            self._arrays[number] = self._accessor(item_of(self._scene, "accessors", number))
         array = self._arrays[number]
         if width is not None and array.shape[1] != width:
             raise ValueError(f"an accessor of width {array.shape[1]} where {width} belongs")
@@ -289,7 +271,7 @@ class _Scene:
 
     def _view(self, number: int) -> tuple[bytes, int]:
         """A view's bytes, and the step from entry to entry, 0 if there is nothing between them."""
-        view = self._item("bufferViews", number)
+        view = item_of(self._scene, "bufferViews", number)
         buffer = self._buffers[int(view["buffer"])]
         start, length = view.get("byteOffset", 0), view["byteLength"]
         if min(start, length) < 0 or start + length > len(buffer):
@@ -304,13 +286,34 @@ class _Scene:
             raise ValueError(f"a buffer of {0 if data is None else len(data)} bytes, of {described['byteLength']}")
         return data
 
-    def _item(self, kind: str, number: Any) -> dict[str, Any]:
-        if not isinstance(number, int) or not 0 <= number < len(self._scene.get(kind, [])):
-            raise ValueError(f"{kind}[{number!r}], which is not there")
-        return self._scene[kind][number]
+
+def node_matrices(scene: dict[str, Any]) -> dict[int, NDArray[np.float64]]:
+    """From the nodes of the scene that is shown, by their numbers, to the scene."""
+    nodes = scene.get("nodes", [])
+    if "scenes" in scene:
+        roots = item_of(scene, "scenes", scene.get("scene", 0)).get("nodes", [])
+    else:
+        below = {child for node in nodes for child in node.get("children", [])}
+        roots = [number for number in range(len(nodes)) if number not in below]
+    waiting, found = [(number, np.eye(4)) for number in reversed(roots)], dict[int, NDArray[np.float64]]()
+    while waiting:
+        number, above = waiting.pop()
+        if number in found:
+            raise ValueError(f"node {number} has two places in the scene")
+        node = item_of(scene, "nodes", number)
+        found[number] = above @ _matrix_of(node)
+        waiting += [(child, found[number]) for child in reversed(node.get("children", []))]
+    return found
 
 
-def _chunks(data: bytes) -> tuple[dict[str, Any], bytes | None]:
+def item_of(scene: dict[str, Any], kind: str, number: Any) -> dict[str, Any]:
+    """Return what a list of the scene's has at this place."""
+    if not isinstance(number, int) or not 0 <= number < len(scene.get(kind, [])):
+        raise ValueError(f"{kind}[{number!r}], which is not there")
+    return scene[kind][number]
+
+
+def chunks_of(data: bytes) -> tuple[dict[str, Any], bytes | None]:
     """The JSON, and the binary chunk of a GLB file."""
     if data[:4] != _MAGIC:
         return cast("dict[str, Any]", json.loads(data.decode("utf-8"))), None

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64, checked_pose
 from pyibr.core.conventions import rotation_from_quaternion
@@ -16,7 +17,6 @@ from pyibr.io.cameras import read_cameras
 from pyibr.io.folders import files_in, units_of
 
 _TUM = 8  # numbers a line: time tx ty tz qx qy qz qw
-_EXACT, _ROUNDED = 1e-9, 1e-2  # what poses that are written with all and with few digits are off a rotation by
 
 
 class Poses(NamedTuple):
@@ -152,22 +152,17 @@ def _read_file(path: Path) -> Trajectory:
     poses, first = list[Float64 | None](), None
     for number, matrix in enumerate(matrices):
         try:
-            poses.append(rigid(matrix))
+            poses.append(checked_pose(matrix))
         except ArgumentError as error:
             poses.append(None)
             first = first or FileFormatError(f"{path}: pose {number}: expected {error.expected}, got {error.got}")
     return Trajectory(poses, times, None, first)
 
 
-def rigid(matrix: Float64) -> Float64:
-    """A pose as it is, or the rigid motion nearest to one of few digits; ArgumentError if it is none."""
-    return checked_pose(_rounded_off(matrix))
-
-
-def rigid_or_none(matrix: Float64) -> Float64 | None:
-    """Do as `rigid` does; None for what is no pose."""
+def rigid_or_none(matrix: NDArray[np.floating[Any]]) -> Float64 | None:
+    """A pose, or the rigid motion nearest to one of few digits; None for what is none."""
     try:
-        return rigid(matrix)
+        return checked_pose(matrix)
     except ArgumentError:
         return None
 
@@ -189,15 +184,3 @@ def _stacked(path: Path, rows: list[list[float]]) -> tuple[Float64, Float64 | No
         raise FileFormatError(f"{path}: expected 4 lines of 4 numbers for each pose")
     times = np.array([row[0] for row in rows[::5]]) if numbered else None
     return np.array([row for row in rows if len(row) == 4]).reshape(-1, 4, 4), times
-
-
-def _rounded_off(matrix: Float64) -> Float64:
-    """The rigid motion nearest to a matrix that was written with few digits; itself if it is one, or far from any."""
-    if not np.isfinite(matrix).all():
-        return matrix
-    if not _EXACT < np.abs(matrix[:3, :3].T @ matrix[:3, :3] - np.eye(3)).max() < _ROUNDED:
-        return matrix
-    left, _, right = np.linalg.svd(matrix[:3, :3])
-    exact = matrix.copy()
-    exact[:3, :3] = left @ right
-    return exact

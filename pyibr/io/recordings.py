@@ -299,7 +299,8 @@ def _cameras(recording: Recording, files: Sequence[Path], shared: bool) -> list[
     colors, count = recording.colors, len(recording.depths)
     if not files:
         raise ArgumentError("camera", "a file with the camera", f"none for {colors[0]}")
-    sizes = [size_of(colors[0]) if file.suffix.lower() == ".txt" else None for file in files]
+    untold = [file.suffix.lower() in (".txt", ".csv", ".gltf", ".glb") for file in files]
+    sizes = [size_of(colors[0]) if is_untold else None for is_untold in untold]
     found = [named for file, size in zip(files, sizes, strict=True) for named in read_cameras(file, size=size).items()]
     if len(found) == 1 and (count == 1 or shared):
         return [found[0][1]] * count

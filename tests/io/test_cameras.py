@@ -164,3 +164,34 @@ def test_damaged_binary_models(tmp_path: Path, name):
             read_cameras(tmp_path / "a")
         except ibr.FileFormatError as error:
             assert name in str(error) or "images.bin" in str(error)
+
+
+def test_cameras_of_a_gltf_scene(tmp_path):
+    """A node turned by 90 degrees about y looks along -x of its parent, which stands aside and is larger."""
+    lens = {"type": "perspective", "perspective": {"yfov": 2 * np.arctan(0.5), "znear": 0.1}}
+    flat = {"type": "orthographic", "orthographic": {"xmag": 2, "ymag": 1, "znear": 0.1, "zfar": 9}}
+    turned = {"name": "a", "camera": 0, "rotation": [0, np.sqrt(0.5), 0, np.sqrt(0.5)], "scale": [2, 2, 2]}
+    nodes = [{"translation": [5, 0, 0], "children": [1, 2]}, turned, {"camera": 1}]
+    told = {"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": nodes, "cameras": [lens, flat]}
+    (tmp_path / "scene.gltf").write_text(json.dumps(told))
+    found = read_cameras(tmp_path / "scene.gltf", size=(64, 32))
+    assert list(found) == ["a", "2"]
+    np.testing.assert_allclose(found["a"].K, [[32, 0, 31.5], [0, 32, 15.5], [0, 0, 1]], atol=1e-12)
+    pixels, depth = found["a"].project([[3.0, 1.0, 0.0]])  # 2 before it, 1 above its axis
+    np.testing.assert_allclose(pixels, [[31.5, -0.5]], atol=1e-9)
+    np.testing.assert_allclose(depth, [2], atol=1e-12)
+    pixels, _ = found["2"].project([[7.0, -1.0, -4.0]])  # at its right and lower borders
+    np.testing.assert_allclose(pixels, [[63.5, 31.5]], atol=1e-9)
+    with pytest.raises(ibr.ArgumentError, match="size: expected"):
+        read_cameras(tmp_path / "scene.gltf")
+
+
+def test_parameters_of_several_views(tmp_path):
+    camera = ibr.Camera([[60, 0, 30], [0, 62, 24], [0, 0, 1]], (64, 48)).moved(0.3, 0.1, 0).orbited(20, (0, 0, 2))
+    pose = camera.camera_from_world
+    row = " ".join(map(repr, [*camera.K.ravel().tolist(), *pose[:3, :3].ravel().tolist(), *pose[:3, 3].tolist()]))
+    (tmp_path / "thing_par.txt").write_text(f"2\nthing01.png {row}\nthing02.png {row}\n")
+    found = read_cameras(tmp_path / "thing_par.txt", size=(64, 48))
+    assert list(found) == ["thing01.png", "thing02.png"]
+    np.testing.assert_allclose(found["thing02.png"].world_from_camera, camera.world_from_camera, atol=1e-12)
+    np.testing.assert_array_equal(found["thing01.png"].K, camera.K)

@@ -82,8 +82,12 @@ def find_depth_pro(folder: Path) -> Recording | None:
         f = float(_array(file, focal[file]).ravel()[0])
         return camera_of(file, matrix(f, (width - 1) / 2, (height - 1) / 2), (width, height))
 
-    cameras = functools.partial(map, camera, focal, colors)
-    return Recording(colors, list(focal), known=lambda: list(cameras()), is_still=len(colors) == 1)
+    return Recording(
+        colors,
+        list(focal),
+        known=lambda: [camera(file, color) for file, color in zip(focal, colors, strict=True)],
+        is_still=len(colors) == 1,
+    )
 
 
 def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
@@ -119,11 +123,16 @@ def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
     )
 
 
-def _layer(depths: NDArray[Any], sure: NDArray[Any] | None, read: Callable[..., Any] | None, k: int) -> Stored:
+def _layer(
+    depths: NDArray[Any], sure: NDArray[Any] | None, read: Callable[[int], NDArray[Any]] | None, k: int
+) -> Stored:
     """One frame of the stack; pictures of another size are made as large as their depth."""
     height, width = depths.shape[1:]
-    color = functools.partial(_resized, (width, height)) if read is None else (lambda _: read(k))
-    return Stored(None, color=color, depth=lambda _: depths[k], confidence=None if sure is None else (lambda: sure[k]))
+
+    def color(path: Path) -> NDArray[Any]:
+        return _resized((width, height), path) if read is None else read(k)
+
+    return Stored(color=color, depth=lambda _: depths[k], confidence=None if sure is None else (lambda: sure[k]))
 
 
 def _resized(size: tuple[int, int], path: Path) -> NDArray[Any]:

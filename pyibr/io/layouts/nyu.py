@@ -9,14 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64
-from pyibr.core.conventions import pose_from_extrinsics
 from pyibr.core.errors import FileFormatError
 from pyibr.core.lens import Lens
 from pyibr.io import pgm
 from pyibr.io.folders import files_in
 from pyibr.io.layouts.parts import matrix
-from pyibr.io.poses import rigid
 from pyibr.io.recordings import Recording, Stored, paired_by_time
 
 _SIZE = (640, 480)
@@ -43,7 +40,9 @@ def find_raw(folder: Path) -> Recording | None:
     if not colors or not depths:
         return None
     found = paired_by_time(colors, [_time(file) for file in colors], depths, [_time(file) for file in depths])
-    of_depth = Camera(_DEPTH, _SIZE, _depth_pose(), lens=_DEPTH_LENS)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = _ROTATION, _TRANSLATION
+    of_depth = Camera(_DEPTH, _SIZE, pose, lens=_DEPTH_LENS)
     return found._replace(
         known=lambda: [Camera(_COLOR, _SIZE, lens=_COLOR_LENS)],
         depth_cameras=lambda: [of_depth] * len(found.colors),
@@ -64,9 +63,3 @@ def _metres(path: Path) -> NDArray[np.float32]:
     with np.errstate(divide="ignore"):
         metres = 351.3 / (1092.5 - counts)
     return np.where((metres > 0) & (metres < _FAR), metres, np.nan).astype(np.float32)
-
-
-def _depth_pose() -> Float64:
-    """The depth camera's place in the frame of the colours: the other way round than points are carried over."""
-    inverse = pose_from_extrinsics(_ROTATION, _TRANSLATION)
-    return rigid(np.linalg.inv(inverse))

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import read_json
 from pyibr.core.checks import Float64
+from pyibr.core.conventions import pose_from_extrinsics
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import reading
 from pyibr.core.lens import Lens
@@ -55,7 +56,7 @@ def matrix(focal: float, cx: float, cy: float, fy: float | None = None) -> Float
 def inverted(camera_from_world: Float64) -> Float64 | None:
     """The pose of what files tell the other way round; None if that is none."""
     exact = rigid_or_none(camera_from_world)
-    return None if exact is None else np.linalg.inv(exact)
+    return None if exact is None else pose_from_extrinsics(exact[:3, :3], exact[:3, 3])
 
 
 def by_number(folder: Path, suffixes: Sequence[str], word: str = "") -> dict[int, Path]:

@@ -1,4 +1,4 @@
-"""Middlebury's stereo pairs since 2014, and ETH3D's as they are laid out; Middlebury's multi-view parameters."""
+"""Middlebury's stereo pairs since 2014, and ETH3D's, which are laid out in the same way."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.errors import FileFormatError
 from pyibr.core.files import reading
 from pyibr.io import read_depth
 from pyibr.io.layouts.parts import camera_of
@@ -53,17 +52,3 @@ def _shifted(camera: Camera, baseline: float, offset: float) -> Stored:
 
 def _disparity(folder: Path, number: int) -> Path | None:
     return next((path for form in _DISPARITY if (path := folder / form.format(number)).is_file()), None)
-
-
-def read_parameters(path: Path, size: tuple[int, int]) -> dict[str, Camera]:
-    """The cameras of Middlebury's multi-view sets by their pictures' names: lines of a name, K, R and t."""
-    with reading(path, "multi-view parameters") as source:
-        lines = [line.split() for line in source.read_text("utf-8").splitlines() if line.strip()]
-        rows = {line[0]: np.array([float(word) for word in line[1:]]) for line in lines if len(line) > 1}
-    found: dict[str, Camera] = {}
-    for name, row in rows.items():
-        if len(row) != 21:
-            raise FileFormatError(f"{path}: {name}: expected 9 numbers of K, 9 of R, 3 of t, got {len(row)}")
-        camera = camera_of(path, row[:9].reshape(3, 3), size)
-        found[name] = Camera.from_opencv(camera.K, row[9:18].reshape(3, 3), row[18:], size)
-    return found

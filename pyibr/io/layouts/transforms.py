@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from pyibr.core.calibrations import cameras_in, making
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import write_json
 from pyibr.core.conventions import CV_FROM_GL
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.lens import Lens
 from pyibr.images import DepthImage
 from pyibr.io import image, write_color
-from pyibr.io.layouts.parts import camera_of, matrix, object_in
+from pyibr.io.layouts.parts import object_in
 from pyibr.io.poses import rigid_or_none
 from pyibr.io.recordings import Recording, Stored, size_of
+
+_Entry = dict[str, Any]
 
 _FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")
 _DEPTH = ("depth_file_path", "depth_path")
@@ -33,10 +34,7 @@ def find_transforms(folder: Path) -> Recording | None:
     if found is None:
         return None
     told = object_in(found)
-    listed = told.get("frames")
-    if not isinstance(listed, list) or not all(isinstance(one, dict) for one in listed):
-        raise FileFormatError(f"{found}: expected a list of frames")
-    entries = [{**told, **one} for one in listed]
+    entries = _entries(found, told.pop("frames", None), told)
     with_depth = [(entry, name) for entry in entries for name in _DEPTH if name in entry]
     if not with_depth:
         raise FileFormatError(f"{found}: none of {len(entries)} frames has a depth_file_path")
@@ -51,7 +49,15 @@ def find_transforms(folder: Path) -> Recording | None:
     )
 
 
-def _picture(folder: Path, entry: Mapping[str, Any]) -> Path:
+def _entries(path: Path, frames: object, common: _Entry) -> list[_Entry]:
+    """The frames, with what is told for all in each."""
+    listed = cast("list[object]", frames) if isinstance(frames, list) else [None]
+    if not all(isinstance(one, dict) for one in listed):
+        raise FileFormatError(f"{path}: expected a list of frames")
+    return [{**common, **cast("_Entry", one)} for one in listed]
+
+
+def _picture(folder: Path, entry: _Entry) -> Path:
     """Its file, whose suffix NeRF's own files leave out."""
     path = folder / str(entry.get("file_path", ""))
     return next((file for suffix in _SUFFIXES if (file := path.with_name(path.name + suffix)).is_file()), path)
@@ -66,7 +72,7 @@ def _pose(rows: object) -> Any:
     return None if exact is None else exact @ CV_FROM_GL
 
 
-def _stored(folder: Path, entry: Mapping[str, Any]) -> Stored:
+def _stored(folder: Path, entry: _Entry) -> Stored:
     unit = float(entry.get("integer_depth_scale", entry.get("depth_unit_scale_factor", 0.001)))
     mask = folder / str(entry["mask_path"]) if entry.get("mask_path") else None
     return Stored(1 / unit, confidence=None if mask is None else functools.partial(_mask, mask), least=1)
@@ -77,31 +83,12 @@ def _mask(path: Path) -> Any:
     return values if values.ndim == 2 else values[..., 0]
 
 
-def _camera(file: Path, entry: Mapping[str, Any], color: Path) -> Camera:
-    try:
-        size = (int(entry["w"]), int(entry["h"])) if {"w", "h"} <= entry.keys() else size_of(color)
-        width, height = size
-        if "fl_x" in entry:
-            fx = float(entry["fl_x"])
-            fy = float(entry.get("fl_y", fx))
-        else:
-            fx = width / 2 / math.tan(float(entry["camera_angle_x"]) / 2)
-            fy = height / 2 / math.tan(float(entry["camera_angle_y"]) / 2) if "camera_angle_y" in entry else fx
-        cx, cy = float(entry.get("cx", width / 2)), float(entry.get("cy", height / 2))
-        lens = _lens(entry)
-    except (KeyError, TypeError, ValueError, ZeroDivisionError, ArgumentError) as error:
-        raise FileFormatError(f"{file}: {entry.get('file_path')}: {error}") from error
-    return camera_of(file, matrix(fx, cx - 0.5, cy - 0.5, fy), size, lens)
-
-
-def _lens(entry: Mapping[str, Any]) -> Lens | None:
-    values = [float(entry.get(name, 0)) for name in _COEFFICIENTS]
-    model = str(entry.get("camera_model", "OPENCV"))
-    if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE"):
-        raise ValueError(f"camera_model {model} is no pinhole with OpenCV's lens, nor a fisheye")
-    if model == "OPENCV_FISHEYE" or entry.get("is_fisheye"):
-        return Lens.from_opencv([values[0], values[1], values[4], values[5]], fisheye=True)
-    return Lens.from_opencv(values[:5]) if any(values[:5]) else None
+def _camera(file: Path, entry: _Entry, color: Path) -> Camera:
+    """The camera of a frame, wherever it is."""
+    tree = {"frames": [entry | {"transform_matrix": np.eye(4).tolist()}]}
+    with making(file):
+        (make,) = cameras_in(tree, file, size_of(color)).values()
+        return Camera(**make())
 
 
 def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
