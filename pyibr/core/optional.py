@@ -39,6 +39,14 @@ def h5py() -> Any:
     return _imported("h5py", "HDF5 files need h5py", "hdf5", "pip install --force-reinstall h5py")
 
 
+def rosbags() -> tuple[Any, Any]:
+    """rosbags' readers and its types of messages, or a MissingPackageError."""
+    remedy = "pip install --force-reinstall rosbags"
+    names = ("rosbags.highlevel", "rosbags.typesys")
+    highlevel, typesys = (_imported(name, "ROS bags need rosbags", "ros", remedy) for name in names)
+    return highlevel, typesys
+
+
 def viser() -> Any:
     """viser, which serves pages, or a MissingPackageError."""
     return _imported("viser", "pages in the browser need viser", "view", "pip install --force-reinstall viser")
@@ -48,6 +56,6 @@ def _imported(module: str, need: str, extra: str, remedy: str) -> Any:
     try:
         return import_module(module)
     except Exception as error:  # what is installed by halves may raise anything
-        if isinstance(error, ModuleNotFoundError) and error.name == module:
+        if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
             raise MissingPackageError(f"{need}: pip install 'pyibr-opencl[{extra}]'") from None
         raise MissingPackageError(f"{need}, which is installed but cannot be imported ({error}); {remedy}") from error

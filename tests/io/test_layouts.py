@@ -127,11 +127,11 @@ def test_a_specimen_beats_its_neighbours_in_convention(tmp_path: Path, name):
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", SPECIMENS)
 def test_damaged_layouts(folder: Path, name):
-    """Two hundred damages of what tells cameras, poses and names: what is read is whole, or refused."""
+    """Damages of what tells cameras, poses and names: what is read is whole, or refused."""
     SPECIMENS[name][0](folder / "it")
     told = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix not in PICTURES]
     whole, rng = {file: file.read_bytes() for file in told}, random.Random(name)
-    for number in range(200):
+    for number in range(40 if name == "ros_bag" else 200):  # rosbags takes its time to open one
         file = rng.choice(told)
         file.write_bytes(damaged(whole[file], rng, number))
         try:
