@@ -188,7 +188,7 @@ def _jobs(
         if job.number not in done:
             yield job
             some = True
-    losses.tell(some=some)
+    losses.tell(some=some or bool(done))
 
 
 def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None) -> tuple[int, int]:

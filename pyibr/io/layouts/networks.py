@@ -59,10 +59,10 @@ def find_moge(folder: Path) -> Recording | None:
 
 def find_stack(folder: Path) -> Recording | None:
     """An NPZ file of all frames: depth, conf, extrinsics (camera from world), intrinsics; image, or pictures beside."""
-    for file in [
-        file for place in _PLACES if (folder / place).is_dir() for file in files_in(folder / place, (".npz",))
-    ]:
-        names = _keys(file)
+    places = [folder / place for place in _PLACES if (folder / place).is_dir()]
+    files = [file for place in places for file in files_in(place, (".npz",))]
+    for file in files:
+        names = _keys(file, is_alone=len(files) == 1)
         if {"depth", "extrinsics", "intrinsics"} <= names.keys():
             return _stacked(folder, file, names)
     return None
@@ -165,9 +165,14 @@ def _layers(stack: NDArray[Any], file: Path) -> NDArray[np.float32]:
     return stack.reshape(shape).astype(np.float32)
 
 
-def _keys(file: Path) -> dict[str, str]:
-    """The names that this file has for what there is in it."""
-    there = _arrays(file)
+def _keys(file: Path, is_alone: bool) -> dict[str, str]:
+    """The names that this file has for what there is in it; none if it cannot be read, and others are there."""
+    try:
+        there = _arrays(file)
+    except FileFormatError:
+        if is_alone:
+            raise
+        return {}
     return {what: name for what, names in _NAMES.items() for name in names if name in there}
 
 

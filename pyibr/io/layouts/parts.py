@@ -33,11 +33,9 @@ def numbers_in(path: Path) -> Float64:
 
 
 def object_in(path: Path) -> dict[str, Any]:
-    """An object of a JSON file."""
+    """The object of a JSON file; an empty one if it holds something else, which then is no file of a layout's."""
     data = read_json(path, "JSON")
-    if not isinstance(data, dict):
-        raise FileFormatError(f"{path}: expected a JSON object, got {type(data).__name__}")
-    return cast("dict[str, Any]", data)
+    return cast("dict[str, Any]", data) if isinstance(data, dict) else {}
 
 
 def camera_of(path: Path, K: ArrayLike, size: tuple[int, int], lens: Lens | None = None) -> Camera:

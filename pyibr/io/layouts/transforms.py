@@ -37,7 +37,7 @@ def find_transforms(folder: Path) -> Recording | None:
     entries = _entries(found, told.pop("frames", None), told)
     with_depth = [(entry, name) for entry in entries for name in _DEPTH if name in entry]
     if not with_depth:
-        raise FileFormatError(f"{found}: none of {len(entries)} frames has a depth_file_path")
+        return None
     colors = [_picture(folder, entry) for entry, _ in with_depth]
     return Recording(
         colors,
