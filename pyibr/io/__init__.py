@@ -8,7 +8,8 @@
 | .npy, .npz | yes | yes; of several arrays a chosen one |
 | .pfm | yes | yes |
 | .exr (extra `exr`) | R, G, B | what is called depth or z, or chosen |
-| .bin (COLMAP) | | yes |
+| .bin (COLMAP), .dpt (Sintel), .hdf5 (extra `hdf5`) | | yes |
+| .pgm | | 16 or 8 bit, with a scale |
 
 Scans on a grid, which are points and no images, are read by `read_range_grid`; pictures of normals and heights by
 `read_relief_map`; cameras of several images by `read_cameras`, and where they were by `read_poses`.
@@ -55,8 +56,15 @@ __all__ = [
 
 _PathLike = str | PathLike[str]
 _COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}
-_DEPTH_MODULES = _COLOR_MODULES | {".png": "image", ".tif": "image", ".tiff": "image", ".bin": "colmap_bin"}
-_DEPTH_MODULES |= {".pgm": "pgm", ".dpt": "dpt", ".hdf5": "hdf5"}
+_DEPTH_MODULES = _COLOR_MODULES | {
+    ".png": "image",
+    ".tif": "image",
+    ".tiff": "image",
+    ".bin": "colmap_bin",
+    ".pgm": "pgm",
+    ".dpt": "dpt",
+    ".hdf5": "hdf5",
+}
 
 
 _CHOICES = {"channel": (".exr", ".npz"), "part": (".exr",)}
