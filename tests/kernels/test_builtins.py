@@ -116,7 +116,7 @@ HOT = {
     "roughen", "find_edges", "behind_lines", "activate",
 }  # fmt: skip
 """The kernels that take most of the time."""
-LEFT = {"dot", "fast_length", "log2", "rint", "isfinite", "clz"}
+LEFT = {"dot", "length", "fast_length", "exp2", "log2", "rint", "isfinite", "clz"}
 """Calls outside of inner loops."""
 
 
