@@ -138,7 +138,7 @@ def compiled(clang: str, source: Path, defines: dict[str, int], vendor: str, arc
 
 
 def ran(command: list[str], file: str) -> str:
-    """What a command printed."""
+    """Output of a command."""
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         sys.exit(f"{file}: {done.stderr.strip()}")
