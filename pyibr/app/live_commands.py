@@ -12,9 +12,11 @@ import typer
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.live.pages import Pages
 from pyibr.app.options import (
+    CameraFile,
     Clean,
     DefaultDepthText,
     DepthChannel,
@@ -23,7 +25,11 @@ from pyibr.app.options import (
     DeviceName,
     ExposureOption,
     FarDepth,
-    chosen_of,
+    Focal35mm,
+    Fov,
+    NearDepth,
+    Sharpen,
+    StoredDepth,
     default_depth_of,
     device_of,
     printable_text,
@@ -41,7 +47,7 @@ from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_exists
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import DefaultDepth
-from pyibr.io import DepthKind, read_relief_map
+from pyibr.io import read_relief_map
 from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.heights import Wrap, Wraps, checked_wrap
 from pyibr.meshes.mesh import Mesh
@@ -61,14 +67,18 @@ _Up = Annotated[Up | None, typer.Option(help="What is up in the world; of meshes
 
 def view(
     things: _Things,
-    camera: Annotated[Path | None, typer.Option(help="The camera of COLOR and DEPTH: JSON")] = None,
+    camera: CameraFile = None,
+    fov: Fov = None,
+    focal_35mm: Focal35mm = None,
     depth_scale: DepthScale = None,
     depth_kind: DepthKindOption = "z",
     depth_channel: DepthChannel = None,
     exposure: ExposureOption = 0.0,
+    near: NearDepth = 1.0,
     far: FarDepth = math.inf,
     default_depth: DefaultDepthText = "none",
     clean: Clean = False,
+    sharpen: Sharpen = None,
     height: Annotated[
         Path | None, typer.Option(help="Displace the mesh, which has uv, by a height map, or a relief map's alpha")
     ] = None,
@@ -88,8 +98,9 @@ def view(
 ) -> None:
     """Look around in a browser, drawn live. The page can only be opened on this machine."""
     with device_of(device):
-        exposed = Exposure(exposure)
-        views = _Views(camera, (depth_scale, depth_kind, chosen_of(depth_channel)), far, default_depth, clean, exposed)
+        exposed, lens = Exposure(exposure), LensOptions(fov, focal_35mm)
+        stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel)
+        views = _Views(camera, lens, stored, default_depth, clean, exposed)
         shown, of_meshes = views.read(things)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]
         given: object = shown
@@ -179,21 +190,21 @@ class _Views:
     def __init__(
         self,
         camera: Path | None,
-        stored: tuple[float | None, DepthKind, dict[str, str]],
-        far: float,
+        lens: LensOptions,
+        stored: StoredDepth,
         default_depth: str,
         clean: bool,
         exposure: Exposure,
     ) -> None:
         self._exposure = exposure
-        self._camera, self._stored, self._far, self._clean = camera, stored, far, clean
+        self._camera, self._lens, self._stored, self._clean = camera, lens, stored, clean
         self._default_depth: float | DefaultDepth | None = default_depth_of(default_depth)
 
     def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
         """The things, and whether they are meshes whose files say nothing of what is up, but for y by custom."""
         things: list[DepthImage | Mesh] = []
         customary = True
-        rest, (scale, kind, chosen) = list(names), self._stored
+        rest, (scale, kind, *_) = list(names), self._stored
         while rest:
             name = rest.pop(0)
             check_exists(name)
@@ -203,16 +214,13 @@ class _Views:
                     things.append(DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals))
             elif is_mesh_file(name):
                 things.append(Mesh.load(name))
-            elif not rest or self._camera is None:
-                lacking = "no --camera for it" if rest else "none"
-                raise ArgumentError(
-                    "THINGS", f"a depth after the color {printable_text(name)}, and its --camera", lacking
-                )
+            elif not rest:
+                raise ArgumentError("THINGS", f"a depth after the color {printable_text(name)}", "none")
             else:
-                color, own = self._exposure.shown(ibr.read_color(name), name), Camera.load(self._camera)
-                depth = ibr.read_depth(rest.pop(0), depth_scale=scale, depth_kind=kind, camera=own, **chosen)
-                cleaned = self._cleaned(color, depth)
-                things.append(DepthImage(color, cleaned, own, far=self._far, default_depth=self._default_depth))
+                color = self._exposure.shown(ibr.read_color(name), name)
+                own, far = self._lens.camera_of(name, self._camera), self._stored.empty_from
+                depth = self._cleaned(color, self._stored.read(rest.pop(0), own))
+                things.append(DepthImage(color, depth, own, far=far, default_depth=self._default_depth))
             customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
         return things, customary
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, NamedTuple, TypeVar
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import DefaultDepth
 from pyibr.io import DepthKind
@@ -22,9 +26,19 @@ Color = Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, 
 Depth = Annotated[
     Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG, TIFF, NPY, NPZ, PFM, EXR, COLMAP .bin")
 ]
-CameraFile = Annotated[Path, typer.Option(help="Its camera: JSON of width, height, K, world_from_camera, or Open3D's")]
+CameraFile = Annotated[Path | None, typer.Option(metavar="FILE[#NAME]", help="Its camera: a calibration of any kind")]
+Fov = Annotated[float | None, typer.Option(metavar="DEGREES", help="Without --camera: what the picture's width covers")]
+Focal35mm = Annotated[
+    float | None, typer.Option("--focal-35mm", metavar="MM", help="Without --camera: the focal length, on 35 mm film")
+]
 Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")]
-FarDepth = Annotated[float, typer.Option(help="Depth from which on there is no surface")]
+FarDepth = Annotated[
+    float, typer.Option(help="Depth from which on there is no surface; of relative depth that of the farthest, 10")
+]
+NearDepth = Annotated[float, typer.Option(help="Of relative depth: that of the nearest")]
+Sharpen = Annotated[
+    bool | None, typer.Option("--sharpen/--no-sharpen", help="Soft edges made sharp; by default of relative depth")
+]
 DefaultDepthText = Annotated[
     str, typer.Option(metavar="DEPTH", help="Depth of what has none, as sky; farthest: the farthest sample's; none")
 ]
@@ -33,7 +47,12 @@ DepthScale = Annotated[
 ]
 DepthKindOption = Annotated[
     DepthKind,
-    typer.Option(help="What depth is stored as: z, distance along the rays, inverse (1/z; disparity by its scale)"),
+    typer.Option(
+        "--depth-kind",
+        "--depth-is",
+        help="What depth is stored as: z, distance along the rays, inverse (1/z; disparity by its scale), or relative: "
+        "inverse as networks guess it, in no unit",
+    ),
 ]
 MinConfidence = Annotated[
     float | None,
@@ -55,6 +74,43 @@ Baseline = Annotated[
 ]
 Take = Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording, as 10:90:2")]
 DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]
+
+
+_FAR = 10.0  # of relative depth
+
+
+class StoredDepth(NamedTuple):
+    """Options of how depth is stored: --depth-scale, --depth-kind, --near, --far, --sharpen, --depth-channel."""
+
+    scale: float | None
+    kind: DepthKind
+    near: float = 1.0
+    far: float = math.inf
+    sharpen: bool | None = None
+    channel: str | None = None
+
+    def read(self, path: Path, camera: Camera) -> NDArray[np.float32]:
+        """The planar depth of a file, whose camera this is."""
+        far = _FAR if self.far == math.inf else self.far
+        depth = ibr.read_depth(
+            path, depth_scale=self.scale, depth_kind=self.kind, camera=camera, near=self.near, far=far, **self.chosen
+        )
+        return self.sharpened(depth)
+
+    @property
+    def chosen(self) -> dict[str, str]:
+        """Part and channel that --depth-channel names, as `read_depth` takes them."""
+        return chosen_of(self.channel)
+
+    def sharpened(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Depth with sharp edges, if that is asked for or its kind needs it."""
+        wanted = self.kind == "relative" if self.sharpen is None else self.sharpen
+        return ibr.sharpen_depth(depth) if wanted else depth
+
+    @property
+    def empty_from(self) -> float:
+        """Depth from which on there is no surface."""
+        return math.inf if self.kind == "relative" else self.far
 
 
 def default_depth_of(text: str) -> float | DefaultDepth | None:

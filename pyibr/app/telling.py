@@ -1,8 +1,10 @@
-"""Messages of the library for whoever waits: that kernels are being built, which takes seconds and happens once."""
+"""Messages of the library: that kernels are being built, which takes seconds and happens once, and its warnings."""
 
 from __future__ import annotations
 
+import functools
 import logging
+import warnings
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
@@ -16,16 +18,22 @@ class _Teller(logging.Handler):
         self._tell(record.getMessage())
 
 
+def _tell_warning(tell: Callable[[str], object], message: Warning | str, *_: object, **__: object) -> None:
+    tell(str(message))
+
+
 @contextmanager
 def telling(tell: Callable[[str], object]) -> Generator[None, None, None]:
-    """Within it, `tell` is called with what the logger "pyibr" says."""
+    """Within it, `tell` is called with what the logger "pyibr" says, and with warnings."""
     logger, teller = logging.getLogger("pyibr"), _Teller(tell)
     level = logger.level
     logger.addHandler(teller)
     if logger.getEffectiveLevel() > logging.INFO:
         logger.setLevel(logging.INFO)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.showwarning = functools.partial(_tell_warning, tell)
+            yield
     finally:
         logger.removeHandler(teller)
         logger.setLevel(level)

@@ -7,6 +7,7 @@ one does no harm to the others.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -139,6 +140,7 @@ def _arranged(make: Callable[[], Arguments]) -> Arguments:
     K = numbers("K", made["K"], (None, None))
     if K.shape == (3, 3) and K[1, 1] < 0:
         pose = made.get("world_from_camera")
+        warnings.warn("fy < 0: y is turned, and the world with it; poses that are told elsewhere are not", stacklevel=2)
         made["K"], made["world_from_camera"] = _upright(K, np.eye(4) if pose is None else checked_pose(pose))
     return made
 

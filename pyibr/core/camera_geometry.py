@@ -31,7 +31,7 @@ Projection = Literal["perspective", "orthographic"]
 _Camera = TypeVar("_Camera", bound="CameraGeometry")
 
 
-_FILM_DIAGONAL = math.hypot(36, 24)  # millimetres
+FILM_DIAGONAL = math.hypot(36, 24)  # millimetres
 
 
 def _focal_of(name: str, degrees: float | None, extent: int) -> float:
@@ -240,7 +240,7 @@ class CameraGeometry:
         if len(named) != 1:
             raise ArgumentError("fov_x", "one of fov_x, fov_y and focal_35mm", " and ".join(named) or "none")
         if focal_35mm is not None:
-            focal = positive("focal_35mm", focal_35mm, "millimetres > 0") * math.hypot(width, height) / _FILM_DIAGONAL
+            focal = positive("focal_35mm", focal_35mm, "millimetres > 0") * math.hypot(width, height) / FILM_DIAGONAL
         else:
             focal = _focal_of(named[0], given[named[0]], width if fov_x is not None else height)
         K = [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]

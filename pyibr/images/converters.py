@@ -199,6 +199,38 @@ def depth_from_mpeg(level: ArrayLike, near: float, far: float, *, zero_is_invali
     return z.astype(np.float32)
 
 
+def depth_from_relative(values: ArrayLike, *, near: float = 1.0, far: float = 10.0) -> Depth:
+    """Return a depth for the relative inverse depth of networks, which grows as things come nearer, in no unit.
+
+    Parameters
+    ----------
+    values : array_like
+        Integers of any width, or floats; not finite is unknown. The greatest is at `near`, the least at `far`, and 1 /
+        depth is linear in between.
+    near, far : float
+        In scene units, 0 < near < far. The nearer `far` is to `near`, the flatter the scene.
+
+    Returns
+    -------
+    float32, NaN where unknown. Edges stay as soft as networks make them: `sharpen_depth`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> ibr.depth_from_relative(np.array([255, 85, 0], np.uint8), near=2, far=8).tolist()
+    [2.0, 4.0, 8.0]
+    """
+    relative = numbers("values", values, None, finite=False)
+    known = np.isfinite(relative)
+    low, high = np.min(relative, initial=np.inf, where=known), np.max(relative, initial=-np.inf, where=known)
+    if not low < high:
+        raise ArgumentError("values", "some that differ, as near and far things have", describe(values))
+    _check_range(near, far)
+    level = (np.where(known, relative, np.nan) - low) / (high - low)
+    return (1 / (1 / far + level * (1 / near - 1 / far))).astype(np.float32)
+
+
 def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
     """Invert `depth_from_mpeg`: float32 levels in [0, 1], 0 where the depth is invalid.
 

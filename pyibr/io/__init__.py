@@ -30,7 +30,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import describe, instance_of, one_of, plain_array, positive
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_writable, checked_path
-from pyibr.images import depth_from_uint16, uint16_from_depth
+from pyibr.images import depth_from_relative, depth_from_uint16, uint16_from_depth
 from pyibr.io import depth_kinds, image
 from pyibr.io.cameras import read_cameras
 from pyibr.io.depth_kinds import DepthKind
@@ -68,6 +68,8 @@ _DEPTH_MODULES = _COLOR_MODULES | {
 
 
 _CHOICES = {"channel": (".exr", ".npz"), "part": (".exr",)}
+
+_NO_IMAGES = (".ply", ".pcd", ".las", ".laz", ".obj", ".glb", ".gltf", ".stl", ".off")
 
 
 class _Format(Protocol):
@@ -198,6 +200,8 @@ def read_depth(
     camera: Camera | None = None,
     channel: str | None = None,
     part: str | None = None,
+    near: float = 1.0,
+    far: float = 10.0,
 ) -> NDArray[np.float32]:
     """Read planar depth.
 
@@ -208,9 +212,10 @@ def read_depth(
     depth_scale : float
         Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets. Required for
         integers, where 0 means no depth; 1 for floats if not given.
-    depth_kind : {"z", "distance", "inverse"}
-        What the file holds: planar z; distances from the camera's centre along its rays; or 1 / z, which disparity is
-        with a scale of focal length times baseline (times the units that are stored a pixel).
+    depth_kind : {"z", "distance", "inverse", "relative"}
+        What the file holds: planar z; distances from the camera's centre along its rays; 1 / z, which disparity is
+        with a scale of focal length times baseline (times the units that are stored a pixel); or what networks guess
+        from one picture, large where it is near, of 8 or 16 bits or floats, which needs no scale.
     camera : Camera, optional
         Of the depth, for distances.
     channel : str, optional
@@ -218,6 +223,8 @@ def read_depth(
         one of X, Y, Z or of different R, G, B.
     part : str, optional
         Of EXR: the part's name, or its number if it has none. By default the first that has what is sought.
+    near, far : float
+        Of relative depth: the depths of the nearest and of the farthest sample, see `depth_from_relative`.
 
     Returns
     -------
@@ -241,12 +248,14 @@ def read_depth(
     """
     one_of("depth_kind", depth_kind, DepthKind)
     chosen = _chosen(path, channel, part)
+    if depth_kind == "relative":
+        return depth_from_relative(_relative(path, chosen), near=near, far=far)
     stored = _module(path, _DEPTH_MODULES).read_depth(path, **chosen)
     if stored.ndim > 2:  # (1, H, W) and the like, as networks have them
         stored = stored.reshape([length for length in stored.shape if length != 1] or stored.shape)
     if stored.dtype == np.uint8 and depth_scale is None:
-        expected = "stored units per scene unit (--depth-scale; inverse depth of networks: depth_from_mpeg)"
-        raise ArgumentError("depth_scale", f"{expected} for the 8 bits of {path}", "none")
+        expected = f"stored units per scene unit for the 8 bits of {path} (of a network's: --depth-is relative)"
+        raise ArgumentError("depth_scale", expected, "none")
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
     if stored.dtype.kind in "ui":
@@ -295,6 +304,19 @@ def write_depth(
         module.write_depth(path, (array * factor).astype(np.float32))
 
 
+def _relative(path: _PathLike, chosen: dict[str, str]) -> NDArray[Any]:
+    """(H, W) levels of a map that a network has left, also as a picture of gray."""
+    if checked_path(path).suffix.lower() in _COLOR_MODULES:
+        values = np.squeeze(_module(path, _DEPTH_MODULES).read_depth(path, **chosen))
+    else:
+        values = _module(path, {}, "image").read_color(path)
+    if values.ndim == 3 and (values[..., :3] == values[..., :1]).all():
+        values = values[..., 0]
+    if values.ndim != 2 or values.dtype.kind not in "uif" or 0 in values.shape:
+        raise FileFormatError(f"{path}: expected a gray map of shape (H, W), got {describe(values)}")
+    return values
+
+
 def _required(depth_scale: float | None, path: _PathLike) -> float:
     if depth_scale is None:
         expected = (
@@ -321,6 +343,8 @@ def _module(path: _PathLike, modules: dict[str, str], default: str | None = None
         raise FileFormatError(f"{path}: expected a file, got a folder")
     suffix = checked_path(path).suffix.lower()
     name = modules.get(suffix, default)
+    if name is None and suffix in _NO_IMAGES:
+        raise FileFormatError(f"{path}: expected an image of depth, got what {suffix} files hold: points, or a mesh")
     if name is None:
         known = ", ".join(sorted(modules))
         raise FileFormatError(f"{path}: no depth format {suffix or 'without a suffix'}; known are {known}")

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
-from pyibr.images import depth_from_euclidean, euclidean_from_depth
+from pyibr.images import depth_from_euclidean, depth_from_relative, euclidean_from_depth
 
-DepthKind = Literal["z", "distance", "inverse"]
+DepthKind = Literal["z", "distance", "inverse", "relative"]
 
 _Values = NDArray[np.float32]
 
@@ -20,12 +20,14 @@ def planar(values: _Values, kind: DepthKind, camera: Camera | None, name: object
     """(H, W) planar z, NaN where there is none, of what the file `name` holds."""
     if kind == "z":
         return values
+    if kind == "relative":
+        return depth_from_relative(values)
     return _inverse(values) if kind == "inverse" else depth_from_euclidean(values, _fitting(camera, values, name))
 
 
 def stored(depth: _Values, kind: DepthKind, camera: Camera | None, name: object) -> _Values:
-    """Values that the file `name` shall hold for (H, W) planar z."""
-    if kind == "z":
+    """Values that the file `name` shall hold for (H, W) planar z, which relative depth has become for good."""
+    if kind in ("z", "relative"):
         return depth
     return _inverse(depth) if kind == "inverse" else euclidean_from_depth(depth, _fitting(camera, depth, name))
 

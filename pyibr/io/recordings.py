@@ -22,6 +22,8 @@ from pyibr.io.poses import read_trajectory
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".npy", ".npz", ".pfm", ".exr")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin", ".pgm", ".dpt", ".hdf5")
 
+_SIZELESS = (".txt", ".csv", ".yaml", ".yml", ".xml", ".gltf", ".glb")  # that may not tell the pictures' size
+
 Depth = NDArray[np.float32]
 
 
@@ -299,8 +301,7 @@ def _cameras(recording: Recording, files: Sequence[Path], shared: bool) -> list[
     colors, count = recording.colors, len(recording.depths)
     if not files:
         raise ArgumentError("camera", "a file with the camera", f"none for {colors[0]}")
-    untold = [file.suffix.lower() in (".txt", ".csv", ".gltf", ".glb") for file in files]
-    sizes = [size_of(colors[0]) if is_untold else None for is_untold in untold]
+    sizes = [size_of(colors[0]) if file.suffix.lower() in _SIZELESS else None for file in files]
     found = [named for file, size in zip(files, sizes, strict=True) for named in read_cameras(file, size=size).items()]
     if len(found) == 1 and (count == 1 or shared):
         return [found[0][1]] * count

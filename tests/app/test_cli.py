@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 import pyibr as ibr
@@ -286,7 +288,7 @@ def test_bad_files(scene: Scene):
         )
         assert_one_line(made, "nowhere: no such file or folder")
     assert_one_line(runner.invoke(app, ["view", "nowhere", "--port", "0"]), "nowhere: no such file or folder")
-    assert_one_line(scene.run(*out, camera="color.png"), "color.png", "camera JSON")
+    assert_one_line(scene.run(*out, camera="color.png"), "color.png", "not a readable camera file")
     (scene.folder / "half.png").write_bytes((scene.folder / "depth.png").read_bytes()[:60])
     assert_one_line(scene.run(*out, depth="half.png"), "half.png", "truncated")
     assert_one_line(scene.run("--to", scene.folder / "none.json", *out[2:]), "none.json")
@@ -505,3 +507,81 @@ def test_what_devices_lack_is_told_in_lines(scene: Scene, monkeypatch: pytest.Mo
 def test_the_package_runs_as_a_command():
     done = subprocess.run([sys.executable, "-m", "pyibr", "--version"], capture_output=True, text=True)
     assert done.stdout == f"pyibr {ibr.__version__}\n", done.stderr
+
+
+# ---- a camera for every photo, relative depth, scale
+
+
+def test_a_photo_without_a_camera_gets_one_that_is_told(scene, tmp_path):
+    words = ["warp", scene.folder / "color.png", scene.folder / "depth.npy", "--move", 0.2, 0, 0, "-o"]
+    photo = tmp_path / "photo.jpg"
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 26
+    Image.fromarray(scene.color).save(photo, exif=exif)
+    of_plane = tmp_path / "plane.jpg"
+    exif = Image.Exif()  # 4 mm on a sensor of 100 pixels a millimetre, of which a half was left
+    exif.get_ifd(0x8769).update({0x920A: 4.0, 0xA20E: 1000.0, 0xA210: 3, 0xA002: 2 * SIZE[0]})
+    Image.fromarray(scene.color).save(of_plane, exif=exif)
+    cases = (
+        ([], ibr.Camera.from_fov(SIZE, fov_x=60), "taken to be 60 degrees across; --camera, --fov or --focal-35mm"),
+        (["--fov", 90], ibr.Camera.from_fov(SIZE, fov_x=90), ""),
+        (["--focal-35mm", 50], ibr.Camera.from_fov(SIZE, focal_35mm=50), ""),
+        ([photo], ibr.Camera.from_fov(SIZE, focal_35mm=26), "its EXIF data tell of a lens of 26 mm"),
+        ([of_plane], ibr.Camera([[200, 0, 30], [0, 200, 18], [0, 0, 1]], SIZE), "its EXIF data tell of a lens of"),
+    )
+    for given, camera, told in cases:
+        pictures = [word for word in given if isinstance(word, Path)]
+        options = [word for word in given if not isinstance(word, Path)]
+        new = tmp_path / "new.npy"
+        line = [words[0], *(pictures or words[1:2]), *words[2:], tmp_path / "new.png", "--depth-out", new, *options]
+        result = runner.invoke(app, [str(word) for word in line])
+        assert result.exit_code == 0, result.output
+        assert told in result.stderr and (told or not result.stderr)
+        expected = ibr.warp(ibr.DepthImage(None, scene.depth, camera), camera.moved(0.2, 0, 0)).depth
+        np.testing.assert_allclose(ibr.read_depth(new), expected, rtol=1e-5)  # float32's rounding of the focal length
+    result = scene.run("--fov", 50, "--move", 0, 0, 0, "-o", tmp_path / "new.png")
+    assert_one_line(result, "--fov: expected none beside --camera")
+
+
+def test_relative_depth_is_sharpened_and_lies_between_near_and_far(scene, tmp_path):
+    x = np.arange(SIZE[0])
+    level = np.tile(np.interp(x, [27, 33], [200, 20]), (SIZE[1], 1))
+    new = tmp_path / "new.npy"
+    for values, suffix in ((level.astype(np.uint8), "png"), ((257 * level).astype(np.uint16), "png"), (level, "npy")):
+        file = tmp_path / f"level.{suffix}"
+        np.save(file, values) if suffix == "npy" else Image.fromarray(values).save(file)
+        line = ["--depth-is", "relative", "--near", 2, "--move", 0, 0, 0, "-o", tmp_path / "n.png", "--depth-out", new]
+        result = scene.run(*line, "--far", 8, depth=file, scale=None)
+        assert result.exit_code == 0, result.output
+        assert "depth from 2 to 8" in result.stdout
+        depth = ibr.read_depth(new)
+        assert set(np.unique(depth.round(3))) == {2, 8}  # no ramp is left
+        result = scene.run(*line, "--no-sharpen", depth=file, scale=None)
+        assert "depth from 2 to 10" in result.stdout and len(np.unique(ibr.read_depth(new).round(3))) > 4
+
+
+def test_what_is_out_of_scale_is_told(scene, tmp_path):
+    for move, is_told in ((1e-3, True), (0.1, False), (21, True)):
+        result = scene.run("--move", move, 0, 0, "-o", tmp_path / "n.png")
+        assert (result.exit_code == 0 and "depth from 2 to 2" in result.stdout) or move > 20
+        assert ("--move: by" in result.stderr) == is_told
+    scene.camera.resized((122, 74)).save(tmp_path / "large.json")
+    result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / "n.png", camera="large.json")
+    assert_one_line(result, "--camera: expected that of 61x37 pixels", "Camera.resized", "one of 122x74")
+
+
+def test_warnings_are_told_in_a_line(scene, tmp_path):
+    (tmp_path / "K.txt").write_text("30 0 50\n0 18 50\n0 0 1\n")
+    result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / "n.png", camera="K.txt")
+    assert "pyibr: K: fx, fy = 30, 18 and cx, cy = 50, 50 look exchanged" in result.stderr
+    assert "Warning" not in result.stderr
+
+
+def test_a_camera_of_a_file_is_named_behind_it(scene, tmp_path):
+    data = {"left": scene.camera.to_json(), "right": scene.camera.moved(0.1, 0, 0).to_json()}
+    (tmp_path / "rig.json").write_text(json.dumps(data))
+    for name in ("left", "right"):
+        result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / f"{name}.png", camera=f"rig.json#{name}")
+        assert result.exit_code == 0, result.output
+    result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / "n.png", camera="rig.json")
+    assert_one_line(result, "expected one camera, as ", "rig.json#NAME; got left, right")

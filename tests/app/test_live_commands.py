@@ -73,6 +73,8 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     assert (start, up) == (None, None)  # whose axes are known: -y
     assert shown("donut.ply")[2] == (0.0, 1.0, 0.0)
     assert shown("donut.ply", "--up", "-z")[2] == (0.0, 0.0, -1.0)
+    (photo,), *_ = shown("color.png", "depth.npy", "--fov", 90)
+    assert photo.camera == ibr.Camera.from_fov(photo.camera.size, fov_x=90)
     things, start, up, _ = shown("room", "--start", "camera.json")
     assert [type(thing) for thing in things] == [ibr.DepthImage] * 2
     assert start == ibr.Camera.load(folder / "camera.json")
@@ -122,7 +124,6 @@ def test_heights_of_a_relief_map_are_its_alpha(folder, seen):
 
 def test_what_is_wrong_is_said_in_one_line(folder):
     for words, said in (
-        (("color.png", "depth.npy"), ("THINGS", "no --camera")),
         (("color.png", "--camera", "camera.json"), ("THINGS", "a depth after")),
         (("nowhere.ply",), ("nowhere.ply", "no such file")),
         (("donut.glb", "--height", "height.png"), ("--scale",)),

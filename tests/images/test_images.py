@@ -200,6 +200,19 @@ def test_depth_that_does_not_fit_in_16_bits(bad):
         ibr.uint16_from_depth(np.array([1, bad, np.nan], np.float32), 1000)
 
 
+def test_relative_depth_has_its_ends_at_near_and_far():
+    values = np.array([[3.0, 5.0], [np.nan, 11.0]])
+    depth = ibr.depth_from_relative(values, near=2, far=6)
+    # Nearness is linear in between: of 5, a quarter of the way from 1/6 to 1/2.
+    np.testing.assert_allclose(depth, [[6, 4], [np.nan, 2]], rtol=1e-6)
+    for kind in (np.uint8, np.uint16, np.float16):
+        np.testing.assert_array_equal(ibr.depth_from_relative(values[:, 1].astype(kind)), np.float32([10, 1]))
+    with pytest.raises(ibr.ArgumentError, match="values: expected some that differ"):
+        ibr.depth_from_relative([2, 2])
+    with pytest.raises(ibr.ArgumentError, match="far: expected a depth beyond near = 3"):
+        ibr.depth_from_relative([1, 2], near=3, far=2)
+
+
 @pytest.mark.parametrize(("near", "far"), [(0.5, 25.0), (2.0, 1000.0), (0.3, 1e6)])
 def test_mpeg_levels(near, far):
     ends = ibr.depth_from_mpeg([1.0, 0.5, np.nan], near, far)

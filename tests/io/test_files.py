@@ -397,9 +397,7 @@ def test_color_is_no_depth_and_8_bit_is_no_16_bit(tmp_path: Path):
     ibr.write_mask(tmp_path / "m.png", np.ones((13, 7), bool))
     with pytest.raises(ibr.FileFormatError, match="expected gray of 8 or 16 bits, or floats, for depth, got "):
         ibr.read_depth(tmp_path / "c.png", depth_scale=1000)
-    with pytest.raises(
-        ibr.ArgumentError, match=r"^depth_scale: .*inverse depth of networks: depth_from_mpeg\) for the 8 bits of "
-    ):
+    with pytest.raises(ibr.ArgumentError, match=r"^depth_scale: .*for the 8 bits of .*--depth-is relative"):
         ibr.read_depth(tmp_path / "m.png")
 
 

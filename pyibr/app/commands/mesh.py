@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 import pyibr as ibr
+from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import check_outputs
 from pyibr.app.options import (
@@ -23,12 +24,15 @@ from pyibr.app.options import (
     DeviceName,
     ExposureOption,
     FarDepth,
-    chosen_of,
+    Focal35mm,
+    Fov,
+    NearDepth,
+    Sharpen,
+    StoredDepth,
     default_depth_of,
     device_of,
     printable_text,
 )
-from pyibr.core.camera import Camera
 from pyibr.depthmesh.segmentation import Segmentation, Test
 from pyibr.images import DepthImage
 from pyibr.meshes.files import check_mesh_file
@@ -37,14 +41,18 @@ from pyibr.meshes.files import check_mesh_file
 def mesh(
     color: Color,
     depth: Depth,
-    camera: CameraFile,
     output: Annotated[Path, typer.Option("--output", "-o", help="The mesh: GLB, OBJ (with the image as texture), PLY")],
     max_error: Annotated[
         float | None, typer.Option(help="Depths may be off by that, in scene units; 0: by nothing")
     ] = None,
     count: Annotated[int | None, typer.Option(help="At most so many triangles, the flattest merged first")] = None,
     segmentation: Annotated[Test, typer.Option(help="How triangles between two surfaces are told")] = "orthogonality",
+    camera: CameraFile = None,
+    fov: Fov = None,
+    focal_35mm: Focal35mm = None,
     clean: Clean = False,
+    sharpen: Sharpen = None,
+    near: NearDepth = 1.0,
     far: FarDepth = math.inf,
     default_depth: DefaultDepthText = "none",
     depth_scale: DepthScale = None,
@@ -54,15 +62,15 @@ def mesh(
     device: DeviceName = None,
 ) -> None:
     """Turn an image with depth into a textured triangle mesh, simplified within an error or to a number."""
-    check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera]}, {"--output": [output]})
+    check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera] if camera else []}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
-    own = Camera.load(camera)
+    own = LensOptions(fov, focal_35mm).camera_of(color, camera)
     with Exposure(exposure) as exposed:
         image = exposed.shown(ibr.read_color(color), color)
-    chosen = chosen_of(depth_channel)
-    depths = ibr.read_depth(depth, depth_scale=depth_scale, depth_kind=depth_kind, camera=own, **chosen)
+    stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel)
+    depths = stored.read(depth, own)
     depths = ibr.clean_depth(depths, image).depth if clean else depths
-    view = DepthImage(image, depths, own, far=far, default_depth=default_depth_of(default_depth))
+    view = DepthImage(image, depths, own, far=stored.empty_from, default_depth=default_depth_of(default_depth))
     with device_of(device):
         made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error, count=count)
     made.save(output)

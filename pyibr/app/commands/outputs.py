@@ -129,15 +129,15 @@ class Outputs:
             else:
                 ibr.write_mask(name, images[kind])
 
-    def tell(self, size: tuple[int, int], several: str, lacking: str) -> None:
-        """Say what was written; `several`: what the frames are called; lacking: why some are empty."""
+    def tell(self, size: tuple[int, int], several: str, lacking: str, depths: object = "") -> None:
+        """Say what was written, of which depths; `several`: what the frames are called; lacking: why some are empty."""
         written, count = self._written, None if self._numbers is None else len(self._written)
         empty = [name for name, share in zip(written, self._shares, strict=True) if share == 0]
         if empty:
             many = f"{len(empty)} of {count} {several} are empty, as {empty[0]}" if count else f"{empty[0]} is empty"
             print_note(f"{many}: {lacking}")
         if count or not empty:
-            covered = f"{size[0]}x{size[1]}, {np.mean(self._shares):.1%} covered"
+            covered = f"{size[0]}x{size[1]}, {np.mean(self._shares):.1%} covered{f'; {depths}' if depths else ''}"
             names = " to ".join(dict.fromkeys((written[0], written[-1])))
             typer.echo(f"{names}: {f'{count} {several}, ' if count else ''}{covered}")
 

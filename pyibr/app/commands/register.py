@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,7 +16,7 @@ from pyibr.app.commands.beside import read_ahead
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs
 from pyibr.app.commands.sources import Losses, Source, open_depths
-from pyibr.app.commands.views import Depth, DepthOptions, DepthReader
+from pyibr.app.commands.views import Depth, DepthOptions, DepthRange, DepthReader
 from pyibr.app.options import (
     Baseline,
     Clean,
@@ -28,8 +27,8 @@ from pyibr.app.options import (
     ExposureOption,
     MinConfidence,
     NoiseOption,
+    StoredDepth,
     Take,
-    chosen_of,
     device_of,
     noise_of,
     with_progress,
@@ -89,8 +88,9 @@ def register(
     files_read = {"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras}
     outputs.check(files_read, [depth] if color is None else [depth, color])
     losses = Losses(recorded=not is_still)
-    reading = depth_scale, depth_kind, min_confidence, math.inf, None, clean, noise_of(noise, baseline)
-    depth_options = DepthOptions(*reading, chosen_of(depth_channel), steady=not is_still, recorded=not is_still)
+    stored, seen = StoredDepth(depth_scale, depth_kind, channel=depth_channel), DepthRange()
+    reading = stored, min_confidence, None, clean, noise_of(noise, baseline)
+    depth_options = DepthOptions(*reading, steady=not is_still, recorded=not is_still, seen=seen)
     depths = DepthReader(depth_options, losses)
     pictures = None if color is None else source.colors(losses)
     size = 0, 0
@@ -103,7 +103,7 @@ def register(
                 outputs.write(images, shot.number, float(covered.mean()), shot.camera)
                 size = covered.shape[1], covered.shape[0]
         losses.tell(some=size != (0, 0))
-    outputs.tell(size, "frames", "no depth is in view")
+    outputs.tell(size, "frames", "no depth is in view", seen)
 
 
 def _read(

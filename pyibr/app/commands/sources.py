@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from numpy.typing import NDArray
 
+from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.options import print_note, printable_text
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
@@ -118,6 +119,7 @@ class InputOptions(NamedTuple):
     depth_cameras: list[Path]
     poses: list[Path]
     take: str | None
+    lens: LensOptions = LensOptions(None, None)
 
     def read(self, sources: Sequence[Source]) -> dict[str, list[Path]]:
         """All files that are read, by what users call them."""
@@ -137,7 +139,7 @@ def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
     sources: list[Source] = []
     for (recording, video), of_colors, of_depth, path in zip(recordings, cameras, depth_cameras, poses, strict=True):
         taken = _taken(options.take, len(recording.depths), are_stills)
-        shots, is_placed = _shots(recording, are_stills, of_colors, of_depth, path, taken)
+        shots, is_placed = _shots(recording, are_stills, of_colors, of_depth, path, taken, options.lens)
         sources.append(Source(shots, video, recording.cameras, is_placed))
     for source in sources[1:]:
         if len(source.shots) != len(sources[0].shots):
@@ -252,9 +254,16 @@ def _shots(
     depth_camera_files: Sequence[Path],
     pose_files: Sequence[Path],
     taken: range,
+    lens: LensOptions,
 ) -> tuple[list[Shot], bool]:
     """The frames that are taken, without those of which no pose can be used, and whether poses are known at all."""
-    cameras = cameras_of(recording, camera_files, next(iter(pose_files), None), shared=not are_stills)
+    if are_stills and recording.known is None and len(recording.colors) == 1 and not (camera_files[1:] or pose_files):
+        own = lens.camera_of(recording.colors[0], next(iter(camera_files), None))
+        cameras = [(own, own.world_from_camera)]
+    elif lens != LensOptions(None, None):
+        raise ArgumentError("--fov, --focal-35mm", "a single picture", f"{len(recording.colors)} pictures")
+    else:
+        cameras = cameras_of(recording, camera_files, next(iter(pose_files), None), shared=not are_stills)
     shots = shots_of(recording, cameras, Camera.load(depth_camera_files[0]) if depth_camera_files else None)
     found = [shot for place in taken if (shot := shots[place]) is not None]
     why = "no usable pose" if recording.times is None else "no pose of its time"

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pyibr.app.options import print_note
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
@@ -47,6 +48,7 @@ class Targets:
         self._to = None if to is None else list(read_cameras(to).values())
         self._move, self._orbit, self._frames = move, orbit, frames
         self._distance: float | None = None
+        self._is_compared = False
 
     def count(self, recorded: int | None) -> int | None:
         """Count the new views of a recording of so many frames, or of one scene (None); None: a single one."""
@@ -77,10 +79,23 @@ class Targets:
             return self._to[number % len(self._to)]
         camera = views[0].camera
         if self._move is not None:
+            self._compare(views, float(np.linalg.norm(self._move)))
             return camera.moved(*(part * np.array(self._move)))
-        if self._distance is None:  # of the first frame: were it each frame's own, the view would tremble
+        distance = self._depth_of(views)
+        if distance is None:
+            return camera  # which sees nothing
+        return camera.orbited(part * (self._orbit or 0.0), camera.center + camera.forward * distance)
+
+    def _depth_of(self, views: Sequence[DepthImage]) -> float | None:
+        """Median depth of the first frame that has any: were it each frame's own, the view would tremble."""
+        if self._distance is None:
             depths = next((view.depth[view.valid] for view in views if view.valid.any()), None)
-            if depths is None:
-                return camera  # which sees nothing
-            self._distance = float(np.median(depths))
-        return camera.orbited(part * (self._orbit or 0.0), camera.center + camera.forward * self._distance)
+            self._distance = None if depths is None else float(np.median(depths))
+        return self._distance
+
+    def _compare(self, views: Sequence[DepthImage], move: float) -> None:
+        """Tell, once, of a move that is no move, or leads far out of the scene."""
+        distance, is_new = self._depth_of(views), not self._is_compared
+        self._is_compared = True
+        if is_new and distance is not None and move > 0 and not 1e-3 <= move / distance <= 10:
+            print_note(f"--move: by {move:.3g}, where the depth is {distance:.3g} (median): are they of one unit?")

@@ -14,34 +14,48 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.sources import Losses, Source
+from pyibr.app.options import StoredDepth
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import DefaultDepth
-from pyibr.io import DepthKind
 from pyibr.io.recordings import Shot
 
 Depth = NDArray[np.float32]
 
 
-class DepthOptions(NamedTuple):
-    """Options of reading depth: --depth-scale, --depth-kind, --min-confidence, --far, --default-depth, --clean, --noise
-    with --baseline.
+class DepthRange:
+    """The least and the greatest depth that was read so far."""
 
-    `chosen`: what --depth-channel names. `steady`: they come one after the other, and each is cleaned by what is known
-    from the last; else they are all of one scene. `recorded`: a frame may lack depth altogether, and errors name it.
+    def __init__(self) -> None:
+        self._range = np.inf, -np.inf
+
+    def add(self, depth: Depth) -> None:
+        """Take a frame's depth into it."""
+        known = depth[np.isfinite(depth) & (depth > 0)]
+        if known.size:
+            self._range = min(self._range[0], float(known.min())), max(self._range[1], float(known.max()))
+
+    def __str__(self) -> str:
+        low, high = self._range
+        return f"depth from {low:.3g} to {high:.3g}" if low <= high else "no depth"
+
+
+class DepthOptions(NamedTuple):
+    """Options of reading depth: as it is stored, --min-confidence, --default-depth, --clean, --noise with --baseline.
+
+    `steady`: they come one after the other, and each is cleaned by what is known from the last; else they are all of
+    one scene. `recorded`: a frame may lack depth altogether, and errors name it. `seen`: what came.
     """
 
-    scale: float | None
-    kind: DepthKind
+    stored: StoredDepth
     least: float | None
-    far: float
     default_depth: float | DefaultDepth | None
     clean: bool
     noise: tuple[float, float] | None
-    chosen: dict[str, str]
     steady: bool
     recorded: bool
+    seen: DepthRange
 
 
 class DepthReader:
@@ -56,12 +70,17 @@ class DepthReader:
         return self._losses.or_none(lambda: self._read(shot, color))
 
     def _read(self, shot: Shot, color: NDArray[Any] | None) -> Depth:
-        camera, (scale, kind, least, *_) = shot.depth_camera or shot.camera, self._options
+        camera, (stored, least, *_) = shot.depth_camera or shot.camera, self._options
         with self.naming(shot):
-            depth, unsure = shot.read_depth(scale, kind, least, self._options.chosen)
+            if stored.kind == "relative":
+                depth, unsure = stored.read(shot.depth, camera), 0.0
+            else:
+                depth, unsure = shot.read_depth(stored.scale, stored.kind, least, stored.chosen)
+                depth = stored.sharpened(depth)
             if color is not None and shot.depth_camera is None:
                 _check_size(depth, color, shot.camera)
         self._losses.add_unsure(unsure)
+        self._options.seen.add(depth)
         if not self._options.clean:
             return depth
         before = _carried(self._last, camera) if self._last is not None and self._options.steady else None
@@ -118,7 +137,7 @@ def _view_of(
             color,
             depths.registered(shot, depth),
             shot.camera,
-            far=depth_options.far,
+            far=depth_options.stored.empty_from,
             default_depth=default_depth,
             noise=depths.noise_of(shot),
         )
@@ -131,7 +150,9 @@ def _check_size(depth: Depth, color: NDArray[Any], camera: Camera) -> None:
     """Raise ArgumentError if the camera or the depth alone is of another size, and say what helps."""
     size = camera.width, camera.height
     if depth.shape == color.shape[:2] and color.shape[1::-1] != size:
-        expected = f"that of {color.shape[1]}x{color.shape[0]} pixels, as the picture and its depth have"
+        is_alike = color.shape[1] * size[1] == color.shape[0] * size[0]
+        helps = " (Camera.resized makes one of the same view)" if is_alike else ""
+        expected = f"that of {color.shape[1]}x{color.shape[0]} pixels, as the picture and its depth have{helps}"
         raise ArgumentError("camera", expected, f"one of {size[0]}x{size[1]}")
     if depth.shape[::-1] != size and color.shape[1::-1] == size:
         expected = f"{size[0]}x{size[1]} samples, as its picture has pixels (else --depth-camera with its own camera)"

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.beside import read_ahead
+from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs
 from pyibr.app.commands.sources import InputOptions, Losses, Source, open_sources
 from pyibr.app.commands.targets import Job, Move, Targets
-from pyibr.app.commands.views import DepthOptions, views_of
+from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
 from pyibr.app.options import (
     Baseline,
     Clean,
@@ -30,10 +31,14 @@ from pyibr.app.options import (
     DeviceName,
     ExposureOption,
     FarDepth,
+    Focal35mm,
+    Fov,
     MinConfidence,
+    NearDepth,
     NoiseOption,
+    Sharpen,
+    StoredDepth,
     Take,
-    chosen_of,
     default_depth_of,
     device_of,
     noise_of,
@@ -61,7 +66,8 @@ _Sources = Annotated[
 _Cameras = Annotated[
     list[Path] | None,
     typer.Option(
-        help="The camera, or one for each pair: JSON, Open3D's, too; a list, a folder of such, a COLMAP model"
+        metavar="FILE[#NAME]",
+        help="The camera, or one for each pair: a calibration of any kind; a list, a folder of such, a COLMAP model",
     ),
 ]
 _DepthCameras = Annotated[
@@ -95,6 +101,8 @@ def warp(
     sources: _Sources,
     output: Annotated[Path, typer.Option("--output", "-o", help="The new view; of several: OUT_0000, ... or a video")],
     camera: _Cameras = None,
+    fov: Fov = None,
+    focal_35mm: Focal35mm = None,
     to: _To = None,
     move: _MoveOption = None,
     orbit: _Orbit = None,
@@ -104,6 +112,7 @@ def warp(
     poses: _Poses = None,
     depth_camera: _DepthCameras = None,
     clean: Clean = False,
+    sharpen: Sharpen = None,
     noise: NoiseOption = None,
     baseline: Baseline = None,
     method: Annotated[Method, typer.Option(help="How the surface is searched")] = "epipolar",
@@ -115,6 +124,7 @@ def warp(
     side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",
     samples: Annotated[int, typer.Option(help="A pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")] = 1,
     blend: Annotated[Blend, typer.Option(help="Several views: by how well each saw it; the nearest")] = "quality",
+    near: NearDepth = 1.0,
     far: FarDepth = math.inf,
     default_depth: DefaultDepthText = "none",
     depth_scale: DepthScale = None,
@@ -133,28 +143,37 @@ def warp(
     Give the new camera by exactly one of --to, --move and --orbit.
     """
     targets = Targets(to, move, orbit, frames)
-    options = InputOptions(sources, camera or [], depth_camera or [], poses or [], take)
-    opened, are_stills = open_sources(options)
-    is_scene = are_stills or together
-    shots = opened[0].shots
-    if together and not all(source.is_placed for source in opened):
-        raise ArgumentError("--together", "frames whose places are known, as by --poses", f"{len(shots)} at one place")
+    options = InputOptions(sources, camera or [], depth_camera or [], poses or [], take, LensOptions(fov, focal_35mm))
+    opened, are_stills = _opened(options, together)
+    is_scene, shots = are_stills or together, opened[0].shots
     count = targets.count(None if is_scene else len(shots))
     numbers = None if count is None else range(count) if is_scene else [shot.number for shot in shots]
-    written: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "color")}
-    written |= {"--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
-    outputs = Outputs(written, (depth_scale, depth_kind), numbers, fps, opened[0].fps)
+    outputs = Outputs(_files(output, depth_out, valid_out), (depth_scale, depth_kind), numbers, fps, opened[0].fps)
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]}, sources)
-    reading = depth_scale, depth_kind, min_confidence, far, default_depth_of(default_depth), clean
-    noisy, chosen = noise_of(noise, baseline), chosen_of(depth_channel)
-    depth_options = DepthOptions(*reading, noisy, chosen, steady=not is_scene, recorded=not are_stills)
+    stored, seen = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel), DepthRange()
+    reading = stored, min_confidence, default_depth_of(default_depth), clean, noise_of(noise, baseline)
+    depth_options = DepthOptions(*reading, steady=not is_scene, recorded=not are_stills, seen=seen)
     done = _done(outputs, count, output) if skip_existing else set[int]()
     how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}
     how |= {"side": side, "fill": None if fill == "none" else fill, "thin": thin, "blend": blend}
     draw = functools.partial(_drawn, samples=samples, how=how)
     with device_of(device), outputs, Exposure(exposure) as exposed:
         size = _write(_jobs(opened, depth_options, exposed, targets, (count, numbers), done), draw, outputs, count)
-    outputs.tell(size, "views", f"its camera sees nothing of {printable_text(sources[0])}")
+    outputs.tell(size, "views", f"its camera sees nothing of {printable_text(sources[0])}", seen)
+
+
+def _opened(options: InputOptions, together: bool) -> tuple[list[Source], bool]:
+    """The sources, and whether they are single pictures; those that are together at places that are known."""
+    opened, are_stills = open_sources(options)
+    if together and not all(source.is_placed for source in opened):
+        got = f"{len(opened[0].shots)} at one place"
+        raise ArgumentError("--together", "frames whose places are known, as by --poses", got)
+    return opened, are_stills
+
+
+def _files(output: Path, depth_out: Path | None, valid_out: Path | None) -> dict[str, tuple[Path | None, Kind]]:
+    """Files to write, by their options, and what they hold."""
+    return {"--output": (output, "color"), "--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
 
 
 def _done(outputs: Outputs, count: int | None, output: Path) -> set[int]:

@@ -1,0 +1,58 @@
+"""Cameras of single pictures: of files, or of what is known of the lens."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from pyibr.app.options import print_note, printable_text
+from pyibr.core.calibrations import listed
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.io import read_cameras
+from pyibr.io.exif import focal_35mm_of
+from pyibr.io.recordings import size_of
+
+_FOV = 60.0  # degrees of the longer side, where nothing is known
+
+
+class LensOptions(NamedTuple):
+    """Options that tell of a camera without a file: --fov and --focal-35mm."""
+
+    fov: float | None
+    focal_35mm: float | None
+
+    def camera_of(self, picture: Path, file: Path | None) -> Camera:
+        """The picture's camera: of the file, of these options, of its EXIF data, or of a guess, which is told."""
+        given = {"--camera": file, "--fov": self.fov, "--focal-35mm": self.focal_35mm}
+        named = [name for name, value in given.items() if value is not None]
+        if len(named) > 1:
+            raise ArgumentError(named[1], f"none beside {named[0]}", str(given[named[1]]))
+        if file is not None:
+            return camera_in(file, picture)
+        width, height = size = size_of(picture)
+        if self.fov is not None:
+            return Camera.from_fov(size, fov_x=self.fov)
+        focal = focal_35mm_of(picture, size) if self.focal_35mm is None else self.focal_35mm
+        if focal is not None:
+            if self.focal_35mm is None:
+                print_note(f"{printable_text(picture)}: its EXIF data tell of a lens of {focal:.3g} mm (on 35 mm film)")
+            return Camera.from_fov(size, focal_35mm=focal)
+        print_note(
+            f"{printable_text(picture)}: taken to be {_FOV:g} degrees across; --camera, --fov or --focal-35mm tell it"
+        )
+        return Camera.from_fov(size, fov_x=_FOV) if width >= height else Camera.from_fov(size, fov_y=_FOV)
+
+
+def camera_in(file: Path, picture: Path) -> Camera:
+    """The camera of a file: of several that of the picture's name, or the one of its size."""
+    found: dict[str, Camera] = {}
+    with suppress(ArgumentError):  # it does not tell the size
+        found = read_cameras(file)
+    if len(found) != 1:
+        found = read_cameras(file, size=size_of(picture))
+    own = [camera for name, camera in found.items() if len(found) == 1 or name in (picture.name, picture.stem)]
+    if not own:
+        raise FileFormatError(f"{file}: expected one camera, as {file}#NAME; got {listed(found)}")
+    return own[0]
