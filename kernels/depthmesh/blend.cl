@@ -48,7 +48,7 @@
 #define GUESSES 0 /* 1: where what is closed was drawn is written, too */
 #endif
 #define LEVEL_BIAS 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
-#define MESH_WEIGHT_MIN 1e-3f /* so that what is seen edge-on, or at its end, by all views still has a colour */
+#define FACTOR_MIN 1e-3f /* so that what is seen edge-on, or at its end, by all views still has a colour */
 
 /* Numbers of meshes of each kind, in their order. Sheets, of the triangles that segmentation took out, and backs, of
  * meshes whose backs are drawn, tell of surface that no view saw. Others, of views that are not drawn, show in
@@ -233,7 +233,7 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     const floatl sound_x = select_lanes(shares, at_x * inverse, (floatl)0.0f),
                  sound_y = select_lanes(shares, at_y * inverse, (floatl)0.0f);
     global const int *finest = meshes->levels + 3 * source[1];
-    const floatl least = MESH_WEIGHT_MIN, facing = meshes->by == BLEND_QUALITY ? max_lanes(quality, least) : (floatl)1.0f;
+    const floatl least = FACTOR_MIN, facing = meshes->by == BLEND_QUALITY ? max_lanes(quality, least) : (floatl)1.0f;
     const floatl feather = max_lanes(feather_at(meshes->colors, finest, sound_x, sound_y), least);
     const floatl weight = select_lanes(given, meshes->weights[mesh] * facing * feather, (floatl)0.0f);
     /* One level for the whole block: of the pixel that needs the finest one */
@@ -287,6 +287,8 @@ void write_occupancy(intl views, const Region *region, int block, Screen screen,
 /* Writes the depths of those pixels of a block that are `written`, and show what is closed. */
 void write_guesses(intl written, const Region *region, int block, const Picture *picture, global float *guesses)
 {
+    if (!any_lane(written))
+        return;
     for (int lane = 0; lane < LANES; lane++)
         if (int_lane(written, lane)) {
             const long at = pixel_of(picture->screen, region->x + FIRST_X(block), region->y + FIRST_Y(block), lane);
@@ -353,15 +355,15 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
 #if CLOSED == BY_SHEETS
             const intl closed = hole & (front > EMPTY);
 #elif CLOSED == BY_RAYS
-            const floatl sheet = holed ? fronts.sheets[block] : (floatl)EMPTY;
-            const intl closed = close_block(&space, screen.nearest, epsilon, px, py, fronts.backs[block], sheet, &front);
+            const floatl back = fronts.backs[block], sheet = holed ? fronts.sheets[block] : (floatl)EMPTY;
+            const intl closed = close_block(&space, screen.nearest, epsilon, px, py, back, sheet, &front);
 #endif
             const intl mine = front > region.nearness[block];
             if (!blank && !any_lane(mine))
                 continue;
             Color sum = {0.0f, 0.0f, 0.0f}, normal = sum;
             floatl total = 0.0f;
-            intl taken = (intl)0, views = (intl)0; /* which pixels have their front mesh; a bit for each view with colour */
+            intl taken = (intl)0, views = (intl)0; /* which have their front mesh; which views gave colour, a bit each */
             const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
             for (int mesh = holed ? 0 : others; mesh < meshes; mesh++) {
                 const size_t at = mesh * layers.next + LANES * block;

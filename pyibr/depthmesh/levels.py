@@ -74,7 +74,7 @@ def _joined(images: Sequence[NDArray[np.uint32]]) -> DeviceArray:
 
 
 def feathers_of(mesh: ViewMesh) -> NDArray[np.uint8]:
-    """Weights of a view's samples, (H, W): 255, 1 at the ends of its surface, 0 where there is no sample.
+    """(H, W) weights of a view's samples: 255, 1 at the ends of its surface, 0 where there is no sample.
 
     Towards depth edges, holes and the image's border it fades, by the farther of both axes.
     """
