@@ -48,13 +48,14 @@ def nearness(z: np.ndarray, camera: Camera) -> np.ndarray:
 class DepthSurface:
     """A surface as a depth image knows it, at any place (x, y) of that.
 
-    Within cells of one surface it is bilinear, and up to a sample's distance nearer where both sides bend: there a
+    Within cells of one surface it is bilinear, and up to two samples' distance nearer where both sides bend: there a
     crease may be. In others the samples of the nearest part tell how near it lies at most. That part ends where its
     weights are `outline` beside background, and falls off to what lies behind.
     """
 
     EDGE = 3.0  # samples' distances between what is of one surface
-    REACH = 1.0  # samples' distances by which a surface may be nearer than its samples
+    REACH = 2.0  # samples' distances by which a surface may be nearer than its samples
+    FALL = 1e30  # where it ends
 
     def __init__(self, view: DepthImage, outline: float) -> None:
         self.valid, self.outline = view.valid, outline
@@ -69,31 +70,41 @@ class DepthSurface:
         return n / self.focal if self.perspective else 1 / self.focal
 
     def change(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
-        """From (x, y) to the next sample along a row or a column, and whether they are of one surface; else 0."""
+        """From (x, y) to the next sample along a row or a column, without end to or from what is none; and whether they
+        are of one surface."""
         height, width = self.n.shape
         there = (x >= 0) & (y >= 0) & (x + dx < width) & (y + dy < height)
         here = np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)
         next_ = np.clip(y + dy, 0, height - 1), np.clip(x + dx, 0, width - 1)
         there = there & self.valid[here] & self.valid[next_]
         change = np.where(there, self.n[next_], 0) - np.where(there, self.n[here], 0)
-        there = there & (np.abs(change) <= self.EDGE * self.sample(np.where(there, self.n[here], 0)))
-        return np.where(there, change, 0), there
+        joined = there & (np.abs(change) <= self.EDGE * self.sample(np.where(there, self.n[here], 0)))
+        return np.where(there, change, np.where(self.valid[here], -self.FALL, self.FALL)), joined
 
-    def bends(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of slope at (x, y) and at the next sample, away from the camera; where one is unknown, the other."""
-        (before, has_before), (change, _), (after, has_after) = (
-            self.change(x + k * dx, y + k * dy, dx, dy) for k in (-1, 0, 1)
-        )
-        first, last = np.maximum(before - change, 0), np.maximum(change - after, 0)
-        first = np.where(has_before, first, np.where(has_after, last, 0))
-        return first, np.where(has_after, last, first)
+    def rise(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> np.ndarray:
+        """From (x, y) to the next sample of its surface."""
+        change, joined = self.change(x, y, dx, dy)
+        return np.where(joined, change, 0)
 
-    def crease(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> np.ndarray:
-        """Height at which planes from both sides meet above the chord to the next sample, less what roundness bends."""
-        first, last = self.bends(x, y, dx, dy)
-        around = np.minimum(self.bends(x - dx, y - dy, dx, dy)[0], self.bends(x + dx, y + dy, dx, dy)[1])
-        peak = first * last / np.maximum(first + last, 1e-300)
-        return np.where(self.change(x, y, dx, dy)[1], np.maximum(peak - 0.375 * around, 0), 0)
+    def bend(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> np.ndarray:
+        """Change of slope at (x, y), away from the camera."""
+        return np.maximum(self.change(x - dx, y - dy, dx, dy)[0] - self.change(x, y, dx, dy)[0], 0)
+
+    def crease(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
+        """Height at which planes from both sides meet above the chord to the next sample, less what roundness bends;
+        and how much sharper than that a bend is."""
+        first, last = self.bend(x, y, dx, dy), self.bend(x + dx, y + dy, dx, dy)
+        beside = [
+            np.where(
+                self.change(x + k * dx, y + k * dy, dx, dy)[1], self.bend(x + m * dx, y + m * dy, dx, dy), self.FALL
+            )
+            for k, m in ((-1, -1), (1, 2))
+        ]
+        around = np.minimum(*beside)
+        peak = first / np.maximum(first + last, 1e-300) * last
+        known = self.change(x, y, dx, dy)[1] & (np.minimum(first, last) < self.FALL)
+        sharp = np.maximum(np.maximum(first, last) - around, 0)
+        return np.where(known, np.maximum(peak - 0.375 * around, 0), 0), sharp
 
     def corners(self, left: np.ndarray, top: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         right, low = np.minimum(left + 1, self.n.shape[1] - 1), np.minimum(top + 1, self.n.shape[0] - 1)
@@ -114,11 +125,14 @@ class DepthSurface:
         of_part = np.where(beside_empty, np.isfinite(n), close)
         (_, above), (right, _), (_, low) = corners[:3]
         creases = [self.crease(left, v, 1, 0) for v in (above, low)], [self.crease(u, top, 0, 1) for u in (left, right)]
-        crease = np.minimum(sum(np.maximum(*pair) for pair in creases), self.REACH * sample)
+        twist = np.abs(np.where(whole, n[0], 0) - np.where(whole, n[1] + n[2], 0) + np.where(whole, n[3], 0))
+        sharp = np.max([sharp for pair in creases for _, sharp in pair], axis=0)
+        peak = sum(np.maximum(a, b) for (a, _), (b, _) in creases) + 0.25 * np.minimum(twist, sharp)
+        crease = np.minimum(peak, self.REACH * sample)
         crease = np.where(crease < sample / 64, 0, crease)  # makes no difference
         rises = [
-            np.maximum(-self.change(u, v, 1, 0)[0] if k & 1 else self.change(u - 1, v, 1, 0)[0], 0)
-            + np.maximum(-self.change(u, v, 0, 1)[0] if k & 2 else self.change(u, v - 1, 0, 1)[0], 0)
+            np.maximum(-self.rise(u, v, 1, 0) if k & 1 else self.rise(u - 1, v, 1, 0), 0)
+            + np.maximum(-self.rise(u, v, 0, 1) if k & 2 else self.rise(u, v - 1, 0, 1), 0)
             for k, (u, v) in enumerate(corners)
         ]
         near = np.where(of_part, n + np.minimum(rises, self.REACH * sample), -np.inf).max(axis=0)
@@ -134,7 +148,9 @@ class DepthSurface:
         n, near = self.samples(left, top), self.near[top, left]
         flat = (weights * np.where(np.isfinite(n), n, 0)).sum(axis=0)
         part = (weights * self.of_part[:, top, left]).sum(axis=0)
-        torn = flat + np.minimum(part * (0.5 / self.outline - 1), 1) * (np.where(np.isfinite(near), near, 0) - flat)
+        torn = flat + np.minimum(part * ((0.5 / self.outline) ** 2 - 1), 1) * (
+            np.where(np.isfinite(near), near, 0) - flat
+        )
         beside = np.where(np.isfinite(n).all(axis=0), torn, np.where(part >= self.outline, near, -np.inf))
         return np.where(self.whole[top, left], flat + self.crease_there[top, left], beside)
 
