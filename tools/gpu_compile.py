@@ -25,7 +25,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pyibr.app.commands.pictures import PICTURES
 from pyibr.opencl.device import current
@@ -85,7 +85,7 @@ def programs() -> list[Program]:
     with one_lane():
         for draw in PICTURES:
             draw()
-        return sorted({program for program, _ in current().kernels if isinstance(program[0], str)})
+        return sorted({cast("Program", program) for program, _ in current().kernels})
 
 
 def compiler() -> str:

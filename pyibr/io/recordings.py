@@ -59,7 +59,8 @@ class Stored:
         """
         scale, kind = scale or self.scale, self.kind if kind == "z" else kind
         if self.depth is None:
-            return read_depth(path, depth_scale=scale, depth_kind=kind, camera=camera, **chosen)
+            channel, part = chosen.get("channel"), chosen.get("part")
+            return read_depth(path, depth_scale=scale, depth_kind=kind, camera=camera, channel=channel, part=part)
         if chosen:
             raise ArgumentError("channel", f"none for {path}, whose layout tells what is depth", repr(dict(chosen)))
         values = self.depth(path) / np.float64(scale or 1)
