@@ -85,7 +85,7 @@ def programs() -> list[Program]:
     with one_lane():
         for draw in PICTURES:
             draw()
-        return sorted({cast("Program", program) for program, _ in current().kernels})
+        return sorted({program for program, _ in cast("Iterable[tuple[Program, str]]", current().kernels)})
 
 
 def compiler() -> str:
