@@ -229,7 +229,9 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
     return p;
 }
 
-/* The corners' values, interpolated by their weights: `rows` holds 16 floats a vertex */
+#define ROW_FLOATS 16 /* of a vertex */
+
+/* The corners' values, interpolated by their weights: `rows` holds ROW_FLOATS of each vertex */
 INLINED void corner_means(global const float *rows, const OnTriangle *p, floatl *means)
 {
 #if LANES == 16

@@ -4,7 +4,8 @@
  * (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices,
- * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, is sharp. texels,
+ * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, is sharp. uv_bends:
+ * (vertices, ROW_FLOATS) a, b and c of u, and of v: what they are more than their gradients say. texels,
  * bounds, levels: search.h. points, neighbours: walk.h.
  *
  * With WITHIN the last triangle is a window right before the eye, which is below the mesh: it covers the whole picture,
@@ -29,7 +30,7 @@
 
 typedef struct {
     global const int *faces;
-    global const float *projected, *vertices, *points;
+    global const float *projected, *vertices, *uv_bends, *points;
     global const int *neighbours;
     global const uint *texels;
     global const uint *bounds;
@@ -46,6 +47,9 @@ typedef struct {
     Vector normal, along_u, along_v; /* the normal of unit length, and the gradients of u and v */
     floatl a, b, c;
     floatl is_sharp; /* > 0: a corner's normal is far from that of a triangle around it, as at creases */
+#if BENT
+    floatl bends_u[3], bends_v[3]; /* as a, b and c, of u and v */
+#endif
 #if WITHIN
     floatl depth;
 #endif
@@ -70,6 +74,14 @@ INLINED Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
 #if WITHIN
     e.depth = of_vertex[14];
 #endif
+#if BENT
+    corner_means(relief->uv_bends, &pixel, of_vertex);
+    UNROLLED
+    for (int k = 0; k < 3; k++) {
+        e.bends_u[k] = of_vertex[k];
+        e.bends_v[k] = of_vertex[3 + k];
+    }
+#endif
     return e;
 }
 
@@ -85,6 +97,13 @@ INLINED floatl quadric_form(const Entry *e, floatl x, floatl y, floatl other_x, 
 {
     return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);
 }
+
+#if BENT
+INLINED floatl uv_form(const floatl *bends, floatl x, floatl y)
+{
+    return bends[0] * x * x + bends[1] * y * y + bends[2] * x * y;
+}
+#endif
 
 /* The principal curvatures, and along them a ray's direction, which is (x, y) in the tangent plane; share: of the
  * curvatures, 0 to 1 */
@@ -116,6 +135,14 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     ray->L = max_lanes(-cosine, (floatl)COSINE_MIN) * per_scale;
     const floatl bend = quadric ? quadric_form(e, x, y, x, y) : (floatl)0.0f;
     ray->K = bend * per_scale;
+#if BENT
+    ray->M = (floatl)0.0f;
+    /* Below a surface that bends outwards u and v run faster, by as much as points on it are farther apart. */
+    const floatl gv_x = DOT(e->along_v, e->along_u) * per_u, gv_y = DOT(e->along_v, down) * per_u;
+    const floatl deeper = quadric ? 2.0f * cosine : (floatl)0.0f;
+    ray->bend_u = deeper * quadric_form(e, 1.0f / per_u, 0.0f, x, y) + uv_form(e->bends_u, x, y);
+    ray->bend_v = deeper * quadric_form(e, gv_x, gv_y, x, y) + uv_form(e->bends_v, x, y);
+#endif
 #if DISTANCE == PERPENDICULAR
     ray->vz = min_lanes(cosine, (floatl)-COSINE_MIN);
     ray->bend = bend;
@@ -129,13 +156,23 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 #endif
 }
 
-/* Gives a ray whose point t after its entry is `depth` deep the parabola through both: one that is deepest there, or
- * reaches the bottom; it begins with `slope` where that is less steep. */
-INLINED void bend_through(ReliefRay *ray, floatl t, floatl depth, floatl slope, intl which)
+/* Gives a ray whose point t after its entry is `depth` deep, where it is deepest, or reaches the bottom, the parabola
+ * through both, which begins with `slope` where that is less steep; with BENT the cubic that begins with `slope` and ends
+ * with another. Both rise all along. */
+INLINED void bend_through(ReliefRay *ray, floatl t, floatl depth, floatl slope, floatl last_slope, intl which)
 {
-    const floatl mean = (depth - START_DEPTH(ray)) / t, rise = min_lanes(slope, 2.0f * mean);
+    const floatl mean = (depth - START_DEPTH(ray)) / t;
+#if BENT
+    const floatl rise = min_lanes(slope, 3.0f * mean), last = clamp_lanes(last_slope, (floatl)0.0f, 3.0f * mean);
+    ray->L = select_lanes(which, rise, ray->L);
+    ray->K = select_lanes(which, (3.0f * mean - 2.0f * rise - last) / t, ray->K);
+    ray->M = select_lanes(which, (rise + last - 2.0f * mean) / (t * t), ray->M);
+    ray->bottom = select_lanes(which, select_lanes(depth >= 1.0f, t, (floatl)NEVER), ray->bottom);
+#else
+    const floatl rise = min_lanes(slope, 2.0f * mean);
     ray->L = select_lanes(which, rise, ray->L);
     ray->K = select_lanes(which, (mean - rise) / t, ray->K);
+#endif
 }
 
 /* Far below a curved surface, rays are less deep than equation 7 says, which makes outlines, and the shadows that they
@@ -190,19 +227,25 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
         depth = select_lanes(peaks, there, depth);
     }
     const intl follows = reaches | (peaks & (depth > 0.0f) & (depth < 1.0f));
+#if BENT
+    const floatl steep = L;
+#else
     const floatl steep = select_lanes(reaches, L, (floatl)INFINITY);
-    bend_through(ray, t, select_lanes(reaches, max_lanes(depth, (floatl)(1.0f + BOTTOM_PRECISION)), depth), steep, follows);
+#endif
+    bend_through(ray, t, select_lanes(reaches, max_lanes(depth, (floatl)(1.0f + BOTTOM_PRECISION)), depth), steep,
+                 select_lanes(reaches, rise, (floatl)0.0f), follows);
 }
 
 /* A ray is below the mesh until it leaves that by a back, `distance` after its entry, where its depth falls by `slope`
  * per scene unit. Its depth between is estimated by the cubic with the depths and slopes of both ends. Returns where the
  * cubic first reaches the bottom, or else is deepest, in t, and how deep it is there. round: by what the depth below
  * circles is more than below parabolas */
-INLINED floatl deepest_between(const ReliefRay *ray, floatl distance, floatl slope, floatl round, floatl *t)
+INLINED floatl deepest_between(const ReliefRay *ray, floatl distance, floatl slope, floatl round, floatl *t,
+                               floatl *last_slope)
 {
     const floatl L = ray->L * round, leaves = max_lanes(slope, (floatl)0.0f) * round, start = START_DEPTH(ray);
     floatl depth = start, before = start;
-    *t = 0.0f;
+    *t = *last_slope = 0.0f;
     for (int i = 1; i <= ARC_PARTS; i++) {
         const float part = (float)i / ARC_PARTS, rest = 1.0f - part;
         const float started = rest * rest * (1.0f + 2.0f * part); /* what is left of the depth at the start */
@@ -211,6 +254,7 @@ INLINED floatl deepest_between(const ReliefRay *ray, floatl distance, floatl slo
         const floatl reached = select_lanes(now > 1.0f, (1.0f - before) / (now - before), (floatl)1.0f);
         *t = select_lanes(rises, distance * (i - 1 + reached) * (1.0f / ARC_PARTS), *t);
         depth = select_lanes(rises, min_lanes(now, (floatl)1.0f), depth);
+        *last_slope = select_lanes(rises & (now > 1.0f), (now - before) * ARC_PARTS / distance, *last_slope);
         before = now;
     }
     return depth;
@@ -227,7 +271,11 @@ INLINED Entry flattened(Entry e, floatl share)
 
 intl is_finite_ray(const ReliefRay *ray)
 {
+#if BENT
+    return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K + ray->bend_u + ray->bend_v);
+#else
     return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);
+#endif
 }
 
 /* The square of the texels that a pixel covers along a side where it sees the surface straight on, `size` scene

@@ -196,8 +196,8 @@ intl keep_hits(const Context *context, int block, const Search *s, EntryRay entr
     layers->t[block] = select_lanes(nearer, t, layers->t[block]);
     layers->share[block] = select_lanes(nearer, entry_ray.share, layers->share[block]);
     layers->escaped[block] = s->searches & !s->found & !entry_ray.by_mesh;
-    region->u[block] = select_lanes(nearer, s->ray.u + s->ray.du * t, region->u[block]);
-    region->v[block] = select_lanes(nearer, s->ray.v + s->ray.dv * t, region->v[block]);
+    region->u[block] = select_lanes(nearer, ALONG(s->ray.u, s->ray.du, s->ray.bend_u, t), region->u[block]);
+    region->v[block] = select_lanes(nearer, ALONG(s->ray.v, s->ray.dv, s->ray.bend_v, t), region->v[block]);
     const intl more = (entered >= 0) & (layers->second[block] > region->nearness[block]);
     layers->searched[block] = select_lanes(more, layers->first[block], (floatl)-INFINITY);
     layers->searched_triangle[block] = entered;

@@ -2,8 +2,11 @@
 #define RELIEF_RAY_H
 /* A ray in a relief: its depth below the mesh, and where it leaves (Oliveira & Policarpo 2005, sections 3.2 and 3.3).
  *
- * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. DISTANCE is how its depth is measured, 1 at
- * the bottom: APPROXIMATE: L t + K t^2, how far its point P lies below the quadric, along z (equation 7). EXACT: how
+ * A ray enters at t = 0, at depth 0. On the map it runs straight: u + du t, v + dv t; with BENT it bends by squares of
+ * t, as its foot on a curved surface runs on faster, and gradients change along that; and depths gain a cube of t where
+ * circles or the mesh tell them.
+ *
+ * DISTANCE is how its depth is measured, 1 at the bottom: APPROXIMATE: L t + K t^2, how far its point P lies below the quadric, along z (equation 7). EXACT: how
  * far P lies below circles of the quadric's principal curvatures, the one that bends outwards least first: the true
  * distance to planes, tubes and spheres, to tori at their equators, and never more than equation 7. PERPENDICULAR: the
  * paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and normal; where it
@@ -18,10 +21,12 @@
 #ifndef DISTANCE
 #define DISTANCE APPROXIMATE /* or EXACT, or PERPENDICULAR: how far below the surface a ray is */
 #endif
+#define BENT (DISTANCE == EXACT) /* u and v bend along rays, and depths have a cube */
 #ifndef WITHIN
 #define WITHIN 0 /* 1: the eye is below the mesh, and its rays start there */
 #endif
 #define NEVER 1e20f        /* scene units */
+#define MOST_TURNED 1.0f  /* of u and v: more would be turned round by their bending */
 #define TILES_MAX 1e3f    /* that a ray crosses, so that numbers stay small */
 #define BOTTOM_PRECISION 1e-5f /* of the depth: within which the bottom is searched */
 #define BOTTOM_TOLERANCE 1e-3f /* of the depth: by how much a ray that grazes the bottom may miss it */
@@ -34,6 +39,10 @@ typedef struct {
 
 typedef struct {
     floatl u, v, du, dv; /* du, dv per scene unit */
+#if BENT
+    floatl bend_u, bend_v; /* along the ray u is u + du t + bend_u t^2, and so is v */
+    floatl M, bottom;      /* its depth is L t + K t^2 + M t^3 up to the bottom; bottom: where that is, if M is not 0 */
+#endif
     floatl L, K;         /* depth by equation 7: L t + K t^2 */
     floatl end;          /* least t > 0 at which the ray comes out again, at depth 0, or reaches the bottom */
     intl at_bottom;      /* it reaches the bottom there */
@@ -48,16 +57,55 @@ typedef struct {
 #endif
 } ReliefRay;
 
+/* u or v, or x or y on the map, after t; and by how much it changes there */
+#if BENT
+#define ALONG(from, change, bend, t) ((from) + (t) * ((change) + (bend) * (t)))
+#define CHANGE_AT(change, bend, t) ((change) + 2.0f * (bend) * (t))
+#define MOST_BENT(bend, end) (fabs(bend) * (end) * (end))
+#define CHANGED_K(ray, t) ((ray)->K + (ray)->M * (t))
+#else
+#define ALONG(from, change, bend, t) ((from) + (t) * (change))
+#define CHANGE_AT(change, bend, t) (change)
+#define MOST_BENT(bend, end) 0.0f
+#define CHANGED_K(ray, t) ((ray)->K)
+#endif
+
 /* Equation 7 */
 #if WITHIN
 #define START_DEPTH(ray) ((ray)->depth)
 #define STARTS_AT_MESH(ray) ((ray)->depth <= 0.0f)
-#define QUADRIC_DEPTH(ray, t) ((ray)->depth + (t) * ((ray)->L + (ray)->K * (t)))
+#define QUADRIC_DEPTH(ray, t) ((ray)->depth + (t) * ((ray)->L + (t) * CHANGED_K(ray, t)))
 #else
 #define START_DEPTH(ray) 0.0f
 #define STARTS_AT_MESH(ray) ((intl)-1)
-#define QUADRIC_DEPTH(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
+#define QUADRIC_DEPTH(ray, t) ((t) * ((ray)->L + (t) * CHANGED_K(ray, t)))
 #endif
+
+#if BENT
+#define CHANGE_OF_DEPTH(ray, t) ((ray)->L + (t) * (2.0f * (ray)->K + 3.0f * (ray)->M * (t)))
+#else
+#define CHANGE_OF_DEPTH(ray, t) ((ray)->L + 2.0f * (ray)->K * (t))
+#endif
+
+#if BENT
+/* The first t > 0 where a + b t + c t^2, a > 0, is 0; NEVER: there is none */
+INLINED floatl first_zero(floatl a, floatl b, floatl c)
+{
+    const floatl discriminant = b * b - 4.0f * c * a, root = sqrt(max_lanes(discriminant, (floatl)0.0f));
+    const floatl t = select_lanes(b < 0.0f, 2.0f * a, b + root) / select_lanes(b < 0.0f, root - b, -2.0f * c);
+    return select_lanes((discriminant >= 0.0f) & ((b < 0.0f) | (c < 0.0f)), t, (floatl)NEVER);
+}
+#endif
+
+/* Where a ray is deepest; at least NEVER: nowhere */
+INLINED floatl deepest_at(const ReliefRay *ray)
+{
+#if BENT
+    return first_zero(ray->L, 2.0f * ray->K, 3.0f * ray->M);
+#else
+    return select_lanes(ray->K < 0.0f, -0.5f * ray->L / ray->K, (floatl)INFINITY);
+#endif
+}
 
 /* How far a circle of curvature k lies before (x, z), along z; x_2: x squared */
 INLINED floatl before_circle(floatl k, floatl x_2, floatl z)
@@ -106,6 +154,11 @@ void mask_inactive(ReliefRay *ray, intl active)
     ray->v = select_lanes(active, ray->v, (floatl)0.0f);
     ray->du = select_lanes(active, ray->du, (floatl)0.0f);
     ray->dv = select_lanes(active, ray->dv, (floatl)0.0f);
+#if BENT
+    ray->bend_u = select_lanes(active, ray->bend_u, (floatl)0.0f);
+    ray->M = select_lanes(active, ray->M, (floatl)0.0f);
+    ray->bend_v = select_lanes(active, ray->bend_v, (floatl)0.0f);
+#endif
     ray->L = select_lanes(active, ray->L, (floatl)1.0f);
     ray->K = select_lanes(active, ray->K, (floatl)0.0f);
 #if WITHIN
@@ -159,6 +212,19 @@ void set_end(ReliefRay *ray)
 #if WITHIN
     set_end_within(ray);
 #endif
+#if BENT
+    const intl is_cubic = ray->M != 0.0f, reaches = ray->bottom < NEVER;
+    const floatl out = first_zero(ray->L, ray->K, ray->M);
+    ray->end = select_lanes(is_cubic, select_lanes(reaches, ray->bottom, out), ray->end);
+    ray->at_bottom = select_lanes(is_cubic, reaches, ray->at_bottom);
+#endif
     ray->end = fmin(ray->end, TILES_MAX / fmax(fabs(ray->du) + fabs(ray->dv), (floatl)1e-20f));
+#if BENT
+    const floatl bend = (fabs(ray->bend_u) + fabs(ray->bend_v)) * ray->end,
+                 most = MOST_TURNED * (fabs(ray->du) + fabs(ray->dv));
+    const floatl share = select_lanes(bend > most, most / bend, (floatl)1.0f);
+    ray->bend_u *= share;
+    ray->bend_v *= share;
+#endif
 }
 #endif

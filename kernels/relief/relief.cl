@@ -43,7 +43,8 @@ void write_uv(const Region *region, int block, Screen screen, global float *uvs)
 #endif
 
 kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *faces, global const float *vertices,
-                        global const float *points, global const int *neighbours, global const uint *texels, global const uint *bounds, global const int *levels, int level_count,
+                        global const float *uv_bends, global const float *points, global const int *neighbours,
+                        global const uint *texels, global const uint *bounds, global const int *levels, int level_count,
                         global const uint *colors, int color_width, int color_height, int color_levels, float scale,
                         float pixel_size, int quadric, int search, int steps, int halvings ANISOTROPY_PARAMETER
 #if LIT
@@ -64,8 +65,8 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
 {
     Layers layers;
     const Picture picture = PICTURE_VALUE;
-    const Relief relief = {faces, projected, vertices, points, neighbours, texels, bounds, levels, level_count, screen, scale, pixel_size,
-                           quadric, search, steps, halvings};
+    const Relief relief = {faces, projected, vertices, uv_bends, points, neighbours, texels, bounds, levels, level_count,
+                           screen, scale, pixel_size, quadric, search, steps, halvings};
     const Context context = {relief, nearest_w, CULLS_BACKS, &layers, COUNTERS_ARGUMENT(int)};
     Region region;
     BinList listed;

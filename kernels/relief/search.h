@@ -19,14 +19,19 @@
 #else
 #define INTERLEAVED 1
 #endif
+#define CUBE_PRECISION 1e-3f /* of the depth: what rays may be off in a cell for their cubes */
 #define FIRST_TIER 2     /* where a safe search starts */
 #define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
+#define FAR_SIDE 1e9f    /* texels: of cells that go on for ever */
 #define AXIS_PARALLEL 1e-4f      /* texels: what moves less along x, or y, stays on its column, or row */
 
-/* Where a ray runs on its level of the map: (x, y) + (dx, dy) t */
+/* Where a ray runs on its level of the map: (x, y) + (dx, dy) t + (bend_x, bend_y) t^2 */
 typedef struct {
     HeightMap map;
     floatl x, y, dx, dy;
+#if BENT
+    floatl bend_x, bend_y;
+#endif
 } Track;
 
 /* A number of the table; most often all lanes are on one level. */
@@ -54,6 +59,10 @@ INLINED Track track_of(const ReliefRay *ray, global const int *levels)
     k.y = ray->v * height - 0.5f;
     k.dx = ray->du * width;
     k.dy = ray->dv * height;
+#if BENT
+    k.bend_x = ray->bend_u * width;
+    k.bend_y = ray->bend_v * height;
+#endif
     return k;
 }
 
@@ -69,8 +78,11 @@ typedef struct {
     intl found;
     floatl t; /* so far; in the end, where it is found */
     intl tier, tiers, start, pitch, span; /* safe: of the bounds */
-    floatl per_x, per_y, nudge, peak;
+    floatl nudge, peak;
+#if !BENT
+    floatl per_x, per_y;
     floatl from_x, from_y; /* where the ray starts; a texel before it where it stays on a column, or row */
+#endif
 #if COUNTERS
     intl taken; /* steps */
 #endif
@@ -86,7 +98,8 @@ typedef struct {
 intl is_below(const Search *s, global const uint *texels, floatl t)
 {
     const Track *k = &s->track;
-    return depth_of(&s->ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, k->x + k->dx * t, k->y + k->dy * t);
+    const floatl x = ALONG(k->x, k->dx, k->bend_x, t), y = ALONG(k->y, k->dy, k->bend_y, t);
+    return depth_of(&s->ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, x, y);
 }
 
 /* The paper's search: `steps` even ones, then `halvings` of the last. What changes is kept in registers, beside the
@@ -147,29 +160,56 @@ INLINED void linear_search(Search *searches, int count, global const uint *texel
 intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tries)
 {
     const ReliefRay *ray = &s->ray;
-    const floatl t = s->t, dx = s->track.dx, dy = s->track.dy;
+    const floatl t = s->t;
+    const floatl dx = CHANGE_AT(s->track.dx, s->track.bend_x, t), dy = CHANGE_AT(s->track.dy, s->track.bend_y, t);
     const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
     const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
     /* Ray less surface is F0 + F1 ahead + F2 ahead^2, F0 < 0 above the surface. */
     const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
-    const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
+    const floatl F1 = CHANGE_OF_DEPTH(ray, t) + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
+#if BENT
+    /* In place of M ahead^3 a square that is as much in the end */
+    const floatl way = leaves - t;
+    const floatl F2 = ray->K + ray->M * (3.0f * t + way) + twist * dx * dy + slope_x * s->track.bend_x +
+                      slope_y * s->track.bend_y;
+#else
     const floatl F2 = ray->K + twist * dx * dy;
+#endif
     const floatl discriminant = F1 * F1 - 4.0f * F2 * F0;
-    const floatl ahead = 2.0f * F0 / (-F1 - sqrt(max_lanes(discriminant, (floatl)0.0f)));
+    floatl ahead = 2.0f * F0 / (-F1 - sqrt(max_lanes(discriminant, (floatl)0.0f)));
     const intl crosses = (discriminant >= 0.0f) & (ahead >= 0.0f) & (ahead <= (leaves - t) + s->nudge);
     const intl met = tries & ((F0 >= 0.0f) | crosses);
+#if BENT
+    const floatl off = ray->M * ahead * ahead * (ahead - way); /* which tells in large cells */
+    if (any_lane(met & (fabs(off) > CUBE_PRECISION)))
+        ahead = clamp_lanes(ahead - off / max_lanes(F1 + 2.0f * F2 * ahead, fabs(off) / way), (floatl)0.0f, way);
+#endif
     s->t = select_lanes(met, min_lanes(t + select_lanes(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), t);
     return met;
 }
 
 #if CLAMPED_U || CLAMPED_V
-/* When a ray leaves a cell whose far side is `side`. The bounds of cells at a map's border hold beyond it, too, where
+/* Where a ray leaves a cell whose far side is `side`. The bounds of cells at a map's border hold beyond it, too, where
  * nothing changes: there is no side behind the last texel, and before the first one only that towards the map. */
-INLINED floatl time_to_side(intl number, intl side, intl count, floatl d, floatl from, floatl per)
+INLINED floatl side_on_map(intl number, intl side, intl count, floatl d)
 {
     const intl before = number < 0, forward = d >= 0.0f;
-    const floatl t = (to_floatl(select_lanes(before, (intl)0, side)) - from) * per;
-    return select_lanes(select_lanes(forward, side == count, before), (floatl)NEVER, t);
+    const floatl to = to_floatl(select_lanes(before, (intl)0, side)),
+                 far = select_lanes(forward, (floatl)FAR_SIDE, (floatl)-FAR_SIDE);
+    return select_lanes(select_lanes(forward, side == count, before), far, to);
+}
+#endif
+
+#if BENT
+/* How long it takes until x, which changes by `change`, and that by twice `bend`, has changed by `rest`, whose sign is
+ * that of `change`; or until it turns, if it does before. */
+INLINED floatl time_to_side(floatl rest, floatl change, floatl bend)
+{
+    const floatl discriminant = change * change + 4.0f * bend * rest, speed = fabs(change);
+    const intl gets_there = discriminant >= 0.0f;
+    const floatl root = sqrt(max_lanes(discriminant, (floatl)0.0f));
+    return select_lanes(gets_there, 2.0f * fabs(rest), speed) /
+           max_lanes(select_lanes(gets_there, speed + root, 2.0f * fabs(bend)), (floatl)(1.0f / NEVER));
 }
 #endif
 
@@ -178,9 +218,12 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 {
     const ReliefRay *ray = &s->ray;
     const intl width = s->track.map.width, height = s->track.map.height, tier = s->tier;
-    const floatl x0 = s->track.x, y0 = s->track.y, dx = s->track.dx, dy = s->track.dy, t = s->t;
+    const Track *k = &s->track;
+    const floatl t = s->t;
     /* The cell just after t, on the map */
-    const floatl inside = t + s->nudge, at_x = x0 + dx * inside, at_y = y0 + dy * inside;
+    const floatl inside = t + s->nudge;
+    const floatl at_x = ALONG(k->x, k->dx, k->bend_x, inside), at_y = ALONG(k->y, k->dy, k->bend_y, inside);
+    const floatl dx = CHANGE_AT(k->dx, k->bend_x, inside), dy = CHANGE_AT(k->dy, k->bend_y, inside);
     FLOOR(at_x, cx, ix)
     FLOOR(at_y, cy, iy)
     const intl tx = WRAPPED(CLAMPED_U, cx, ix, width, s->track.map.per_width),
@@ -193,20 +236,35 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const intl side_x = select_lanes(dx >= 0.0f, min(first_x + one, width), first_x);
     const intl side_y = select_lanes(dy >= 0.0f, min(first_y + one, height), first_y);
 #if CLAMPED_U
-    const floatl t_x = time_to_side(ix, side_x, width, dx, s->from_x, s->per_x);
+    const floatl to_x = side_on_map(ix, side_x, width, dx);
 #else
-    const floatl t_x = (cx + to_floatl(side_x - tx) - s->from_x) * s->per_x;
+    const floatl to_x = cx + to_floatl(side_x - tx);
 #endif
 #if CLAMPED_V
-    const floatl t_y = time_to_side(iy, side_y, height, dy, s->from_y, s->per_y);
+    const floatl to_y = side_on_map(iy, side_y, height, dy);
 #else
-    const floatl t_y = (cy + to_floatl(side_y - ty) - s->from_y) * s->per_y;
+    const floatl to_y = cy + to_floatl(side_y - ty);
 #endif
+#if BENT
+    const floatl t_x = inside + time_to_side(to_x - at_x, dx, k->bend_x),
+                 t_y = inside + time_to_side(to_y - at_y, dy, k->bend_y);
+#else
+    const floatl t_x = (to_x - s->from_x) * s->per_x, t_y = (to_y - s->from_y) * s->per_y;
+#endif
+#if BENT
+    const floatl stops = select_lanes(s->peak > inside, s->peak, (floatl)NEVER);
+    const floatl leaves = clamp_lanes(min_lanes(stops, min_lanes(t_x, t_y)), inside, ray->end);
+#else
     const floatl leaves = clamp_lanes(min_lanes(t_x, t_y), inside, ray->end);
+#endif
+    /* By equation 7, than which nothing is deeper; from outside rays sink up to where they are deepest. */
     const floatl turn = clamp_lanes(s->peak, t, leaves);
-    /* By equation 7, than which nothing is deeper */
+#if WITHIN
     const floatl deepest = max_lanes(max_lanes(QUADRIC_DEPTH(ray, t), QUADRIC_DEPTH(ray, leaves)),
                                      QUADRIC_DEPTH(ray, turn));
+#else
+    const floatl deepest = QUADRIC_DEPTH(ray, turn);
+#endif
     const intl is_free = deepest < 1.0f - highest, at_leaf = tier == 0, solves = s->active & !is_free & at_leaf;
     /* Up a tier where the ray leaves the parent, too. */
     const intl by_x = t_x <= t_y, index = select_lanes(by_x, column, row);
@@ -216,8 +274,8 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     intl met = 0;
     COUNT_STEP(s, s->active)
     if (any_lane(solves))
-        met = solve_cell(s, read_cell(texels, s->track.map, ix, iy, tx, ty), x0 + dx * t - cx, y0 + dy * t - cy, leaves,
-                         solves);
+        met = solve_cell(s, read_cell(texels, k->map, ix, iy, tx, ty), ALONG(k->x, k->dx, k->bend_x, t) - cx,
+                         ALONG(k->y, k->dy, k->bend_y, t) - cy, leaves, solves);
     s->found = s->found | met;
     s->active = s->active & !met;
     const intl passes = s->active & (is_free | at_leaf);
@@ -235,17 +293,23 @@ INLINED void safe_search(Search *searches, int count, global const uint *texels,
     UNROLLED
     for (int k = 0; k < count; k++) {
         Search *s = searches + k;
-        const floatl K = s->ray.K;
-        const intl still_x = !(fabs(s->track.dx) * s->ray.end >= AXIS_PARALLEL);
-        const intl still_y = !(fabs(s->track.dy) * s->ray.end >= AXIS_PARALLEL);
+        const floatl end = s->ray.end;
+        const intl still_x = !(fabs(s->track.dx) * end + MOST_BENT(s->track.bend_x, end) >= AXIS_PARALLEL);
+        const intl still_y = !(fabs(s->track.dy) * end + MOST_BENT(s->track.bend_y, end) >= AXIS_PARALLEL);
         s->track.dx = select_lanes(still_x, (floatl)0.0f, s->track.dx);
         s->track.dy = select_lanes(still_y, (floatl)0.0f, s->track.dy);
+#if BENT
+        s->track.bend_x = select_lanes(still_x, (floatl)0.0f, s->track.bend_x);
+        s->track.bend_y = select_lanes(still_y, (floatl)0.0f, s->track.bend_y);
+        s->nudge = NUDGE / max_lanes(max_lanes(fabs(s->track.dx), fabs(s->track.dy)), (floatl)(1.0f / NEVER));
+#else
         s->per_x = select_lanes(still_x, (floatl)NEVER, 1.0f / s->track.dx);
         s->per_y = select_lanes(still_y, (floatl)NEVER, 1.0f / s->track.dy);
         s->from_x = select_lanes(still_x, s->track.x - 1.0f, s->track.x);
         s->from_y = select_lanes(still_y, s->track.y - 1.0f, s->track.y);
         s->nudge = NUDGE * min_lanes(fabs(s->per_x), fabs(s->per_y));
-        s->peak = select_lanes(K < 0.0f, -0.5f * s->ray.L / K, (floatl)INFINITY); /* deepest there */
+#endif
+        s->peak = deepest_at(&s->ray);
         s->tiers = table_at(levels, s->ray.level, 3);
         s->start = table_at(levels, s->ray.level, 4);
         s->pitch = table_at(levels, s->ray.level, 5);

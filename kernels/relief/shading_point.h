@@ -14,6 +14,7 @@ typedef struct {
     Track track;
     Vector ahead, point;
     Vector normal; /* of the quadric */
+    floatl aside_x, aside_y; /* the foot of the point on the quadric, in the frame of the entry */
     floatl t, below; /* the base, scene units */
 } ShadingPoint;
 
@@ -28,22 +29,35 @@ INLINED void carry_below(const Entry *e, floatl below, floatl *x, floatl *y)
     *x = carried_x;
 }
 
-/* The quadric's normal above where a ray in direction d is after t, `below` the quadric */
-INLINED Vector normal_at(const Entry *e, Vector d, floatl t, floatl below, int quadric)
+/* The quadric's foot of a point where the ray is after t, `below` the quadric, and its normal there */
+INLINED void set_foot(ShadingPoint *shading, const Entry *e, int quadric)
 {
     Vector x, y, normal = e->normal;
-    if (!quadric)
-        return normal;
     tangents_of(e, &x, &y);
-    floatl px = t * DOT(d, x), py = t * DOT(d, y);
-    carry_below(e, below, &px, &py);
+    floatl px = shading->t * DOT(shading->ahead, x), py = shading->t * DOT(shading->ahead, y);
+    if (quadric)
+        carry_below(e, shading->below, &px, &py);
+    shading->aside_x = px;
+    shading->aside_y = py;
+    shading->normal = normal;
+    if (!quadric)
+        return;
     const floatl along_x = -2.0f * quadric_form(e, px, py, 1.0f, 0.0f),
                  along_y = -2.0f * quadric_form(e, px, py, 0.0f, 1.0f);
     normal.x += along_x * x.x + along_y * y.x;
     normal.y += along_x * x.y + along_y * y.y;
     normal.z += along_x * x.z + along_y * y.z;
-    return normalized(normal);
+    shading->normal = normalized(normal);
 }
+
+#if BENT
+/* Adds to a slope what the gradient of u, or v, is more at the foot than at the entry, times `rise`. */
+INLINED void add_bend(const floatl *bends, const ShadingPoint *shading, floatl rise, floatl *x, floatl *y)
+{
+    *x += rise * (2.0f * bends[0] * shading->aside_x + bends[2] * shading->aside_y);
+    *y += rise * (2.0f * bends[1] * shading->aside_y + bends[2] * shading->aside_x);
+}
+#endif
 
 /* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs, on the surface
  * parallel to the base through a point below it; not of unit length */
@@ -60,6 +74,10 @@ INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *
         Vector x, y;
         tangents_of(e, &x, &y);
         floatl sx = DOT(slope, x), sy = DOT(slope, y);
+#if BENT
+        add_bend(e->bends_u, shading, du, &sx, &sy);
+        add_bend(e->bends_v, shading, dv, &sx, &sy);
+#endif
         carry_below(e, shading->below, &sx, &sy);
         /* Turned as the normal has turned on the way from the entry */
         const Vector there = {sx * x.x + sy * y.x, sx * x.y + sy * y.y, sx * x.z + sy * y.z};
@@ -86,7 +104,7 @@ INLINED ShadingPoint shading_point_at(const Relief *relief, const Entry *e, floa
     shading.track = track_of(&shading.place, relief->levels);
     const Track k = shading.track;
     shading.below = relief->scale * (1.0f - HEIGHT_UNIT * height_in(relief->texels, k.map, k.x, k.y));
-    shading.normal = normal_at(e, shading.ahead, t, shading.below, relief->quadric);
+    set_foot(&shading, e, relief->quadric);
     return shading;
 }
 

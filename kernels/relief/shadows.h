@@ -59,6 +59,9 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     const floatl u = shading->place.u - ray->du * distance, v = shading->place.v - ray->dv * distance;
     ray->u = WRAPPED_UV(CLAMPED_U, u);
     ray->v = WRAPPED_UV(CLAMPED_V, v);
+#if BENT
+    ray->bend_u = ray->bend_v = ray->M = (floatl)0.0f;
+#endif
     ray->L = -slope - 2.0f * K * distance;
     ray->K = K;
     ray->level = shading->place.level;

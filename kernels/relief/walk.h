@@ -14,6 +14,7 @@
 
 #define WALK_PARTS 8       /* of the ray, at whose ends its depth is found; they grow by equal steps */
 #define WALK_STEPS_MAX 80
+#define HALFWAY 0.6f       /* of the depth: up to where places are seen that u and v are bent through */
 #define HOPS_MAX 16        /* in a part: more have lost their way */
 #define ALMOST 0.999f      /* of the way to where the ray leaves, where it may be below another side of an edge */
 #define ALIKE 0.2f         /* of the greatest depth: by what it may differ between quadric and mesh */
@@ -24,7 +25,10 @@
 
 /* What a walk has found: where the ray first reaches the bottom, or else is deepest */
 typedef struct {
-    floatl t, depth, slope; /* depths over scale; slope: over the first part, per scene unit */
+    floatl t, depth; /* over scale */
+    floatl first_slope, slope; /* of the depth: over the first part, and at t; per scene unit */
+    floatl seen_at, second, third; /* a place about halfway down: its t, and its weights */
+    intl triangle;                 /* in this one */
     intl is_found;          /* it has come to the bottom, or to the ray's end */
     intl at_border;         /* it has come to a border, or a hard edge */
 } MeshWalk;
@@ -76,7 +80,9 @@ INLINED void refine_place(const WalkCorners *c, Vector at, floatl *second, float
 MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl triangle, floatl distance, intl wanted)
 {
     MeshWalk made;
-    made.t = made.depth = made.slope = 0.0f;
+    made.t = made.depth = made.first_slope = made.slope = 0.0f;
+    made.seen_at = made.second = made.third = 0.0f;
+    made.triangle = triangle;
     made.is_found = made.at_border = 0;
     intl active = wanted, part = 1, hops = 0;
     const floatl first_part = distance * (ALMOST / (WALK_PARTS * WALK_PARTS)), deepest = LOST_DEPTH * relief->scale;
@@ -95,16 +101,25 @@ MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl tr
         /* Where a part ends */
         const floatl now = depth / relief->scale;
         const intl reaches = now >= 1.0f, is_deeper = is_inside & (now > made.depth);
-        const floatl back = select_lanes(reaches, first_part * (2.0f * so_far - 1.0f) * (now - 1.0f) /
-                                         max_lanes(now - before, (floatl)1e-20f), (floatl)0.0f);
-        made.slope = select_lanes(is_inside & (part == 1), now / t, made.slope);
-        made.t = select_lanes(is_deeper, t - back, made.t);
-        made.depth = select_lanes(is_deeper, min_lanes(now, (floatl)1.0f), made.depth);
-        /* Between the last three places the deepest point is that of the parabola through them. */
+        made.first_slope = select_lanes(is_inside & (part == 1), now / t, made.first_slope);
+        /* Between the last three places the depth is the parabola through them: where it reaches the bottom, */
         const floatl last_t = first_part * (so_far - 1.0f) * (so_far - 1.0f),
                      first_t = first_part * (so_far - 2.0f) * (so_far - 2.0f);
-        const floatl rise = (before - long_before) / (last_t - first_t),
-                     bend = ((now - before) / (t - last_t) - rise) / (t - first_t);
+        const floatl rise = (before - long_before) / (last_t - first_t), last_rise = (now - before) / (t - last_t),
+                     bend = select_lanes(part > 1, (last_rise - rise) / (t - first_t), (floatl)0.0f);
+        const floatl by_line = last_t + (1.0f - before) / max_lanes(last_rise, (floatl)1e-20f),
+                     slope_there = last_rise + bend * (2.0f * by_line - last_t - t);
+        const floatl by_parabola = by_line - bend * (by_line - last_t) * (by_line - t) /
+                                             max_lanes(slope_there, 0.5f * last_rise);
+        made.t = select_lanes(is_deeper, select_lanes(reaches, clamp_lanes(by_parabola, last_t, t), t), made.t);
+        made.slope = select_lanes(is_deeper, select_lanes(reaches, slope_there, (floatl)0.0f), made.slope);
+        made.depth = select_lanes(is_deeper, min_lanes(now, (floatl)1.0f), made.depth);
+        const intl is_shallow = is_deeper & (before < HALFWAY);
+        made.seen_at = select_lanes(is_shallow, t, made.seen_at);
+        made.second = select_lanes(is_shallow, second, made.second);
+        made.third = select_lanes(is_shallow, third, made.third);
+        made.triangle = select_lanes(is_shallow, triangle, made.triangle);
+        /* or is deepest */
         const intl turns = is_inside & (part >= 2) & (now <= before) & (before > long_before) & (bend < 0.0f);
         const floatl peak_t = 0.5f * (first_t + last_t) - 0.5f * rise / min_lanes(bend, (floatl)-1e-20f);
         const floatl peak = long_before + (peak_t - first_t) * (rise + bend * (peak_t - last_t));
@@ -128,6 +143,31 @@ MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl tr
     }
     return made;
 }
+
+#if BENT
+/* Lets u and v of a ray bend so that they are those of the place that a walk has seen; not where seams part them, but
+ * for whole tiles. */
+INLINED void bend_uv_through(const Relief *relief, ReliefRay *ray, const MeshWalk *walk, intl which)
+{
+    floatl u[3], v[3];
+    UNROLLED
+    for (int k = 0; k < 3; k++) {
+        const intl side = 3 * walk->triangle + k, corner = (intl)(gather(relief->faces, side));
+        gather_pairs(relief->vertices, VERTEX_FLOATS * corner, &u[k], &v[k]);
+    }
+    const floatl t = walk->seen_at;
+    const floatl there_u = u[0] + walk->second * (u[1] - u[0]) + walk->third * (u[2] - u[0]),
+                 there_v = v[0] + walk->second * (v[1] - v[0]) + walk->third * (v[2] - v[0]);
+    const floatl off_u = there_u - ALONG(ray->u, ray->du, ray->bend_u, t),
+                 off_v = there_v - ALONG(ray->v, ray->dv, ray->bend_v, t);
+    const floatl more_u = CLAMPED_U ? off_u : off_u - rint(off_u), more_v = CLAMPED_V ? off_v : off_v - rint(off_v);
+    const floatl per_t = 1.0f / max_lanes(t, (floatl)1e-20f);
+    const floatl most = MOST_TURNED * (fabs(ray->du) + fabs(ray->dv));
+    const intl beside = which & (t > 0.0f) & ((fabs(more_u) + fabs(more_v)) * per_t < most);
+    ray->bend_u += select_lanes(beside, more_u * per_t * per_t, (floatl)0.0f);
+    ray->bend_v += select_lanes(beside, more_v * per_t * per_t, (floatl)0.0f);
+}
+#endif
 
 /* Where a ray leaves the mesh */
 typedef struct {
@@ -160,7 +200,8 @@ INLINED intl is_as_mesh(const ReliefRay *ray, const Entry *e, Exit exit, float s
 {
     const floatl round = roundness(e, exit), leaves = max_lanes(exit.rise, (floatl)0.0f) / scale;
     const floatl between = 0.125f * exit.distance * (ray->L + leaves) * round;
-    const floatl deepest = -0.25f * ray->L * ray->L / min_lanes(ray->K, (floatl)-1e-20f);
+    const floatl turns = deepest_at(ray);
+    const floatl deepest = select_lanes(turns < NEVER, depth_of(ray, turns), (floatl)NEVER);
     const floatl tolerance = ALIKE * deepest;
     const intl alike = (fabs(between - deepest) < tolerance) &
                        (fabs(exit.deepest / scale * round - deepest) < 2.0f * tolerance);
@@ -182,22 +223,25 @@ intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *e, Vector fr
 #if DISTANCE == EXACT
     const MeshWalk walk = walk_below(relief, from, direction, triangle, min_lanes(exit.distance, farthest),
                                  wanted & STARTS_AT_MESH(ray));
+    bend_uv_through(relief, ray, &walk, wanted);
     const floatl round = select_lanes(escaped, (floatl)1.0f, roundness(e, exit));
-    floatl t, depth = deepest_between(ray, distance, slope, round, &t);
+    floatl t, last_slope, depth = deepest_between(ray, distance, slope, round, &t, &last_slope);
     const intl is_deep = walk.depth > max_lanes(depth, SURELY * depth_of(ray, walk.t));
     const intl is_known = walk.is_found | is_deep;
     t = select_lanes(is_known, walk.t, t);
     depth = select_lanes(is_known, walk.depth, depth);
+    last_slope = select_lanes(is_known, walk.slope, last_slope);
     const intl is_lost = leaves & (escaped | !walk.at_border) & (depth > depth_of(ray, t));
     const intl follows = wanted & (t > 0.0f) & (walk.is_found | is_deep | is_lost);
-    const floatl steep = select_lanes(depth < 1.0f, (floatl)INFINITY, max_lanes(ray->L, walk.slope));
+    const floatl steep = max_lanes(ray->L, walk.first_slope);
 #else
-    floatl t, depth = deepest_between(ray, distance, slope, (floatl)1.0f, &t);
+    floatl t, last_slope, depth = deepest_between(ray, distance, slope, (floatl)1.0f, &t, &last_slope);
     const intl follows = wanted & leaves & (t > 0.0f) & (depth > depth_of(ray, t));
     const floatl steep = ray->L;
 #endif
-    bend_through(ray, max_lanes(t, (floatl)1e-20f), depth * (1.0f + BOTTOM_TOLERANCE), steep, follows);
-    *share = select_lanes(follows & (K < ray->K), max_lanes(ray->K / K, (floatl)0.0f), (floatl)1.0f);
+    const floatl safe_t = max_lanes(t, (floatl)1e-20f), bends = (depth / safe_t - ray->L) / safe_t;
+    *share = select_lanes(follows & (K < bends), max_lanes(bends / K, (floatl)0.0f), (floatl)1.0f);
+    bend_through(ray, safe_t, depth * (1.0f + BOTTOM_TOLERANCE), steep, last_slope, follows);
     use_quadric_depth(ray, follows);
     return follows;
 }

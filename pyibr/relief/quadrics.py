@@ -38,6 +38,8 @@ class VertexFrames:
         triangle with usable uv meets the vertex.
     quadrics : (N, 3) float64
         a, b and c, per scene unit.
+    bends : (N, 2, 3) float64
+        The same of u and of v (tiled): by how much they are more than their gradients say.
     planar : (N,) bool
         Where no quadric could be fitted: the neighbours lie on a line through the vertex. a = b = c = 0.
     """
@@ -45,6 +47,7 @@ class VertexFrames:
     normals: Float64
     gradients: Float64
     quadrics: Float64
+    bends: Float64
     planar: NDArray[np.bool_]
 
 
@@ -130,7 +133,8 @@ def vertex_frames(mesh: Mesh, tiles: tuple[int, int]) -> VertexFrames:
     uv = np.asarray(mesh.uv, np.float64) * tiles
     gradients = fitted_gradients(vertices, mesh.faces, normals, uv)
     quadrics, planar = fitted_quadrics(vertices, mesh.faces, normals, gradients[:, 0])
-    return VertexFrames(normals, gradients, quadrics, planar)
+    bends = fitted_bends(vertices, mesh.faces, normals, uv, gradients)
+    return VertexFrames(normals, gradients, quadrics, bends, planar)
 
 
 def fitted_gradients(vertices: Float64, faces: NDArray[np.int32], normals: Float64, uv: Float64) -> Float64:
@@ -199,25 +203,48 @@ def fitted_quadrics(
     away = vertices[first[pairs[start[place[owner]] + offset, 1]]] - vertices[owner]
 
     x_axis = unit(along_x, _any_tangent(normals))
-    y_axis = np.cross(normals, x_axis)
-    # At the scale of the neighbourhood, so that fourth powers stay within range.
-    size = np.zeros(len(vertices))
-    np.maximum.at(size, owner, np.linalg.norm(away, axis=1))
-    away /= np.maximum(size, 1e-300)[owner, None]
-    x, y, z = (np.einsum("nc,nc->n", away, axes[owner]) for axes in (x_axis, y_axis, normals))
+    axes = x_axis, np.cross(normals, x_axis), normals
+    x, y, z = (np.einsum("nc,nc->n", away, axis[owner]) for axis in axes)
+    quadrics, solved = _fitted_forms(owner, x, y, z, len(vertices))
+    return quadrics, ~solved
 
+
+def fitted_bends(
+    vertices: Float64, faces: NDArray[np.int32], normals: Float64, uv: Float64, gradients: Float64
+) -> Float64:
+    """(N, 2, 3) a, b and c of u and v in the vertices' frames: what gradients leave of their changes along edges."""
+    x_axis = unit(gradients[:, 0], _any_tangent(normals))
+    y_axis = np.cross(normals, x_axis)
+    corner = faces[uv_gradients(vertices[faces], uv[faces])[1]]
+    ends = np.concatenate([corner[:, [i, j]] for i in range(3) for j in range(3) if i != j])
+    here, there = ends.T
+    away = vertices[there] - vertices[here]
+    x, y = (np.einsum("nc,nc->n", away, axis[here]) for axis in (x_axis, y_axis))
+    left = uv[there] - uv[here] - np.einsum("nic,nc->ni", gradients[here], away)
+    return np.stack([_fitted_forms(here, x, y, left[:, k], len(vertices))[0] for k in range(2)], axis=1)
+
+
+def _fitted_forms(
+    owner: NDArray[np.int64], x: Float64, y: Float64, z: Float64, count: int
+) -> tuple[Float64, NDArray[np.bool_]]:
+    """(count, 3) a, b and c that come closest to z at each owner's (x, y), and of which owners these tell any."""
+    # At the scale of the neighbourhood, so that fourth powers stay within range.
+    size = np.zeros(count)
+    np.maximum.at(size, owner, np.hypot(x, y))
+    scale = np.maximum(size, 1e-300)
+    x, y = x / scale[owner], y / scale[owner]
     # In coordinates in which the neighbours lie evenly all round, so that long triangles tell as much as round ones.
-    xx, xy, yy = (np.bincount(owner, terms, len(vertices)) for terms in (x * x, x * y, y * y))
+    xx, xy, yy = (np.bincount(owner, terms, count) for terms in (x * x, x * y, y * y))
     solved = 4 * (xx * yy - xy * xy) > _SINGULAR * (xx + yy) ** 2
     xx, xy, yy = np.where(solved, xx, 1.0), np.where(solved, xy, 0.0), np.where(solved, yy, 1.0)
     along, skew = 1 / np.sqrt(xx), xy / xx
     across = 1 / np.sqrt(yy - xy * skew)
-    forms = _least_forms(owner, along[owner] * x, across[owner] * (y - skew[owner] * x), z, len(vertices))
-    whiten = np.zeros((len(vertices), 2, 2))
+    forms = _least_forms(owner, along[owner] * x, across[owner] * (y - skew[owner] * x), z, count)
+    whiten = np.zeros((count, 2, 2))
     whiten[:, 0, 0], whiten[:, 1, 0], whiten[:, 1, 1] = along, -across * skew, across
-    forms = whiten.transpose(0, 2, 1) @ forms @ whiten / np.where(solved, size, 1.0)[:, None, None]
-    quadrics = np.stack([forms[:, 0, 0], forms[:, 1, 1], 2 * forms[:, 0, 1]], axis=1)
-    return np.where(solved[:, None], quadrics, 0.0), ~solved
+    forms = whiten.transpose(0, 2, 1) @ forms @ whiten / np.where(solved, scale**2, 1.0)[:, None, None]
+    made = np.stack([forms[:, 0, 0], forms[:, 1, 1], 2 * forms[:, 0, 1]], axis=1)
+    return np.where(solved[:, None], made, 0.0), solved
 
 
 def _least_forms(owner: NDArray[np.int64], x: Float64, y: Float64, z: Float64, count: int) -> Float64:

@@ -81,7 +81,7 @@ class ReliefSurface(HeightMapped):
         How deep a ray is. "approximate": below the quadric, along the normal where it entered (equation 7). "exact":
         where that tells, below circles of the quadric's curvatures, which is the true distance on planes, tubes and
         spheres; and where a ray has a short way through the mesh, or creases are near, below the mesh itself, so that
-        outlines are those of the displaced mesh on creased, noisy and coarse meshes, too; at 1.2 to 1.5 times the time
+        outlines are those of the displaced mesh on creased, noisy and coarse meshes, too; at 1.4 to 1.8 times the time
         where the mesh bends. "perpendicular": to the quadric, at right angles to the ray (equation 6), which is more
         than the depth where a ray runs into the surface; of the linear search alone, as no bounds hold for it.
     search : {"safe", "linear"}
@@ -204,6 +204,13 @@ class ReliefSurface(HeightMapped):
         return rows
 
     @cached_property
+    def uv_bends(self) -> NDArray[np.float32]:
+        """(N, ROW_FLOATS) a, b and c of u and v of each drawn vertex (kernels/relief/entry.h)."""
+        rows = np.zeros((len(self.drawn.vertices), int(constant("raster/triangle.h", "ROW_FLOATS"))), np.float32)
+        rows[:, :6] = self.frames.bends.reshape(-1, 6)
+        return rows
+
+    @cached_property
     def interior(self) -> Interior:
         """Search for the base above a point within the relief."""
         return Interior(self.drawn.vertices, self.drawn.faces, self.vertex_rows, self.scale, self.bends)
@@ -307,6 +314,7 @@ def draw_relief(
         bins.grid,
         faces=seen["faces"],
         vertices=seen["vertices"],
+        uv_bends=seen["uv_bends"],
         **{name: buffers[name] for name in ("points", "neighbours", "texels", "bounds", "levels", "colors")},
         level_count=len(surface.levels.table),
         **color_arguments(surface, target.camera),
@@ -335,14 +343,14 @@ def _defines_of(surface: ReliefSurface) -> dict[str, int]:
 def _seen(target: Target, surface: ReliefSurface, near: float, place: InteriorPoint | None) -> dict[str, DeviceArray]:
     """The triangles that rays may enter or leave by: the base's, and the window of an eye below it."""
     buffers = cached_on_device(surface, "buffers", lambda: _buffers(surface))
-    seen = {"faces": buffers["faces"], "vertices": buffers["vertices"]}
+    seen = {name: buffers[name] for name in ("faces", "vertices", "uv_bends")}
     seen["projected"] = project(target, buffers["points"], near)
     if place is None:
         return seen
     count = len(surface.drawn.vertices)
     projected, rows = window(place, target.camera, _WINDOW * near, surface.scale)
     corners = np.arange(count, count + 3, dtype=np.int32)[None]
-    added = {"faces": corners, "vertices": rows, "projected": projected}
+    added = {"faces": corners, "vertices": rows, "uv_bends": np.zeros_like(rows), "projected": projected}
     return {name: _joined(seen[name], more) for name, more in added.items()}
 
 
@@ -362,6 +370,7 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
         "faces": upload(base.faces),
         "neighbours": upload(neighbours(base.vertices.astype(np.float64), base.faces, surface.frames.normals)),
         "vertices": upload(surface.vertex_rows),
+        "uv_bends": upload(surface.uv_bends),
         "texels": upload(levels.texels),
         "bounds": upload(levels.bounds.view(np.uint32)),
         "levels": upload(levels.table),
