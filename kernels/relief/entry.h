@@ -4,8 +4,8 @@
  * (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices,
- * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, is sharp. uv_bends:
- * (vertices, ROW_FLOATS) a, b and c of u, and of v: what they are more than their gradients say. texels,
+ * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, is sharp.
+ * uv_bends: (vertices, ROW_FLOATS) a, b and c of u, and of v: what they are more than their gradients say. texels,
  * bounds, levels: search.h. points, neighbours: walk.h.
  *
  * With WITHIN the last triangle is a window right before the eye, which is below the mesh: it covers the whole picture,
@@ -157,13 +157,15 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 }
 
 /* Gives a ray whose point t after its entry is `depth` deep, where it is deepest, or reaches the bottom, the parabola
- * through both, which begins with `slope` where that is less steep; with BENT the cubic that begins with `slope` and ends
- * with another. Both rise all along. */
+ * through both, which begins with `slope` where that is less steep; with BENT the cubic that begins with `slope` and
+ * ends with another. Both rise all along. */
 INLINED void bend_through(ReliefRay *ray, floatl t, floatl depth, floatl slope, floatl last_slope, intl which)
 {
     const floatl mean = (depth - START_DEPTH(ray)) / t;
 #if BENT
-    const floatl rise = min_lanes(slope, 3.0f * mean), last = clamp_lanes(last_slope, (floatl)0.0f, 3.0f * mean);
+    /* A steeper one that is deepest at t would rise again behind that. */
+    const floatl steepest = select_lanes(depth < 1.0f, 2.0f * mean, 3.0f * mean);
+    const floatl rise = min_lanes(slope, steepest), last = clamp_lanes(last_slope, (floatl)0.0f, 3.0f * mean);
     ray->L = select_lanes(which, rise, ray->L);
     ray->K = select_lanes(which, (3.0f * mean - 2.0f * rise - last) / t, ray->K);
     ray->M = select_lanes(which, (rise + last - 2.0f * mean) / (t * t), ray->M);

@@ -65,8 +65,8 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
 {
     Layers layers;
     const Picture picture = PICTURE_VALUE;
-    const Relief relief = {faces, projected, vertices, uv_bends, points, neighbours, texels, bounds, levels, level_count,
-                           screen, scale, pixel_size, quadric, search, steps, halvings};
+    const Relief relief = {faces, projected, vertices, uv_bends, points, neighbours, texels, bounds, levels,
+                           level_count, screen, scale, pixel_size, quadric, search, steps, halvings};
     const Context context = {relief, nearest_w, CULLS_BACKS, &layers, COUNTERS_ARGUMENT(int)};
     Region region;
     BinList listed;
