@@ -19,7 +19,7 @@
 #else
 #define INTERLEAVED 1
 #endif
-#define CUBE_PRECISION 1e-3f /* of the depth: what rays may be off in a cell for their cubes */
+#define CUBE_PRECISION 1e-4f /* of the depth: what rays may be off in a cell for their cubes */
 #define FIRST_TIER 2     /* where a safe search starts */
 #define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
 #define FAR_SIDE 1e9f    /* texels: of cells that go on for ever */
@@ -181,8 +181,11 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     const intl met = tries & ((F0 >= 0.0f) | crosses);
 #if BENT
     const floatl off = ray->M * ahead * ahead * (ahead - way); /* which tells in large cells */
-    if (any_lane(met & (fabs(off) > CUBE_PRECISION)))
-        ahead = clamp_lanes(ahead - off / max_lanes(F1 + 2.0f * F2 * ahead, fabs(off) / way), (floatl)0.0f, way);
+    const intl tells = met & (fabs(off) > CUBE_PRECISION);
+    if (any_lane(tells)) {
+        const floatl mended = ahead - off / max_lanes(F1 + 2.0f * F2 * ahead, fabs(off) / way);
+        ahead = select_lanes(tells, clamp_lanes(mended, (floatl)0.0f, way), ahead);
+    }
 #endif
     s->t = select_lanes(met, min_lanes(t + select_lanes(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), t);
     return met;
