@@ -203,7 +203,9 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
         const floatl next = t + max_lanes(1.0f - depth, (floatl)0.0f) / rise;
         const floatl there = next * (L + K * next) - beyond_quadric(&c, -cosine * next, next) / scale;
         reaches = reaches & ((there > depth) | (depth >= 1.0f - BOTTOM_TOLERANCE));
-        rise = select_lanes(next > t, (there - depth) / (next - t), rise);
+        /* Of steps that are long enough, for the slope in the end */
+        const intl steps = depth < 1.0f - BOTTOM_TOLERANCE;
+        rise = select_lanes(steps & (next > t), (there - depth) / (next - t), rise);
         t = select_lanes(reaches, next, t);
         depth = select_lanes(reaches, there, depth);
     }

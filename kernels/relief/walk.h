@@ -14,7 +14,6 @@
 
 #define WALK_PARTS 8       /* of the ray, at whose ends its depth is found; they grow by equal steps */
 #define WALK_STEPS_MAX 80
-#define HALFWAY 0.6f       /* of the depth: up to where places are seen that u and v are bent through */
 #define HOPS_MAX 16        /* in a part: more have lost their way */
 #define ALMOST 0.999f      /* of the way to where the ray leaves, where it may be below another side of an edge */
 #define ALIKE 0.2f         /* of the greatest depth: by what it may differ between quadric and mesh */
@@ -27,8 +26,6 @@
 typedef struct {
     floatl t, depth; /* over scale */
     floatl first_slope, slope; /* of the depth: over the first part, and at t; per scene unit */
-    floatl seen_at, second, third; /* a place about halfway down: its t, and its weights */
-    intl triangle;                 /* in this one */
     intl is_found;          /* it has come to the bottom, or to the ray's end */
     intl at_border;         /* it has come to a border, or a hard edge */
 } MeshWalk;
@@ -81,8 +78,6 @@ MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl tr
 {
     MeshWalk made;
     made.t = made.depth = made.first_slope = made.slope = 0.0f;
-    made.seen_at = made.second = made.third = 0.0f;
-    made.triangle = triangle;
     made.is_found = made.at_border = 0;
     intl active = wanted, part = 1, hops = 0;
     const floatl first_part = distance * (ALMOST / (WALK_PARTS * WALK_PARTS)), deepest = LOST_DEPTH * relief->scale;
@@ -114,11 +109,6 @@ MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl tr
         made.t = select_lanes(is_deeper, select_lanes(reaches, clamp_lanes(by_parabola, last_t, t), t), made.t);
         made.slope = select_lanes(is_deeper, select_lanes(reaches, slope_there, (floatl)0.0f), made.slope);
         made.depth = select_lanes(is_deeper, min_lanes(now, (floatl)1.0f), made.depth);
-        const intl is_shallow = is_deeper & (before < HALFWAY);
-        made.seen_at = select_lanes(is_shallow, t, made.seen_at);
-        made.second = select_lanes(is_shallow, second, made.second);
-        made.third = select_lanes(is_shallow, third, made.third);
-        made.triangle = select_lanes(is_shallow, triangle, made.triangle);
         /* or is deepest */
         const intl turns = is_inside & (part >= 2) & (now <= before) & (before > long_before) & (bend < 0.0f);
         const floatl peak_t = 0.5f * (first_t + last_t) - 0.5f * rise / min_lanes(bend, (floatl)-1e-20f);
@@ -143,31 +133,6 @@ MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl tr
     }
     return made;
 }
-
-#if BENT
-/* Lets u and v of a ray bend so that they are those of the place that a walk has seen; not where seams part them, but
- * for whole tiles. */
-INLINED void bend_uv_through(const Relief *relief, ReliefRay *ray, const MeshWalk *walk, intl which)
-{
-    floatl u[3], v[3];
-    UNROLLED
-    for (int k = 0; k < 3; k++) {
-        const intl side = 3 * walk->triangle + k, corner = (intl)(gather(relief->faces, side));
-        gather_pairs(relief->vertices, VERTEX_FLOATS * corner, &u[k], &v[k]);
-    }
-    const floatl t = walk->seen_at;
-    const floatl there_u = u[0] + walk->second * (u[1] - u[0]) + walk->third * (u[2] - u[0]),
-                 there_v = v[0] + walk->second * (v[1] - v[0]) + walk->third * (v[2] - v[0]);
-    const floatl off_u = there_u - ALONG(ray->u, ray->du, ray->bend_u, t),
-                 off_v = there_v - ALONG(ray->v, ray->dv, ray->bend_v, t);
-    const floatl more_u = CLAMPED_U ? off_u : off_u - rint(off_u), more_v = CLAMPED_V ? off_v : off_v - rint(off_v);
-    const floatl per_t = 1.0f / max_lanes(t, (floatl)1e-20f);
-    const floatl most = MOST_TURNED * (fabs(ray->du) + fabs(ray->dv));
-    const intl beside = which & (t > 0.0f) & ((fabs(more_u) + fabs(more_v)) * per_t < most);
-    ray->bend_u += select_lanes(beside, more_u * per_t * per_t, (floatl)0.0f);
-    ray->bend_v += select_lanes(beside, more_v * per_t * per_t, (floatl)0.0f);
-}
-#endif
 
 /* Where a ray leaves the mesh */
 typedef struct {
@@ -223,7 +188,6 @@ intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *e, Vector fr
 #if DISTANCE == EXACT
     const MeshWalk walk = walk_below(relief, from, direction, triangle, min_lanes(exit.distance, farthest),
                                  wanted & STARTS_AT_MESH(ray));
-    bend_uv_through(relief, ray, &walk, wanted);
     const floatl round = select_lanes(escaped, (floatl)1.0f, roundness(e, exit));
     floatl t, last_slope, depth = deepest_between(ray, distance, slope, round, &t, &last_slope);
     const intl is_deep = walk.depth > max_lanes(depth, SURELY * depth_of(ray, walk.t));
