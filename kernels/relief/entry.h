@@ -203,11 +203,10 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
         const floatl next = t + max_lanes(1.0f - depth, (floatl)0.0f) / rise;
         const floatl there = next * (L + K * next) - beyond_quadric(&c, -cosine * next, next) / scale;
         reaches = reaches & ((there > depth) | (depth >= 1.0f - BOTTOM_TOLERANCE));
-        /* Of steps that are long enough, for the slope in the end */
-        const intl steps = depth < 1.0f - BOTTOM_TOLERANCE;
+        const intl steps = reaches & (depth < 1.0f - BOTTOM_TOLERANCE); /* shorter steps tell no slope */
         rise = select_lanes(steps & (next > t), (there - depth) / (next - t), rise);
-        t = select_lanes(reaches, next, t);
-        depth = select_lanes(reaches, there, depth);
+        t = select_lanes(steps, next, t);
+        depth = select_lanes(steps, there, depth);
     }
     reaches = reaches & (depth >= 1.0f - BOTTOM_TOLERANCE);
     const intl peaks = differs & !reaches & (bend * scale > FLAT_MAX) & (c.k2 > 0.0f);
