@@ -229,9 +229,7 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
     return p;
 }
 
-#define ROW_FLOATS 16 /* of a vertex */
-
-/* The corners' values, interpolated by their weights: `rows` holds ROW_FLOATS of each vertex */
+/* The corners' values, interpolated by their weights: `rows` holds 16 floats a vertex */
 INLINED void corner_means(global const float *rows, const OnTriangle *p, floatl *means)
 {
 #if LANES == 16

@@ -5,7 +5,7 @@
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices,
  * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, is sharp.
- * uv_bends: (vertices, ROW_FLOATS) a, b and c of u, and of v: what they are more than their gradients say. texels,
+ * uv_bends: (vertices, VERTEX_FLOATS) a, b and c of u, and of v: what they are more than their gradients say. texels,
  * bounds, levels: search.h. points, neighbours: walk.h.
  *
  * With WITHIN the last triangle is a window right before the eye, which is below the mesh: it covers the whole picture,

@@ -205,8 +205,8 @@ class ReliefSurface(HeightMapped):
 
     @cached_property
     def uv_bends(self) -> NDArray[np.float32]:
-        """(N, ROW_FLOATS) a, b and c of u and v of each drawn vertex (kernels/relief/entry.h)."""
-        rows = np.zeros((len(self.drawn.vertices), int(constant("raster/triangle.h", "ROW_FLOATS"))), np.float32)
+        """(N, VERTEX_FLOATS) a, b and c of u and v of each drawn vertex (kernels/relief/entry.h)."""
+        rows = np.zeros((len(self.drawn.vertices), int(constant("relief/entry.h", "VERTEX_FLOATS"))), np.float32)
         rows[:, :6] = self.frames.bends.reshape(-1, 6)
         return rows
 

@@ -46,7 +46,7 @@ def relief_of(height: Callable[..., np.ndarray]) -> ibr.ReliefSurface:
 
 @pytest.mark.parametrize("height", [even, rolling])
 def test_shades_are_the_carved_torus_own(height):
-    """Where both show the same point: a byte's rounding and means of two texels for slopes are 0.8 of 200 on average.
+    """Shades of the same points: a byte's rounding and means of two texels for slopes are 0.8 of 200 on average.
     With u and v even along rays and frames of the entries 1.6 are off, and 95 % less than 7."""
     fine = grid(torus, 600, 300)
     u, v = np.asarray(fine.uv, np.float64).T
