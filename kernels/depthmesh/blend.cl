@@ -211,10 +211,17 @@ typedef struct {
     global const uint *colors, *normals; /* normals with GBUFFER 2 */
 } Meshes;
 
+/* Sums of colours and normals, and of their weights. Normals do not fade where views end: small scales have many ends,
+ * and the mean of few views shows less of how they face. */
+typedef struct {
+    Color color, normal;
+    floatl weight, normal_weight;
+} MeshBlend;
+
 /* Adds a mesh's colours, and normals, of the pixels (px, py), weighted; of those that are not `given` with weight 0.
- * Returns the weights. n, owner: what the pixels see of the mesh, where it `shares` in them */
-INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, floatl px,
-                        floatl py, intl shares, intl given, Color *sum, Color *normal)
+ * n, owner: what the pixels see of the mesh, where it `shares` in them */
+INLINED void add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, floatl px,
+                      floatl py, intl shares, intl given, MeshBlend *blend)
 {
     const intl triangle = select_lanes(shares, owner, meshes->firsts[mesh] + (intl)0);
     const OnTriangle p = on_triangle(context->corners, context->projected, triangle, px, py);
@@ -235,16 +242,18 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     global const int *finest = meshes->levels + 3 * source[1];
     const floatl least = FACTOR_MIN, facing = meshes->by == BLEND_QUALITY ? max_lanes(quality, least) : (floatl)1.0f;
     const floatl feather = max_lanes(feather_at(meshes->colors, finest, sound_x, sound_y), least);
-    const floatl weight = select_lanes(given, meshes->weights[mesh] * facing * feather, (floatl)0.0f);
+    const floatl unfaded = select_lanes(given, meshes->weights[mesh] * facing, (floatl)0.0f);
+    const floatl weight = unfaded * feather;
     /* One level for the whole block: of the pixel that needs the finest one */
     const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
     const float samples = least_lane(select_lanes(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
     const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + LEVEL_BIAS), (float)(source[2] - source[1]));
-    add_sample(meshes->colors, finest + 3 * level, level, sound_x, sound_y, weight, sum);
+    add_sample(meshes->colors, finest + 3 * level, level, sound_x, sound_y, weight, &blend->color);
 #if GBUFFER == 2
-    add_sample(meshes->normals, finest + 3 * level, level, sound_x, sound_y, weight, normal);
+    add_sample(meshes->normals, finest + 3 * level, level, sound_x, sound_y, unfaded, &blend->normal);
 #endif
-    return weight;
+    blend->weight += weight;
+    blend->normal_weight += unfaded;
 }
 
 #if CLOSED == BY_RAYS
@@ -257,15 +266,16 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
 #endif
 /* Adds the colours, and normals, of closed surface at nearness n to the pixels (x, y) that are `given`. Returns their
  * weights. */
-INLINED floatl add_closing(const FreeSpace *space, const Meshes *meshes, global const uint *far_normals, floatl x,
-                           floatl y, floatl n, intl given, Color *sum, Color *normal, intl *views)
+INLINED void add_closing(const FreeSpace *space, const Meshes *meshes, global const uint *far_normals, floatl x,
+                         floatl y, floatl n, intl given, MeshBlend *blend, intl *views)
 {
 #if GBUFFER == 2
     FreeSpace of_normals = *space;
     of_normals.far_colors = far_normals;
-    add_closest(&of_normals, meshes->normals, meshes->levels, x, y, n, given, normal, views);
+    blend->normal_weight +=
+        add_closest(&of_normals, meshes->normals, meshes->levels, x, y, n, given, &blend->normal, views);
 #endif
-    return add_closest(space, meshes->colors, meshes->levels, x, y, n, given, sum, views);
+    blend->weight += add_closest(space, meshes->colors, meshes->levels, x, y, n, given, &blend->color, views);
 }
 #else
 #define FAR_NORMALS_PARAMETER
@@ -361,8 +371,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
             const intl mine = front > region.nearness[block];
             if (!blank && !any_lane(mine))
                 continue;
-            Color sum = {0.0f, 0.0f, 0.0f}, normal = sum;
-            floatl total = 0.0f;
+            MeshBlend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
             intl taken = (intl)0, views = (intl)0; /* which have their front mesh; which views gave colour, a bit each */
             const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
             for (int mesh = holed ? 0 : others; mesh < meshes; mesh++) {
@@ -375,20 +384,20 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
                 const intl given = shares & mine;
                 if (!any_lane(given))
                     continue;
-                total += add_mesh(&context, &colored, mesh, n, owner, px, py, shares, given, &sum, &normal);
+                add_mesh(&context, &colored, mesh, n, owner, px, py, shares, given, &blend);
                 views |= select_lanes(given, (intl)(1 << sources[4 * mesh]), (intl)0);
             }
 #if CLOSED == BY_RAYS
             const intl given = closed & mine;
             if (any_lane(given))
-                total += add_closing(&space, &colored, FAR_NORMALS_ARGUMENT, px, py, front, given, &sum, &normal,
-                                     &views);
+                add_closing(&space, &colored, FAR_NORMALS_ARGUMENT, px, py, front, given, &blend, &views);
 #endif
-            const floatl scale = 1.0f / (255.0f * select_lanes(mine, total, (floatl)1.0f));
+            const floatl scale = 1.0f / (255.0f * select_lanes(mine, blend.weight, (floatl)1.0f));
+            const floatl normal_scale = 1.0f / (255.0f * select_lanes(mine, blend.normal_weight, (floatl)1.0f));
             region.nearness[block] = front;
             region.owner[block] = select_lanes(mine, (intl)0, (intl)-1);
-            const intl written = write_block(&region, block, &picture, color_times(sum, scale));
-            enter_block(gbuffer, written, &region, block, &picture, color_times(normal, scale));
+            const intl written = write_block(&region, block, &picture, color_times(blend.color, scale));
+            enter_block(gbuffer, written, &region, block, &picture, color_times(blend.normal, normal_scale));
 #if GUESSES
             write_guesses(written & closed, &region, block, &picture, guesses);
 #endif

@@ -152,6 +152,10 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     const intl starts_below = e->depth > 0.0f;
     ray->depth = e->depth;
     ray->L = select_lanes(starts_below, -cosine * per_scale, ray->L);
+#if BENT
+    ray->bend_u = select_lanes(starts_below, (floatl)0.0f, ray->bend_u); /* gradients are those of the eye's depth */
+    ray->bend_v = select_lanes(starts_below, (floatl)0.0f, ray->bend_v);
+#endif
     use_quadric_depth(ray, starts_below);
 #endif
 }

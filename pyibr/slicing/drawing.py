@@ -37,7 +37,8 @@ _BEHIND = 8.0  # samples by which an object's surface may lie behind a view's ow
 def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None, normals: bool) -> None:
     """Draw a solid in its views' colours, and light on it; `normals`: those that its views tell relight it."""
     cameras = [target.camera, *(() if lighting is None else lighting.cameras)]
-    bias = max(spacing_in(thing, camera)[0] for camera in cameras)
+    # By up to a spacing the map shows it too near, and by half of one the picture shows it too far.
+    bias = 1.5 * max(spacing_in(thing, camera)[0] for camera in cameras)
     draw_object(
         target, thing, entry=entry_for(target, lighting, bias=bias, apart=_NEIGHBOUR_OFFSET, fade=0, normals=normals)
     )

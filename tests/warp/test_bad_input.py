@@ -101,7 +101,7 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
         "0.0",
     ),
     "K, nan": (lambda: ibr.Camera(np.full((3, 3), np.nan), SIZE), "K", "finite", "not finite"),
-    "K, 4x4": (lambda: ibr.Camera(np.eye(4), SIZE), "K", "(3, 3)", "(4, 4)"),
+    "K, 4x5": (lambda: ibr.Camera(np.eye(4, 5), SIZE), "K", "(3, 3)", "(4, 5)"),
     "size of floats": (lambda: ibr.Camera(K, (41.0, 31.0)), "size", "integers", "41.0"),
     "size, negative": (lambda: ibr.Camera(K, (-1, 31)), "size", "> 0", "(-1, 31)"),
     "mirrored pose": (lambda: ibr.Camera(K, SIZE, MIRROR), "world_from_camera", "rigid", "det R = -1"),
