@@ -57,10 +57,10 @@ INLINED Depths depths_of(global const float *sample_depth, global const uchar *s
     return depths;
 }
 
-INLINED void average_packet(global const float *sample_depth, global const channel *sample_color,
-                            global const uchar *sample_valid, int side, int width, int height, int perspective,
-                            global float *depth, global channel *color, global uchar *valid, global float *alpha,
-                            int x0, int y)
+void average_packet(global const float *sample_depth, global const channel *sample_color,
+                    global const uchar *sample_valid, int side, int width, int height, int perspective,
+                    global float *depth, global channel *color, global uchar *valid, global float *alpha,
+                    int x0, int y)
 {
     const intl first = side * min(x0 + lane_index, (intl)(width - 1)) + y * side * side * width;
     Color sum = {0.0f, 0.0f, 0.0f};

@@ -203,8 +203,9 @@ def shots_of(
 
 
 def are_placed(cameras: Sequence[tuple[Camera, Float64 | None]]) -> bool:
-    """Tell whether anything says where each of the frames was taken; else all have the pose of one camera."""
-    return len(cameras) == 1 or any(pose is not cameras[0][1] for _, pose in cameras)
+    """Tell whether frames are known to be of several places; else all have one pose, as cameras have by default."""
+    known = [pose for _, pose in cameras if pose is not None]
+    return len(cameras) == 1 or any(not np.array_equal(pose, known[0]) for pose in known)
 
 
 def numbers_of(recording: Recording) -> list[int]:

@@ -448,11 +448,11 @@ def test_no_output_is_a_frame_that_is_read(recorded: Recorded):
 
 
 def write_model(folder: Path, names: list[str]) -> None:
-    """A COLMAP model in the binary form: images from the origin, by one camera."""
+    """A COLMAP model in the binary form: images side by side, by one camera."""
     folder.mkdir(parents=True)
     (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 1, 1, *SIZE, 50, 50, 30.5, 18.5))
-    head = struct.pack("<i7di", 1, 1, 0, 0, 0, 0, 0, 0, 1)
-    images = [head + name.encode() + struct.pack("<xQ", 0) for name in names]
+    heads = [struct.pack("<i7di", 1, 1, 0, 0, 0, 0.01 * k, 0, 0, 1) for k in range(len(names))]
+    images = [head + name.encode() + struct.pack("<xQ", 0) for head, name in zip(heads, names, strict=True)]
     (folder / "images.bin").write_bytes(struct.pack("<Q", len(names)) + b"".join(images))
 
 

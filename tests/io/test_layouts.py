@@ -7,6 +7,7 @@ round, pixel centres half a pixel aside, another scale) they do not.
 
 from __future__ import annotations
 
+import json
 import random
 import shutil
 import warnings
@@ -19,7 +20,7 @@ from PIL import Image
 
 import pyibr as ibr
 from pyibr.io.layouts import LAYOUTS, recording_in
-from pyibr.io.recordings import cameras_of, shots_of
+from pyibr.io.recordings import are_placed, cameras_of, shots_of
 from tests.io.damages import damaged, quick_folder
 from tests.io.layouts import GL, NORMAL, OFFSET, SPECIMENS
 
@@ -169,6 +170,29 @@ def test_raw_kinect_counts_of_nyu(tmp_path: Path):
     np.testing.assert_allclose(depth[1:], 351.3 / 175.5, rtol=1e-6)
     from_depth = shot.camera.camera_from_world @ shot.depth_camera.world_from_camera
     np.testing.assert_allclose(from_depth[:3, 3], (-0.0250, -0.0007, 0.0003), atol=5e-5)
+
+
+def test_intrinsics_of_larger_pictures_are_refused(tmp_path: Path):
+    """Exporters resize pictures, and leave the intrinsics as they are."""
+    SPECIMENS["scannet"][0](tmp_path)
+    for picture in (tmp_path / "color").iterdir():
+        with Image.open(picture) as image:
+            small = image.resize((image.width // 3, image.height // 3))
+        small.save(picture)
+    with pytest.raises(
+        ibr.FileFormatError, match=r"intrinsic_color\.txt: its centre .* lies outside of pictures of 21 x 16"
+    ):
+        cameras_of(recording_in(tmp_path))
+
+
+def test_frames_without_poses_are_at_no_known_place(tmp_path: Path):
+    SPECIMENS["bop"][0](tmp_path)
+    file = tmp_path / "scene_camera.json"
+    assert are_placed(cameras_of(recording_in(tmp_path)))
+    told = json.loads(file.read_text())
+    kept = {number: {key: one[key] for key in ("cam_K", "depth_scale")} for number, one in told.items()}
+    file.write_text(json.dumps(kept))
+    assert not are_placed(cameras_of(recording_in(tmp_path)))
 
 
 def test_unsure_samples_are_left_out(tmp_path: Path):

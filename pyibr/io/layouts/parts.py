@@ -39,11 +39,16 @@ def object_in(path: Path) -> dict[str, Any]:
 
 
 def camera_of(path: Path, K: ArrayLike, size: tuple[int, int], lens: Lens | None = None) -> Camera:
-    """The camera of intrinsics out of a file, 3 x 3 or 4 x 4."""
+    """The camera of a file's intrinsics, 3 x 3 or 4 x 4; its centre is in the picture, or they are of another one."""
     try:
-        return Camera(np.asarray(K, np.float64)[:3, :3], size, lens=lens)
+        camera = Camera(np.asarray(K, np.float64)[:3, :3], size, lens=lens)
     except (ArgumentError, ValueError, TypeError, IndexError) as error:
         raise FileFormatError(f"{path}: {error}") from error
+    (cx, cy), (width, height) = camera.K[:2, 2], size
+    if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
+        outside = f"({cx:g}, {cy:g}) lies outside of pictures of {width} x {height}"
+        raise FileFormatError(f"{path}: its centre {outside}, which seem to be resized")
+    return camera
 
 
 def matrix(focal: float, cx: float, cy: float, fy: float | None = None) -> Float64:
