@@ -185,6 +185,21 @@ def test_intrinsics_of_larger_pictures_are_refused(tmp_path: Path):
         cameras_of(recording_in(tmp_path))
 
 
+def test_depth_of_fewer_samples_has_a_camera_of_its_own(tmp_path: Path):
+    """Phones' depth in transforms.json: each sample stands for 2 x 2 pixels, which it covers."""
+    SPECIMENS["nerfstudio"][0](tmp_path)
+    for file in tmp_path.rglob("*depth*/*.png"):
+        with Image.open(file) as image:
+            small = Image.fromarray(np.asarray(image)[::2, ::2])
+        small.save(file)
+    recording = recording_in(tmp_path)
+    for shot in shots_of(recording, cameras_of(recording)):
+        own = shot.depth_camera
+        assert own is not None and own.size == (shot.camera.width // 2, shot.camera.height // 2)
+        np.testing.assert_allclose(own.world_from_camera, shot.camera.world_from_camera)
+        np.testing.assert_allclose(own.K[0], (shot.camera.K[0] + (0, 0, 0.5)) / 2 - (0, 0, 0.5))
+
+
 def test_frames_without_poses_are_at_no_known_place(tmp_path: Path):
     SPECIMENS["bop"][0](tmp_path)
     file = tmp_path / "scene_camera.json"

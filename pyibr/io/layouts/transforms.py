@@ -16,7 +16,7 @@ from pyibr.core.conventions import CV_FROM_GL
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
 from pyibr.io import image, write_color
-from pyibr.io.layouts.parts import object_in
+from pyibr.io.layouts.parts import beside, object_in
 from pyibr.io.poses import rigid_or_none
 from pyibr.io.recordings import Recording, Stored, size_of
 
@@ -39,14 +39,27 @@ def find_transforms(folder: Path) -> Recording | None:
     if not with_depth:
         return None
     colors = [_picture(folder, entry) for entry, _ in with_depth]
+    depths = [folder / str(entry[name]) for entry, name in with_depth]
+
+    def cameras() -> list[Camera]:
+        return [_camera(found, entry, color) for (entry, _), color in zip(with_depth, colors, strict=True)]
+
     return Recording(
         colors,
-        [folder / str(entry[name]) for entry, name in with_depth],
+        depths,
         left_out=[_picture(folder, entry) for entry in entries if not any(name in entry for name in _DEPTH)],
-        known=lambda: [_camera(found, entry, color) for (entry, _), color in zip(with_depth, colors, strict=True)],
+        known=cameras,
+        depth_cameras=lambda: _of_depths(cameras(), depths),
         placed=[_pose(entry.get("transform_matrix")) for entry, _ in with_depth],
         stored=[_stored(folder, entry) for entry, _ in with_depth],
     )
+
+
+def _of_depths(cameras: Sequence[Camera], depths: Sequence[Path]) -> list[Camera | None]:
+    """The cameras of depths with fewer samples than pictures have pixels, as phones' are; all are as the first."""
+    if beside(cameras[0], depths[0]) is None:
+        return [None] * len(cameras)
+    return [beside(camera, depth) for camera, depth in zip(cameras, depths, strict=True)]
 
 
 def _entries(path: Path, frames: object, common: _Entry) -> list[_Entry]:
