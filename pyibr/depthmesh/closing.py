@@ -18,7 +18,7 @@ from pyibr.depthmesh.viewpoints import DrawnViews
 from pyibr.opencl.memory import upload
 
 Closed = Literal["sheets"] | bool
-"""Whether holes are closed, and by what."""
+"""Ways of closing holes; False: they are left open."""
 
 _COARSE_ERROR = 0.001  # of the largest extent: that of the coarse meshes
 _BACK_ERROR = 0.003  # of the largest extent: that of their backs, which are not shown

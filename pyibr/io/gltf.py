@@ -31,7 +31,7 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _WHITE = 1.0, 1.0, 1.0
 _TIMES, _LITTLE = 50, 1 << 16
-"""What an accessor without a buffer may take: so often the file's size, or so many bytes."""
+"""Limits of an accessor without a buffer: so often the file's size, or so many bytes."""
 _KNOWN = ("KHR_materials_", "KHR_lights_", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp")
 """How the extensions open that a file may require: what they add is read here, or is no matter of triangles."""
 

@@ -36,7 +36,7 @@ class MeshArrays:
     texture: NDArray[np.uint8] | None = None
     """(h, w, 3)."""
     left_out: tuple[str, ...] = ()
-    """What the file holds and these arrays do not."""
+    """Contents of the file that these arrays do not hold."""
 
 
 def whole(values: NDArray[Any]) -> NDArray[np.int64]:

@@ -450,4 +450,4 @@ SPECIMENS: dict[str, tuple[Callable[[Path], None], int]] = {
         *((one, 1) for one in (moge, depth_pro)),
     )
 }
-"""What makes a folder, and how many frames it has that can be used."""
+"""Makers of folders, each with the number of frames that can be used."""

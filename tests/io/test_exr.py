@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def test_channels_and_parts_are_chosen_by_name(tmp_path: Path, dtype):
     values = DEPTH.astype(dtype)
     parts = {**RGB, **named("a", RGB | {"R": OTHER[2]})}, {"Z": values}, {"Z": values + 3, "b.W": values}
     write(tmp_path / "d.exr", *parts, names=("rgba", "depth_left", "depth_right"))
-    read = lambda **chosen: ibr.read_depth(tmp_path / "d.exr", **chosen)  # noqa: E731
+    read = functools.partial(ibr.read_depth, tmp_path / "d.exr")
     np.testing.assert_array_equal(read(), values)
     np.testing.assert_array_equal(read(part="depth_right"), values + 3)
     np.testing.assert_array_equal(read(part="depth_right", channel="b.W"), values)

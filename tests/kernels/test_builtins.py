@@ -99,7 +99,8 @@ def test_loads_are_those_of_the_built_ins(expression):
 
 def test_kernels_build_for_processors_without_avx_512(tmp_path: Path):
     """Clang warns there of vectors that functions are passed, and its warnings are errors."""
-    if "Portable Computing Language" not in current().device.platform or platform.machine() not in ("x86_64", "AMD64"):
+    used = current().device.platform
+    if "Portable Computing Language" not in used or platform.machine() not in ("x86_64", "AMD64"):
         pytest.skip("needs PoCL, which is told to build for another processor")
     program = """
 from pyibr.opencl.device import current
@@ -107,7 +108,8 @@ from pyibr.opencl.program import kernel
 kernel("warp/resolve.cl", "resolve", CHANNELS=3, COLOR_BYTES=1, ORIGINS=0, STRIP=32)
 print(current().device.name)
 """
-    done = run_within(100, [sys.executable, "-c", program], POCL_KERNELLIB_NAME="avx2", PYIBR_CACHE=str(tmp_path))
+    variables = {"POCL_KERNELLIB_NAME": "avx2", "PYIBR_CACHE": str(tmp_path), "PYIBR_DEVICE": used}
+    done = run_within(100, [sys.executable, "-c", program], **variables)
     assert "haswell" in done.stdout, done.stderr
 
 

@@ -20,7 +20,7 @@ from pyibr.io.recordings import Recording, Stored, paired_by_time, size_of
 
 _SIZE = (640, 480)
 PRIMESENSE = matrix(525.0, 319.5, 239.5)
-"""What ROS takes for sensors of that kind, and by which TUM's depth is registered: not each camera's calibration."""
+"""ROS's intrinsics of sensors of that kind, by which TUM's depth is registered: not each camera's calibration."""
 _FREIBURG3 = matrix(535.4, 320.1, 247.6, 539.2)  # whose pictures are without their lens
 _BONN = matrix(542.822841, 315.593520, 237.756098, 542.576870)
 _BONN_LENS = Lens("brown_conrady", [0.039903, -0.099343, -0.000730, -0.000144, 0])

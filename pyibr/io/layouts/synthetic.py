@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ def find_replica(folder: Path) -> Recording | None:
         known, scale = own_camera("Replica", _REPLICA, (1200, 680), colors), 6553.5
     else:
         camera, scale = _replica_camera(file)
-        known = lambda: [camera]  # noqa: E731
+        known = functools.partial(list[Camera], [camera])
     return found._replace(poses=trajectory, known=known, stored=[Stored(scale)] * len(found.colors))
 
 
