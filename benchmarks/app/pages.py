@@ -109,7 +109,7 @@ def _count(pages: Pages, waiting: list[int], ended: threading.Event, slow: bool)
     while not ended.wait(0.002):
         waiting.append(pages.waiting)
         opened: list[Any] = list(pages.open.values()) if slow else []
-        for method in [page.controls._way for page in opened]:
+        for method in [page.controls._method for page in opened]:
             if method.value != "search":
                 method.value = "search"
 
