@@ -6,9 +6,17 @@ import os
 
 import pytest
 
+from pyibr.opencl.device import VARIABLE, current
+from pyibr.opencl.runtimes import found_devices
 from tests.tiers import COLLECTED, LEFT, leave_products
 
 os.environ.setdefault("PYIBR_BINARIES", "never")  # most programs are built once, and to read them compiles them twice
+
+
+def pytest_configure() -> None:
+    # Which of several runtimes is the fastest stands in a cache that some tests damage.
+    if len(found_devices()) > 1:
+        os.environ.setdefault(VARIABLE, current().device.platform)
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -103,6 +104,7 @@ class Stream:
         """Called with the camera whenever that has moved, on the server's own thread."""
         self.resolution = Resolution(MOVING)
         self._started = 0.0
+        self._moving = threading.Lock()  # what is asked for last is the newest camera, whichever threads hear of it
 
     def follow(self) -> None:
         """Draw whenever the page's camera moves, from now on."""
@@ -111,8 +113,7 @@ class Stream:
             self._moved()
 
         self.client.camera.on_update(moved)
-        if self.client.camera._state.update_timestamp:  # pyright: ignore[reportPrivateUsage] - the first one came before
-            self._moved()
+        self._moved()  # a page counts as open once its first camera has come
 
     def refresh(self) -> None:
         """Draw again, since something else than the camera has changed."""
@@ -125,18 +126,24 @@ class Stream:
         self.renderer.leave(self.client.client_id)
 
     def _moved(self) -> None:
+        with self._moving:
+            full = self._full_camera()
+            if full is not None and full != self.camera:
+                first, self.camera = self.camera is None, full
+                self.moved(full)
+                self.renderer.ask(self.client.client_id, Request(self, full), at_once=not first)
+
+    def _full_camera(self) -> Camera | None:
+        """The page's camera as it is now; None in a window without any room."""
         camera = self.client.camera
         width, height = camera.image_width, camera.image_height
-        if width < 1 or height < 1:  # a window without any room
-            return
+        if width < 1 or height < 1:
+            return None
         full = self.page_space.camera(camera.wxyz, camera.position, camera.fov, (width, height))
-        if width * height > _PIXELS_MAX:
-            shrunk = (_PIXELS_MAX / (width * height)) ** 0.5
-            full = full.resized((max(int(width * shrunk), 1), max(int(height * shrunk), 1)))
-        if full != self.camera:
-            first, self.camera = self.camera is None, full
-            self.moved(full)
-            self.renderer.ask(self.client.client_id, Request(self, full), at_once=not first)
+        if width * height <= _PIXELS_MAX:
+            return full
+        shrunk = (_PIXELS_MAX / (width * height)) ** 0.5
+        return full.resized((max(int(width * shrunk), 1), max(int(height * shrunk), 1)))
 
     def draw(self, camera: Camera, full: bool) -> Picture:
         """The picture of a camera; at a resolution that keeps up, unless it is wanted in full."""
