@@ -83,6 +83,10 @@ class Tab:
         """One of the pictures that were shown, the last one by default."""
         return decoded(self.page.evaluate(READ, number))
 
+    def sizes_without_loss(self) -> set[tuple[int, ...]]:
+        """(width, height) of each picture that was shown as PNG."""
+        return {self.picture(n).shape[1::-1] for n, kind in enumerate(self.kinds()) if kind == "image/png"}
+
     def drag(self, start: tuple[int, int], end: tuple[int, int], steps: int = 12, pause: float = 0.0) -> None:
         """Move the mouse with its button down."""
         mouse = self.page.mouse
@@ -108,7 +112,10 @@ def opened(chrome: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterato
         # That WebGL is slow is said over the canvas.
         page.add_style_tag(content=".mantine-Notifications-root { display: none }")
         # The first picture may be of a canvas that has not made room for the panel yet.
-        until(lambda: "image/png" in tab.kinds() and tab.picture().shape[1::-1] == size)
+        until(lambda: size in tab.sizes_without_loss())
+        # The sources' thumbnails, which are JPEG, may come later than it.
+        stays(tab.kinds)
+        page.evaluate("window.shown = window.shown.filter((one) => one.kind === 'image/png')")
         yield tab
     finally:
         context.close()
