@@ -10,7 +10,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from pyibr.opencl.runtimes import LOADER_VARIABLES
+from pyibr.opencl.unlisted import LOADER_VARIABLES
 
 _TIMEOUT = 90.0  # seconds
 

@@ -14,8 +14,6 @@ import itertools
 import json
 import os
 import platform
-import shutil
-import site
 import sys
 import tempfile
 from collections import Counter
@@ -28,15 +26,23 @@ from typing import TYPE_CHECKING, Literal
 from pyibr.core.distributions import version_of
 from pyibr.core.errors import DeviceError
 from pyibr.opencl.cache import distrust
+from pyibr.opencl.unlisted import (
+    LOADER_VARIABLES,
+    NVIDIA,
+    SYSTEM_ICDS,
+    environment,
+    has_nvidias_driver,
+    has_nvidias_library,
+    seen_by_the_loader,
+    temporary_folder,
+    unlisted_runtimes,
+)
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
 Kind = Literal["cpu", "gpu", "accelerator"]
 
-_SYSTEM_ICDS = Path("/etc/OpenCL/vendors")
-LOADER_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH", "OCL_ICD_FILENAMES")
-"""With which a user tells the OpenCL loader where to look."""
 _THREAD_VARIABLES = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
 
 _until_exit = ExitStack()
@@ -122,14 +128,14 @@ def found_devices() -> tuple[Found, ...]:
         os.environ["PATH"] = os.defpath
     try:
         # Its own cache holds code in a folder that need not be safe, or not even be there: then it cannot be imported.
-        with _environment({"PYOPENCL_NO_CACHE": "1"}):
+        with environment({"PYOPENCL_NO_CACHE": "1"}):
             import pyopencl as cl
     except ImportError as error:
         remedy = "pip install --force-reinstall pyopencl"  # with the loader that it needs
         raise DeviceError(f"pyopencl cannot be imported ({error}); to mend it: {remedy}") from error
 
     listed: list[tuple[cl.Platform, list[cl.Device]]] = []
-    with _mended_runtimes(), suppress(cl.Error):  # the loader's way to say that there is none
+    with _all_listed(), suppress(cl.Error):  # the loader's way to say that there is none
         for entry in cl.get_platforms():
             with suppress(cl.Error):
                 listed.append((entry, entry.get_devices()))
@@ -166,22 +172,25 @@ def found_devices() -> tuple[Found, ...]:
 def problems() -> list[Problem]:
     """Runtimes that are installed but cannot be loaded, each with the command that mends it."""
     found: list[Problem] = []
-    mended = _mended_icds()
+    unlisted = unlisted_runtimes()
     for variable in (name for name in LOADER_VARIABLES if os.environ.get(name)):
-        hidden = f" and hides {', '.join(str(library) for _, library in mended)}" if mended else ""
+        hidden = f" and hides {', '.join(str(one.library) for one in unlisted)}" if unlisted else ""
         if hidden or not found_devices():
             what = f"${variable} is set to {os.environ[variable]!r}, so the loader looks nowhere else{hidden}"
             found.append(Problem(what, f"unset {variable}"))
-    for runtime, (_, library) in itertools.product(RUNTIMES, mended):
-        if missing := [path.name for path in runtime.needed_by(library) if not path.exists()]:
-            found.append(Problem(f"{runtime.name} ({library}) lacks {', '.join(missing)}", runtime.needs_from))
+    for runtime, one in itertools.product(RUNTIMES, unlisted):
+        if missing := [path.name for path in runtime.needed_by(one.library) if not path.exists()]:
+            found.append(Problem(f"{runtime.name} ({one.library}) lacks {', '.join(missing)}", runtime.needs_from))
+    if has_nvidias_driver() and not has_nvidias_library():
+        what = f"NVIDIA's driver is here, but not its OpenCL library, {NVIDIA}"
+        found.append(Problem(what, "set NVIDIA_DRIVER_CAPABILITIES=all in a container, else install that library"))
     return found
 
 
 def cpu_remedies() -> list[str]:
     """The commands that install an OpenCL runtime for the CPU here, best first."""
     commands = [command for runtime in RUNTIMES if (command := runtime.install())]
-    return commands or ["conda install -c conda-forge pocl"]
+    return commands or ["conda install -c conda-forge pyopencl pocl"]
 
 
 def remedy_for(found: Found) -> str:
@@ -192,53 +201,26 @@ def remedy_for(found: Found) -> str:
     return next(mends, cpu_remedies()[-1])
 
 
-def _prefixes() -> list[Path]:
-    """Folders where pip puts a wheel's data: this environment, the user's folder, the machine's."""
-    return [Path(p) for p in dict.fromkeys([sys.prefix, site.getuserbase(), "/usr/local"])]
-
-
-def _mended_icds() -> list[tuple[str, Path]]:
-    """(name, library) of every ``.icd`` file of pip's whose path is wrong and whose library is here."""
-    mended: list[tuple[str, Path]] = []
-    for prefix in _prefixes():
-        for icd in sorted((prefix / "etc/OpenCL/vendors").glob("*.icd")):
-            try:
-                library = Path(icd.read_text().strip())
-            except (OSError, UnicodeDecodeError):
-                continue
-            here = prefix / "lib" / library.name
-            if library.is_absolute() and not library.exists() and here.is_file():
-                mended.append((icd.name, here))
-    return mended
-
-
 def new_context(device: cl.Device) -> cl.Context:
     """A context of a device, whose compiler sees what it wants."""
     import pyopencl as cl
 
-    with _environment({name: value for runtime in RUNTIMES for name, value in runtime.compiling().items()}):
+    with environment({name: value for runtime in RUNTIMES for name, value in runtime.compiling().items()}):
         return cl.Context([device])
 
 
 @contextmanager
-def _mended_runtimes() -> Generator[None, None, None]:
-    """While it is open, the loader sees the system's runtimes and the mended ones, and they see what they want.
+def _all_listed() -> Generator[None, None, None]:
+    """While it is open, the loader sees the system's runtimes and the unlisted ones, and they see what they want.
 
     A user who set the loader's own variables is left alone.
     """
     wanted = {name: value for runtime in RUNTIMES for name, value in runtime.environment().items()}
-    mended = [] if any(os.environ.get(name) for name in LOADER_VARIABLES) else _mended_icds()
-    for needed in (path for _, library in mended for runtime in RUNTIMES for path in runtime.needed_by(library)):
+    unlisted = [] if any(os.environ.get(name) for name in LOADER_VARIABLES) else unlisted_runtimes()
+    for needed in (path for one in unlisted for runtime in RUNTIMES for path in runtime.needed_by(one.library)):
         with suppress(OSError):  # `problems` tells what is missing
             _load(needed)
-    with ExitStack() as stack:
-        if mended and (folder := _temporary_folder(stack)):
-            for icd in _SYSTEM_ICDS.glob("*.icd"):
-                (folder / icd.name).symlink_to(icd)
-            for number, (name, library) in enumerate(mended):
-                (folder / f"pip{number}-{name}").write_text(f"{library}\n")
-            wanted["OCL_ICD_VENDORS"] = str(folder)
-        stack.enter_context(_environment(wanted))
+    with environment(wanted), seen_by_the_loader(unlisted):
         yield
 
 
@@ -256,32 +238,6 @@ def _load(needed: Path) -> None:
         ctypes.CDLL(str(needed), mode=ctypes.RTLD_GLOBAL)
 
 
-@contextmanager
-def _environment(variables: dict[str, str]) -> Generator[None, None, None]:
-    """While it is open, the environment has these, too."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def _temporary_folder(stack: ExitStack) -> Path | None:
-    """A folder of this process alone, which goes when the stack is closed; None where nothing can be written."""
-    try:
-        folder = Path(tempfile.mkdtemp(prefix="pyibr-"))
-    except OSError:
-        return None
-    maker = os.getpid()
-    stack.callback(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == maker else None)
-    return folder
-
-
 def _processor() -> str:
     """Description of this processor: a folder for caches may be shared by machines that differ in nothing else."""
     try:
@@ -294,6 +250,8 @@ def _processor() -> str:
 
 
 def _install_pocl() -> str:
+    if sys.platform == "linux" and (Path(sys.prefix) / "conda-meta").is_dir():
+        return "conda install -c conda-forge pocl"
     try:
         lines = platform.freedesktop_os_release()
     except OSError:
@@ -333,13 +291,13 @@ def _safe_kernels() -> dict[str, str]:
         with suppress(OSError):
             Path(tempfile.mkdtemp(dir=nearest)).rmdir()
             return {}
-    private = _temporary_folder(_until_exit)
+    private = temporary_folder(_until_exit)
     return {} if private is None else {"POCL_CACHE_DIR": str(private)}
 
 
 def _mend_pocl_wheel() -> str:
     """Its compiler is older than many processors; the distribution's build is not."""
-    here = (_SYSTEM_ICDS / "pocl.icd").exists()
+    here = (SYSTEM_ICDS / "pocl.icd").exists()
     return "pip uninstall pocl-binary-distribution" if here else cpu_remedies()[0]
 
 
@@ -353,7 +311,7 @@ def _items_apart() -> dict[str, str]:
 
 
 def _install_intel() -> str:
-    fits = sys.platform == "linux" and platform.machine() in ("x86_64", "AMD64")
+    fits = sys.platform in ("linux", "win32") and platform.machine() in ("x86_64", "AMD64")
     return "pip install intel-opencl-rt intel-cmplr-lib-rt" if fits else ""
 
 
@@ -365,15 +323,15 @@ _POCL = Runtime(
     compiles_for_binaries=True,
 )
 _POCL_WHEEL = replace(_POCL, name="PoCL's wheel", mend=_mend_pocl_wheel, install=str, wheel="pocl-binary-distribution")
-# Its wheel's ``.icd`` file holds a path of the machine that packed it, for which its library's is put in.
+_WINDOWS = os.name == "nt"
 _INTEL = Runtime(
     "Intel's CPU runtime",
     "intel",
     mend=lambda: "pip install --upgrade intel-opencl-rt intel-cmplr-lib-rt",
     install=_install_intel,
     compiling=_items_apart,
-    stem="libintelocl",
-    needs=("libintlc.so.5", "libirng.so", "libimf.so", "libsvml.so", "libtbb.so.12"),
+    stem="intelocl64" if _WINDOWS else "libintelocl",
+    needs=("tbb12.dll",) if _WINDOWS else ("libintlc.so.5", "libirng.so", "libimf.so", "libsvml.so", "libtbb.so.12"),
     needs_from="pip install intel-cmplr-lib-rt tbb",
 )
 RUNTIMES = (_POCL_WHEEL, _POCL, _INTEL)

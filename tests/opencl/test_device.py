@@ -201,7 +201,7 @@ def test_the_error_where_there_is_no_device_at_all(monkeypatch: pytest.MonkeyPat
 
 def test_remedies_fit_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     debian(monkeypatch)
-    monkeypatch.setattr(runtimes, "_SYSTEM_ICDS", tmp_path)
+    monkeypatch.setattr(runtimes, "SYSTEM_ICDS", tmp_path)
     pocl = found(0, "PoCL", "cpu")  # of version "driver 0"
     monkeypatch.setattr(runtimes, "version_of", {"pocl-binary-distribution": "driver"}.get)
     assert remedy_for(pocl) == "sudo apt install pocl-opencl-icd ocl-icd-libopencl1"

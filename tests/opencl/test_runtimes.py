@@ -12,7 +12,7 @@ from pathlib import Path
 import pyopencl as cl
 import pytest
 
-from pyibr.opencl import runtimes
+from pyibr.opencl import runtimes, unlisted
 from tests.processes import with_path
 
 
@@ -25,8 +25,8 @@ def intel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "lib").mkdir()
     for name in ("libintelocl.so", *runtimes._INTEL.needs):
         (tmp_path / "lib" / name).touch()
-    monkeypatch.setattr(runtimes, "_prefixes", lambda: [tmp_path])
-    for name in runtimes.LOADER_VARIABLES:
+    monkeypatch.setattr(unlisted, "_prefixes", lambda: [tmp_path])
+    for name in unlisted.LOADER_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     return tmp_path / "lib/libintelocl.so"
 
@@ -35,17 +35,69 @@ def test_the_loader_sees_the_mended_path_and_the_systems_runtimes(intel: Path, m
     system = intel.parent.parent / "system"
     system.mkdir()
     (system / "other.icd").write_text("libother.so\n")
-    monkeypatch.setattr(runtimes, "_SYSTEM_ICDS", system)
-    with runtimes._mended_runtimes():
+    monkeypatch.setattr(unlisted, "SYSTEM_ICDS", system)
+    with runtimes._all_listed():
         folder = Path(os.environ["OCL_ICD_VENDORS"])
         assert sorted(p.read_text().strip() for p in folder.glob("*.icd")) == [str(intel), "libother.so"]
     assert "OCL_ICD_VENDORS" not in os.environ
     assert not folder.exists()
 
 
+def environment_of(monkeypatch: pytest.MonkeyPatch, prefix: Path, text: str, library: str) -> Path:
+    """An environment with one runtime; returns its library."""
+    monkeypatch.setattr(unlisted, "_prefixes", lambda: [prefix])
+    monkeypatch.setattr(unlisted, "SYSTEM_ICDS", prefix / "none")
+    monkeypatch.setattr(unlisted, "has_nvidias_library", lambda: False)
+    for file, content in (("etc/OpenCL/vendors/one.icd", text), (library, "")):
+        (prefix / file).parent.mkdir(parents=True, exist_ok=True)
+        (prefix / file).write_text(content)
+    return prefix / library
+
+
+@pytest.mark.parametrize("text", ["{prefix}/lib/libpocl.so.2.13", "libpocl.so.2.13"])
+def test_condas_runtimes_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str):
+    library = environment_of(monkeypatch, tmp_path, text.format(prefix=tmp_path) + "\n", "lib/libpocl.so.2.13")
+    assert unlisted.unlisted_runtimes() == [unlisted.Unlisted("one.icd", library)]
+    # An environment may take the system's files over.
+    monkeypatch.setattr(unlisted, "SYSTEM_ICDS", tmp_path / "etc/OpenCL/vendors")
+    assert unlisted.unlisted_runtimes() == []
+
+
+def test_intels_wheel_is_listed_on_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Its layout there: the file is Linux', the library another one in another folder."""
+    text, library = "/opt/anaconda1anaconda2anaconda3/lib/libintelocl.so\n", "Library/bin/intelocl64.dll"
+    here = environment_of(monkeypatch, tmp_path, text, library)
+    found = unlisted.unlisted_runtimes()
+    assert found == [unlisted.Unlisted("one.icd", here)]
+    path = os.environ["PATH"]
+    monkeypatch.setenv("PATH", path)  # so that it is put back
+    monkeypatch.setattr(unlisted.os, "name", "nt")
+    with unlisted.seen_by_the_loader(found):
+        seen = os.environ["OCL_ICD_FILENAMES"], os.environ["PATH"]
+    monkeypatch.undo()
+    assert seen == (str(here), f"{here.parent}{os.pathsep}{path}")
+    assert "OCL_ICD_FILENAMES" not in os.environ
+
+
+def test_nvidias_library_without_its_file_is_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """As containers get it."""
+    environment_of(monkeypatch, tmp_path, "libnothere.so", "nothing")
+    monkeypatch.setattr(unlisted, "has_nvidias_library", lambda: True)
+    assert unlisted.unlisted_runtimes() == [unlisted.Unlisted("nvidia.icd", Path(unlisted.NVIDIA))]
+    monkeypatch.setattr(unlisted, "SYSTEM_ICDS", tmp_path / "etc/OpenCL/vendors")
+    (tmp_path / "etc/OpenCL/vendors/nvidia.icd").write_text(f"{unlisted.NVIDIA}\n")
+    assert unlisted.unlisted_runtimes() == []
+
+
+def test_a_container_without_nvidias_library_is_told(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(runtimes, "has_nvidias_driver", lambda: True)
+    monkeypatch.setattr(runtimes, "has_nvidias_library", lambda: False)
+    assert any("NVIDIA_DRIVER_CAPABILITIES" in problem.remedy for problem in runtimes.problems())
+
+
 def test_the_loaders_own_variables_are_respected(intel: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("OCL_ICD_VENDORS", "/somewhere")
-    with runtimes._mended_runtimes():
+    with runtimes._all_listed():
         assert os.environ["OCL_ICD_VENDORS"] == "/somewhere"
     (problem,) = runtimes.problems()
     assert str(intel) in problem.what and problem.remedy == "unset OCL_ICD_VENDORS"
@@ -69,7 +121,7 @@ def test_what_a_further_runtime_needs_is_one_object(intel: Path, monkeypatch: py
         needs_from="install it",
     )
     monkeypatch.setattr(runtimes, "RUNTIMES", (*runtimes.RUNTIMES, other))
-    with runtimes._mended_runtimes():
+    with runtimes._all_listed():
         assert os.environ["PYIBR_NOBODYS"] == "1"
     assert "PYIBR_NOBODYS" not in os.environ
     assert runtimes.problems() == [runtimes.Problem(f"Another ({intel}) lacks libmore.so", "install it")]
@@ -80,11 +132,11 @@ def test_what_a_further_runtime_needs_is_one_object(intel: Path, monkeypatch: py
 AFTER_ANOTHER_LIBRARY = """
 import ctypes, sys
 from pathlib import Path
-from pyibr.opencl import runtimes
+from pyibr.opencl import runtimes, unlisted
 folder = Path(sys.argv[1])
 older = ctypes.CDLL(str(folder / "open3d/libtbb.so.12"))
-runtimes._prefixes = lambda: [folder]
-with runtimes._mended_runtimes():
+unlisted._prefixes = lambda: [folder]
+with runtimes._all_listed():
     print(ctypes.CDLL(str(folder / "lib/libintelocl.so")).answer(), older.version())
 """
 
