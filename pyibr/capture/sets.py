@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.calibrations import listed
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import read_json, write_json
 from pyibr.core.checks import describe, instance_of
@@ -100,6 +101,11 @@ def load(
         first = recording.colors[0]
         own = f"{first.stem.removesuffix('.color')}.json"
         raise FileFormatError(f"{place}: has neither {own} nor camera.json for {first.name}")
+    if recording.left_out:
+        lone = listed(file.name for file in recording.left_out)
+        _log.warning(
+            "%s: %d files are left out, as picture or depth is missing: %s", place, len(recording.left_out), lone
+        )
     shots = shots_of(recording, cameras_of(recording))
     found = [shot for shot in shots if shot is not None]
     if len(found) < len(shots):

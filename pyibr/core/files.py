@@ -208,21 +208,32 @@ def check_unpacked(size: int) -> None:
 
 
 def read_bytes(source: Path) -> bytes:
-    """A file's bytes, unpacked if gzip packed them; ValueError if there are too many then."""
+    """A file's bytes, unpacked if gzip packed them, text as UTF-8; ValueError if there are too many then."""
     with source.open("rb") as stream:
         if stream.read(2) == b"\x1f\x8b":
             size = stream.seek(0, os.SEEK_END)
             stream.seek(0)
             with gzip.open(stream) as unpacked:
-                return read_at_most(unpacked, max(_TIMES * size, _LITTLE))
+                return utf8_of(read_at_most(unpacked, max(_TIMES * size, _LITTLE)))
         stream.seek(0)
-        return stream.read()
+        return utf8_of(stream.read())
 
 
 def read_text(source: Path) -> str:
-    """Read a text of UTF-8 or, as some programs of Windows write it, of UTF-16."""
-    data = source.read_bytes()
-    return data.decode("utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig")
+    """Read a text, of whatever form programs write."""
+    return utf8_of(source.read_bytes()).decode("utf-8")
+
+
+def utf8_of(data: bytes) -> bytes:
+    """Text as UTF-8 without a mark before it; programs of Windows write UTF-16 and marks. Other bytes as they are."""
+    is_wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return data.decode("utf-16").encode("utf-8") if is_wide else data.removeprefix(b"\xef\xbb\xbf")
+
+
+def read_rows(source: Path) -> list[list[float]]:
+    """Read numbers, a list a line, between spaces, commas or semicolons; what follows a # is a remark."""
+    lines = [re.split(r"[,;\s]+", line.partition("#")[0].strip(" \t,;")) for line in read_text(source).splitlines()]
+    return [[float(word) for word in line] for line in lines if line[0]]
 
 
 def read_at_most(stream: _Readable, size_max: int = UNPACKED_MAX) -> bytes:

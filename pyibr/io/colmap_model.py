@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import reading
+from pyibr.core.files import read_text, reading
 
 # By COLMAP's numbers: names, and how many parameters each has
 _MODELS: tuple[tuple[str, int], ...] = (
@@ -45,9 +45,9 @@ def read_model(folder: Path) -> dict[str, Camera]:
     suffix = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
     cameras, images = folder / f"cameras{suffix}", folder / f"images{suffix}"
     with reading(cameras, "COLMAP cameras") as source:
-        intrinsics = _binary_cameras(source.read_bytes()) if suffix == ".bin" else _text_cameras(source.read_text())
+        intrinsics = _binary_cameras(source.read_bytes()) if suffix == ".bin" else _text_cameras(read_text(source))
     with reading(images, "COLMAP images") as source:
-        found = _binary_images(source.read_bytes()) if suffix == ".bin" else _text_images(source.read_text())
+        found = _binary_images(source.read_bytes()) if suffix == ".bin" else _text_images(read_text(source))
     made: dict[str, Camera] = {}
     for image in sorted(found, key=lambda image: image.name):
         if image.camera not in intrinsics:

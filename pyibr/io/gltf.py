@@ -282,8 +282,10 @@ class _Scene:
         data = binary
         if "uri" in described:
             data = _inline(described) or beside(self._folder, unquote(described["uri"]), "buffer")
-        if data is None or len(data) < described["byteLength"]:
-            raise ValueError(f"a buffer of {0 if data is None else len(data)} bytes, of {described['byteLength']}")
+        if data is None:
+            raise ValueError(f"{described.get('uri', 'its buffer')[:100]} is not there, which holds its numbers")
+        if len(data) < described["byteLength"]:
+            raise ValueError(f"a buffer of {len(data)} bytes, of {described['byteLength']}")
         return data
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import checked_size
-from pyibr.core.files import reading
+from pyibr.core.files import read_text, reading
 
 _NUMBERS = 21
 
@@ -16,9 +16,8 @@ _NUMBERS = 21
 def are_parameters(path: Path) -> bool:
     """Tell whether a text file opens with a count and a line of a name and 21 numbers."""
     try:
-        with path.open("rb") as stream:
-            first, second = (stream.readline(4096).split() for _ in range(2))
-    except OSError:
+        first, second = (line.split() for line in read_text(path).splitlines()[:2])
+    except (OSError, ValueError):
         return False
     return len(first) == 1 and first[0].isdigit() and len(second) == 1 + _NUMBERS
 
@@ -27,7 +26,7 @@ def read_parameters(path: Path, size: tuple[int, int] | None) -> dict[str, Camer
     """The cameras of pictures of this size, by their names."""
     shown = checked_size(size)
     with reading(path, "multi-view parameters") as source:
-        lines = [line.split() for line in source.read_text("utf-8").splitlines()[1:] if line.strip()]
+        lines = [line.split() for line in read_text(source).splitlines()[1:] if line.strip()]
         rows = {line[0]: np.array([float(word) for word in line[1:]]) for line in lines}
         if any(len(row) != _NUMBERS for row in rows.values()):
             raise ValueError("expected 9 numbers of K, 9 of R, 3 of t for each picture")

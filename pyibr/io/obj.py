@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.files import utf8_of
 from pyibr.io import image
 from pyibr.io.mesh_arrays import MeshArrays, beside, color_bytes, texture_beside
 from pyibr.io.polygons import triangles
@@ -202,7 +203,7 @@ def _materials(libraries: list[str], folder: Path) -> tuple[dict[str, _Material]
             if data is None:
                 lost.append(f"materials of {name}, which is not there")
             else:
-                found = _described(data.decode("utf-8", "surrogateescape")) | found
+                found = _described(utf8_of(data).decode("utf-8", "surrogateescape")) | found
     return found, lost
 
 

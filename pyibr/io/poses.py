@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pyibr.core.checks import Float64, checked_pose
 from pyibr.core.conventions import rotation_from_quaternion
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import checked_path, reading
+from pyibr.core.files import checked_path, read_rows, reading
 from pyibr.io.cameras import read_cameras
 from pyibr.io.folders import files_in, units_of
 
@@ -127,8 +127,7 @@ def _read_folder(folder: Path) -> Trajectory:
 
 def _read_file(path: Path) -> Trajectory:
     with reading(path, "trajectory") as source:
-        lines = [line.partition("#")[0].split() for line in source.read_text(encoding="utf-8").splitlines()]
-        rows = [[float(word) for word in line] for line in lines if line]
+        rows = read_rows(source)
     lengths = {len(row) for row in rows}
     if lengths == {_TUM}:
         table = np.array(rows)

@@ -40,7 +40,7 @@ def read_range_grid(path: str | PathLike[str]) -> NDArray[np.float32]:
     [[[1.0, 2.0, 3.0], [nan, nan, nan]]]
     """
     with reading(path, "range grid") as source:
-        data = read_bytes(source)
+        data = read_bytes(source).replace(b"\r\n", b"\n")
         head, separator, body = data.partition(b"end_header\n")
         lines = head.decode("ascii").splitlines()
         words = [line.split() for line in lines]

@@ -200,6 +200,25 @@ def test_depth_of_fewer_samples_has_a_camera_of_its_own(tmp_path: Path):
         np.testing.assert_allclose(own.K[0], (shot.camera.K[0] + (0, 0, 0.5)) / 2 - (0, 0, 0.5))
 
 
+def test_files_of_transforms_as_people_write_them(tmp_path: Path, caplog: pytest.LogCaptureFixture):
+    """Names with backslashes or without a suffix; NPY in millimetres, which is told; and frames without depth are."""
+    SPECIMENS["nerfstudio"][0](tmp_path)
+    first, file = frames_of(tmp_path), tmp_path / "transforms.json"
+    told = json.loads(file.read_text())
+    for frame in told["frames"]:
+        depth = tmp_path / frame["depth_file_path"]
+        np.save(depth.with_suffix(".npy"), 1000 * ibr.read_depth(depth, depth_scale=1000))
+        frame["depth_file_path"] = frame["depth_file_path"].replace("/", "\\").replace(".png", ".npy")
+        frame["file_path"] = frame["file_path"].replace("/", "\\").removesuffix(".png")
+    lone = {"file_path": "images/lone.png", "transform_matrix": np.eye(4).tolist()}
+    file.write_text(json.dumps(told | {"frames": [*told["frames"], lone]}))
+    for one, other in zip(first, frames_of(tmp_path), strict=True):
+        np.testing.assert_allclose(other[1], one[1], rtol=1e-6)
+    assert len(ibr.load(tmp_path)) == 2
+    assert "in millimetres, as nerfstudio does" in caplog.text
+    assert "1 files are left out, as picture or depth is missing: lone.png" in caplog.text
+
+
 def test_frames_without_poses_are_at_no_known_place(tmp_path: Path):
     SPECIMENS["bop"][0](tmp_path)
     file = tmp_path / "scene_camera.json"

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import reading
 from pyibr.io.folders import files_in
-from pyibr.io.layouts.parts import by_number, camera_of, joined, numbers_in
+from pyibr.io.layouts.parts import by_number, camera_of, joined, numbers_in, values_in
 from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, size_of
 
 _DEPTHS = ("groundtruth_depth", "velodyne_raw")
@@ -56,10 +55,8 @@ def find_drive(folder: Path) -> Recording | None:
     if calibration is None or depth is None:
         return None
     _, found = joined(depth, by_number(folder / depth.name / "data", COLOR_SUFFIXES), by_number(depth, (".png",)))
-    with reading(calibration, "calibration") as source:
-        pairs = [line.partition(":") for line in source.read_text("utf-8").splitlines()]
-        row = next(value for name, _, value in pairs if name.strip() == f"P_rect_{depth.name[-2:]}")
-        K = np.reshape([float(word) for word in row.split()], (3, 4))[:, :3]
+    row = values_in(calibration, ":")[f"P_rect_{depth.name[-2:]}"]
+    K = np.reshape([float(word) for word in row.split()], (3, 4))[:, :3]
     return found._replace(
         known=lambda: [camera_of(calibration, K, size_of(found.colors[0]))],
         stored=[_STORED] * len(found.colors),

@@ -15,7 +15,7 @@ from pyibr.core.camera_json import read_json
 from pyibr.core.checks import Float64
 from pyibr.core.conventions import pose_from_extrinsics
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import reading
+from pyibr.core.files import read_rows, read_text, reading
 from pyibr.core.lens import Lens
 from pyibr.io import read_depth
 from pyibr.io.folders import files_in, number_of
@@ -26,10 +26,16 @@ _log = logging.getLogger("pyibr")
 
 
 def numbers_in(path: Path) -> Float64:
-    """(rows, columns) of a text file of numbers, between spaces or commas."""
+    """(rows, columns) of a text file of numbers."""
     with reading(path, "table of numbers") as source:
-        lines = [line.partition("#")[0].replace(",", " ").split() for line in source.read_text("utf-8").splitlines()]
-        return np.array([[float(word) for word in line] for line in lines if line])
+        return np.array(read_rows(source))
+
+
+def values_in(path: Path, mark: str) -> dict[str, str]:
+    """What a text file's lines say: of each the name before a mark, and the text after it."""
+    with reading(path, "list of values") as source:
+        pairs = [line.partition(mark) for line in read_text(source).splitlines()]
+    return {name.strip(): value for name, _, value in pairs}
 
 
 def object_in(path: Path) -> dict[str, Any]:

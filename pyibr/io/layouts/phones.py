@@ -11,7 +11,7 @@ import numpy as np
 
 from pyibr.core.conventions import CV_FROM_GL
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import reading
+from pyibr.core.files import read_text, reading
 from pyibr.io import image, read_depth
 from pyibr.io.layouts import plain
 from pyibr.io.layouts.parts import beside, by_number, camera_of, joined, numbers_in, object_in
@@ -94,7 +94,7 @@ def _of_arkit(scale: float | None, confidences: Path, numbers: Sequence[int]) ->
 def _odometry(path: Path) -> dict[int, Any]:
     """Poses by the frames' numbers, of lines: timestamp, frame, x, y, z, qx, qy, qz, qw."""
     with reading(path, "odometry") as source:
-        lines = [line.replace(",", " ").split() for line in source.read_text("utf-8").splitlines()[1:]]
+        lines = [line.replace(",", " ").split() for line in read_text(source).splitlines()[1:]]
         rows = [[float(word) for word in line[:9]] for line in lines if line]
         return {int(row[1]): rigid_or_none(pose_of(np.array(row[2:5]), np.array(row[5:9]))) for row in rows}
 

@@ -11,7 +11,6 @@ import numpy as np
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import reading
 from pyibr.io import read_depth
 from pyibr.io.layouts import plain
 from pyibr.io.layouts.parts import (
@@ -24,6 +23,7 @@ from pyibr.io.layouts.parts import (
     numbers_in,
     object_in,
     own_camera,
+    values_in,
     without,
 )
 from pyibr.io.poses import rigid_or_none
@@ -49,9 +49,7 @@ def find_sens(folder: Path) -> Recording | None:
     info = next((folder / name for name in _INFO if (folder / name).is_file()), None)
     if info is None or (found := plain.find_names(folder)) is None:
         return None
-    with reading(info, "list of values") as source:
-        pairs = [line.partition("=") for line in source.read_text("utf-8").splitlines()]
-    told = {name.strip(): value.split() for name, _, value in pairs}
+    told = {name: value.split() for name, value in values_in(info, "=").items()}
     cameras: dict[str, Camera] = {}
     for kind in ("color", "depth"):
         names = [f"m_{kind}Width", f"m_{kind}Height", f"m_calibration{kind.title()}Intrinsic"]

@@ -10,7 +10,7 @@ import numpy as np
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import reading
+from pyibr.core.files import read_text, reading
 from pyibr.core.lens import Lens
 from pyibr.io.folders import at_one_time, number_of
 from pyibr.io.layouts import plain
@@ -87,7 +87,7 @@ def _tum_camera(folder: Path, colors: Sequence[Path]) -> Callable[[], list[Camer
 def _listed(path: Path) -> tuple[list[float], list[Path]]:
     """Times and files of a list of a TUM data set."""
     with reading(path, "list of images") as source:
-        lines = [line.split() for line in source.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+        lines = [line.split() for line in read_text(source).splitlines() if not line.startswith("#")]
         rows = sorted((float(line[0]), line[1]) for line in lines if line)
     if not rows:
         raise FileFormatError(f"{path}: lists no image")

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.files import reading
 from pyibr.io import read_depth
-from pyibr.io.layouts.parts import camera_of
+from pyibr.io.layouts.parts import camera_of, values_in
 from pyibr.io.recordings import Recording, Stored, size_of
 
 _DISPARITY = ("disp{}.pfm", "disp{}GT.pfm", "disp{}.npy", "disp{}-n.pgm")
@@ -23,11 +22,10 @@ def find_middlebury(folder: Path) -> Recording | None:
     views = [number for number in (0, 1) if (folder / f"im{number}.png").is_file() and _disparity(folder, number)]
     if not views or not calibration.is_file():
         return None
-    with reading(calibration, "calibration") as source:
-        pairs = [line.partition("=") for line in source.read_text("utf-8").splitlines()]
-        told = {name.strip(): [float(n) for n in re.findall(r"[-+.\deE]+", value)] for name, _, value in pairs if value}
-        offset, baseline = told.get("doffs", [0.0])[0], told["baseline"][0] / 1000
-        matrices = [np.reshape(told[f"cam{number}"], (3, 3)) for number in views]
+    lines = values_in(calibration, "=")
+    told = {name: [float(n) for n in re.findall(r"[-+.\deE]+", value)] for name, value in lines.items() if value}
+    offset, baseline = told.get("doffs", [0.0])[0], told["baseline"][0] / 1000
+    matrices = [np.reshape(told[f"cam{number}"], (3, 3)) for number in views]
     images = [folder / f"im{number}.png" for number in views]
     cameras = [camera_of(calibration, K, size_of(image)) for K, image in zip(matrices, images, strict=True)]
     steps = [np.diag([1.0, 1.0, 1.0, 1.0]) for _ in views]

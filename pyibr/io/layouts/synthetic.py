@@ -12,7 +12,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.conventions import CV_FROM_GL
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import reading
+from pyibr.core.files import read_text, reading
 from pyibr.io.dpt import read_camera
 from pyibr.io.folders import files_in
 from pyibr.io.hdf5 import read_array
@@ -147,7 +147,6 @@ def _hypersim_scene(folder: Path) -> tuple[Float64 | None, float]:
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
-    with reading(path, "table") as source, source.open(encoding="utf-8", newline="") as stream:
-        return [
-            {(key or "").strip(): str(value).strip() for key, value in row.items()} for row in csv.DictReader(stream)
-        ]
+    with reading(path, "table") as source:
+        rows = csv.DictReader(read_text(source).splitlines())
+        return [{(key or "").strip(): str(value).strip() for key, value in row.items()} for row in rows]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -20,10 +21,13 @@ from pyibr.io.layouts.parts import beside, object_in
 from pyibr.io.poses import rigid_or_none
 from pyibr.io.recordings import Recording, Stored, size_of
 
+_log = logging.getLogger("pyibr")
+
 _Entry = dict[str, Any]
 
 _FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")
 _DEPTH = ("depth_file_path", "depth_path")
+_UNITS = ("integer_depth_scale", "depth_unit_scale_factor")  # scene units of a stored one, else a thousandth
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg")
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4")
 
@@ -38,8 +42,10 @@ def find_transforms(folder: Path) -> Recording | None:
     with_depth = [(entry, name) for entry in entries for name in _DEPTH if name in entry]
     if not with_depth:
         return None
+    if not all({*_UNITS} & entry.keys() or str(entry[name]).lower().endswith(".png") for entry, name in with_depth):
+        _log.warning("%s: its depth is taken in millimetres, as nerfstudio does; a depth scale of 1 says metres", found)
     colors = [_picture(folder, entry) for entry, _ in with_depth]
-    depths = [folder / str(entry[name]) for entry, name in with_depth]
+    depths = [_file(folder, entry[name]) for entry, name in with_depth]
 
     def cameras() -> list[Camera]:
         return [_camera(found, entry, color) for (entry, _), color in zip(with_depth, colors, strict=True)]
@@ -72,8 +78,13 @@ def _entries(path: Path, frames: object, common: _Entry) -> list[_Entry]:
 
 def _picture(folder: Path, entry: _Entry) -> Path:
     """Its file, whose suffix NeRF's own files leave out."""
-    path = folder / str(entry.get("file_path", ""))
+    path = _file(folder, entry.get("file_path", ""))
     return next((file for suffix in _SUFFIXES if (file := path.with_name(path.name + suffix)).is_file()), path)
+
+
+def _file(folder: Path, name: object) -> Path:
+    """The file of a name, in which programs of Windows have backslashes."""
+    return folder / str(name).replace("\\", "/")
 
 
 def _pose(rows: object) -> Any:
@@ -86,8 +97,8 @@ def _pose(rows: object) -> Any:
 
 
 def _stored(folder: Path, entry: _Entry) -> Stored:
-    unit = float(entry.get("integer_depth_scale", entry.get("depth_unit_scale_factor", 0.001)))
-    mask = folder / str(entry["mask_path"]) if entry.get("mask_path") else None
+    unit = float(next((entry[name] for name in _UNITS if name in entry), 0.001))
+    mask = _file(folder, entry["mask_path"]) if entry.get("mask_path") else None
     return Stored(1 / unit, confidence=None if mask is None else functools.partial(_mask, mask), least=1)
 
 
@@ -124,8 +135,7 @@ def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
         pose = (view.camera.world_from_camera @ CV_FROM_GL).tolist()
         frames.append({"file_path": color, "depth_file_path": depth, **camera, "transform_matrix": pose})
     model = frames[0]["camera_model"] if frames else "OPENCV"
-    scales = {"integer_depth_scale": unit, "depth_unit_scale_factor": unit}
-    write_json(folder / _FILES[0], {"camera_model": model, **scales, "frames": frames})
+    write_json(folder / _FILES[0], {"camera_model": model, **dict.fromkeys(_UNITS, unit), "frames": frames})
 
 
 def _unit(farthest: Sequence[float]) -> float:

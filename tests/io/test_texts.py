@@ -1,0 +1,60 @@
+"""Text in the forms that programs write it in: what is read is the same."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.io import read_poses
+from tests.io.layouts import SPECIMENS
+from tests.io.specimens import OTHERS, WRITERS, reader, same
+from tests.io.test_layouts import frames_of
+
+FILES = ("camera.json", "textured.obj", "text.ply", "text.stl", "concave.off", "skinned.gltf", "grid.ply", "poses.txt")
+FILES += tuple(name for name in OTHERS if name.startswith("cameras."))
+FORMS = {
+    "UTF-16": lambda text: text.encode("utf-16"),
+    "a mark": lambda text: text.encode("utf-8-sig"),
+    "lines of Windows": lambda text: text.replace("\n", "\r\n").encode(),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_files_of_text(tmp_path: Path, name):
+    (WRITERS | OTHERS)[name](tmp_path / name)
+    text, read = (tmp_path / name).read_text(encoding="utf-8"), reader(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        first = read(tmp_path / name)
+        for form, encode in FORMS.items():
+            (tmp_path / name).write_bytes(encode(text))
+            assert same(first, read(tmp_path / name)), form
+
+
+@pytest.mark.parametrize("name", [name for name in SPECIMENS if name != "ros_bag"])
+def test_layouts_of_wide_text(tmp_path: Path, name):
+    SPECIMENS[name][0](tmp_path / "it")
+    first = frames_of(tmp_path / "it")
+    for file in tmp_path.rglob("*.*"):
+        if file.suffix in (".txt", ".json", ".csv", ".freiburg", ".log"):
+            file.write_bytes(FORMS["UTF-16"](file.read_text(encoding="utf-8")))
+    for one, other in zip(first, frames_of(tmp_path / "it"), strict=True):
+        assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("line", ["1, 2, 3, 4, 0, 0, 0, 1,", "1;2;3;4;0;0;0;1", "1\t2 3 4 0 0 0 1 # a remark"])
+def test_numbers_between_any_marks(tmp_path: Path, line):
+    (tmp_path / "p.txt").write_text(f"{line}\n")
+    found = read_poses(tmp_path / "p.txt")
+    assert found.times.tolist() == [1] and found.world_from_camera[0, :3, 3].tolist() == [2, 3, 4]
+
+
+def test_a_buffer_that_is_missing_is_named(tmp_path: Path):
+    buffer = '{"byteLength": 36, "uri": "scene%20one.bin"}'
+    (tmp_path / "m.gltf").write_text(f'{{"asset": {{"version": "2.0"}}, "buffers": [{buffer}]}}')
+    with pytest.raises(ibr.FileFormatError, match=r"m\.gltf: .*scene%20one\.bin is not there"):
+        ibr.Mesh.load(tmp_path / "m.gltf")
