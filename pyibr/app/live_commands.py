@@ -27,6 +27,7 @@ from pyibr.app.options import (
     FarDepth,
     Focal35mm,
     Fov,
+    MinConfidence,
     NearDepth,
     Sharpen,
     StoredDepth,
@@ -40,7 +41,6 @@ from pyibr.app.place.model import Placement
 from pyibr.capture.coverage import surface_of
 from pyibr.capture.frusta import light_for, load_frusta, part_of
 from pyibr.capture.proposal import propose_frusta
-from pyibr.capture.sets import load
 from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError, FileFormatError
@@ -72,6 +72,7 @@ def view(
     focal_35mm: Focal35mm = None,
     depth_scale: DepthScale = None,
     depth_kind: DepthKindOption = "z",
+    min_confidence: MinConfidence = None,
     depth_channel: DepthChannel = None,
     exposure: ExposureOption = 0.0,
     near: NearDepth = 1.0,
@@ -99,7 +100,7 @@ def view(
     """Look around in a browser, drawn live. The page can only be opened on this machine."""
     with device_of(device):
         exposed, lens = Exposure(exposure), LensOptions(fov, focal_35mm)
-        stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel)
+        stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence)
         views = _Views(camera, lens, stored, default_depth, clean, exposed)
         shown, of_meshes = views.read(things)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]
@@ -204,12 +205,12 @@ class _Views:
         """The things, and whether they are meshes whose files say nothing of what is up, but for y by custom."""
         things: list[DepthImage | Mesh] = []
         customary = True
-        rest, (scale, kind, *_) = list(names), self._stored
+        rest = list(names)
         while rest:
             name = rest.pop(0)
             check_exists(name)
             if name.is_dir():
-                for view in load(name, depth_scale=scale, depth_kind=kind):
+                for view in self._stored.load(name, self._lens.camera_of_folder(name, self._camera)):
                     depth = self._cleaned(view.color, view.depth)
                     things.append(DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals))
             elif is_mesh_file(name):

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
+from pyibr.images import DepthImage
 from pyibr.images.depth_image import DefaultDepth
-from pyibr.io import DepthKind
+from pyibr.io import DepthKind, DepthReading
+from pyibr.io.recordings import Shot
 
 ThingT = TypeVar("ThingT")
 
@@ -27,9 +29,10 @@ Depth = Annotated[
     Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG, TIFF, NPY, NPZ, PFM, EXR, COLMAP .bin")
 ]
 CameraFile = Annotated[Path | None, typer.Option(metavar="FILE[#NAME]", help="Its camera: a calibration of any kind")]
-Fov = Annotated[float | None, typer.Option(metavar="DEGREES", help="Without --camera: what the picture's width covers")]
+Fov = Annotated[float | None, typer.Option(metavar="DEGREES", help="Without a camera: what the picture's width covers")]
 Focal35mm = Annotated[
-    float | None, typer.Option("--focal-35mm", metavar="MM", help="Without --camera: the focal length, on 35 mm film")
+    float | None,
+    typer.Option("--focal-35mm", metavar="MM", help="Without a camera: the focal length, on 35 mm film"),
 ]
 Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")]
 FarDepth = Annotated[
@@ -80,7 +83,7 @@ _FAR = 10.0  # of relative depth
 
 
 class StoredDepth(NamedTuple):
-    """Options of how depth is stored: --depth-scale, --depth-kind, --near, --far, --sharpen, --depth-channel."""
+    """Options of how depth is stored, --depth-scale to --depth-channel, and of what is used of it, --min-confidence."""
 
     scale: float | None
     kind: DepthKind
@@ -88,21 +91,34 @@ class StoredDepth(NamedTuple):
     far: float = math.inf
     sharpen: bool | None = None
     channel: str | None = None
+    least: float | None = None
+
+    @property
+    def how(self) -> DepthReading:
+        """Arguments of `read_depth` that they tell."""
+        part, _, channel = (self.channel or "").rpartition(":")
+        far = _FAR if self.far == math.inf else self.far
+        how = DepthReading(depth_scale=self.scale, depth_kind=self.kind, near=self.near, far=far)
+        return {**how, "part": part or None, "channel": channel or None}
 
     def read(self, path: Path, camera: Camera) -> NDArray[np.float32]:
         """The planar depth of a file, whose camera this is."""
-        far = _FAR if self.far == math.inf else self.far
-        depth = ibr.read_depth(
-            path, depth_scale=self.scale, depth_kind=self.kind, camera=camera, near=self.near, far=far, **self.chosen
-        )
-        return self.sharpened(depth)
+        return self._sharpened(ibr.read_depth(path, camera=camera, **self.how))
 
-    @property
-    def chosen(self) -> dict[str, str]:
-        """Part and channel that --depth-channel names, as `read_depth` takes them."""
-        return chosen_of(self.channel)
+    def read_shot(self, shot: Shot) -> tuple[NDArray[np.float32], float]:
+        """The planar depth of a frame, and which share of its samples is left out for want of confidence."""
+        depth, unsure = shot.read_depth(self.least, **self.how)
+        return self._sharpened(depth), unsure
 
-    def sharpened(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    def load(self, folder: Path, camera: Camera | None = None) -> list[DepthImage]:
+        """The views of a folder; camera: instead of its own."""
+        views = ibr.load(folder, camera=camera, min_confidence=self.least, sharpen=self.sharpen, **self.how)
+        return [
+            DepthImage(one.color, one.depth, one.camera, far=min(self.empty_from, one.far), normals=one.normals)
+            for one in views
+        ]
+
+    def _sharpened(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """Depth with sharp edges, if that is asked for or its kind needs it."""
         wanted = self.kind == "relative" if self.sharpen is None else self.sharpen
         return ibr.sharpen_depth(depth) if wanted else depth
@@ -121,12 +137,6 @@ def default_depth_of(text: str) -> float | DefaultDepth | None:
         return float(text)
     except ValueError:
         raise ArgumentError("--default-depth", "a depth > 0, farthest or none", text) from None
-
-
-def chosen_of(text: str | None) -> dict[str, str]:
-    """Parse the value of --depth-channel: what `read_depth` takes."""
-    part, _, channel = (text or "").rpartition(":")
-    return {name: value for name, value in (("part", part), ("channel", channel)) if value}
 
 
 def noise_of(pixels: float | None, baseline: float | None) -> tuple[float, float] | None:

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.cleaning import sharpen_depth
 from pyibr.core.calibrations import listed
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import read_json, write_json
@@ -20,13 +21,16 @@ from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import checked_path, written_together
 from pyibr.images import DepthImage
 from pyibr.images.srgb import srgb_from_linear
-from pyibr.io import DepthKind, read_color, read_depth, write_color, write_depth
+from pyibr.io import DepthReading, read_color, read_depth, write_color, write_depth
 from pyibr.io.exr import is_light
 from pyibr.io.layouts import recording_in
 from pyibr.io.layouts.transforms import write_transforms
-from pyibr.io.recordings import Shot, cameras_of, shots_of
+from pyibr.io.recordings import Shot, cameras_of, shots_of, with_camera
 from pyibr.io.video import Video
 from pyibr.warp import register
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 SET_FILE = "frusta.json"
 """The file in a set's folder that lists its views."""
@@ -37,9 +41,10 @@ _log = logging.getLogger("pyibr")
 def load(
     folder: str | PathLike[str],
     *,
-    depth_scale: float | None = None,
-    depth_kind: DepthKind = "z",
+    camera: Camera | None = None,
     min_confidence: float | None = None,
+    sharpen: bool | None = None,
+    **how: Unpack[DepthReading],
 ) -> list[DepthImage]:
     """Read a folder of depth images.
 
@@ -57,13 +62,16 @@ def load(
     Parameters
     ----------
     folder : path
-    depth_scale : float, optional
-        Stored units per scene unit, for integer depth: see `read_depth`. By default the layout's.
-    depth_kind : {"z", "distance", "inverse"}
-        What a recording's depth is stored as: see `read_depth`. With "z" the layout's, if it tells another.
+    camera : Camera, optional
+        Of all frames of a recording, instead of its own; where they were is told by its poses.
     min_confidence : float, optional
         Samples that the recording is less sure of are left out. In the units of its own confidence; by default what
         its layout says.
+    sharpen : bool, optional
+        Make soft edges of depth sharp (`sharpen_depth`). By default of relative depth.
+    **how
+        depth_scale, depth_kind, channel, part, near and far, as `read_depth` has them, of a recording. By default scale
+        and kind are the layout's.
 
     Returns
     -------
@@ -96,7 +104,7 @@ def load(
         raise FileFormatError(f"{place}: no such folder")
     if (place / SET_FILE).exists():
         return [entry.read(place) for entry in read_set(place)[0]]
-    recording = recording_in(place)
+    recording = recording_in(place) if camera is None else with_camera(recording_in(place), camera)
     if not recording.cameras and recording.known is None:
         first = recording.colors[0]
         own = f"{first.stem.removesuffix('.color')}.json"
@@ -115,7 +123,7 @@ def load(
     for shot in found:
         try:
             color = shot.stored.color(cast("Path", shot.color)) if video is None else next(video)
-            view, share = _view(shot, color, depth_scale, depth_kind, min_confidence)
+            view, share = _view(shot, color, min_confidence, sharpen, how)
             views.append(view)
             unsure.append(share)
         except FileFormatError as error:
@@ -130,11 +138,13 @@ def load(
 
 
 def _view(
-    shot: Shot, color: NDArray[Any], scale: float | None, kind: DepthKind, least: float | None
+    shot: Shot, color: NDArray[Any], least: float | None, sharpen: bool | None, how: DepthReading
 ) -> tuple[DepthImage, float]:
     """The view of a frame, and which share of its samples is left out for want of confidence."""
     try:
-        depth, unsure = shot.read_depth(scale, kind, least)
+        depth, unsure = shot.read_depth(least, **how)
+        if sharpen or (sharpen is None and how.get("depth_kind") == "relative"):
+            depth = sharpen_depth(depth)
         if shot.depth_camera is not None:
             depth = register(depth, shot.depth_camera, shot.camera)
         shown = srgb_from_linear(color) if shot.color is not None and is_light(shot.color) else color

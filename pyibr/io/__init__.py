@@ -21,7 +21,7 @@ import math
 import os
 from importlib import import_module
 from os import PathLike
-from typing import Any, Literal, Protocol, cast
+from typing import Any, Literal, Protocol, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ from pyibr.io.relief_map import read_relief_map, write_relief_map
 
 __all__ = [
     "DepthKind",
+    "DepthReading",
     "Poses",
     "check_output",
     "read_cameras",
@@ -53,6 +54,18 @@ __all__ = [
     "write_mask",
     "write_relief_map",
 ]
+
+
+class DepthReading(TypedDict, total=False):
+    """Options of `read_depth` for what reads several files by it."""
+
+    depth_scale: float | None
+    depth_kind: DepthKind
+    channel: str | None
+    part: str | None
+    near: float
+    far: float
+
 
 _PathLike = str | PathLike[str]
 _COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}

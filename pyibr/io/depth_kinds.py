@@ -16,12 +16,14 @@ DepthKind = Literal["z", "distance", "inverse", "relative"]
 _Values = NDArray[np.float32]
 
 
-def planar(values: _Values, kind: DepthKind, camera: Camera | None, name: object) -> _Values:
-    """(H, W) planar z, NaN where there is none, of what the file `name` holds."""
+def planar(
+    values: _Values, kind: DepthKind, camera: Camera | None, name: object, near: float = 1.0, far: float = 10.0
+) -> _Values:
+    """(H, W) planar z, NaN where there is none, of what the file `name` holds; near, far: of relative depth."""
     if kind == "z":
         return values
     if kind == "relative":
-        return depth_from_relative(values)
+        return depth_from_relative(values, near=near, far=far)
     return _inverse(values) if kind == "inverse" else depth_from_euclidean(values, _fitting(camera, values, name))
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,13 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import decoding
-from pyibr.io import DepthKind, depth_kinds, read_cameras, read_color, read_depth
+from pyibr.io import DepthKind, DepthReading, depth_kinds, read_cameras, read_color, read_depth
 from pyibr.io.folders import at_one_time, files_in, least_apart, number_of, time_of
 from pyibr.io.poses import read_trajectory
+from pyibr.io.video import SUFFIXES, first_frame
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".npy", ".npz", ".pfm", ".exr")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin", ".pgm", ".dpt", ".hdf5")
@@ -50,21 +54,18 @@ class Stored:
     confidence: Callable[[], NDArray[Any]] | None = None
     least: float = 0.0
 
-    def read_depth(
-        self, path: Path, scale: float | None, kind: DepthKind, camera: Camera | None, chosen: Mapping[str, str]
-    ) -> Depth:
-        """Planar depth, as `pyibr.read_depth` gives it; `scale`, and a `kind` other than z, replace the layout's.
-
-        chosen : its channel and part.
-        """
-        scale, kind = scale or self.scale, self.kind if kind == "z" else kind
+    def read_depth(self, path: Path, camera: Camera | None, how: DepthReading) -> Depth:
+        """Planar depth, as `pyibr.read_depth` gives it; a scale, and a kind other than z, replace the layout's."""
+        scale, kind = how.get("depth_scale") or self.scale, how.get("depth_kind", "z")
+        kind = self.kind if kind == "z" else kind
         if self.depth is None:
-            channel, part = chosen.get("channel"), chosen.get("part")
-            return read_depth(path, depth_scale=scale, depth_kind=kind, camera=camera, channel=channel, part=part)
-        if chosen:
-            raise ArgumentError("channel", f"none for {path}, whose layout tells what is depth", repr(dict(chosen)))
+            return read_depth(path, camera=camera, **{**how, "depth_scale": scale, "depth_kind": kind})
+        if chosen := how.get("channel") or how.get("part"):
+            raise ArgumentError("channel", f"none for {path}, whose layout tells what is depth", repr(chosen))
         values = self.depth(path) / np.float64(scale or 1)
-        return depth_kinds.planar(values.astype(np.float32), kind, camera, path)
+        return depth_kinds.planar(
+            values.astype(np.float32), kind, camera, path, how.get("near", 1.0), how.get("far", 10.0)
+        )
 
     def sure(self, depth: Depth, least: float | None) -> tuple[Depth, float]:
         """Depth without the samples less sure than `least` (None: the layout's), and the share of depth that went."""
@@ -125,6 +126,11 @@ class Recording(NamedTuple):
     video: Path | None = None
     is_still: bool = False
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the first picture."""
+        return size_of(self.colors[0], self.stored[0].color if self.stored else read_color)
+
 
 def cameras_of(
     recording: Recording, files: Sequence[Path] = (), poses: Path | None = None, shared: bool = True
@@ -158,6 +164,11 @@ def cameras_of(
     return [(camera, camera.world_from_camera) for camera in cameras]
 
 
+def with_camera(recording: Recording, camera: Camera) -> Recording:
+    """The recording, all of whose frames are of this camera instead of its own."""
+    return recording._replace(cameras=(), known=lambda: [camera])
+
+
 class Shot(NamedTuple):
     """One frame: its files (of depth alone no picture), the camera of its colours, and that of its depth if another.
 
@@ -171,11 +182,9 @@ class Shot(NamedTuple):
     stored: Stored = PLAIN
     number: int = 0
 
-    def read_depth(
-        self, scale: float | None, kind: DepthKind, least: float | None, chosen: Mapping[str, str] | None = None
-    ) -> tuple[Depth, float]:
+    def read_depth(self, least: float | None = None, **how: Unpack[DepthReading]) -> tuple[Depth, float]:
         """Planar depth without its unsure samples, and which share of the samples these are."""
-        depth = self.stored.read_depth(self.depth, scale, kind, self.depth_camera or self.camera, chosen or {})
+        depth = self.stored.read_depth(self.depth, self.depth_camera or self.camera, how)
         return self.stored.sure(depth, least)
 
 
@@ -302,7 +311,7 @@ def _cameras(recording: Recording, files: Sequence[Path], shared: bool) -> list[
     """A camera for each frame: by the names of the pictures, or in order; or one for all."""
     colors, count = recording.colors, len(recording.depths)
     if not files:
-        raise ArgumentError("camera", "a file with the camera", f"none for {colors[0]}")
+        raise ArgumentError("camera", "a file with the camera (or --fov, --focal-35mm)", f"none for {colors[0]}")
     sizes = [size_of(colors[0]) if file.suffix.lower() in _SIZELESS else None for file in files]
     found = [named for file, size in zip(files, sizes, strict=True) for named in read_cameras(file, size=size).items()]
     if len(found) == 1 and (count == 1 or shared):
@@ -324,7 +333,8 @@ def _names_of(color: Path) -> list[str]:
 
 
 def size_of(picture: Path, read: Callable[[Path], NDArray[Any]] = read_color) -> tuple[int, int]:
-    """(width, height) of a picture, or of depth, by what reads it."""
+    """(width, height) of a picture, or of depth, by what reads it; or of a video's frames."""
+    read = first_frame if picture.suffix.lower() in SUFFIXES else read
     height, width = read(picture).shape[:2]
     return width, height
 

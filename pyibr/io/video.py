@@ -27,6 +27,11 @@ _ROOM = 1 << 16  # bytes: more than FFmpeg holds back, so that there is room for
 _QUIET = {"OPENCV_FFMPEG_LOGLEVEL": "-8", "OPENCV_LOG_LEVEL": "SILENT"}  # what is wrong is told by the errors here
 
 
+def first_frame(path: Path) -> NDArray[np.uint8]:
+    """The first picture of a video."""
+    return next(Video(path).frames([0]))
+
+
 class Video:
     """The frames of a video.
 

@@ -19,6 +19,7 @@ from pyibr.capture.coverage import surface_of, unseen_share
 from pyibr.capture.frusta import load_frusta, save_frusta
 from pyibr.io import write_relief_map
 from tests.app.test_cli import assert_one_line
+from tests.io.layouts import SPECIMENS
 
 runner = CliRunner()
 
@@ -75,6 +76,11 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     assert shown("donut.ply", "--up", "-z")[2] == (0.0, 0.0, -1.0)
     (photo,), *_ = shown("color.png", "depth.npy", "--fov", 90)
     assert photo.camera == ibr.Camera.from_fov(photo.camera.size, fov_x=90)
+    assert shown("room", "--fov", 90)[0][1].camera == photo.camera
+    SPECIMENS["depth_anything"][0](folder / "scan")  # whose confidence is 5 everywhere
+    assert not any(thing.valid.any() for thing in shown("scan", "--min-confidence", 6)[0])
+    relative = shown("scan", "--depth-is", "relative", "--near", 2, "--far", 4)[0]
+    assert all(np.ptp(thing.depth) == 2 and np.isinf(thing.far) for thing in relative)
     things, start, up, _ = shown("room", "--start", "camera.json")
     assert [type(thing) for thing in things] == [ibr.DepthImage] * 2
     assert start == ibr.Camera.load(folder / "camera.json")

@@ -143,6 +143,22 @@ def test_a_recording_gives_a_view_for_each_frame(recorded: Recorded, cameras):
     assert not (recorded.folder / "new_0004.png").exists()
 
 
+def test_a_recording_without_a_camera_gets_one_that_is_told(recorded: Recorded):
+    """Also a folder that has another, in the page's command and the library, too."""
+    wide = ibr.Camera.from_fov(SIZE, fov_x=90)
+    succeeded(recorded.run("rgb", "depth", "--fov", 90, "--poses", "poses.txt", "--move", 0.1, 0, 0, camera=None))
+    succeeded(recorded.run(recorded.folder, "--fov", 90, "--move", 0.1, 0, 0, camera=None, output="folder.png"))
+    for number, view in enumerate(recorded.views()):
+        own = ibr.Camera(wide.K, SIZE, view.camera.world_from_camera)
+        expected = ibr.warp(ibr.DepthImage(view.color, view.depth, own), own.moved(0.1, 0, 0)).color
+        np.testing.assert_array_equal(recorded.new(number), expected)
+        np.testing.assert_array_equal(ibr.read_color(recorded.folder / f"folder_{number:04d}.png"), expected)
+        assert ibr.load(recorded.folder, depth_scale=SCALE, camera=wide)[number].camera == own
+    pairs = [f"{kind}/{k}.png" for k in (0, 1) for kind in ("rgb", "depth")]
+    result = recorded.run(*pairs, "--fov", 90, "--move", 0, 0, 0, camera=None)
+    assert_one_line(result, "--fov, --focal-35mm: expected a single picture, or a recording, got 2 pictures")
+
+
 @pytest.mark.parametrize("kind", ["camera.json", "intrinsics.K.txt", "frame by frame"])
 def test_a_folder_that_has_all(recorded: Recorded, kind):
     """Its cameras and poses are found, by the library, too."""

@@ -83,6 +83,21 @@ def test_a_hull_of_depth_of_alpha_or_of_masks(form: str, folder: Path, views: li
     np.testing.assert_allclose(ibr.Mesh.load(tmp_path / "hull.ply").vertices, expected.vertices, atol=1e-6)
 
 
+@pytest.mark.parametrize(("command", "solid"), [("object", ibr.DepthObject), ("hull", ibr.VisualHull)])
+def test_options_of_depth_are_those_of_warp(views: list[ibr.DepthImage], tmp_path: Path, command: str, solid: type):
+    """Here which array of NPZ files it is, in which unit, and from where on there is nothing."""
+    for number, view in enumerate(views):
+        ibr.write_color(tmp_path / f"room/{number}.color.png", view.color)
+        depth = np.where(view.valid, 1000 * view.depth, np.float32(99_000))
+        np.savez(tmp_path / f"room/{number}.depth.npz", mine=depth, other=np.ones(3))
+        view.camera.save(tmp_path / f"room/{number}.json")
+    words = ["--depth-channel", "mine", "--depth-scale", 1000, "--far", 90, "--resolution", 12]
+    result = run(command, tmp_path / "room", *words, "-o", tmp_path / "it.ply")
+    assert result.exit_code == 0, result.output
+    expected = solid(views).to_mesh(12)
+    np.testing.assert_allclose(ibr.Mesh.load(tmp_path / "it.ply").vertices, expected.vertices, atol=1e-4)
+
+
 def test_mistakes_are_told_in_a_line(folder: Path, tmp_path: Path):
     mesh, picture = tmp_path / "a.ply", tmp_path / "a.png"
     assert_one_line(run("object", tmp_path / "none", "-o", mesh), "no such folder")

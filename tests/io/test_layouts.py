@@ -42,7 +42,7 @@ def frames_of(folder: Path) -> list[Frame]:
     found = []
     for shot in shots_of(recording, cameras_of(recording)):
         if shot is not None:
-            color, (depth, _) = shot.stored.color(shot.color), shot.read_depth(None, "z", None)
+            color, (depth, _) = shot.stored.color(shot.color), shot.read_depth()
             camera = shot.depth_camera or shot.camera
             if color.dtype != np.uint8:
                 color = np.rint(255 * color)
@@ -142,7 +142,7 @@ def test_damaged_layouts(folder: Path, name):
                 shots = [shot for shot in shots_of(recording, cameras_of(recording)) if shot is not None]
                 for shot in shots[:1]:
                     assert np.isfinite(shot.camera.world_from_camera).all()
-                    shot.read_depth(1000, "z", None)
+                    shot.read_depth(depth_scale=1000)
         except ibr.Error:
             pass
         file.write_bytes(whole[file])
@@ -165,7 +165,7 @@ def test_raw_kinect_counts_of_nyu(tmp_path: Path):
     (tmp_path / "d-1294886360.216451-2996770082.pgm").write_bytes(data)
     recording = recording_in(tmp_path)
     (shot,) = shots_of(recording, cameras_of(recording))
-    depth, _ = shot.read_depth(None, "z", None)
+    depth, _ = shot.read_depth()
     assert np.isnan(depth[0]).all()
     np.testing.assert_allclose(depth[1:], 351.3 / 175.5, rtol=1e-6)
     from_depth = shot.camera.camera_from_world @ shot.depth_camera.world_from_camera
@@ -234,10 +234,10 @@ def test_unsure_samples_are_left_out(tmp_path: Path):
     SPECIMENS["stray"][0](tmp_path)
     recording = recording_in(tmp_path)
     shot = shots_of(recording, cameras_of(recording))[0]
-    depth, share = shot.read_depth(None, "z", None)
+    depth, share = shot.read_depth()
     assert share == 1 / 8 and np.isnan(depth[:3]).all() and np.isfinite(depth[3:]).all()
-    assert shot.read_depth(None, "z", 0)[1] == 0
-    assert shot.read_depth(None, "z", 3)[1] == 1
+    assert shot.read_depth(0)[1] == 0
+    assert shot.read_depth(3)[1] == 1
 
 
 def test_the_manual_lists_every_layout():

@@ -12,6 +12,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.io import read_cameras
 from pyibr.io.exif import focal_35mm_of
+from pyibr.io.layouts import recording_in
 from pyibr.io.recordings import size_of
 
 _FOV = 60.0  # degrees of the longer side, where nothing is known
@@ -23,15 +24,18 @@ class LensOptions(NamedTuple):
     fov: float | None
     focal_35mm: float | None
 
-    def camera_of(self, picture: Path, file: Path | None) -> Camera:
-        """The picture's camera: of the file, of these options, of its EXIF data, or of a guess, which is told."""
+    def camera_of(self, picture: Path, file: Path | None, size: tuple[int, int] | None = None) -> Camera:
+        """The picture's camera: of the file, of these options, of its EXIF data, or of a guess, which is told.
+
+        size: the picture's, if it cannot be read as such.
+        """
         given = {"--camera": file, "--fov": self.fov, "--focal-35mm": self.focal_35mm}
         named = [name for name, value in given.items() if value is not None]
         if len(named) > 1:
             raise ArgumentError(named[1], f"none beside {named[0]}", str(given[named[1]]))
         if file is not None:
             return camera_in(file, picture)
-        width, height = size = size_of(picture)
+        width, height = size = size or size_of(picture)
         if self.fov is not None:
             return Camera.from_fov(size, fov_x=self.fov)
         focal = focal_35mm_of(picture, size) if self.focal_35mm is None else self.focal_35mm
@@ -43,6 +47,13 @@ class LensOptions(NamedTuple):
             f"{printable_text(picture)}: taken to be {_FOV:g} degrees across; --camera, --fov or --focal-35mm tell it"
         )
         return Camera.from_fov(size, fov_x=_FOV) if width >= height else Camera.from_fov(size, fov_y=_FOV)
+
+    def camera_of_folder(self, folder: Path, file: Path | None) -> Camera | None:
+        """The camera of a recording's pictures; None where its own is to be taken."""
+        if file is None and self == LensOptions(None, None):
+            return None
+        recording = recording_in(folder)
+        return self.camera_of(recording.colors[0], file, recording.size)
 
 
 def camera_in(file: Path, picture: Path) -> Camera:

@@ -88,8 +88,8 @@ def register(
     files_read = {"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras}
     outputs.check(files_read, [depth] if color is None else [depth, color])
     losses = Losses(recorded=not is_still)
-    stored, seen = StoredDepth(depth_scale, depth_kind, channel=depth_channel), DepthRange()
-    reading = stored, min_confidence, None, clean, noise_of(noise, baseline)
+    stored, seen = StoredDepth(depth_scale, depth_kind, channel=depth_channel, least=min_confidence), DepthRange()
+    reading = stored, None, clean, noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_still, recorded=not is_still, seen=seen)
     depths = DepthReader(depth_options, losses)
     pictures = None if color is None else source.colors(losses)

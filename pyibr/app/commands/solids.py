@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -11,8 +12,21 @@ import typer
 
 import pyibr as ibr
 from pyibr.app.commands.outputs import Outputs, check_outputs
-from pyibr.app.options import DepthKindOption, DepthScale, DeviceName, device_of, printable_text, with_progress
-from pyibr.capture.sets import SET_FILE, load
+from pyibr.app.options import (
+    DepthChannel,
+    DepthKindOption,
+    DepthScale,
+    DeviceName,
+    FarDepth,
+    MinConfidence,
+    NearDepth,
+    Sharpen,
+    StoredDepth,
+    device_of,
+    printable_text,
+    with_progress,
+)
+from pyibr.capture.sets import SET_FILE
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
@@ -50,15 +64,21 @@ def object_(
     missing: Annotated[
         Missing, typer.Option(help="What pixels without depth say: nothing there, or nothing")
     ] = "empty",
+    near: NearDepth = 1.0,
+    far: FarDepth = math.inf,
+    sharpen: Sharpen = None,
     depth_scale: DepthScale = None,
     depth_kind: DepthKindOption = "z",
+    min_confidence: MinConfidence = None,
+    depth_channel: DepthChannel = None,
     fps: _Fps = None,
     device: DeviceName = None,
 ) -> None:
     """Make a solid of depth images all round, and draw it, on a turntable, or write its mesh."""
     writer = _Writer([views], output, to, orbit, frames, resolution, samples, fps)
     with device_of(device):
-        writer.write(DepthObject(load(views, depth_scale=depth_scale, depth_kind=depth_kind), missing=missing))
+        stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence)
+        writer.write(DepthObject(stored.load(views), missing=missing))
 
 
 def hull(
@@ -77,13 +97,21 @@ def hull(
     frames: _Frames = 1,
     resolution: _Resolution = 128,
     samples: _Samples = 1,
+    near: NearDepth = 1.0,
+    far: FarDepth = math.inf,
+    sharpen: Sharpen = None,
+    depth_scale: DepthScale = None,
+    depth_kind: DepthKindOption = "z",
+    min_confidence: MinConfidence = None,
+    depth_channel: DepthChannel = None,
     fps: _Fps = None,
     device: DeviceName = None,
 ) -> None:
     """Make the largest solid that fits into silhouettes, and draw it, on a turntable, or write its mesh."""
     writer = _Writer([views, *([masks] if masks else [])], output, to, orbit, frames, resolution, samples, fps)
     with device_of(device):
-        writer.write(VisualHull(_silhouettes(views, masks, camera)))
+        stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence)
+        writer.write(VisualHull(_silhouettes(views, masks, camera, stored)))
 
 
 class _Writer:
@@ -139,10 +167,12 @@ class _Writer:
         outputs.tell(cameras[0].size, "views", "its camera sees nothing of the solid")
 
 
-def _silhouettes(views: Path, masks: Path | None, camera: Path | None) -> Sequence[DepthImage | Silhouette]:
+def _silhouettes(
+    views: Path, masks: Path | None, camera: Path | None, stored: StoredDepth
+) -> Sequence[DepthImage | Silhouette]:
     """The views of a folder: with depth; else pictures and masks, or their alpha, and cameras."""
     if masks is None and camera is None and ((views / SET_FILE).exists() or find_recording(views) is not None):
-        return load(views)
+        return stored.load(views)
     recording = paired(views, masks or views)
     made: list[Silhouette] = []
     for color, mask, (own, pose) in zip(

@@ -26,6 +26,7 @@ from pyibr.io.recordings import (
     check_numbers,
     paired,
     shots_of,
+    with_camera,
 )
 from pyibr.io.video import SUFFIXES, Video
 
@@ -257,12 +258,16 @@ def _shots(
     lens: LensOptions,
 ) -> tuple[list[Shot], bool]:
     """The frames that are taken, without those of which no pose can be used, and whether poses are known at all."""
+    first, file = recording.colors[0], next(iter(camera_files), None)
     if are_stills and recording.known is None and len(recording.colors) == 1 and not (camera_files[1:] or pose_files):
-        own = lens.camera_of(recording.colors[0], next(iter(camera_files), None))
+        own = lens.camera_of(first, file)
         cameras = [(own, own.world_from_camera)]
-    elif lens != LensOptions(None, None):
-        raise ArgumentError("--fov, --focal-35mm", "a single picture", f"{len(recording.colors)} pictures")
     else:
+        if lens != LensOptions(None, None):
+            if are_stills and recording.known is None:
+                got = f"{len(recording.colors)} pictures"
+                raise ArgumentError("--fov, --focal-35mm", "a single picture, or a recording", got)
+            recording = with_camera(recording, lens.camera_of(first, file, recording.size))
         cameras = cameras_of(recording, camera_files, next(iter(pose_files), None), shared=not are_stills)
     shots = shots_of(recording, cameras, Camera.load(depth_camera_files[0]) if depth_camera_files else None)
     found = [shot for place in taken if (shot := shots[place]) is not None]

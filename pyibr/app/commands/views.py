@@ -42,14 +42,13 @@ class DepthRange:
 
 
 class DepthOptions(NamedTuple):
-    """Options of reading depth: as it is stored, --min-confidence, --default-depth, --clean, --noise with --baseline.
+    """Options of reading depth: as it is stored, --default-depth, --clean, --noise with --baseline.
 
     `steady`: they come one after the other, and each is cleaned by what is known from the last; else they are all of
     one scene. `recorded`: a frame may lack depth altogether, and errors name it. `seen`: what came.
     """
 
     stored: StoredDepth
-    least: float | None
     default_depth: float | DefaultDepth | None
     clean: bool
     noise: tuple[float, float] | None
@@ -70,13 +69,9 @@ class DepthReader:
         return self._losses.or_none(lambda: self._read(shot, color))
 
     def _read(self, shot: Shot, color: NDArray[Any] | None) -> Depth:
-        camera, (stored, least, *_) = shot.depth_camera or shot.camera, self._options
+        camera = shot.depth_camera or shot.camera
         with self.naming(shot):
-            if stored.kind == "relative":
-                depth, unsure = stored.read(shot.depth, camera), 0.0
-            else:
-                depth, unsure = shot.read_depth(stored.scale, stored.kind, least, stored.chosen)
-                depth = stored.sharpened(depth)
+            depth, unsure = self._options.stored.read_shot(shot)
             if color is not None and shot.depth_camera is None:
                 _check_size(depth, color, shot.camera)
         self._losses.add_unsure(unsure)

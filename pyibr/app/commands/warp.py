@@ -150,8 +150,8 @@ def warp(
     numbers = None if count is None else range(count) if is_scene else [shot.number for shot in shots]
     outputs = Outputs(_files(output, depth_out, valid_out), (depth_scale, depth_kind), numbers, fps, opened[0].fps)
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]}, sources)
-    stored, seen = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel), DepthRange()
-    reading = stored, min_confidence, default_depth_of(default_depth), clean, noise_of(noise, baseline)
+    stored, seen = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence), DepthRange()
+    reading = stored, default_depth_of(default_depth), clean, noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_scene, recorded=not are_stills, seen=seen)
     done = _done(outputs, count, output) if skip_existing else set[int]()
     how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}

@@ -32,7 +32,7 @@ def numbers_in(path: Path) -> Float64:
 
 
 def values_in(path: Path, mark: str) -> dict[str, str]:
-    """What a text file's lines say: of each the name before a mark, and the text after it."""
+    """Values of a text file's lines, each after a name and a mark."""
     with reading(path, "list of values") as source:
         pairs = [line.partition(mark) for line in read_text(source).splitlines()]
     return {name.strip(): value for name, _, value in pairs}

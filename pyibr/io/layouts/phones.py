@@ -42,8 +42,7 @@ def find_stray(folder: Path) -> Recording | None:
 
     @functools.cache
     def camera() -> Any:
-        size = size_of(colors[numbers[0]], _first_of if pictures is None else image.read_color)
-        return camera_of(intrinsics, numbers_in(intrinsics), size)
+        return camera_of(intrinsics, numbers_in(intrinsics), size_of(colors[numbers[0]]))
 
     return found._replace(
         known=lambda: [camera()],
@@ -97,7 +96,3 @@ def _odometry(path: Path) -> dict[int, Any]:
         lines = [line.replace(",", " ").split() for line in read_text(source).splitlines()[1:]]
         rows = [[float(word) for word in line[:9]] for line in lines if line]
         return {int(row[1]): rigid_or_none(pose_of(np.array(row[2:5]), np.array(row[5:9]))) for row in rows}
-
-
-def _first_of(video: Path) -> Any:
-    return next(Video(video).frames([0]))
