@@ -13,7 +13,7 @@ from pyibr.depthmesh.far_sides import FarSides, ViewMesh, far_sides_of
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import active_within
 from pyibr.depthmesh.tree import Tree, build_tree
-from pyibr.depthmesh.triangulation import Triangles, list_triangles, pixels_of
+from pyibr.depthmesh.triangulation import Triangles, list_triangles
 from pyibr.depthmesh.viewpoints import DrawnViews
 from pyibr.opencl.memory import upload
 
@@ -22,6 +22,7 @@ Closed = Literal["sheets"] | bool
 
 _COARSE_ERROR = 0.001  # of the largest extent: that of the coarse meshes
 _BACK_ERROR = 0.003  # of the largest extent: that of their backs, which are not shown
+_SHEET_STEP = 4  # samples along the sides of sheets' cells
 _STRIDE = 0.015  # of the largest extent: from point to point along rays that look for empty space
 
 
@@ -90,16 +91,14 @@ class Closing:
 
 def closing_of(meshes: Sequence[ViewMesh], extent: float, closed: Closed) -> Closing:
     """Make the surfaces that close the holes of meshes whose box has this largest edge."""
-    stretched = [CoarseMesh.of(build_tree(mesh.view, Segmentation("none")), _COARSE_ERROR * extent) for mesh in meshes]
     if closed == "sheets":
-        return Closing(stretched)
+        trees = [build_tree(mesh.view, Segmentation("none")) for mesh in meshes]
+        return Closing([CoarseMesh.of(tree, _COARSE_ERROR * extent) for tree in trees])
+    surfaces = [CoarseMesh.of(mesh.tree, _COARSE_ERROR * extent) for mesh in meshes]
+    backs = [CoarseMesh.of(mesh.tree, _BACK_ERROR * extent).reversed for mesh in meshes]
+    sheets = list(map(_sheets_of, meshes))
     limits = list[NDArray[np.float32]]()
-    surfaces, backs, sheets = list[CoarseMesh](), list[CoarseMesh](), list[CoarseMesh]()
-    for mesh, whole in zip(meshes, stretched, strict=True):
-        surfaces.append(CoarseMesh.of(mesh.tree, _COARSE_ERROR * extent))
-        backs.append(CoarseMesh.of(mesh.tree, _BACK_ERROR * extent).reversed)
-        used, corners = np.unique(_over_holes(whole, mesh), return_inverse=True)  # few of its points
-        sheets.append(CoarseMesh(whole.points[used], corners.reshape(-1, 3).astype(np.int32)))
+    for mesh in meshes:
         view = mesh.view
         unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
         limits.append(np.where(view.valid, view.depth, unseen))
@@ -134,13 +133,17 @@ def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return least
 
 
-def _over_holes(coarse: CoarseMesh, mesh: ViewMesh) -> NDArray[np.int32]:
-    """Those of a view's triangles, (T, 3), whose boxes hold a cell that is not drawn in full."""
+def _sheets_of(mesh: ViewMesh) -> CoarseMesh:
+    """Find what is over cells that are not drawn in full, in coarser ones: it only tells of rays between surfaces."""
     width, height = mesh.view.camera.size
+    rows, columns = (np.unique([*range(0, count, _SHEET_STEP), count - 1]) for count in (height, width))
     upper, lower = mesh.tree.drawn_cells()
-    holes = np.zeros((height, width), np.int32)  # above and to the left of each sample
-    holes[1:, 1:] = np.cumsum(np.cumsum(~(upper & lower), axis=0, dtype=np.int32), axis=1)
-    x, y = np.moveaxis(pixels_of(coarse.points[coarse.corners], mesh.view), -1, 0)
-    low_x, low_y, high_x, high_y = x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)
-    within = holes[high_y, high_x] - holes[low_y, high_x] - holes[high_y, low_x] + holes[low_y, low_x]
-    return coarse.corners[within > 0]
+    holed = np.logical_or.reduceat(np.logical_or.reduceat(~(upper & lower), rows[:-1]), columns[:-1], axis=1)
+    sample = rows[:, None] * width + columns
+    a, b, c, d = (at[holed] for at in (sample[:-1, :-1], sample[:-1, 1:], sample[1:, :-1], sample[1:, 1:]))
+    corners = np.concatenate([np.column_stack([a, c, b]), np.column_stack([b, c, d])])
+    used, numbers = np.unique(corners[mesh.view.valid.ravel()[corners].all(axis=1)], return_inverse=True)
+    pixels, depth = mesh.tree.vertices_of(used.astype(np.int32))
+    scale, third = (depth, depth) if mesh.view.camera.projection == "perspective" else (np.ones_like(depth), -depth)
+    points = np.column_stack([pixels * scale[:, None], third, np.zeros_like(depth)])
+    return CoarseMesh(points.astype(np.float32), numbers.reshape(-1, 3).astype(np.int32))
