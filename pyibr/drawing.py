@@ -14,6 +14,7 @@ from pyibr.opencl.memory import DeviceArray, copy, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.deferred import Entry, entry_for
 from pyibr.picture.drawable import Drawable, Finishing, as_drawable
+from pyibr.picture.samples import view_of
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 
@@ -39,4 +40,5 @@ __all__ = [
     "struct",
     "to_host",
     "upload",
+    "view_of",
 ]

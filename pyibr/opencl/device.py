@@ -16,6 +16,7 @@ from collections.abc import Generator, Hashable
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from pyibr.core.checks import checked_bool
@@ -32,6 +33,7 @@ from pyibr.opencl.probe import Doubted, forget, probe
 from pyibr.opencl.profile import DeviceProfile, profile_of
 from pyibr.opencl.runtimes import Found, found_devices, new_context
 from pyibr.opencl.shortage import telling_shortage
+from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -78,6 +80,13 @@ class Session:
     waiting: set[int] = field(default_factory=set["int"], repr=False)
     in_flight: InFlight = field(default_factory=InFlight, repr=False)
 
+    @cached_property
+    def copies(self) -> cl.CommandQueue:
+        """Queue of copies to the host, which run beside later launches; where nothing is copied, the launches' own."""
+        import pyopencl as cl
+
+        return self.queue if self.profile.in_place else cl.CommandQueue(self.context)
+
     @contextmanager
     def turn(self) -> Generator[None, None, None]:
         """Hold the lock, and let whoever has it know that somebody waits."""
@@ -96,9 +105,12 @@ class Session:
             yield_lock(self.lock)
 
     def wait(self) -> None:
-        """Until the queue is done. Other threads run meanwhile; Ctrl-C counts afterwards."""
+        """Until the queues are done. Other threads run meanwhile; Ctrl-C counts afterwards."""
+        if watches:
+            watches[-1].wait()
         start = time.perf_counter()
         self.queue.finish()
+        self.copies.finish()
         self.in_flight.finish(time.perf_counter() - start)
 
 

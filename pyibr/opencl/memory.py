@@ -57,17 +57,32 @@ class DeviceArray:
 
 def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
     """The values of arrays of one session, once all launches are done: one wait for all of them."""
+    values = begin_to_host(arrays)
+    arrays[0].session.wait()
+    return values
+
+
+def begin_to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
+    """Arrays that hold the values of others, of one session, once it has been waited for.
+
+    These are copied when the launches made so far are done, beside those that follow, which must not write them.
+    """
     import pyopencl as cl
 
     session = arrays[0].session
     values: list[NDArray[Any]] = []
+    launches = None if session.profile.in_place else [cl.enqueue_marker(session.queue)]
+    session.queue.flush()  # before another queue waits for it
     for array in arrays:
         if 0 in array.shape:
             values.append(np.empty(array.shape, array.dtype))
         elif array.host is None or not session.profile.in_place:
             host = np.empty(array.shape, array.dtype) if array.host is None else array.host
+            if watches:
+                watches[-1].download(array.nbytes)
+            done = cl.enqueue_copy(session.copies, host, array.buffer, is_blocking=False, wait_for=launches)
             # Letting go of such an event waits for it, while no other thread of Python runs.
-            session.in_flight.used.append(cl.enqueue_copy(session.queue, host, array.buffer, is_blocking=False))
+            session.in_flight.used.append((array, done))
             values.append(host)
         elif array.is_own:
             values.append(array.host)
@@ -77,7 +92,7 @@ def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
             )
             mapped.base.release(session.queue)
             values.append(array.host)
-    session.wait()
+    session.copies.flush()
     return values
 
 

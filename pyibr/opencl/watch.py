@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Generator, Mapping
@@ -24,6 +25,52 @@ class Watch:
 
     def upload(self, nbytes: int) -> None:
         """An array of so many bytes becomes an input of kernels."""
+
+    def download(self, nbytes: int) -> None:
+        """So many bytes are to be copied to the host."""
+
+    def wait(self) -> None:
+        """The host waits for the device."""
+
+
+class Traffic(Watch):
+    """Traffic between the host and the device.
+
+    Attributes
+    ----------
+    of : list of (str, str, int)
+        In order: "launch" with the kernel's name and its work-items, "upload" and "download" with bytes, "wait".
+    """
+
+    def __init__(self) -> None:
+        self.of: list[tuple[str, str, int]] = []
+
+    def launch(
+        self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
+    ) -> None:
+        """Make the launch and note it."""
+        enqueue(**arguments)
+        self.of.append(("launch", kernel.name, math.prod(map(int, grid))))
+
+    def upload(self, nbytes: int) -> None:
+        """Note it."""
+        self.of.append(("upload", "", nbytes))
+
+    def download(self, nbytes: int) -> None:
+        """Note it."""
+        self.of.append(("download", "", nbytes))
+
+    def wait(self) -> None:
+        """Note it."""
+        self.of.append(("wait", "", 0))
+
+    def count(self, what: str) -> int:
+        """Number of launches, uploads, downloads or waits."""
+        return sum(kind == what for kind, _, _ in self.of)
+
+    def total(self, what: str) -> int:
+        """Work-items of all launches, or bytes of all uploads or downloads."""
+        return sum(size for kind, _, size in self.of if kind == what)
 
 
 class LaunchTimes(Watch):

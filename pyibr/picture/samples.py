@@ -19,6 +19,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.target import Target
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,15 @@ def bridged_samples(view: DepthImage, cut: NDArray[np.void]) -> Samples:
     return _made_of(view, cut)
 
 
-def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None) -> Samples:
+def view_of(target: Target) -> DepthImage:
+    """The picture as a depth image whose samples on the device are made of the target's buffers, without an upload."""
+    frame = target.frame()
+    view = DepthImage(frame.color, frame.depth, frame.camera)
+    cached_on_device(view, "samples", lambda: _made_of(view, target=target))
+    return view
+
+
+def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None, target: Target | None = None) -> Samples:
     check_pixels("views", view.camera.size)
     (width, height), perspective = view.camera.size, view.camera.projection == "perspective"
     nearness = empty((height, pitch(width)), np.float32)
@@ -109,7 +118,7 @@ def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None) -> Samples:
     launch(
         kernel("picture/begin.cl", "to_nearness" if cut is None else "to_bridged_nearness"),
         (height,),
-        depth=upload(view.depth),
+        depth=upload(view.depth) if target is None else target.depth,
         nearness=nearness,
         ranges=ranges,
         src_width=width,
@@ -119,7 +128,8 @@ def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None) -> Samples:
         far=min(view.far, 1 / constant("lib/surface.h", "NEAREST")),  # beyond, nearness would be invalid
         **({} if cut is None else {"cut": Struct("Cut", cut)}),
     )
-    return Samples(nearness, upload(at_least_a_word(view.color)), ranges, perspective)
+    color = upload(at_least_a_word(view.color)) if target is None else target.color
+    return Samples(nearness, color, ranges, perspective)
 
 
 def at_least_a_word(color: Any) -> Any:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +13,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import check_lengths, check_picture
 from pyibr.images import Frame
 from pyibr.opencl.headers import struct
-from pyibr.opencl.memory import DeviceArray, empty, output, to_host
+from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, output
 from pyibr.opencl.memory_pool import rounded
 from pyibr.picture.gbuffer import GBuffer
 
@@ -192,38 +191,38 @@ class Target:
         values["nearest"] = 1.0 / near if perspective else 0.0
         return values
 
+    @property
+    def on_device(self) -> dict[str, DeviceArray]:
+        """Buffers of all that its frame tells of pixels, by the frame's names; of `guessed` the guesses' depths."""
+        told = {
+            "color": self.color,
+            "depth": self.depth,
+            "valid": self.valid,
+            "source": self.source,
+            "view": self.source_view,
+            "classes": self.classes,
+            "alpha": self.alpha,
+            "guessed": self.guesses,
+        }
+        return {name: array for name, array in told.items() if array is not None}
+
+    def begin_frame(self) -> Callable[[], Frame]:
+        """Begin to copy the picture to the host; once its session was waited for, what is returned makes the frame."""
+        names, arrays = zip(*self.on_device.items(), strict=True)
+        values: dict[str, Any] = dict(zip(names, begin_to_host(arrays), strict=True))
+
+        def finished() -> Frame:
+            told = {**values, "valid": values["valid"].view(np.bool_)}
+            if "guessed" in values:
+                told["guessed"] = values["guessed"] == values["depth"]
+            if self.out is not None:
+                told |= {"color": self.out.color, "depth": self.out.depth, "valid": self.out.valid}
+            return Frame(camera=self.camera, **told)
+
+        return finished
+
     def frame(self) -> Frame:
         """The picture on the host, once all launches are done."""
-        return frames([self])[0]
-
-
-def frames(targets: Sequence[Target]) -> list[Frame]:
-    """The pictures on the host, once all launches are done."""
-    arrays: list[DeviceArray] = []
-    for target in targets:
-        arrays += [target.color, target.depth, target.valid, *(array for _, array in _told(target))]
-    values = iter(to_host(arrays))
-    made: list[Frame] = []
-    for target in targets:
-        color, depth, valid = next(values), next(values), next(values).view(np.bool_)
-        more: dict[str, Any] = {"source": None, "view": None, "classes": None, "alpha": None, "guessed": None}
-        more |= {name: next(values) for name, _ in _told(target)}
-        if target.guesses is not None:
-            more["guessed"] = more["guessed"] == depth
-        if target.out is None:
-            made.append(Frame(color, depth, valid, target.camera, **more))
-        else:
-            made.append(replace(target.out, camera=target.camera, **more))
-    return made
-
-
-def _told(target: Target) -> list[tuple[str, DeviceArray]]:
-    """Buffers of what a frame tells of its pixels beyond what all frames do, by the frame's names."""
-    told = {
-        "source": target.source,
-        "view": target.source_view,
-        "classes": target.classes,
-        "alpha": target.alpha,
-        "guessed": target.guesses,
-    }
-    return [(name, array) for name, array in told.items() if array is not None]
+        finished = self.begin_frame()
+        self.depth.session.wait()
+        return finished()

@@ -19,7 +19,7 @@ from pyibr.images import DepthImage, Frame
 from pyibr.opencl.device import one_call
 from pyibr.opencl.memory import DeviceArray
 from pyibr.picture.picture import PictureParts
-from pyibr.picture.target import Target, frames
+from pyibr.picture.target import Target
 from pyibr.warp.view import OPTIONS, WarpedView, WarpOptions
 
 if TYPE_CHECKING:
@@ -142,9 +142,10 @@ def warp(
     drawn = functools.partial(
         PictureParts.drawn, draw=draw, dtype=color.dtype, channels=color.shape[2], pool=pool, **asked
     )
-    with one_call():
-        targets = [drawn(one, out=into) for one, into in zip(parts, outs, strict=True)]
-        made = frames(targets)
+    with one_call() as session:
+        begun = [drawn(one, out=into).begin_frame() for one, into in zip(parts, outs, strict=True)]
+        session.wait()
+        made = [finished() for finished in begun]
     for frame in made:
         _through_lenses(frame, thing.views)
     _tell_empty(made, isinstance(camera, Camera))
