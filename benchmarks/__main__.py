@@ -30,6 +30,7 @@ MODULES = {
     "runtimes": "runtimes.runtimes",
     "pages": "app.pages",
     "startup": "startup",
+    "gpu": "gpu.gpu",
 }
 
 

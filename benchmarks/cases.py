@@ -62,6 +62,7 @@ class Plan:
     pages_rounds: int
     pages_seconds: float  # that the camera moves in each
     pages_chromium: bool
+    gpu: Mapping[tuple[str, Size], Size]  # calls and their sizes: those at which instructions are counted
     startup_repeats: int
     startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
     memory: tuple[int, ...]
@@ -122,6 +123,19 @@ FULL = Plan(
     pages_rounds=5,
     pages_seconds=4.0,
     pages_chromium=True,
+    gpu={
+        ("warp", (1024, 1024)): (128, 128),
+        ("warp, filled from behind", (1024, 1024)): (128, 128),
+        ("warp sideways", (1024, 1024)): (128, 128),
+        ("warp", (3840, 2160)): (240, 135),
+        ("four views", (2048, 2048)): (64, 64),
+        ("registration", (1280, 720)): (160, 90),
+        ("relief", (512, 512)): (64, 64),
+        ("depth object", (512, 512)): (64, 64),
+        ("visual hull", (512, 512)): (64, 64),
+        ("depth mesh", (1024, 1024)): (128, 128),
+        ("dragon", (1024, 1024)): (240, 240),
+    },
     startup_repeats=5,
     startup_empty_cache=True,
     memory=(1024, 4096),
@@ -176,6 +190,7 @@ QUICK = Plan(
     pages_rounds=1,
     pages_seconds=0.5,
     pages_chromium=False,
+    gpu={("warp", (24, 18)): (12, 9)},
     startup_repeats=1,
     startup_empty_cache=False,
     memory=(256,),

@@ -1,0 +1,1 @@
+"""Counts of what GPUs are given to do, made without one."""

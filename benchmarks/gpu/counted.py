@@ -1,0 +1,57 @@
+"""A call's launches under Oclgrind, which counts instructions: run by `benchmarks.gpu.gpu`, in a process of its own.
+
+Each launch goes in pieces, of one work-item and of some in turns: so what single ones take is counted, too.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from benchmarks.gpu.calls import CALLS
+from benchmarks.results import Skip
+from pyibr.opencl.in_flight import KernelCost
+from pyibr.opencl.watch import Watch, watching
+
+LAUNCH, PIECE = "=== launch", "=== piece"
+_SOME = 61  # work-items between two that are counted alone: a prime, so that columns of pictures are met, too
+
+
+def _say(*words: object) -> None:
+    """Into what Oclgrind prints, where that has come to."""
+    ctypes.CDLL(None).fflush(None)
+    print(*words, flush=True)
+
+
+class _InPieces(Watch):
+    def launch(
+        self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
+    ) -> None:
+        _say(LAUNCH, kernel.name, math.prod(map(int, grid)))
+        kernel.cost.seconds_per_item = math.inf
+        enqueue(**arguments)
+
+
+def _piece_after(self: KernelCost, items: int, seconds: float) -> int:
+    size = _SOME if items == 1 else 1
+    _say(PIECE, size)
+    return size
+
+
+def main(name: str, size: tuple[int, int]) -> None:
+    """Make the call twice, and have the second one counted."""
+    work = CALLS[name](size)
+    assert not isinstance(work, Skip)
+    work()
+    KernelCost.piece_after = _piece_after
+    with watching(_InPieces()):
+        work()
+    _say(LAUNCH, "end", 0)
+
+
+if __name__ == "__main__":
+    called, width, height = sys.argv[1:]
+    main(called, (int(width), int(height)))

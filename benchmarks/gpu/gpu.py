@@ -1,0 +1,213 @@
+"""Work that a GPU would be given, counted without one: launches and copies of each call, and instructions by kernel.
+
+A second frame of what is kept. Launches, waits, copies and work-items are counted in the GPUs' form on whatever device
+there is; instructions and bytes by Oclgrind at a smaller size, and multiplied by the pixels.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+import shutil
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+from benchmarks.cases import Plan, Size
+from benchmarks.gpu.calls import CALLS
+from benchmarks.gpu.counted import LAUNCH, PIECE
+from benchmarks.results import Parameter, Record, Skip
+from benchmarks.runner import Case, Work
+from benchmarks.scenes import shown
+from pyibr.opencl.device import current
+from pyibr.opencl.watch import Traffic, watching
+from tests.one_lane import one_lane
+from tests.processes import run_within
+from tools import gpu_compile
+
+_SECONDS = 3600  # that Oclgrind may take for a call
+_LATENCY = 4  # cycles from an instruction to the next that needs its result
+_NO_WORK = re.compile(
+    r"(alloca|bitcast|br|getelementptr|phi|ret|sext|switch|trunc|unreachable|zext|\w+ private"
+    r"|call llvm\.(lifetime|dbg|mem)\S*|call (?!_Z|llvm)\w+)\b"
+)
+"""Instructions that compilers leave out: of memory that becomes registers, of addresses, of calls that are inlined."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """A GPU, as its maker publishes it."""
+
+    bytes_per_second: float
+    operations_per_second: float  # a multiplication with an addition is two
+    clock: float  # Hz
+
+    def seconds(self, cost: Cost) -> float:
+        """A bound of a kernel's time: by its bytes, by its instructions, by its longest work-items."""
+        return max(
+            (cost.read + cost.written) / self.bytes_per_second,
+            cost.instructions / (self.operations_per_second / 2),
+            cost.chain * _LATENCY / self.clock,
+        )
+
+
+CARDS = {
+    "NVIDIA A100 40 GB": Card(1555e9, 19.5e12, 1.41e9),
+    "NVIDIA RTX A4500": Card(640e9, 23.7e12, 1.65e9),
+    "AMD MI210": Card(1638e9, 22.6e12, 1.7e9),
+}
+
+
+@dataclass
+class Cost:
+    """Cost of a kernel's launches in a call.
+
+    Attributes
+    ----------
+    chain : float
+        Instructions, one after the other: those of each launch's longest work-item, of those that were counted alone.
+    """
+
+    items: float = 0
+    instructions: float = 0
+    read: float = 0
+    written: float = 0
+    chain: float = 0
+
+
+@dataclass
+class _Counts:
+    """Instructions and bytes of one launch so far."""
+
+    kernel: str
+    items: int
+    cost: Cost = field(default_factory=Cost)
+
+
+class _Whole(Traffic):
+    """Traffic of launches that no runtime is slow enough for to be made in pieces."""
+
+    def launch(
+        self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
+    ) -> None:
+        kernel.cost.seconds_per_item = 0.0
+        super().launch(kernel, grid, arguments, enqueue)
+
+
+def cases(plan: Plan) -> Iterator[Case]:
+    """One case a call and size."""
+    for (name, size), small in plan.gpu.items():
+        parameters: dict[str, Parameter] = {"call": name, "size": shown(size)}
+        yield Case(parameters, functools.partial(_prepare, name, size, small, parameters))
+
+
+def _prepare(name: str, size: Size, small: Size, parameters: dict[str, Parameter]) -> Work | Skip:
+    if shutil.which("oclgrind") is None:
+        return Skip("instructions on GPUs", "oclgrind is not installed")
+    if isinstance(work := CALLS[name](small), Skip):
+        return work
+
+    def read() -> Iterator[Record]:
+        traffic, registers = _traffic_of(name, size)
+        for what, unit in (("launch", "count"), ("wait", "count"), ("upload", "bytes"), ("download", "bytes")):
+            amount = traffic.count(what) if unit == "count" else traffic.total(what)
+            yield Record(name, what, unit, parameters, [amount])
+        costs = _grown(_counted(name, small), math.prod(size) / math.prod(small), traffic)
+        for kernel, cost in costs.items():
+            for quantity, value in vars(cost).items():
+                unit = "bytes" if quantity in ("read", "written") else "count"
+                yield Record(kernel, quantity, unit, parameters, [value])
+            for quantity, value in registers.get(kernel, {}).items():
+                yield Record(kernel, quantity, "count", parameters, [value])
+        for card, figures in CARDS.items():
+            yield Record(card, "bound", "ms", parameters, [1e3 * sum(map(figures.seconds, costs.values()))])
+
+    return Work(read=read)
+
+
+def _traffic_of(name: str, size: Size) -> tuple[Traffic, dict[str, dict[str, float]]]:
+    """Traffic of the call at its own size, and what compilers say of its kernels."""
+    with one_lane():
+        work = CALLS[name](size)
+        assert not isinstance(work, Skip)
+        work()
+        with watching(_Whole()) as traffic:
+            work()
+        return traffic, _registers({kernel for kind, kernel, _ in traffic.of if kind == "launch"})
+
+
+def _registers(kernels: set[str]) -> dict[str, dict[str, float]]:
+    """Registers and private bytes by kernel, at the defines that cost most; nothing without compilers for GPUs."""
+    try:
+        clang, ptxas = gpu_compile.compiler(), gpu_compile.assembler()
+    except SystemExit:
+        return {}
+    built = cast("Iterable[tuple[gpu_compile.Program, str]]", current().kernels)
+    programs = {program for program, kernel in built if kernel in kernels}
+    found = [row for each in sorted(programs) for row in gpu_compile.rows(each, clang, ptxas, "sm_80", "gfx90a")]
+    return {
+        row.kernel: {
+            "registers, sm_80": row.nvidia.registers,
+            "private, sm_80": row.nvidia.private_bytes,
+            "registers, gfx90a": row.amd.registers,
+            "private, gfx90a": row.amd.private_bytes,
+        }
+        for row in gpu_compile.merged(found)
+        if row.kernel in kernels
+    }
+
+
+def _counted(name: str, size: Size) -> list[_Counts]:
+    """Launches of the call under Oclgrind."""
+    command = ["oclgrind", "--inst-counts", "--build-options", "-cl-opt-disable", sys.executable]
+    command += ["-m", "benchmarks.gpu.counted", name, *map(str, size)]
+    done = run_within(_SECONDS, command, PYIBR_DEVICE="oclgrind")
+    if done.returncode:
+        raise RuntimeError(f"{name} under Oclgrind: {done.stderr[-2000:]}")
+    return parsed(done.stdout)
+
+
+def parsed(told: str) -> list[_Counts]:
+    """Launches, from what `benchmarks.gpu.counted` and Oclgrind print."""
+    launches: list[_Counts] = []
+    alone, here = False, 0
+    for line in told.splitlines():
+        words = line.split()
+        if line.startswith(LAUNCH):
+            launches.append(_Counts(words[2], int(words[3])))
+        elif line.startswith(PIECE):
+            alone, here = int(words[2]) == 1, 0
+        elif launches and (match := re.fullmatch(r"\s*([\d,]+) - (.+?)(?: \(([\d,]+) bytes\))?", line)):
+            count, opcode, nbytes = match.groups()
+            cost, number = launches[-1].cost, int(count.replace(",", ""))
+            if not _NO_WORK.match(opcode):
+                cost.instructions += number
+                here += number
+                cost.chain = max(cost.chain, here if alone else 0)
+            if nbytes and re.match(r"\w+ (global|constant)", opcode):
+                moved = int(nbytes.replace(",", ""))
+                cost.read += moved * opcode.startswith("load")
+                cost.written += moved * opcode.startswith("store")
+    return [launch for launch in launches if launch.items]
+
+
+def _grown(small: list[_Counts], growth: float, traffic: Traffic) -> dict[str, Cost]:
+    """Costs at the call's own size: its launches' work-items are known, and all costs grow with the pixels."""
+    items, of = defaultdict[str, int](int), defaultdict[str, Cost](Cost)
+    for kind, kernel, count in traffic.of:
+        items[kernel] += count if kind == "launch" else 0
+    counted = defaultdict[str, int](int)
+    for launch in small:
+        counted[launch.kernel] += launch.items
+        cost = of[launch.kernel]
+        cost.instructions += growth * launch.cost.instructions
+        cost.read += growth * launch.cost.read
+        cost.written += growth * launch.cost.written
+        cost.chain += launch.cost.chain
+    for kernel, cost in of.items():
+        cost.items = items[kernel]
+        cost.chain *= growth * counted[kernel] / max(items[kernel], 1)  # by as much as the mean work-item
+    return dict(of)
