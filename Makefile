@@ -2,7 +2,7 @@
 PYTHON ?= python3
 RUN := .venv/bin/python
 
-.PHONY: help setup demo test test-all fuzz check bench docs clean
+.PHONY: help setup demo test test-all fuzz check audit bench docs clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
@@ -50,6 +50,9 @@ check: .venv/.ready  ## lint, format, types and who imports whom
 	@$(RUN) -m ruff format --check .
 	@$(RUN) -m pyright
 	@.venv/bin/lint-imports --no-cache
+
+audit: .venv/.ready  ## known vulnerabilities in what is installed
+	@$(RUN) -m pip_audit --local --skip-editable
 
 bench: .venv/.bench  ## time against the peers and the paper
 	@$(RUN) -m benchmarks $(ARGS)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from pyibr.core.distributions import PYIBR, version_of
 
 pytest.importorskip("hatchling")
 ROOT = Path(__file__).resolve().parents[1]
@@ -74,3 +77,27 @@ def test_where_the_clone_came_from_is_told_by_source_packages_too(clone, tmp_pat
     again = json.loads(hatchling(tmp_path / "dist" / packed.name.removesuffix(".tar.gz"), "metadata"))
     assert again["urls"] == told["urls"]
     assert again["readme"]["text"].strip() == told["readme"]["text"].strip()
+
+
+def requirements(extras: bool) -> dict[str, str]:
+    """Least versions by names, of pyproject.toml; with what extras for users bring, too."""
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    required, rest = text.split("dependencies = [", 1)[1].split("\n]", 1)
+    optional = rest.split("[project.optional-dependencies]", 1)[1].split("\nbench = ", 1)[0]
+    return dict(re.findall(r'"([A-Za-z][\w-]*)>=([\d.]+)', required + optional * extras))
+
+
+def test_the_conda_recipe_asks_for_what_the_wheel_does():
+    recipe = (ROOT / "tools/conda/recipe.yaml").read_text(encoding="utf-8")
+    run = dict(re.findall(r"- ([\w-]+) >=([\d.]+)", recipe.split("  run:")[1].split("tests:")[0]))
+    needed = {{"isal": "python-isal"}.get(name, name): least for name, least in requirements(extras=False).items()}
+    assert run == needed | {"python": "3.10"}
+    assert f"version: {version_of(PYIBR)}" in recipe
+
+
+def test_licences_of_all_that_is_installed_are_told():
+    table = (ROOT / "docs/install.md").read_text(encoding="utf-8").split("### Licences")[1].split("## ")[0]
+    told = {
+        name for line in table.splitlines() for name in re.findall(r"[\w-]+", line.split("|")[1] if "|" in line else "")
+    }
+    assert set(requirements(extras=True)) <= told
