@@ -6,6 +6,7 @@
 
 #define TILE 16 /* pixels, or cells, of a tile's side */
 #define HALO 4  /* pixels around a tile: whatever is in `behind` there */
+#define HALO_TILE (TILE + 2 * HALO)
 #define BEHIND_PLANE(height, pitch) ((size_t)(((height) + TILE - 1) / TILE * TILE + 2 * HALO) * (pitch))
 
 #define COLUMNS ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))

@@ -4,6 +4,11 @@
 #include "lib/channel.h"
 #include "warp/pyramid.h"
 
+/* A row of 16 pixels or cells, plane by plane */
+typedef struct {
+    float16 plane[PLANES];
+} Row;
+
 #if CHANNELS == 3 && COLOR_BYTES == 1
 #define to_channel16 convert_uchar16_sat_rte
 #define channel16 uchar16

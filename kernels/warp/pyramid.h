@@ -31,21 +31,12 @@
 #define RATIO_MIN 0.3f   /* the least factor of a cell's weight beside the farthest of four */
 #define SATURATION 32.0f /* weights below 1/32 do not grow where there are many of them */
 
+/* Cell (x, y) of the level of 8 x 8 cells a tile, in plane 0 of `inner` */
+#define FIRST_CELL(x, y, across)                                                                               \
+    ((size_t)((y) / 8 * (across) + (x) / 8) * PLANES * INNER_CELLS + (y) % 8 * 8 + (x) % 8)
+
 #define MASKED(mask, values) as_float16(as_int16(values) & (mask))
 #define HALVED(a, b) (((a) + (b)).even + ((a) + (b)).odd)
-
-/* A row of 16 pixels or cells, plane by plane */
-typedef struct {
-    float16 plane[PLANES];
-} Row;
-
-/* A tile's levels: row by row, plane by plane, as they lie in `inner` */
-typedef struct {
-    float8 eight[PLANES][8];
-    float4 four[PLANES][4];
-    float2 two[PLANES][2];
-    float one[PLANES];
-} Levels;
 
 /* Two rows of cells of a level into one of half their length. No cell's weight is more than 1, nor more than the
  * greatest weight w of its four, or SATURATION w^2 if that is more: small weights stay small. */
@@ -76,46 +67,4 @@ typedef struct {
     (row(WEIGHT_PLANE, i) == 0.0f ? 0.0f                                                                       \
      : perspective               ? row(WEIGHT_PLANE, i) / row(3, i)                                            \
                                  : -row(3, i) / row(WEIGHT_PLANE, i))
-#define ROW_16(p, i) rows[i].plane[p]
-#define ROW_8(p, i) levels->eight[p][2 * y + (i)]
-#define ROW_4(p, i) levels->four[p][2 * y + (i)]
-#define ROW_2(p, i) levels->two[p][i]
-#define EIGHT(p) levels->eight[p][y]
-#define FOUR(p) levels->four[p][y]
-#define TWO(p) levels->two[p][y]
-#define ONE(p) levels->one[p]
-
-/* A tile's levels from its first one on, which is there already, written down */
-INLINED void write_levels(Levels *levels, int level, int perspective, int tile, int tiles, global float *inner,
-                          global float *cells)
-{
-    for (int y = 0; y < 4; y++)
-        HALVE(float8, float4, FOUR, ROW_8, level)
-    for (int y = 0; y < 2; y++)
-        HALVE(float4, float2, TWO, ROW_4, level + 1)
-    HALVE(float2, float, ONE, ROW_2, level + 2)
-    for (int p = 0; p < PLANES; p++) {
-        global float *to = inner + ((size_t)tile * PLANES + p) * INNER_CELLS;
-        for (int y = 0; y < 8; y++)
-            vstore8(levels->eight[p][y], y, to);
-        for (int y = 0; y < 4; y++)
-            vstore4(levels->four[p][y], y, to + 64);
-        for (int y = 0; y < 2; y++)
-            vstore2(levels->two[p][y], y, to + 80);
-        cells[p * tiles + tile] = levels->one[p];
-    }
-}
-
-void clear_tile(int tile, int tiles, global float *cells)
-{
-    for (int p = 0; p < PLANES; p++)
-        cells[p * tiles + tile] = 0.0f;
-}
-
-/* The tile behind all others, which pull takes for those without a weight and those outside of the picture */
-void clear_last(int tiles, global float *inner)
-{
-    for (int i = 0; i < PLANES * INNER_CELLS; i++)
-        inner[(size_t)tiles * PLANES * INNER_CELLS + i] = 0.0f;
-}
 #endif

@@ -106,24 +106,31 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
         storeys.append({"width": width, "height": height, "inner": levels, "cells": cells})
         width, height = across, down
 
-    strip = max(current().profile.run // tile, 1)
+    profile = current().profile
+    strip = max(profile.run // tile, 1)
     _, down, across = storeys[0]["cells"].shape
-    grid = -(-across // strip), down
+    strips = -(-across // strip), down
     defines = {**target.color_defines, "HAS_BEHIND": int(behind is not None)}
     perspective = int(target.camera.projection == "perspective")
-    image = {"perspective": perspective, "strip": strip, **target.outputs()}
     told = empty((1, 1, 1), np.float32) if behind is None else behind
-    to_holes = {"behind": told, "pitch": told.shape[2]}
-    push = kernel("warp/fill.cl", "push_pixels", **defines)
-    launch(push, grid, **to_holes, **image, **storeys[0])
-    pairs = list(itertools.pairwise(storeys))
-    push, pull = (kernel("warp/fill.cl", name, **defines) for name in ("push_cells", "pull_cells"))
-    for level, (lower, upper) in enumerate(pairs, 1):
-        of_depths = {"perspective": perspective, "level": level * (tile.bit_length() - 1)}
-        launch(push, upper["cells"].shape[:0:-1], base=lower["cells"], **of_depths, **upper)
-    for lower, upper in reversed(pairs):
-        launch(pull, upper["cells"].shape[:0:-1], base=lower["cells"], **upper)
-    launch(kernel("warp/fill.cl", "pull_pixels", **defines), grid, **to_holes, **image, **storeys[0])
+    image = {"behind": told, "pitch": told.shape[2], "perspective": perspective, "strip": strip, **target.outputs()}
+    names = ("push_pixels", "push_cells", "pull_cells", "pull_pixels")
+    push, push_cells, pull_cells, pull = (kernel("warp/fill.cl", name, **defines) for name in names)
+    for number, storey in enumerate(storeys):
+        _, down, across = storey["cells"].shape
+        first_level = across * tile // 2, down * tile // 2
+        of_depths = {"perspective": perspective, "level": number * (tile.bit_length() - 1)}
+        if number == 0:
+            launch(push, profile.grid(strips, first_level), **image, **storey)
+        else:
+            grid = profile.grid((across, down), first_level)
+            launch(push_cells, grid, base=storeys[number - 1]["cells"], **of_depths, **storey)
+        if profile.lanes == 1:
+            launch(kernel("warp/fill.cl", "push_levels", **defines), (across, down), **of_depths, **storey)
+    for lower, upper in reversed(list(itertools.pairwise(storeys))):
+        grid = profile.grid(upper["cells"].shape[:0:-1], lower["cells"].shape[:0:-1])
+        launch(pull_cells, grid, base=lower["cells"], **upper)
+    launch(pull, profile.grid(strips, target.camera.size), **image, **storeys[0])
 
 
 def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> None:

@@ -1,0 +1,232 @@
+#ifndef WARP_FILL_CELLS_H
+#define WARP_FILL_CELLS_H
+/* Push and pull (fill.cl) in the form for GPUs: a work-item has one cell of a tile's first level, or one pixel or cell of
+ * the base; what it takes from other cells it computes anew. Sums are those of fill_tiles.h, in the same order. */
+#include "warp/pixel_weights.h"
+
+#if LANES == 1
+/* Four pixels or cells, row by row and plane by plane, become one of the cells `made`, whose planes are so far apart. */
+#define ROW_OF_FOUR(p, i) (i == 0 ? four[p].xy : four[p].zw)
+#define MADE_CELL(p) made[(size_t)(p) * plane]
+INLINED void put_cell(const float4 *four, int level, int perspective, global float *made, int plane)
+{
+    HALVE(float2, float, MADE_CELL, ROW_OF_FOUR, level)
+}
+
+#if HAS_BEHIND
+/* The holes of row v of a tile and its halo, as bits: those beside what is none there. Of others behind.cl may know
+ * nothing. */
+INLINED uint edge_bits(global const uchar *valid, int width, int height, int tile_x, int tile_y, int v)
+{
+    uint known = 0;
+    for (int w = max(v - 1, 0); w <= min(v + 1, HALO_TILE - 1); w++) {
+        const uint holes = hole_bits(valid, width, height, tile_x - HALO, tile_y - HALO + w, HALO_TILE / 8);
+        const uint there = ~holes & 0xffffffu;
+        known |= there | there << 1 | there >> 1;
+    }
+    return known & (uint)hole_bits(valid, width, height, tile_x - HALO, tile_y - HALO + v, HALO_TILE / 8);
+}
+
+/* The weights of four pixels of depths z, the first at (x, y), row by row: by the farthest depth behind the holes in the
+ * 12 x 12 pixels around the 4 x 4 that they are of; and of the holes that touch each, where there is a falloff, the
+ * steepest one and the farthest depth */
+INLINED float4 pixel_weights(global const uchar *valid, global const float *behind, int width, int height, int pitch,
+                             int x, int y, float4 z)
+{
+    const int tile_x = x / TILE * TILE, tile_y = y / TILE * TILE, left = (x - tile_x) & ~3, top = (y - tile_y) & ~3;
+    float around = 0.0f;
+    float4 touching = 0.0f, falloffs = 0.0f;
+    for (int v = top; v < top + 4 + 2 * HALO; v++) {
+        global const float *row = behind + (size_t)(tile_y + v) * pitch + tile_x;
+        uint edges = edge_bits(valid, width, height, tile_x, tile_y, v) & 0xfffu << left;
+        for (; edges; edges &= edges - 1) {
+            const int u = LOWEST(edges), dx = tile_x + u - HALO - x, dy = tile_y + v - HALO - y;
+            around = fmax(around, row[u]);
+            if (dx < -BESIDE || dx > 1 + BESIDE || dy < -BESIDE || dy > 1 + BESIDE)
+                continue;
+            const float steep = row[BEHIND_PLANE(height, pitch) + u], far = steep != 0.0f ? row[u] : 0.0f;
+            const int4 is_beside = (abs(dx - (int4)(0, 1, 0, 1)) <= BESIDE) & (abs(dy - (int4)(0, 0, 1, 1)) <= BESIDE);
+            falloffs = (is_beside & (falloffs < steep)) ? steep : falloffs;
+            touching = (is_beside & (touching < far)) ? far : touching;
+        }
+    }
+    return (float4)(weights_of(z.x, around, touching.x, falloffs.x), weights_of(z.y, around, touching.y, falloffs.y),
+                    weights_of(z.z, around, touching.z, falloffs.z), weights_of(z.w, around, touching.w, falloffs.w));
+}
+#endif
+
+#define EACH_OF_FOUR(F) F(0, s0) F(1, s1) F(2, s2) F(3, s3)
+
+/* A cell of the first level of a tile's pixels */
+INLINED void push_quad(global const channel *color, global const float *depth, global const uchar *valid,
+                       global const float *behind, int width, int height, int pitch, int perspective, int column, int row,
+                       int across, int down, global float *inner, global float *cells)
+{
+    const int x = 2 * column, y = 2 * row;
+    uint bits[4];
+    UNROLLED
+    for (int i = 0; i < 4; i++)
+        bits[i] = hole_bits(valid, width, height, x - BESIDE, y - BESIDE + i, 1);
+    const uint upper = bits[0] | bits[1] | bits[2], lower = bits[1] | bits[2] | bits[3];
+    const uint4 near = (uint4)(upper & 7, upper >> 1 & 7, lower & 7, lower >> 1 & 7);
+    float4 planes[PLANES] = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f}, z = 1.0f, weights = 1.0f;
+    int4 pixels;
+#define FIND_PIXEL(i, s)                                                                                             \
+    pixels.s = (y + i / 2) * width + x + i % 2;                                                                \
+    if (near.s && x + i % 2 < width && y + i / 2 < height && valid[pixels.s])                                 \
+        z.s = depth[pixels.s];                                                                                 \
+    else                                                                                                       \
+        pixels.s = -1;
+    EACH_OF_FOUR(FIND_PIXEL)
+#if HAS_BEHIND
+    if (any(pixels >= 0))
+        weights = pixel_weights(valid, behind, width, height, pitch, x, y, z);
+#endif
+    weights = pixels >= 0 ? weights : 0.0f;
+#if CHANNELS == 3
+#define WEIGH_COLOR(i, s)                                                                                            \
+    for (int p = 0; p < 3; p++)                                                                                \
+        planes[p].s = pixels.s >= 0 ? weights.s * color[3 * (size_t)pixels.s + p] : 0.0f;
+    EACH_OF_FOUR(WEIGH_COLOR)
+#endif
+    planes[3] = weights * DEPTH_OF(perspective, z);
+    planes[WEIGHT_PLANE] = weights;
+    put_cell(planes, 0, perspective, inner + FIRST_CELL(column, row, across), INNER_CELLS);
+}
+
+/* And of a tile's cells */
+INLINED void push_base_quad(global const float *base, int width, int height, int perspective, int level, int column, int row,
+                       int across, int down, global float *inner, global float *cells)
+{
+    const int x = 2 * column, y = 2 * row;
+    float4 four[PLANES];
+    UNROLLED
+    for (int p = 0; p < PLANES; p++) {
+        global const float *upper = base + (p * height + y) * width + x, *lower = upper + width;
+        four[p] = (float4)(x < width && y < height ? upper[0] : 0.0f, x + 1 < width && y < height ? upper[1] : 0.0f,
+                           x < width && y + 1 < height ? lower[0] : 0.0f,
+                           x + 1 < width && y + 1 < height ? lower[1] : 0.0f);
+    }
+    put_cell(four, level, perspective, inner + FIRST_CELL(column, row, across), INNER_CELLS);
+}
+
+/* A tile's other levels; level: that of its pixels or cells */
+kernel void push_levels(int width, int height, int perspective, int level, global float *inner, global float *cells)
+{
+    const int across = (width + TILE - 1) / TILE, down = (height + TILE - 1) / TILE;
+    const int column = get_global_id(0), row = get_global_id(1), tile = row * across + column;
+    if (column >= across || row >= down)
+        return;
+    global float *from = inner + (size_t)tile * PLANES * INNER_CELLS;
+    for (int side = TILE / 4; side > 0; side /= 2) {
+        level++;
+        global float *to = from + 4 * side * side;
+        for (int i = 0; i < side * side; i++) {
+            float4 four[PLANES];
+            UNROLLED
+            for (int p = 0; p < PLANES; p++) {
+                global const float *corner = from + p * INNER_CELLS + i / side * 4 * side + i % side * 2;
+                four[p] = (float4)(vload2(0, corner), vload2(side, corner));
+            }
+            put_cell(four, level, perspective, side > 1 ? to + i : cells + tile, side > 1 ? INNER_CELLS : across * down);
+        }
+        from = to;
+    }
+}
+
+/* What cell (x, y) of a level of `side` cells a tile leaves open, and has itself in plane p; beyond the picture nothing */
+INLINED float2 open_and_own(global const float *level, int across, int down, int side, int p, int x, int y)
+{
+    const int column = x >= 0 ? x / side : -1, row = y >= 0 ? y / side : -1;
+    if (column < 0 || row < 0 || column >= across || row >= down)
+        return (float2)(1.0f, 0.0f);
+    global const float *cell = level + (size_t)(row * across + column) * PLANES * INNER_CELLS + y % side * side + x % side;
+    return (float2)(1.0f - cell[WEIGHT_PLANE * INNER_CELLS], cell[p * INNER_CELLS]);
+}
+
+/* 3 x 3 cells are enough to interpolate 3 x 3 of the level below. Those that pixel x begins at are between cells from
+ * here on, n levels above. */
+#define BEGIN_ABOVE(x, n) ((((x) + 1) >> (n)) - 1)
+#define PART(x) ((x) & 1 ? 0.25f : 0.75f)
+#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* whether cell i of them is between the last two, not the first two */
+
+/* 3 x 3 cells of a level from (x, y) on, filled from those above, which are replaced */
+INLINED void pull_around(global const float *level, int across, int down, int side, int p, int x, int y, float *cells)
+{
+    float filled[9];
+    UNROLLED
+    for (int j = 0; j < 3; j++) {
+        float between[3];
+        UNROLLED
+        for (int i = 0; i < 3; i++)
+            between[i] = LATER(j, y) ? mix(cells[3 + i], cells[6 + i], PART(y + j)) : mix(cells[i], cells[3 + i], PART(y + j));
+        UNROLLED
+        for (int i = 0; i < 3; i++) {
+            const float2 told = open_and_own(level, across, down, side, p, x + i, y + j);
+            const float left = LATER(i, x) ? between[1] : between[0], right = LATER(i, x) ? between[2] : between[1];
+            filled[3 * j + i] = told.x * mix(left, right, PART(x + i));
+            filled[3 * j + i] += told.y;
+        }
+    }
+    UNROLLED
+    for (int i = 0; i < 9; i++)
+        cells[i] = filled[i];
+}
+
+/* Plane p of pixel or cell (x, y) of the base, filled */
+INLINED float pulled_plane(global const float *inner, global const float *cells, int across, int down, int p, int x, int y)
+{
+    const int tiles = across * down;
+    const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell is not filled from above */
+    float filled[9];
+    UNROLLED
+    for (int i = 0; i < 9; i++)
+        filled[i] = top * cells[p * tiles + clamp(BEGIN_ABOVE(y, 4) + i / 3, 0, down - 1) * across +
+                                clamp(BEGIN_ABOVE(x, 4) + i % 3, 0, across - 1)];
+    for (int n = 3, side = 2, first = INNER_CELLS; n > 0; n--, side *= 2) {
+        first -= side * side;
+        pull_around(inner + first, across, down, side, p, BEGIN_ABOVE(x, n), BEGIN_ABOVE(y, n), filled);
+    }
+    return mix(mix(filled[0], filled[3], PART(y)), mix(filled[1], filled[4], PART(y)), PART(x));
+}
+
+/* A cell, filled */
+INLINED void pull_cell(global float *base, int width, int height, int x, int y, int across, int down,
+                       global const float *inner, global const float *cells)
+{
+    const int plane = width * height, cell = y * width + x;
+    const float open = 1.0f - base[WEIGHT_PLANE * plane + cell];
+    for (int p = 0; p < WEIGHT_PLANE; p++)
+        base[p * plane + cell] += open * pulled_plane(inner, cells, across, down, p, x, y);
+}
+
+/* A hole, filled */
+INLINED void pull_pixel(global channel *color, global float *depth, global const uchar *valid,
+                        global const float *behind, int width, int height, int pitch, int perspective, int x, int y,
+                        int across, int down, global const float *inner, global const float *cells)
+{
+    const size_t pixel = (size_t)y * width + x;
+    if (valid[pixel])
+        return;
+    float4 own = 0.0f;
+    for (int i = 0; i < (CHANNELS == 3 ? 4 : 1); i++) { /* nearness first */
+        const int p = i == 0 ? 3 : i - 1;
+        const float value = pulled_plane(inner, cells, across, down, p, x, y);
+        if (isnan(value)) /* nothing is known in the whole picture */
+            return;
+        own = (float4)(own.yz, value, 0.0f);
+        if (p == 3)
+            depth[pixel] = DEPTH_OF(perspective, value);
+#if CHANNELS == 3
+        else
+            color[3 * pixel + p] = to_channel(value);
+#endif
+    }
+#if HAS_BEHIND && CHANNELS == 3
+    if ((x > 0 && valid[pixel - 1]) || (x + 1 < width && valid[pixel + 1]) || (y > 0 && valid[pixel - width]) ||
+        (y + 1 < height && valid[pixel + width]))
+        show_rim(color, depth, valid, behind, width, height, pitch, x, y, own);
+#endif
+}
+#endif
+#endif

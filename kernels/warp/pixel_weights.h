@@ -1,0 +1,53 @@
+#ifndef WARP_PIXEL_WEIGHTS_H
+#define WARP_PIXEL_WEIGHTS_H
+/* What a pixel beside holes weighs, and how much of the foreground a hole shows (fill.cl), by what lies behind holes. */
+#include "lib/channel.h"
+#include "warp/pyramid.h"
+
+#define RIM_PART 0.2f         /* the most that a hole beside foreground shows of it */
+#define BESIDE 1              /* pixels from a hole within which valid ones have a weight */
+#define PIXEL_WEIGHT_MIN 1e-6f /* of any pixel: more than nothing */
+#define RATIO_FLOOR 1e-3f     /* ratios up to it weigh nothing, so that half the depth of what lies behind leaves no trace */
+
+#if HAS_BEHIND
+/* The part of a pixel of depth z that is foreground, beside a hole */
+#define FOREGROUND(z, far, falloff) clamp((falloff) * ((far) - (z)), 0.0f, 1.0f)
+
+/* The weights of pixels of depths z: of a lane each */
+INLINED floatl weights_of(floatl z, floatl around, floatl touching, floatl falloffs)
+{
+    floatl ratio = around > z ? z / around : (floatl)1.0f;
+    ratio *= ratio;
+    ratio *= ratio;
+    ratio *= ratio * ratio; /* to the 12th power */
+    ratio += RATIO_FLOOR * (ratio - 1.0f);
+    ratio *= 1.0f - FOREGROUND(z, touching, falloffs);
+    return ratio > PIXEL_WEIGHT_MIN ? ratio : (floatl)PIXEL_WEIGHT_MIN;
+}
+#endif
+
+#if HAS_BEHIND && CHANNELS == 3
+/* The hole (x, y) beside valid pixels: its own colour with up to RIM_PART of the foreground in its row or column */
+void show_rim(global channel *color, global const float *depth, global const uchar *valid, global const float *behind,
+              int width, int height, int pitch, int x, int y, float4 own)
+{
+    global const float *told = behind + (size_t)(y + HALO) * pitch + x + HALO;
+    const float falloff = told[BEHIND_PLANE(height, pitch)];
+    if (falloff == 0.0f)
+        return;
+    float4 sum = 0.0f;
+    float most = 0.0f;
+    for (int side = 0; side < 4; side++) {
+        const int u = x + (side == 0) - (side == 1), v = y + (side == 2) - (side == 3);
+        const size_t at = (size_t)v * width + u;
+        if (u < 0 || v < 0 || u >= width || v >= height || !valid[at])
+            continue;
+        const float part = FOREGROUND(depth[at], told[0], falloff);
+        sum += part * (float4)(color[3 * at], color[3 * at + 1], color[3 * at + 2], 1.0f);
+        most = fmax(most, part);
+    }
+    if (most > 0.0f)
+        vstore3(to_channels(mix(own, sum / sum.w, RIM_PART * most)).xyz, (size_t)y * width + x, color);
+}
+#endif
+#endif
