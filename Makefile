@@ -2,7 +2,7 @@
 PYTHON ?= python3
 RUN := .venv/bin/python
 
-.PHONY: help setup demo test test-all fuzz check audit bench docs clean
+.PHONY: help setup demo test test-all test-arm fuzz check audit bench docs clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
@@ -44,6 +44,9 @@ fuzz: .venv/.ready  ## what test-all leaves out, 37,000 random calls, and 5,000 
 	@$(RUN) -m tests.attack render --first $(FUZZ_FIRST) --count 10000
 	@$(RUN) -m tests.attack register --first $(FUZZ_FIRST) --count 5000
 	@$(RUN) -m tests.attack clean --first $(FUZZ_FIRST) --count 2000
+
+test-arm: .venv/.ready  ## the wheel on a Debian for ARM, emulated, and its pictures beside this machine's (as root)
+	@$(RUN) -m tools.arm $(ARGS)
 
 check: .venv/.ready  ## lint, format, types and who imports whom
 	@$(RUN) -m ruff check .

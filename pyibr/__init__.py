@@ -61,6 +61,8 @@ if TYPE_CHECKING:
     from pyibr.app.view import view
     from pyibr.capture.sets import load, save
     from pyibr.depthmesh import DepthMesh, DepthMeshObject
+    from pyibr.io.video import Video
+    from pyibr.io.video_writing import write_video
     from pyibr.relief import ReliefSurface
     from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
 
@@ -71,6 +73,8 @@ _LATER = {
     "app.view": ("view",),
     "capture.sets": ("load", "save"),
     "depthmesh": ("DepthMesh", "DepthMeshObject"),
+    "io.video": ("Video",),
+    "io.video_writing": ("write_video",),
     "relief": ("ReliefSurface",),
     "slicing": ("DepthObject", "SlicedSurface", "VisualHull"),
 }
@@ -100,6 +104,7 @@ __all__ = [
     "ReliefSurface",
     "Silhouette",
     "SlicedSurface",
+    "Video",
     "VisualHull",
     "WarpedView",
     "__version__",
@@ -132,6 +137,7 @@ __all__ = [
     "write_color",
     "write_depth",
     "write_mask",
+    "write_video",
     "zbuffer_from_depth",
 ]
 

@@ -12,7 +12,7 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import NamedTuple, Protocol, cast
+from typing import BinaryIO, NamedTuple, Protocol, cast
 
 from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageError
@@ -90,8 +90,21 @@ class _Staged(NamedTuple):
 _waiting: ContextVar[list[_Staged] | None] = ContextVar("waiting", default=None)
 
 
+@contextmanager
+def written_whole(path: str | os.PathLike[str]) -> Generator[BinaryIO, None, None]:
+    """Yield a stream for a file that is written piece by piece; as `write_atomically`, it is whole or not there."""
+    with written_together() as alone, _staged(checked_path(path), alone) as stream:
+        yield stream
+
+
 def _stage(named: Path, data: bytes, files: list[_Staged]) -> None:
-    """Write a file of these bytes under a name of its own, and put it to those that wait for theirs."""
+    with _staged(named, files) as stream:
+        stream.write(data)
+
+
+@contextmanager
+def _staged(named: Path, files: list[_Staged]) -> Generator[BinaryIO, None, None]:
+    """Yield a stream to a file under a name of its own, and put it to those that wait for theirs."""
     try:
         named.parent.mkdir(parents=True, exist_ok=True)
         old = _replaceable(named)
@@ -99,11 +112,11 @@ def _stage(named: Path, data: bytes, files: list[_Staged]) -> None:
         temporary = final.with_name(f".pyibr-{secrets.token_hex(8)}")
         # The name is new, or this fails: no link that waits there is followed. The umask has its say on new files,
         # and while a private file is written again it stays private.
-        flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
+        flags = os.O_CREAT | os.O_EXCL | os.O_RDWR | getattr(os, "O_BINARY", 0)
         descriptor = os.open(temporary, flags, 0o666 if old is None else 0o600)
         files.append(_Staged(temporary, final, named))
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(data)
+        with os.fdopen(descriptor, "w+b") as stream:
+            yield stream
             stream.flush()
             os.fsync(descriptor)  # or a power failure might leave the new name without its content
         if old is not None:

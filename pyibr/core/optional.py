@@ -29,6 +29,11 @@ def opencv(user: str, *names: str) -> Any:
     return cv2
 
 
+def pyav() -> Any:
+    """PyAV, FFmpeg's libraries, or a MissingPackageError."""
+    return _imported("av", "videos need PyAV", "video", "pip install --force-reinstall av")
+
+
 def openexr() -> Any:
     """OpenEXR, or a MissingPackageError."""
     return _imported("OpenEXR", "EXR files need OpenEXR", "exr", "pip install --force-reinstall OpenEXR")

@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app.cli import app
-from pyibr.io.video import Video, VideoWriter
+from pyibr.io.video import Video
+from pyibr.io.video_writing import VideoWriter
 from tests.data import shared
 
 SIZE = (62, 38)

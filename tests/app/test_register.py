@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app.cli import app
-from pyibr.io.video import Video, VideoWriter
+from pyibr.io.video import Video
+from pyibr.io.video_writing import VideoWriter
 from tests.app.test_recordings import COUNT, SCALE, SIZE, Recorded, assert_one_line, succeeded
 
 COLORS = ibr.Camera([[60, 0, 34], [0, 60, 22], [0, 0, 1]], (72, 44)).moved(0.05, 0.01, 0)

@@ -20,7 +20,8 @@ from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_writable, identity
 from pyibr.io import DepthKind, check_output
-from pyibr.io.video import CODECS, VideoWriter, check_video_output
+from pyibr.io.video import Video
+from pyibr.io.video_writing import CODECS, VideoWriter, check_video_output
 
 Kind = Literal["color", "depth", "mask"]
 
@@ -38,8 +39,10 @@ class Outputs:
         --depth-scale and --depth-kind.
     numbers : sequence of int, or None
         Those of the frames; None for one, which has no number.
-    fps, source_fps : float, or None
-        --fps, and what the source has.
+    fps : float, or None
+        --fps; by default frames keep the times that they have in `film`, and its sound.
+    film : Video, or None
+        What the source is.
     """
 
     def __init__(
@@ -48,7 +51,7 @@ class Outputs:
         stored: tuple[float | None, DepthKind],
         numbers: Sequence[int] | None,
         fps: float | None,
-        source_fps: float | None,
+        film: Video | None,
     ) -> None:
         self._files: dict[str, tuple[Path, Kind]] = {
             option: (path, kind) for option, (path, kind) in files.items() if path is not None
@@ -59,7 +62,8 @@ class Outputs:
         if fps is not None and not self._is_video:
             expected = f"a video of several views ({', '.join(CODECS)}) for --output"
             raise ArgumentError("--fps", expected, str(self._main))
-        self._fps = source_fps or _FPS if fps is None else positive("--fps", fps, "frames a second > 0")
+        self._fps = None if fps is None else positive("--fps", fps, "frames a second > 0")
+        self._film = film if fps is None else None
         self._stack, self._behind = ExitStack(), Behind(in_order=self._is_video)
         self._writer: VideoWriter | None = None
         self._written: list[str] = []
@@ -102,7 +106,7 @@ class Outputs:
 
     def __enter__(self) -> Outputs:
         if self._is_video:
-            self._writer = self._stack.enter_context(VideoWriter(self._main, self._fps))
+            self._writer = self._stack.enter_context(self._video())
         self._stack.enter_context(self._behind)  # last: it ends before the video does
         return self
 
@@ -119,7 +123,7 @@ class Outputs:
         for path, kind in self._files.values():
             name = self._name(path, number)
             if self._writer is not None and path == self._main:
-                self._writer.add(images[kind])
+                self._writer.add(images[kind], None if self._film is None else self._time(number))
             elif kind == "color":
                 ibr.write_color(name, stored(images[kind], name))
             elif kind == "depth":
@@ -128,6 +132,18 @@ class Outputs:
                 )
             else:
                 ibr.write_mask(name, images[kind])
+
+    def _video(self) -> VideoWriter:
+        film = self._film
+        if film is None:
+            return VideoWriter(self._main, self._fps or _FPS)
+        start = film.times[next(iter(self._numbers or [0]))]
+        return VideoWriter(self._main, film.fps or _FPS, sound=film.path if film.has_sound else None, start=start)
+
+    def _time(self, number: int) -> float:
+        """Seconds of a frame of the film from the first that is taken."""
+        assert self._film is not None and self._numbers is not None
+        return self._film.times[number] - self._film.times[self._numbers[0]]
 
     def tell(self, size: tuple[int, int], several: str, lacking: str, depths: object = "") -> None:
         """Say what was written, of which depths; `several`: what the frames are called; lacking: why some are empty."""

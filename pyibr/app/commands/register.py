@@ -82,7 +82,9 @@ def register(
     source, is_still = open_depths(depth, color, (depth_camera, color_camera), take)
     numbers = None if is_still else [shot.number for shot in source.shots]
     files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
-    outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_kind), numbers, None, source.fps)
+    outputs = Outputs(
+        {**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_kind), numbers, None, source.video
+    )
     read = source.files()
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
     files_read = {"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras}

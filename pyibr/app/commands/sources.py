@@ -89,11 +89,6 @@ class Source:
     cameras: Sequence[Path] = ()
     is_placed: bool = False
 
-    @property
-    def fps(self) -> float | None:
-        """Frames a second, if that is known."""
-        return None if self.video is None else self.video.fps
-
     def colors(self, losses: Losses, skipped: Collection[int] = ()) -> Iterator[NDArray[Any] | None]:
         """The pictures, one after the other, None where one is lost or its number skipped; of depth alone none."""
         wanted = [shot.number for shot in self.shots if shot.number not in skipped]

@@ -148,7 +148,8 @@ def warp(
     is_scene, shots = are_stills or together, opened[0].shots
     count = targets.count(None if is_scene else len(shots))
     numbers = None if count is None else range(count) if is_scene else [shot.number for shot in shots]
-    outputs = Outputs(_files(output, depth_out, valid_out), (depth_scale, depth_kind), numbers, fps, opened[0].fps)
+    film = None if is_scene else opened[0].video
+    outputs = Outputs(_files(output, depth_out, valid_out), (depth_scale, depth_kind), numbers, fps, film)
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]}, sources)
     stored, seen = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence), DepthRange()
     reading = stored, default_depth_of(default_depth), clean, noise_of(noise, baseline)

@@ -1,0 +1,324 @@
+"""Videos are written through PyAV, pictures that move through Pillow, too; with sound that is carried over."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+
+from pyibr.core.checks import describe, positive
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import check_writable, checked_path, written_whole
+from pyibr.core.optional import pyav
+from pyibr.io.video import LARGE
+
+_log = logging.getLogger("pyibr")
+
+Codec = Literal["h264", "h265", "av1", "vp9", "ffv1"]
+
+_TICKS = 90_000  # a second: of frames that come at times of their own
+
+
+@dataclass(frozen=True)
+class _Encoder:
+    """What a codec is called, and what is asked of it: nearly no loss that eyes see, fast enough to be drawn live."""
+
+    name: str
+    pixels: dict[int, str]
+    """Formats by bits a channel."""
+    options: dict[str, str] = field(default_factory=dict[str, str])
+    halves: bool = True
+    """Whether colours are kept for each other pixel: sizes are even then."""
+
+
+_ENCODERS = {
+    "h264": _Encoder("libx264", {8: "yuv420p", 10: "yuv420p10le"}, {"preset": "veryfast", "crf": "18"}),
+    "h265": _Encoder(
+        "libx265",
+        {8: "yuv420p", 10: "yuv420p10le", 12: "yuv420p12le"},
+        {"preset": "veryfast", "crf": "20", "x265-params": "log-level=none"},
+    ),
+    "av1": _Encoder("libsvtav1", {8: "yuv420p", 10: "yuv420p10le"}, {"preset": "9", "crf": "25"}),
+    "vp9": _Encoder(
+        "libvpx-vp9", {8: "yuv420p"}, {"deadline": "realtime", "cpu-used": "6", "row-mt": "1", "crf": "24", "b": "0"}
+    ),
+    "ffv1": _Encoder("ffv1", {8: "bgr0", 10: "gbrp10le", 12: "gbrp12le", 16: "gbrp16le"}, halves=False),
+    "mjpeg": _Encoder("mjpeg", {8: "yuvj420p"}, {"qmin": "2", "qmax": "3"}),
+    "webp": _Encoder("libwebp_anim", {8: "yuv420p"}, {"quality": "90", "loop": "0"}, halves=False),
+}
+
+CODECS = {
+    ".mp4": ("h264", "h265", "av1"),
+    ".m4v": ("h264", "h265"),
+    ".mov": ("h264", "h265"),
+    ".webm": ("vp9", "av1"),
+    ".mkv": ("ffv1", "h264", "h265", "av1", "vp9"),
+    ".avi": ("mjpeg",),
+    ".webp": ("webp",),
+    ".gif": ("gif",),
+}
+"""Of what can be written, by suffix; the first one is the default."""
+
+_CONTAINERS = {".m4v": "mp4", ".mkv": "matroska"}
+
+
+def write_video(
+    path: str | os.PathLike[str],
+    frames: Iterable[ArrayLike],
+    fps: float,
+    *,
+    codec: Codec | None = None,
+    bits: int = 8,
+    sound: str | os.PathLike[str] | None = None,
+) -> None:
+    """Write frames as a video.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .mp4, .m4v or .mov (H.264 by default, which browsers and notebooks play), .webm (VP9), .mkv (FFV1, which
+        loses nothing), .avi (Motion JPEG), .gif or .webp (animated pictures).
+    frames : iterable of (H, W, 3) arrays
+        uint8, uint16, or floats of which [0, 1] is black to white. Each is taken as it is wanted. Odd sizes lose their
+        last row or column, but in .mkv, .gif and .webp.
+    fps : float
+        Frames a second.
+    codec : {"h264", "h265", "av1", "vp9", "ffv1"}, optional
+        Instead of the format's own.
+    bits : {8, 10, 12, 16}
+        A channel, as far as the codec has them.
+    sound : path, optional
+        A video whose sound is carried over from its beginning, as it is.
+
+    Raises
+    ------
+    ArgumentError
+        If the codec does not fit the format, or the bits the codec; or frames differ in size.
+    FileFormatError
+        If the file cannot be written. What was there before is left then.
+    MissingPackageError
+        PyAV is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> ibr.write_video("noise.webm", np.random.default_rng(1).random((4, 48, 64, 3)), fps=25)
+    """
+    place = checked_path(path)
+    check_video_output(place, codec, bits)
+    with VideoWriter(place, positive("fps", fps, "frames a second > 0"), codec=codec, bits=bits, sound=sound) as video:
+        for frame in frames:
+            video.add(np.asarray(frame))
+
+
+class VideoWriter:
+    """Writes a video file, which is there once it is closed; of a film that is interrupted, what is complete of it.
+
+    An error leaves what was there before. The parameters are `write_video`'s, which `check_video_output` has looked at;
+    start: second of the sound at which the first frame is.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        fps: float,
+        *,
+        codec: Codec | None = None,
+        bits: int = 8,
+        sound: str | os.PathLike[str] | None = None,
+        start: float = 0.0,
+    ) -> None:
+        self._path, self._rate = path, Fraction(fps).limit_denominator(10_000)
+        self._suffix = path.suffix.lower()
+        self._encoder = _ENCODERS.get(codec or CODECS[self._suffix][0])
+        self._bits, self._sound = bits, None if sound is None else (checked_path(sound), Fraction(start))
+        self._stack = ExitStack()
+        self._file: Any = None
+        self._film: _Film | _Gif | None = None
+        self._count = 0
+        self._shape: tuple[int, ...] = ()
+
+    def __enter__(self) -> VideoWriter:
+        self._file = self._stack.enter_context(written_whole(self._path))
+        self._stack.push(self._finish)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: Any) -> None:
+        if self._film is not None and kind is not None and not issubclass(kind, Exception):
+            kind = error = trace = None  # interrupted: what is there is whole
+        self._stack.__exit__(kind, error, trace)
+
+    def _finish(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            return
+        if self._film is None:
+            raise FileFormatError(f"{self._path}: cannot be written: a video without a frame")
+        with _written(self._path):
+            self._film.close()
+
+    def add(self, color: NDArray[Any], time: float | None = None) -> None:
+        """Add a frame (H, W, 3), `time` seconds after the first; by default at the rate, and then for all frames."""
+        if self._film is None:
+            self._shape = color.shape[:2]
+            with _written(self._path):
+                if self._encoder is None:
+                    self._film = _Gif(self._file, self._rate)
+                else:
+                    self._film = _Film(
+                        self._file, self._path, self._encoder, self._bits, self._shape, self._rate, self._sound
+                    )
+        if color.shape[:2] != self._shape:
+            expected = "x".join(map(str, self._shape[::-1]))
+            raise ArgumentError("frames", f"all of one size, {expected}", "x".join(map(str, color.shape[1::-1])))
+        with _written(self._path):
+            self._film.add(color, Fraction(self._count) / self._rate if time is None else Fraction(time))
+        self._count += 1
+
+
+class _Film:
+    """A file that FFmpeg writes."""
+
+    def __init__(
+        self,
+        file: Any,
+        path: Path,
+        encoder: _Encoder,
+        bits: int,
+        shape: tuple[int, ...],
+        rate: Fraction,
+        sound: tuple[Path, Fraction] | None,
+    ) -> None:
+        self._av, self._stack = pyav(), ExitStack()
+        suffix, step = path.suffix.lower(), 2 if encoder.halves else 1
+        self._deep, self._halved = bits > 8, encoder.halves
+        self._height, self._width = (size // step * step for size in shape)
+        if not self._height or not self._width:
+            raise FileFormatError(f"{path}: PyAV cannot write a video of {shape[1]}x{shape[0]}")
+        self._container = self._av.open(file, "w", format=_CONTAINERS.get(suffix, suffix[1:]))
+        os.environ.setdefault("SVT_LOG", "1")  # that encoder speaks to the terminal else
+        self._stream = self._container.add_stream(encoder.name, rate=rate, options=dict(encoder.options))
+        self._stream.width, self._stream.height = self._width, self._height
+        self._stream.pix_fmt = self._pixels = encoder.pixels[bits]
+        context = self._stream.codec_context
+        self._ticks = rate if suffix == ".avi" else Fraction(_TICKS)  # AVI has no times of its own
+        context.time_base = 1 / self._ticks
+        self._duration = round(self._ticks / rate)
+        if encoder.name == "libx265" and suffix != ".mkv":
+            context.codec_tag = "hvc1"  # by which Apple's players know it
+        self._is_large = self._height >= LARGE
+        if encoder.halves:
+            context.color_range = 2 if self._pixels.startswith("yuvj") else 1
+            context.colorspace = 1 if self._is_large else 5
+        self._sound = iter(()) if sound is None else self._carried_over(path, *sound)
+        self._packet = next(self._sound, None)
+
+    def add(self, color: NDArray[Any], time: Fraction) -> None:
+        whole = _in_words(color, 16 if self._deep else 8)[: self._height, : self._width, :3]
+        frame = self._av.VideoFrame.from_ndarray(
+            np.ascontiguousarray(whole), format="rgb48le" if self._deep else "rgb24"
+        )
+        space = "ITU709" if self._is_large else "ITU601"
+        frame = frame.reformat(format=self._pixels, dst_colorspace=space if self._halved else None)
+        frame.pts, frame.duration, frame.time_base = round(time * self._ticks), self._duration, 1 / self._ticks
+        self._hear_until(time + self._duration / self._ticks)
+        self._container.mux(self._stream.encode(frame))
+
+    def close(self) -> None:
+        self._container.mux(self._stream.encode())
+        self._container.close()
+        self._stack.close()
+
+    def _hear_until(self, time: Fraction) -> None:
+        while self._packet is not None and self._packet[0] < time:
+            self._container.mux(self._packet[1])
+            self._packet = next(self._sound, None)
+
+    def _carried_over(self, path: Path, sound: Path, start: Fraction) -> Iterator[tuple[Fraction, Any]]:
+        """Packets of a file's sound with their times, for a stream of their own; it is made at once."""
+        source = self._stack.enter_context(self._av.open(str(sound)))
+        if not source.streams.audio:
+            return iter(())
+        heard = source.streams.audio[0]
+        try:
+            stream = self._container.add_stream_from_template(heard)
+        except ValueError:
+            _log.warning("%s: sound of %s (%s) does not fit there; left out", path, sound, heard.codec.name)
+            return iter(())
+
+        def packets() -> Iterator[tuple[Fraction, Any]]:
+            ticks = round(start / heard.time_base)
+            for packet in source.demux(heard):
+                if packet.dts is not None and packet.dts >= ticks:
+                    packet.pts, packet.dts, packet.stream = packet.pts - ticks, packet.dts - ticks, stream
+                    yield packet.dts * heard.time_base, packet
+
+        return packets()
+
+
+class _Gif:
+    """An animated picture, through Pillow, which finds colours for each frame."""
+
+    def __init__(self, file: Any, rate: Fraction) -> None:
+        self._file, self._rate = file, rate
+        self._images: list[Image.Image] = []
+        self._times: list[Fraction] = []
+
+    def add(self, color: NDArray[Any], time: Fraction) -> None:
+        self._images.append(Image.fromarray(np.ascontiguousarray(_in_words(color, 8)[..., :3])).quantize(256))
+        self._times.append(time)
+
+    def close(self) -> None:
+        ends = [*self._times[1:], self._times[-1] + 1 / self._rate]
+        # A GIF counts hundredths of a second; rounded ends, not rounded durations, keep the whole as long as it is.
+        marks = [0, *(round(100 * end) for end in ends)]
+        durations = [10 * (after - before) for before, after in itertools.pairwise(marks)]
+        first, *others = self._images
+        first.save(self._file, "GIF", save_all=True, append_images=others, duration=durations, loop=0)
+
+
+def check_video_output(path: Path, codec: Codec | None = None, bits: int = 8) -> None:
+    """Raise what writing a video there would raise before the first frame."""
+    suffix = path.suffix.lower()
+    if suffix not in CODECS:
+        raise FileFormatError(f"{path}: no video format {path.suffix} to write; known are {', '.join(sorted(CODECS))}")
+    used = codec or CODECS[suffix][0]
+    if used not in CODECS[suffix]:
+        raise ArgumentError("codec", f"{' or '.join(CODECS[suffix])} for {path}", describe(used))
+    if used in _ENCODERS and bits not in _ENCODERS[used].pixels:
+        raise ArgumentError("bits", " or ".join(map(str, _ENCODERS[used].pixels)) + f" for {used}", str(bits))
+    pyav()
+    check_writable(path)
+
+
+@contextmanager
+def _written(path: Path) -> Generator[None, None, None]:
+    """Turn what FFmpeg raises into FileFormatError."""
+    try:
+        yield
+    except (FileFormatError, ArgumentError):
+        raise
+    except Exception as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FileFormatError(f"{path}: cannot be written: {reason}") from error
+
+
+def _in_words(color: NDArray[Any], bits: int) -> NDArray[Any]:
+    """Channels as integers of so many bits, 8 or 16, from such or from floats of which [0, 1] is all."""
+    most, dtype = (1 << bits) - 1, np.uint8 if bits == 8 else np.uint16
+    if color.dtype == dtype:
+        return color
+    if color.dtype == np.uint8:
+        return color.astype(dtype) * 257
+    share = color / 65535 if color.dtype == np.uint16 else np.nan_to_num(color)
+    return np.rint(np.clip(share, 0, 1) * most).astype(dtype)
