@@ -75,9 +75,26 @@ def cameras_in(tree: object, path: str | PathLike[str], size: Size = None) -> Ca
 
     path: for messages. size: (width, height) of the pictures, for files that do not tell it.
     """
+    return {name: partial(_arranged, make) for name, make in _as_told(tree, path, size).items()}
+
+
+def points_up(path: str | PathLike[str]) -> bool:
+    """Tell whether y points up in the frame of a file's cameras, of which poses that are told elsewhere are, too."""
+    with suppress(FileFormatError, ArgumentError, *_ODD_FORMS):
+        file, _, tree = read_calibration(path)
+        return any(_is_upward(make()["K"]) for make in _as_told(tree, file, (1, 1)).values())
+    return False
+
+
+def _is_upward(K: object) -> bool:
+    return bool(numbers("K", K, (3, 3))[1, 1] < 0)
+
+
+def _as_told(tree: object, path: str | PathLike[str], size: Size) -> Cameras:
+    """The cameras of a tree, before they are arranged."""
     if is_matrix(tree):
         return {"": partial(_arguments, tree, size)}
-    found = {name: partial(_arranged, make) for name, make in _below(tree, path, size).items()}
+    found = _below(tree, path, size)
     if not found and PurePath(path).suffix.lower() in _TEXTS:
         raise FileFormatError(f"{path}: no camera in it: expected K, or a calibration of a known program or device")
     return found or {"": partial(camera_arguments, tree, path)}
@@ -135,14 +152,17 @@ def listed(names: Iterable[str]) -> str:
 
 
 def _arranged(make: Callable[[], Arguments]) -> Arguments:
-    """Its arguments; where y points up, y is turned."""
+    """Its arguments; where y points up, as fy < 0 tells, y is turned, and its world, which is left-handed, too."""
     made = make()
-    K = numbers("K", made["K"], (None, None))
-    if K.shape == (3, 3) and K[1, 1] < 0:
-        pose = made.get("world_from_camera")
-        warnings.warn("fy < 0: y is turned, and the world with it; poses that are told elsewhere are not", stacklevel=2)
-        made["K"], made["world_from_camera"] = _upright(K, np.eye(4) if pose is None else checked_pose(pose))
-    return made
+    if not _is_upward(made["K"]):
+        return made
+    warnings.warn("fy < 0: y is turned, and the world with it, poses of recordings, too", stacklevel=2)
+    pose, lens = made.get("world_from_camera"), made.get("lens")
+    if lens is not None and lens.model != "kannala_brandt":  # p1 moves y by what is even in it
+        k1, k2, p1, *others = lens.coefficients
+        lens = Lens(lens.model, [k1, k2, -p1, *others], radius=lens.radius)
+    turned = conventions.mirrored(np.eye(4) if pose is None else checked_pose(pose))
+    return {**made, "K": np.asarray(made["K"]) @ np.diag([1, -1, 1]), "world_from_camera": turned, "lens": lens}
 
 
 def _arguments(K: object, size: Size, lens: Lens | None = None, pose: Float64 | None = None) -> Arguments:
@@ -161,15 +181,6 @@ def _arguments(K: object, size: Size, lens: Lens | None = None, pose: Float64 | 
 def _is_normalized(K: Float64, size: tuple[int, int]) -> bool:
     """Tell whether K is in parts of a picture's width and height: no picture has its centre within its first pixel."""
     return bool((np.abs(K[:2, 2] - 0.5) < 0.5).all() and min(size) > 2 and max(K[0, 0], K[1, 1]) < min(size))
-
-
-def _upright(K: Float64, pose: Float64) -> tuple[Float64, Float64]:
-    """Return K and pose with y down of a camera whose y points up, as fy < 0 tells; its world is mirrored, too.
-
-    Such frames are left-handed, as those of ICL-NUIM are.
-    """
-    mirror = np.diag([1.0, -1.0, 1.0, 1.0])
-    return K @ mirror[:3, :3], mirror @ pose @ mirror
 
 
 def _given(K: Float64, size: tuple[int, int], lens: Lens, pose: Float64 | None = None) -> Arguments:

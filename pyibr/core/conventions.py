@@ -125,6 +125,12 @@ def intrinsics_from_normalized(K: Float64, size: tuple[int, int]) -> Float64:
     return with_principal_point_moved(np.diag([*size, 1.0]) @ K, -0.5)
 
 
+def mirrored(pose: Float64) -> Float64:
+    """Return the pose of a camera whose y points up as one whose y points down, in a mirrored world."""
+    mirror = np.diag([1.0, -1.0, 1.0, 1.0])
+    return mirror @ pose @ mirror
+
+
 def pose_from_extrinsics(rotation: Float64, translation: Float64) -> Float64:
     """Invert x_camera = rotation x_world + translation into a (4, 4) `world_from_camera`."""
     pose = np.eye(4)

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.calibrations import points_up
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
+from pyibr.core.conventions import mirrored
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import decoding
 from pyibr.io import DepthKind, DepthReading, depth_kinds, read_cameras, read_color, read_depth
@@ -111,6 +113,8 @@ class Recording(NamedTuple):
         What the colours are frames of.
     is_still : bool
         Whether it is one picture, or several of one moment.
+    points_up : bool
+        Whether poses are of frames whose y points up: then these, and their world, are turned over.
     """
 
     colors: list[Path]
@@ -126,6 +130,7 @@ class Recording(NamedTuple):
     stored: Sequence[Stored] | None = None
     video: Path | None = None
     is_still: bool = False
+    points_up: bool = False
 
     @property
     def size(self) -> tuple[int, int]:
@@ -159,7 +164,10 @@ def cameras_of(
     if poses is None and len(set(cameras)) > 1 and recording.placed is None:
         path = None
     if path is not None:
-        return list(zip(cameras, _poses(recording, path), strict=True))
+        placed = _poses(recording, path)
+        if recording.points_up or any(points_up(file) for file in read):
+            placed = [None if pose is None else mirrored(pose) for pose in placed]
+        return list(zip(cameras, placed, strict=True))
     if recording.placed is not None:
         return list(zip(cameras, recording.placed, strict=True))
     return [(camera, camera.world_from_camera) for camera in cameras]

@@ -133,6 +133,16 @@ def icl(folder: Path) -> None:
         png(folder / f"depth/{number}.png", counts(scene.depths[max(number - 1, 0)], 5000))
 
 
+def upward(folder: Path) -> None:
+    """Two folders of a camera whose fy is negative, and its poses."""
+    mirror, scene = np.diag([1.0, -1, 1, 1]), rendered()
+    matrix(folder / "camera-intrinsics.txt", K @ mirror[:3, :3])
+    matrix(folder / "poses.txt", np.array([(mirror @ one @ mirror).ravel() for one in scene.poses]))
+    for number, (color, depth) in enumerate(zip(scene.colors, scene.depths, strict=True)):
+        png(folder / f"color/{number}.png", color)
+        ibr.write_depth(folder / f"depth/{number}.npy", depth.astype(np.float32))
+
+
 def seven_scenes(folder: Path) -> None:
     scene = rendered()
     matrix(folder / "camera-intrinsics.txt", K)
@@ -443,10 +453,22 @@ SPECIMENS: dict[str, tuple[Callable[[Path], None], int]] = {
     for one, count in (
         *(
             (one, 2)
-            for one in (tum_camera, eth3d, tum_known, icl, seven_scenes, scannet, posed_images, sens, replica, bop)
+            for one in (
+                tum_camera,
+                eth3d,
+                tum_known,
+                icl,
+                upward,
+                seven_scenes,
+                scannet,
+                posed_images,
+                sens,
+                replica,
+                bop,
+            )
         ),
         *((one, 2) for one in (redwood, colmap, nerfstudio, instant_ngp, middlebury, stray, record3d, sintel)),
-        *((one, 2) for one in (depth_anything, vggt, kitti, kitti_drive, hypersim, ros_bag)),
+        *((one, 2) for one in (depth_anything, vggt, kitti, kitti_drive, hypersim, ros_bag, upward)),
         *((one, 1) for one in (moge, depth_pro)),
     )
 }

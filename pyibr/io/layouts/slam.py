@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import read_text, reading
 from pyibr.core.lens import Lens
-from pyibr.io.folders import at_one_time, number_of
 from pyibr.io.layouts import plain
 from pyibr.io.layouts.parts import camera_of, matrix, numbers_in, object_in, own_camera
-from pyibr.io.poses import read_trajectory
 from pyibr.io.recordings import Recording, Stored, paired_by_time, size_of
 
 _SIZE = (640, 480)
@@ -25,7 +20,6 @@ _FREIBURG3 = matrix(535.4, 320.1, 247.6, 539.2)  # whose pictures are without th
 _BONN = matrix(542.822841, 315.593520, 237.756098, 542.576870)
 _BONN_LENS = Lens("brown_conrady", [0.039903, -0.099343, -0.000730, -0.000144, 0])
 _ICL = matrix(481.2, 319.5, 239.5, 480.0)
-_MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
 def find_tum(folder: Path) -> Recording | None:
@@ -42,12 +36,9 @@ def find_icl(folder: Path) -> Recording | None:
     trajectories = sorted(folder.glob("*.gt.freiburg"))
     if not trajectories or (found := plain.find_folders(folder)) is None:
         return None
-    read = read_trajectory(trajectories[0])
-    at = [float(number_of(color) or 0) for color in found.colors]
-    pairs = dict(at_one_time(at, [] if read.times is None else read.times.tolist()))
-    placed = [mirrored(read.poses[pairs[place]]) if place in pairs else None for place in range(len(at))]
     known = own_camera("ICL-NUIM", _ICL, _SIZE, found.colors)
-    return found._replace(known=known, placed=placed, poses=None, stored=[Stored(5000)] * len(at))
+    stored = [Stored(5000)] * len(found.colors)
+    return found._replace(known=known, poses=trajectories[0], points_up=True, stored=stored)
 
 
 def find_open3d(folder: Path) -> Recording | None:
@@ -61,11 +52,6 @@ def find_open3d(folder: Path) -> Recording | None:
     scale = object_in(intrinsics[0]).get("depth_scale", 1000) if intrinsics else 1000
     known = own_camera("PrimeSense sensors", PRIMESENSE, _SIZE, found.colors)
     return found._replace(known=known, stored=[Stored(float(scale))] * len(found.colors))
-
-
-def mirrored(pose: Float64 | None) -> Float64 | None:
-    """The pose, in a mirrored world, of the camera whose y is down instead of up."""
-    return None if pose is None else _MIRROR @ pose @ _MIRROR
 
 
 def _tum_camera(folder: Path, colors: Sequence[Path]) -> Callable[[], list[Camera]]:
