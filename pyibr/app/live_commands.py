@@ -48,6 +48,7 @@ from pyibr.core.files import check_exists
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import DefaultDepth
 from pyibr.io import read_relief_map
+from pyibr.io.layouts import may_be_recording
 from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.heights import Wrap, Wraps, checked_wrap
 from pyibr.meshes.mesh import Mesh
@@ -209,7 +210,7 @@ class _Views:
         while rest:
             name = rest.pop(0)
             check_exists(name)
-            if name.is_dir():
+            if may_be_recording(name):
                 for view in self._stored.load(name, self._lens.camera_of_folder(name, self._camera)):
                     depth = self._cleaned(view.color, view.depth)
                     things.append(DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals))

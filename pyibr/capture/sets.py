@@ -23,7 +23,7 @@ from pyibr.images import DepthImage
 from pyibr.images.srgb import srgb_from_linear
 from pyibr.io import DepthReading, read_color, read_depth, write_color, write_depth
 from pyibr.io.exr import is_light
-from pyibr.io.layouts import recording_in
+from pyibr.io.layouts import may_be_recording, recording_in
 from pyibr.io.layouts.transforms import write_transforms
 from pyibr.io.recordings import Shot, cameras_of, shots_of, with_camera
 from pyibr.io.video import Video
@@ -100,7 +100,7 @@ def load(
     [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]
     """
     place = checked_path(folder)
-    if not place.is_dir():
+    if not place.exists() or not may_be_recording(place):
         raise FileFormatError(f"{place}: no such folder")
     if (place / SET_FILE).exists():
         return [entry.read(place) for entry in read_set(place)[0]]

@@ -44,6 +44,11 @@ def h5py() -> Any:
     return _imported("h5py", "HDF5 files need h5py", "hdf5", "pip install --force-reinstall h5py")
 
 
+def lzfse() -> Any:
+    """lzfse, Apple's way of packing, or a MissingPackageError."""
+    return _imported("lzfse", "depth in .r3d files needs lzfse", "r3d", "pip install --force-reinstall lzfse")
+
+
 def rosbags() -> tuple[Any, Any]:
     """rosbags' readers and its types of messages, or a MissingPackageError."""
     remedy = "pip install --force-reinstall rosbags"

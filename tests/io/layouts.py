@@ -5,7 +5,9 @@ The scene is a slanted wall with a picture on it, of which every pixel's ray tel
 
 from __future__ import annotations
 
+import io
 import json
+import shutil
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -243,6 +245,18 @@ def colmap(folder: Path) -> None:
     text(folder / "sparse/images.txt", lines)
 
 
+def eth3d_views(folder: Path) -> None:
+    """Depth under the pictures' names; the model is of the pictures as they were taken."""
+    colmap(folder)
+    (folder / "sparse").rename(folder / "dslr_calibration_jpg")
+    maps = folder / "stereo/depth_maps"
+    for number in range(2):
+        raw = folder / f"ground_truth_depth/cam{number}/0001.png"
+        raw.parent.mkdir(parents=True)
+        raw.write_bytes(ibr.read_depth(maps / f"cam{number}/0001.png.geometric.bin").astype("<f4").tobytes())
+    shutil.rmtree(folder / "stereo")
+
+
 def nerfstudio(folder: Path, depth_key: str = "depth_file_path", unit: float | None = None) -> None:
     scene, frames = rendered(), list[Any]()
     for number, (color, depth, one) in enumerate(zip(scene.colors, scene.depths, scene.poses, strict=True)):
@@ -302,6 +316,32 @@ def record3d(folder: Path) -> None:
         np.save(folder / f"depth/{number}.npy", small.depths[number].astype(np.float32))
     told = {"K": K.T.ravel().tolist(), "w": 64, "h": 48, "dw": 32, "dh": 24, "fps": 60, "poses": rows}
     text(folder / "metadata.json", json.dumps(told))
+
+
+def r3d(folder: Path) -> None:
+    """What the app packs into a .r3d file; its first camera is told anew for each frame."""
+    lzfse = pytest.importorskip("lzfse")
+    record3d(folder)
+    told = json.loads((folder / "metadata.json").read_text()) | {"K": np.eye(3).ravel().tolist()}
+    told["perFrameIntrinsicCoeffs"] = [[60.0, 62.0, 30.3, 24.2]] * 2
+    text(folder / "metadata", json.dumps(told))
+    (folder / "rgbd").mkdir()
+    for number in range(2):
+        with Image.open(folder / f"rgb/{number}.png") as picture:
+            picture.save(folder / f"rgbd/{number}.jpg", quality=98, subsampling=0)
+        depth = np.load(folder / f"depth/{number}.npy")
+        (folder / f"rgbd/{number}.depth").write_bytes(lzfse.compress(depth.astype("<f4").tobytes()))
+        (folder / f"rgbd/{number}.conf").write_bytes(lzfse.compress(np.full(depth.shape, 2, np.uint8).tobytes()))
+    for name in ("rgb", "depth"):
+        shutil.rmtree(folder / name)
+    (folder / "metadata.json").unlink()
+
+
+def r3d_packed(folder: Path) -> None:
+    r3d(folder / "it")
+    packed = shutil.make_archive(str(folder / "one"), "zip", folder / "it")
+    Path(packed).rename(folder / "one.r3d")
+    shutil.rmtree(folder / "it")
 
 
 def kitti(folder: Path) -> None:
@@ -400,7 +440,7 @@ def hypersim(folder: Path) -> None:
         png(Path(f"{images}_final_preview/frame.{number:04d}.tonemap.png"), color)
 
 
-def ros_bag(folder: Path) -> None:
+def ros_bag(folder: Path, packed: bool = False) -> None:
     """The camera moves between two transforms; its optical frame is turned in the body's, as ROS has it."""
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import Writer
@@ -425,6 +465,15 @@ def ros_bag(folder: Path) -> None:
         data = np.frombuffer(values.tobytes(), np.uint8)
         return types["Image"](header(time, "optical"), 48, 64, encoding, 0, len(data) // 48, data)
 
+    def packed_depth(time: float, depth: np.ndarray) -> Any:
+        """As compressed_depth_image_transport has it by default: a / depth + b as 16 bits, 10 units far at most."""
+        scale, stored = 100 * 101.0, io.BytesIO()
+        least = 1 - scale / 10
+        Image.fromarray((scale / depth + least).astype(np.uint16)).save(stored, "PNG")
+        data = struct.pack("<iff", 0, scale, least) + stored.getvalue()
+        form = "32FC1; compressedDepth png"
+        return types["CompressedImage"](header(time, "optical"), form, np.frombuffer(data, np.uint8))
+
     region = types["RegionOfInterest"](0, 0, 0, 0, False)
     info = types["CameraInfo"](
         header(0, "optical"), 48, 64, "plumb_bob", np.zeros(5), K.ravel(), np.eye(3).ravel(),
@@ -434,7 +483,10 @@ def ros_bag(folder: Path) -> None:
     messages.append(("/tf_static", transform(0, "body", "optical", optical), 0.0))
     for time, color, depth, one in zip((5.0, 6.0), scene.colors, scene.depths, scene.poses, strict=True):
         messages.append(("/cam/color/image_raw", picture(time, "bgr8", color[..., ::-1]), time))
-        messages.append(("/cam/depth/image_raw", picture(time + 0.004, "16UC1", counts(depth, 1000)), time))
+        if packed:
+            messages.append(("/cam/depth/image_raw/compressedDepth", packed_depth(time + 0.004, depth), time))
+        else:
+            messages.append(("/cam/depth/image_raw", picture(time + 0.004, "16UC1", counts(depth, 1000)), time))
         body, aside = one @ np.linalg.inv(optical), np.eye(4)
         for sign in (-1, 1):  # halfway between these it is where it was
             aside[0, 3] = sign * 0.3
@@ -446,6 +498,10 @@ def ros_bag(folder: Path) -> None:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
             writer.write(connections[topic], round(time * 1e9), store.serialize_cdr(message, kind))
+
+
+def ros_packed(folder: Path) -> None:
+    ros_bag(folder, packed=True)
 
 
 SPECIMENS: dict[str, tuple[Callable[[Path], None], int]] = {
@@ -467,8 +523,25 @@ SPECIMENS: dict[str, tuple[Callable[[Path], None], int]] = {
                 bop,
             )
         ),
-        *((one, 2) for one in (redwood, colmap, nerfstudio, instant_ngp, middlebury, stray, record3d, sintel)),
-        *((one, 2) for one in (depth_anything, vggt, kitti, kitti_drive, hypersim, ros_bag, upward)),
+        *(
+            (one, 2)
+            for one in (redwood, colmap, eth3d_views, nerfstudio, instant_ngp, middlebury, stray, record3d, sintel)
+        ),
+        *(
+            (one, 2)
+            for one in (
+                depth_anything,
+                vggt,
+                kitti,
+                kitti_drive,
+                hypersim,
+                ros_bag,
+                ros_packed,
+                r3d,
+                r3d_packed,
+                upward,
+            )
+        ),
         *((one, 1) for one in (moge, depth_pro)),
     )
 }

@@ -132,7 +132,7 @@ def test_damaged_layouts(folder: Path, name):
     SPECIMENS[name][0](folder / "it")
     told = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix not in PICTURES]
     whole, rng = {file: file.read_bytes() for file in told}, random.Random(name)
-    for number in range(40 if name == "ros_bag" else 200):  # rosbags takes its time to open one
+    for number in range(40 if name.startswith("ros_") else 200):  # rosbags takes its time to open one
         file = rng.choice(told)
         file.write_bytes(damaged(whole[file], rng, number))
         try:
@@ -182,6 +182,25 @@ def test_intrinsics_of_larger_pictures_are_refused(tmp_path: Path):
     with pytest.raises(
         ibr.FileFormatError, match=r"intrinsic_color\.txt: its centre .* lies outside of pictures of 21 x 16"
     ):
+        cameras_of(recording_in(tmp_path))
+
+
+def test_a_file_may_be_a_recording(tmp_path: Path):
+    SPECIMENS["r3d_packed"][0](tmp_path / "it")
+    (tmp_path / "it/one.r3d").rename(tmp_path / "one.R3D")
+    for one, other in zip(frames_of(tmp_path / "one.R3D"), frames_of(tmp_path), strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+    (tmp_path / "one.bag").write_bytes(b"no bag")
+    with pytest.raises(ibr.FileFormatError, match=r"one\.bag: not a readable ROS bag file"):
+        ibr.load(tmp_path / "one.bag")
+
+
+def test_a_lens_that_is_not_known_is_named(tmp_path: Path):
+    """As that of ETH3D's pictures."""
+    SPECIMENS["eth3d_views"][0](tmp_path)
+    file = tmp_path / "dslr_calibration_jpg/cameras.txt"
+    file.write_text("1 THIN_PRISM_FISHEYE 64 48 60 62 30.8 24.7 0.2 0.2 0 0 -0.1 0.4 0 0\n")
+    with pytest.raises(ibr.FileFormatError, match=r"images\.txt: cam0/0001\.png: .*got .*THIN_PRISM_FISHEYE"):
         cameras_of(recording_in(tmp_path))
 
 

@@ -16,7 +16,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_exists
 from pyibr.io.folders import files_in
-from pyibr.io.layouts import find_recording, recording_in
+from pyibr.io.layouts import find_recording, may_be_recording, recording_in
 from pyibr.io.recordings import (
     DEPTH_SUFFIXES,
     Recording,
@@ -167,7 +167,7 @@ def open_depths(depth: Path, color: Path | None, cameras: tuple[Path, Path], tak
 def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | None]], bool]:
     for path in inputs:
         check_exists(path)
-    if len(inputs) == 1 and inputs[0].is_dir():
+    if len(inputs) == 1 and may_be_recording(inputs[0]):
         recording = recording_in(inputs[0])
         _note_unpaired(recording)
         return [(recording, None if recording.video is None else Video(recording.video))], recording.is_still

@@ -39,6 +39,8 @@ class Layout(NamedTuple):
         Axes of its poses, and which way they lead.
     find : callable
         The recording in a folder; None if it is laid out otherwise.
+    suffix : str
+        Of files that are such a recording by themselves.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Layout(NamedTuple):
     depth: str
     poses: str
     find: Callable[[Path], Recording | None]
+    suffix: str = ""
 
 
 _CV, _GL, _INVERSE = "camera to world, y down", "camera to world, y up", "world to camera, y down"
@@ -55,12 +58,14 @@ LAYOUTS: tuple[Layout, ...] = (
     Layout("MoGe", "fov.json beside image and depth", "as stored", "none", networks.find_moge),
     Layout("Depth Anything 3, VGGT", "NPZ with depth, extrinsics, ...", "as stored", _INVERSE, networks.find_stack),
     Layout("Depth Pro", "NPZ with depth and focal length", "metres", "none", networks.find_depth_pro),
-    Layout("ROS bag", "*.bag, or metadata.yaml with a bag", "16UC1 mm, 32FC1 m", "tf", ros.find_bag),
+    Layout("ROS bag", "*.bag, or metadata.yaml with a bag", "16UC1 mm, 32FC1 m", "tf", ros.find_bag, ".bag"),
     Layout("BOP", "scene_camera.json", "depth_scale, mm", _INVERSE, scans.find_bop),
     Layout("Middlebury 2014", "calib.txt, im0.png, disp0", "disparity, doffs", "along x", stereo.find_middlebury),
     Layout("Stray Scanner", "camera_matrix.csv beside depth", "mm", _CV, phones.find_stray),
     Layout("Record3D", "metadata.json with K and poses", "metres", _GL, phones.find_record3d),
+    Layout("Record3D, packed", "*.r3d, or metadata and rgbd", "metres, LZFSE", _GL, phones.find_r3d, ".r3d"),
     Layout("COLMAP dense", "images, stereo/depth_maps", "as the model", _INVERSE, colmap.find_dense),
+    Layout("ETH3D multi-view", "images beside ground_truth_depth", "metres", _INVERSE, colmap.find_eth3d),
     Layout("TUM RGB-D, Bonn, ETH3D SLAM", "rgb.txt and depth.txt", "5000 a metre", _CV, slam.find_tum),
     Layout("ICL-NUIM", "rgb, depth, *.gt.freiburg", "5000 a metre", "camera to world, mirrored", slam.find_icl),
     Layout("Replica, NICE-SLAM", "results and traj.txt", "6553.5 a metre, or told", _CV, synthetic.find_replica),
@@ -79,9 +84,16 @@ LAYOUTS: tuple[Layout, ...] = (
 """In the order in which they are tried: what tells more comes first."""
 
 
+def may_be_recording(place: Path) -> bool:
+    """Tell whether it is a folder, or a file that may be a recording by itself."""
+    return place.is_dir() or (place.suffix != "" and place.suffix.lower() in [layout.suffix for layout in LAYOUTS])
+
+
 def find_recording(folder: Path) -> Recording | None:
-    """The recording that a folder holds; None if it is laid out in none of the ways that are known."""
+    """The recording that a folder, or a file, holds; None if it is laid out in none of the ways that are known."""
     for layout in LAYOUTS:
+        if not folder.is_dir() and layout.suffix != folder.suffix.lower():
+            continue
         with decoding(folder, layout.name, ArgumentError):
             found = layout.find(folder)
         if found is not None:

@@ -1,14 +1,18 @@
-"""COLMAP's dense workspaces: pictures, a sparse model (with rigs, too) and depth maps named after the pictures."""
+"""Pictures, a sparse model of COLMAP's (with rigs, too) and depth maps named after the pictures: dense, or ETH3D's."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from pyibr.core.errors import FileFormatError
+from pyibr.core.files import reading
 from pyibr.io.folders import in_order
-from pyibr.io.recordings import COLOR_SUFFIXES, Recording
+from pyibr.io.recordings import COLOR_SUFFIXES, Depth, Recording, Stored, size_of
 
 _KINDS = ("geometric", "photometric")
+_MODELS = ("dslr_calibration_jpg", "rig_calibration")
 
 
 def find_dense(folder: Path) -> Recording | None:
@@ -16,8 +20,7 @@ def find_dense(folder: Path) -> Recording | None:
     maps, pictures = folder / "stereo" / "depth_maps", folder / "images"
     if not (maps.is_dir() and pictures.is_dir()):
         return None
-    files = [file for file in pictures.rglob("*") if file.suffix.lower() in COLOR_SUFFIXES and file.is_file()]
-    images = sorted(files, key=lambda file: [str(file.parent), in_order(file)])
+    images = _files(pictures)
     of_image = {image: [maps / f"{image.relative_to(pictures)}.{kind}.bin" for kind in _KINDS] for image in images}
     there = {image: file for image, files in of_image.items() for file in files[::-1] if file.is_file()}
     if not there:
@@ -27,3 +30,31 @@ def find_dense(folder: Path) -> Recording | None:
     left_out = [image for image in images if image not in there]
     kept = [image in there for image in images]
     return Recording(list(there), list(there.values()), cameras, None, left_out, kept=kept)
+
+
+def find_eth3d(folder: Path) -> Recording | None:
+    """ETH3D's multi-view sets: images beside ground_truth_depth, raw floats under the pictures' names."""
+    pictures, truth = folder / "images", folder / "ground_truth_depth"
+    model = next((folder / name for name in _MODELS if (folder / name).is_dir()), None)
+    if not (pictures.is_dir() and truth.is_dir()) or model is None:
+        return None
+    depths = {pictures / file.relative_to(truth): file for file in _files(truth)}
+    images = _files(pictures)
+    there = [image for image in images if image in depths]
+    if not there:
+        raise FileFormatError(f"{truth}: no depth of a picture in {pictures}")
+
+    def depth(path: Path) -> Depth:
+        with reading(path, "depth") as source:
+            width, height = size_of(pictures / path.relative_to(truth))
+            return np.fromfile(source, "<f4").reshape(height, width)
+
+    lone = [image for image in images if image not in depths]
+    stored = [Stored(depth=depth)] * len(there)
+    return Recording(there, [depths[image] for image in there], (model,), None, lone, stored=stored)
+
+
+def _files(folder: Path) -> list[Path]:
+    """Pictures in it and below, by their folders and in the order of their numbers."""
+    files = [file for file in folder.rglob("*") if file.suffix.lower() in COLOR_SUFFIXES and file.is_file()]
+    return sorted(files, key=lambda file: [str(file.parent), in_order(file)])

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import functools
+import json
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
 from pyibr.core.conventions import CV_FROM_GL
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import read_text, reading
+from pyibr.core.files import decoding, read_at_most, read_text, reading
+from pyibr.core.optional import lzfse
 from pyibr.io import image, read_depth
+from pyibr.io.folders import in_order, number_of
 from pyibr.io.layouts import plain
-from pyibr.io.layouts.parts import beside, by_number, camera_of, joined, numbers_in, object_in
+from pyibr.io.layouts.parts import beside, by_number, camera_of, joined, matrix, numbers_in, object_in
 from pyibr.io.poses import pose_of, rigid_or_none
 from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, size_of
 from pyibr.io.video import Video
@@ -62,22 +69,78 @@ def find_record3d(folder: Path) -> Recording | None:
     if pictures is None or depth is None:
         return None
     colors, depths = by_number(pictures, COLOR_SUFFIXES), by_number(depth, (".exr", ".npy", ".png", ".tif"))
+    numbers, found = joined(depth, colors, depths)
+    cameras, poses = _told_by_record3d(told, file, numbers)
+    return found._replace(
+        known=lambda: cameras,
+        placed=poses,
+        depth_cameras=lambda: [beside(cameras[0], depths[numbers[0]])] * len(numbers),
+        stored=_of_arkit(None, folder / "confidence", numbers),
+    )
+
+
+def find_r3d(place: Path) -> Recording | None:
+    """A .r3d file, alone in a folder, too, or unpacked: metadata, and in rgbd pictures, depth, confidence (LZFSE)."""
+    within = [file for file in place.glob("*") if file.suffix.lower() == ".r3d"]
+    place = within[0] if len(within) == 1 else place
+    packed = zipfile.Path(place) if place.is_file() else place
+    file, frames = packed / "metadata", packed / "rgbd"
+    if not file.is_file() or not frames.is_dir():
+        return None
+    names = [place / "rgbd" / one.name for one in frames.iterdir()]
+    colors, depths, sure = (
+        {
+            number: name
+            for name in sorted(names, key=in_order)
+            if name.suffix == suffix and (number := number_of(name)) is not None
+        }
+        for suffix in (".jpg", ".depth", ".conf")
+    )
+    numbers, found = joined(place, colors, depths)
+    cameras, poses = _told_by_record3d(json.loads(_bytes(file)), place, numbers)
+    width, height = cameras[0].size
+
+    def values(kind: str, name: Path) -> NDArray[Any]:
+        """(h, w) of a packed array, whose sides are to one another as the picture's."""
+        with decoding(name, "LZFSE"):
+            flat = np.frombuffer(lzfse().decompress(_bytes(frames / name.name)), kind)
+            return flat.reshape(round((flat.size * height / width) ** 0.5), -1)
+
+    depth = functools.partial(values, "<f4")
+    return found._replace(
+        known=lambda: cameras,
+        placed=poses,
+        depth_cameras=lambda: [beside(camera, depths[numbers[0]], depth) for camera in cameras],
+        stored=[
+            Stored(
+                color=lambda name: image.decoded(_bytes(frames / name.name)),
+                depth=depth,
+                confidence=functools.partial(values, "u1", sure[number]) if number in sure else None,
+                least=_MEDIUM,
+            )
+            for number in numbers
+        ],
+    )
+
+
+def _bytes(file: Path | zipfile.Path) -> bytes:
+    with file.open("rb") as stream:
+        return read_at_most(stream)
+
+
+def _told_by_record3d(told: Any, file: Path, numbers: Sequence[int]) -> tuple[list[Camera], list[Float64 | None]]:
+    """Cameras and poses of the frames of these numbers."""
     try:
         rows = np.array(told["poses"], np.float64).reshape(-1, 7)
         K = np.array(told["K"], np.float64).reshape(3, 3).T
         size = int(told["w"]), int(told["h"])
+        own = [matrix(fx, cx, cy, fy) for fx, fy, cx, cy in told.get("perFrameIntrinsicCoeffs", ())]
     except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(f"{file}: expected K, w, h and poses of 7 numbers: {error}") from error
-    numbers, found = joined(depth, colors, depths)
-    camera = camera_of(file, K, size)
     exact = [rigid_or_none(pose_of(row[4:], row[:4])) for row in rows]
     poses = {number: pose @ CV_FROM_GL for number, pose in enumerate(exact) if pose is not None}
-    return found._replace(
-        known=lambda: [camera],
-        placed=[poses.get(number) for number in numbers],
-        depth_cameras=lambda: [beside(camera, depths[numbers[0]])] * len(numbers),
-        stored=_of_arkit(None, folder / "confidence", numbers),
-    )
+    cameras = [camera_of(file, own[number] if number < len(own) else K, size) for number in numbers]
+    return cameras, [poses.get(number) for number in numbers]
 
 
 def _of_arkit(scale: float | None, confidences: Path, numbers: Sequence[int]) -> list[Stored]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
@@ -49,8 +50,8 @@ class _Images(NamedTuple):
 
 
 def find_bag(folder: Path) -> Recording | None:
-    """One .bag file, or metadata.yaml with a bag of ROS 2; depth as 16UC1 (millimetres) or 32FC1 (metres)."""
-    bags = sorted(folder.glob("*.bag"))
+    """A .bag file, or metadata.yaml with a bag of ROS 2; depth as 16UC1 (millimetres) or 32FC1 (metres)."""
+    bags = [folder] if folder.is_file() else sorted(folder.glob("*.bag"))
     is_second = (folder / "metadata.yaml").is_file() and any(any(folder.glob(form)) for form in ("*.db3", "*.mcap"))
     if len(bags) != 1 and not is_second:
         return None
@@ -117,18 +118,19 @@ def _images(reader: Any, connection: Any) -> _Images | None:
         at.append(time)
     if last is None:
         return None
-    encoding = getattr(last, "encoding", getattr(last, "format", ""))
+    encoding = getattr(last, "encoding", getattr(last, "format", "")).partition(";")[0]
     return _Images(connection.topic, last.header.frame_id, encoding, stamps, at)
 
 
 def _camera(path: Path, images: _Images, infos: dict[str, Any]) -> Camera:
     """The camera of a topic: what lies beside it, or a level higher; of rectified images without their lens."""
-    place = images.topic.rsplit("/", 1)[0]
+    topic = images.topic.removesuffix("/compressed").removesuffix("/compressedDepth")
+    place = topic.rsplit("/", 1)[0]
     names = [f"{place}/camera_info", f"{place.rsplit('/', 1)[0]}/camera_info"]
     info = next((infos[name] for name in names if name in infos), None)
     if info is None:
         raise FileFormatError(f"{path}: no {names[0]} for the images of {images.topic}")
-    if "rect" not in images.topic.rsplit("/", 1)[1]:
+    if "rect" not in topic.rsplit("/", 1)[1]:
         return Camera.from_ros(info)
     projection = info.p if hasattr(info, "p") else info.P
     return Camera(np.reshape(projection, (3, 4))[:, :3], (int(info.width), int(info.height)))
@@ -155,10 +157,23 @@ def _color_at(path: Path, topic: str, at: int) -> NDArray[Any]:
 
 def _depth_at(path: Path, topic: str, at: int, kind: type[np.generic]) -> NDArray[np.float32]:
     message = _message_at(path, topic, at)
+    if not hasattr(message, "encoding"):
+        return _unpacked(path, message, kind)
     order = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
     rows = np.reshape(message.data, (message.height, message.step))[:, : message.width * order.itemsize]
     values = np.ascontiguousarray(rows).view(order).astype(np.float32)
     return np.where(values > 0, values, np.float32(np.nan))
+
+
+def _unpacked(path: Path, message: Any, kind: type[np.generic]) -> NDArray[np.float32]:
+    """Depth as ROS's compressedDepth: 12 bytes, and a PNG; of floats with a / (depth + a constant) as 16 bits."""
+    data = bytes(message.data)
+    if data[12:16] != b"\x89PNG":
+        raise FileFormatError(f"{path}: depth as {message.format or 'something else than PNG'} is not read; PNG is")
+    scale, least = struct.unpack_from("<4xff", data)
+    counts = image.decoded(data[12:]).astype(np.float32)
+    known = np.where(counts > 0, counts, np.float32(np.nan))
+    return known if kind == np.uint16 else scale / (known - least)
 
 
 def _steps(reader: Any) -> dict[str, list[_Step]]:
