@@ -12,13 +12,14 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 from pyibr.core.camera_json import read_json
-from pyibr.core.files import read_text, reading
+from pyibr.core.files import read_rows, read_text, reading, words_of
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 _Line = tuple[int, str]  # of YAML: its indent, and what follows
 _SECTION = re.compile(r"\[([^\[\]{}\",]*[^\[\]{}\",\d\s.][^\[\]{}\",]*)\]")
+_ASSIGNED = re.compile(r"\w+\s*=")
 _ENTRY = re.compile(r"(\"[^\"]*\"|'[^']*'|[^\s\"'\[{][^:]*?)\s*:(?:\s+(.*))?$")
 _TAGS = r"^(?:[!&][^\s\[{]*\s*)+"  # and anchors, which tell nothing of a value
 _REMARK = re.compile(r"(\"[^\"]*\"|'[^']*')|(?:^|\s)#.*")
@@ -30,7 +31,12 @@ def read_tree(path: str | PathLike[str]) -> object:
     if str(path).lower().endswith(".json"):
         return read_json(path, "camera JSON")
     with reading(path, "camera") as source:
+        if source.suffix.lower() == ".npy":
+            return read_rows(source)
         text = read_text(source)
+        rows = [words for line in text.splitlines() if (words := words_of(line.partition("#")[0]))]
+        if all(_is_number(word) for row in rows for word in row):
+            return [[float(word) for word in row] for row in rows]
         head = text.lstrip()
         if _SECTION.match(head):
             return _ini(text)
@@ -38,10 +44,18 @@ def read_tree(path: str | PathLike[str]) -> object:
             return json.loads(text)
         if head.startswith("<"):
             return _xml(text)
-        rows = [re.split(r"[,;\s]+", line.strip(" \t,;")) for line in text.splitlines() if line.strip()]
-        if all(_is_number(word) for row in rows for word in row):
-            return [[float(word) for word in row] for row in rows]
+        if _ASSIGNED.match(head):
+            return _assigned(text)
         return _yaml(text)
+
+
+def _assigned(text: str) -> dict[str, object]:
+    """Lines of a name, =, and a value or, between brackets, the numbers of a matrix."""
+    pairs = [line.partition("=") for line in text.splitlines() if line.strip()]
+    return {
+        name.strip(): [float(word) for word in words_of(value)] if "[" in value else _value(value)
+        for name, _, value in pairs
+    }
 
 
 def _is_number(word: str) -> bool:

@@ -34,7 +34,7 @@ _SIZES = (("width", "height"), ("image_width", "image_height"), ("w", "h"), ("co
 _PAIRS = ("image_size", "imageSize", "size", "resolution", "img_size")
 # OpenCV's names are its users' own: what they call K and the distortion, and which camera of several
 _WHICH = r"(\d|left|right|l|r|)"
-_MATRIX = re.compile(rf"(?:camera_?matrix|camera matrix|intrinsic_?matrix|intrinsics?|mtx|k|m)_?{_WHICH}", re.I)
+_MATRIX = re.compile(rf"(?:camera_?matrix|camera matrix|intrinsic_?matrix|intrinsics?|mtx|cam|k|m)_?{_WHICH}", re.I)
 _DISTORTION = r"(?:distortion_?coefficients|distortion_?coeffs?|dist_?coeffs?|distortion|dist|d)_?{}"
 _FISHEYES = ("equidistant", "fisheye", "kannala_brandt")
 _TEXTS = (".yaml", ".yml", ".xml", ".ini", ".txt", ".csv")  # which are of calibrations alone
@@ -170,8 +170,11 @@ def _arguments(K: object, size: Size, lens: Lens | None = None, pose: Float64 | 
     if size is None:
         raise _NoSizeError("size", "that of the images", "none")
     values = numbers("K", np.ravel(np.asarray(K)), (None,))
+    if len(values) == 4:
+        fx, fy, cx, cy = values
+        values = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1])
     if len(values) not in (9, 12, 16):
-        raise ArgumentError("K", "3 x 3, 3 x 4 or 4 x 4 numbers", f"{len(values)}")
+        raise ArgumentError("K", "3 x 3, 3 x 4 or 4 x 4 numbers, or fx fy cx cy", f"{len(values)}")
     matrix = values.reshape(4 if len(values) == 16 else 3, -1)[:3, :3]
     if _is_normalized(matrix, size):
         matrix = conventions.intrinsics_from_normalized(matrix, size)

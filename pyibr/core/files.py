@@ -14,6 +14,8 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Protocol, cast
 
+import numpy as np
+
 from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageError
 
@@ -233,8 +235,11 @@ def read_bytes(source: Path) -> bytes:
 
 
 def read_text(source: Path) -> str:
-    """Read a text, of whatever form programs write."""
-    return utf8_of(source.read_bytes()).decode("utf-8")
+    """Read a text, of whatever form programs write; remarks in other alphabets' bytes do no harm."""
+    data = utf8_of(source.read_bytes())
+    if b"\0" in data:
+        raise ValueError("it is no text, or of UTF-16 without a mark: save it as UTF-8")
+    return data.decode("utf-8", "replace")
 
 
 def utf8_of(data: bytes) -> bytes:
@@ -244,9 +249,17 @@ def utf8_of(data: bytes) -> bytes:
 
 
 def read_rows(source: Path) -> list[list[float]]:
-    """Read numbers, a list a line, between spaces, commas or semicolons; what follows a # is a remark."""
-    lines = [re.split(r"[,;\s]+", line.partition("#")[0].strip(" \t,;")) for line in read_text(source).splitlines()]
-    return [[float(word) for word in line] for line in lines if line[0]]
+    """Read numbers of a text, a list a line, what follows a # is a remark; or of NumPy's NPY, a list for each entry."""
+    if source.suffix.lower() == ".npy":
+        array = np.load(source, mmap_mode="r", allow_pickle=False)
+        return array.reshape(len(array), -1).tolist()
+    lines = [words_of(line.partition("#")[0]) for line in read_text(source).splitlines()]
+    return [[float(word) for word in line] for line in lines if line]
+
+
+def words_of(line: str) -> list[str]:
+    """Words of a line of numbers, as people and programs write such: also in brackets."""
+    return re.sub(r"[,;\[\]]", " ", line).split()
 
 
 def read_at_most(stream: _Readable, size_max: int = UNPACKED_MAX) -> bytes:

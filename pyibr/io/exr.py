@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import check_unpacked, reading, write_atomically
 from pyibr.core.optional import openexr
+from pyibr.io.npy import CHOICE
 
 _Path = str | PathLike[str]
 _DEPTH = re.compile(r"depth|^p?z$|^zbuffer$", re.IGNORECASE)
 _NO_DEPTH = re.compile(r"^(mist|fog)$", re.IGNORECASE)
 _PICTURE = {"combined", "beauty", "rgb", "rgba", "color", "colour", "finalimage"}
 _RGB = ("R", "G", "B")
-_CHOICE = "name one (channel=; --depth-channel)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ def read_depth(path: _Path, channel: str | None = None, part: str | None = None)
         name = _gray(layers[0])
         found = {} if name is None else {layers[0]: name}
     if not found:
-        raise FileFormatError(f"{path}: no channel called depth or Z among {_listed(layers)}; {_CHOICE}")
+        raise FileFormatError(f"{path}: no channel called depth or Z among {_listed(layers)}; {CHOICE}")
     layer = _only(path, list(found), "depth")
     return layer.placed(found[layer], np.nan)
 
@@ -125,7 +125,7 @@ def _depth_of(layer: _Layer) -> str | None:
     """The channel of a layer that is depth by its name, or by the layer's."""
     if _DEPTH.search(layer.title):
         return "Z" if "Z" in layer.channels else _gray(layer)
-    if {"X", "Y"} <= layer.channels.keys() or _NO_DEPTH.search(layer.title):
+    if {"X", "Y"} <= {name.upper() for name in layer.channels} or _NO_DEPTH.search(layer.title):
         return None
     return next((name for name in layer.channels if _DEPTH.search(name)), None)
 
@@ -152,7 +152,7 @@ def _only(path: _Path, layers: list[_Layer], what: str) -> _Layer:
     chosen = [layer for layer in first if not layer.name] or first
     if len(chosen) > 1:
         names = ", ".join(layer.label() for layer in chosen)
-        raise FileFormatError(f"{path}: several layers with {what}: {names}; {_CHOICE}")
+        raise FileFormatError(f"{path}: several layers with {what}: {names}; {CHOICE}")
     return chosen[0]
 
 

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import check_unpacked, checked_path, read_at_most, reading, write_atomically
 
+CHOICE = "name one (channel=; --depth-channel)"
+
 
 def read_color(path: str | PathLike[str], channel: str | None = None) -> NDArray[Any]:
     """Return the array as stored; channel: its name."""
@@ -45,7 +47,7 @@ def _read(path: str | PathLike[str], name: str, channel: str | None) -> NDArray[
             arrays = {member.filename.removesuffix(".npy"): member for member in packed.infolist()}
             wanted = channel or name
             if wanted not in arrays and (channel or len(arrays) != 1):
-                raise FileFormatError(f"{path}: no array {wanted!r} among {', '.join(arrays) or 'none'}")
+                raise FileFormatError(f"{path}: no array {wanted!r} among {', '.join(arrays) or 'none'}; {CHOICE}")
             member = arrays.get(wanted) or next(iter(arrays.values()))
             check_unpacked(member.file_size)
             with packed.open(member) as stream:

@@ -48,9 +48,10 @@ def read_poses(path: str | PathLike[str]) -> Poses:
     path : path
         A text file: lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D), lines of 12 (KITTI) or 16 numbers, or of one more
         with the time before them; or 4 x 4 matrices of a row a line (7-Scenes), also with a line of 3 numbers before
-        each, the first of which is the frame's (Redwood, Open3D). What follows a # is a remark. A JSON file of
-        cameras, as `read_cameras` reads it: Open3D's trajectory. Or a folder of such text files, as
-        ``frame-000000.pose.txt``, in the order of their numbers: of those with "pose" in their names, if there are any.
+        each, the first of which is the frame's (Redwood, Open3D). What follows a # is a remark. An NPY file of such
+        matrices. A JSON file of cameras, as `read_cameras` reads it: Open3D's trajectory. Or a folder of such text
+        files, as ``frame-000000.pose.txt``, in the order of their numbers: of those with "pose" in their names, if
+        there are any.
 
     Returns
     -------

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".npy", ".npz", ".pfm", ".exr")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin", ".pgm", ".dpt", ".hdf5")
 
-_SIZELESS = (".txt", ".csv", ".yaml", ".yml", ".xml", ".gltf", ".glb")  # that may not tell the pictures' size
+_SIZELESS = (".txt", ".npy", ".csv", ".yaml", ".yml", ".xml", ".gltf", ".glb")  # that may not tell the pictures' size
 
 Depth = NDArray[np.float32]
 

@@ -318,6 +318,20 @@ def record3d(folder: Path) -> None:
     text(folder / "metadata.json", json.dumps(told))
 
 
+def polycam(folder: Path) -> None:
+    """What the app has corrected counts; the first rows of depth are not sure."""
+    stray(folder / "it")
+    for number, one in enumerate(POSES):
+        told = {"fx": 60, "fy": 62, "cx": 30.3, "cy": 24.2, "width": 64, "height": 48, "blur_score": 9.0}
+        told |= {f"t_{i}{j}": (one @ GL)[i, j] for i in range(3) for j in range(4)}
+        text(folder / f"keyframes/corrected_cameras/{900 + number}.json", json.dumps(told))
+        text(folder / f"keyframes/cameras/{900 + number}.json", "{}")
+        for kind, name in (("rgb", "corrected_images"), ("depth", "depth"), ("confidence", "confidence")):
+            (folder / "keyframes" / name).mkdir(exist_ok=True)
+            (folder / f"it/{kind}/{number:06d}.png").rename(folder / f"keyframes/{name}/{900 + number}.png")
+    shutil.rmtree(folder / "it")
+
+
 def r3d(folder: Path) -> None:
     """What the app packs into a .r3d file; its first camera is told anew for each frame."""
     lzfse = pytest.importorskip("lzfse")
@@ -504,45 +518,10 @@ def ros_packed(folder: Path) -> None:
     ros_bag(folder, packed=True)
 
 
+_MAKERS = (tum_camera, eth3d, tum_known, icl, seven_scenes, scannet, posed_images, sens, replica, bop, redwood, colmap)
+_MAKERS += (eth3d_views, nerfstudio, instant_ngp, middlebury, stray, record3d, r3d, r3d_packed, polycam, sintel)
+_MAKERS += (depth_anything, vggt, kitti, kitti_drive, hypersim, ros_bag, ros_packed, upward, moge, depth_pro)
 SPECIMENS: dict[str, tuple[Callable[[Path], None], int]] = {
-    one.__name__: (one, count)
-    for one, count in (
-        *(
-            (one, 2)
-            for one in (
-                tum_camera,
-                eth3d,
-                tum_known,
-                icl,
-                upward,
-                seven_scenes,
-                scannet,
-                posed_images,
-                sens,
-                replica,
-                bop,
-            )
-        ),
-        *(
-            (one, 2)
-            for one in (redwood, colmap, eth3d_views, nerfstudio, instant_ngp, middlebury, stray, record3d, sintel)
-        ),
-        *(
-            (one, 2)
-            for one in (
-                depth_anything,
-                vggt,
-                kitti,
-                kitti_drive,
-                hypersim,
-                ros_bag,
-                ros_packed,
-                r3d,
-                r3d_packed,
-                upward,
-            )
-        ),
-        *((one, 1) for one in (moge, depth_pro)),
-    )
+    one.__name__: (one, 1 if one in (moge, depth_pro) else 2) for one in _MAKERS
 }
 """Makers of folders, each with the number of frames that can be used."""

@@ -31,6 +31,7 @@ def write(path: Path, *parts: dict[str, Any], names: tuple[str, ...] = ("",), **
 
 
 XYZ = dict(zip("XYZ", OTHER, strict=True))
+SMALL = dict(zip("xyz", OTHER, strict=True))
 GRAY = {name: DEPTH for name in "RGB"}
 
 
@@ -67,6 +68,7 @@ def test_depth_is_what_is_called_so(tmp_path: Path, channels):
     ("channels", "words"),
     [
         ({"A": DEPTH}, "no channel called depth or Z among A; name one"),
+        ({**RGB, **named("P", SMALL)}, r"no channel called depth or Z among B, G, P\.x, P\.y, P\.z, R"),  # Houdini
         (RGB, "no channel called depth or Z among B, G, R; name one"),
         (named("Normal", XYZ), "among Normal.X, Normal.Y, Normal.Z; name one"),
         ({**RGB, **named("Mist", {"Z": DEPTH})}, "among B, G, Mist.Z, R"),

@@ -53,6 +53,38 @@ def test_numbers_between_any_marks(tmp_path: Path, line):
     assert found.times.tolist() == [1] and found.world_from_camera[0, :3, 3].tolist() == [2, 3, 4]
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("k.txt", "30 31 15.5 11.5"),
+        ("k.txt", "[[30. 0. 15.5]\n [0. 31. 11.5]\n [0. 0. 1.]]"),
+        ("calib.txt", "cam0=[30 0 15.5; 0 31 11.5; 0 0 1]\ndoffs=0\nwidth=32\nheight=24\n"),
+        ("k.yaml", "# Gr\xf6\xdfe\nK: [30, 0, 15.5, 0, 31, 11.5, 0, 0, 1]\n"),
+        ("k.npy", ""),
+    ],
+)
+def test_forms_of_k(tmp_path: Path, name, text):
+    expected = [[30, 0, 15.5], [0, 31, 11.5], [0, 0, 1]]
+    np.save(tmp_path / "k.npy", expected)
+    if text:
+        (tmp_path / name).write_text(text, encoding="latin-1")
+    assert ibr.Camera.load(tmp_path / name, size=(32, 24)).K.tolist() == expected
+
+
+def test_poses_of_numpy(tmp_path: Path):
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    np.save(tmp_path / "poses.npy", poses)
+    (tmp_path / "printed.txt").write_text(str(poses))
+    for name in ("poses.npy", "printed.txt"):
+        np.testing.assert_array_equal(read_poses(tmp_path / name).world_from_camera, poses)
+
+
+def test_wide_text_without_a_mark_is_named(tmp_path: Path):
+    (tmp_path / "p.txt").write_bytes("1 2 3 4 0 0 0 1".encode("utf-16-le"))
+    with pytest.raises(ibr.FileFormatError, match="UTF-16 without a mark: save it as UTF-8"):
+        read_poses(tmp_path / "p.txt")
+
+
 def test_a_buffer_that_is_missing_is_named(tmp_path: Path):
     buffer = '{"byteLength": 36, "uri": "scene%20one.bin"}'
     (tmp_path / "m.gltf").write_text(f'{{"asset": {{"version": "2.0"}}, "buffers": [{buffer}]}}')

@@ -104,10 +104,12 @@ def own_camera(name: str, K: Float64, of: tuple[int, int], colors: Sequence[Path
     return camera
 
 
-def beside(camera: Camera, depth: Path, read: Callable[[Path], NDArray[Any]] | None = None) -> Camera | None:
-    """The camera of depth with fewer samples than the picture has pixels; None if it has as many."""
+def beside(
+    cameras: Sequence[Camera], depth: Path, read: Callable[[Path], NDArray[Any]] | None = None
+) -> list[Camera | None]:
+    """The cameras of depth with fewer samples than pictures have pixels, as the first's has; None if it has as many."""
     size = size_of(depth, read or (lambda path: read_depth(path, depth_scale=1)))
-    return None if size == camera.size else camera.resized(size)
+    return [None if size == camera.size else camera.resized(size) for camera in cameras]
 
 
 def without(nothing: float) -> Callable[[Path], NDArray[Any]]:

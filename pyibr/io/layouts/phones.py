@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,7 @@ def find_stray(folder: Path) -> Recording | None:
     return found._replace(
         known=lambda: [camera()],
         placed=[poses.get(number) for number in numbers],
-        depth_cameras=lambda: [beside(camera(), depths[numbers[0]])] * len(numbers),
+        depth_cameras=lambda: beside([camera()] * len(numbers), depths[numbers[0]]),
         stored=_of_arkit(1000, folder / "confidence", numbers),
         video=video if pictures is None else None,
     )
@@ -74,9 +74,40 @@ def find_record3d(folder: Path) -> Recording | None:
     return found._replace(
         known=lambda: cameras,
         placed=poses,
-        depth_cameras=lambda: [beside(cameras[0], depths[numbers[0]])] * len(numbers),
+        depth_cameras=lambda: beside(cameras, depths[numbers[0]]),
         stored=_of_arkit(None, folder / "confidence", numbers),
     )
+
+
+def find_polycam(folder: Path) -> Recording | None:
+    """Polycam's raw data: keyframes with images and cameras (OpenGL's), corrected ones, depth in mm and confidence."""
+    place = folder / "keyframes" if (folder / "keyframes").is_dir() else folder
+    kind = "corrected_" if (place / "corrected_cameras").is_dir() else ""
+    pictures, told = place / f"{kind}images", place / f"{kind}cameras"
+    if not all(one.is_dir() for one in (pictures, told, place / "depth")):
+        return None
+    depths, files = by_number(place / "depth", (".png",)), by_number(told, (".json",))
+    numbers, found = joined(place, by_number(pictures, COLOR_SUFFIXES), depths, files)
+    entries = [object_in(files[number]) for number in numbers]
+    if "t_00" not in entries[0]:
+        return None
+    poses = [rigid_or_none(_rows(one, [f"t_{i}{j}" for i in range(3) for j in range(4)])) for one in entries]
+    sizes = [(int(one["width"]), int(one["height"])) for one in entries]
+    cameras = [
+        camera_of(files[number], matrix(one["fx"], one["cx"], one["cy"], one["fy"]), size)
+        for number, one, size in zip(numbers, entries, sizes, strict=True)
+    ]
+    return found._replace(
+        known=lambda: cameras,
+        placed=[None if pose is None else pose @ CV_FROM_GL for pose in poses],
+        depth_cameras=lambda: beside(cameras, depths[numbers[0]]),
+        stored=_of_arkit(1000, place / "confidence", numbers),
+    )
+
+
+def _rows(told: Mapping[str, float], names: Sequence[str]) -> Float64:
+    """A pose of 12 numbers; NaN where one is missing."""
+    return np.vstack([np.reshape([told.get(name, np.nan) for name in names], (3, 4)), [0, 0, 0, 1]])
 
 
 def find_r3d(place: Path) -> Recording | None:
@@ -110,7 +141,7 @@ def find_r3d(place: Path) -> Recording | None:
     return found._replace(
         known=lambda: cameras,
         placed=poses,
-        depth_cameras=lambda: [beside(camera, depths[numbers[0]], depth) for camera in cameras],
+        depth_cameras=lambda: beside(cameras, depths[numbers[0]], depth),
         stored=[
             Stored(
                 color=lambda name: image.decoded(_bytes(frames / name.name)),

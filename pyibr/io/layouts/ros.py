@@ -126,7 +126,12 @@ def _camera(path: Path, images: _Images, infos: dict[str, Any]) -> Camera:
     """The camera of a topic: what lies beside it, or a level higher; of rectified images without their lens."""
     topic = images.topic.removesuffix("/compressed").removesuffix("/compressedDepth")
     place = topic.rsplit("/", 1)[0]
-    names = [f"{place}/camera_info", f"{place.rsplit('/', 1)[0]}/camera_info"]
+    above = place.rsplit("/", 1)[0]
+    names = [
+        f"{place}/camera_info",
+        f"{above}/camera_info",
+        f"{above}/info/camera_info",
+    ]  # the last in RealSense's bags
     info = next((infos[name] for name in names if name in infos), None)
     if info is None:
         raise FileFormatError(f"{path}: no {names[0]} for the images of {images.topic}")

@@ -115,7 +115,7 @@ def _scanned(found: Recording, color: Path, depth: Path) -> Recording:
         if size == camera.size:
             return [None] * count
         own = camera_of(depth, numbers_in(depth), size)
-        return [beside(camera, found.depths[0]) if depth == color else own] * count
+        return (beside([camera], found.depths[0]) if depth == color else [own]) * count
 
     return found._replace(cameras=(), known=of_colors, depth_cameras=of_depth, stored=[_MILLIMETRES] * count)
 

@@ -55,17 +55,10 @@ def find_transforms(folder: Path) -> Recording | None:
         depths,
         left_out=[_picture(folder, entry) for entry in entries if not any(name in entry for name in _DEPTH)],
         known=cameras,
-        depth_cameras=lambda: _of_depths(cameras(), depths),
+        depth_cameras=lambda: beside(cameras(), depths[0]),
         placed=[_pose(entry.get("transform_matrix")) for entry, _ in with_depth],
         stored=[_stored(folder, entry) for entry, _ in with_depth],
     )
-
-
-def _of_depths(cameras: Sequence[Camera], depths: Sequence[Path]) -> list[Camera | None]:
-    """The cameras of depths with fewer samples than pictures have pixels, as phones' are; all are as the first."""
-    if beside(cameras[0], depths[0]) is None:
-        return [None] * len(cameras)
-    return [beside(camera, depth) for camera, depth in zip(cameras, depths, strict=True)]
 
 
 def _entries(path: Path, frames: object, common: _Entry) -> list[_Entry]:
