@@ -143,6 +143,8 @@ CALIBRATIONS = {
     "oak.json": json.dumps(calibrations.oak()),
     "transforms.json": json.dumps(calibrations.transforms()[0]),
 }
+_SCENE = {"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"camera": 0, "translation": [1, 2, 3]}]}
+_SCENE |= {"cameras": [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]}
 OTHERS: dict[str, Write] = {  # what is read, but not written
     "text.ply": _ply_of_text,
     "text.stl": _stl_of_text,
@@ -158,11 +160,17 @@ OTHERS: dict[str, Write] = {  # what is read, but not written
     "cameras.json": _cameras,
     "camera.open3d.json": _open3d_camera,
     "cameras.open3d.json": _open3d_trajectory,
+    "poses.npy": partial(np.save, arr=np.tile(np.eye(4), (3, 1, 1))),
+    "cameras.npy": partial(np.save, arr=CAMERA.K),
+    "cameras.calib.txt": partial(Path.write_text, data="cam0=[30 0 8; 0 30 5; 0 0 1]\nwidth=17\nheight=11\n"),
+    "cameras.par.txt": partial(Path.write_text, data="1\na.png 30 0 8 0 30 5 0 0 1 1 0 0 0 1 0 0 0 1 2 3 4\n"),
+    "cameras.gltf": partial(Path.write_text, data=json.dumps(_SCENE)),
+    "depth.pgm": partial(Path.write_bytes, data=b"P5\n17 11\n65535\n" + (9 * DEPTH).astype(">u2").tobytes()),
     **{f"cameras.{name}": partial(Path.write_text, data=text) for name, text in CALIBRATIONS.items()},
 }
 CHECKED = ("color.png", "depth.png", "relief.png", "color.npz", "depth.npz", "packed.ply.gz")
 """Formats with sums of all that matters: a damage is seen, or does no harm."""
-DECODED_ELSEWHERE = ["depth.png", "depth.tif", "depth.exr", "depth.doubles.tif", "depth.parts.exr"]
+DECODED_ELSEWHERE = ["depth.png", "depth.tif", "depth.exr", "depth.doubles.tif", "depth.parts.exr", "depth.pgm"]
 DECODED_ELSEWHERE += [name for name in WRITERS if name.startswith(("color.", "relief."))]
 """What libraries in C decode, whose faults might kill the interpreter."""
 
@@ -172,7 +180,7 @@ def reader(name: str) -> Read:
     if name == "grid.ply":
         return read_range_grid
     by_stem: dict[str, Read] = {"color": ibr.read_color, "depth": _read_depth, "relief": read_relief_map}
-    by_stem |= {"camera": ibr.Camera.load, "cameras": read_cameras, "poses": read_poses}
+    by_stem |= {"camera": ibr.Camera.load, "cameras": partial(read_cameras, size=SIZE), "poses": read_poses}
     return by_stem.get(name.partition(".")[0], ibr.Mesh.load)
 
 
