@@ -228,7 +228,8 @@ def camera_from_ros(info: object) -> tuple[Float64, tuple[int, int], Lens]:
     if any(int(_part(region, "info", name, default=0)) for name in ("x_offset", "y_offset")):
         raise ArgumentError("info", "an image that is not cropped", "a region of interest")
     model = str(_part(info, "info", "distortion_model"))
-    if model not in ("", *_ROS_MODELS):  # drivers of rectified and of simulated cameras leave it empty
+    of_realsense = _REALSENSE_MODELS.get(model.lower().replace(" ", "_"))  # as its recorder names them
+    if model not in ("", *_ROS_MODELS) and of_realsense is None:  # drivers of rectified cameras leave it empty
         raise ArgumentError("info", f"a distortion_model of {', '.join(_ROS_MODELS)}", repr(model))
     matrix = _part(info, "info", "k", "K", "camera_matrix")
     values = _part(info, "info", "d", "D", "distortion_coefficients", default=[])
@@ -236,6 +237,8 @@ def camera_from_ros(info: object) -> tuple[Float64, tuple[int, int], Lens]:
     K = numbers("info", np.ravel(np.asarray(matrix)), (9,)).reshape(3, 3)
     size = int(_part(info, "info", "width", "image_width")), int(_part(info, "info", "height", "image_height"))
     coefficients = np.ravel(np.asarray(values))  # none stands for zeros
+    if of_realsense is not None and coefficients.size:
+        return K, size, Lens(of_realsense, coefficients[:4] if of_realsense == "kannala_brandt" else coefficients)
     return K, size, Lens.from_opencv(coefficients if coefficients.size else np.zeros(4), fisheye=model == "equidistant")
 
 

@@ -172,6 +172,48 @@ def test_raw_kinect_counts_of_nyu(tmp_path: Path):
     np.testing.assert_allclose(from_depth[:3, 3], (-0.0250, -0.0007, 0.0003), atol=5e-5)
 
 
+def test_a_bag_of_realsenses_recorder(tmp_path: Path):
+    """Its names of topics and lenses; the depth's unit is an option's, and where streams are lies beside them."""
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
+    region = types["RegionOfInterest"](0, 0, 0, 0, False)
+    turn = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])  # by a quaternion of y = 0.1 ** 0.5
+    messages = [("/device_0/sensor_0/option/Depth_Units/value", types["Float32"](0.0001))]
+    streams = (("sensor_0/Depth_0", "mono16"), ("sensor_0/Infrared_1", "mono8"), ("sensor_1/Color_0", "rgb8"))
+    for stream, encoding in streams:
+        head, is_color = (
+            types["Header"](0, store.types["builtin_interfaces/msg/Time"](5, 0), "0"),
+            stream.endswith("Color_0"),
+        )
+        x, y = (-0.015, 0.1**0.5) if is_color else (0.0, 0.0)  # of this stream from the first
+        told = types["Transform"](types["Vector3"](x, 0.0, 0.0), types["Quaternion"](0.0, y, 0.0, (1 - y * y) ** 0.5))
+        info = types["CameraInfo"](
+            head, 3, 4, "Inverse Brown Conrady", np.full(5, 0.01 * is_color), np.array([5.0, 0, 1.5, 0, 5, 1, 0, 0, 1]),
+            np.eye(3).ravel(), np.zeros(12), 0, 0, region,
+        )  # fmt: skip
+        values = np.full((3, 4, 3) if is_color else (3, 4), 7, np.uint8) if encoding != "mono16" else None
+        data = np.full((3, 4), 12345, "<u2") if values is None else values
+        picture = types["Image"](head, 3, 4, encoding, 0, data.nbytes // 3, np.frombuffer(data.tobytes(), np.uint8))
+        prefix = f"/device_0/{stream}"
+        messages += [(f"{prefix}/tf/0", told), (f"{prefix}/info/camera_info", info), (f"{prefix}/image/data", picture)]
+    with Writer(tmp_path / "one.bag") as writer:
+        for topic, message in messages:
+            connection = writer.add_connection(topic, message.__msgtype__, typestore=store)
+            writer.write(connection, 5_000_000_000, store.serialize_ros1(message, message.__msgtype__))
+    recording = recording_in(tmp_path / "one.bag")
+    (shot,) = shots_of(recording, cameras_of(recording))
+    np.testing.assert_allclose(shot.read_depth()[0], 1.2345, rtol=1e-6)
+    assert shot.stored.color(shot.color).shape == (3, 4, 3)
+    assert shot.camera.lens == ibr.Lens("inverse_brown_conrady", [0.01] * 5)
+    color_from_depth = shot.camera.camera_from_world @ shot.depth_camera.world_from_camera
+    np.testing.assert_allclose(color_from_depth[:3, :3], turn, atol=1e-9)
+    np.testing.assert_allclose(color_from_depth[:3, 3], (-0.015, 0, 0), atol=1e-9)
+
+
 def test_intrinsics_of_larger_pictures_are_refused(tmp_path: Path):
     """Exporters resize pictures, and leave the intrinsics as they are."""
     SPECIMENS["scannet"][0](tmp_path)

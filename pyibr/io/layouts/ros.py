@@ -27,6 +27,7 @@ _TF = "tf2_msgs/msg/TFMessage"
 _DEPTHS = {"16UC1": (np.uint16, 1000.0), "mono16": (np.uint16, 1000.0), "32FC1": (np.float32, 1.0)}
 """Encodings of depth: what is stored, and units a metre."""
 _COLORS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0), "mono8": (0, 0, 0)}
+_TRANSFORM, _DATA, _UNITS = "geometry_msgs/msg/Transform", "/image/data", "/option/Depth_Units/value"  # of RealSense
 _GAP_MAX = 0.1  # seconds between transforms, beyond which nothing is known
 
 
@@ -60,8 +61,10 @@ def find_bag(folder: Path) -> Recording | None:
         topics = [_images(reader, one) for one in reader.connections if one.msgtype in (_IMAGE, _PACKED)]
         infos = {one.topic: next(_messages(reader, one)) for one in reader.connections if one.msgtype == _INFO}
         steps = _steps(reader)
+        units = [next(_messages(reader, one)).data for one in reader.connections if one.topic.endswith(_UNITS)]
     depth = next((one for one in topics if one is not None and one.encoding in _DEPTHS), None)
-    color = next((one for one in topics if one is not None and one.encoding not in _DEPTHS), None)
+    colors = [one for one in topics if one is not None and one.encoding not in _DEPTHS]
+    color = min(colors, key=lambda one: one.encoding == "mono8", default=None)  # of infrared images at the last
     if depth is None or color is None:
         raise FileFormatError(
             f"{path}: expected topics of colour and of depth (16UC1, 32FC1), got {len(topics)} of images"
@@ -75,7 +78,8 @@ def find_bag(folder: Path) -> Recording | None:
         of_depth = Camera(of_depth.K, of_depth.size, np.linalg.inv(placed[0]) @ aside, lens=of_depth.lens)
     nearest = [int(np.abs(np.array(depth.stamps) - time).argmin()) for time in times]
     kind, scale = _DEPTHS[depth.encoding]
-    colors = dict(zip(color.stamps, color.at, strict=True))
+    scale = 1 / units[0] if units else scale
+    of_time = dict(zip(color.stamps, color.at, strict=True))
     return found._replace(
         known=lambda: [of_color],
         placed=placed if color.frame in steps else None,
@@ -83,7 +87,7 @@ def find_bag(folder: Path) -> Recording | None:
         stored=[
             Stored(
                 scale,
-                color=partial(_color_at, topic=color.topic, at=colors[time]),
+                color=partial(_color_at, topic=color.topic, at=of_time[time]),
                 depth=partial(_depth_at, topic=depth.topic, at=depth.at[place], kind=kind),
             )
             for time, place in zip(times, nearest, strict=True)
@@ -119,7 +123,9 @@ def _images(reader: Any, connection: Any) -> _Images | None:
     if last is None:
         return None
     encoding = getattr(last, "encoding", getattr(last, "format", "")).partition(";")[0]
-    return _Images(connection.topic, last.header.frame_id, encoding, stamps, at)
+    topic = connection.topic
+    frame = topic.removesuffix(_DATA) if topic.endswith(_DATA) else last.header.frame_id
+    return _Images(topic, frame, encoding, stamps, at)
 
 
 def _camera(path: Path, images: _Images, infos: dict[str, Any]) -> Camera:
@@ -182,9 +188,19 @@ def _unpacked(path: Path, message: Any, kind: type[np.generic]) -> NDArray[np.fl
 
 
 def _steps(reader: Any) -> dict[str, list[_Step]]:
-    """The transforms of each frame in the order of their times; what is static has one time."""
+    """The transforms of each frame in the order of their times; what is static has one time.
+
+    Those of RealSense's streams, whose topics name the one that they start from, lead the other way.
+    """
     found: dict[str, list[_Step]] = {}
     for connection in reader.connections:
+        stream, _, above = connection.topic.rpartition("/tf/")
+        if connection.msgtype == _TRANSFORM and stream:
+            one = next(_messages(reader, connection))
+            p, q = one.translation, one.rotation
+            wxyz = np.array([q.w, -q.x, -q.y, -q.z])
+            position = -rotation_from_quaternion(wxyz) @ np.array([p.x, p.y, p.z])
+            found[stream] = [_Step(np.inf, f"stream {above}", position, wxyz)]
         if connection.msgtype == _TF:
             for message in _messages(reader, connection):
                 for one in message.transforms:
