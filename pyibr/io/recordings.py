@@ -61,8 +61,8 @@ class Stored:
         scale, kind = how.get("depth_scale") or self.scale, how.get("depth_kind", "z")
         kind = self.kind if kind == "z" else kind
         if self.depth is None:
-            known: DepthReading = {**how, "depth_scale": scale, "depth_kind": kind}
-            return read_depth(path, camera=camera, **known)
+            whole: DepthReading = {**how, "depth_scale": scale, "depth_kind": kind}
+            return read_depth(path, camera=camera, **whole)
         if chosen := how.get("channel") or how.get("part"):
             raise ArgumentError("channel", f"none for {path}, whose layout tells what is depth", repr(chosen))
         values = self.depth(path) / np.float64(scale or 1)

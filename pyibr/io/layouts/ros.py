@@ -184,7 +184,7 @@ def _unpacked(path: Path, message: Any, kind: type[np.generic]) -> NDArray[np.fl
     scale, least = struct.unpack_from("<4xff", data)
     counts = image.decoded(data[12:]).astype(np.float32)
     known = np.where(counts > 0, counts, np.float32(np.nan))
-    return known if kind == np.uint16 else scale / (known - least)
+    return known if kind == np.uint16 else np.float32(scale) / (known - np.float32(least))
 
 
 def _steps(reader: Any) -> dict[str, list[_Step]]:
