@@ -15,7 +15,8 @@
  * the view has in the target. rough: pixels of the source; a second difference of neighbouring hits that makes a
  * surface rough. window: pixels of the source that are traced to either side of a hit.
  * source: (dst_height, dst_width, 2) u and v of the samples' grid, NaN in holes, source_view: the same shape without the 2,
- * the number of the view, -1 in holes; with ORIGINS.
+ * the number of the view, -1 in holes; with ORIGINS. classes: (dst_height, dst_width), classes.h: CLASS_HIDDEN is written
+ * where a side of the surface is met that is not shown; with ORIGINS 2.
  * counters: (work-items, 2) cells visited by the slowest lane, times LANES, and pixels traced, with COUNTERS.
  * Work-item: STRIP * LANES pixels of a row.
  * Cost: O(pixels): a pixel looks at no more than CANDIDATES * 2 * window * density columns of the source; where a
@@ -26,13 +27,14 @@
 #include "lib/gbuffer.h"
 #include "lib/vectors.h"
 #include "warp/candidates.h"
+#include "warp/classes.h"
 #include "warp/corners.h"
 
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels a work-item: pixels to trace are gathered from all of them */
 #endif
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: where in which view each pixel comes from is written, too */
+#define ORIGINS 0 /* 1: where in which view each pixel comes from is written, too; 2: and what is hidden */
 #endif
 
 /* Enters into the G-buffer those of pixels x of a row, which begins with number `first`, that are `written`. */
@@ -72,6 +74,15 @@ INLINED void write_origins(Pixels pixels, intl written, intl x, global float *so
         vstore2((float2)(float_lane(u, lane), float_lane(v, lane)), at, source);
         source_view[at] = int_lane(from, lane);
     }
+}
+#endif
+
+#if ORIGINS == 2
+/* Tells that pixels x of a row are hidden where their hits are on a side that is not shown. */
+INLINED void write_hidden(floatl hits, intl x, int high_x, global uchar *classes)
+{
+    for (uint left = lane_bits(IS_HIT(hits) & !IS_VISIBLE_HIT(hits) & (x < high_x)); left; left &= left - 1)
+        classes[int_lane(x, LOWEST(left))] = CLASS_HIDDEN;
 }
 #endif
 
@@ -172,6 +183,10 @@ kernel void resolve(global const float *surface, global const float *hits, globa
                     ,
                     global float *source, global int *source_view, int view
 #endif
+#if ORIGINS == 2
+                    ,
+                    global uchar *classes
+#endif
                     COUNTERS_PARAMETER(uint) GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
     const int y = low_y + get_global_id(1);
@@ -204,6 +219,10 @@ kernel void resolve(global const float *surface, global const float *hits, globa
     for (int p = 0; p < packets; p++) {
         const int x0 = strip_x + p * LANES, in_packet = min(high_x - x0, LANES);
         const intl x = x0 + lane_index;
+#if ORIGINS == 2
+        if (hit_kind != HITS_WITHOUT_PARALLAX)
+            write_hidden(load_lanes(hits + (size_t)y * map.dst_pitch + x0), x, high_x, classes + row);
+#endif
         if (has_margins) { /* where they are nearer, they are written after these */
             const floatl margin = load_lanes(margin_hits + (size_t)y * map.dst_pitch + x0);
             const intl on_margin = margin > pixels[p].n;

@@ -101,8 +101,8 @@ class Target:
         self.gbuffer: GBuffer | None = None
 
     def layer(self) -> Target:
-        """A target of the same kind, for a part of what is to be seen in this one."""
-        return Target(
+        """A target of the same kind, for a part of what is to be seen in this one: with its classes."""
+        layer = Target(
             self.camera,
             self.color.dtype,
             origins=self.source is not None,
@@ -110,6 +110,8 @@ class Target:
             channels=self.color.shape[-1],
             anisotropy=self.anisotropy,
         )
+        layer.classes = self.classes
+        return layer
 
     def scratch(self, count: int, number: int = 0) -> DeviceArray:
         """(count,) float32, or some more, that launches may use until the next who asks for this number does."""

@@ -215,8 +215,9 @@ def _resolve(
     density, typical = (1.0, 1.0) if is_exact else (pixel_map.density, pixel_map.typical)
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
     defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
+    classes = {} if target.classes is None else {"classes": target.classes}
     launch(
-        kernel("warp/resolve.cl", "resolve", ORIGINS=int(target.source is not None), **defines),
+        kernel("warp/resolve.cl", "resolve", ORIGINS=len(target.origins) and 1 + len(classes), **defines),
         profile.packets(high_x - low_x, high_y - low_y, profile.strip),
         src_color=surface.color,
         linear=options.linear,
@@ -234,6 +235,7 @@ def _resolve(
         **shared,
         **target.outputs(),
         **_origins(target, view),
+        **classes,
         **entry.arguments,
     )
 
@@ -307,8 +309,8 @@ def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: fl
     target.blank = False
 
 
-def classify(surface: Surface, pixel_map: PixelMap, target: Target, first: bool) -> None:
-    """Why the holes are holes, as far as this view tells; the `first` view begins, others add what they know."""
+def classify(surface: Surface, pixel_map: PixelMap, target: Target) -> None:
+    """Why the holes are holes, as far as this view tells: it adds what it knows."""
     assert target.classes is not None
     strip = current().profile.strip
     launch(
@@ -323,5 +325,4 @@ def classify(surface: Surface, pixel_map: PixelMap, target: Target, first: bool)
         farthest=surface.low,
         typical=pixel_map.typical,
         without_parallax=pixel_map.parallax < NO_PARALLAX,
-        first=first,
     )

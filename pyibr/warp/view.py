@@ -17,6 +17,7 @@ from pyibr.core.optional import opencv
 from pyibr.core.pixelspace import PixelMap, Rectangle, camera_pair, pixel_size
 from pyibr.images.depth_image import DepthImage, Side
 from pyibr.images.exposure import exposure_gains
+from pyibr.images.frame import PixelClass
 from pyibr.images.order import order_of
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.memory import DeviceArray, upload
@@ -199,10 +200,12 @@ class WarpedView(Immutable):
             return
         if self.interpolation == "nearest":
             target.mixable = False
+        if target.classes is not None:
+            target.classes.fill(PixelClass.OUTSIDE)
         self._draw_views(target, lighting)
         if target.classes is not None:
-            for number, view in enumerate(self.sources):
-                classify(*self._surface_of(view, target), target, number == 0)
+            for view in self.sources:
+                classify(*self._surface_of(view, target), target)
 
     def finish(self, target: Target) -> None:
         """Fill holes, if that is asked for, from the views and what all things have drawn."""
