@@ -226,6 +226,9 @@ kernel void resolve(global const float *surface, global const float *hits, globa
         if (has_margins) { /* where they are nearer, they are written after these */
             const floatl margin = load_lanes(margin_hits + (size_t)y * map.dst_pitch + x0);
             const intl on_margin = margin > pixels[p].n;
+#if ORIGINS == 2
+            write_hidden(margin, x, high_x, classes + row);
+#endif
             for (uint left = lane_bits(on_margin & IS_VISIBLE_HIT(margin) & (x < high_x)); left; left &= left - 1)
                 on_margins[count++] = x0 + LOWEST(left);
             pixels[p].n = select_lanes(on_margin, (floatl)EMPTY, pixels[p].n);

@@ -302,4 +302,4 @@ def test_scalars_are_as_wide_as_in_c(folder):
 
 def test_public_classes_are_the_kernels():
     for one in PixelClass:
-        assert constant("warp/classify.cl", f"CLASS_{one.name}") == one
+        assert constant("warp/classes.h", f"CLASS_{one.name}") == one

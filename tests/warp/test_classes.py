@@ -126,6 +126,22 @@ def test_all_classes_occur():
     assert set(np.concatenate(found)) == set(ibr.PixelClass)
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_what_shows_its_back_is_hidden(count):
+    """A patch seen from behind, with nothing around it: its rays come out of it towards the source."""
+    view = source("perspective")
+    depth = np.full_like(view.depth, np.nan)
+    depth[40:90, 60:110] = 3.0
+    views = [ibr.DepthImage(view.color, depth, view.camera.moved(0.05 * i, 0, 0)) for i in range(count)]
+    target = Camera(view.camera.K, SIZE, scenes.pose(yaw=180, center=(0.1, 0.1, 6)))
+    with pytest.warns(UserWarning, match="nothing"):
+        frame = ibr.warp(views, target, classes=True)
+    back = np.logical_or.reduce([ibr.warp(one, target, side="back").valid for one in views])
+    assert not frame.valid.any() and back.mean() > 0.1
+    hidden = frame.classes[back] == ibr.PixelClass.HIDDEN
+    assert np.count_nonzero(~hidden) <= 1  # no line of the sweep meets anything at the epipole
+
+
 def test_without_asking_there_are_none():
     view = source("perspective")
     frame = ibr.warp(view, view.camera.moved(0.1, 0, 0))
