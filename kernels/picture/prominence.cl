@@ -11,25 +11,38 @@
 #define STRIP 1 /* blocks that a work-item goes through: starting one takes longer than most */
 #endif
 
-/* By how much of nearness samples stand out, between their sides in the row or in the column: -INFINITY where it is no
- * more than noise explains */
-INLINED floatl prominence_of(floatl here, Sides all, int back, intl solid, floatl noise)
+/* By how much of nearness samples stand out, between their sides in the row or in the column, as seen from the front and
+ * from the back */
+INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
 {
-    const floatl over = max_lanes(PROMINENCE(here, all.left, all.right, back), PROMINENCE(here, all.above, all.below, back));
-    return select_lanes(solid & ((over > noise) | (over == INFINITY)), over, (floatl)-INFINITY);
+    const intl before = as_intl(n.left_1) | as_intl(n.left_2) | as_intl(n.above_1) | as_intl(n.above_2);
+    if (any_lane(((before | as_intl(n.here) | as_intl(n.right_1) | as_intl(n.below_1)) & TORN_ALL) != 0)) {
+        const Sides all = sides_of(n);
+        *front = max_lanes(PROMINENCE(n.here, all.left, all.right, 0), PROMINENCE(n.here, all.above, all.below, 0));
+        *back = max_lanes(PROMINENCE(n.here, all.left, all.right, 1), PROMINENCE(n.here, all.above, all.below, 1));
+        return;
+    }
+    /* Most packets: nothing is torn. */
+    const floatl row_low = max_lanes(min_lanes(n.left_1, n.left_2), min_lanes(n.right_1, n.right_2));
+    const floatl row_high = min_lanes(max_lanes(n.left_1, n.left_2), max_lanes(n.right_1, n.right_2));
+    const floatl column_low = max_lanes(min_lanes(n.above_1, n.above_2), min_lanes(n.below_1, n.below_2));
+    const floatl column_high = min_lanes(max_lanes(n.above_1, n.above_2), max_lanes(n.below_1, n.below_2));
+    *front = n.here - min_lanes(row_low, column_low);
+    *back = max_lanes(row_high, column_high) - n.here;
 }
 
-/* Writes that of a block's samples of a row. */
+/* Writes that of a block's samples of a row: -INFINITY where it is no more than noise explains. */
 INLINED void measure_block(Grid grid, int first, int y, float noise_0, float noise_1, float noise_2, global float *out)
 {
     floatl front = -INFINITY, back = -INFINITY;
     for (int x = first; x < min(first + PROMINENCE_BLOCK, grid.width); x += LANES) {
         const Neighbours n = with_neighbours(grid, x, y);
+        floatl front_here, back_here;
+        stand_out(n, &front_here, &back_here);
         const intl solid = (n.here > NO_SURFACE) & (x + lane_index < grid.width);
         const floatl noise = noise_0 + n.here * (noise_1 + n.here * noise_2);
-        const Sides all = sides_of(n);
-        front = max_lanes(prominence_of(n.here, all, 0, solid, noise), front);
-        back = max_lanes(prominence_of(n.here, all, 1, solid, noise), back);
+        front = select_lanes(solid & (front_here > noise), max_lanes(front_here, front), front);
+        back = select_lanes(solid & (back_here > noise), max_lanes(back_here, back), back);
     }
     out[0] = -least_lane(-front);
     out[1] = -least_lane(-back);

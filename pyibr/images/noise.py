@@ -19,7 +19,7 @@ _RANGES, _SAMPLES_MIN = 12, 50  # noise is looked up for as many ranges of depth
 _SAMPLES_MAX = 40_000  # samples of a direction that are looked at: medians of more are no surer
 _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
 _STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 5 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together
+_ENOUGH = 2 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together
 _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
     50,
     0.3,
@@ -119,7 +119,7 @@ def _noise_along(lines: list[Nearness], count_max: int) -> tuple[Float64, Float6
                 place, change = _changes(near, step, count_max)
                 places.append(place)
                 changes.append(change)
-        if sum(map(len, places)) >= 10 * _RANGES * _SAMPLES_MIN:
+        if sum(map(len, places)) >= min(10 * _RANGES * _SAMPLES_MIN, 2 * count_max):
             break
     count = sum(map(len, places))
     if count < _SAMPLES_MIN:
