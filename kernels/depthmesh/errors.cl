@@ -46,6 +46,12 @@ floatl vertex_nearness(const Layout *layout, const Tree *tree, intl x, intl y)
     return select_lanes(in, (floatl)(gather(tree->nearness, at)), (floatl)NO_SURFACE);
 }
 
+/* The sample (x, y) of a nearness in the view's camera's frame */
+Vector sample_at(const Layout *layout, intl x, intl y, floatl n)
+{
+    return point_of(layout, to_floatl(x), to_floatl(y), DEPTH_OF(layout->perspective, n));
+}
+
 /* LANES children */
 typedef struct {
     intl at; /* 0 where there is none */
@@ -85,8 +91,7 @@ void hold_children(const Layout *layout, const Tree *tree, const Children *c, Ve
 floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by,
                        floatl nb, int centers, int across)
 {
-    const Vector a = point_of(layout, to_floatl(ax), to_floatl(ay), DEPTH_OF(layout->perspective, na));
-    const Vector b = point_of(layout, to_floatl(bx), to_floatl(by), DEPTH_OF(layout->perspective, nb));
+    const Vector a = sample_at(layout, ax, ay, na), b = sample_at(layout, bx, by, nb);
     const Vector ab = minus(b, a), ap = minus(p, a);
     floatl area, length;
     if (centers) {
@@ -103,6 +108,32 @@ floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl a
     return select_lanes(known & (off > ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z))), off, (floatl)0.0f);
 }
 
+/* The own errors of centres p, of nearness n, of blocks with these edges; corner: nearness, row by row. Where blocks are
+ * `squeezed`, p lies off their diagonal in the image, too, and the error is the distance from the planes on its sides,
+ * but those through a corner without a sample: surfaces with and without p differ most at p, or by a part of that where
+ * the diagonal crosses an edge from p to a corner. */
+floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl right, intl top, intl bottom,
+                    const floatl corner[4], intl main, intl squeezed)
+{
+    const intl ay = select_lanes(main, top, bottom), by = select_lanes(main, bottom, top);
+    const floatl na = select_lanes(main, corner[0], corner[2]), nb = select_lanes(main, corner[3], corner[1]);
+    const floatl bisected = bisection_error(layout, p, n, left, ay, na, right, by, nb, 1, 0);
+    if (!any_lane(squeezed))
+        return bisected;
+    const Vector a = sample_at(layout, left, ay, na), b = sample_at(layout, right, by, nb);
+    const Vector ab = minus(b, a), ap = minus(p, a);
+    const floatl rounding = 2.0f * ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z)); /* p is not between a and b */
+    floatl error = 0.0f;
+    for (int k = 0; k < 2; k++) {
+        const floatl nc = k ? select_lanes(main, corner[1], corner[3]) : select_lanes(main, corner[2], corner[0]);
+        const Vector normal = cross_product(ab, minus(sample_at(layout, k ? right : left, k ? ay : by, nc), a));
+        const floatl off = fabs(DOT(ap, normal)) / fmax(sqrt(DOT(normal, normal)), (floatl)FLT_MIN);
+        const intl known = IS_SAMPLE(n) & IS_SAMPLE(na) & IS_SAMPLE(nb) & IS_SAMPLE(nc) & (off > rounding);
+        error = fmax(error, select_lanes(known, off, (floatl)0.0f));
+    }
+    return select_lanes(squeezed, error, bisected);
+}
+
 /* What of errors is more than noise may be, at a depth */
 floatl beyond_noise(const Layout *layout, floatl error, floatl depth)
 {
@@ -110,18 +141,15 @@ floatl beyond_noise(const Layout *layout, floatl error, floatl depth)
     return fmax(error - UNSEEN * ((of[0] * depth + of[1]) * depth + of[2]), (floatl)0.0f);
 }
 
-/* Joins the vertices' own errors with their children's, unless nothing is drawn. Of a vertex with a `squeezed` side the
- * own error is that of all samples within: it holds the children's. */
-void add_error(const Layout *layout, const Tree *tree, floatl own, intl squeezed, intl states, int s, int centers,
-               Vertices *v)
+/* Joins the vertices' own errors with their children's, unless nothing is drawn. */
+void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
 {
     const intl a = STATE_A(states), b = STATE_B(states);
     const intl partly = (a == (UNDRAWN | DRAWN)) | (b == (UNDRAWN | DRAWN)), drawn = ((a | b) & DRAWN) != 0;
     const float samples = CUT_ERROR * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
     const floatl length = samples * sample_size(layout, v->depth);
     own = beyond_noise(layout, own, v->depth);
-    const floatl below = fmax(v->error, (floatl)0.0f), largest = fmax(own, below);
-    const floatl joined = tree->largest ? largest : select_lanes(squeezed, largest, own + below);
+    const floatl below = fmax(v->error, (floatl)0.0f), joined = tree->largest ? fmax(own, below) : own + below;
     v->error = select_lanes(drawn, fmax(joined, select_lanes(partly, length, (floatl)0.0f)), v->error);
 }
 
@@ -134,7 +162,6 @@ void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int ce
         const intl x = start + 2 * s * lane_index, mine = (x <= layout->side) & (x - s < layout->width - 1);
         const intl row = (intl)y, main = IS_MAIN(x, row, s), at = select_lanes(mine, row * layout->row + x, (intl)0);
         const intl sample_x = ON_COLUMN(layout, x), sample_y = ON_ROW(layout, row);
-        const intl squeezed = is_squeezed(layout, x, row, s, centers, across);
         const floatl n = vertex_nearness(layout, tree, sample_x, sample_y);
         Vertices v = {{0.0f, 0.0f, 0.0f},
                       -1.0f,
@@ -152,13 +179,19 @@ void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int ce
         for (int k = 0; k < 4; k++)
             hold_children(layout, tree, &children[k], &v);
         const int before_x = centers || across ? s : 0, before_y = centers || !across ? s : 0;
-        const intl ay = centers ? select_lanes(main, row - s, row + s) : row - before_y;
-        const intl by = centers ? select_lanes(main, row + s, row - s) : row + before_y;
-        const intl ax = x - before_x, bx = x + before_x, states = (intl)(gather(tree->states, at));
-        const floatl na = vertex_nearness(layout, tree, ax, ay), nb = vertex_nearness(layout, tree, bx, by);
-        const floatl bisected = bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across);
-        const floatl own = select_lanes(squeezed, (floatl)(gather(tree->errors, at)), bisected);
-        add_error(layout, tree, own, squeezed, states, s, centers, &v);
+        const intl left = ON_COLUMN(layout, x - before_x), right = ON_COLUMN(layout, x + before_x);
+        const intl top = ON_ROW(layout, row - before_y), bottom = ON_ROW(layout, row + before_y);
+        const floatl na = vertex_nearness(layout, tree, left, top), nb = vertex_nearness(layout, tree, right, bottom);
+        floatl own;
+        if (centers) {
+            const floatl corner[4] = {na, vertex_nearness(layout, tree, right, top),
+                                      vertex_nearness(layout, tree, left, bottom), nb};
+            own = center_error(layout, v.center, n, left, right, top, bottom, corner, main,
+                               is_squeezed(layout, x, row, s));
+        } else
+            own = bisection_error(layout, v.center, n, left, top, na, right, bottom, nb, 0, across);
+        const intl states = (intl)(gather(tree->states, at));
+        add_error(layout, tree, own, states, s, centers, &v);
         for (int lane = 0; lane < LANES; lane++) {
             if (!int_lane(mine, lane))
                 continue;
@@ -217,7 +250,7 @@ kernel void find_finest_midpoints(global const float *nearness, global const flo
                 v.radius = select_lanes(IS_SAMPLE(next), max_lanes(sqrt(DOT(away, away)), v.radius), v.radius);
             }
             const intl odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
-            add_error(&layout, &tree, own, (intl)0, select_lanes(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
+            add_error(&layout, &tree, own, select_lanes(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
         }
         store_vertices(&tree, at, &v);
     }
@@ -253,17 +286,18 @@ kernel void find_finest_centers(global const float *nearness, global const float
             const floatl reach = sqrt(DOT(away, away)) + radius[k] + MARGIN * sample_size(&layout, v.depth);
             v.radius = select_lanes(error[k] >= 0.0f, max_lanes(reach, v.radius), v.radius);
         }
-        floatl corner[2][2]; /* nearness */
-        for (int below = 0; below < 2; below++)
-            for (int right = 0; right < 2; right++)
-                corner[below][right] = nearness_next_to(&layout, nearness, x, first, y, right ? 1 : -1, below ? 1 : -1);
-        const floatl na = select_lanes(main, corner[0][0], corner[1][0]),
-                     nb = select_lanes(main, corner[1][1], corner[0][1]);
-        const intl down = select_lanes(main, (intl)1, (intl)-1), ay = y - down, by = y + down;
-        const intl squeezed = is_squeezed(&layout, x, (intl)y, 1, 1, 0);
-        const floatl bisected = bisection_error(&layout, v.center, n, x - 1, ay, na, x + 1, by, nb, 1, 0);
-        const floatl own = select_lanes(squeezed, load_lanes(errors + at), bisected);
-        add_error(&layout, &tree, own, squeezed, load_bytes(states + at), 1, 1, &v);
+        const int down = y < layout.height - 1; /* to the row below, but for the image's last */
+        const intl last = x == layout.width - 1;
+        floatl corner[4];
+        for (int k = 0; k < 4; k++) {
+            const int dx = k & 1 ? 1 : -1, dy = k >> 1 ? down : -1;
+            const floatl next = nearness_next_to(&layout, nearness, x, first, y, dx, dy);
+            const floatl above = nearness_next_to(&layout, nearness, x, first, y, 0, dy);
+            corner[k] = dx < 0 ? next : select_lanes(last, above, next);
+        }
+        const floatl own = center_error(&layout, v.center, n, x - 1, ON_COLUMN(&layout, x + 1), (intl)(y - 1),
+                                        (intl)(y + down), corner, main, is_squeezed(&layout, x, (intl)y, 1));
+        add_error(&layout, &tree, own, load_bytes(states + at), 1, 1, &v);
         v.error = select_lanes(mine, v.error, load_lanes(errors + at));
         v.radius = select_lanes(mine, v.radius, load_lanes(radii + at));
         v.depth = select_lanes(mine, v.depth, load_lanes(depths + at));

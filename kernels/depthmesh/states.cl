@@ -1,8 +1,8 @@
 /* The states of the quadtree's triangles, fine to coarse: whether all, some or none of the cells within each are drawn
  * (Pajarola, Sainz & Meng 2003, section 3.3: segmentation carried up by boolean rules).
  *
- * A triangle's state is the union of its two halves' states; those are sides of the vertex's children. Of triangles that
- * are squeezed that is not so: theirs are written afterwards (squeezed.cl), and no other's follows from them.
+ * A triangle's state is the union of its two halves' states; those are sides of the vertex's children. But a block that
+ * is squeezed into the image (tree.h) has its diagonal elsewhere than its centre: there both sides' count for either.
  *
  * cells: samples.cl. states: (side + 1, row) of each vertex, both sides' (tree.h).
  * Work-item: a row of vertices, of which those of step 1 are found and of others 0 is written
@@ -34,7 +34,9 @@ kernel void find_finest_states(global const uchar *cells, global uchar *states, 
                        bottom = STATE_B(lower_left) | STATE_B(lower_right);
             const intl a = across ? above : select_lanes(odd, top | select_lanes(main, right, left), left);
             const intl b = across ? below : select_lanes(odd, bottom | select_lanes(main, left, right), right);
-            byte = across ? select_lanes(odd, a | b << 2, byte) : a | b << 2;
+            const intl squeezed = odd & (across ? (intl)0 : is_squeezed(&layout, x, (intl)y, 1));
+            const intl either = select_lanes(squeezed, a | b, (intl)0), both = a | either | (b | either) << 2;
+            byte = across ? select_lanes(odd, both, byte) : both;
         }
         store_bytes(to_ucharl(byte), states + (size_t)y * layout.row + first);
     }
@@ -50,7 +52,9 @@ void find_state_row(const Layout *layout, global uchar *states, int s, int y, in
         if (centers) {
             const int above = at[-s * row], below = at[s * row], main = IS_MAIN(x, y, s);
             const int left = STATE_B(at[-s]), right = STATE_A(at[s]);
-            *at = STATE_B(above) | (main ? right : left) | (STATE_A(below) | (main ? left : right)) << 2;
+            const int a = STATE_B(above) | (main ? right : left), b = STATE_A(below) | (main ? left : right);
+            const int either = x + s >= layout->width || y + s >= layout->height ? a | b : 0;
+            *at = a | either | (b | either) << 2;
             continue;
         }
         const int up = -half_step * row, down = half_step * row;

@@ -3,5 +3,4 @@
 #include "depthmesh/samples.cl"
 #include "depthmesh/select.cl"
 #include "depthmesh/smooth.cl"
-#include "depthmesh/squeezed.cl"
 #include "depthmesh/states.cl"

@@ -81,17 +81,10 @@ int step_of(int x, int y)
 
 #define IS_CENTER(x, y, s) (((x) & (y) & (s)) != 0)
 
-/* Which vertices of step s that bisect edges along x (`across`), along y or diagonals (`centers`) have a side that is
- * squeezed: drawn as another triangle than the image's cells within it make? (Not those of step 1 that bisect edges:
- * their sides' halves are those of cells.) */
-INLINED intl is_squeezed(const Layout *layout, intl x, intl y, int s, int centers, int across)
+/* Which centres of step s are of blocks that reach over the last column or row, and so are squeezed into the image? */
+INLINED intl is_squeezed(const Layout *layout, intl x, intl y, int s)
 {
-    const int right = layout->width - 1, bottom = layout->height - 1;
-    const intl reaches = (x - s < right) & (y - s < bottom);
-    /* Sides end at their edge. */
-    const intl over_x = (right < x + s) & ((x != right) | (intl)-(centers || across));
-    const intl over_y = (bottom < y + s) & ((y != bottom) | (intl)-(centers || !across));
-    return reaches & (over_x | over_y);
+    return (x + s >= layout->width) | (y + s >= layout->height);
 }
 
 /* LANES numbers of a row from first + dx on, dx in {-1, 0, 1}; the first of a row's has no left neighbour. */

@@ -1,8 +1,6 @@
 #ifndef DEPTHMESH_WITHIN_H
 #define DEPTHMESH_WITHIN_H
-/* What lies within one triangle of the quadtree as it is drawn: the samples of a row, the cells between two rows.
- *
- * Samples are told by where they lie in the picture; of cells and of triangles the outermost edges are the image's.
+/* The samples of a row that lie within one triangle of the quadtree as it is drawn: its outermost edges are the image's.
  */
 #include "depthmesh/tree.h"
 
@@ -21,7 +19,6 @@ typedef struct {
     float2 at[3];
     float n[3], per_x, per_y;
     RowEdge edges[3];
-    int squeezed; /* 1: a corner lies in the padding */
 } Within;
 
 RowEdge row_edge(float2 a, float2 b)
@@ -57,10 +54,8 @@ int triangle_within(const Layout *layout, global const float *placed, int x, int
     const int2 corner[3] = {p - along, b ? p - to_a : p + to_a, p + along};
     if (any(corner[1] < 0) || any(corner[1] > layout->side))
         return 0;
-    t->squeezed = 0;
     for (int k = 0; k < 3; k++) {
         const int2 v = sample_of(layout, corner[k]);
-        t->squeezed |= any(v != corner[k]);
         t->corner[k] = v;
         t->at[k] = (float2)(place_of(v.x, layout->width), place_of(v.y, layout->height));
         t->n[k] = placed[v.y * layout->pitch + v.x];
@@ -89,44 +84,5 @@ int2 columns_within(const Within *t, int row)
 INLINED floatl plane_nearness(const Within *t, intl x, int row)
 {
     return t->n[1] + (row - t->at[1].y) * t->per_y + (to_floatl(x) - t->at[1].x) * t->per_x;
-}
-
-/* First and last column of the cells below a row of samples that the triangle reaches into */
-int2 cells_within(const Layout *layout, const Within *t, int row)
-{
-    float2 part = (float2)(INFINITY, -INFINITY);
-    for (int k = 0; k < 3; k++) {
-        widen_to_edge(t->edges[k], place_of(row, layout->height), &part);
-        widen_to_edge(t->edges[k], place_of(row + 1, layout->height), &part);
-    }
-    const int first = (int)floor(part.x + ON_EDGE), last = (int)ceil(part.y - ON_EDGE) - 1;
-    return clamp((int2)(first, last), t->low.x, t->high.x - 1);
-}
-
-/* Which of the halves of cells, with corners (x, y), overlap the triangle, in more than an edge? Cells are of its own
- * rows and columns, so either an edge of it or the cell's diagonal lies between the two, or nothing. */
-INLINED intl overlaps(const Within *t, const floatl x[3], const floatl y[3], floatl diagonal_x, floatl diagonal_y,
-                      int own)
-{
-    intl apart = (intl)0;
-    const float turn = (t->at[1].x - t->at[0].x) * (t->at[2].y - t->at[0].y) -
-                       (t->at[1].y - t->at[0].y) * (t->at[2].x - t->at[0].x);
-    const int next[3] = {1, 2, 0};
-    for (int k = 0; k < 3; k++) {
-        const float2 from = t->at[k], along = t->at[next[k]] - from;
-        const float scale = (turn > 0.0f ? 1.0f : -1.0f) / length(along);
-        floatl inside = -INFINITY;
-        for (int c = 0; c < 3; c++)
-            inside = fmax(inside, (along.x * (y[c] - from.y) - along.y * (x[c] - from.x)) * scale);
-        apart = apart | (inside <= ON_EDGE);
-    }
-    /* (diagonal_x, diagonal_y): from the diagonal's start, corner 0, to its end; the half's own corner is `own` */
-    const floatl side = diagonal_x * (y[own] - y[0]) - diagonal_y * (x[own] - x[0]);
-    floatl beside = -INFINITY;
-    for (int c = 0; c < 3; c++) {
-        const floatl off = diagonal_x * (t->at[c].y - y[0]) - diagonal_y * (t->at[c].x - x[0]);
-        beside = fmax(beside, select_lanes(side > 0.0f, off, -off));
-    }
-    return !(apart | (beside <= ON_EDGE));
 }
 #endif

@@ -16,7 +16,7 @@ from pyibr.depthmesh.segmentation import NOISE_MAX, Segmentation
 from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty, upload
+from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.samples import samples_of
 
@@ -94,30 +94,20 @@ class Tree:
     @cached_property
     def placed(self) -> DeviceArray:
         """(H, pitch) nearness of the vertices as they are drawn, outermost ones half a pixel beyond their samples."""
-        return _place_border(self.nearness, self.cells, self.layout)
-
-    @property
-    def states(self) -> DeviceArray:
-        """(side + 1, row) uint8: which of the two triangles that a vertex splits are drawn."""
-        return self._states_and_squeezed[0]
-
-    @property
-    def squeezed(self) -> Squeezed | None:
-        """Vertices with sides that reach over the last column or row, if there are any."""
-        return self._states_and_squeezed[1]
+        placed = empty(self.nearness.shape, np.float32)
+        arguments = {"nearness": self.nearness, "cells": self.cells, "placed": placed, "layout": self.layout}
+        launch(kernel(_KERNELS, "place_border"), (placed.shape[0],), **arguments)
+        return placed
 
     @cached_property
-    def _states_and_squeezed(self) -> tuple[DeviceArray, Squeezed | None]:
+    def states(self) -> DeviceArray:
+        """(side + 1, row) uint8: which of the two triangles that a vertex splits are drawn."""
         return _find_states(self)
 
     @cached_property
     def errors(self) -> Errors:
         """Errors and bounding spheres of the vertices, by which they are selected for a viewer."""
         return _find_errors(self)
-
-
-Squeezed = tuple[DeviceArray, DeviceArray]
-"""Numbers y * row + x of vertices, (N,) int32, and their own errors, (N,) float32."""
 
 
 @dataclass(frozen=True)
@@ -161,65 +151,13 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
     return Tree(view, layout, side, nearness, cells, joined)
 
 
-def _find_states(tree: Tree) -> tuple[DeviceArray, Squeezed | None]:
-    (width, height), side, layout, cells = tree.view.camera.size, tree.side, tree.layout, tree.cells
+def _find_states(tree: Tree) -> DeviceArray:
+    side, layout = tree.side, tree.layout
     states = empty((side + 1, pitch(side + 1)), np.uint8)
-    launch(kernel(_KERNELS, "find_finest_states"), (side + 1,), cells=cells, states=states, layout=layout)
+    launch(kernel(_KERNELS, "find_finest_states"), (side + 1,), cells=tree.cells, states=states, layout=layout)
     of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_states", "find_coarse_states"))
-    _fine_to_coarse(of_step, of_coarse, side, height, states=states, layout=layout)
-    numbers = squeezed_vertices(width, height, side, states.shape[1])
-    if not len(numbers):
-        return states, None
-    smoothed = tree.smoothed
-    placed = tree.placed if smoothed is tree.nearness else _place_border(smoothed, cells, layout)
-    measured = {"nearness": smoothed, "placed": placed, "cells": cells, "layout": layout}
-    return states, _measure_squeezed(upload(numbers), states, measured)
-
-
-def _place_border(nearness: DeviceArray, cells: DeviceArray, layout: Struct) -> DeviceArray:
-    placed = empty(nearness.shape, np.float32)
-    placing = kernel(_KERNELS, "place_border")
-    launch(placing, (nearness.shape[0],), nearness=nearness, cells=cells, placed=placed, layout=layout)
-    return placed
-
-
-def squeezed_vertices(width: int, height: int, side: int, row: int) -> NDArray[np.int32]:
-    """(N,) numbers y * row + x of vertices with a side that reaches over the last column or row, coarse ones first."""
-    found = list[NDArray[np.int64]]()
-    step = side // 2
-    while step:
-        # Centres, and midpoints of edges along x and along y, but the finest ones': their sides' halves are cells'.
-        for odd_x, odd_y in ((1, 1), (1, 0), (0, 1)) if step > 1 else ((1, 1),):
-            x, over_x = _reaching(width - 1, side, step, odd_x)
-            y, over_y = _reaching(height - 1, side, step, odd_y)
-            found.append((y[:, None] * row + x[over_x]).ravel())
-            found.append((y[over_y][:, None] * row + x[~over_x]).ravel())
-        step //= 2
-    return np.concatenate(found).astype(np.int32) if found else np.empty(0, np.int32)
-
-
-def _reaching(last: int, side: int, step: int, odd: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Odd or even multiples of a step that reach into the image, and which of them reach beyond its last sample."""
-    at = np.arange(odd * step, side + 1, 2 * step)
-    at = at[at - step < last]
-    return at, (last < at + step) & ((at != last) | bool(odd))
-
-
-def _measure_squeezed(
-    vertices: DeviceArray, states: DeviceArray, measured: dict[str, Any]
-) -> tuple[DeviceArray, DeviceArray]:
-    """Find the states of vertices with squeezed sides; return them with their own errors."""
-    count, parts = vertices.shape[0], int(constant("depthmesh/squeezed.cl", "PARTS"))
-    shared: dict[str, Any] = {
-        "vertices": vertices,
-        "count": count,
-        "part_errors": empty((count, 2, parts), np.float32),
-        "part_states": empty((count, 2, parts), np.uint8),
-    }
-    own_errors = empty((count,), np.float32)
-    launch(kernel(_KERNELS, "measure_squeezed"), (count, parts), **shared, **measured, tree_states=states)
-    launch(kernel(_KERNELS, "join_squeezed"), (count,), **shared, states=states, own_errors=own_errors)
-    return vertices, own_errors
+    _fine_to_coarse(of_step, of_coarse, side, tree.view.camera.height, states=states, layout=layout)
+    return states
 
 
 def _find_normals(tree: Tree) -> DeviceArray:
@@ -250,11 +188,6 @@ def _find_errors(tree: Tree) -> Errors:
         "largest": tree.joined == "largest",
     }
     launch(kernel(_KERNELS, "find_finest_midpoints"), (side + 1,), **shared)
-    if tree.squeezed:
-        vertices, own_errors = tree.squeezed
-        count = vertices.shape[0]
-        placing = kernel(_KERNELS, "place_squeezed_errors")
-        launch(placing, (count,), vertices=vertices, count=count, own_errors=own_errors, errors=errors)
     if side > 1:
         launch(kernel(_KERNELS, "find_finest_centers"), (side // 2,), **shared)
     of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_errors", "find_coarse_errors"))

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain, pairwise
+from itertools import chain
 
 import numpy as np
 
@@ -111,10 +111,11 @@ class Tree:
         width, height = self.view.camera.size
         return min(corner[0], width - 1), min(corner[1], height - 1)
 
-    def is_squeezed(self, triangle: Triangle) -> bool:
-        """Tell whether it is drawn as another triangle than its cells make: halves of cells are drawn or not."""
-        beyond = any(self.sample(corner) != corner for corner in triangle.corners)
-        return beyond and self.doubled_area(triangle) > 0 and not triangle.halves[0].is_leaf
+    def is_squeezed(self, corner: Corner) -> bool:
+        """Tell whether it is a block's centre that lies off the diagonal which it bisects, in the image."""
+        side = self.vertices[corner].sides[0]
+        is_center = side.start[0] != side.end[0] and side.start[1] != side.end[1]
+        return is_center and any(self.sample(end) != end for end in (side.start, side.end, side.apex))
 
     def is_sample(self, corner: Corner) -> bool:
         x, y = self.sample(corner)
@@ -181,8 +182,9 @@ class Tree:
 
     def _fill(self, corner: Corner, vertex: Vertex) -> None:
         for side in vertex.sides:
-            of_halves = self.state(side.halves[0]) | self.state(side.halves[1])
-            vertex.states[side] = self.state_of_cells(side) if self.is_squeezed(side) else of_halves
+            vertex.states[side] = self.state(side.halves[0]) | self.state(side.halves[1])
+        if self.is_squeezed(corner):  # cells may lie on the other side of a diagonal than the halves that they are in
+            vertex.states = dict.fromkeys(vertex.sides, vertex.states[vertex.sides[0]] | vertex.states[vertex.sides[1]])
         low = np.min([side.corners for side in vertex.sides], axis=(0, 1))
         if (low >= np.subtract(self.view.camera.size, 1)).any():
             return  # no triangle of it reaches the image: nothing drawn can depend on it
@@ -196,8 +198,7 @@ class Tree:
         if any(state & DRAWN for state in vertex.states.values()):
             noise = float(np.polyval(self.view.sure_noise, vertex.depth))
             errors = max(self.own_error(corner) - UNSEEN * noise, 0.0), max(below, 0.0)
-            squeezed = any(map(self.is_squeezed, vertex.sides))
-            vertex.error = max(errors) if self.largest or squeezed else sum(errors)
+            vertex.error = max(errors) if self.largest else sum(errors)
             if UNDRAWN | DRAWN in vertex.states.values():
                 vertex.error = max(vertex.error, LOSS * self.length(corner))
         if not vertex.children and self.is_sample(corner):
@@ -210,14 +211,19 @@ class Tree:
                 vertex.radius = max(vertex.radius, reach)
 
     def own_error(self, corner: Corner) -> float:
-        """Equation 1 for midpoints, which leaves out the axis across their edge, equation 2 for centres."""
+        """Equation 1 for midpoints, which leaves out the axis across their edge, equation 2 for centres.
+
+        Of squeezed blocks the distance from the planes on both sides.
+        """
         sides = self.vertices[corner].sides
         start, end = sides[0].start, sides[0].end
-        if any(map(self.is_squeezed, sides)):
-            return max([0.0, *(self.distance(side) for side in sides if self.vertices[corner].states[side] == DRAWN)])
         if not (self.is_sample(start) and self.is_sample(end) and self.is_sample(corner)):
             return 0.0
         a, b, p = self.place(start), self.place(end), self.place(corner)
+        if self.is_squeezed(corner):
+            planes = [np.cross(b - a, self.place(side.apex) - a) for side in sides if self.is_sample(side.apex)]
+            off = max([0.0, *(float(abs((p - a) @ normal) / np.linalg.norm(normal)) for normal in planes)])
+            return off if off > 2 * ROUNDING * (abs(a[-1]) + abs(b[-1]) + abs(p[-1])) else 0.0
         if start[1] == end[1]:
             a, b, p = a[[0, 2]], b[[0, 2]], p[[0, 2]]
         elif start[0] == end[0]:
@@ -226,41 +232,10 @@ class Tree:
         off = float(np.linalg.norm((p - a) - ((p - a) @ along) * along))
         return off if off > ROUNDING * (abs(a[-1]) + abs(b[-1]) + abs(p[-1])) else 0.0
 
-    def doubled_area(self, triangle: Triangle) -> int:
-        """In the picture, as it is squeezed."""
-        (ax, ay), (bx, by), (cx, cy) = map(self.sample, triangle.corners)
-        return abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-
-    def state_of_cells(self, triangle: Triangle) -> int:
-        """Union of what those halves of cells are of which a squeezed triangle covers a part."""
-        outline = [self.drawn_at_pixel(corner) for corner in triangle.corners]
-        low, high = np.min(outline, axis=0), np.max(outline, axis=0)
-        found = 0
-        for y in range(self.view.camera.height - 1):
-            for x in range(self.view.camera.width - 1):
-                if x >= high[0] or y >= high[1] or x + 2 <= low[0] or y + 2 <= low[1]:
-                    continue
-                four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
-                skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)
-                for side, other in enumerate(skip):
-                    half = [self.drawn_at_pixel(corner) for k, corner in enumerate(four) if k != other]
-                    if common_area(half, outline) > 1e-6:
-                        found |= int(self.cells[y, x]) >> 2 * side & 3
-        return found
-
     def drawn_at_pixel(self, corner: Corner) -> np.ndarray:
         x, y = self.sample(corner)
         beyond = [0.5 * (int(at == n - 1) - int(at == 0)) for at, n in zip((x, y), self.view.camera.size, strict=True)]
         return np.array([x + beyond[0], y + beyond[1]])
-
-    def distance(self, triangle: Triangle) -> float:
-        """Distance of the samples within it from its plane, as it is drawn."""
-        a, b, c = (self.drawn_place(corner, self.depth) for corner in triangle.corners)
-        normal = np.cross(a - b, c - b)
-        normal /= np.linalg.norm(normal)
-        inside = [self.place(corner) for corner in self.samples_within(triangle)]
-        off = float(np.abs((np.array(inside) - b) @ normal).max())
-        return off if off > 2 * ROUNDING * sum(abs(p[2]) for p in (a, b, c)) else 0.0
 
     def samples_within(self, triangle: Triangle) -> list[Corner]:
         x, y = np.meshgrid(*map(np.arange, self.view.camera.size))
@@ -341,28 +316,6 @@ class Tree:
         for triangle in drawn:
             start, apex, end = map(self.sample, triangle.corners)
             yield start, apex, end
-
-
-def common_area(polygon: list[np.ndarray], triangle: list[np.ndarray]) -> float:
-    """Area of what two triangles share: one cut by the other's sides."""
-
-    def twice(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
-        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
-
-    turn = np.sign(twice(*triangle))
-    for k in range(3):
-        a, b = triangle[k], triangle[(k + 1) % 3]
-        inside = [turn * twice(a, b, p) for p in polygon]
-        cut: list[np.ndarray] = []
-        for p, q, s, t in zip(polygon, polygon[1:] + polygon[:1], inside, inside[1:] + inside[:1], strict=True):
-            if s >= 0:
-                cut.append(p)
-            if s * t < 0:
-                cut.append(p + s / (s - t) * (q - p))
-        polygon = cut
-        if not polygon:
-            return 0.0
-    return 0.5 * abs(sum(twice(polygon[0], p, q) for p, q in pairwise(polygon[1:])))
 
 
 def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
