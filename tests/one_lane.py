@@ -18,18 +18,18 @@ from tests.processes import said_under_oclgrind
 
 
 @cache  # so that its kernels are built once
-def _of_one_lane(session: device.Session) -> device.Session:
+def _of_one_lane(session: device.Session, **changed: int) -> device.Session:
     # Of the sizes of work-groups that it may choose, PoCL compiles each anew.
-    profile = dataclasses.replace(GPU, local_size=1)
+    profile = dataclasses.replace(GPU, local_size=1, **changed)
     return dataclasses.replace(session, profile=profile, kernels={}, memory_pool=MemoryPool(), in_flight=InFlight())
 
 
 @contextmanager
-def one_lane() -> Generator[None, None, None]:
-    """Within it kernels have one lane, and memory is copied to and fro."""
+def one_lane(**changed: int) -> Generator[None, None, None]:
+    """Within it kernels have one lane, and memory is copied to and fro; `changed`: of the GPUs' profile."""
     session = device.current()
     index = session.device.index
-    device._sessions[index] = _of_one_lane(session)
+    device._sessions[index] = _of_one_lane(session, **changed)
     device._default_session.cache_clear()
     try:
         assert device.current().profile.lanes == 1

@@ -45,22 +45,22 @@ typedef struct __attribute__((packed)) {
 } Word;
 
 #if CHANNELS == 0
-inline Color read_color(global const channel *image, intl pixel, int pixels)
+INLINED Color read_color(global const channel *image, intl pixel, int pixels)
 {
     const Color none = {0.0f, 0.0f, 0.0f};
     return none;
 }
 
-inline float3 read_pixel(global const channel *image)
+INLINED float3 read_pixel(global const channel *image)
 {
     return (float3)(0.0f);
 }
 
-inline void write_color(global channel *image, Color c)
+INLINED void write_color(global channel *image, Color c)
 {
 }
 
-inline void write_pixel(global channel *image, float3 color)
+INLINED void write_pixel(global channel *image, float3 color)
 {
 }
 #elif COLOR_BYTES == 1
@@ -74,20 +74,20 @@ inline void write_pixel(global channel *image, float3 color)
 #define WORDS as_uint(vload4(0, image + offset))
 #endif
 
-inline Color read_color(global const uchar *image, intl pixel, int pixels)
+INLINED Color read_color(global const uchar *image, intl pixel, int pixels)
 {
     const intl offset = min(3 * pixel, (intl)(3 * pixels - 4));
     const intl word = as_intl(WORDS >> as_uintl(8 * (3 * pixel - offset)));
     return color_of(word);
 }
 
-inline float3 read_pixel(global const uchar *image)
+INLINED float3 read_pixel(global const uchar *image)
 {
     return convert_float3(vload3(0, image));
 }
 
 /* Writes LANES pixels from `image` on; rounds to nearest. */
-inline void write_color(global uchar *image, Color c)
+INLINED void write_color(global uchar *image, Color c)
 {
     const intl word = to_intl(c.r + 0.5f) | (to_intl(c.g + 0.5f) << 8) | (to_intl(c.b + 0.5f) << 16);
 #if LANES == 16
@@ -103,7 +103,7 @@ inline void write_color(global uchar *image, Color c)
 #endif
 }
 
-inline void write_pixel(global uchar *image, float3 color)
+INLINED void write_pixel(global uchar *image, float3 color)
 {
     const uchar4 c = to_channels((float4)(color, 0.0f));
     image[0] = c.x;
@@ -111,19 +111,19 @@ inline void write_pixel(global uchar *image, float3 color)
     image[2] = c.z;
 }
 #else
-inline Color read_color(global const float *image, intl pixel, int pixels)
+INLINED Color read_color(global const float *image, intl pixel, int pixels)
 {
     const Color c = {(floatl)(gather(image, 3 * pixel)), (floatl)(gather(image, 3 * pixel + 1)),
                      (floatl)(gather(image, 3 * pixel + 2))};
     return c;
 }
 
-inline float3 read_pixel(global const float *image)
+INLINED float3 read_pixel(global const float *image)
 {
     return vload3(0, image);
 }
 
-inline void write_color(global float *image, Color c)
+INLINED void write_color(global float *image, Color c)
 {
 #if LANES == 16
 #define PUT(l) vstore3((float3)(c.r.s##l, c.g.s##l, c.b.s##l), 0, image + 3 * 0x##l);
@@ -133,7 +133,7 @@ inline void write_color(global float *image, Color c)
 #endif
 }
 
-inline void write_pixel(global float *image, float3 color)
+INLINED void write_pixel(global float *image, float3 color)
 {
     vstore3(color, 0, image);
 }

@@ -6,6 +6,8 @@
  * writes: which thing that shows, at what depth, and its normal if that is asked for. No other kernel knows of the
  * buffer: an entry holds only as long as its depth is the picture's. What is drawn in front later changes that.
  */
+#include "lib/lanes.h"
+
 #ifndef GBUFFER
 #define GBUFFER 0 /* 1: kernels that draw such things write the buffer; 2: normals, too; 0: nothing is entered */
 #endif
@@ -45,7 +47,7 @@ typedef struct {
 #endif
 
 /* Enters that a pixel shows the thing at a depth. normal: as images hold it */
-inline void enter_pixel(GBuffer gbuffer, size_t pixel, float depth, float3 normal)
+INLINED void enter_pixel(GBuffer gbuffer, size_t pixel, float depth, float3 normal)
 {
 #if GBUFFER
     gbuffer.depth[pixel] = depth;

@@ -55,7 +55,6 @@ INLINED intl class_in_place(Grid grid, Rays rays, float typical)
     return select_lanes(inside, select_lanes(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
 }
 
-#define FROM_RING 0.99f /* from samples to those of the ring; less by what rounding may do, for which windows have room */
 #define STEP_ROUNDING 0.01f
 
 /* Rays along their lines, in steps of a sample */

@@ -15,7 +15,7 @@
  * cut. The result is the nearness of what the line's ray sees: resolve.cl finds the pixel's own ray's hit from it.
  *
  * counters: (packet_count, 2) samples and pixels visited, with COUNTERS.
- * Work-item: LANES lines of one group. Cost: source samples + target pixels a line; lines <= about 2 (width + height).
+ * Work-item: LANES lines of one group, or of one line SEGMENT pixels (segments.h). Cost: source samples + target pixels a line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
  * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY before unless ALIGNED; behind them LANES floats a work-item,
@@ -27,6 +27,9 @@
  * which leaves out the corners between, at about half the cost.
  */
 #include "warp/interval.h"
+#if SEGMENT
+#include "warp/segments.h"
+#endif
 #if EDGES
 #include "warp/walk_edges.h"
 #define WALK walk_edges
@@ -38,7 +41,7 @@
 #define WALK walk_columns
 #endif
 
-#if ALIGNED
+#if ALIGNED && !SEGMENT
 /* Nothing is settled on the rows (or columns) of a packet, whose first is the given one. */
 INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 {
@@ -52,7 +55,11 @@ INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 
 kernel void epipolar_sweep(global const float *surface, global float *hits, global const LineGroup *groups,
                            int group_count, int packet_count, PixelMap map, int sides, float nearest,
-                           float farthest COUNTERS_PARAMETER(uint))
+                           float farthest
+#if SEGMENT
+                           , global const float *bounds
+#endif
+                           COUNTERS_PARAMETER(uint))
 {
     const int id = get_global_id(0);
     if (id >= packet_count)
@@ -64,12 +71,16 @@ kernel void epipolar_sweep(global const float *surface, global float *hits, glob
     while (g + 1 < group_count && packet >= groups[g + 1].first_packet)
         g++;
     const LineGroup group = groups[g];
-    const SweepLines line = sweep_lines(group, map, packet, nearest, farthest);
-#if ALIGNED
+    SweepLines line = sweep_lines(group, map, packet, nearest, farthest);
+#if ALIGNED && !SEGMENT
     clear_lines(hits, packet * LANES, line.along, map);
 #endif
     if (!any_lane((line.low <= line.high) & (line.from <= line.to)))
         return;
+    uint samples = 0;
+#if SEGMENT
+    samples += clip_walk(&line, bounds, map);
+#endif
     const int front_is_up = group.side < 0; /* -D is towards larger pixels */
     HitWriter writer;
     writer.hits = hits;
@@ -78,7 +89,7 @@ kernel void epipolar_sweep(global const float *surface, global float *hits, glob
     writer.down_hides = !(sides & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
     writer.pixels = 0;
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
-    const uint samples = WALK(grid, line, group, map, &writer);
+    samples += WALK(grid, line, group, map, &writer);
 #if COUNTERS
     counters[2 * packet] = samples;
     counters[2 * packet + 1] = writer.pixels;

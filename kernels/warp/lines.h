@@ -6,6 +6,9 @@
 #ifndef ALIGNED
 #define ALIGNED 0 /* 1: lines along rows or columns of both images, through the pixels' centres */
 #endif
+#ifndef SEGMENT
+#define SEGMENT 0 /* pixels of a line that a work-item settles; 0: all */
+#endif
 #ifndef EDGES
 #define EDGES 0 /* 1: from edge to edge of the triangles, which is what lines meet; 0: from column to column (row to row) */
 #endif
@@ -46,7 +49,8 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
     line.across = 1 - group.axis;
     const float b_along = AXIS_ENTRY(D, line.along, 3), b_across = AXIS_ENTRY(D, line.across, 3), b_w = D[11];
     const float e_u = S[3], e_v = S[7], e_w = S[11], e_q = S[15];
-    const intl index = (packet - group.first_packet) * LANES + lane_index;
+    const int number = packet - group.first_packet, lines = (group.count + LANES - 1) / LANES;
+    const intl index = number % lines * LANES + lane_index;
     const floatl at_reference = group.first + group.spacing * to_floatl(index);
     line.slope = (at_reference * b_w - b_across) / (group.reference * b_w - b_along);
     line.start = at_reference - line.slope * group.reference;
@@ -55,6 +59,11 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
                  cross_1 = (group.cross_high + 0.5f - line.start) / steep;
     line.low = fmax((floatl)group.low, ceil(fmin(cross_0, cross_1)));
     line.high = fmin((floatl)group.high, floor(fmax(cross_0, cross_1)));
+#if SEGMENT
+    const float first_pixel = group.low + number / lines * SEGMENT;
+    line.low = fmax(line.low, first_pixel);
+    line.high = fmin(line.high, first_pixel + (SEGMENT - 1));
+#endif
     intl in_area = index < group.count;
 #if ALIGNED
     in_area = in_area & (at_reference >= group.cross_low) & (at_reference <= group.cross_high);

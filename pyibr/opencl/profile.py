@@ -22,6 +22,8 @@ class DeviceProfile:
     drawers: int
     """Work-items that draw depth meshes, a region of pixels after the other: each has memory for what it sees of every
     mesh, which a CPU's caches are to hold."""
+    segment: int
+    """Pixels of an epipolar line that a work-item of the sweep settles, each walked for on its own; 0: all."""
     strip: int
     """Packets of a row that a work-item resolves: on a CPU, enough to hide what starting it costs."""
     run: int
@@ -45,10 +47,10 @@ class DeviceProfile:
 
 
 CPU = DeviceProfile(
-    lanes=16, in_place=True, local_size=1, chunks=32, drawers=64, strip=32, run=64, share=1 << 11, block=4
+    lanes=16, in_place=True, local_size=1, chunks=32, drawers=64, segment=0, strip=32, run=64, share=1 << 11, block=4
 )
 GPU = DeviceProfile(
-    lanes=1, in_place=False, local_size=None, chunks=1024, drawers=1 << 17, strip=1, run=1, share=1, block=1
+    lanes=1, in_place=False, local_size=None, chunks=1024, drawers=1 << 17, segment=20, strip=1, run=1, share=1, block=1
 )
 
 

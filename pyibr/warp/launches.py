@@ -108,12 +108,13 @@ def _find_candidates(
     """Sweep lines (or search) for the surface of each pixel; also HITS_... of kernels/warp/line_hits.h."""
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
-    groups, packets = line_groups(epipole, area, profile.lanes, aligned)
+    groups, packets = line_groups(epipole, area, profile.lanes, aligned, profile.segment)
     # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
     # row read beyond it.
     beyond = max(packets * profile.lanes, profile.lanes + _NEIGHBOUR_OFFSET_MAX)
     hits = target.scratch(target.camera.height * pitch(target.camera.width) + beyond)
-    if reach.empty or (packets and (options.search or not aligned)):  # aligned lines leave out no pixel
+    whole_lines = aligned and not profile.segment  # they leave out no pixel
+    if reach.empty or (packets and (options.search or not whole_lines)):
         clear(hits, constant("lib/pixelspace.h", "EMPTY"))
     if reach.empty:
         return hits, _hits("OF_PIXELS")
@@ -136,8 +137,9 @@ def _find_candidates(
     # lines tell where to look.
     on_samples = aligned and pixel_map.pair.off_samples < constant("lib/surface.h", "ON_SAMPLES")
     exact = not (on_samples if aligned else not options.connected)
+    segments: dict[str, Any] = {"SEGMENT": profile.segment} if profile.segment else {}
     launch(
-        kernel("warp/epipolar.cl", "epipolar_sweep", ALIGNED=int(aligned), EDGES=int(exact)),
+        kernel("warp/epipolar.cl", "epipolar_sweep", ALIGNED=int(aligned), EDGES=int(exact), **segments),
         (packets,),
         hits=hits,
         groups=upload(groups),
@@ -145,6 +147,7 @@ def _find_candidates(
         packet_count=packets,
         nearest=surface.high,
         farthest=surface.low,
+        **({"bounds": surface.bounds} if segments else {}),
         **shared,
     )
     if aligned:

@@ -86,7 +86,7 @@ class _Fan:
 
 
 def line_groups(
-    epipole: Float64, area: Rectangle, lanes: int, through_pixels: bool = False
+    epipole: Float64, area: Rectangle, lanes: int, through_pixels: bool = False, segment: int = 0
 ) -> tuple[NDArray[Any], int]:
     """Lay epipolar lines over ``area``.
 
@@ -100,6 +100,8 @@ def line_groups(
         Lines a work-item.
     through_pixels : bool
         Lines that run along rows or columns pass through the pixels' centres, and not beside them.
+    segment : int
+        Pixels of a line that a work-item settles; 0: all.
 
     Returns
     -------
@@ -107,12 +109,12 @@ def line_groups(
     packets : int
         Work-items needed for all groups.
     """
-    return _laid((float(epipole[0]), float(epipole[1]), float(epipole[2])), area, lanes, through_pixels)
+    return _laid((float(epipole[0]), float(epipole[1]), float(epipole[2])), area, lanes, through_pixels, segment)
 
 
 @lru_cache(maxsize=64)
 def _laid(
-    epipole: tuple[float, float, float], area: Rectangle, lanes: int, through_pixels: bool
+    epipole: tuple[float, float, float], area: Rectangle, lanes: int, through_pixels: bool, segment: int
 ) -> tuple[NDArray[Any], int]:
     groups: list[dict[str, float]] = []
     packets = 0
@@ -144,7 +146,8 @@ def _laid(
                 group |= {"levels": levels, "reference": fan.reference, "first": start, "spacing": spacing}
                 group |= {"distance": -fan.e_along * side / farthest, "distance_step": w * side / farthest}
                 groups.append({**group, "least": least})
-                packets += -(-count // lanes)
+                pixels = int(group["high"] - group["low"]) + 1
+                packets += -(-count // lanes) * (-(-pixels // segment) if segment else 1)
     kind = struct("warp/lines.h", "LineGroup")
     laid = np.array([tuple(group[name] for name in kind.names or ()) for group in groups], kind)
     laid.flags.writeable = False

@@ -149,7 +149,7 @@ def test_every_file_is_a_source():
 
 @pytest.mark.parametrize("file", FILES)
 def test_a_kernel_knows_nothing_of_the_launch_but_its_place(file):
-    """Long launches go in pieces, whose sizes and groups are others."""
+    """Long launches go in pieces, whose groups are others; and no device lacks room for groups or local memory."""
     assert not re.search(
         r"\bget_(?:global_size|local|num_groups|group|work)|\bbarrier\(|^ *(?:__)?local ", text_of(file), re.M
     )

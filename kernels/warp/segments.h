@@ -1,0 +1,52 @@
+#ifndef WARP_SEGMENTS_H
+#define WARP_SEGMENTS_H
+/* Lines cut into segments: pixels of the target that a work-item settles, and what it walks of the source for them.
+ *
+ * A walk along the whole line settles the same pixels alike: it passes nothing earlier or later that shows there.
+ */
+#include "lib/bounds.h"
+#include "warp/interval.h"
+
+#define BLOCK_STEPS (BOUNDS_STEP - 1) /* steps along a line that are within one window with both their ends */
+#define NEAR_PIXEL 0.05f              /* pixels: of what shows that far from one, rounding may make what shows there */
+
+#if LANES == 1 /* others walk whole lines */
+/* May steps of a line from a major coordinate on, BLOCK_STEPS at most, show something at pixels from low to high? */
+INLINED int may_show(SweepLines line, Targets targets, global const float *bounds, PixelMap map, float major, float low,
+                     float high)
+{
+    const float last = fmin(major + BLOCK_STEPS, line.last_major + 1.0f);
+    const float minor = line.minor_0 + fmin(line.tilt * major, line.tilt * last);
+    const float u = line.u_major ? major : minor, v = line.u_major ? minor : major;
+    const int x = (int)clamp(u + FROM_RING, 0.0f, (float)map.src_width) / BOUNDS_STEP;
+    const int y = (int)clamp(v + FROM_RING, 0.0f, (float)map.src_height) / BOUNDS_STEP;
+    const float2 range = vload2(y * BOUNDS_ACROSS(map.src_width) + x, bounds);
+    float least = INFINITY, most = -INFINITY;
+    UNROLLED
+    for (int corner = 0; corner < 4; corner++) {
+        const Projection place = project_at(targets, corner & 1 ? last : major, corner & 2 ? range.y : range.x);
+        if (place.w <= 0.0f) /* beside the target's centre, or behind it, one may be anywhere */
+            return range.x <= range.y;
+        least = fmin(least, place.p / place.w);
+        most = fmax(most, place.p / place.w);
+    }
+    return range.x <= range.y && most >= low && least <= high;
+}
+
+/* Of what is walked for a segment, leaves out what shows beside it, block by block from both ends. Returns the blocks. */
+INLINED uint clip_walk(SweepLines *line, global const float *bounds, PixelMap map)
+{
+    const Targets targets = targets_along(map, *line);
+    const float low = line->low - NEAR_PIXEL, high = line->high + NEAR_PIXEL;
+    float from = floor(line->from), to = ceil(line->to);
+    uint blocks = 0;
+    for (; from < to && !may_show(*line, targets, bounds, map, from, low, high); from += BLOCK_STEPS)
+        blocks++;
+    for (; from < to && !may_show(*line, targets, bounds, map, to - BLOCK_STEPS, low, high); to -= BLOCK_STEPS)
+        blocks++;
+    line->from = fmax(line->from, from);
+    line->to = fmin(line->to, to);
+    return blocks;
+}
+#endif
+#endif
