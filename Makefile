@@ -2,7 +2,7 @@
 PYTHON ?= python3
 RUN := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-arm fuzz check audit bench docs clean
+.PHONY: help setup demo test test-all test-arm test-devices fuzz check audit bench gpu docs clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
@@ -48,6 +48,9 @@ fuzz: .venv/.ready  ## what test-all leaves out, 37,000 random calls, and 5,000 
 test-arm: .venv/.ready  ## the wheel on a Debian for ARM, emulated, and its pictures beside this machine's (as root)
 	@$(RUN) -m tools.arm $(ARGS)
 
+test-devices: .venv/.ready  ## every kernel by the compilers of GPUs that are not here (ARGS="warp" for some)
+	@$(RUN) -m tools.device_compile $(ARGS)
+
 check: .venv/.ready  ## lint, format, types and who imports whom
 	@$(RUN) -m ruff check .
 	@$(RUN) -m ruff format --check .
@@ -59,6 +62,10 @@ audit: .venv/.ready  ## known vulnerabilities in what is installed
 
 bench: .venv/.bench  ## time against the peers and the paper
 	@$(RUN) -m benchmarks $(ARGS)
+
+gpu: .venv/.bench  ## what a GPU is asked first: doctor, the kernels' tests, pictures beside a CPU's, times
+	@.venv/bin/pyibr doctor
+	@$(RUN) -m benchmarks card $(ARGS)
 
 docs: .venv/.docs  ## the manual: build/docs/index.html
 	@$(RUN) -m sphinx -q -W docs build/docs

@@ -31,6 +31,7 @@ MODULES = {
     "pages": "app.pages",
     "startup": "startup",
     "gpu": "gpu.gpu",
+    "card": "gpu.card",
 }
 
 

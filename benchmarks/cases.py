@@ -63,6 +63,8 @@ class Plan:
     pages_seconds: float  # that the camera moves in each
     pages_chromium: bool
     gpu: Mapping[tuple[str, Size], Size]  # calls and their sizes: those at which instructions are counted
+    card: str  # the kind of device that is asked for
+    card_tests: tuple[str, ...]
     startup_repeats: int
     startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
     memory: tuple[int, ...]
@@ -130,12 +132,14 @@ FULL = Plan(
         ("warp", (3840, 2160)): (240, 135),
         ("four views", (2048, 2048)): (64, 64),
         ("registration", (1280, 720)): (160, 90),
-        ("relief", (512, 512)): (64, 64),
-        ("depth object", (512, 512)): (64, 64),
-        ("visual hull", (512, 512)): (64, 64),
-        ("depth mesh", (1024, 1024)): (128, 128),
+        ("relief", (512, 512)): (32, 32),
+        ("depth object", (512, 512)): (32, 32),
+        ("visual hull", (512, 512)): (32, 32),
+        ("depth mesh", (1024, 1024)): (64, 64),
         ("dragon", (1024, 1024)): (240, 240),
     },
+    card="gpu",
+    card_tests=("tests/kernels", "tests/warp/test_epipolar_truth.py", "tests/warp/test_laws.py", "tests/relief"),
     startup_repeats=5,
     startup_empty_cache=True,
     memory=(1024, 4096),
@@ -191,6 +195,8 @@ QUICK = Plan(
     pages_seconds=0.5,
     pages_chromium=False,
     gpu={("warp", (24, 18)): (12, 9)},
+    card="gpu",
+    card_tests=("tests/test_tiers.py",),
     startup_repeats=1,
     startup_empty_cache=False,
     memory=(256,),

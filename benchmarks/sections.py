@@ -8,7 +8,7 @@ from benchmarks import plots, startup, table2
 from benchmarks.app.pages_section import pages_section
 from benchmarks.cleaning.cleaning_section import cleaning_section
 from benchmarks.depthmesh.depthmesh_section import depthmesh_section
-from benchmarks.gpu.gpu_section import gpu_section
+from benchmarks.gpu.gpu_section import card_section, gpu_section
 from benchmarks.relief.relief_section import relief_section
 from benchmarks.results import Parameter, Result
 from benchmarks.runtimes.runtimes_section import runtimes_section
@@ -255,4 +255,5 @@ SECTIONS = {
     "pages": pages_section,
     "startup": startup_section,
     "gpu": gpu_section,
+    "card": card_section,
 }

@@ -28,7 +28,7 @@ from tests.one_lane import one_lane
 from tests.processes import run_within
 from tools import gpu_compile
 
-_SECONDS = 3600  # that Oclgrind may take for a call
+_SECONDS = 1200  # that Oclgrind may take for a call
 _LATENCY = 4  # cycles from an instruction to the next that needs its result
 _NO_WORK = re.compile(
     r"(alloca|bitcast|br|getelementptr|phi|ret|sext|switch|trunc|unreachable|zext|\w+ private"

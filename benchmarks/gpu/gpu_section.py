@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from benchmarks.gpu.card import ALIKE, SAME
 from benchmarks.gpu.gpu import CARDS
 from benchmarks.results import Result
-from benchmarks.tables import table
+from benchmarks.statistics import Quartiles
+from benchmarks.tables import table, verdict
 
 GPU = """## On GPUs, by counting
 
@@ -19,6 +21,15 @@ their makers publish them. What caches spare, what waiting for memory costs and 
 """
 PEER = """ RVS-CUDA takes 130 ms for four views of 4096 x 2048 to 2048 x 2048 on an RTX A4500 by its program's notes,
 less than 33 ms by its paper."""
+CARD = """## On a GPU
+{}"""
+EMPTY = """
+Nothing is here yet: no GPU has run these kernels. `make gpu` fills this section where there is one.
+"""
+MEASURED = """
+The device is the one that is named below. Pictures are compared with a CPU's, value by value: at least {:.1%} are the
+same, depths up to {:g} of themselves, colours up to one step; what differs lies at silhouettes, where last bits decide.
+"""
 _SHOWN = 0.01  # of a call's instructions: kernels with fewer are left out
 
 
@@ -58,6 +69,27 @@ def gpu_section(result: Result, _: Path) -> list[str]:
         GPU.format(PEER if any(call == "four views" for call, _ in calls) else ""),
         table([*heads, *(f"{card}: ms" for card in CARDS)], rows),
         table([*of_kernels, *compiled], kernels),
+    ]
+
+
+def card_section(result: Result, _: Path) -> list[str]:
+    """Tests, pictures and times of a GPU, or that there was none."""
+    if not result.records:
+        return [CARD.format(EMPTY)]
+    tests = [[record.subject, f"{record.values[0]:.0f}"] for record in result.select(quantity="tests")]
+    pictures = [
+        [record.subject, f"{record.values[0]:.3%}", verdict(record.values[0] >= ALIKE)]
+        for record in result.select(quantity="alike")
+    ]
+    times = [
+        [f"{record.subject}, {record.parameters['size']}", str(Quartiles.of(record.values))]
+        for record in result.select(quantity="end to end")
+    ]
+    return [
+        CARD.format(MEASURED.format(ALIKE, SAME)),
+        table(["tests", ""], tests),
+        table(["picture", "alike", ""], pictures),
+        table(["call", "ms"], times),
     ]
 
 

@@ -18,13 +18,13 @@
  * Work-item: LANES lines of one group, or of one line SEGMENT pixels (segments.h). Cost: source samples + target pixels a line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
- * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY before unless ALIGNED; behind them LANES floats a work-item,
- * for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both images (stereo, light fields)
- * and pass through the pixels' centres, so that their hits are the pixels' own. There is a line for each row (or
- * column), the first packet begins with the first one, and each packet fills its own with EMPTY. EDGES: the surface is
- * followed from edge to edge of its triangles (walk_edges.h): exact for the line. Else aligned lines run along samples,
- * from each to the next (walk_samples.h), and others are walked from column to column (row to row, walk_columns.h),
- * which leaves out the corners between, at about half the cost.
+ * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY before, unless ALIGNED without SEGMENT; behind them LANES
+ * floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both images
+ * (stereo, light fields) and pass through the pixels' centres, so that their hits are the pixels' own. There is a line
+ * for each row (or column), the first packet begins with the first one, and packets of whole lines fill these with EMPTY.
+ * EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h): exact for the line. Else aligned lines
+ * run along samples, from each to the next (walk_samples.h), and others are walked from column to column (row to row,
+ * walk_columns.h), which leaves out the corners between, at about half the cost.
  */
 #include "warp/interval.h"
 #if SEGMENT

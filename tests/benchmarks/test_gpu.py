@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from benchmarks.cases import QUICK
+from benchmarks.gpu import card
 from benchmarks.gpu.gpu import CARDS, Card, Cost, parsed
-from benchmarks.gpu.gpu_section import gpu_section
+from benchmarks.gpu.gpu_section import card_section, gpu_section
 from benchmarks.results import Parameter, Record, Result
+from benchmarks.runner import run
 
 TOLD = """
 === launch sweep 4
@@ -50,3 +55,32 @@ def test_the_section_shows_each_call_and_its_kernels(tmp_path: Path) -> None:
     assert "33 ms" in head
     assert "| four views, 2048 x 2048 | 3 | 3 | 3 | 3 | 2.0 | 2.0 | 2.0 | 2,000,000 | 8.50 | 8.50 | 8.50 |" in calls
     assert "| `sweep` | 2,000,000 | 2.0 | 2.0 | 2.0 | 2,000,000 |" in kernels
+
+
+def test_without_a_gpu_the_section_says_that_it_is_empty(tmp_path: Path) -> None:
+    result = run("card", card.cases(replace(QUICK, card="no such kind")))
+    assert result.records == []
+    assert "Nothing is here yet" in card_section(result, tmp_path)[0]
+    assert [skip.reason for skip in result.skipped] == ["no device here is a no such kind that works"]
+
+
+@pytest.mark.thorough
+def test_a_device_is_tested_compared_and_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a CPU in the GPU's place."""
+    monkeypatch.setattr(card, "calls", lambda: {"one": lambda: [np.arange(3.0)]})
+    records = run("card", card.cases(replace(QUICK, card="cpu"))).records
+    by_quantity = {(record.subject, record.quantity): record.values for record in records}
+    assert by_quantity["passed", "tests"][0] > 0 and by_quantity["failed", "tests"] == [0]
+    assert by_quantity["one", "alike"] == [1.0]
+    assert len(by_quantity["warp", "end to end"]) == card.TURNS
+    tests, pictures, times = card_section(Result("card", {}, records), tmp_path)[1:]
+    assert "| failed | 0 |" in tests and "| one | 100.000% | met |" in pictures and "| warp, 24 x 18 |" in times
+
+
+def test_values_are_alike_up_to_rounding() -> None:
+    depth = np.array([1.0, 2.0, np.nan, 4.0], np.float32)
+    assert card.alike(depth * np.float32(1 + 1e-6), depth) == 1
+    assert card.alike(np.array([1, 2, 3, 4], np.float32), depth) == 0.75
+    assert card.alike(np.array([0, 255, 7], np.uint8), np.array([1, 0, 7], np.uint8)) == pytest.approx(2 / 3)
+    assert card.alike(np.array([0, 1]), np.array([1, 1])) == 0.5
+    assert card.alike(depth[:2], depth) == 0

@@ -1,0 +1,105 @@
+"""A GPU that is there: the kernels' tests, pictures beside a CPU's, and times beside the bound by counting.
+
+Without one nothing is measured, and the report says so.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from benchmarks.cases import Plan, Size
+from benchmarks.gpu.calls import CALLS
+from benchmarks.launches import kernel_times
+from benchmarks.results import Parameter, Record, Skip
+from benchmarks.runner import Case, Work, in_turns
+from benchmarks.scenes import shown
+from tests.opencl.everything import calls
+from tests.processes import run_within
+
+TESTS_SECONDS = 300
+TURNS = 9
+SAME = 1e-5
+"""Of a depth: differences that other compilers make, as the tests of one lane allow them."""
+ALIKE = 0.999
+"""Share of the values that must be the same: at silhouettes last bits decide."""
+
+
+def cases(plan: Plan) -> Iterator[Case]:
+    """The tests, then pictures, then times."""
+    device = next((one for one in ibr.devices() if one.works and one.kind == plan.card), None)
+    if device is None:
+        missing = Skip("everything", f"no device here is a {plan.card} that works")
+        yield Case({"case": "card"}, lambda: missing)
+        return
+    yield Case({"case": "tests"}, functools.partial(_tested, device, plan.card_tests))
+    for name in calls():
+        yield Case({"picture": name}, functools.partial(_compared, device, name))
+    for name, size in plan.gpu:
+        parameters: dict[str, Parameter] = {"call": name, "size": shown(size)}
+        yield Case(parameters, functools.partial(_timed, device, name, size, parameters))
+
+
+def _tested(device: ibr.Device, tests: tuple[str, ...]) -> Work:
+    def read() -> Iterator[Record]:
+        command = [sys.executable, "-m", "pytest", "-q", "-n", "logical", *tests]
+        try:
+            told = run_within(TESTS_SECONDS, command, PYIBR_DEVICE=str(device.index)).stdout
+        except subprocess.TimeoutExpired:
+            told = "1 error: not done in time"
+        for outcome in ("passed", "failed", "error"):
+            found = re.search(rf"(\d+) {outcome}", told)
+            yield Record(outcome, "tests", "count", {}, [int(found[1]) if found else 0])
+
+    return Work(read=read)
+
+
+def _compared(device: ibr.Device, name: str) -> Work | Skip:
+    other = next((one for one in ibr.devices() if one.works and one.kind == "cpu"), None)
+    if other is None:
+        return Skip(name, "no CPU device is there to compare with")
+
+    def read() -> Iterator[Record]:
+        with ibr.use_device(device):
+            found = calls()[name]()
+        with ibr.use_device(other):
+            expected = calls()[name]()
+        shares = [alike(one, two) for one, two in zip(found, expected, strict=True)]
+        yield Record(name, "alike", "share", {}, [min(shares)])
+
+    return Work(read=read)
+
+
+def alike(found: NDArray[Any], expected: NDArray[Any]) -> float:
+    """Share of the values that are the same, up to what rounding makes of them; none, if there are more or fewer."""
+    if found.shape != expected.shape:
+        return 0.0
+    if found.dtype.kind == "f":
+        return float(np.isclose(found, expected, rtol=SAME, atol=SAME, equal_nan=True).mean()) if found.size else 1.0
+    return float((abs(found.astype(int) - expected) <= (found.dtype == np.uint8)).mean()) if found.size else 1.0
+
+
+def _timed(device: ibr.Device, name: str, size: Size, parameters: dict[str, Parameter]) -> Work | Skip:
+    with ibr.use_device(device):
+        work = CALLS[name](size)
+    if isinstance(work, Skip):
+        return work
+
+    def read() -> Iterator[Record]:
+        with ibr.use_device(device):
+            times = in_turns({name: work}, TURNS)[name]
+            with kernel_times() as launches:
+                work()
+        yield Record(name, "end to end", "ms", parameters, times)
+        for kernel, values in launches.items():
+            yield Record(kernel, "kernel", "ms", parameters, [sum(values)])
+
+    return Work(read=read)

@@ -1,0 +1,98 @@
+"""Every kernel compiled for devices that are not here: NVIDIA's, AMD's and Intel's, by their own compilers.
+
+    python tools/device_compile.py [PART OF A FILE'S NAME ...]
+
+The programs are those that the tests' calls of all systems build, and the usual pictures, with their defines, in the
+GPUs' form. NVIDIA's assembler makes the code of each of its cards of the same PTX; for Intel's devices a translator
+makes SPIR-V, which their drivers take.
+
+Needs what `tools/gpu_compile.py` does, and Debian's llvm-spirv of clang's version (`apt install llvm-spirv-15`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import cast
+
+from pyibr.app.commands.pictures import PICTURES
+from pyibr.opencl.device import current
+from pyibr.opencl.headers import expanded
+from tests.one_lane import one_lane
+from tests.opencl.everything import calls
+from tools.gpu_compile import Program, assembler, compiled, compiler, ran
+
+NVIDIA = ("sm_75", "sm_90")
+AMD = ("gfx1100", "gfx90a")
+# Optimizers would make integers of 31 bits, which SPIR-V does not have: drivers optimize it.
+SPIRV = ["-target", "spir64", "-x", "cl", "-cl-std=CL1.2", "-Xclang", "-disable-llvm-passes", "-w"]
+SPIRV += ["-Xclang", "-finclude-default-header"]
+VALIDATOR = "spirv-val"  # of Debian's spirv-tools, used where it is there
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", help="parts of kernel files' names; all without")
+    options = parser.parse_args()
+    clang, ptxas = compiler(), assembler()
+    wanted = [each for each in programs() if not options.files or any(part in each[0] for part in options.files)]
+    with ThreadPoolExecutor() as pool:
+        faults = [fault for found in pool.map(lambda each: faults_of(each, clang, ptxas), wanted) for fault in found]
+    print(*faults, sep="\n")
+    print(f"{len(wanted)} programs for {', '.join([*NVIDIA, *AMD, 'SPIR-V'])}: {len(faults) or 'no'} faults")
+    sys.exit(bool(faults))
+
+
+def programs() -> list[Program]:
+    """Programs that calls of all systems need."""
+    with one_lane():
+        for draw in (*PICTURES, *calls().values()):
+            draw()
+        return sorted({program for program, _ in cast("Iterable[tuple[Program, str]]", current().kernels)})
+
+
+def faults_of(program: Program, clang: str, ptxas: Path) -> list[str]:
+    """Devices that a program does not compile for, each with what its compiler says."""
+    file, given = program
+    defines, faults = {**dict(given), "LANES": 1}, list[str]()
+    with tempfile.TemporaryDirectory() as place:
+        source = Path(place) / "program.cl"
+        source.write_text(expanded(file))
+
+        def for_nvidia() -> None:
+            code = compiled(clang, source, defines, "nvidia", NVIDIA[0])
+            for name in NVIDIA:
+                ran([str(ptxas), f"-arch={name}", str(code), "-o", "/dev/null"], name)
+
+        makers: dict[str, Callable[[], object]] = {
+            "NVIDIA": for_nvidia,
+            "Intel": lambda: to_spirv(clang, source, defines),
+        }
+        makers |= {name: lambda name=name: compiled(clang, source, defines, "amd", name) for name in AMD}
+        for device, make in makers.items():
+            try:
+                make()
+            except SystemExit as error:
+                faults.append(f"{file} {dict(given)}, {device}: {error}")
+    return faults
+
+
+def to_spirv(clang: str, source: Path, defines: dict[str, int]) -> None:
+    """SPIR-V of a program, judged by a validator if there is one."""
+    version = subprocess.run([clang, "-dumpversion"], capture_output=True, text=True).stdout.split(".")[0]
+    bitcode, module = source.with_suffix(".bc"), source.with_suffix(".spv")
+    given = [f"-D{name}={value}" for name, value in defines.items()]
+    ran([clang, *SPIRV, *given, "-emit-llvm", "-c", str(source), "-o", str(bitcode)], str(source))
+    ran([f"llvm-spirv-{version}", "--spirv-max-version=1.0", str(bitcode), "-o", str(module)], str(source))
+    if shutil.which(VALIDATOR):
+        ran([VALIDATOR, "--target-env", "opencl1.2", str(module)], str(source))
+
+
+if __name__ == "__main__":
+    main()
