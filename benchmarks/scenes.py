@@ -28,6 +28,7 @@ LIVINGROOM, ROOM = "livingroom1", "synthetic room"  # what a depth camera sees
 _VGA, _FOCAL = (640, 480), 525.0  # pixels, of the depth camera
 _BASELINE = 0.075  # metres between a structured-light camera and its projector
 _DISPARITY_STEPS = 8  # a pixel
+_NO_DEPTH = 65535  # of a RealSense, in millimetres
 _SAME_SURFACE = 0.02  # neighbours whose nearness differs by a smaller part than this are interpolated
 _POSES = {
     0: ((0, 0, 0), (0, 0, 1)),
@@ -193,6 +194,20 @@ def rgbd(scene: str, number: int, size: tuple[int, int], noise: float = 0.0) -> 
     if noise > 0:
         depth = with_disparity_noise(depth, float(camera.K[0, 0]), noise, np.random.default_rng(number))
     return ibr.DepthImage(color, depth, camera)
+
+
+def shelf(number: int, size: tuple[int, int]) -> ibr.DepthImage | Skip:
+    """A raw frame of a RealSense, two thirds of whose samples are missing: every so many of 640 x 480, in metres."""
+    import cv2
+
+    folder = data_folder() / "rgbd_realsense_shelf"
+    if not folder.is_dir():
+        return Skip("shelf", "rgbd_realsense_shelf is not in $PYIBR_DATA")
+    frame, step = folder / f"frame-{number:06d}", _VGA[0] // size[0]
+    color, stored = (np.asarray(cv2.imread(f"{frame}.{kind}.png", -1))[::step, ::step] for kind in ("color", "depth"))
+    depth = np.where(stored < _NO_DEPTH, stored, 0).astype(np.float32) / 1000
+    camera = ibr.Camera(np.loadtxt(folder / "intrinsics.K.txt"), _VGA, np.loadtxt(f"{frame}.pose.txt"))
+    return ibr.DepthImage(np.ascontiguousarray(color[..., ::-1]), depth, camera.resized(size))
 
 
 def standing_in(scene: str) -> tuple[str, Skip | None]:

@@ -69,7 +69,8 @@ TOLD = """### What pixels are
 
 Milliseconds of a warp that tells nothing of its pixels but what they show, of one that tells where in the source they
 come from (`origins`), and of one that tells what they are, too (`classes`), in turns; from a fresh view each, and from
-one that is kept. The relief is the one of the other benchmarks, from the region F.
+one that is kept. The relief is the one of the other benchmarks, from the region F; the shelf is a RealSense's, raw: two
+thirds of its samples are missing.
 """
 
 SMALL = """### Small images

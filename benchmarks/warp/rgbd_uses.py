@@ -54,6 +54,7 @@ PLAIN = "plain"
 TOLD: dict[str, opencv.Options] = {PLAIN: {}, "origins": {"origins": True}, "classes": {"classes": True}}
 RELIEF = "relief, forward"
 TOLD_MOTIONS: dict[str, int | None] = {"0 to 50": 50, "0 to 4": 4, "7 cm sideways": None}
+SHELF_MOTIONS: dict[str, int | None] = {"shelf, 31 to 61": 61, "shelf, 7 cm sideways": None}
 _SMALL_STEP = 0.07  # metres
 _POCL = "Portable Computing Language"
 
@@ -82,7 +83,7 @@ def cases(plan: Plan, scene: str) -> Iterator[Case]:
             prepare = functools.partial(_together, scene, size, views, repeats, kind)
             yield Case(case("together", size, views=views, view=kind), prepare)
     for size, repeats in plan.rgbd_told.items():
-        for motion, kind in itertools.product((*TOLD_MOTIONS, RELIEF), (FRESH, KEPT)):
+        for motion, kind in itertools.product((*TOLD_MOTIONS, *SHELF_MOTIONS, RELIEF), (FRESH, KEPT)):
             prepare = functools.partial(_told, scene, size, repeats, motion, kind)
             yield Case(case("told", size, motion=motion, view=kind), prepare)
     for side, repeats in plan.rgbd_small.items():
@@ -214,14 +215,18 @@ def _told(scene: str, size: Size, repeats: int, motion: str, kind: str) -> Work 
     if motion == RELIEF:
         width, height = size
         color, depth = (np.ascontiguousarray(part[:height]) for part in scenes.relief(width))
-        camera = ibr.Camera(scenes.source_camera(width).K, size)
-        target = camera.moved(*-scenes.translation(width, "F", "forward"))
+        view = ibr.DepthImage(color, depth, ibr.Camera(scenes.source_camera(width).K, size))
+        target = view.camera.moved(*-scenes.translation(width, "F", "forward"))
     else:
-        view, to = scenes.rgbd(scene, 0, size), TOLD_MOTIONS[motion]
+        shelf, to = motion in SHELF_MOTIONS, {**TOLD_MOTIONS, **SHELF_MOTIONS}[motion]
+        view = scenes.shelf(31, size) if shelf else scenes.rgbd(scene, 0, size)
         if isinstance(view, Skip):
             return view
-        color, depth, camera = view.color, view.depth, view.camera
-        target = camera.moved(_SMALL_STEP, 0, 0) if to is None else scenes.depth_camera(scene, to, size)
+        there = view if to is None else scenes.shelf(to, size) if shelf else scenes.rgbd(scene, to, size)
+        if isinstance(there, Skip):
+            return there
+        target = view.camera.moved(_SMALL_STEP, 0, 0) if to is None else there.camera
+    color, depth, camera = view.color, view.depth, view.camera
     kept = ibr.DepthImage(color, depth, camera)
 
     def draw(options: opencv.Options) -> object:

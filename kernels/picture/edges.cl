@@ -59,29 +59,44 @@ INLINED floatl slope_of(floatl a, floatl next, floatl after)
 #define FOLLOWS(d, slope, allowed)                                                                             \
     (fabs((d) - (slope)) <= (allowed) + RISE * max_lanes(fabs(slope) - (allowed), (floatl)0.0f))
 
-/* Does a surface go on straight from one sample to the next along (dx, dy)? Beside them lie lines at (across_x, across_y). */
-INLINED intl goes_on(Image image, int x, int y, int dx, int dy, int across_x, int across_y, floatl allowed)
+/* What samples before and after a pair foretell of its change, where they are known; else 0 */
+typedef struct {
+    floatl before, after;
+    intl has_before, has_after;
+} Slopes;
+
+INLINED Slopes slopes_beside(Image image, int x, int y, int dx, int dy)
 {
-    const floatl here = samples_from(image, x, y), there = samples_from(image, x + dx, y + dy), d = there - here;
-    floatl sum_before = 0.0f, sum_after = 0.0f, count_before = 0.0f, count_after = 0.0f;
-    intl straight = 0;
-    const int lines = across_x | across_y ? 1 : 0;
-    for (int line = -lines; line <= lines; line++) {
-        const int lx = x + line * across_x, ly = y + line * across_y;
-        const floatl before_2 = samples_from(image, lx - 2 * dx, ly - 2 * dy), before_1 = samples_from(image, lx - dx, ly - dy);
-        const floatl a = samples_from(image, lx, ly), b = samples_from(image, lx + dx, ly + dy);
-        const floatl after_1 = samples_from(image, lx + 2 * dx, ly + 2 * dy), after_2 = samples_from(image, lx + 3 * dx, ly + 3 * dy);
-        const intl has_before = (a > NO_SURFACE) & (before_1 > NO_SURFACE), has_after = (b > NO_SURFACE) & (after_1 > NO_SURFACE);
-        const floatl slope_before = slope_of(a, before_1, before_2), slope_after = -slope_of(b, after_1, after_2);
-        if (line == 0)
-            straight = (has_before & FOLLOWS(d, slope_before, allowed)) | (has_after & FOLLOWS(d, slope_after, allowed));
-        sum_before += select_lanes(has_before, slope_before, (floatl)0.0f);
-        sum_after += select_lanes(has_after, slope_after, (floatl)0.0f);
-        count_before += select_lanes(has_before, (floatl)1.0f, (floatl)0.0f);
-        count_after += select_lanes(has_after, (floatl)1.0f, (floatl)0.0f);
-    }
-    straight = straight | ((count_before > 0.0f) & FOLLOWS(d, sum_before / max_lanes(count_before, (floatl)1.0f), allowed));
-    return straight | ((count_after > 0.0f) & FOLLOWS(d, sum_after / max_lanes(count_after, (floatl)1.0f), allowed));
+    const floatl before_2 = samples_from(image, x - 2 * dx, y - 2 * dy), before_1 = samples_from(image, x - dx, y - dy);
+    const floatl a = samples_from(image, x, y), b = samples_from(image, x + dx, y + dy);
+    const floatl after_1 = samples_from(image, x + 2 * dx, y + 2 * dy), after_2 = samples_from(image, x + 3 * dx, y + 3 * dy);
+    Slopes slopes;
+    slopes.has_before = (a > NO_SURFACE) & (before_1 > NO_SURFACE);
+    slopes.has_after = (b > NO_SURFACE) & (after_1 > NO_SURFACE);
+    slopes.before = select_lanes(slopes.has_before, slope_of(a, before_1, before_2), (floatl)0.0f);
+    slopes.after = select_lanes(slopes.has_after, -slope_of(b, after_1, after_2), (floatl)0.0f);
+    return slopes;
+}
+
+#define ONE_IF(mask) select_lanes(mask, (floatl)1.0f, (floatl)0.0f)
+/* Does a change d follow the mean of three lines' slopes, of those that are known? */
+#define FOLLOWS_MEAN(d, side, has_side, allowed)                                                               \
+    ((one.has_side | own.has_side | other.has_side) &                                                          \
+     FOLLOWS(d, (one.side + own.side + other.side) /                                                           \
+                    max_lanes(ONE_IF(one.has_side) + ONE_IF(own.has_side) + ONE_IF(other.has_side), (floatl)1.0f), \
+             allowed))
+
+/* Does a surface go on straight from each of the wanted samples to the next along (dx, dy)? The lines beside them tell, too,
+ * but those of diagonals. */
+INLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed, intl wanted)
+{
+    const floatl d = samples_from(image, x + dx, y + dy) - samples_from(image, x, y);
+    const Slopes own = slopes_beside(image, x, y, dx, dy);
+    const intl straight = (own.has_before & FOLLOWS(d, own.before, allowed)) | (own.has_after & FOLLOWS(d, own.after, allowed));
+    if ((dx && dy) || !any_lane(wanted & !straight))
+        return straight;
+    const Slopes one = slopes_beside(image, x - dy, y - dx, dx, dy), other = slopes_beside(image, x + dy, y + dx, dx, dy);
+    return straight | FOLLOWS_MEAN(d, before, has_before, allowed) | FOLLOWS_MEAN(d, after, has_after, allowed);
 }
 
 /* Is each of LANES samples torn apart from its neighbour at (dx, dy)? per_pixel: the test's, in that direction */
@@ -99,7 +114,7 @@ INLINED intl torn_along(Image image, int x, int y, int dx, int dy, float per_pix
         apart = apart & IS_OPEN(cut, near, far);
     if (!any_lane(apart))
         return missing;
-    return missing | (apart & !goes_on(image, x, y, dx, dy, dx == 0, dy == 0, noise));
+    return missing | (apart & !goes_on(image, x, y, dx, dy, noise, apart));
 }
 
 /* The number nearest to a float's, of those with these last bits */

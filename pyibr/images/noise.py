@@ -16,10 +16,10 @@ Depth = NDArray[np.float32]
 Nearness = NDArray[np.float32]
 
 _RANGES, _SAMPLES_MIN = 12, 50  # noise is looked up for as many ranges of depth, each from so many samples at least
-_SAMPLES_MAX = 40_000  # samples of a direction that are looked at: medians of more are no surer
+_SAMPLES_MAX = 80_000  # samples that are looked at: medians of more are no surer
 _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
 _STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 2 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together
+_ENOUGH = 5 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together: noise is found to 3 % then
 _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
     50,
     0.3,
@@ -31,7 +31,8 @@ _GOLDEN = 0.6180339887498949
 _SHAPE = 2.0  # times as large over two samples as over one: of noise 1, of a curve 4
 _NOISE_MIN = 5e-4  # a part of the nearness: smaller differences may be of a scale's steps, or of shapes
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
-_ROWS = 5  # times as many lie in the rows that they are taken from
+_ROWS = 5  # times as many lie in the lines that they are taken from
+_APART = 2  # samples between lines, which are none
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
 )
@@ -62,7 +63,7 @@ class DepthNoise:
         """
         if self.given is not None:
             return self.given
-        at, deviations = _noise_along(self._lines, _ENOUGH)
+        at, deviations = _noise_along(self._line, _ENOUGH)
         return fitted_noise(1 / at, deviations / at**2)
 
     @cached_property
@@ -70,7 +71,7 @@ class DepthNoise:
         """True of what is noise for sure: given, or second differences do not grow with the distance, as shapes' do."""
         if self.given is not None:
             return any(self.given)
-        near, far = (_typical_change(self._lines, step) for step in (1, 2))
+        near, far = (_typical_change(self._line, step) for step in (1, 2))
         return near > _NOISE_MIN and far < _SHAPE * near
 
     @cached_property
@@ -80,18 +81,18 @@ class DepthNoise:
         Disparity has steps of the first kind, depth in whole units of the last. On a scale, surfaces are stairs:
         neighbours differ where those before and after them do not, by as much as values that are next to each other.
         """
-        return _steps_along(self._lines)
+        return _steps_along(self._line)
 
     @cached_property
-    def _lines(self) -> list[Nearness]:
-        return _lines_of(self._depth, self._far, _ENOUGH)
+    def _line(self) -> Nearness:
+        return _line_of(self._depth, self._far, _ENOUGH)
 
 
 def noise_by_nearness(depth: Depth, far: float = np.inf, count_max: int = _SAMPLES_MAX) -> tuple[Float64, Float64]:
     """Noise of (H, W) depth in which there is none where it is not finite, <= 0 or >= `far`.
 
     Second differences along rows and columns are free of the surface's slope, and their median of its edges. Where
-    every other sample is missing, those two apart are taken. Of each direction about `count_max` samples are looked at.
+    every other sample is missing, those two apart are taken. About `count_max` samples are looked at.
     Cameras that tell depth in coarse steps show no such differences on most pixels: noise is half a step at least, as
     what lies between two is now the one, now the other.
 
@@ -100,63 +101,70 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, count_max: int = _SAMPL
     (k,) float64, (k,) float64
         Nearness (1 / depth), growing, and the standard deviation of the nearness there; k = 0 if too little is known.
     """
-    return _noise_along(_lines_of(depth, far, count_max), count_max)
+    return _noise_along(_line_of(depth, far, count_max), count_max)
 
 
-def _lines_of(depth: Depth, far: float, count_max: int) -> list[Nearness]:
-    """The nearness of some rows, and of some columns, with several times `count_max` samples in each of the two."""
-    apart = max(depth.size // min(_ROWS * count_max, _SAMPLES_MAX), 1)
-    return [_nearness(np.ascontiguousarray(lines[::apart]), far) for lines in (depth, depth.T)]
+def _line_of(depth: Depth, far: float, count_max: int) -> Nearness:
+    """The nearness of some rows, and of some columns, one after the other, of several times `count_max` samples.
+
+    NaN where there is none, and between them.
+    """
+    apart = max(2 * depth.size // min(_ROWS * count_max, _SAMPLES_MAX), 1)
+    parts = [depth[::apart], depth.T[::apart]]
+    line = np.zeros(sum(len(part) * (part.shape[1] + _APART) for part in parts), np.float32)
+    start = 0
+    for part in parts:
+        width = part.shape[1] + _APART
+        line[start : start + len(part) * width].reshape(-1, width)[:, :-_APART] = part
+        start += len(part) * width
+    with np.errstate(
+        divide="ignore", over="ignore", invalid="ignore"
+    ):  # of depths so near that float32 holds no nearness
+        near = np.float32(1) / line
+    near[~((line > 0) & (line < far) & (near < np.inf))] = np.nan
+    return near
 
 
-def _noise_along(lines: list[Nearness], count_max: int) -> tuple[Float64, Float64]:
-    """Noise of lines, as `noise_by_nearness` returns it."""
-    places: list[Nearness] = []
-    changes: list[Nearness] = []
-    for step in (1, 2):
-        for near in lines:
-            if near.shape[1] > 2 * step:
-                place, change = _changes(near, step, count_max)
-                places.append(place)
-                changes.append(change)
-        if sum(map(len, places)) >= min(10 * _RANGES * _SAMPLES_MIN, 2 * count_max):
-            break
-    count = sum(map(len, places))
+def _noise_along(line: Nearness, count_max: int) -> tuple[Float64, Float64]:
+    """Noise of a line, as `noise_by_nearness` returns it."""
+    all_places, changes = _changes(line, 1, count_max)
+    if len(all_places) < min(10 * _RANGES * _SAMPLES_MIN, count_max):
+        more = _changes(line, 2, count_max)
+        all_places, changes = np.concatenate([all_places, more[0]]), np.concatenate([changes, more[1]])
+    count = len(all_places)
     if count < _SAMPLES_MIN:
         return np.empty(0), np.empty(0)
     ranges = min(_RANGES, count // _SAMPLES_MIN)
     each = count // ranges  # few are left over: the nearest ones
-    all_places = np.concatenate(places)
     order = _growing(all_places)[: ranges * each].reshape(ranges, each)
-    place, change = all_places[order], np.concatenate(changes)[order]
+    place, change = all_places[order], changes[order]
     # 1.4826 and 6: of 1, -2, 1 times normal noise
     middles = np.partition(change, each // 2, axis=1)[:, each // 2].astype(np.float64) * (1.4826 / np.sqrt(6))
-    steps = np.diff(place, axis=1)
-    levels = 1 + np.count_nonzero(steps, axis=1)
+    levels = 1 + np.count_nonzero(place[:, 1:] != place[:, :-1], axis=1)
     for part in np.flatnonzero((levels >= _LEVELS) & (each >= _OF_LEVEL * levels)):
-        some = np.sort(steps[part][steps[part] > 0])
+        steps = np.diff(place[part])
+        some = np.sort(steps[steps > 0])
         step = float(some[-(levels[part] // 2)])  # the middle one
         middles[part] = max(middles[part], 0.5 * step if step < _STEP_MAX * place[part, 0] else 0.0)
     return place[:, each // 2].astype(np.float64), middles
 
 
-def _typical_change(lines: list[Nearness], step: int) -> float:
-    """The middle second difference of nearness along lines, as a part of it; 0 if too few samples are known."""
-    found = [_changes(near, step, _ENOUGH) for near in lines if near.shape[1] > 2 * step]
+def _typical_change(line: Nearness, step: int) -> float:
+    """The middle second difference of nearness along a line, as a part of it; 0 if too few samples are known."""
+    place, change = _changes(line, step, _ENOUGH)
     with np.errstate(over="ignore"):  # of nearness that float32 hardly holds
-        parts = np.concatenate([change / place for place, change in found]) if found else np.empty(0)
-    return float(np.median(parts)) if len(parts) >= _SAMPLES_MIN else 0.0
+        return float(np.median(change / place)) if len(place) >= _SAMPLES_MIN else 0.0
 
 
-def _changes(near: Nearness, step: int, count_max: int) -> tuple[Nearness, Nearness]:
-    """The nearness of lines, and its second difference along them; of some `count_max` samples."""
-    here = near[:, step:-step]
+def _changes(line: Nearness, step: int, count_max: int) -> tuple[Nearness, Nearness]:
+    """The nearness of a line, and its second difference along it; of some `count_max` samples."""
+    here = line[step:-step]
     with np.errstate(over="ignore", invalid="ignore"):
-        change = np.abs(near[:, : -2 * step] - 2 * here + near[:, 2 * step :])
+        change = np.abs(line[: -2 * step] - 2 * here + line[2 * step :])
     known = np.flatnonzero(np.isfinite(change))
     if len(known) > count_max:
         known = known[(_spread(count_max) * len(known)).astype(np.intp)]
-    return here.ravel()[known], change.ravel()[known]
+    return here[known], change[known]
 
 
 @functools.cache
@@ -218,22 +226,17 @@ def disparity_noise(pixels: float, focal: float, baseline: float) -> float:
     return deviation / (positive("focal", focal) * positive("baseline", baseline))
 
 
-def _steps_along(lines: list[Nearness]) -> tuple[float, float, float]:
-    """Steps of the scale of lines, as `DepthNoise.steps` has them."""
-    stairs, changing = list[tuple[Nearness, NDArray[np.intp]]](), 0
-    for near in lines:
-        level, known = near[:, 1:] == near[:, :-1], near == near
-        if np.count_nonzero(level) < _STAIRS_MIN:
-            continue
-        change = known[:, 1:-2] & known[:, 2:-1] & ~level[:, 1:-1]
-        stairs.append((near, np.flatnonzero(level[:, :-2] & change & level[:, 2:])))
-        changing += int(np.count_nonzero(change))
-    if sum(len(at) for _, at in stairs) < max(_STAIRS_MIN, _STAIRS * changing):
+def _steps_along(line: Nearness) -> tuple[float, float, float]:
+    """Steps of the scale of a line, as `DepthNoise.steps` has them."""
+    level = line[1:] == line[:-1]
+    if np.count_nonzero(level) < _STAIRS_MIN:
         return 0.0, 0.0, 0.0
-    before, after = (
-        np.concatenate([near[:, k : near.shape[1] - 3 + k].ravel()[at] for near, at in stairs]).astype(np.float64)
-        for k in (1, 2)
-    )
+    known = line == line
+    change = known[1:-2] & known[2:-1] & ~level[1:-1]
+    at = np.flatnonzero(level[:-2] & change & level[2:])
+    if len(at) < max(_STAIRS_MIN, _STAIRS * np.count_nonzero(change)):
+        return 0.0, 0.0, 0.0
+    before, after = line[at + 1].astype(np.float64), line[at + 2].astype(np.float64)
     place, jump = np.maximum(before, after), np.abs(after - before)
     levels = np.unique(place)
     gaps = np.diff(levels)
@@ -248,12 +251,3 @@ def _steps_along(lines: list[Nearness]) -> tuple[float, float, float]:
     if np.mean(np.abs(jump / expected - 1) < 0.5) < _OF_ONE_STEP:
         return 0.0, 0.0, 0.0
     return fitted_noise(1 / at, steps / at**2)
-
-
-def _nearness(depth: Depth, far: float) -> Nearness:
-    """1 / depth; NaN where there is none."""
-    nearness = np.full(depth.shape, np.nan, np.float32)
-    with np.errstate(over="ignore", invalid="ignore"):  # of depths so near that float32 does not hold their nearness
-        np.divide(np.float32(1), depth, out=nearness, where=(depth > 0) & (depth < far))
-    nearness[np.isinf(nearness)] = np.nan
-    return nearness

@@ -202,9 +202,7 @@ def make_surface(samples: Samples, size: tuple[int, int], test: EdgeTest) -> Sur
     counts = empty((height,), np.int32)
     shared = {"surface": surface, "width": width, "height": height, "pitch": surface.shape[1]}
     tests = {"cut": Struct("Cut", test.cut), "test": Struct("EdgeTest", test.straight)}
-    launch(
-        kernel("picture/begin.cl", "find_edges"), (height,), nearness=samples.nearness, ring=ring, **tests, **shared
-    )
+    launch(kernel("picture/begin.cl", "find_edges"), (height,), nearness=samples.nearness, ring=ring, **tests, **shared)
     launch(kernel("picture/begin.cl", "count_margins"), (height,), counts=counts, **shared)
     nearest_and_farthest, margins_of_rows = to_host([ring, counts])  # the one wait for all that there is of a view
     low, high = float(nearest_and_farthest[0].min()), float(nearest_and_farthest[1].max())
