@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable
+import signal
+import sys
+import threading
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
@@ -48,7 +52,7 @@ class _OneLineErrors(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            with telling(lambda text: typer.secho(f"pyibr: {text}", err=True)):
+            with _ended_tidily(), telling(lambda text: typer.secho(f"pyibr: {text}", err=True)):
                 return super().invoke(ctx)
         except Error as error:
             text = str(error)
@@ -63,6 +67,23 @@ class _OneLineErrors(TyperGroup):
             if error.errno == errno.EPIPE:  # who read the output has gone, and needs no word of it
                 raise
             raise _ended(str(error), 2) from error
+
+
+@contextmanager
+def _ended_tidily() -> Generator[None, None, None]:
+    """While it is open, SIGTERM ends the process as Ctrl-C does: what is complete is kept, what is temporary goes."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, _: object) -> None:
+        sys.exit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _ended(text: str, status: int, lines: bool = False) -> typer.Exit:

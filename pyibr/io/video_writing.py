@@ -14,7 +14,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 from pyibr.core.checks import describe, positive
 from pyibr.core.errors import ArgumentError, FileFormatError
@@ -271,10 +270,12 @@ class _Gif:
 
     def __init__(self, file: Any, rate: Fraction) -> None:
         self._file, self._rate = file, rate
-        self._images: list[Image.Image] = []
+        self._images: list[Any] = []
         self._times: list[Fraction] = []
 
     def add(self, color: NDArray[Any], time: Fraction) -> None:
+        from PIL import Image
+
         self._images.append(Image.fromarray(np.ascontiguousarray(_in_words(color, 8)[..., :3])).quantize(256))
         self._times.append(time)
 

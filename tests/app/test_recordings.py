@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +18,9 @@ import pyibr as ibr
 from pyibr.app.cli import app
 from pyibr.io.video import Video
 from pyibr.io.video_writing import VideoWriter
+from tests.app.browser import until
 from tests.data import shared
+from tests.processes import with_path
 
 SIZE = (62, 38)
 COUNT = 4
@@ -559,3 +564,21 @@ def test_a_real_colmap_workspace_needs_no_camera_file(tmp_path: Path):
     shown = ["warp", folder, "--together", "--clean", "--orbit", 5, "-o", tmp_path / "new.png"]
     out = succeeded(runner.invoke(app, [str(word) for word in shown]))
     assert "new.png: 200x148" in out
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM")
+def test_a_film_that_is_ended_keeps_its_frames(recorded: Recorded):
+    """By SIGTERM, as by Ctrl-C; nothing is left in the folder of temporary files."""
+    (recorded.folder / "temporary").mkdir()
+    words = ["warp", "rgb/0.png", "depth/0.png", "--depth-scale", str(SCALE), "--camera", "camera.json"]
+    words += ["--orbit", "10", "--frames", "100000", "-o", "long.mp4"]
+    environment = with_path() | {"TMPDIR": str(recorded.folder / "temporary")}
+    command = subprocess.Popen([sys.executable, "-m", "pyibr", *words], cwd=recorded.folder, env=environment)
+    try:
+        until(lambda: any(file.stat().st_size > 10_000 for file in recorded.folder.glob(".pyibr-*")))
+        command.send_signal(signal.SIGTERM)
+        assert command.wait(60) == 143
+    finally:
+        command.kill()
+    assert len(Video(recorded.folder / "long.mp4")) > 10
+    assert not [*recorded.folder.glob(".pyibr-*"), *(recorded.folder / "temporary").iterdir()]

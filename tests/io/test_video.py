@@ -41,7 +41,8 @@ def with_sound(path: Path, seconds: float = 2.0, turned: int = 0) -> Path:
             container.mux(video.encode(frame))
         container.mux(video.encode())
         times = np.arange(round(44100 * seconds)) / 44100
-        tone = av.AudioFrame.from_ndarray((0.3 * np.sin(2764 * times)).astype(np.float32)[None], format="fltp", layout="mono")
+        wave = (0.3 * np.sin(2764 * times)).astype(np.float32)[None]
+        tone = av.AudioFrame.from_ndarray(wave, format="fltp", layout="mono")
         tone.sample_rate, tone.pts = 44100, 0
         container.mux(audio.encode(tone))
         container.mux(audio.encode())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import typer
@@ -21,11 +21,24 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_writable, identity
 from pyibr.io import DepthKind, check_output
 from pyibr.io.video import Video
-from pyibr.io.video_writing import CODECS, VideoWriter, check_video_output
+from pyibr.io.video_writing import CODECS, Codec, VideoWriter, check_video_output
 
 Kind = Literal["color", "depth", "mask"]
 
+Fps = Annotated[
+    float | None,
+    typer.Option(help="Of a video: frames a second; default: the times of the source's frames, with its sound, or 30"),
+]
+VideoCodec = Annotated[Codec | None, typer.Option(help="Of a video; default: H.264, VP9 in WebM, lossless FFV1 in MKV")]
+
 _FPS = 30.0  # of videos, if nothing tells
+
+
+class VideoOptions(NamedTuple):
+    """--fps and --codec, where they are given."""
+
+    fps: float | None = None
+    codec: Codec | None = None
 
 
 class Outputs:
@@ -39,8 +52,8 @@ class Outputs:
         --depth-scale and --depth-kind.
     numbers : sequence of int, or None
         Those of the frames; None for one, which has no number.
-    fps : float, or None
-        --fps; by default frames keep the times that they have in `film`, and its sound.
+    video : VideoOptions
+        Without --fps frames keep the times that they have in `film`, and its sound.
     film : Video, or None
         What the source is.
     """
@@ -50,7 +63,7 @@ class Outputs:
         files: Mapping[str, tuple[Path | None, Kind]],
         stored: tuple[float | None, DepthKind],
         numbers: Sequence[int] | None,
-        fps: float | None,
+        video: VideoOptions,
         film: Video | None,
     ) -> None:
         self._files: dict[str, tuple[Path, Kind]] = {
@@ -59,11 +72,13 @@ class Outputs:
         self._main, kind = next(iter(self._files.values()))
         self._stored, self._numbers = stored, numbers
         self._is_video = numbers is not None and kind == "color" and self._main.suffix.lower() in CODECS
-        if fps is not None and not self._is_video:
-            expected = f"a video of several views ({', '.join(CODECS)}) for --output"
-            raise ArgumentError("--fps", expected, str(self._main))
-        self._fps = None if fps is None else positive("--fps", fps, "frames a second > 0")
-        self._film = film if fps is None else None
+        for option, value in zip(("--fps", "--codec"), video, strict=True):
+            if value is not None and not self._is_video:
+                expected = f"a video of several views ({', '.join(CODECS)}) for --output"
+                raise ArgumentError(option, expected, str(self._main))
+        self._fps = None if video.fps is None else positive("--fps", video.fps, "frames a second > 0")
+        self._codec: Codec | None = video.codec
+        self._film = film if video.fps is None else None
         self._stack, self._behind = ExitStack(), Behind(in_order=self._is_video)
         self._writer: VideoWriter | None = None
         self._written: list[str] = []
@@ -81,7 +96,7 @@ class Outputs:
                 raise ArgumentError("--depth-scale", expected, "none")
         for option, (path, kind) in self._files.items():
             if self._is_video and path == self._main:
-                check_video_output(path)
+                check_video_output(path, self._codec)
             elif kind == "color" and self._numbers is None and path.suffix.lower() in CODECS:
                 raise ArgumentError(
                     option, "several views for a video, by --frames or of a recording", f"one for {path}"
@@ -136,9 +151,10 @@ class Outputs:
     def _video(self) -> VideoWriter:
         film = self._film
         if film is None:
-            return VideoWriter(self._main, self._fps or _FPS)
+            return VideoWriter(self._main, self._fps or _FPS, codec=self._codec)
         start = film.times[next(iter(self._numbers or [0]))]
-        return VideoWriter(self._main, film.fps or _FPS, sound=film.path if film.has_sound else None, start=start)
+        sound = film.path if film.has_sound else None
+        return VideoWriter(self._main, film.fps or _FPS, codec=self._codec, sound=sound, start=start)
 
     def _time(self, number: int) -> float:
         """Seconds of a frame of the film from the first that is taken."""

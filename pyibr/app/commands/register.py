@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.commands.beside import read_ahead
 from pyibr.app.commands.exposure import Exposure
-from pyibr.app.commands.outputs import Kind, Outputs
+from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
 from pyibr.app.commands.sources import Losses, Source, open_depths
 from pyibr.app.commands.views import Depth, DepthOptions, DepthRange, DepthReader
 from pyibr.app.options import (
@@ -83,7 +83,7 @@ def register(
     numbers = None if is_still else [shot.number for shot in source.shots]
     files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
     outputs = Outputs(
-        {**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_kind), numbers, None, source.video
+        {**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_kind), numbers, VideoOptions(), source.video
     )
     read = source.files()
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}

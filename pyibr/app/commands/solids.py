@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 import pyibr as ibr
-from pyibr.app.commands.outputs import Outputs, check_outputs
+from pyibr.app.commands.outputs import Fps, Outputs, VideoCodec, VideoOptions, check_outputs
 from pyibr.app.options import (
     DepthChannel,
     DepthKindOption,
@@ -47,7 +47,6 @@ _Orbit = Annotated[float, typer.Option(metavar="DEGREES", help="How far --frames
 _Frames = Annotated[int, typer.Option(min=1, max=100_000, help="Pictures of a turntable, the first from the camera")]
 _Resolution = Annotated[int, typer.Option(help="Of a mesh: cells along the solid's longest edge")]
 _Samples = Annotated[int, typer.Option(help="A pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")]
-_Fps = Annotated[float | None, typer.Option(help="Of a video: frames a second; default: 30")]
 _Views = Annotated[
     Path, typer.Argument(metavar="VIEWS", help="A folder of pictures, their depth and cameras: a set, or a recording")
 ]
@@ -71,11 +70,12 @@ def object_(
     depth_kind: DepthKindOption = "z",
     min_confidence: MinConfidence = None,
     depth_channel: DepthChannel = None,
-    fps: _Fps = None,
+    fps: Fps = None,
+    codec: VideoCodec = None,
     device: DeviceName = None,
 ) -> None:
     """Make a solid of depth images all round, and draw it, on a turntable, or write its mesh."""
-    writer = _Writer([views], output, to, orbit, frames, resolution, samples, fps)
+    writer = _Writer([views], output, to, orbit, frames, resolution, samples, VideoOptions(fps, codec))
     with device_of(device):
         stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence)
         writer.write(DepthObject(stored.load(views), missing=missing))
@@ -104,11 +104,14 @@ def hull(
     depth_kind: DepthKindOption = "z",
     min_confidence: MinConfidence = None,
     depth_channel: DepthChannel = None,
-    fps: _Fps = None,
+    fps: Fps = None,
+    codec: VideoCodec = None,
     device: DeviceName = None,
 ) -> None:
     """Make the largest solid that fits into silhouettes, and draw it, on a turntable, or write its mesh."""
-    writer = _Writer([views, *([masks] if masks else [])], output, to, orbit, frames, resolution, samples, fps)
+    writer = _Writer(
+        [views, *([masks] if masks else [])], output, to, orbit, frames, resolution, samples, VideoOptions(fps, codec)
+    )
     with device_of(device):
         stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence)
         writer.write(VisualHull(_silhouettes(views, masks, camera, stored)))
@@ -126,11 +129,16 @@ class _Writer:
         frames: int,
         resolution: int,
         samples: int,
-        fps: float | None,
+        video: VideoOptions,
     ) -> None:
         self._output, self._resolution, self._samples = output, resolution, samples
         self._is_mesh = is_mesh_file(output)
-        for option, given in (("--to", to is not None), ("--frames", frames > 1), ("--fps", fps is not None)):
+        for option, given in (
+            ("--to", to is not None),
+            ("--frames", frames > 1),
+            ("--fps", video.fps is not None),
+            ("--codec", video.codec is not None),
+        ):
             if self._is_mesh and given:
                 raise ArgumentError(option, "a picture or a video for --output", str(output))
         self._cameras = None if to is None else list(read_cameras(to).values())
@@ -146,7 +154,7 @@ class _Writer:
             check_outputs(inputs, {"--output": [output]})
         else:
             self._outputs = Outputs(
-                {"--output": (output, "color")}, (None, "z"), range(count) if count > 1 else None, fps, None
+                {"--output": (output, "color")}, (None, "z"), range(count) if count > 1 else None, video, None
             )
             self._outputs.check(inputs)
 

@@ -17,7 +17,7 @@ import pyibr as ibr
 from pyibr.app.commands.beside import read_ahead
 from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
-from pyibr.app.commands.outputs import Kind, Outputs
+from pyibr.app.commands.outputs import Fps, Kind, Outputs, VideoCodec, VideoOptions
 from pyibr.app.commands.sources import InputOptions, Losses, Source, open_sources
 from pyibr.app.commands.targets import Job, Move, Targets
 from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
@@ -135,7 +135,8 @@ def warp(
     depth_out: Annotated[Path | None, typer.Option(help="Write the new view's depth too")] = None,
     valid_out: Annotated[Path | None, typer.Option(help="Write the mask of what is no hole too")] = None,
     skip_existing: Annotated[bool, typer.Option("--skip-existing", help="Leave out views that are there")] = False,
-    fps: Annotated[float | None, typer.Option(help="Of a video: frames a second; default: the source's, or 30")] = None,
+    fps: Fps = None,
+    codec: VideoCodec = None,
     device: DeviceName = None,
 ) -> None:
     """Render a new view of an image with depth, of several, or of each frame of a recording.
@@ -149,7 +150,9 @@ def warp(
     count = targets.count(None if is_scene else len(shots))
     numbers = None if count is None else range(count) if is_scene else [shot.number for shot in shots]
     film = None if is_scene else opened[0].video
-    outputs = Outputs(_files(output, depth_out, valid_out), (depth_scale, depth_kind), numbers, fps, film)
+    outputs = Outputs(
+        _files(output, depth_out, valid_out), (depth_scale, depth_kind), numbers, VideoOptions(fps, codec), film
+    )
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]}, sources)
     stored, seen = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence), DepthRange()
     reading = stored, default_depth_of(default_depth), clean, noise_of(noise, baseline)
