@@ -59,7 +59,7 @@ def test_noise_is_found(kind):
     camera = ibr.Camera(4 * CAMERA.K + [[0, 0, 0], [0, 0, 0], [0, 0, -3]], (640, 480))
     found = ibr.DepthImage(None, noisy.astype(np.float32), camera).noise
     for z in (2.0, 4.0, 6.0):
-        # A median of some 300 differences is right to 6 %, a fit through twelve of them to less.
+        # A median of 250 differences is right to 6 %, a fit through twelve of them to less.
         assert found[0] * z * z + found[1] * z + found[2] == pytest.approx(a * z * z + b * z + c, rel=0.12)
 
 
