@@ -319,7 +319,7 @@ def record3d(folder: Path) -> None:
 
 
 def polycam(folder: Path) -> None:
-    """What the app has corrected counts; the first rows of depth are not sure."""
+    """Frames that the app has corrected; the first rows of depth are not sure."""
     stray(folder / "it")
     for number, one in enumerate(POSES):
         told = {"fx": 60, "fy": 62, "cx": 30.3, "cy": 24.2, "width": 64, "height": 48, "blur_score": 9.0}
@@ -332,8 +332,27 @@ def polycam(folder: Path) -> None:
     shutil.rmtree(folder / "it")
 
 
+def scanner_app(folder: Path) -> None:
+    """Depth of all frames, pictures of some."""
+    stray(folder / "it")
+    for number, one in enumerate([POSES[0], np.eye(4), POSES[1]]):
+        told = {
+            "intrinsics": K.ravel().tolist(),
+            "cameraPoseARFrame": (one @ GL).ravel().tolist(),
+            "frame_index": number,
+        }
+        text(folder / f"frame_{number:05d}.json", json.dumps(told))
+        stem = f"{number // 2:06d}.png"
+        for kind, name in (("depth", "depth"), ("confidence", "conf")):
+            shutil.copy(folder / f"it/{kind}/{stem}", folder / f"{name}_{number:05d}.png")
+        if number != 1:
+            with Image.open(folder / f"it/rgb/{stem}") as picture:
+                picture.save(folder / f"frame_{number:05d}.jpg", quality=98, subsampling=0)
+    shutil.rmtree(folder / "it")
+
+
 def r3d(folder: Path) -> None:
-    """What the app packs into a .r3d file; its first camera is told anew for each frame."""
+    """Frames as the app packs them into a .r3d file; K is told for each."""
     lzfse = pytest.importorskip("lzfse")
     record3d(folder)
     told = json.loads((folder / "metadata.json").read_text()) | {"K": np.eye(3).ravel().tolist()}
@@ -519,7 +538,19 @@ def ros_packed(folder: Path) -> None:
 
 
 _MAKERS = (tum_camera, eth3d, tum_known, icl, seven_scenes, scannet, posed_images, sens, replica, bop, redwood, colmap)
-_MAKERS += (eth3d_views, nerfstudio, instant_ngp, middlebury, stray, record3d, r3d, r3d_packed, polycam, sintel)
+_MAKERS += (
+    eth3d_views,
+    nerfstudio,
+    instant_ngp,
+    middlebury,
+    stray,
+    record3d,
+    r3d,
+    r3d_packed,
+    polycam,
+    scanner_app,
+    sintel,
+)
 _MAKERS += (depth_anything, vggt, kitti, kitti_drive, hypersim, ros_bag, ros_packed, upward, moge, depth_pro)
 SPECIMENS: dict[str, tuple[Callable[[Path], None], int]] = {
     one.__name__: (one, 1 if one in (moge, depth_pro) else 2) for one in _MAKERS

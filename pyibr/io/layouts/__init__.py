@@ -65,6 +65,7 @@ LAYOUTS: tuple[Layout, ...] = (
     Layout("Record3D", "metadata.json with K and poses", "metres", _GL, phones.find_record3d),
     Layout("Record3D, packed", "*.r3d, or metadata and rgbd", "metres, LZFSE", _GL, phones.find_r3d, ".r3d"),
     Layout("Polycam raw data", "keyframes with cameras", "mm", _GL, phones.find_polycam),
+    Layout("3D Scanner App", "frame_*.json with cameraPoseARFrame", "mm", _GL, phones.find_scanner_app),
     Layout("COLMAP dense", "images, stereo/depth_maps", "as the model", _INVERSE, colmap.find_dense),
     Layout("ETH3D multi-view", "images beside ground_truth_depth", "metres", _INVERSE, colmap.find_eth3d),
     Layout("TUM RGB-D, Bonn, ETH3D SLAM", "rgb.txt and depth.txt", "5000 a metre", _CV, slam.find_tum),

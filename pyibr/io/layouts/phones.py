@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ def find_stray(folder: Path) -> Recording | None:
         known=lambda: [camera()],
         placed=[poses.get(number) for number in numbers],
         depth_cameras=lambda: beside([camera()] * len(numbers), depths[numbers[0]]),
-        stored=_of_arkit(1000, folder / "confidence", numbers),
+        stored=_of_arkit(1000, _confidences(folder), numbers),
         video=video if pictures is None else None,
     )
 
@@ -75,7 +75,7 @@ def find_record3d(folder: Path) -> Recording | None:
         known=lambda: cameras,
         placed=poses,
         depth_cameras=lambda: beside(cameras, depths[numbers[0]]),
-        stored=_of_arkit(None, folder / "confidence", numbers),
+        stored=_of_arkit(None, _confidences(folder), numbers),
     )
 
 
@@ -86,28 +86,50 @@ def find_polycam(folder: Path) -> Recording | None:
     pictures, told = place / f"{kind}images", place / f"{kind}cameras"
     if not all(one.is_dir() for one in (pictures, told, place / "depth")):
         return None
-    depths, files = by_number(place / "depth", (".png",)), by_number(told, (".json",))
-    numbers, found = joined(place, by_number(pictures, COLOR_SUFFIXES), depths, files)
-    entries = [object_in(files[number]) for number in numbers]
-    if "t_00" not in entries[0]:
+    files = by_number(told, (".json",))
+    frames = by_number(pictures, COLOR_SUFFIXES), by_number(place / "depth", (".png",)), files
+    if not files or "t_00" not in object_in(next(iter(files.values()))):
         return None
-    poses = [rigid_or_none(_rows(one, [f"t_{i}{j}" for i in range(3) for j in range(4)])) for one in entries]
-    sizes = [(int(one["width"]), int(one["height"])) for one in entries]
-    cameras = [
-        camera_of(files[number], matrix(one["fx"], one["cx"], one["cy"], one["fy"]), size)
-        for number, one, size in zip(numbers, entries, sizes, strict=True)
-    ]
+
+    def camera(one: Mapping[str, Any]) -> tuple[Float64, Float64]:
+        rows = np.reshape([one[f"t_{i}{j}"] for i in range(3) for j in range(4)], (3, 4))
+        return matrix(one["fx"], one["cx"], one["cy"], one["fy"]), np.vstack([rows, [0, 0, 0, 1]])
+
+    return _of_files(place, _confidences(place), frames, camera)
+
+
+def find_scanner_app(folder: Path) -> Recording | None:
+    """All data of 3D Scanner App: frame_00000.jpg, some without, and .json, depth_ (millimetres) and conf_00000.png."""
+    files = by_number(folder, (".json",), "frame_")
+    if not files or "cameraPoseARFrame" not in object_in(next(iter(files.values()))):
+        return None
+
+    def camera(one: Mapping[str, Any]) -> tuple[Float64, Float64]:
+        return np.reshape(one["intrinsics"], (3, 3)), np.reshape(one["cameraPoseARFrame"], (4, 4))
+
+    frames = by_number(folder, (".jpg",), "frame_"), by_number(folder, (".png",), "depth_"), files
+    return _of_files(folder, by_number(folder, (".png",), "conf_"), frames, camera)
+
+
+def _of_files(
+    place: Path,
+    sure: Mapping[int, Path],
+    frames: tuple[dict[int, Path], dict[int, Path], dict[int, Path]],
+    camera: Callable[[Mapping[str, Any]], tuple[Float64, Float64]],
+) -> Recording:
+    """Pictures, depth in millimetres, and of each frame a file with K and a pose with OpenGL's axes."""
+    colors, depths, files = frames
+    numbers, found = joined(place, colors, depths, files)
+    told = [camera(object_in(files[number])) for number in numbers]
+    size = size_of(colors[numbers[0]])
+    cameras = [camera_of(files[number], K, size) for number, (K, _) in zip(numbers, told, strict=True)]
+    exact = [rigid_or_none(pose) for _, pose in told]
     return found._replace(
         known=lambda: cameras,
-        placed=[None if pose is None else pose @ CV_FROM_GL for pose in poses],
+        placed=[None if pose is None else pose @ CV_FROM_GL for pose in exact],
         depth_cameras=lambda: beside(cameras, depths[numbers[0]]),
-        stored=_of_arkit(1000, place / "confidence", numbers),
+        stored=_of_arkit(1000, sure, numbers),
     )
-
-
-def _rows(told: Mapping[str, float], names: Sequence[str]) -> Float64:
-    """A pose of 12 numbers; NaN where one is missing."""
-    return np.vstack([np.reshape([told.get(name, np.nan) for name in names], (3, 4)), [0, 0, 0, 1]])
 
 
 def find_r3d(place: Path) -> Recording | None:
@@ -174,14 +196,18 @@ def _told_by_record3d(told: Any, file: Path, numbers: Sequence[int]) -> tuple[li
     return cameras, [poses.get(number) for number in numbers]
 
 
-def _of_arkit(scale: float | None, confidences: Path, numbers: Sequence[int]) -> list[Stored]:
+def _of_arkit(scale: float | None, files: Mapping[int, Path], numbers: Sequence[int]) -> list[Stored]:
     """Depth with ARKit's confidence, where there is a file of it."""
-    files = by_number(confidences, (".png", ".exr", ".npy")) if confidences.is_dir() else {}
     reads = {number: image.read_color if file.suffix == ".png" else read_depth for number, file in files.items()}
     return [
         Stored(scale, confidence=functools.partial(reads[n], files[n]) if n in files else None, least=_MEDIUM)
         for n in numbers
     ]
+
+
+def _confidences(place: Path) -> dict[int, Path]:
+    folder = place / "confidence"
+    return by_number(folder, (".png", ".exr", ".npy")) if folder.is_dir() else {}
 
 
 def _odometry(path: Path) -> dict[int, Any]:
