@@ -62,6 +62,7 @@ def load(
     Parameters
     ----------
     folder : path
+        Or a file that is a recording by itself: Record3D's ``.r3d``, ``.bag`` of ROS 1.
     camera : Camera, optional
         Of all frames of a recording, instead of its own; where they were is told by its poses.
     min_confidence : float, optional
@@ -101,7 +102,7 @@ def load(
     """
     place = checked_path(folder)
     if not place.exists() or not may_be_recording(place):
-        raise FileFormatError(f"{place}: no such folder")
+        raise FileFormatError(f"{place}: no such folder, nor recording")
     if (place / SET_FILE).exists():
         return [entry.read(place) for entry in read_set(place)[0]]
     recording = recording_in(place) if camera is None else with_camera(recording_in(place), camera)
