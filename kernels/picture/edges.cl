@@ -13,8 +13,8 @@
  * nearness: (height, pitch) as picture/nearness.cl has it. surface: (height + 2, pitch), the same with the ring;
  * the last bits of each are its TORN_... ones (which changes it by 5e-7 of itself, at most). ring: (2, 2 width + 2 height
  * + 4) how near and how far the surface is half a pixel beyond each border sample: (inf, -inf) if it is not there.
- * Work-item: a row and the ring beside it; the last two rows are one's. Cost: O(samples). Determinism: each sample from
- * depths alone.
+ * Work-item of find_edges: a row; of continue_border: a sample of the ring, after it. Cost: O(samples).
+ * Determinism: each sample from depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -122,10 +122,12 @@ INLINED intl torn_along(Image image, int x, int y, int dx, int dy, float per_pix
 
 #define LEAST_BEYOND 1e-3f /* of the border's nearness: the ring's is at least that */
 
-/* Writes the surface of a row. */
-INLINED void mark_row(Image image, int y, Cut cut, EdgeTest test, global float *surface)
+kernel void find_edges(global const float *nearness, global float *surface, int width, int height, int pitch, Cut cut, EdgeTest test)
 {
-    const int width = image.width, height = image.height, pitch = image.pitch;
+    const int y = get_global_id(0);
+    if (y >= height)
+        return;
+    const Image image = {nearness, width, height, pitch};
     for (int x0 = 0; x0 < width; x0 += LANES) {
         const floatl n = samples_from(image, x0, y);
         const intl solid = n > NO_SURFACE, last = x0 + lane_index == width - 1;
@@ -145,13 +147,13 @@ INLINED void mark_row(Image image, int y, Cut cut, EdgeTest test, global float *
 /* A marked sample of the surface, by the image's numbers */
 #define MARKED(x, y) surface[(size_t)((y) + 1) * pitch + (x) + 1]
 
-/* Continues the surface to a sample of the ring: columns from -1 on of the rows above and below, then rows to the left and
- * to the right. */
-INLINED void continue_border(Image image, int i, global float *surface, global float *ring)
+kernel void continue_border(global const float *nearness, global float *surface, global float *ring, int width, int height,
+                            int pitch)
 {
-    global const float *nearness = image.nearness;
-    const int width = image.width, height = image.height, pitch = image.pitch;
-    const int row = width + 2, count = 2 * row + 2 * height;
+    const int i = get_global_id(0), row = width + 2, count = 2 * row + 2 * height;
+    if (i >= count)
+        return;
+    /* Rows above and below, then columns to the left and to the right */
     const int x = i < 2 * row ? i % row - 1 : (i - 2 * row < height ? -1 : width);
     const int y = i < 2 * row ? (i < row ? -1 : height) : (i - 2 * row) % height;
     const int bx = clamp(x, 0, width - 1), by = clamp(y, 0, height - 1), ix = bx + (bx - x), iy = by + (by - y);
@@ -173,21 +175,4 @@ INLINED void continue_border(Image image, int i, global float *surface, global f
     MARKED(x, y) = as_float(is_there ? NEAREST_WITH_BITS(as_int(beyond), torn) : as_int(MISSING_SAMPLE));
     ring[i] = is_there ? 0.5f * (n + beyond) : INFINITY;
     ring[count + i] = is_there ? 0.5f * (n + beyond) : -INFINITY;
-}
-
-kernel void find_edges(global const float *nearness, global float *surface, global float *ring, int width, int height,
-                       int pitch, Cut cut, EdgeTest test)
-{
-    const int first = get_global_id(0), end = first + 2 < height ? first + 1 : height;
-    if (first > 0 && first + 1 >= height)
-        return;
-    const Image image = {nearness, width, height, pitch};
-    const int row = width + 2;
-    for (int y = first; y < end; y++)
-        mark_row(image, y, cut, test, surface);
-    for (int i = first > 0 ? row : 0; i < (end < height ? row : 2 * row); i++)
-        continue_border(image, i, surface, ring);
-    for (int y = first; y < end; y++)
-        for (int side = 0; side < 2; side++)
-            continue_border(image, 2 * row + side * height + y, surface, ring);
 }

@@ -201,8 +201,10 @@ def make_surface(samples: Samples, size: tuple[int, int], test: EdgeTest) -> Sur
     ring = empty((2, 2 * (width + 2) + 2 * height), np.float32)
     counts = empty((height,), np.int32)
     shared = {"surface": surface, "width": width, "height": height, "pitch": surface.shape[1]}
+    given = {"nearness": samples.nearness, **shared}
     tests = {"cut": Struct("Cut", test.cut), "test": Struct("EdgeTest", test.straight)}
-    launch(kernel("picture/begin.cl", "find_edges"), (height,), nearness=samples.nearness, ring=ring, **tests, **shared)
+    launch(kernel("picture/begin.cl", "find_edges"), (height,), **tests, **given)
+    launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **given)
     launch(kernel("picture/begin.cl", "count_margins"), (height,), counts=counts, **shared)
     nearest_and_farthest, margins_of_rows = to_host([ring, counts])  # the one wait for all that there is of a view
     low, high = float(nearest_and_farthest[0].min()), float(nearest_and_farthest[1].max())
