@@ -205,7 +205,7 @@ def shelf(number: int, size: tuple[int, int]) -> ibr.DepthImage | Skip:
         return Skip("shelf", "rgbd_realsense_shelf is not in $PYIBR_DATA")
     frame, step = folder / f"frame-{number:06d}", _VGA[0] // size[0]
     color, stored = (np.asarray(cv2.imread(f"{frame}.{kind}.png", -1))[::step, ::step] for kind in ("color", "depth"))
-    depth = np.where(stored < _NO_DEPTH, stored, 0).astype(np.float32) / 1000
+    depth = np.asarray(np.where(stored < _NO_DEPTH, stored, 0) / 1000, np.float32)
     camera = ibr.Camera(np.loadtxt(folder / "intrinsics.K.txt"), _VGA, np.loadtxt(f"{frame}.pose.txt"))
     return ibr.DepthImage(np.ascontiguousarray(color[..., ::-1]), depth, camera.resized(size))
 
