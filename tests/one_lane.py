@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+from collections import defaultdict
 from collections.abc import Generator
 from contextlib import contextmanager
 from functools import cache
@@ -20,8 +21,8 @@ from tests.processes import said_under_oclgrind
 @cache  # so that its kernels are built once
 def _of_one_lane(session: device.Session, **changed: int) -> device.Session:
     # Of the sizes of work-groups that it may choose, PoCL compiles each anew.
-    profile = dataclasses.replace(GPU, local_size=1, **changed)
-    return dataclasses.replace(session, profile=profile, kernels={}, memory_pool=MemoryPool(), in_flight=InFlight())
+    own = {"kernels": {}, "memory_pool": MemoryPool(), "flights": defaultdict(InFlight)}
+    return dataclasses.replace(session, profile=dataclasses.replace(GPU, local_size=1, **changed), **own)
 
 
 @contextmanager

@@ -212,7 +212,7 @@ def _mean_steps(thing: ibr.ReliefSurface, camera: ibr.Camera) -> float:
     """Of a search; halvings count as steps, and what the safe one does in a cell is one."""
     counts = empty((camera.height, camera.width, 2), np.int32)
     counts.fill(0)
-    with current().turn():
+    with current().call():
         draw_relief(Target(camera, np.dtype(np.uint8)), thing, None, counters=counts)
         searches, steps = counts.to_host().reshape(-1, 2).sum(axis=0, dtype=np.int64)
     return float(steps / searches)

@@ -337,9 +337,9 @@ class Immutable:
     """
 
     @cached_property
-    def device_cache(self) -> WeakKeyDictionary[Any, dict[str, Any]]:
+    def device_cache(self) -> WeakKeyDictionary[Any, Any]:
         """Cached data on each device, by session; see `pyibr.opencl.device_cache`."""
-        return WeakKeyDictionary()
+        return self.__dict__.setdefault("device_cache", WeakKeyDictionary())  # another thread may have made it
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "device_cache"}

@@ -123,7 +123,7 @@ class DepthMesh(Immutable):
 
     @cached_property
     def _box(self) -> tuple[Float64, Float64]:
-        with self.tree.cells.session.turn():
+        with self.tree.cells.session.call():
             found = _in_triangles(self.tree)
             low, high = self.view.bounds_of(found)
             found[1:-1, 1:-1] = False
@@ -139,7 +139,7 @@ class DepthMesh(Immutable):
     @property
     def tree(self) -> Tree:
         """The quadtree on the current device, made once."""
-        with current().turn():
+        with current().call():
             return cached_on_device(self, "tree", self._made_tree)
 
     def _made_tree(self) -> Tree:
@@ -152,7 +152,7 @@ class DepthMesh(Immutable):
     def normals(self) -> NDArray[np.float32]:
         """(H, W, 3) unit normals of the samples in the view's camera's frame, towards the camera."""
         tree = self.tree
-        with tree.cells.session.turn():
+        with tree.cells.session.call():
             return tree.sample_normals()
 
     @property
@@ -182,7 +182,7 @@ class DepthMesh(Immutable):
         ArgumentError
             If an argument is out of its range.
         """
-        with self.tree.cells.session.turn():
+        with self.tree.cells.session.call():
             return self._mesh_of(*self._some_triangles_for(camera, tolerance))
 
     def simplify(self, max_error: float | None = None, *, count: int | None = None) -> Mesh:
@@ -229,11 +229,11 @@ class DepthMesh(Immutable):
             if max_error is None:
                 raise ArgumentError("max_error", "a number >= 0, or a count", "neither")
             bound = checked_tolerance("max_error", max_error)
-            with tree.cells.session.turn():
+            with tree.cells.session.call():
                 return self._mesh_of(*_triangles_of(tree, active_within(tree, bound)))
         most = integer_from("count", count, 1, 2**31 - 1)
         limit = math.inf if max_error is None else checked_tolerance("max_error", max_error)
-        with tree.cells.session.turn():
+        with tree.cells.session.call():
             samples, faces = self._start_for(most, limit)
             pixels, depth = tree.vertices_of(samples)
             points = self.view.camera.unproject(pixels, depth)
@@ -297,7 +297,7 @@ class DepthMesh(Immutable):
         (('number', 'position', 'normal', 'color'), array([ 0.,  0., -1.], dtype=float32))
         """
         checked_bool("normals", normals)
-        with self.tree.cells.session.turn():
+        with self.tree.cells.session.call():
             samples, faces = self._some_triangles_for(camera, tolerance)
             made = self._mesh_of(samples, faces) if normals else None
         strips = strips_of(samples[faces], faces, self.view.camera.size, self.tree.side)

@@ -153,7 +153,7 @@ def triangles_for(
     `tolerance` and `reuse` are those of `Selection`; with `reuse` 0, triangles are listed each time.
     """
     latest = cached_on_device(thing, "latest triangles", list[_CachedTriangles]) if reuse else []
-    # At each launch another thread may have its turn: what is found is put there whole.
+    # Another thread may draw the thing for another camera: what is found is put there whole.
     found = latest[0] if latest else None
     if found is None or not found.hold_for(trees, camera, before):
         selection = select_for(trees, camera, tolerance, reuse)

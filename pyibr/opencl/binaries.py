@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 from pyibr.core.errors import ArgumentError
 from pyibr.opencl.cache import Entry
+from pyibr.opencl.calls import Calls
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -36,7 +37,7 @@ class _Waiting(NamedTuple):
     program: cl.Program
     entry: Entry
     head: bytes
-    calls: threading.RLock
+    calls: Calls
 
 
 _waiting: deque[_Waiting] = deque()
@@ -45,7 +46,7 @@ _last_build = 0.0
 _thread: threading.Thread | None = None
 
 
-def keep_binary(program: cl.Program, entry: Entry, head: bytes, compiles_for_it: bool, calls: threading.RLock) -> None:
+def keep_binary(program: cl.Program, entry: Entry, head: bytes, compiles_for_it: bool, calls: Calls) -> None:
     """Put a program that was just built into the cache, now or later, as ``$PYIBR_BINARIES`` says.
 
     Parameters
@@ -58,8 +59,8 @@ def keep_binary(program: cl.Program, entry: Entry, head: bytes, compiles_for_it:
         What comes before its binary there.
     compiles_for_it : bool
         Whether its runtime compiles anew to hand it out: then "later" is the default, else "now".
-    calls : threading.RLock
-        Held while somebody waits for a picture.
+    calls : Calls
+        Those that somebody waits for.
 
     Raises
     ------
@@ -109,8 +110,7 @@ def _read_when_quiet() -> None:
             _changed.wait_for(lambda: len(_waiting) > 0)
             left = _last_build + _QUIET - time.monotonic()
             calls = _waiting[0].calls
-        if left <= 0 and calls.acquire(blocking=False):
-            calls.release()
+        if left <= 0 and not calls.others:
             _keep_next()
         else:
             time.sleep(max(left, _QUIET / 4))

@@ -12,6 +12,7 @@ import functools
 import os
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Generator, Hashable
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -23,10 +24,10 @@ from pyibr.core.checks import checked_bool
 from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl.binaries import forget_all, reading
 from pyibr.opencl.cache import cache_folder
+from pyibr.opencl.calls import Calls
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
 from pyibr.opencl.fastest import forget_picture_time, picture_time
 from pyibr.opencl.in_flight import InFlight
-from pyibr.opencl.locks import yield_lock
 from pyibr.opencl.memory_pool import MemoryPool
 from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import Doubted, forget, probe
@@ -55,19 +56,19 @@ class Session:
     context : pyopencl.Context
         Its context, of this one device.
     queue : pyopencl.CommandQueue
-        Its queue; commands run in order.
+        Its queue, of all threads; commands run in order.
     profile : DeviceProfile
         How it is used, since it is a CPU or a GPU.
     kernels : dict
         What `kernel` has built here.
     memory_pool : MemoryPool
         Memory that `empty` hands out again.
-    lock : threading.RLock
-        Held by a call while its launches are made and awaited; a long one lets others in between its pieces.
-    waiting : set of int
-        Threads that wait for the lock.
-    in_flight : InFlight
-        What the queue still has to do.
+    building : threading.RLock
+        Held while a program is built or loaded; others' calls go on with what there is.
+    calls : Calls
+        Those in progress.
+    flights : dict of int to InFlight
+        What the queue still has to do, by thread.
     """
 
     device: Device
@@ -76,41 +77,42 @@ class Session:
     profile: DeviceProfile
     kernels: dict[Hashable, Any] = field(default_factory=dict["Hashable", Any], repr=False)
     memory_pool: MemoryPool = field(default_factory=MemoryPool, repr=False)
-    lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
-    waiting: set[int] = field(default_factory=set["int"], repr=False)
-    in_flight: InFlight = field(default_factory=InFlight, repr=False)
+    building: threading.RLock = field(default_factory=threading.RLock, repr=False)
+    calls: Calls = field(default_factory=Calls, repr=False)
+    flights: defaultdict[int, InFlight] = field(default_factory=lambda: defaultdict(InFlight), repr=False)
+
+    @property
+    def in_flight(self) -> InFlight:
+        """This thread's part of what the queue still has to do."""
+        return self.flights[threading.get_ident()]
 
     @cached_property
     def copies(self) -> cl.CommandQueue:
         """Queue of copies to the host, which run beside later launches; where nothing is copied, the launches' own."""
         import pyopencl as cl
 
-        return self.queue if self.profile.in_place else cl.CommandQueue(self.context)
+        made = self.queue if self.profile.in_place else cl.CommandQueue(self.context)
+        return self.__dict__.setdefault("copies", made)  # another thread may have made it
 
     @contextmanager
-    def turn(self) -> Generator[None, None, None]:
-        """Hold the lock, and let whoever has it know that somebody waits."""
-        me = threading.get_ident()
-        try:
-            self.waiting.add(me)
-            with self.lock:
-                self.waiting.discard(me)
+    def call(self) -> Generator[None, None, None]:
+        """Be in a call of this thread, which is awaited if it fails: it may not have asked for its results."""
+        with self.calls.one(self.in_flight):
+            try:
                 yield
-        finally:
-            self.waiting.discard(me)
-
-    def yield_lock(self) -> None:
-        """Let whoever waits have his turn; Ctrl-C counts once it is over."""
-        if self.waiting:
-            yield_lock(self.lock)
+            except BaseException:
+                self.wait()
+                raise
 
     def wait(self) -> None:
-        """Until the queues are done. Other threads run meanwhile; Ctrl-C counts afterwards."""
+        """Until all that is in the queues now is done. Other threads run meanwhile; Ctrl-C counts afterwards."""
+        import pyopencl as cl
+
         if watches:
             watches[-1].wait()
         start = time.perf_counter()
-        self.queue.finish()
-        self.copies.finish()
+        for queue in dict.fromkeys((self.queue, self.copies)):
+            cl.enqueue_marker(queue).wait()
         self.in_flight.finish(time.perf_counter() - start)
 
 
@@ -129,14 +131,8 @@ def _take_locks() -> list[threading.RLock]:
     taken = [_lock] if _lock.acquire(timeout=_EXIT_TIMEOUT) else []  # from here on no session is opened
     if reading.acquire(timeout=_EXIT_TIMEOUT):
         taken.append(reading)
-    for session in list(_sessions.values()):
-        session.waiting.add(threading.get_ident())
-        try:
-            if session.lock.acquire(timeout=max(0.0, end - time.monotonic())):
-                taken.append(session.lock)
-        finally:
-            session.waiting.discard(threading.get_ident())
-    return taken
+    gates = [session.calls.stop(end) for session in list(_sessions.values())]
+    return taken + [gate for gate in gates if gate is not None]
 
 
 def _before_fork() -> None:
@@ -272,7 +268,7 @@ def one_call() -> Generator[Session, None, None]:
     """
     session = current()
     # `current` need not look at the environment each time.
-    with session.turn(), _choosing(session.device), telling_shortage(session.device):
+    with session.call(), _choosing(session.device), telling_shortage(session.device):
         yield session
 
 
@@ -321,7 +317,7 @@ def _session(device: Device) -> Session:
         found = found_devices()[device.index]
         try:
             context = new_context(found.handle)
-            queue = cl.CommandQueue(context)
+            queue = cl.CommandQueue(context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         except cl.Error as error:
             forget(found)
             failed = _failed_here[device.index] = Outcome(False, f"it cannot be opened: {error}")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar
+import threading
+from collections.abc import Callable, Hashable
+from contextlib import suppress
+from typing import Any, TypeVar
 
 from pyibr.core.checks import Immutable
 from pyibr.opencl.device import current
@@ -11,9 +13,29 @@ from pyibr.opencl.device import current
 _Made = TypeVar("_Made")
 
 
-def cached_on_device(thing: Immutable, name: str, make: Callable[[], _Made]) -> _Made:
-    """Return what `make` makes for `thing` on the current device, made once under this name."""
-    found = thing.device_cache.setdefault(current(), {})
-    if name not in found:
-        found[name] = make()
-    return found[name]
+class DeviceCache(dict["tuple[str, Hashable]", Any]):
+    """Things that are kept for a thing on one device, by name and key, and the lock of whoever makes more."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.making = threading.RLock()
+
+
+def cached_on_device(
+    thing: Immutable, name: str, make: Callable[[], _Made], key: Hashable = None, latest: int | None = None
+) -> _Made:
+    """Return what `make` makes for `thing` on the current device, made once under this name.
+
+    Where a name has several, each has a `key`, and so many of the `latest` stay. Threads wait for one that makes it.
+    """
+    cache = thing.device_cache.setdefault(current(), DeviceCache())
+    with suppress(KeyError):
+        return cache[name, key]
+    with cache.making:
+        if (name, key) not in cache:
+            made = make()
+            if latest is not None:
+                for old in [one for one in cache if one[0] == name][: 1 - latest or None]:
+                    del cache[old]
+            cache[name, key] = made
+        return cache[name, key]

@@ -5,11 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pyopencl as cl
 
 UNSPLIT_SECONDS = 0.005  # seconds that a launch may take, by what its kernel took before, to be one piece
 QUEUED_SECONDS_MAX = 0.04  # seconds of launches that may wait in the queue
 PIECE_SECONDS = 0.06  # seconds that a piece of a launch is meant to take
+SHARED_PIECE_SECONDS = 0.02  # the same while other threads are in calls
 _GROWTH = 4  # at most, from piece to piece: what comes next may take longer
+_FORGETTING = 0.9  # of what is known, by each launch: the same kernel may have much to do in every tenth
 _UNEXPECTED = 4  # times as long as expected: what was expected is wrong
 
 
@@ -20,21 +26,26 @@ class KernelCost:
     Attributes
     ----------
     seconds_per_item : float
-        Seconds that a work-seconds_per_item took, on average; infinite as long as nobody knows.
+        Seconds that a work-item took, on average, in the slowest launch of late; infinite as long as nobody knows.
     """
 
     seconds_per_item: float = math.inf
 
-    def piece_after(self, items: int, seconds: float) -> int:
+    def add(self, seconds_per_item: float) -> None:
+        """A launch took so long: those to come may be as slow as that, or as some before it."""
+        known = self.seconds_per_item if math.isfinite(self.seconds_per_item) else 0.0
+        self.seconds_per_item = max(seconds_per_item, _FORGETTING * known)
+
+    def piece_after(self, items: int, seconds: float, shared: bool) -> int:
         """Work-items of the next piece, after one of so many that took so long; 0 before the first."""
         if not items:
             return max(int(UNSPLIT_SECONDS / self.seconds_per_item), 1)
         slowest = max(seconds / items, self.seconds_per_item if math.isfinite(self.seconds_per_item) else 0.0)
-        return max(int(min(PIECE_SECONDS / slowest, _GROWTH * items)), 1)
+        return max(int(min((SHARED_PIECE_SECONDS if shared else PIECE_SECONDS) / slowest, _GROWTH * items)), 1)
 
 
 class InFlight:
-    """Launches in flight.
+    """A thread's launches in flight.
 
     Attributes
     ----------
@@ -47,22 +58,27 @@ class InFlight:
     def __init__(self) -> None:
         self.used: list[object] = []
         self.seconds = 0.0
-        self._costs: set[KernelCost] = set()  # of a kernel that is in flight several times, one
+        self._launches: list[tuple[KernelCost, int, cl.Event]] = []
 
-    def add(self, used: object, cost: KernelCost, seconds: float) -> None:
-        """A launch joins."""
-        self.used.append(used)
-        self.seconds += seconds
-        self._costs.add(cost)
+    def add(self, cost: KernelCost, items: int, event: cl.Event) -> None:
+        """A launch of so many work-items joins."""
+        self._launches.append((cost, items, event))
+        self.seconds += items * cost.seconds_per_item
 
     def finish(self, waited: float) -> None:
-        """All of it is done; `waited` seconds for that. Whose launches took far longer than expected is slower."""
-        if waited > QUEUED_SECONDS_MAX and waited > _UNEXPECTED * self.seconds > 0:
-            for cost in self._costs:
-                cost.seconds_per_item *= waited / self.seconds
+        """All of it is done; `waited` seconds for that. Launches that took far longer than expected are slower."""
+        for cost, items, event in self._launches if waited > QUEUED_SECONDS_MAX else ():
+            slow = seconds_of(event) / items
+            if slow > _UNEXPECTED * cost.seconds_per_item:
+                cost.add(slow)
         self.used.clear()
-        self._costs.clear()
+        self._launches.clear()
         self.seconds = 0.0
+
+
+def seconds_of(event: cl.Event) -> float:
+    """Seconds that the device took for a command, whatever else waited in the queue."""
+    return 1e-9 * (event.profile.end - event.profile.start)
 
 
 def piece_of(grid: Sequence[int], done: int, items_max: int) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import functools
 import math
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pyibr.core.errors import ArgumentError, OutOfMemoryError
 from pyibr.opencl.headers import difference
-from pyibr.opencl.in_flight import QUEUED_SECONDS_MAX, UNSPLIT_SECONDS, piece_of
+from pyibr.opencl.in_flight import QUEUED_SECONDS_MAX, UNSPLIT_SECONDS, piece_of, seconds_of
 from pyibr.opencl.memory import DeviceArray
 from pyibr.opencl.program import Argument, Kernel
 from pyibr.opencl.watch import watches
+
+if TYPE_CHECKING:
+    import pyopencl as cl
 
 
 @dataclass(frozen=True)
@@ -66,32 +68,29 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | S
         return
     if session.in_flight.seconds + expected > QUEUED_SECONDS_MAX:
         session.wait()
-        session.yield_lock()
-    _start(kernel, (0,) * len(grid), grid, arguments, expected)
+        session.calls.let_others()
+    session.in_flight.add(kernel.cost, items, _start(kernel, (0,) * len(grid), grid, arguments))
 
 
 def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, Any]) -> None:
     """Python sees Ctrl-C only between pieces, and so do drivers that end what keeps a display waiting."""
     session, items, unknown = kernel.session, math.prod(map(int, grid)), math.isinf(kernel.cost.seconds_per_item)
-    session.wait()  # for what came before: times are to be the pieces' own
+    session.wait()  # for what came before, so that Ctrl-C ends the call within a piece
     done = count = timed = 0
     took = spent = 0.0
     while done < items:
-        offset, size = piece_of(grid, done, kernel.cost.piece_after(count, took))
-        start = time.perf_counter()
-        _start(kernel, offset, size, arguments, 0.0)
+        offset, size = piece_of(grid, done, kernel.cost.piece_after(count, took, bool(session.calls.others)))
+        session.calls.let_others()
+        piece = _start(kernel, offset, size, arguments)
         session.wait()
-        count, took = math.prod(size), time.perf_counter() - start
+        count, took = math.prod(size), seconds_of(piece)
         done += count
         if not unknown or done > count or done == items:  # runtimes may compile with the first piece ever
             timed, spent = timed + count, spent + took
-        session.yield_lock()
-    kernel.cost.seconds_per_item = spent / max(timed, 1)
+    kernel.cost.add(spent / max(timed, 1))
 
 
-def _start(
-    kernel: Kernel, offset: tuple[int, ...], size: tuple[int, ...], arguments: Mapping[str, Any], expected: float
-) -> None:
+def _start(kernel: Kernel, offset: tuple[int, ...], size: tuple[int, ...], arguments: Mapping[str, Any]) -> cl.Event:
     import pyopencl as cl
 
     session, side, local = kernel.session, kernel.session.profile.local_size, None
@@ -100,11 +99,12 @@ def _start(
         # no kernel knows of.
         offset, size = offset + (1,) * (3 - len(size)), size + (1,) * (3 - len(size))
         local = (side,) * 3
-    # Another thread may have launched the kernel since the last piece.
-    kernel.handle.set_args(*(_PACK[one.kind](kernel, one, arguments[one.name]) for one in kernel.arguments))
-    session.in_flight.add(arguments, kernel.cost, expected)
+    packed = [_PACK[one.kind](kernel, one, arguments[one.name]) for one in kernel.arguments]
+    session.in_flight.used.append(arguments)
     try:
-        cl.enqueue_nd_range_kernel(session.queue, kernel.handle, size, local, offset)
+        with kernel.lock:  # another thread may launch it, too
+            kernel.handle.set_args(*packed)
+            return cl.enqueue_nd_range_kernel(session.queue, kernel.handle, size, local, offset)
     except cl.MemoryError as error:  # some drivers find room for a buffer when it is first used
         used = sum(value.nbytes for value in arguments.values() if isinstance(value, DeviceArray))
         what = f"the {used / 2**20:.0f} MiB that {kernel.name}() reads and writes"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import logging
+import threading
 import time
 import warnings
 from collections.abc import Mapping
@@ -68,6 +69,7 @@ class Kernel:
     name: str
     arguments: tuple[Argument, ...]
     cost: KernelCost = field(default_factory=KernelCost, compare=False, repr=False)
+    lock: threading.Lock = field(default_factory=threading.Lock, compare=False, repr=False)
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -105,16 +107,17 @@ def _found(file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
     session = current()
     own = _own(file)
     whole = (file if own is None else (own, _time_of(own)), tuple(sorted(defines.items())))
-    found = session.kernels.get((whole, name))
-    if found is None:
-        built = {kernel.name: kernel for kernel in _build(session, str(file) if own is None else own, defines)}
-        if name not in built:
-            raise ArgumentError(
-                "name", f"a kernel of {display_name(own or str(file))}: {', '.join(sorted(built))}", repr(name)
-            )
-        session.kernels.update({(whole, other): kernel for other, kernel in built.items()})
-        found = built[name]
-    return found
+    if (whole, name) not in session.kernels:
+        with session.building:
+            if (whole, name) in session.kernels:
+                return session.kernels[whole, name]
+            built = {kernel.name: kernel for kernel in _build(session, str(file) if own is None else own, defines)}
+            if name not in built:
+                raise ArgumentError(
+                    "name", f"a kernel of {display_name(own or str(file))}: {', '.join(sorted(built))}", repr(name)
+                )
+            session.kernels.update({(whole, other): kernel for other, kernel in built.items()})
+    return session.kernels[whole, name]
 
 
 def _own(file: str | Path) -> Path | None:
@@ -152,7 +155,7 @@ def _build(session: Session, file: str | Path, defines: Mapping[str, int]) -> li
         signatures = {str(handle.function_name): _signature(handle) for handle in program.all_kernels()}
         head = json.dumps(signatures).encode() + b"\n"
         compiles = any(runtime.compiles_for_binaries and runtime.is_of(device) for runtime in RUNTIMES)
-        keep_binary(program, entry, head, compiles, session.lock)
+        keep_binary(program, entry, head, compiles, session.calls)
     else:
         program, signatures = loaded
     declared = {argument[1].rstrip("*") for signature in signatures.values() for argument in signature}

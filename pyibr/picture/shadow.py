@@ -125,8 +125,9 @@ def lighting(
     if not light.shadow_size:
         return Lighting(light)
     last = cached_on_device(light, "seen", lambda: list[_CachedMaps]())
-    if last and last[0].is_of(things):
-        return Lighting(light, last[0].maps, last[0].cameras)
+    for seen in list(last):  # another thread may let the light look at another scene
+        if seen.is_of(things):
+            return Lighting(light, seen.maps, seen.cameras)
     last.clear()
     cameras = light_cameras(light, bounds)
     size = light.shadow_size
@@ -137,7 +138,7 @@ def lighting(
         copy(target.depth, maps, number * size * size)
     fixed = [thing for thing in things if isinstance(thing, Immutable)]
     if len(fixed) == len(things):
-        last.append(_CachedMaps([weakref.ref(thing) for thing in fixed], maps, cameras))
+        last[:] = [_CachedMaps([weakref.ref(thing) for thing in fixed], maps, cameras)]
     return Lighting(light, maps, cameras)
 
 

@@ -160,16 +160,16 @@ def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = Fals
     connected : bool
         All neighbours are one surface.
     """
-    made: dict[object, Surface] = cached_on_device(view, "surface", lambda: {})
-    key = "connected" if connected else cut_ratio
-    if key not in made:
+
+    def made() -> Surface:
         samples = samples_of(view)  # the device makes them while noise is found
         if connected or cut_ratio is not None:
             test = test_by_cut(cut_of(view.camera, None if connected else cut_ratio))
         else:
             test = straightness_test(view)
-        made[key] = make_surface(samples, view.camera.size, test)
-    return made[key]
+        return make_surface(samples, view.camera.size, test)
+
+    return cached_on_device(view, "surface", made, "connected" if connected else cut_ratio)
 
 
 def straightness_test(view: DepthImage, torn_by: NDArray[np.void] | None = None) -> EdgeTest:

@@ -81,13 +81,8 @@ def undistorted_view(view: DepthImage, cut: NDArray[np.void], linear: bool = Tru
     if view.camera.lens is None:
         return view
     with one_call():
-        made: dict[tuple[bytes, bool], DepthImage] = cached_on_device(view, "undistorted", lambda: {})
         key = cut.tobytes(), linear
-        if key not in made:
-            while len(made) >= _CACHED_MAX:
-                del made[next(iter(made))]
-            made[key] = _undistorted_view(view, cut, linear)
-        return made[key]
+        return cached_on_device(view, "undistorted", lambda: _undistorted_view(view, cut, linear), key, _CACHED_MAX)
 
 
 def undistorted_silhouette(view: Silhouette) -> Silhouette:

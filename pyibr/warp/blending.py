@@ -183,13 +183,8 @@ class _Blending:
 
 def edges_of(view: DepthImage, surface: Surface) -> DeviceArray:
     """(H * W + 1,) uint16 distances of the view's samples to its edges (kernels/warp/view_edges.cl), found once."""
-    made: dict[bytes, DeviceArray] = cached_on_device(view, "edges", lambda: {})
     key = surface.test.cut.tobytes() + surface.test.straight.tobytes()
-    if key not in made:
-        while len(made) >= _CUTS_MAX:
-            del made[next(iter(made))]
-        made[key] = _found_edges(view, surface)
-    return made[key]
+    return cached_on_device(view, "edges", lambda: _found_edges(view, surface), key, _CUTS_MAX)
 
 
 def _found_edges(view: DepthImage, surface: Surface) -> DeviceArray:

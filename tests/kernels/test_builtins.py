@@ -28,7 +28,7 @@ TWO |= {"fmin, a number": "fmin(a, b.s0)", "clamp": "clamp(a, -fabs(b), fabs(b))
 def values_of(expression: str, type_: str, a: np.ndarray, b: np.ndarray, header: str) -> np.ndarray:
     """The expression of vectors of 16, by the built-ins or by the header."""
     session = current()
-    with session.turn():
+    with session.call():
         source = f"""{header}
         kernel void k(global const {type_} *all_a, global const {type_} *all_b, global {type_} *out)
         {{

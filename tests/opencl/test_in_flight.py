@@ -13,14 +13,17 @@ import time
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import pyibr as ibr
+from pyibr.opencl import calls as device_calls
 from pyibr.opencl import device, in_flight, launch, program
 from pyibr.opencl.device import current
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import kernels_folder
 from pyibr.opencl.in_flight import KernelCost, piece_of
 from pyibr.opencl.memory import empty
@@ -37,15 +40,15 @@ def pieces(items: int | None = None) -> Generator[Counter[str], None, None]:
     started: Counter[str] = Counter()
     start = launch._start
 
-    def counted(kernel: Any, *rest: Any) -> None:
+    def counted(kernel: Any, *rest: Any) -> Any:
         started[kernel.name] += 1
-        start(kernel, *rest)
+        return start(kernel, *rest)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(launch, "_start", counted)
         if items is not None:
             patch.setattr(launch, "UNSPLIT_SECONDS", -1.0)
-            patch.setattr(KernelCost, "piece_after", lambda cost, done, seconds: items)
+            patch.setattr(KernelCost, "piece_after", lambda *rest: items)
         yield started
 
 
@@ -118,17 +121,30 @@ def test_a_launch_of_nothing_tells_no_pace():
     assert clear.cost.seconds_per_item == before > 0
 
 
+class _Done:
+    """Times of an event that is over."""
+
+    def __init__(self, seconds: float) -> None:
+        self.profile = SimpleNamespace(start=7, end=7 + round(1e9 * seconds))
+
+
 def test_what_takes_longer_than_expected_is_slower_from_then_on():
-    held, quick, cost = object(), KernelCost(1e-6), KernelCost(2e-6)
+    """By its own time, whatever other threads' launches the queue had to do meanwhile."""
+    quick, cost = KernelCost(1e-6), KernelCost(2e-6)
     flying = in_flight.InFlight()
-    flying.add(held, cost, 0.002)
-    flying.add(held, quick, 0.001)
-    flying.finish(in_flight.QUEUED_SECONDS_MAX / 2)
-    assert (cost.seconds_per_item, quick.seconds_per_item) == (2e-6, 1e-6) and not flying.used  # too short to tell
-    for _ in range(2):  # once slower, not twice
-        flying.add(held, cost, 0.001)
-    flying.finish(2.0)
-    assert cost.seconds_per_item == pytest.approx(2e-3) and quick.seconds_per_item == 1e-6
+
+    def finished(waited: float, took: float) -> tuple[float, float]:
+        launches: list[tuple[KernelCost, Any]] = [(cost, _Done(took)), (quick, _Done(0.001))]
+        for one, event in launches:
+            flying.used.append(object())
+            flying.add(one, 1000, event)
+        flying.finish(waited)
+        assert not flying.used and flying.seconds == 0
+        return cost.seconds_per_item, quick.seconds_per_item
+
+    assert finished(in_flight.QUEUED_SECONDS_MAX / 2, 0.02) == (2e-6, 1e-6), "too short to ask"
+    assert finished(2.0, 0.007) == (2e-6, 1e-6)
+    assert finished(2.0, 0.02) == (pytest.approx(2e-5), 1e-6)
 
 
 def test_few_seconds_of_launches_wait_in_the_queue():
@@ -138,9 +154,9 @@ def test_few_seconds_of_launches_wait_in_the_queue():
     session, ahead = current(), list[float]()
     start = launch._start
 
-    def seen(*arguments: Any) -> None:
-        start(*arguments)
-        ahead.append(session.in_flight.seconds)
+    def seen(kernel: Any, offset: Any, size: Any, arguments: Any) -> Any:
+        ahead.append(session.in_flight.seconds + math.prod(size) * kernel.cost.seconds_per_item)
+        return start(kernel, offset, size, arguments)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(launch, "_start", seen)
@@ -170,20 +186,20 @@ class _Interrupted(Watch):
 
 
 def _in_order(call: Call, expected: list[Any]) -> None:
-    """The next call is right to the bit and leaves nothing, and other threads have their turn."""
+    """The next call is right to the bit and leaves nothing, and another thread sees nobody in a call."""
     session = current()
     assert same(call(), expected)
     assert not session.in_flight.used
-    turns: list[bool] = []
+    assert _seen_from_elsewhere(session) == []
 
-    def take_one() -> None:
-        turns.append(session.lock.acquire(timeout=60))
-        session.lock.release()
 
-    other = threading.Thread(target=take_one)
+def _seen_from_elsewhere(session: device.Session) -> list[object]:
+    """Calls in progress, as another thread sees them."""
+    seen: list[list[object]] = []
+    other = threading.Thread(target=lambda: seen.append(list(session.calls.others)))
     other.start()
     other.join()
-    assert turns == [True]
+    return seen[0]
 
 
 @pytest.mark.parametrize("cut", [None, 40])
@@ -199,10 +215,11 @@ def test_calls_after_one_that_ended_at_some_launch(cut: int | None):
 
 
 ALARMS = """
-import gc, random, signal, threading, time
+import gc, random, signal, time
 from pyibr.opencl import device
 from pyibr.opencl.memory import DeviceArray
 from tests.opencl.everything import calls, same
+from tests.opencl.test_in_flight import _seen_from_elsewhere
 
 def ring(number, frame):
     if frame.f_code.co_name != "<module>":  # in a call, not just before or after it
@@ -212,10 +229,6 @@ def held():
     gc.collect()
     return sum(isinstance(one, DeviceArray) for one in gc.get_objects())
 
-def take_a_turn():
-    turns.append(session.lock.acquire(timeout=60))
-    session.lock.release()
-
 signal.signal(signal.SIGALRM, ring)
 chance, found, expected, seconds = random.Random(5), calls(), {}, {}
 for name, call in found.items():
@@ -223,7 +236,7 @@ for name, call in found.items():
     start = time.perf_counter()
     expected[name] = call()
     seconds[name] = time.perf_counter() - start
-session, turns, before, rung = device.current(), [], held(), 0
+session, before, rung = device.current(), held(), 0
 while rung < 30:
     name = chance.choice(list(found))
     try:
@@ -236,10 +249,7 @@ while rung < 30:
         rung += 1
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-    other = threading.Thread(target=take_a_turn)
-    other.start()
-    other.join()
-    assert turns[-1] and device._chosen.get() is None, name
+    assert not _seen_from_elsewhere(session) and device._chosen.get() is None, name
     assert same(found[name](), expected[name]), name
     assert not session.in_flight.used, name
 assert held() == before, (before, held())
@@ -259,9 +269,10 @@ start = launch._start
 
 def counted(*arguments):
     started[0] += 1
-    start(*arguments)
+    event = start(*arguments)
     if at_signal is not None and started[0] == 5:
         print("searching", flush=True)
+    return event
 
 view = scenes.stepped((320, 240))
 camera = view.camera.moved(0.2, 0.1, 0.3)
@@ -351,8 +362,6 @@ def test_other_threads_run_while_a_call_waits(lanes: str):
 
 
 def test_launches_go_in_pieces_outside_of_a_call_too():
-    """Other threads have their turn afterwards: nothing is held that was not before."""
-
     def cleared() -> list[Any]:
         values = empty((100,), np.float32)
         clear = program.kernel("lib/clear.cl", "clear")
@@ -364,17 +373,22 @@ def test_launches_go_in_pieces_outside_of_a_call_too():
     _in_order(cleared, [np.full(100, 2.5, np.float32)])
 
 
-def test_threads_take_turns():
-    """Nobody waits for more than a few calls of the others."""
+def _warped(view: ibr.DepthImage, camera: ibr.Camera) -> list[Any]:
+    frame = ibr.warp(view, camera)
+    return [frame.color, frame.depth, frame.valid]
+
+
+def test_threads_share_the_device():
+    """None waits for more than a few calls of the others, and each has the pictures that it has alone."""
     view = scenes.smooth((64, 48))
-    ended: list[int] = []
+    cameras = [view.camera.moved(0.01 * number, 0.1, 0.1) for number in range(3)]
+    alone = [_warped(view, camera) for camera in cameras]
+    ended: list[tuple[int, bool]] = []
     full = threading.Event()
 
     def draw(number: int) -> None:
-        camera = view.camera.moved(0.01 * number, 0.1, 0.1)
         while not full.is_set():
-            ibr.warp(view, camera)
-            ended.append(number)
+            ended.append((number, same(_warped(view, cameras[number]), alone[number])))
             if len(ended) >= 300:
                 full.set()
 
@@ -383,7 +397,9 @@ def test_threads_take_turns():
         thread.start()
     for thread in threads:
         thread.join()
-    assert min(Counter(ended[:300]).values()) >= 30 and len(Counter(ended)) == 3
+    calls_of = Counter(number for number, _ in ended[:300])
+    assert min(calls_of.values()) >= 30 and len(calls_of) == 3
+    assert all(right for _, right in ended)
 
 
 def test_short_calls_go_between_the_pieces_of_a_long_one():
@@ -392,60 +408,88 @@ def test_short_calls_go_between_the_pieces_of_a_long_one():
     expected, expected_short = ibr.warp(view, far, method="search"), ibr.warp(small, near, method="search")
     with pieces(10) as launches:
         ibr.warp(view, far, method="search")
-        ibr.warp(small, near, method="search")
     alone = launches["search"]
     assert alone > 80
-    shorts: list[ibr.Frame] = []
+    longs: list[ibr.Frame] = []
     with pieces(10) as launches:
-        long = threading.Thread(target=lambda: shorts.append(ibr.warp(view, far, method="search")))
+        long = threading.Thread(target=lambda: longs.append(ibr.warp(view, far, method="search")))
         long.start()
         while launches["search"] < 5:
             time.sleep(1e-4)
         frame, then = ibr.warp(small, near, method="search"), launches["search"]
         long.join()
-    assert then < alone / 2 and launches["search"] == alone
-    for made, wanted in ((frame, expected_short), (shorts[0], expected)):
+    assert then < alone / 2 + launches["search"] - alone
+    for made, wanted in ((frame, expected_short), (longs[0], expected)):
         assert all(np.array_equal(getattr(made, a), getattr(wanted, a), True) for a in ("color", "depth", "valid"))
 
 
-def test_who_is_alone_makes_no_gaps_between_pieces(monkeypatch: pytest.MonkeyPatch):
-    view, gaps = scenes.smooth((31, 23)), list[object]()
-    monkeypatch.setattr(device, "yield_lock", gaps.append)
-    with pieces(3) as started:
-        ibr.warp(view, view.camera.moved(0.1, 0, 0), method="search")
-    assert started["search"] > 3 and not gaps
-    assert not current().waiting
+def test_a_call_that_began_later_goes_first_once():
+    """Within its time, if it waits for the device; no call waits for one that began before it."""
+    ongoing, flying = device_calls.Calls(), in_flight.InFlight()
+    begun, end, waited = threading.Event(), threading.Event(), list[object]()
+
+    def later() -> None:
+        with ongoing.one(flying):
+            begun.set()
+            ongoing.let_others()
+            end.wait()
+
+    thread = threading.Thread(target=later)
+    with pytest.MonkeyPatch.context() as patch, ongoing.one(in_flight.InFlight()):
+        thread.start()
+        begun.wait()
+        (call,) = ongoing.others
+        patch.setattr(call.ended, "wait", waited.append)
+        ongoing.let_others()
+        assert not waited, "it has nothing in flight"
+        flying.used.append("an array")
+        for _ in range(3):
+            with ongoing.one(in_flight.InFlight()):  # a part of the same call
+                ongoing.let_others()
+        assert waited == [device_calls._AHEAD_SECONDS]
+        end.set()
+        thread.join()
+        assert not ongoing.others and call.ended.is_set()
+    ongoing.let_others()  # of no call at all
 
 
-HELD = """
-import signal, threading, time
-from pyibr.opencl import locks
+def test_host_work_keeps_nobody_waiting():
+    """A thread that is amid a call, and amid a program, lets others draw."""
+    view, session = scenes.smooth((31, 23)), current()
+    camera = view.camera.moved(0.1, 0, 0)
+    ibr.warp(view, camera)
+    begun, end = threading.Event(), threading.Event()
 
-lock, inside, out = threading.RLock(), threading.Event(), threading.Event()
+    def work() -> None:
+        with session.call(), session.building:
+            begun.set()
+            end.wait(60)
 
-def hold():
-    with lock:
-        inside.set()
-        out.wait()
-
-with lock:
-    other = threading.Thread(target=hold)
-    other.start()
-    here = threading.get_ident()
-    ring = threading.Timer(0.3, lambda: (signal.pthread_kill(here, signal.SIGINT), time.sleep(0.3), out.set()))
-    ring.start()
-    try:
-        while True:
-            locks.yield_lock(lock)
-    except KeyboardInterrupt:
-        assert lock._is_owned() and out.is_set()
-assert not lock._is_owned()
-print("in order")
-"""
+    thread = threading.Thread(target=work)
+    thread.start()
+    begun.wait()
+    ibr.warp(view, camera)
+    assert thread.is_alive() and not end.is_set()
+    end.set()
+    thread.join()
 
 
-@posix
-def test_ctrl_c_while_another_has_his_turn_counts_once_it_is_over():
-    with _child(HELD) as child:
-        out, errors = child.communicate(timeout=60)
-    assert out == "in order\n", errors
+def test_threads_that_need_the_same_of_a_thing_make_it_once():
+    view, made, barrier = scenes.smooth((31, 23)), list[object](), threading.Barrier(4)
+
+    def make() -> object:
+        time.sleep(0.02)  # others ask meanwhile
+        made.append(object())
+        return made[-1]
+
+    def ask() -> None:
+        barrier.wait()
+        found.append(cached_on_device(view, "of the test", make))
+
+    found: list[object] = []
+    threads = [threading.Thread(target=ask) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(made) == 1 and found == 4 * made

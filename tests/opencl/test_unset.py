@@ -7,6 +7,7 @@ a negative number far off.
 from __future__ import annotations
 
 import dataclasses
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -46,7 +47,7 @@ def built_with(session: device.Session, *options: str) -> Iterator[None]:
     """All kernels are built anew with these options, without optimisation: in half the time, what is unset stays so."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(program, "_OPTIONS", [*program._OPTIONS, "-cl-opt-disable", *options])
-        fresh = dataclasses.replace(session, kernels={}, memory_pool=MemoryPool(), in_flight=InFlight())
+        fresh = dataclasses.replace(session, kernels={}, memory_pool=MemoryPool(), flights=defaultdict(InFlight))
         patch.setitem(device._sessions, session.device.index, fresh)
         device._default_session.cache_clear()
         assert device.current() is fresh
