@@ -57,6 +57,7 @@ from pyibr.warp import (
 import_module("pyibr.raster")  # it draws meshes, which know nothing of it
 
 if TYPE_CHECKING:
+    from pyibr.app.batch import batch
     from pyibr.app.place import place
     from pyibr.app.view import view
     from pyibr.capture.sets import load, save
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _LATER = {
+    "app.batch": ("batch",),
     "app.place": ("place",),
     "app.view": ("view",),
     "capture.sets": ("load", "save"),
@@ -108,6 +110,7 @@ __all__ = [
     "VisualHull",
     "WarpedView",
     "__version__",
+    "batch",
     "clean_depth",
     "depth_from_disparity",
     "depth_from_euclidean",

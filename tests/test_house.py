@@ -18,7 +18,7 @@ from pyibr.opencl.headers import kernels_folder
 PACKAGE = Path(pyibr.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 COMMANDS = tuple(  # they import typer
-    f"pyibr.{name}" for name in ("__main__", "app.cli", "app.commands", "app.live_commands", "app.options")
+    f"pyibr.{name}" for name in ("__main__", "app.batch", "app.cli", "app.commands", "app.live_commands", "app.options")
 )
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(

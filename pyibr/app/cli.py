@@ -1,4 +1,4 @@
-"""The command line: `pyibr warp`, `register`, `mesh`, `object`, `hull`, `view`, `place` and `doctor`."""
+"""The command line: `pyibr warp`, `register`, `mesh`, `object`, `hull`, `view`, `place`, `batch` and `doctor`."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from typer.core import TyperGroup
 
 import pyibr as ibr
 from pyibr.app import live_commands
+from pyibr.app.batch_command import batch
 from pyibr.app.commands.doctor import doctor
 from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
@@ -137,6 +138,7 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
     hull: ("pictures masks --camera cameras.json -o hull.ply",),
     live_commands.view: ("dragon.ply",),
     live_commands.place: ("dragon.ply --auto 16 -o dragon",),
+    batch: ("job.toml", "job.toml --scheduler tcp://10.0.0.1:8786"),
     doctor: ("", "--build"),
 }
 """The commands, and how each is used."""

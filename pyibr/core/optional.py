@@ -62,6 +62,16 @@ def viser() -> Any:
     return _imported("viser", "pages in the browser need viser", "view", "pip install --force-reinstall viser")
 
 
+def distributed() -> Any:
+    """Dask's distributed, or a MissingPackageError."""
+    return _imported("distributed", "batches need Dask", "batch", "pip install --force-reinstall distributed")
+
+
+def fsspec() -> Any:
+    """fsspec, which knows file systems by their URLs, or a MissingPackageError."""
+    return _imported("fsspec", "batches need fsspec", "batch", "pip install --force-reinstall fsspec")
+
+
 def _imported(module: str, need: str, extra: str, remedy: str) -> Any:
     try:
         return import_module(module)

@@ -1,0 +1,95 @@
+"""A command and patterns of its inputs as tasks."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shlex
+import string
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import pyibr as ibr
+from pyibr.core.checks import describe
+from pyibr.core.errors import ArgumentError
+from pyibr.core.optional import fsspec
+
+_TIMES = ("mtime", "LastModified", "last_modified", "updated", "ETag", "etag", "md5Hash")  # as file systems call them
+
+
+class Task(NamedTuple):
+    """One run of the command."""
+
+    name: str
+    inputs: dict[str, str]  # paths or URLs
+    key: str  # checksum of the command and of what tells that its inputs have changed
+
+
+class Job:
+    """One of pyibr's commands, and the inputs that it is run for.
+
+    Parameters
+    ----------
+    command, inputs, output
+        As `pyibr.batch` takes them.
+    """
+
+    def __init__(self, command: str, inputs: dict[str, str], output: str) -> None:
+        for argument, value in {"command": command, "output": output, **inputs}.items():
+            if not isinstance(value, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+                raise ArgumentError(argument, "a str", describe(value))
+        try:
+            self.template = shlex.split(command)
+            used = {field for word in self.template for _, field, _, _ in string.Formatter().parse(word) if field}
+        except ValueError as error:
+            raise ArgumentError("command", f"words with names in braces ({error})", repr(command)) from None
+        known = {*inputs, "out", "name"}
+        if not used <= known or "out" not in used:
+            expected = f"{{out}} and names of {', '.join(sorted(known))} in braces"
+            raise ArgumentError("command", expected, repr(command))
+        if not any("*" in url for url in inputs.values()):
+            raise ArgumentError("inputs", "a pattern with *", f"{inputs}")
+        self.inputs, self.output = inputs, output
+
+    def tasks(self) -> tuple[list[Task], dict[str, str]]:
+        """The tasks in order of their names, and the names that lack an input, with the error."""
+        found = {name: _matches(url) for name, url in self.inputs.items()}
+        several = {name: urls for name, urls in found.items() if "*" in self.inputs[name]}
+        shared = {name: urls[""] for name, urls in found.items() if name not in several}
+        tasks, lacking = list[Task](), dict[str, str]()
+        for name in sorted({one for urls in several.values() for one in urls}):
+            missing = [self.inputs[one] for one, urls in several.items() if name not in urls]
+            if missing:
+                lacking[name] = f"there is no {' and no '.join(missing)} of it"
+                continue
+            own = shared | {one: urls[name] for one, urls in several.items()}
+            told = json.dumps([self.template, {one: state for one, (_, state) in own.items()}, ibr.__version__])
+            tasks.append(
+                Task(name, {one: url for one, (url, _) in own.items()}, hashlib.sha256(told.encode()).hexdigest())
+            )
+        if not tasks and not lacking:
+            raise ArgumentError("inputs", "patterns that files match", ", ".join(self.inputs.values()))
+        return tasks, lacking
+
+
+def _matches(url: str) -> dict[str, tuple[str, list[str]]]:
+    """By name ("" where there is no pattern), the files or folders that a URL stands for, and their states."""
+    files, path = fsspec().url_to_fs(url)
+    whole = re.compile("([^/]*)".join(map(re.escape, path.split("*"))))
+    found: Mapping[str, dict[str, Any]] = (
+        files.glob(path, detail=True) if "*" in path else {path: _info(files, path, url)}
+    )
+    matched = [(whole.fullmatch(one.rstrip("/")), one, info) for one, info in found.items()]
+    return {
+        "_".join(match.groups()): (files.unstrip_protocol(one), [str(info.get(key)) for key in ("size", *_TIMES)])
+        for match, one, info in matched
+        if match is not None
+    }
+
+
+def _info(files: Any, path: str, url: str) -> dict[str, Any]:
+    try:
+        return files.info(path)
+    except FileNotFoundError:
+        raise ArgumentError("inputs", "files that are there", url) from None

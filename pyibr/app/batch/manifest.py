@@ -1,0 +1,93 @@
+"""The manifest of a batch: which task made which files, with checksums, in parts that are never changed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+import uuid
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, TypedDict
+
+from pyibr.app.batch.job import Task
+from pyibr.core.optional import fsspec
+
+FOLDER = "manifest"
+PART = ".part-"  # what names of folders that workers write in begin with
+_FAILED = "failed.json"
+_SECONDS = 5.0  # that a task may be done before it is written down: so much is done twice after a crash
+
+
+class Entry(TypedDict):
+    """Files that a task made."""
+
+    name: str
+    key: str
+    files: dict[str, tuple[int, str]]  # size and SHA-256, by path below the output
+
+
+class Manifest:
+    """Entries of an output folder, those of earlier runs and new ones.
+
+    File systems of clusters write whole files and do not append: entries are written in parts, lines of JSON.
+    """
+
+    def __init__(self, output: str) -> None:
+        self._files, self._root = fsspec().url_to_fs(output)
+        self._parts = f"{self._root}/{FOLDER}"
+        self._new: list[Entry] = []
+        self._written = time.monotonic()
+        self._entries: dict[str, Entry] = {}
+        self._sizes: dict[str, int] = {}
+        self._files.makedirs(self._parts, exist_ok=True)
+        for path, info in self._files.find(self._root, detail=True).items():
+            self._sizes[path] = info["size"]
+        for part in sorted(self._files.glob(f"{self._parts}/*.jsonl")):
+            for line in self._files.cat_file(part).splitlines():
+                with suppress(ValueError):  # the last one of a full disk
+                    entry: Entry = json.loads(line)
+                    self._entries[entry["name"]] = entry
+
+    def has(self, task: Task, verify: bool) -> bool:
+        """Tell whether the task is done and what it made is there: of its size, and with `verify` of its checksum."""
+        entry = self._entries.get(task.name)
+        if entry is None or entry["key"] != task.key:
+            return False
+        paths = {f"{self._root}/{path}": told for path, told in entry["files"].items()}
+        return all(self._sizes.get(path) == size for path, (size, _) in paths.items()) and not (
+            verify and any(checksum(self._files, path) != digest for path, (_, digest) in paths.items())
+        )
+
+    def add(self, entry: Entry) -> None:
+        """A task is done."""
+        self._new.append(entry)
+        if time.monotonic() - self._written > _SECONDS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write down what is not yet; if there is no room, later."""
+        lines = "".join(json.dumps(entry) + "\n" for entry in self._new)
+        with suppress(OSError):
+            if lines:
+                name = f"{time.time_ns():020d}-{uuid.uuid4().hex[:8]}"
+                self._files.pipe_file(f"{self._parts}/{name}.jsonl", lines.encode())
+            self._new.clear()
+        self._written = time.monotonic()
+
+    def close(self, failed: Mapping[str, str]) -> None:
+        """Write down the rest, and what failed; remove what killed workers left."""
+        self.flush()
+        with suppress(OSError):
+            for part in self._files.glob(f"{self._root}/{PART}*"):
+                self._files.rm(part, recursive=True)
+            self._files.pipe_file(f"{self._parts}/{_FAILED}", json.dumps(failed, indent=1).encode())
+
+
+def checksum(files: Any, path: str) -> str:
+    """SHA-256 of a file of a file system, in hexadecimal."""
+    digest = hashlib.sha256()
+    with files.open(path, "rb") as stream:
+        while data := stream.read(1 << 20):
+            digest.update(data)
+    return digest.hexdigest()

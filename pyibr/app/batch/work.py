@@ -1,0 +1,91 @@
+"""The part of a batch that its workers do."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+import os
+import re
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+from typer.main import get_command
+
+import pyibr as ibr
+from pyibr.app.batch.job import Task
+from pyibr.app.batch.manifest import PART, Entry, checksum
+from pyibr.app.commands.mesh import mesh
+from pyibr.app.commands.register import register
+from pyibr.app.commands.solids import hull, object_
+from pyibr.app.commands.warp import warp
+from pyibr.core.optional import distributed, fsspec
+from pyibr.opencl.device import VARIABLE
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    "warp": warp,
+    "register": register,
+    "mesh": mesh,
+    "object": object_,
+    "hull": hull,
+}
+"""Those that read files and write files."""
+
+
+def run_task(template: Sequence[str], output: str, task: Task) -> Entry:
+    """Run a task's command and move what it wrote to the output: whole files, and none if it fails."""
+    _take_device()
+    files, root = fsspec().url_to_fs(output)
+    is_local = "file" in files.protocol
+    with tempfile.TemporaryDirectory(prefix=PART, dir=root if is_local else None) as place:
+        out, said = Path(place, "out"), io.StringIO()
+        out.mkdir()
+        known = {name: _local(url, Path(place, name)) for name, url in task.inputs.items()}
+        words = [word.format(**known, out=out, name=task.name) for word in template]
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            _command(words[0]).main(words[1:], f"pyibr {words[0]}", standalone_mode=False)
+        made = [path for path in sorted(out.rglob("*")) if path.is_file()]
+        entry: Entry = {"name": task.name, "key": task.key, "files": {}}
+        for path in made:
+            below = path.relative_to(out).as_posix()
+            entry["files"][below] = path.stat().st_size, checksum(fsspec().filesystem("file"), str(path))
+            target = f"{root}/{below}"
+            files.makedirs(files._parent(target), exist_ok=True)
+            path.replace(target) if is_local else files.put_file(str(path), target)
+    return entry
+
+
+@functools.cache
+def _command(name: str) -> Any:
+    """A command, which raises its errors."""
+    app = typer.Typer(add_completion=False)
+    app.command(name)(COMMANDS[name])
+    return get_command(app)
+
+
+def _local(url: str, place: Path) -> Path:
+    """A file or folder of this machine, or a copy of one that is elsewhere."""
+    files, path = fsspec().url_to_fs(url)
+    if "file" in files.protocol:
+        return Path(path)
+    place.mkdir()
+    copy = place / Path(path).name
+    files.get(path, str(copy), recursive=files.isdir(path))
+    return copy
+
+
+@functools.cache
+def _take_device() -> None:
+    """Of several GPUs of a machine take one for this worker, by the number in its name, before any is opened."""
+    gpus = working_gpus()
+    if len(gpus) > 1 and not os.environ.get(VARIABLE):
+        number = re.search(r"\d+$", str(distributed().get_worker().name))
+        os.environ[VARIABLE] = str(gpus[int(number.group()) % len(gpus) if number else 0].index)
+
+
+def working_gpus() -> list[ibr.Device]:
+    """Those of this machine."""
+    return [device for device in ibr.devices() if device.works and device.kind == "gpu"]

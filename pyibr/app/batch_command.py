@@ -1,0 +1,66 @@
+"""`pyibr batch`: a command over thousands of frames or scenes."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import Progress
+
+from pyibr.app.batch import batch as run_batch
+from pyibr.app.options import print_note, printable_text
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import reading
+
+_SHOWN = 20  # failures that are told one by one
+
+
+def batch(
+    job: Annotated[Path, typer.Argument(metavar="JOB.toml", help="The command, its inputs and its output")],
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="tcp://...", help="A cluster's Dask scheduler; default: one of this machine")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes on this machine; default: one a GPU, or one")] = None,
+    retries: Annotated[int, typer.Option(help="How often what failed is tried again")] = 2,
+    verify: Annotated[bool, typer.Option("--verify", help="Compare results from before with their checksums")] = False,
+) -> None:
+    """Run a command for each set of files that patterns match, in several processes, by Dask.
+
+    What is done is noted with checksums: the same job goes on where it stopped. Paths are as seen from here.
+    """
+    read = _read(job)
+    with Progress(console=Console(stderr=True)) as bar:
+        shown = bar.add_task("running", total=None)
+        outcome = run_batch(
+            read["command"],
+            read["inputs"],
+            read["output"],
+            scheduler=scheduler,
+            workers=workers,
+            retries=retries,
+            verify=verify,
+            progress=lambda done, total: bar.update(shown, completed=done, total=total),
+            told=lambda link: bar.console.print(f"dashboard: {link}"),
+        )
+    for name, error in list(outcome.failed.items())[:_SHOWN]:
+        print_note(f"{printable_text(name)} failed: {printable_text(error)}")
+    counts = f"{len(outcome.done)} done, {len(outcome.kept)} there from before, {len(outcome.failed)} failed"
+    typer.echo(f"{printable_text(read['output'])}: {counts}")
+    if outcome.failed:
+        raise typer.Exit(1)
+
+
+def _read(job: Path) -> dict[str, Any]:
+    toml: Any = import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
+    with reading(job, "TOML") as source:
+        try:
+            read = toml.loads(source.read_text("utf-8"))
+        except ValueError as error:
+            raise FileFormatError(f"{job}: no TOML: {error}") from None
+    if read.keys() != {"command", "inputs", "output"} or not isinstance(read["inputs"], dict):
+        raise ArgumentError("JOB.toml", "command, output and a table of inputs", ", ".join(read) or "none")
+    return read

@@ -1,0 +1,177 @@
+"""Batches: every task once, whatever is killed, missing or there from before."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.app.batch import batch
+from pyibr.app.batch.job import Job
+from pyibr.app.batch.manifest import Manifest
+from pyibr.app.batch.work import run_task
+from tests.processes import run_within
+
+distributed = pytest.importorskip("distributed")
+fsspec = pytest.importorskip("fsspec")
+
+SIZE = 24, 16
+WARP = "warp {color} {depth} --camera {camera} --depth-scale 1000 --move 0.1 0 0 -o {out}/{name}.png"
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as local:
+        yield local
+
+
+def scans(folder: Path, count: int = 3) -> dict[str, str]:
+    """So many small views in folders of their own, and the inputs that they are."""
+    camera = ibr.Camera([[20, 0, 11.5], [0, 20, 7.5], [0, 0, 1]], SIZE)
+    for number in range(count):
+        place = folder / f"scan {number}"
+        place.mkdir(parents=True)
+        ibr.write_color(place / "color.png", np.full((*SIZE[::-1], 3), 50 + number, np.uint8))
+        ibr.write_depth(place / "depth.png", np.full(SIZE[::-1], 2 + number, np.float32), depth_scale=1000)
+    camera.save(folder / "camera.json")
+    each = {name: f"{folder}/scan */{name}.png" for name in ("color", "depth")}
+    return each | {"camera": f"{folder}/camera.json"}
+
+
+def test_each_task_is_done_once(cluster: Any, tmp_path: Path):
+    """As by the command itself; what is there, is whole and has the same inputs is left, and the rest done again."""
+    inputs, output, told = scans(tmp_path / "in"), tmp_path / "out", list[tuple[int, int]]()
+
+    def run(command: str = WARP, **more: Any) -> Any:
+        return batch(command, inputs, str(output), scheduler=cluster.scheduler_address, **more)
+
+    first = run(progress=lambda *counts: told.append(counts))
+    assert (sorted(first.done), first.kept, first.failed) == (["0", "1", "2"], [], {})
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    view = ibr.read_color(tmp_path / "in/scan 1/color.png")
+    camera = ibr.Camera.load(tmp_path / "in/camera.json")
+    alone = ibr.warp(ibr.DepthImage(view, np.full(SIZE[::-1], 3, np.float32), camera), camera.moved(0.1, 0, 0))
+    np.testing.assert_array_equal(ibr.read_color(output / "1.png")[..., :3], alone.color)
+    times = {path: path.stat().st_mtime_ns for path in output.rglob("*.png")}
+    assert run(verify=True).kept == ["0", "1", "2"]
+    assert times == {path: path.stat().st_mtime_ns for path in output.rglob("*.png")}
+
+    whole = (output / "0.png").read_bytes()
+    (output / "0.png").write_bytes(whole[:-1] + b"?")
+    (output / "1.png").unlink()
+    os.utime(tmp_path / "in/scan 2/depth.png", (1, 1))
+    assert (run().done, (output / "0.png").read_bytes()[-1:]) == (["1", "2"], b"?"), "its size is the same"
+    again = run(verify=True)
+    assert (again.done, again.kept, (output / "0.png").read_bytes()) == (["0"], ["1", "2"], whole)
+    assert sorted(run(WARP.replace("0.1", "0.2")).done) == ["0", "1", "2"]
+    assert not list(output.glob(".part-*"))
+
+
+def test_what_fails_is_told_and_the_rest_is_done(cluster: Any, tmp_path: Path):
+    inputs, output = scans(tmp_path / "in", 4), tmp_path / "out"
+    (tmp_path / "in/scan 1/depth.png").unlink()
+    (tmp_path / "in/scan 2/depth.png").write_bytes(b"no image")
+    found = batch(WARP, inputs, str(output), scheduler=cluster.scheduler_address, retries=1)
+    assert sorted(found.done) == ["0", "3"] and sorted(found.failed) == ["1", "2"]
+    assert "there is no" in found.failed["1"] and "not a readable image" in found.failed["2"]
+    assert json.loads((output / "manifest/failed.json").read_text()) == found.failed
+    assert sorted(path.name for path in output.iterdir()) == ["0.png", "3.png", "manifest"]
+
+
+def test_a_killed_worker_loses_nothing(cluster: Any, tmp_path: Path):
+    inputs, output = scans(tmp_path / "in", 12), tmp_path / "out"
+    with distributed.Client(cluster) as client:
+        victim = next(iter(client.run(os.getpid).values()))
+    killed = threading.Event()
+
+    def kill(done: int, total: int) -> None:
+        if done >= 2 and not killed.is_set():
+            killed.set()
+            os.kill(victim, signal.SIGKILL)
+
+    found = batch(WARP, inputs, str(output), scheduler=cluster.scheduler_address, progress=kill)
+    assert killed.is_set() and len(set(found.done)) == 12 and not found.failed
+    assert len(list(output.glob("*.png"))) == 12 and not list(output.glob(".part-*"))
+
+
+def test_inputs_and_outputs_by_url(cluster: Any, tmp_path: Path):
+    """Of file systems that are none of the machine's, files are copied; a crash leaves lines that are no JSON."""
+    inputs, output = scans(tmp_path / "in"), tmp_path / "out"
+    urls = {
+        name: f"simplecache::file://{path}" if name == "camera" else f"file://{path}" for name, path in inputs.items()
+    }
+    (output / "manifest").mkdir(parents=True)
+    (output / "manifest/0.jsonl").write_text('{"name": "0", "ke')
+    assert sorted(batch(WARP, urls, f"file://{output}", scheduler=cluster.scheduler_address).done) == ["0", "1", "2"]
+
+
+@pytest.mark.parametrize(
+    ("command", "inputs", "message"),
+    [
+        (
+            "warp {color} -o new.png",
+            {"color": "*.png"},
+            "command: expected {out} and names of color, name, out in braces",
+        ),
+        ("warp {colour} -o {out}/new.png", {"color": "*.png"}, "command: expected {out} and names of"),
+        ("warp {color -o {out}/new.png", {"color": "*.png"}, "command: expected words with names in braces"),
+        (
+            "view {color} {out}",
+            {"color": "*.png"},
+            "command: expected one of warp, register, mesh, object, hull, got 'view'",
+        ),
+        ("warp {color} -o {out}/new.png", {"color": "one.png"}, "inputs: expected a pattern with *"),
+        ("warp {color} -o {out}/new.png", {"color": "none-*.png"}, "inputs: expected patterns that files match"),
+    ],
+)
+def test_jobs_that_are_none(command: str, inputs: dict[str, str], message: str, tmp_path: Path, monkeypatch: Any):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ibr.ArgumentError) as caught:
+        batch(command, inputs, "out")
+    assert str(caught.value).startswith(message)
+    assert not (tmp_path / "out").exists()
+
+
+def test_names_are_what_the_stars_stand_for(tmp_path: Path):
+    for path in ("a/1/c.png", "b/2/c.png", "a/1/d.png", "b/2/d.png"):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).touch()
+    job = Job("mesh {c} {d} -o {out}/x.glb", {"c": f"{tmp_path}/*/*/c.png", "d": f"{tmp_path}/*/*/d.png"}, "out")
+    tasks, lacking = job.tasks()
+    assert [task.name for task in tasks] == ["a_1", "b_2"] and not lacking
+    assert tasks[0].inputs["d"].endswith("a/1/d.png") and tasks[0].key != tasks[1].key
+
+
+@pytest.mark.thorough
+def test_the_command_starts_a_cluster_of_its_own(tmp_path: Path):
+    inputs = scans(tmp_path / "in", 2)
+    job = tmp_path / "job.toml"
+    table = "\n".join(f'{name} = "{path}"' for name, path in inputs.items())
+    job.write_text(f'command = "{WARP}"\noutput = "{tmp_path}/out"\n[inputs]\n{table}\n')
+    command = ("-m", "pyibr", "batch", str(job))
+
+    for counts in ("2 done, 0 there from before, 0 failed", "0 done, 2 there from before, 0 failed"):
+        done = run_within(120, (sys.executable, *command))
+        assert done.returncode == 0 and done.stdout == f"{tmp_path}/out: {counts}\n", done.stderr
+
+
+def test_results_go_to_any_file_system(tmp_path: Path):
+    inputs, output = scans(tmp_path, 1), "memory://batches/out"
+    (task,), _ = Job(WARP, inputs, output).tasks()
+    manifest = Manifest(output)
+    assert not manifest.has(task, verify=False)
+    manifest.add(run_task(WARP.split(), output, task))
+    manifest.close({})
+    assert Manifest(output).has(task, verify=True)
+    files = fsspec.filesystem("memory")
+    files.pipe_file("/batches/out/0.png", files.cat_file("/batches/out/0.png")[::-1])
+    assert Manifest(output).has(task, verify=False) and not Manifest(output).has(task, verify=True)
