@@ -7,7 +7,10 @@ import functools
 import io
 import os
 import re
+import shutil
+import socket
 import tempfile
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -40,27 +43,35 @@ def run_task(template: Sequence[str], output: str, task: Task) -> Entry:
     _take_device()
     files, root = fsspec().url_to_fs(output)
     is_local = "file" in files.protocol
-    with tempfile.TemporaryDirectory(prefix=PART, dir=root if is_local else None) as place:
-        out, said = Path(place, "out"), io.StringIO()
-        out.mkdir()
-        known = {name: _local(url, Path(place, name)) for name, url in task.inputs.items()}
-        words = [word.format(**known, out=out, name=task.name) for word in template]
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            _command(words[0]).main(words[1:], f"pyibr {words[0]}", standalone_mode=False)
-        made = [path for path in sorted(out.rglob("*")) if path.is_file()]
+    worker = f"{PART}{socket.gethostname()}-{os.getpid()}-{threading.get_ident()}"
+    place = Path(root if is_local else tempfile.gettempdir(), worker)  # stays: some file systems take long to remove it
+    out = place / "out"
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        known = {name: _local(url, place / name) for name, url in task.inputs.items()}
+        run_command([word.format(**known, out=out, name=task.name) for word in template])
         entry: Entry = {"name": task.name, "key": task.key, "files": {}}
-        for path in made:
+        for path in sorted(path for path in out.rglob("*") if path.is_file()):
             below = path.relative_to(out).as_posix()
             entry["files"][below] = path.stat().st_size, checksum(fsspec().filesystem("file"), str(path))
             target = f"{root}/{below}"
             files.makedirs(files._parent(target), exist_ok=True)
             path.replace(target) if is_local else files.put_file(str(path), target)
+    finally:
+        if not is_local or any(path != out for path in place.rglob("*")):
+            shutil.rmtree(place)
     return entry
+
+
+def run_command(words: Sequence[str]) -> None:
+    """Run a command, quietly; it raises its errors."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        _command(words[0]).main(list(words[1:]), f"pyibr {words[0]}", standalone_mode=False)
 
 
 @functools.cache
 def _command(name: str) -> Any:
-    """A command, which raises its errors."""
     app = typer.Typer(add_completion=False)
     app.command(name)(COMMANDS[name])
     return get_command(app)
