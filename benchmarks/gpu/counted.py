@@ -35,7 +35,7 @@ class _InPieces(Watch):
         enqueue(**arguments)
 
 
-def _piece_after(self: KernelCost, items: int, seconds: float) -> int:
+def _piece_after(self: KernelCost, items: int, seconds: float, shared: bool) -> int:
     size = _SOME if items == 1 else 1
     _say(PIECE, size)
     return size
