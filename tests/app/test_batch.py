@@ -164,6 +164,18 @@ def test_the_command_starts_a_cluster_of_its_own(tmp_path: Path):
         assert done.returncode == 0 and done.stdout == f"{tmp_path}/out: {counts}\n", done.stderr
 
 
+def test_commands_that_end_early_or_write_elsewhere_fail(tmp_path: Path):
+    inputs, output = scans(tmp_path, 1), str(tmp_path / "out")
+    (task,), _ = Job(WARP, inputs, output).tasks()
+    for command, message in (
+        (WARP.replace("{out}", str(tmp_path)), "wrote nothing"),
+        (WARP.replace("--move", "--mov"), "No such option"),
+    ):
+        with pytest.raises(Exception, match=message):
+            run_task(command.split(), output, task)
+    assert not list(Path(output).rglob("*.png"))
+
+
 def test_results_go_to_any_file_system(tmp_path: Path):
     inputs, output = scans(tmp_path, 1), "memory://batches/out"
     (task,), _ = Job(WARP, inputs, output).tasks()

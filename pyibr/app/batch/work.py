@@ -25,6 +25,7 @@ from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
 from pyibr.app.commands.solids import hull, object_
 from pyibr.app.commands.warp import warp
+from pyibr.core.errors import Error
 from pyibr.core.optional import distributed, fsspec
 from pyibr.opencl.device import VARIABLE
 
@@ -51,7 +52,10 @@ def run_task(template: Sequence[str], output: str, task: Task) -> Entry:
         known = {name: _local(url, place / name) for name, url in task.inputs.items()}
         run_command([word.format(**known, out=out, name=task.name) for word in template])
         entry: Entry = {"name": task.name, "key": task.key, "files": {}}
-        for path in sorted(path for path in out.rglob("*") if path.is_file()):
+        made = sorted(path for path in out.rglob("*") if path.is_file())
+        if not made:
+            raise Error("the command wrote nothing to {out}")
+        for path in made:
             below = path.relative_to(out).as_posix()
             entry["files"][below] = path.stat().st_size, checksum(fsspec().filesystem("file"), str(path))
             target = f"{root}/{below}"
@@ -67,7 +71,9 @@ def run_command(words: Sequence[str]) -> None:
     """Run a command, quietly; it raises its errors."""
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        _command(words[0]).main(list(words[1:]), f"pyibr {words[0]}", standalone_mode=False)
+        status = _command(words[0]).main(list(words[1:]), f"pyibr {words[0]}", standalone_mode=False)
+    if status:
+        raise Error(said.getvalue().strip() or f"the command ended with status {status}")
 
 
 @functools.cache
