@@ -19,6 +19,8 @@ the other, summed over launches. The milliseconds are a bound by that count, no 
 longest of bytes by the card's bandwidth, instructions by its arithmetic, and the chain at four cycles each, all as
 their makers publish them. What caches spare, what waiting for memory costs and what a launch costs is not in it.{}
 """
+BAR = ("four views", "NVIDIA A100 40 GB", 10.0)
+"""A call, a card of 1.5 TB/s, and milliseconds that its bound is at most."""
 PEER = """ RVS-CUDA takes 130 ms for four views of 4096 x 2048 to 2048 x 2048 on an RTX A4500 by its program's notes,
 less than 33 ms by its paper."""
 CARD = """## On a GPU
@@ -47,8 +49,8 @@ def gpu_section(result: Result, _: Path) -> list[str]:
 
         told = [f"{here[str(call), what]:,.0f}" for what in ("launch", "wait", "upload", "download")]
         sums = [f"{total(what) / 1e6:,.1f}" for what in ("instructions", "read", "written")]
-        bounds = [f"{here[card, 'bound']:.2f}" for card in CARDS]
-        rows.append([f"{call}, {size}", *told, *sums, f"{total('chain'):,.0f}", *bounds])
+        of_cards = [f"{here[card, 'bound']:.2f}" for card in CARDS]
+        rows.append([f"{call}, {size}", *told, *sums, f"{total('chain'):,.0f}", *of_cards])
         for name in names:
             if here[name, "instructions"] >= _SHOWN * total("instructions"):
                 kernels.append([f"{call}, {size}", f"`{name}`", *_kernel(here, name)])
@@ -65,9 +67,13 @@ def gpu_section(result: Result, _: Path) -> list[str]:
     ]
     of_kernels = ["call", "kernel", "work-items", "10^6 instructions", "MB read", "MB written", "chain"]
     compiled = ["sm_80: registers", "private bytes", "gfx90a: registers", "private bytes"]
+    call, card, most = BAR
+    bounds = [record.values[0] for record in result.select(subject=card, quantity="bound", call=call)]
+    judged = [[call, card, f"{bound:.2f}", f"at most {most:g}", verdict(bound <= most)] for bound in bounds]
     return [
-        GPU.format(PEER if any(call == "four views" for call, _ in calls) else ""),
-        table([*heads, *(f"{card}: ms" for card in CARDS)], rows),
+        GPU.format(PEER if bounds else ""),
+        table([*heads, *(f"{name}: ms" for name in CARDS)], rows),
+        table(["call", "card", "ms", "bar", ""], judged),
         table([*of_kernels, *compiled], kernels),
     ]
 

@@ -51,8 +51,9 @@ def test_the_section_shows_each_call_and_its_kernels(tmp_path: Path) -> None:
     records = [Record("four views", what, "count", here, [3]) for what in ("launch", "wait", "upload", "download")]
     records += [Record("sweep", quantity, "count", here, [2e6]) for quantity in vars(Cost())]
     records += [Record(card, "bound", "ms", here, [8.5]) for card in CARDS]
-    head, calls, kernels = gpu_section(Result("gpu", {}, records), tmp_path)
+    head, calls, judged, kernels = gpu_section(Result("gpu", {}, records), tmp_path)
     assert "33 ms" in head
+    assert "| four views | NVIDIA A100 40 GB | 8.50 | at most 10 | met |" in judged
     assert "| four views, 2048 x 2048 | 3 | 3 | 3 | 3 | 2.0 | 2.0 | 2.0 | 2,000,000 | 8.50 | 8.50 | 8.50 |" in calls
     assert "| `sweep` | 2,000,000 | 2.0 | 2.0 | 2.0 | 2,000,000 |" in kernels
 
