@@ -42,11 +42,13 @@ def main() -> None:
     options = parser.parse_args()
     clang, ptxas = compiler(), assembler()
     wanted = [each for each in programs() if not options.files or any(part in each[0] for part in options.files)]
+    count = 0
     with ThreadPoolExecutor() as pool:
-        faults = [fault for found in pool.map(lambda each: faults_of(each, clang, ptxas), wanted) for fault in found]
-    print(*faults, sep="\n")
-    print(f"{len(wanted)} programs for {', '.join([*NVIDIA, *AMD, 'SPIR-V'])}: {len(faults) or 'no'} faults")
-    sys.exit(bool(faults))
+        for faults in pool.map(lambda each: faults_of(each, clang, ptxas), wanted):
+            count += len(faults)
+            print(*faults, sep="\n", end="\n" * bool(faults), flush=True)
+    print(f"{len(wanted)} programs for {', '.join([*NVIDIA, *AMD, 'SPIR-V'])}: {count or 'no'} faults")
+    sys.exit(bool(count))
 
 
 def programs() -> list[Program]:
