@@ -12,9 +12,9 @@ import re
 import shutil
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import cast
 
 from benchmarks.cases import Plan, Size
 from benchmarks.gpu.calls import CALLS
@@ -87,16 +87,6 @@ class _Counts:
     cost: Cost = field(default_factory=Cost)
 
 
-class _Whole(Traffic):
-    """Traffic of launches that no runtime is slow enough for to be made in pieces."""
-
-    def launch(
-        self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
-    ) -> None:
-        kernel.cost.seconds_per_item = 0.0
-        super().launch(kernel, grid, arguments, enqueue)
-
-
 def cases(plan: Plan) -> Iterator[Case]:
     """One case a call and size."""
     for (name, size), small in plan.gpu.items():
@@ -134,7 +124,7 @@ def _traffic_of(name: str, size: Size) -> tuple[Traffic, dict[str, dict[str, flo
         work = CALLS[name](size)
         assert not isinstance(work, Skip)
         work()
-        with watching(_Whole()) as traffic:
+        with watching(Traffic()) as traffic:
             work()
         return traffic, _registers({kernel for kind, kernel, _ in traffic.of if kind == "launch"})
 

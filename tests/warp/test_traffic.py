@@ -32,9 +32,8 @@ def copied_memory() -> Iterator[None]:
 
 
 def traffic_of(views: Any, camera: Any, **options: Any) -> Traffic:
-    """Of a frame of views that are kept, once runtimes have compiled what they compile with the first launches."""
-    for _ in range(3):
-        ibr.warp(views, camera, **options)
+    """Of a second frame of views that are kept."""
+    ibr.warp(views, camera, **options)
     with watching(Traffic()) as seen:
         ibr.warp(views, camera, **options)
     return seen
