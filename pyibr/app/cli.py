@@ -21,7 +21,7 @@ from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
 from pyibr.app.commands.solids import hull, object_
 from pyibr.app.commands.warp import warp
-from pyibr.app.options import printable_text
+from pyibr.app.options import expanded, printable_text
 from pyibr.app.telling import telling
 from pyibr.core.errors import ArgumentError, DeviceError, Error
 
@@ -146,4 +146,4 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
 for _command, _uses in _EXAMPLES.items():
     _name = _command.__name__.rstrip("_")
     _shown = [f"[bold]pyibr {_name} {_use}".rstrip() + "[/bold]" for _use in _uses]
-    app.command(_name, epilog="\n\n".join([f"Example: {_shown[0]}", *_shown[1:]]))(_command)
+    app.command(_name, epilog="\n\n".join([f"Example: {_shown[0]}", *_shown[1:]]))(expanded(_command))

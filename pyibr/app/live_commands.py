@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
@@ -19,17 +18,8 @@ from pyibr.app.options import (
     CameraFile,
     Clean,
     DefaultDepthText,
-    DepthChannel,
-    DepthKindOption,
-    DepthScale,
     DeviceName,
     ExposureOption,
-    FarDepth,
-    Focal35mm,
-    Fov,
-    MinConfidence,
-    NearDepth,
-    Sharpen,
     StoredDepth,
     default_depth_of,
     device_of,
@@ -69,18 +59,12 @@ _Up = Annotated[Up | None, typer.Option(help="What is up in the world; of meshes
 def view(
     things: _Things,
     camera: CameraFile = None,
-    fov: Fov = None,
-    focal_35mm: Focal35mm = None,
-    depth_scale: DepthScale = None,
-    depth_kind: DepthKindOption = "z",
-    min_confidence: MinConfidence = None,
-    depth_channel: DepthChannel = None,
+    *,
+    lens: LensOptions,
+    stored: StoredDepth,
     exposure: ExposureOption = 0.0,
-    near: NearDepth = 1.0,
-    far: FarDepth = math.inf,
     default_depth: DefaultDepthText = "none",
     clean: Clean = False,
-    sharpen: Sharpen = None,
     height: Annotated[
         Path | None, typer.Option(help="Displace the mesh, which has uv, by a height map, or a relief map's alpha")
     ] = None,
@@ -100,8 +84,7 @@ def view(
 ) -> None:
     """Look around in a browser, drawn live. The page can only be opened on this machine."""
     with device_of(device):
-        exposed, lens = Exposure(exposure), LensOptions(fov, focal_35mm)
-        stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence)
+        exposed = Exposure(exposure)
         views = _Views(camera, lens, stored, default_depth, clean, exposed)
         shown, of_meshes = views.read(things)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]

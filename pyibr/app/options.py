@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 import typer
@@ -83,22 +85,22 @@ _FAR = 10.0  # of relative depth
 
 
 class StoredDepth(NamedTuple):
-    """Options of how depth is stored, --depth-scale to --depth-channel, and of what is used of it, --min-confidence."""
+    """Options of how depth is stored, and of what is used of it."""
 
-    scale: float | None
-    kind: DepthKind
-    near: float = 1.0
-    far: float = math.inf
-    sharpen: bool | None = None
-    channel: str | None = None
-    least: float | None = None
+    near: NearDepth = 1.0
+    far: FarDepth = math.inf
+    sharpen: Sharpen = None
+    depth_scale: DepthScale = None
+    depth_kind: DepthKindOption = "z"
+    min_confidence: MinConfidence = None
+    depth_channel: DepthChannel = None
 
     @property
     def how(self) -> DepthReading:
         """Arguments of `read_depth` that they tell."""
-        part, _, channel = (self.channel or "").rpartition(":")
+        part, _, channel = (self.depth_channel or "").rpartition(":")
         far = _FAR if self.far == math.inf else self.far
-        how = DepthReading(depth_scale=self.scale, depth_kind=self.kind, near=self.near, far=far)
+        how = DepthReading(depth_scale=self.depth_scale, depth_kind=self.depth_kind, near=self.near, far=far)
         return {**how, "part": part or None, "channel": channel or None}
 
     def read(self, path: Path, camera: Camera) -> NDArray[np.float32]:
@@ -107,12 +109,12 @@ class StoredDepth(NamedTuple):
 
     def read_shot(self, shot: Shot) -> tuple[NDArray[np.float32], float]:
         """The planar depth of a frame, and which share of its samples is left out for want of confidence."""
-        depth, unsure = shot.read_depth(self.least, **self.how)
+        depth, unsure = shot.read_depth(self.min_confidence, **self.how)
         return self._sharpened(depth), unsure
 
     def load(self, folder: Path, camera: Camera | None = None) -> list[DepthImage]:
         """The views of a folder; camera: instead of its own."""
-        views = ibr.load(folder, camera=camera, min_confidence=self.least, sharpen=self.sharpen, **self.how)
+        views = ibr.load(folder, camera=camera, min_confidence=self.min_confidence, sharpen=self.sharpen, **self.how)
         return [
             DepthImage(one.color, one.depth, one.camera, far=min(self.empty_from, one.far), normals=one.normals)
             for one in views
@@ -120,13 +122,35 @@ class StoredDepth(NamedTuple):
 
     def _sharpened(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """Depth with sharp edges, if that is asked for or its kind needs it."""
-        wanted = self.kind == "relative" if self.sharpen is None else self.sharpen
+        wanted = self.depth_kind == "relative" if self.sharpen is None else self.sharpen
         return ibr.sharpen_depth(depth) if wanted else depth
 
     @property
     def empty_from(self) -> float:
         """Depth from which on there is no surface."""
-        return math.inf if self.kind == "relative" else self.far
+        return math.inf if self.depth_kind == "relative" else self.far
+
+
+def expanded(command: Callable[..., None]) -> Callable[..., None]:
+    """Return the command as typer takes it: groups of options, which are named tuples, in single options."""
+    parameters, groups = list[Parameter](), dict[str, Any]()
+    for own in signature(command, eval_str=True).parameters.values():
+        fields = getattr(own.annotation, "_field_defaults", None)
+        if fields is None:
+            parameters.append(own.replace(kind=Parameter.KEYWORD_ONLY))
+        else:
+            groups[own.name], hints = own.annotation, get_type_hints(own.annotation, include_extras=True)
+            single = [(name, hints[name], default) for name, default in fields.items()]
+            parameters += [Parameter(n, Parameter.KEYWORD_ONLY, default=d, annotation=kind) for n, kind, d in single]
+
+    @functools.wraps(command)
+    def called(**given: Any) -> None:
+        made = {name: group(*(given.pop(field) for field in group._fields)) for name, group in groups.items()}
+        command(**given, **made)
+
+    called.__signature__ = Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
+    called.__annotations__ = {one.name: one.annotation for one in parameters}
+    return called
 
 
 def default_depth_of(text: str) -> float | DefaultDepth | None:

@@ -63,6 +63,10 @@ def test_each_frame_of_depth_is_registered(pair: Pair, folder):
     share = np.mean([np.isfinite(depth).mean() for depth in expected])
     assert f"new_0003.png: 4 frames, 72x44, {share:.1%} covered" in out
     assert not (pair.folder / "new_0004.png").exists()
+    succeeded(pair.register("depth", "--take", "0:1", "--far", 1.5))
+    near = np.where(pair.depth(0) < 1.5, pair.depth(0), np.float32(np.nan))
+    made = ibr.read_depth(pair.folder / "new_0000.png", depth_scale=SCALE)
+    np.testing.assert_array_equal(made, pair.stored(ibr.register(near, pair.base, COLORS)))
 
 
 @pytest.mark.parametrize("words", [("depth", "--color", "rgb"), (".", "--color", "."), ("depth", "--color", "c.mkv")])

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from pyibr.app.options import print_note, printable_text
+from pyibr.app.options import Focal35mm, Fov, print_note, printable_text
 from pyibr.core.calibrations import listed
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
@@ -19,10 +19,10 @@ _FOV = 60.0  # degrees of the longer side, where nothing is known
 
 
 class LensOptions(NamedTuple):
-    """Options that tell of a camera without a file: --fov and --focal-35mm."""
+    """Options that tell of a camera without a file."""
 
-    fov: float | None
-    focal_35mm: float | None
+    fov: Fov = None
+    focal_35mm: Focal35mm = None
 
     def camera_of(self, picture: Path, file: Path | None, size: tuple[int, int] | None = None) -> Camera:
         """The picture's camera: of the file, of these options, of its EXIF data, or of a guess, which is told.
@@ -50,7 +50,7 @@ class LensOptions(NamedTuple):
 
     def camera_of_folder(self, folder: Path, file: Path | None) -> Camera | None:
         """The camera of a recording's pictures; None where its own is to be taken."""
-        if file is None and self == LensOptions(None, None):
+        if file is None and self == LensOptions():
             return None
         recording = recording_in(folder)
         return self.camera_of(recording.colors[0], file, recording.size)

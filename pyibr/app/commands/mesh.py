@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -18,16 +17,8 @@ from pyibr.app.options import (
     Color,
     DefaultDepthText,
     Depth,
-    DepthChannel,
-    DepthKindOption,
-    DepthScale,
     DeviceName,
     ExposureOption,
-    FarDepth,
-    Focal35mm,
-    Fov,
-    NearDepth,
-    Sharpen,
     StoredDepth,
     default_depth_of,
     device_of,
@@ -48,26 +39,20 @@ def mesh(
     count: Annotated[int | None, typer.Option(help="At most so many triangles, the flattest merged first")] = None,
     segmentation: Annotated[Test, typer.Option(help="How triangles between two surfaces are told")] = "orthogonality",
     camera: CameraFile = None,
-    fov: Fov = None,
-    focal_35mm: Focal35mm = None,
+    *,
+    lens: LensOptions,
     clean: Clean = False,
-    sharpen: Sharpen = None,
-    near: NearDepth = 1.0,
-    far: FarDepth = math.inf,
+    stored: StoredDepth,
     default_depth: DefaultDepthText = "none",
-    depth_scale: DepthScale = None,
-    depth_kind: DepthKindOption = "z",
-    depth_channel: DepthChannel = None,
     exposure: ExposureOption = 0.0,
     device: DeviceName = None,
 ) -> None:
     """Turn an image with depth into a textured triangle mesh, simplified within an error or to a number."""
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera] if camera else []}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
-    own = LensOptions(fov, focal_35mm).camera_of(color, camera)
+    own = lens.camera_of(color, camera)
     with Exposure(exposure) as exposed:
         image = exposed.shown(ibr.read_color(color), color)
-    stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel)
     depths = stored.read(depth, own)
     depths = ibr.clean_depth(depths, image).depth if clean else depths
     view = DepthImage(image, depths, own, far=stored.empty_from, default_depth=default_depth_of(default_depth))

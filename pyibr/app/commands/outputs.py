@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.commands.beside import Behind
 from pyibr.app.commands.exposure import stored
-from pyibr.app.options import print_note, printable_text
+from pyibr.app.options import StoredDepth, print_note, printable_text
 from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_writable, identity
-from pyibr.io import DepthKind, check_output
+from pyibr.io import check_output
 from pyibr.io.video import Video
 from pyibr.io.video_writing import CODECS, Codec, VideoWriter, check_video_output
 
@@ -35,10 +35,10 @@ _FPS = 30.0  # of videos, if nothing tells
 
 
 class VideoOptions(NamedTuple):
-    """--fps and --codec, where they are given."""
+    """Options of videos."""
 
-    fps: float | None = None
-    codec: Codec | None = None
+    fps: Fps = None
+    codec: VideoCodec = None
 
 
 class Outputs:
@@ -48,8 +48,8 @@ class Outputs:
     ----------
     files : mapping
         For each option, --output the first, its path (or None) and what it holds.
-    stored : (float or None, DepthKind)
-        --depth-scale and --depth-kind.
+    stored : StoredDepth
+        By which depth is written, too.
     numbers : sequence of int, or None
         Those of the frames; None for one, which has no number.
     video : VideoOptions
@@ -61,7 +61,7 @@ class Outputs:
     def __init__(
         self,
         files: Mapping[str, tuple[Path | None, Kind]],
-        stored: tuple[float | None, DepthKind],
+        stored: StoredDepth,
         numbers: Sequence[int] | None,
         video: VideoOptions,
         film: Video | None,
@@ -91,7 +91,7 @@ class Outputs:
         them, nor beside frames: it would be read as one the next time.
         """
         for path, kind in self._files.values():
-            if kind == "depth" and path.suffix.lower() == ".png" and self._stored[0] is None:
+            if kind == "depth" and path.suffix.lower() == ".png" and self._stored.depth_scale is None:
                 expected = f"stored units per scene unit, for the integers of {path}"
                 raise ArgumentError("--depth-scale", expected, "none")
         for option, (path, kind) in self._files.items():
@@ -142,8 +142,9 @@ class Outputs:
             elif kind == "color":
                 ibr.write_color(name, stored(images[kind], name))
             elif kind == "depth":
+                how = self._stored
                 ibr.write_depth(
-                    name, images[kind], depth_scale=self._stored[0], depth_kind=self._stored[1], camera=camera
+                    name, images[kind], depth_scale=how.depth_scale, depth_kind=how.depth_kind, camera=camera
                 )
             else:
                 ibr.write_mask(name, images[kind])

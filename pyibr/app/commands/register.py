@@ -20,12 +20,8 @@ from pyibr.app.commands.views import Depth, DepthOptions, DepthRange, DepthReade
 from pyibr.app.options import (
     Baseline,
     Clean,
-    DepthChannel,
-    DepthKindOption,
-    DepthScale,
     DeviceName,
     ExposureOption,
-    MinConfidence,
     NoiseOption,
     StoredDepth,
     Take,
@@ -68,10 +64,8 @@ def register(
     clean: Clean = False,
     noise: NoiseOption = None,
     baseline: Baseline = None,
-    depth_scale: DepthScale = None,
-    depth_kind: DepthKindOption = "z",
-    min_confidence: MinConfidence = None,
-    depth_channel: DepthChannel = None,
+    *,
+    stored: StoredDepth,
     exposure: ExposureOption = 0.0,
     seen_out: Annotated[Path | None, typer.Option(help="With --color: write the mask of what has one, too")] = None,
     device: DeviceName = None,
@@ -82,22 +76,20 @@ def register(
     source, is_still = open_depths(depth, color, (depth_camera, color_camera), take)
     numbers = None if is_still else [shot.number for shot in source.shots]
     files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
-    outputs = Outputs(
-        {**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_kind), numbers, VideoOptions(), source.video
-    )
+    outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, stored, numbers, VideoOptions(), source.video)
     read = source.files()
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
     files_read = {"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras}
     outputs.check(files_read, [depth] if color is None else [depth, color])
     losses = Losses(recorded=not is_still)
-    stored, seen = StoredDepth(depth_scale, depth_kind, channel=depth_channel, least=min_confidence), DepthRange()
+    seen = DepthRange()
     reading = stored, None, clean, noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_still, recorded=not is_still, seen=seen)
     depths = DepthReader(depth_options, losses)
     pictures = None if color is None else source.colors(losses)
     size = 0, 0
     with device_of(device), outputs, Exposure(exposure) as exposed:
-        frames = _read(source, depths, pictures, exposed)
+        frames = _read(source, depths, pictures, exposed, stored.empty_from)
         for shot, given, picture in with_progress(read_ahead(frames), len(source.shots), "Registering"):
             made = losses.or_none(functools.partial(_registered, depths, shot, given, picture))
             if made is not None:
@@ -109,14 +101,15 @@ def register(
 
 
 def _read(
-    source: Source, depths: DepthReader, pictures: Iterator[Color | None] | None, exposure: Exposure
+    source: Source, depths: DepthReader, pictures: Iterator[Color | None] | None, exposure: Exposure, far: float
 ) -> Iterator[_Given]:
-    """Frames with their depth and, if there are pictures, theirs; without those that are lost."""
+    """Frames with their depth nearer than `far` and, if there are pictures, theirs; without those that are lost."""
     for shot in source.shots:
         picture = None if pictures is None else next(pictures)
         depth = depths.read(shot)
         if depth is not None and (pictures is None or picture is not None):
-            yield shot, depth, None if picture is None else exposure.shown(picture, shot.color)
+            near = np.where(depth < far, depth, np.float32(np.nan))
+            yield shot, near, None if picture is None else exposure.shown(picture, shot.color)
 
 
 def _registered(

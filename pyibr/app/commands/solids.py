@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -11,16 +10,9 @@ import numpy as np
 import typer
 
 import pyibr as ibr
-from pyibr.app.commands.outputs import Fps, Outputs, VideoCodec, VideoOptions, check_outputs
+from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
 from pyibr.app.options import (
-    DepthChannel,
-    DepthKindOption,
-    DepthScale,
     DeviceName,
-    FarDepth,
-    MinConfidence,
-    NearDepth,
-    Sharpen,
     StoredDepth,
     device_of,
     printable_text,
@@ -63,21 +55,14 @@ def object_(
     missing: Annotated[
         Missing, typer.Option(help="What pixels without depth say: nothing there, or nothing")
     ] = "empty",
-    near: NearDepth = 1.0,
-    far: FarDepth = math.inf,
-    sharpen: Sharpen = None,
-    depth_scale: DepthScale = None,
-    depth_kind: DepthKindOption = "z",
-    min_confidence: MinConfidence = None,
-    depth_channel: DepthChannel = None,
-    fps: Fps = None,
-    codec: VideoCodec = None,
+    *,
+    stored: StoredDepth,
+    video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
     """Make a solid of depth images all round, and draw it, on a turntable, or write its mesh."""
-    writer = _Writer([views], output, to, orbit, frames, resolution, samples, VideoOptions(fps, codec))
+    writer = _Writer([views], output, to, orbit, frames, resolution, samples, video)
     with device_of(device):
-        stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence)
         writer.write(DepthObject(stored.load(views), missing=missing))
 
 
@@ -97,23 +82,14 @@ def hull(
     frames: _Frames = 1,
     resolution: _Resolution = 128,
     samples: _Samples = 1,
-    near: NearDepth = 1.0,
-    far: FarDepth = math.inf,
-    sharpen: Sharpen = None,
-    depth_scale: DepthScale = None,
-    depth_kind: DepthKindOption = "z",
-    min_confidence: MinConfidence = None,
-    depth_channel: DepthChannel = None,
-    fps: Fps = None,
-    codec: VideoCodec = None,
+    *,
+    stored: StoredDepth,
+    video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
     """Make the largest solid that fits into silhouettes, and draw it, on a turntable, or write its mesh."""
-    writer = _Writer(
-        [views, *([masks] if masks else [])], output, to, orbit, frames, resolution, samples, VideoOptions(fps, codec)
-    )
+    writer = _Writer([views, *([masks] if masks else [])], output, to, orbit, frames, resolution, samples, video)
     with device_of(device):
-        stored = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence)
         writer.write(VisualHull(_silhouettes(views, masks, camera, stored)))
 
 
@@ -154,7 +130,7 @@ class _Writer:
             check_outputs(inputs, {"--output": [output]})
         else:
             self._outputs = Outputs(
-                {"--output": (output, "color")}, (None, "z"), range(count) if count > 1 else None, video, None
+                {"--output": (output, "color")}, StoredDepth(), range(count) if count > 1 else None, video, None
             )
             self._outputs.check(inputs)
 

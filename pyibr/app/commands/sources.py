@@ -115,7 +115,7 @@ class InputOptions(NamedTuple):
     depth_cameras: list[Path]
     poses: list[Path]
     take: str | None
-    lens: LensOptions = LensOptions(None, None)
+    lens: LensOptions = LensOptions()
 
     def read(self, sources: Sequence[Source]) -> dict[str, list[Path]]:
         """All files that are read, by what users call them."""
@@ -258,7 +258,7 @@ def _shots(
         own = lens.camera_of(first, file)
         cameras = [(own, own.world_from_camera)]
     else:
-        if lens != LensOptions(None, None):
+        if lens != LensOptions():
             if are_stills and recording.known is None:
                 got = f"{len(recording.colors)} pictures"
                 raise ArgumentError("--fov, --focal-35mm", "a single picture, or a recording", got)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -17,7 +16,7 @@ import pyibr as ibr
 from pyibr.app.commands.beside import read_ahead
 from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
-from pyibr.app.commands.outputs import Fps, Kind, Outputs, VideoCodec, VideoOptions
+from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
 from pyibr.app.commands.sources import InputOptions, Losses, Source, open_sources
 from pyibr.app.commands.targets import Job, Move, Targets
 from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
@@ -25,18 +24,9 @@ from pyibr.app.options import (
     Baseline,
     Clean,
     DefaultDepthText,
-    DepthChannel,
-    DepthKindOption,
-    DepthScale,
     DeviceName,
     ExposureOption,
-    FarDepth,
-    Focal35mm,
-    Fov,
-    MinConfidence,
-    NearDepth,
     NoiseOption,
-    Sharpen,
     StoredDepth,
     Take,
     default_depth_of,
@@ -101,8 +91,8 @@ def warp(
     sources: _Sources,
     output: Annotated[Path, typer.Option("--output", "-o", help="The new view; of several: OUT_0000, ... or a video")],
     camera: _Cameras = None,
-    fov: Fov = None,
-    focal_35mm: Focal35mm = None,
+    *,
+    lens: LensOptions,
     to: _To = None,
     move: _MoveOption = None,
     orbit: _Orbit = None,
@@ -112,7 +102,6 @@ def warp(
     poses: _Poses = None,
     depth_camera: _DepthCameras = None,
     clean: Clean = False,
-    sharpen: Sharpen = None,
     noise: NoiseOption = None,
     baseline: Baseline = None,
     method: Annotated[Method, typer.Option(help="How the surface is searched")] = "epipolar",
@@ -124,19 +113,13 @@ def warp(
     side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",
     samples: Annotated[int, typer.Option(help="A pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")] = 1,
     blend: Annotated[Blend, typer.Option(help="Several views: by how well each saw it; the nearest")] = "quality",
-    near: NearDepth = 1.0,
-    far: FarDepth = math.inf,
+    stored: StoredDepth,
     default_depth: DefaultDepthText = "none",
-    depth_scale: DepthScale = None,
-    depth_kind: DepthKindOption = "z",
-    min_confidence: MinConfidence = None,
-    depth_channel: DepthChannel = None,
     exposure: ExposureOption = 0.0,
     depth_out: Annotated[Path | None, typer.Option(help="Write the new view's depth too")] = None,
     valid_out: Annotated[Path | None, typer.Option(help="Write the mask of what is no hole too")] = None,
     skip_existing: Annotated[bool, typer.Option("--skip-existing", help="Leave out views that are there")] = False,
-    fps: Fps = None,
-    codec: VideoCodec = None,
+    video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
     """Render a new view of an image with depth, of several, or of each frame of a recording.
@@ -144,17 +127,15 @@ def warp(
     Give the new camera by exactly one of --to, --move and --orbit.
     """
     targets = Targets(to, move, orbit, frames)
-    options = InputOptions(sources, camera or [], depth_camera or [], poses or [], take, LensOptions(fov, focal_35mm))
+    options = InputOptions(sources, camera or [], depth_camera or [], poses or [], take, lens)
     opened, are_stills = _opened(options, together)
     is_scene, shots = are_stills or together, opened[0].shots
     count = targets.count(None if is_scene else len(shots))
     numbers = None if count is None else range(count) if is_scene else [shot.number for shot in shots]
     film = None if is_scene else opened[0].video
-    outputs = Outputs(
-        _files(output, depth_out, valid_out), (depth_scale, depth_kind), numbers, VideoOptions(fps, codec), film
-    )
+    outputs = Outputs(_files(output, depth_out, valid_out), stored, numbers, video, film)
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]}, sources)
-    stored, seen = StoredDepth(depth_scale, depth_kind, near, far, sharpen, depth_channel, min_confidence), DepthRange()
+    seen = DepthRange()
     reading = stored, default_depth_of(default_depth), clean, noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_scene, recorded=not are_stills, seen=seen)
     done = _done(outputs, count, output) if skip_existing else set[int]()
