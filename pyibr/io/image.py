@@ -68,7 +68,8 @@ def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
     """Return the stored (H, W): floats, or integers of an unknown unit, 0 where there is none."""
     stored = read_color(path)
     if stored.ndim != 2 or stored.dtype.kind not in "uif":
-        raise FileFormatError(f"{path}: expected gray of 8 or 16 bits, or floats, for depth, got {describe(stored)}")
+        expected = "gray of 8 or 16 bits, or floats, for depth"
+        raise FileFormatError(f"{path}: expected {expected}, got {describe(stored)}: alpha or a palette is none")
     return stored
 
 
