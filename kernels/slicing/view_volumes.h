@@ -70,14 +70,18 @@ INLINED SurfaceSample surface_at(global const float *map, global const int *size
                                  float reach, floatl mine, intl wanted, int creases)
 {
     const floatl first = (floatl)(gather(map, samples.taps.at[0]));
+    const intl kind = as_intl(first) & OUTLINE_CELL;
+    SurfaceSample surface = {first, kind != EMPTY_CELL};
+    if (!any_lane(wanted & surface.there))
+        return surface;
     floatl bilinear = samples.weights[0] * first, nearest_sample = first;
+    UNROLLED
     for (int k = 1; k < 4; k++) {
         const floatl there = (floatl)(gather(map, samples.taps.at[k]));
         bilinear += samples.weights[k] * there;
         nearest_sample = max_lanes(nearest_sample, there);
     }
-    const intl kind = as_intl(first) & OUTLINE_CELL;
-    SurfaceSample surface = {bilinear, kind != EMPTY_CELL};
+    surface.nearness = bilinear;
     const intl other = wanted & (kind >= OTHER_CELL) & (mine <= nearest_sample + reach) &
                        ((kind == OUTLINE_CELL) | (mine > bilinear));
     if (!any_lane(other))

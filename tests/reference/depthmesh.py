@@ -381,7 +381,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         z = [p[2], q[2], r[2]]
         scale = np.mean(z) if perspective else extent
         return sine < np.sin(np.radians(rule.angle)) and np.ptp(z) > max(
-            rule.depth_range * scale, explained(np.mean(z))
+            rule.depth_range * scale, explained(float(np.mean(z)))
         )
 
     def nearness(corner: Corner) -> float:
