@@ -47,7 +47,7 @@ floatl vertex_nearness(const Layout *layout, const Tree *tree, intl x, intl y)
 }
 
 /* The sample (x, y) of a nearness in the view's camera's frame */
-Vector sample_at(const Layout *layout, intl x, intl y, floatl n)
+Vector sample_point(const Layout *layout, intl x, intl y, floatl n)
 {
     return point_of(layout, to_floatl(x), to_floatl(y), DEPTH_OF(layout->perspective, n));
 }
@@ -91,7 +91,7 @@ void hold_children(const Layout *layout, const Tree *tree, const Children *c, Ve
 floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by,
                        floatl nb, int centers, int across)
 {
-    const Vector a = sample_at(layout, ax, ay, na), b = sample_at(layout, bx, by, nb);
+    const Vector a = sample_point(layout, ax, ay, na), b = sample_point(layout, bx, by, nb);
     const Vector ab = minus(b, a), ap = minus(p, a);
     floatl area, length;
     if (centers) {
@@ -120,13 +120,13 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
     const floatl bisected = bisection_error(layout, p, n, left, ay, na, right, by, nb, 1, 0);
     if (!any_lane(squeezed))
         return bisected;
-    const Vector a = sample_at(layout, left, ay, na), b = sample_at(layout, right, by, nb);
+    const Vector a = sample_point(layout, left, ay, na), b = sample_point(layout, right, by, nb);
     const Vector ab = minus(b, a), ap = minus(p, a);
     const floatl rounding = 2.0f * ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z)); /* p is not between a and b */
     floatl error = 0.0f;
     for (int k = 0; k < 2; k++) {
         const floatl nc = k ? select_lanes(main, corner[1], corner[3]) : select_lanes(main, corner[2], corner[0]);
-        const Vector normal = cross_product(ab, minus(sample_at(layout, k ? right : left, k ? ay : by, nc), a));
+        const Vector normal = cross_product(ab, minus(sample_point(layout, k ? right : left, k ? ay : by, nc), a));
         const floatl off = fabs(DOT(ap, normal)) / fmax(sqrt(DOT(normal, normal)), (floatl)FLT_MIN);
         const intl known = IS_SAMPLE(n) & IS_SAMPLE(na) & IS_SAMPLE(nb) & IS_SAMPLE(nc) & (off > rounding);
         error = fmax(error, select_lanes(known, off, (floatl)0.0f));
