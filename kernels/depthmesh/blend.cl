@@ -116,7 +116,7 @@ floatl feather_at(global const uint *colors, global const int *size, floatl x, f
 
 /* Draws the meshes [first, last) of a bin's list together into the region at (x, y), where they are nearer than
  * `so_far`, nearness by block. */
-void draw_range(const Context *context, Region *region, BinList listed, global const int *firsts, int first, int last,
+INLINED void draw_range(const Context *context, Region *region, BinList listed, global const int *firsts, int first, int last,
                 int x, int y, const floatl *so_far)
 {
     BinList range = listed;
@@ -150,7 +150,7 @@ typedef struct {
 
 /* Draws each of the meshes [first, last) by itself, into its layer, where it is nearer than `so_far`; front: nearness
  * of the nearest of them all */
-void draw_layers(const Context *context, Region *region, const MeshLayers *layers, BinList listed,
+INLINED void draw_layers(const Context *context, Region *region, const MeshLayers *layers, BinList listed,
                  global const int *firsts, int first, int last, int x, int y, const floatl *so_far, floatl *front)
 {
     for (int block = 0; block < BLOCKS; block++)
@@ -168,7 +168,7 @@ void draw_layers(const Context *context, Region *region, const MeshLayers *layer
 
 /* The depth pass: what the pixels of the region at (x, y) see of each mesh. Returns whether there are holes in the
  * meshes of the views that are drawn: only then are the others' drawn, and the sheets. */
-int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, BinList listed,
+INLINED int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, BinList listed,
                 global const int *firsts, int x, int y, Fronts *fronts)
 {
     const int unseen = counts.sheets + counts.backs, meshes = counts.others + counts.views;

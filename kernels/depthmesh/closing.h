@@ -87,7 +87,7 @@ intl is_free(const FreeSpace *space, global const float *depths, int nearest, fl
 
 /* Which of the `active` rays have left free space at least a step before a depth, which is not free? Sets the depth at
  * which they did. */
-intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *entry)
+INLINED intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *entry)
 {
     floatl inside = depth, outside = depth;
     intl walking = active, entered = (intl)0;
@@ -126,7 +126,7 @@ intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl depth)
 /* Which of the `active` rays end in hidden space, behind a surface that a view saw? From a depth on they leave free
  * space, and what follows lies in a view's image; or they have left it before that depth. Sets the depth of their last
  * free point. Unless the scene is enclosed, it does not count where rays come out: most do at once. */
-intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *last)
+INLINED intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *last)
 {
     floatl from = depth;
     intl walking = active, comes_out = (intl)0;
@@ -148,7 +148,7 @@ intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl 
 
 /* Which of the `active` rays leave free space behind a depth? Sets the depth at which they do; depths, nearest: of
  * `is_free`. */
-intl leaves_free_space(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y,
+static intl leaves_free_space(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y,
                        floatl depth, intl active, floatl *exit)
 {
     floatl before = depth, beyond = depth;
@@ -190,7 +190,7 @@ intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl
 /* Which of the `active` rays meet, behind a depth, the rim of a surface that a view saw, half a sample beyond its last
  * samples? Rays that come from before it leave free space at a sample, whether that is told by all samples around or by
  * the nearest one. Those that come from the side pass behind it. Sets the depth of the rim. */
-intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *rim)
+static intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *rim)
 {
     const floatl start = depth -
                          space->stride / (1 << (HALVINGS - 1)); /* free for certain: `depth` is so but for bisection */
@@ -204,7 +204,7 @@ intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl ac
 
 /* Which of the pixels (x, y) show a surface that no view saw? The rays of some are `within` a solid, which they leave
  * at nearness `back`, those of others go `through` a sheet. Sets the surface's nearness there. */
-intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through,
+static intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through,
                floatl *n)
 {
     floatl depth = DEPTH_OF(space->perspective, select_lanes(within, back, (floatl)1.0f)), entry = depth;
@@ -222,7 +222,7 @@ intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl wit
 /* Closes a block's pixels (x, y) that show surface which no view saw: it is in front there. Returns which they are.
  * nearest: the near plane. back, sheet: nearness of what is seen first of the meshes' backs, and of sheets; EMPTY: none
  */
-intl close_block(const FreeSpace *space, float nearest, float epsilon, floatl x, floatl y, floatl back,
+static intl close_block(const FreeSpace *space, float nearest, float epsilon, floatl x, floatl y, floatl back,
                          floatl sheet, floatl *front)
 {
     const floatl deepest = space->perspective ? back / (1.0f + epsilon * back) : back - epsilon;
@@ -261,7 +261,7 @@ INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y
 
 /* Adds to the pixels (x, y) that are `given` the colours of those samples of all views that lie closest to their points
  * at nearness n. Returns the weights, and sets in `views` which views they are of, a bit each. */
-floatl add_closest(const FreeSpace *space, global const uint *colors, global const int *levels, floatl x, floatl y,
+static floatl add_closest(const FreeSpace *space, global const uint *colors, global const int *levels, floatl x, floatl y,
                    floatl n, intl given, Color *sum, intl *views)
 {
     floatl least = INFINITY, total = 0.0f, off[4], share[4];

@@ -154,7 +154,7 @@ void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, 
 }
 
 /* The row y of vertices of step s > 1 */
-void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
+INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
 {
     const int across = !(y / s & 1); /* midpoints of this row lie on edges along x */
     for (int start = centers || across ? s : 0; start <= layout->side && start - s < layout->width - 1;
@@ -323,10 +323,8 @@ kernel void find_coarse_errors(global const float *nearness, global const float 
     if (get_global_id(0) > 0)
         return;
     const Tree tree = {nearness, placed, states, errors, radii, depths, largest};
-    for (int s = finest; s < layout.side; s *= 2) {
-        for (int y = 0; y <= layout.side && y - s < layout.height - 1; y += s)
-            find_error_row(&layout, &tree, s, y, 0);
-        for (int y = s; y <= layout.side && y - s < layout.height - 1; y += 2 * s)
-            find_error_row(&layout, &tree, s, y, 1);
-    }
+    for (int s = finest; s < layout.side; s *= 2)
+        for (int centers = 0; centers < 2; centers++)
+            for (int y = centers ? s : 0; y <= layout.side && y - s < layout.height - 1; y += centers ? 2 * s : s)
+                find_error_row(&layout, &tree, s, y, centers);
 }

@@ -178,7 +178,7 @@ float nearness_beyond(const Layout *layout, global const float *nearness, global
 }
 
 /* Beyond a corner that no diagonal leads to: so that the plane of its one triangle passes through its sample */
-float nearness_beyond_corner(const Layout *layout, global const float *nearness, global const uchar *cells, int x,
+static float nearness_beyond_corner(const Layout *layout, global const float *nearness, global const uchar *cells, int x,
                              int y)
 {
     const int dx = INWARDS(x, layout->width), dy = INWARDS(y, layout->height);

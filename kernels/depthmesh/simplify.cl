@@ -115,31 +115,25 @@ void visit_child(const Layout *layout, Work *work, int x, int y, int s, int b)
 
 /* Activates what the active vertex `at` demands: its parents, and those children, of steps below `coarse`, that must be
  * split. */
-void propagate(const Layout *layout, Work *work, int at, int coarse)
+INLINED void propagate(const Layout *layout, Work *work, int at, int coarse)
 {
     const int y = at / layout->row, x = at - y * layout->row, s = step_of(x, y);
-    if (IS_CENTER(x, y, s)) {
-        const int turn = IS_MAIN(x, y, s) ? s : -s;
-        activate_vertex(layout, work, x + turn, y - s); /* its parents, at its right angles */
-        activate_vertex(layout, work, x - turn, y + s);
-        if (s < work->finest || s >= coarse)
-            return;
-        visit_child(layout, work, x, y - s, s, 1);
-        visit_child(layout, work, x + s, y, s, 0);
-        visit_child(layout, work, x, y + s, s, 0);
-        visit_child(layout, work, x - s, y, s, 1);
-    } else {
-        const int2 to_b = x & s ? (int2)(0, s) : (int2)(s, 0);
-        activate_vertex(layout, work, x - to_b.x, y - to_b.y);
-        activate_vertex(layout, work, x + to_b.x, y + to_b.y);
-        if (s / 2 < work->finest || s / 2 >= coarse)
-            return;
-        for (int k = 0; k < 4; k++)
-            visit_child(layout, work, x + (k & 1 ? s / 2 : -s / 2), y + (k >> 1 ? s / 2 : -s / 2), s / 2, !(k >> 1));
+    const int is_center = IS_CENTER(x, y, s), turn = IS_MAIN(x, y, s) ? s : -s;
+    const int2 to_b = is_center ? (int2)(turn, -s) : x & s ? (int2)(0, s) : (int2)(s, 0); /* parents: at right angles */
+    activate_vertex(layout, work, x + to_b.x, y + to_b.y);
+    activate_vertex(layout, work, x - to_b.x, y - to_b.y);
+    const int child = is_center ? s : s / 2;
+    if (child < work->finest || child >= coarse)
+        return;
+    for (int k = 0; k < 4; k++) { /* of a centre above, to the right, below and to the left, of a midpoint all around */
+        const int dx = is_center ? (k == 1) - (k == 3) : k & 1 ? 1 : -1;
+        const int dy = is_center ? (k == 2) - (k == 0) : k >> 1 ? 1 : -1;
+        visit_child(layout, work, x + child * dx, y + child * dy, child, is_center ? k % 3 == 0 : !(k >> 1));
     }
 }
 
-void propagate_all(const Layout *layout, Work *work)
+/* Activates what the vertices of the pool demand, one after the other; coarse: of the first */
+INLINED void propagate_all(const Layout *layout, Work *work, int coarse)
 {
     for (int vertices_left = (layout->side + 1) * (layout->side + 1); vertices_left > 0;
          vertices_left--) { /* each comes up once */
@@ -149,7 +143,8 @@ void propagate_all(const Layout *layout, Work *work)
             if (work->chunk == NO_CHUNK)
                 return;
         }
-        propagate(layout, work, work->pool[CHUNK * work->chunk + --work->height], layout->side);
+        propagate(layout, work, work->pool[CHUNK * work->chunk + --work->height], coarse);
+        coarse = layout->side;
     }
 }
 
@@ -169,7 +164,7 @@ kernel void refine_coarse(global const float *nearness, global const float *plac
         visit_child(&layout, &work, root, root, root, 0);
         visit_child(&layout, &work, root, root, root, 1);
     }
-    propagate_all(&layout, &work);
+    propagate_all(&layout, &work, layout.side);
 }
 
 kernel void refine(global const float *nearness, global const float *placed, global const uchar *states,
@@ -181,6 +176,6 @@ kernel void refine(global const float *nearness, global const float *placed, glo
         return;
     Work work = {nearness, placed, states, active, max_error, 1, pool, used, NO_CHUNK};
     add_chunk(&work);
-    propagate(&layout, &work, at, coarse);
-    propagate_all(&layout, &work);
+    work.pool[CHUNK * work.chunk + work.height++] = at;
+    propagate_all(&layout, &work, coarse);
 }

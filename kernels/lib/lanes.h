@@ -23,19 +23,16 @@
 #include "lib/builtins.h"
 #endif
 
-/* A function whose arguments and results stay in registers: vectors are passed through memory otherwise. Compilers for
- * GPUs inline by themselves what no other program may call. */
-#if LANES == 16
+/* A function whose arguments and results stay in registers: vectors, and on GPUs structs, go through memory otherwise. */
 #define INLINED static inline __attribute__((always_inline))
-#else
-#define INLINED static inline
-#endif
 
 /* Before a loop of few steps whose number is known: an array that it walks along stays in registers. */
 #if defined(__clang__) || defined(__NV_CL_C_VERSION)
 #define UNROLLED _Pragma("unroll")
+#define ROLLED _Pragma("unroll 1") /* its steps share their registers */
 #else
 #define UNROLLED
+#define ROLLED
 #endif
 
 /* Keeps the compiler from merging shuffles before the vector with those after it, which makes one for each lane.

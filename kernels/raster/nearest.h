@@ -20,7 +20,7 @@ INLINED intl set_up(const Context *context, intl index, int x, int y, Primitives
     return set_up_triangles(context->corners, context->projected, index, context->nearest_w, context->culled, x, y, t);
 }
 
-void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
+static void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
 {
     if (float_lane(t->n_high, lane) <= region->farthest[block])
         return;

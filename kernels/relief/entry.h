@@ -186,7 +186,7 @@ INLINED void bend_through(ReliefRay *ray, floatl t, floatl depth, floatl slope, 
  * where equation 7 has them at the bottom, or deepest, are given another parabola: the one that reaches the bottom where
  * the ray does by circles, or is deepest where it is by circles, and as deep there. It is never deeper than by equation
  * 7, and right at the bottom and at outlines. enters: the rays that are asked for */
-void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl enters)
+static void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl enters)
 {
     const floatl L = ray->L, K = ray->K, cosine = L * scale, bend = -2.0f * K * scale;
     const floatl discriminant = L * L + 4.0f * K;

@@ -44,7 +44,7 @@ typedef struct {
 
 typedef Triangles Primitives;
 
-intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
+static intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
 {
     return set_up_triangles(context->relief.faces, context->relief.projected, index, context->nearest_w,
                             context->culled, x, y, t);
@@ -64,7 +64,7 @@ void cover_back(Layers *layers, const Primitives *t, int lane, int block, int fi
     layers->exit_triangle[block] = select_lanes(nearer, (intl)int_lane(t->index, lane), layers->exit_triangle[block]);
 }
 
-void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
+static void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
 {
     floatl n;
     Layers *layers = context->layers;
@@ -105,7 +105,7 @@ INLINED int finds_exits_first(const Relief *relief)
 
 /* Sets up a search along the rays of a block's pixels from their first entries; by_mesh: along those that have escaped,
  * by what the mesh tells, up to their exits. */
-EntryRay begin_search(const Context *context, const Region *region, int block, int by_mesh, Search *s)
+static EntryRay begin_search(const Context *context, const Region *region, int block, int by_mesh, Search *s)
 {
     const Relief *relief = &context->relief;
     const Layers *layers = context->layers;
@@ -206,7 +206,7 @@ intl keep_hits(const Context *context, int block, const Search *s, EntryRay entr
 
 /* Searches along the rays of INTERLEAVED blocks; by_mesh: of begin_search. Returns whether there are further
  * entries. */
-int search_blocks(const Context *context, int block, int by_mesh, Region *region)
+static int search_blocks(const Context *context, int block, int by_mesh, Region *region)
 {
     Search searches[INTERLEAVED];
     EntryRay entry_rays[INTERLEAVED];
@@ -277,7 +277,7 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
 /* Searches a layer: from the first entries by their quadrics, and then along the rays that have escaped by the mesh. In
  * a light's map these are left out: a hit that is guessed too near would shade what is lit. WITHIN, rays are searched
  * up to their exits at first. Returns whether there are further entries. */
-int search_layer(const Context *context, Region *region, BinList listed)
+static int search_layer(const Context *context, Region *region, BinList listed)
 {
     Layers *layers = context->layers;
     const int asks = finds_exits_first(&context->relief);
@@ -286,33 +286,25 @@ int search_layer(const Context *context, Region *region, BinList listed)
         layers->searched[block] = -INFINITY;
         layers->escaped[block] = asks ? layers->entered[block] >= 0 : (intl)0;
     }
-    if (asks)
-        find_exits(context, region, listed);
-    for (int block = 0; block < BLOCKS; block += INTERLEAVED) {
-        int any = 0;
-        for (int k = 0; k < INTERLEAVED; k++)
-            any |= any_lane(layers->entered[block + k] >= 0);
-        if (any)
-            more |= search_blocks(context, block, 0, region);
-        for (int k = 0; k < INTERLEAVED; k++)
-            escaped |= any_lane(layers->escaped[block + k]);
-    }
-    if (!escaped || DEPTH_ALONE)
-        return more;
-    if (!asks)
-        find_exits(context, region, listed);
-    for (int block = 0; block < BLOCKS; block += INTERLEAVED) {
-        int any = 0;
-        for (int k = 0; k < INTERLEAVED; k++)
-            any |= any_lane(layers->escaped[block + k] & (layers->exit[block + k] > EMPTY));
-        if (any)
-            more |= search_blocks(context, block, 1, region);
+    for (int by_mesh = 0; by_mesh <= (DEPTH_ALONE ? 0 : escaped); by_mesh++) {
+        if (asks != by_mesh)
+            find_exits(context, region, listed);
+        for (int block = 0; block < BLOCKS; block += INTERLEAVED) {
+            int any = 0;
+            for (int k = 0; k < INTERLEAVED; k++)
+                any |= any_lane(by_mesh ? layers->escaped[block + k] & (layers->exit[block + k] > EMPTY)
+                                        : layers->entered[block + k] >= 0);
+            if (any)
+                more |= search_blocks(context, block, by_mesh, region);
+            for (int k = 0; k < INTERLEAVED && !by_mesh; k++)
+                escaped |= any_lane(layers->escaped[block + k]);
+        }
     }
     return more;
 }
 
 /* Finds what the region's pixels see of the relief, layer by layer. */
-void search_layers(const Context *context, Region *region, BinList listed)
+INLINED void search_layers(const Context *context, Region *region, BinList listed)
 {
     Layers *layers = context->layers;
     for (int block = 0; block < BLOCKS; block++) {

@@ -74,7 +74,7 @@ INLINED void refine_place(const WalkCorners *c, Vector at, floatl *second, float
 }
 
 /* Follows rays from where they enter a triangle, `distance` far at most; wanted: those that are asked for. */
-MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl triangle, floatl distance, intl wanted)
+static MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl triangle, floatl distance, intl wanted)
 {
     MeshWalk made;
     made.t = made.depth = made.first_slope = made.slope = 0.0f;

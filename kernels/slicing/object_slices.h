@@ -96,7 +96,7 @@ intl intersect_between(const Views *views, const ViewRay *rays, RaySegment segme
 
 /* Which rays meet the object before the depth `drawn` that the picture shows already? Sets hit, the depth at which they
  * do. */
-intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segment, floatl drawn, int halvings,
+static intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segment, floatl drawn, int halvings,
                       int finds_thin, floatl *hit, intl *tests)
 {
     intl searches = segment.front <= segment.back, found = 0, last = -1;

@@ -68,8 +68,10 @@ typedef struct {
     float u, v, u_second, v_second, u_third, v_third; /* at the first corner; what the others' are more */
     Quantity sides[PRISM_PLANES]; /* per pixel, the nearness at which the ray crosses each plane, */
     int leaves[PRISM_PLANES];     /* and whether it leaves there, on its way to the camera */
+#if BLOCK > 1
     Quantity outline[OUTLINES_MAX]; /* positive at a block's first pixel if the prism may be seen in it */
     int outlines;
+#endif
     float nearest, front, rear; /* nearness: of the screen, of the corners */
     float first, last;          /* a little farther and nearer than the corners */
     int index, perspective, crosses; /* the near plane */
@@ -216,6 +218,7 @@ void bound_sides(Prism *t, float grown)
         t->sides[k] = (Quantity){-row.x / n, -row.y / n, -(row.one + grown) / n, 0.0f};
         t->leaves[k] = n < 0.0f;
     }
+#if BLOCK > 1
     t->outlines = 0;
     for (int k = 0; k < PRISM_PLANES; k++)
         for (int l = 0; l < PRISM_PLANES; l++)
@@ -225,6 +228,7 @@ void bound_sides(Prism *t, float grown)
                 o.one += (fmax(o.x, 0.0f) + fmax(o.y, 0.0f)) * (BLOCK - 1);
                 t->outline[t->outlines++] = o;
             }
+#endif
 }
 
 /* The direction of the ray through a pixel; its length is not 1. */
@@ -281,7 +285,7 @@ float2 middle_in_bin(float2 low, float2 high, int x, int y)
 
 /* Sets up a prism. Returns its box in the region at (x, y): (low_x, high_x, low_y, high_y); empty if it cannot be
  * seen */
-int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
+static int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
 {
     const int4 empty = (int4)(1, 0, 1, 0);
     float4 p[PRISM_CORNERS];
@@ -359,7 +363,7 @@ int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
     return box;
 }
 
-intl set_up(const Context *context, intl index, int x, int y, Primitives *made)
+static intl set_up(const Context *context, intl index, int x, int y, Primitives *made)
 {
     for (int lane = 0; lane < LANES; lane++) {
         const int4 box = set_up_one(context, int_lane(index, lane), x, y, &made->of[lane]);

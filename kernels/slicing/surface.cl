@@ -183,7 +183,7 @@ INLINED intl slices_of(const Prism *t, const PrismRays *rays, const Passage *p, 
  * depths of the last slices, or where the ray enters if there are none. Where rays
  * meet the ends and the middle of a run of slices is exact, between these it lies on a parabola: off by much less than
  * slices are apart. drawn: what lies behind is hidden */
-floatl walk_slices(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
+static floatl walk_slices(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
                    const Passage *p, Linear number, floatl drawn, SliceHit *hit, floatl *last)
 {
     floatl slice, step, before = p->entry, latest = p->front;
@@ -220,13 +220,13 @@ floatl walk_slices(const Context *context, const Prism *t, const Region *region,
     }
 }
 
-void cover(const Context *context, const Primitives *made, int lane, Region *region, int block, int first_x,
+static void cover(const Context *context, const Primitives *made, int lane, Region *region, int block, int first_x,
            int first_y)
 {
     const Prism *t = &made->of[lane];
     if (t->front <= region->farthest[block])
         return;
-#if !UNCLIPPED
+#if BLOCK > 1 && !UNCLIPPED
     for (int k = 0; k < t->outlines; k++) /* most blocks in the box of a prism lie beside it */
         if (t->outline[k].x * first_x + (t->outline[k].y * first_y + t->outline[k].one) < 0.0f)
             return;

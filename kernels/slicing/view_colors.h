@@ -110,7 +110,7 @@ INLINED floatl own_surface_before(const Views *views, int number, const ViewRay 
 
 /* Blends the views' colours of the rays' points at depth `hit`; visible: of views that see the points, else of all,
  * from the closest on. */
-Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl active, int visible)
+INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl active, int visible)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
     for (int i = 0; i < VIEWS; i++) { /* `order` is from the closest on */
@@ -140,7 +140,7 @@ Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl acti
 }
 
 /* The colours of the rays' points at depth `hit`: of views that see them, where there are any, else of the closest */
-Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found,
+static Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found,
                intl *tests)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};

@@ -183,6 +183,7 @@ INLINED float pulled_plane(global const float *inner, global const float *cells,
     for (int i = 0; i < 9; i++)
         filled[i] = top * cells[p * tiles + clamp(BEGIN_ABOVE(y, 4) + i / 3, 0, down - 1) * across +
                                 clamp(BEGIN_ABOVE(x, 4) + i % 3, 0, across - 1)];
+    ROLLED
     for (int n = 3, side = 2, first = INNER_CELLS; n > 0; n--, side *= 2) {
         first -= side * side;
         pull_around(inner + first, across, down, side, p, BEGIN_ABOVE(x, n), BEGIN_ABOVE(y, n), filled);
@@ -209,19 +210,14 @@ INLINED void pull_pixel(global channel *color, global float *depth, global const
     if (valid[pixel])
         return;
     float4 own = 0.0f;
-    for (int i = 0; i < (CHANNELS == 3 ? 4 : 1); i++) { /* nearness first */
-        const int p = i == 0 ? 3 : i - 1;
-        const float value = pulled_plane(inner, cells, across, down, p, x, y);
-        if (isnan(value)) /* nothing is known in the whole picture */
-            return;
-        own = (float4)(own.yz, value, 0.0f);
-        if (p == 3)
-            depth[pixel] = DEPTH_OF(perspective, value);
+    for (int p = CHANNELS == 3 ? 0 : 3; p < WEIGHT_PLANE; p++)
+        own = (float4)(own.yzw, pulled_plane(inner, cells, across, down, p, x, y));
+    if (isnan(own.w)) /* nothing is known in the whole picture */
+        return;
+    depth[pixel] = DEPTH_OF(perspective, own.w);
 #if CHANNELS == 3
-        else
-            color[3 * pixel + p] = to_channel(value);
+    vstore3(to_channels(own).xyz, pixel, color);
 #endif
-    }
 #if HAS_BEHIND && CHANNELS == 3
     if ((x > 0 && valid[pixel - 1]) || (x + 1 < width && valid[pixel + 1]) || (y > 0 && valid[pixel - width]) ||
         (y + 1 < height && valid[pixel + width]))
