@@ -168,7 +168,7 @@ INLINED void draw_layers(const Context *context, Region *region, const MeshLayer
 
 /* The depth pass: what the pixels of the region at (x, y) see of each mesh. Returns whether there are holes in the
  * meshes of the views that are drawn: only then are the others' drawn, and the sheets. */
-INLINED int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, BinList listed,
+OUTLINED int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, BinList listed,
                 global const int *firsts, int x, int y, Fronts *fronts)
 {
     const int unseen = counts.sheets + counts.backs, meshes = counts.others + counts.views;

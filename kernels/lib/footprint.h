@@ -113,7 +113,7 @@ INLINED Footprint on_coarser(Footprint f)
 }
 
 /* Adds the mean of a texture's level over a footprint around (u, v), times a weight. */
-INLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footprint f, intl level, int width,
+OUTLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footprint f, intl level, int width,
                            int height, floatl weight, Color *sum)
 {
     intl w = width, h = height;

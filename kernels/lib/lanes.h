@@ -19,12 +19,24 @@
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 
+/* Packets of a row, or as many of what else lies there, that a work-item goes through: starting one takes longer than most */
 #if LANES == 16
 #include "lib/builtins.h"
+#define STRIP 32
+#else
+#define STRIP 1
 #endif
 
 /* A function whose arguments and results stay in registers: vectors, and on GPUs structs, go through memory otherwise. */
 #define INLINED static inline __attribute__((always_inline))
+
+/* A function that is compiled once: PoCL makes three of each kernel, with all that is inlined there. It knows no
+ * work-item. */
+#if LANES == 16
+#define OUTLINED static __attribute__((noinline))
+#else
+#define OUTLINED INLINED
+#endif
 
 /* Before a loop of few steps whose number is known: an array that it walks along stays in registers. */
 #if defined(__clang__) || defined(__NV_CL_C_VERSION)

@@ -12,10 +12,6 @@
 #include "lib/color.h"
 #include "lib/surface.h"
 
-#ifndef STRIP
-#define STRIP 1 /* packets of LANES pixels that a work-item averages */
-#endif
-
 #ifndef GUESSES
 #define GUESSES 0 /* 1: which pixels show guessed surface is told, too */
 #endif

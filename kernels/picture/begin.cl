@@ -3,3 +3,4 @@
 #include "picture/edges.cl"
 #include "picture/margins.cl"
 #include "picture/nearness.cl"
+#include "picture/prominence.cl"

@@ -7,10 +7,6 @@
 #include "lib/bounds.h"
 #include "lib/lanes.h"
 
-#ifndef STRIP
-#define STRIP 1 /* windows that a work-item goes through: starting one takes longer than most */
-#endif
-
 #define WINDOW_SIDE (2 * BOUNDS_STEP + 1) /* samples */
 #define BOUNDS_ROUNDING 1e-6f /* of nearness that is interpolated, and of the bit: 16 times to 24 bits */
 

@@ -23,9 +23,6 @@
 #ifndef GUESSES
 #define GUESSES 0 /* 1: which pixels show guessed surface, at whose depth `guesses` is, is carried over, too */
 #endif
-#ifndef STRIP
-#define STRIP 1 /* packets of LANES pixels that a work-item goes through: starting one takes longer than most */
-#endif
 
 /* A face's picture */
 typedef struct {

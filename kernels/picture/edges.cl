@@ -122,12 +122,10 @@ INLINED intl torn_along(Image image, int x, int y, int dx, int dy, float per_pix
 
 #define LEAST_BEYOND 1e-3f /* of the border's nearness: the ring's is at least that */
 
-kernel void find_edges(global const float *nearness, global float *surface, int width, int height, int pitch, Cut cut, EdgeTest test)
+/* Writes a row of the surface. */
+OUTLINED void mark_row(Image image, int y, Cut cut, EdgeTest test, global float *row)
 {
-    const int y = get_global_id(0);
-    if (y >= height)
-        return;
-    const Image image = {nearness, width, height, pitch};
+    const int width = image.width, height = image.height;
     for (int x0 = 0; x0 < width; x0 += LANES) {
         const floatl n = samples_from(image, x0, y);
         const intl solid = n > NO_SURFACE, last = x0 + lane_index == width - 1;
@@ -140,8 +138,16 @@ kernel void find_edges(global const float *nearness, global float *surface, int 
                           select_lanes(diagonal, (intl)TORN_DIAGONAL, (intl)0);
         /* A missing sample's bits to the right and below keep it NO_SURFACE. */
         const floatl marked = as_floatl(select_lanes(solid, NEAREST_WITH_BITS(as_intl(n), bits), ((intl)as_int(NO_SURFACE) & ~TORN_ALL) | bits));
-        store_lanes(marked, surface + (size_t)(y + 1) * pitch + x0 + 1); /* there is room for whole packets */
+        store_lanes(marked, row + x0); /* there is room for whole packets */
     }
+}
+
+kernel void find_edges(global const float *nearness, global float *surface, int width, int height, int pitch, Cut cut, EdgeTest test)
+{
+    const int y = get_global_id(0);
+    const Image image = {nearness, width, height, pitch};
+    if (y < height)
+        mark_row(image, y, cut, test, surface + (size_t)(y + 1) * pitch + 1);
 }
 
 /* A marked sample of the surface, by the image's numbers */

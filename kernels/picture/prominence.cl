@@ -7,10 +7,6 @@
  */
 #include "lib/prominence.h"
 
-#ifndef STRIP
-#define STRIP 1 /* blocks that a work-item goes through: starting one takes longer than most */
-#endif
-
 /* By how much of nearness samples stand out, between their sides in the row or in the column, as seen from the front and
  * from the back */
 INLINED void stand_out(Neighbours n, floatl *front, floatl *back)

@@ -37,7 +37,7 @@ INLINED ProjectedCorner corner_of(global const int *corners, global const float 
     return corner;
 }
 
-INLINED Boxes boxes_of(global const int *corners, global const float *projected, intl index, Screen screen,
+OUTLINED Boxes boxes_of(global const int *corners, global const float *projected, intl index, Screen screen,
                        float nearest_w, int culled)
 {
     floatl x[CORNERS], y[CORNERS];

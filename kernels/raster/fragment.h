@@ -36,7 +36,7 @@ INLINED void list_of_bin(global const int *list, global const int *starts, int b
 
 /* Begins the region at (x, y), unless its bin's list is empty, when there is nothing to draw: then a blank picture is
  * cleared there. Returns whether it has begun. */
-INLINED int begin_listed(Region *region, const Picture *picture, BinList listed, int x, int y)
+OUTLINED int begin_listed(Region *region, const Picture *picture, BinList listed, int x, int y)
 {
     const int any = listed.first < listed.last;
     if (any)

@@ -9,7 +9,7 @@
 #endif
 
 #if FRAGMENTS
-INLINED void draw_list(const Context *context, Region *region, BinList listed)
+OUTLINED void draw_list(const Context *context, Region *region, BinList listed)
 {
     for (int i = listed.first; i < listed.last; i += LANES) {
         Primitives primitives;

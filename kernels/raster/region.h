@@ -174,23 +174,13 @@ INLINED void write_whole_block(const Picture *picture, floatl z, int x, int y, C
 }
 #endif
 
-/* Writes a block of the region to the picture; shade in [0, 1]. Returns which of its pixels show the region's
- * primitives now. */
-INLINED intl write_block(const Region *region, int block, const Picture *picture, Color shade)
+/* Writes the pixels of a block one by one: those that are `mine`, and of a blank picture the others. z: their depths.
+ * Returns which of them are shown now. */
+OUTLINED intl write_single_pixels(const Picture *picture, floatl z, intl mine, int x, int y, Color shade)
 {
-    const int x = region->x + FIRST_X(block), y = region->y + FIRST_Y(block), blank = picture->blank;
-    intl mine = region->owner[block] >= 0;
-    const floatl n = region->nearness[block], z = select_lanes(mine, DRAWN_DEPTH(picture->screen, n), (floatl)NAN);
-#if LANES == 16
-    if (IS_WHOLE(picture->screen, x, y) &&
-        (blank || !any_lane(!mine | (z >= block_depths(picture->screen, picture->depth, x, y))))) {
-        write_whole_block(picture, z, x, y, shade);
-        return mine;
-    }
-#endif
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(picture->screen, x, y, lane);
-        const int is_mine = int_lane(mine, lane) != 0;
+        const int is_mine = int_lane(mine, lane) != 0, blank = picture->blank;
         if (at < 0 || !(is_mine || blank) || (!blank && float_lane(z, lane) >= picture->depth[at])) {
             set_int_lane(mine, lane, 0); /* equally far: there and back, nearness is rounded */
             continue;
@@ -201,6 +191,23 @@ INLINED intl write_block(const Region *region, int block, const Picture *picture
         write_pixel(picture->color + 3 * at, is_mine ? one : (float3)(0.0f));
     }
     return mine;
+}
+
+/* Writes a block of the region to the picture; shade in [0, 1]. Returns which of its pixels show the region's
+ * primitives now. */
+INLINED intl write_block(const Region *region, int block, const Picture *picture, Color shade)
+{
+    const int x = region->x + FIRST_X(block), y = region->y + FIRST_Y(block);
+    const intl mine = region->owner[block] >= 0;
+    const floatl n = region->nearness[block], z = select_lanes(mine, DRAWN_DEPTH(picture->screen, n), (floatl)NAN);
+#if LANES == 16
+    if (IS_WHOLE(picture->screen, x, y) &&
+        (picture->blank || !any_lane(!mine | (z >= block_depths(picture->screen, picture->depth, x, y))))) {
+        write_whole_block(picture, z, x, y, shade);
+        return mine;
+    }
+#endif
+    return write_single_pixels(picture, z, mine, x, y, shade);
 }
 
 /* Enters those pixels of a block that are `written` into the G-buffer. normal: as images hold it */

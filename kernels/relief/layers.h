@@ -304,7 +304,7 @@ static int search_layer(const Context *context, Region *region, BinList listed)
 }
 
 /* Finds what the region's pixels see of the relief, layer by layer. */
-INLINED void search_layers(const Context *context, Region *region, BinList listed)
+OUTLINED void search_layers(const Context *context, Region *region, BinList listed)
 {
     Layers *layers = context->layers;
     for (int block = 0; block < BLOCKS; block++) {

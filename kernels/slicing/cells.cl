@@ -11,10 +11,6 @@
 #include "lib/pixelspace.h"
 #include "slicing/cell_bits.h"
 
-#ifndef STRIP
-#define STRIP 1 /* packets of LANES samples that a work-item goes through: starting one takes longer than some */
-#endif
-
 /* In samples' distances: */
 #define EDGE 3.0f      /* neighbours that differ by more in depth are of two surfaces */
 #define RISE_MAX 2.0f  /* by which a surface is nearer than its samples tell */
@@ -115,7 +111,7 @@ INLINED floatl with_bits(floatl value, intl bits, int places)
 }
 
 /* The cells whose first samples are (low, y) to (low + LANES - 1, y): to[0] and, one image further, their two floats */
-INLINED void find_packet(global const float *depth, CellImage image, int low, int y, global float *to)
+OUTLINED void find_packet(global const float *depth, CellImage image, int low, int y, global float *to)
 {
     CellSample rows[2][LINE], columns[2][LINE];
     UNROLLED

@@ -30,9 +30,6 @@
 #include "warp/layers.h"
 #include "warp/view_edges.h"
 
-#ifndef STRIP
-#define STRIP 1 /* packets of LANES pixels a work-item */
-#endif
 #define ANGLE_SQUARE 0.03f    /* of the sine of 10 degrees */
 #define AT_SAMPLE 0.01f       /* pixels: so close to a sample it is seen itself */
 #define AT_STEP 0.5f          /* of the edges' bytes: up to it, a place is at a step */

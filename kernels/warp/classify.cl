@@ -19,10 +19,6 @@
 #include "warp/classes.h"
 #include "warp/trace.h"
 
-#ifndef STRIP
-#define STRIP 1 /* packets of a row that a work-item classifies: starting one takes longer than most */
-#endif
-
 #define IS_FREE 4 /* nothing there, while the ray is followed */
 
 /* The state of rays of nearness `near` at places of the source's image: IS_FREE or a class. */

@@ -40,6 +40,9 @@
 #include "warp/walk_columns.h"
 #define WALK walk_columns
 #endif
+#if !ALIGNED
+#include "warp/lone.cl" /* which follows: one program */
+#endif
 
 #if ALIGNED && !SEGMENT
 /* Nothing is settled on the rows (or columns) of a packet, whose first is the given one. */
@@ -52,6 +55,31 @@ INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
             store_lanes((floatl)EMPTY, from + (size_t)y * map.dst_pitch + x);
 }
 #endif
+
+/* Walks a packet of a group's lines. Returns the samples and the pixels that were visited. */
+OUTLINED uint2 sweep_packet(Grid grid, global float *hits, LineGroup group, int packet, PixelMap map, int sides, float nearest,
+                            float farthest, global const float *bounds)
+{
+    SweepLines line = sweep_lines(group, map, packet, nearest, farthest);
+#if ALIGNED && !SEGMENT
+    clear_lines(hits, packet * LANES, line.along, map);
+#endif
+    if (!any_lane((line.low <= line.high) & (line.from <= line.to)))
+        return 0;
+    uint samples = 0;
+#if SEGMENT
+    samples += clip_walk(&line, bounds, map);
+#endif
+    const int front_is_up = group.side < 0; /* -D is towards larger pixels */
+    HitWriter writer;
+    writer.hits = hits;
+    writer.spare = map.dst_height * map.dst_pitch + packet * LANES;
+    writer.up_hides = !(sides & (front_is_up ? SHOWS_FRONT : SHOWS_BACK));
+    writer.down_hides = !(sides & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
+    writer.pixels = 0;
+    samples += WALK(grid, line, group, map, &writer);
+    return (uint2)(samples, writer.pixels);
+}
 
 kernel void epipolar_sweep(global const float *surface, global float *hits, global const LineGroup *groups,
                            int group_count, int packet_count, PixelMap map, int sides, float nearest,
@@ -70,28 +98,12 @@ kernel void epipolar_sweep(global const float *surface, global float *hits, glob
     int g = 0;
     while (g + 1 < group_count && packet >= groups[g + 1].first_packet)
         g++;
-    const LineGroup group = groups[g];
-    SweepLines line = sweep_lines(group, map, packet, nearest, farthest);
-#if ALIGNED && !SEGMENT
-    clear_lines(hits, packet * LANES, line.along, map);
-#endif
-    if (!any_lane((line.low <= line.high) & (line.from <= line.to)))
-        return;
-    uint samples = 0;
-#if SEGMENT
-    samples += clip_walk(&line, bounds, map);
-#endif
-    const int front_is_up = group.side < 0; /* -D is towards larger pixels */
-    HitWriter writer;
-    writer.hits = hits;
-    writer.spare = map.dst_height * map.dst_pitch + packet * LANES;
-    writer.up_hides = !(sides & (front_is_up ? SHOWS_FRONT : SHOWS_BACK));
-    writer.down_hides = !(sides & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
-    writer.pixels = 0;
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
-    samples += WALK(grid, line, group, map, &writer);
+#if !SEGMENT
+    global const float *bounds = 0;
+#endif
+    const uint2 visited = sweep_packet(grid, hits, groups[g], packet, map, sides, nearest, farthest, bounds);
 #if COUNTERS
-    counters[2 * packet] = samples;
-    counters[2 * packet + 1] = writer.pixels;
+    vstore2(visited, packet, counters);
 #endif
 }

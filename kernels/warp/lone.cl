@@ -16,9 +16,6 @@
 #include "lib/prominence.h"
 #include "warp/hits.h"
 
-#ifndef STRIP
-#define STRIP 1 /* blocks that a work-item goes through: starting one takes longer than most */
-#endif
 #define LONE_BY 4.0f  /* target pixels: more than the windows of candidates.h reach in all */
 #define NARROW 4.0f   /* target pixels: lines meet a triangle that is nowhere narrower */
 #define ON_LINE 2e-3f /* pixels off an edge, and its line's slope, at which a ray still may run along it */
@@ -27,7 +24,7 @@
 #define ONE_OF(mask) select_lanes(mask, (intl)1, (intl)0)
 
 /* Which of the samples (x, y) to (x + LANES - 1, y) stand out alone in the target? */
-INLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
+OUTLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
 {
     if (y < 0 || y >= grid.height)
         return 0;
@@ -100,7 +97,7 @@ INLINED float hit_on(Corner corner, float to, float gu, float gv, Grid grid, Pix
 
 /* Puts the hits of pixels on the triangle of a corner a and the samples beside it, b along its row and c along its
  * column, among `hits`. */
-INLINED void draw_triangle(Corner a, Corner b, Corner c, Grid grid, PixelMap map, int sides, global float *hits)
+OUTLINED void draw_triangle(Corner a, Corner b, Corner c, Grid grid, PixelMap map, int sides, global float *hits)
 {
     const float top = fmax(fmin(a.v, fmin(b.v, c.v)) - HAIR_OF_EDGE, 0.0f);
     const float bottom = fmin(fmax(a.v, fmax(b.v, c.v)) + HAIR_OF_EDGE, map.dst_height - 1.0f);
@@ -130,7 +127,7 @@ INLINED void draw_triangle(Corner a, Corner b, Corner c, Grid grid, PixelMap map
 
 /* Puts the hits of the pixels whose rays run along the edge from a to b among `hits`: they see it even if the triangles
  * beside it are open. Of other rays that pass it within a hair the hit is one more place to look. */
-INLINED void draw_edge(Corner a, Corner b, PixelMap map, global float *hits)
+OUTLINED void draw_edge(Corner a, Corner b, PixelMap map, global float *hits)
 {
     const float *D = map.dst_from_src, *S = map.src_from_dst;
     const float along_u = a.x * S[11] - S[3], along_v = a.y * S[11] - S[7], dx = b.x - a.x, dy = b.y - a.y;
@@ -155,7 +152,7 @@ INLINED void draw_edge(Corner a, Corner b, PixelMap map, global float *hits)
 }
 
 /* Draws the triangles of the cell of sample (x, y), and its edges where they are open. */
-INLINED void draw_cell(Grid grid, PixelMap map, int x, int y, int sides, global float *hits)
+OUTLINED void draw_cell(Grid grid, PixelMap map, int x, int y, int sides, global float *hits)
 {
     const Corner q00 = corner_at(grid, map, x, y), q10 = corner_at(grid, map, x + 1, y);
     const Corner q01 = corner_at(grid, map, x, y + 1), q11 = corner_at(grid, map, x + 1, y + 1);
@@ -175,7 +172,7 @@ INLINED void draw_cell(Grid grid, PixelMap map, int x, int y, int sides, global 
 }
 
 /* Draws the cells around those of a packet's samples that stand out alone; of several of a cell the first one does. */
-INLINED void draw_packet(Grid grid, PixelMap map, int x, int y, int sides, global float *hits)
+OUTLINED void draw_packet(Grid grid, PixelMap map, int x, int y, int sides, global float *hits)
 {
     const intl lone = lone_samples(grid, map, x, y, sides);
     if (!any_lane(lone))

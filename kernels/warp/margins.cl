@@ -11,9 +11,6 @@
 #include "lib/surface.h"
 #include "warp/hits.h"
 
-#ifndef STRIP
-#define STRIP 1 /* packets of LANES quarters that a work-item goes through: starting one takes longer than most */
-#endif
 #define MARGIN_WIDTH_MAX 256 /* target pixels: a margin is drawn no wider, as one right before the target would be */
 #define HAIR 1e-3f /* pixels by which margins and triangles overlap, for rounding */
 

@@ -29,71 +29,91 @@
 #include "warp/candidates.h"
 #include "warp/classes.h"
 #include "warp/corners.h"
+#include "warp/margins.cl" /* which goes before: one program */
 
-#ifndef STRIP
-#define STRIP 1 /* packets of LANES pixels a work-item: pixels to trace are gathered from all of them */
-#endif
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: where in which view each pixel comes from is written, too; 2: and what is hidden */
 #endif
 
-/* Enters into the G-buffer those of pixels x of a row, which begins with number `first`, that are `written`. */
-INLINED void enter_pixels(GBuffer gbuffer, Corners there, intl written, intl x, size_t first, global const float *depth,
-                          global const float *normals)
+/* A row of the picture, and the view that it is resolved from */
+typedef struct {
+    Grid grid;
+    PixelMap map;
+    global const channel *src_color;
+    int linear, merge, y;
+    global float *depth;
+    global channel *color;
+    global uchar *valid;
+#if ORIGINS
+    global float *source;
+    global int *source_view;
+    int view;
+#endif
+#if ORIGINS == 2
+    global uchar *classes;
+#endif
+    GBuffer gbuffer;
+    global const float *normals;
+} Row;
+
+/* Enters those of the row's pixels x that are `written` into the G-buffer. */
+INLINED void enter_pixels(Row row, Corners there, intl written, intl x)
 {
 #if GBUFFER
     Color normal = {0.0f, 0.0f, 0.0f};
 #if GBUFFER == 2
-    const Vector a = vector_at(normals, there.corner), b = vector_at(normals, there.beside);
-    const Vector c = vector_at(normals, there.below);
+    const Vector a = vector_at(row.normals, there.corner), b = vector_at(row.normals, there.beside);
+    const Vector c = vector_at(row.normals, there.below);
     normal.r = there.at_corner * a.x + there.at_beside * b.x + there.at_below * c.x;
     normal.g = there.at_corner * a.y + there.at_beside * b.y + there.at_below * c.y;
     normal.b = there.at_corner * a.z + there.at_beside * b.z + there.at_below * c.z;
 #endif
     for (uint left = lane_bits(written); left; left &= left - 1) {
-        const size_t pixel = first + int_lane(x, LOWEST(left));
-        enter_pixel(gbuffer, pixel, depth[pixel], color_lane(normal, LOWEST(left)));
+        const int at = int_lane(x, LOWEST(left));
+        enter_pixel(row.gbuffer, (size_t)row.y * row.map.dst_width + at, row.depth[at], color_lane(normal, LOWEST(left)));
     }
 #endif
 }
 
-#if ORIGINS
-/* Writes where those of pixels x of a row come from that are `written`. */
-INLINED void write_origins(Pixels pixels, intl written, intl x, global float *source, global int *source_view, int view)
+/* Writes where those of the row's pixels x come from that are `written`. */
+INLINED void write_origins(Row row, Pixels pixels, intl written, intl x)
 {
-    const intl hit = IS_HIT(pixels.n), from = select_lanes(hit, (intl)view, (intl)-1);
+#if ORIGINS
+    const intl hit = IS_HIT(pixels.n), from = select_lanes(hit, (intl)row.view, (intl)-1);
     const floatl u = select_lanes(hit, pixels.u, (floatl)NAN), v = select_lanes(hit, pixels.v, (floatl)NAN);
     const int first = int_lane(x, 0);
     if (!any_lane(!written | (x != first + lane_index))) {
-        store_pairs(u, v, source + 2 * first);
-        store_lanes(from, source_view + first);
+        store_pairs(u, v, row.source + 2 * first);
+        store_lanes(from, row.source_view + first);
         return;
     }
     for (uint left = lane_bits(written); left; left &= left - 1) {
         const int lane = LOWEST(left), at = int_lane(x, lane);
-        vstore2((float2)(float_lane(u, lane), float_lane(v, lane)), at, source);
-        source_view[at] = int_lane(from, lane);
+        vstore2((float2)(float_lane(u, lane), float_lane(v, lane)), at, row.source);
+        row.source_view[at] = int_lane(from, lane);
     }
-}
 #endif
+}
 
-#if ORIGINS == 2
-/* Tells that pixels x of a row are hidden where their hits are on a side that is not shown. */
-INLINED void write_hidden(floatl hits, intl x, int high_x, global uchar *classes)
+/* Tells that the row's pixels x, up to high_x, are hidden where their hits are on a side that is not shown. */
+INLINED void write_hidden(Row row, floatl hits, intl x, int high_x)
 {
+#if ORIGINS == 2
     for (uint left = lane_bits(IS_HIT(hits) & !IS_VISIBLE_HIT(hits) & (x < high_x)); left; left &= left - 1)
-        classes[int_lane(x, LOWEST(left))] = CLASS_HIDDEN;
-}
+        row.classes[int_lane(x, LOWEST(left))] = CLASS_HIDDEN;
 #endif
+}
 
-/* Writes the first `count` of LANES pixels; merge: those alone that are nearer than what the picture shows. Returns
- * which are written. */
-INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int count, global float *depth,
-                          global channel *color, global uchar *valid)
+/* Writes the first `count` of LANES pixels of the row from x0 on; to merge: those alone that are nearer than what the
+ * picture shows. Returns which are written. */
+INLINED intl write_pixels(Row row, Pixels pixels, Color c, int x0, int count)
 {
     const intl settled = IS_HIT(pixels.n);
-    const floatl z = DEPTH_OF(map.dst_perspective, pixels.n);
-    if (!merge && count == LANES) {
+    const floatl z = DEPTH_OF(row.map.dst_perspective, pixels.n);
+    global float *depth = row.depth + x0;
+    global channel *color = row.color + CHANNELS * x0;
+    global uchar *valid = row.valid + x0;
+    if (!row.merge && count == LANES) {
         store_lanes(select_lanes(settled, z, (floatl)NAN), depth);
         store_bytes(to_ucharl(settled & 1), valid);
         const Color none = {0.0f, 0.0f, 0.0f};
@@ -103,8 +123,8 @@ INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
     intl written = 0;
     for (int lane = 0; lane < count; lane++) {
         const int is_settled = int_lane(settled, lane) != 0;
-        const float z_new = float_lane(z, lane), z_old = merge ? depth[lane] : NAN;
-        if (is_settled ? z_new >= z_old : merge)
+        const float z_new = float_lane(z, lane), z_old = row.merge ? depth[lane] : NAN;
+        if (is_settled ? z_new >= z_old : row.merge)
             continue; /* the picture shows something nearer there, or this view has no hit */
         depth[lane] = is_settled ? z_new : NAN;
         valid[lane] = is_settled;
@@ -114,20 +134,19 @@ INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
     return written;
 }
 
-/* Writes those of pixels x of a row that are wanted and nearer than what the picture shows. Returns which are. */
-INLINED intl write_apart(Pixels pixels, Color c, PixelMap map, intl x, intl wanted, global float *depth,
-                         global channel *color, global uchar *valid)
+/* Writes those of the row's pixels x that are wanted and nearer than what the picture shows. Returns which are. */
+INLINED intl write_apart(Row row, Pixels pixels, Color c, intl x, intl wanted)
 {
-    const floatl z = DEPTH_OF(map.dst_perspective, pixels.n);
+    const floatl z = DEPTH_OF(row.map.dst_perspective, pixels.n);
     intl written = 0;
     for (int lane = 0; lane < LANES; lane++) {
         const int at = int_lane(x, lane);
-        if (!int_lane(wanted, lane) || float_lane(z, lane) >= depth[at])
+        if (!int_lane(wanted, lane) || float_lane(z, lane) >= row.depth[at])
             continue;
-        depth[at] = float_lane(z, lane);
-        valid[at] = 1;
+        row.depth[at] = float_lane(z, lane);
+        row.valid[at] = 1;
         set_int_lane(written, lane, -1);
-        write_pixel(color + CHANNELS * at, rounded_channel(color_lane(c, lane)));
+        write_pixel(row.color + CHANNELS * at, rounded_channel(color_lane(c, lane)));
     }
     return written;
 }
@@ -155,7 +174,7 @@ void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 }
 
 /* Traces the pixels of packets of a row that have no hit yet, in full packets. Returns how many they are. */
-INLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits, Grid grid, PixelMap map, int strip_x,
+OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits, Grid grid, PixelMap map, int strip_x,
                          int y, int sides, int neighbour_offset, float density, float window, int connected, uint *cells)
 {
     int to_trace[(STRIP + 1) * LANES], count = 0;
@@ -171,6 +190,75 @@ INLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits, 
             set_float_lane(pixels[to_trace[first + i] / LANES].n, to_trace[first + i] % LANES, float_lane(n, i));
     }
     return count;
+}
+
+/* Reads the hits of packets of a row from strip_x to high_x, and intersects the pixels' own rays there. */
+OUTLINED void read_strip(Pixels *pixels, Row row, global const float *hits, int strip_x, int high_x, int packets, int hit_kind,
+                         int neighbour_offset, float density, float typical, float rough, int sides)
+{
+    for (int p = 0; p < packets; p++) {
+        const int x0 = strip_x + p * LANES;
+        pixels[p] = read_hits(hits, row.map, x0, row.y, x0 + lane_index < high_x, hit_kind, neighbour_offset, density,
+                              typical, rough);
+        prefetch_place(row.grid, row.src_color, pixels[p].u, pixels[p].v);
+    }
+    for (int p = 0; p < packets; p++) {
+        if (any_lane(pixels[p].smooth))
+            intersect_at_hits(&pixels[p], row.grid, row.map, strip_x + p * LANES, row.y, hit_kind, sides);
+        else if (hit_kind != HITS_OF_PIXELS)
+            pixels[p].n = EMPTY;
+    }
+}
+
+/* Writes these pixels, but for those whose hits on the margins of the row are nearer (margins: 0, there are none). Returns
+ * how many these are, and their columns. */
+OUTLINED int write_strip(Row row, Pixels *pixels, int strip_x, int high_x, int packets, int hit_kind,
+                         global const float *hits, global const float *margins, int *on_margins)
+{
+    int count = 0;
+    for (int p = 0; p < packets; p++) {
+        const int x0 = strip_x + p * LANES;
+        const intl x = x0 + lane_index;
+        if (ORIGINS == 2 && hit_kind != HITS_WITHOUT_PARALLAX)
+            write_hidden(row, load_lanes(hits + x0), x, high_x);
+        if (margins) {
+            const floatl margin = load_lanes(margins + x0);
+            const intl on_margin = margin > pixels[p].n;
+            write_hidden(row, margin, x, high_x);
+            for (uint left = lane_bits(on_margin & IS_VISIBLE_HIT(margin) & (x < high_x)); left; left &= left - 1)
+                on_margins[count++] = x0 + LOWEST(left);
+            pixels[p].n = select_lanes(on_margin, (floatl)EMPTY, pixels[p].n);
+        }
+        pixels[p].n = select_lanes(IS_VISIBLE_HIT(pixels[p].n), pixels[p].n, (floatl)EMPTY);
+        if (row.merge && !any_lane(IS_HIT(pixels[p].n)))
+            continue;
+        if (hit_kind != HITS_OF_PIXELS)
+            find_place(&pixels[p], row.map, to_floatl(x), row.y);
+        const Corners there = corners_at(&pixels[p], row.grid, row.map, row.linear);
+        const Color c = interpolate_color(there, row.map, row.src_color, row.linear);
+        pixels[p].n = select_lanes(IS_BEFORE(row.map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
+        const intl written = write_pixels(row, pixels[p], c, x0, min(high_x - x0, LANES)) & (x < high_x);
+        write_origins(row, pixels[p], written, x);
+        enter_pixels(row, there, written, x);
+    }
+    return count;
+}
+
+/* Writes the pixels in `columns` of the row that show margins. */
+OUTLINED void write_margins(Row row, global const float *margins, const int *columns, int count)
+{
+    for (int first = 0; first < count; first += LANES) {
+        const intl wanted = first + lane_index < count;
+        const intl x = select_lanes(wanted, (intl)load_lanes(columns + first), (intl)columns[0]);
+        Pixels one;
+        one.n = (floatl)(gather(margins, x));
+        find_place(&one, row.map, to_floatl(x), row.y);
+        const Corners there = corners_of_margins(&one, row.grid, row.map, row.linear, to_floatl(x), row.y);
+        const Color c = interpolate_color(there, row.map, row.src_color, row.linear);
+        const intl written = write_apart(row, one, c, x, wanted & IS_BEFORE(row.map.dst_perspective, one.n));
+        write_origins(row, one, written, x);
+        enter_pixels(row, there, written, x);
+    }
 }
 
 kernel void resolve(global const float *surface, global const float *hits, global const float *margin_hits,
@@ -193,76 +281,38 @@ kernel void resolve(global const float *surface, global const float *hits, globa
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
     if (y >= high_y || strip_x >= high_x)
         return;
-    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
     const int packets = min(STRIP, (high_x - strip_x + LANES - 1) / LANES);
+    const size_t first = (size_t)y * map.dst_width;
+    const Row row = {GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT),
+                     map,
+                     src_color,
+                     linear,
+                     merge,
+                     y,
+                     depth + first,
+                     color + CHANNELS * first,
+                     valid + first,
+#if ORIGINS
+                     source + 2 * first,
+                     source_view + first,
+                     view,
+#endif
+#if ORIGINS == 2
+                     classes + first,
+#endif
+                     GBUFFER_VALUE,
+                     NORMALS_ARGUMENT(float)};
     Pixels pixels[STRIP];
-    for (int p = 0; p < packets; p++) {
-        const int x0 = strip_x + p * LANES;
-        pixels[p] = read_hits(hits, map, x0, y, x0 + lane_index < high_x, hit_kind, neighbour_offset, density, typical,
-                              rough);
-        prefetch_place(grid, src_color, pixels[p].u, pixels[p].v);
-    }
-    for (int p = 0; p < packets; p++) {
-        if (any_lane(pixels[p].smooth))
-            intersect_at_hits(&pixels[p], grid, map, strip_x + p * LANES, y, hit_kind, sides);
-        else if (hit_kind != HITS_OF_PIXELS)
-            pixels[p].n = EMPTY;
-    }
-
+    read_strip(pixels, row, hits, strip_x, high_x, packets, hit_kind, neighbour_offset, density, typical, rough, sides);
     uint cells = 0;
-    const int traced = hit_kind != HITS_OF_LINES ? 0
-                                                 : trace_pixels(pixels, packets, hits, grid, map, strip_x, y, sides,
-                                                                neighbour_offset, density, window, connected, &cells);
-    const size_t row = (size_t)y * map.dst_width;
-    const GBuffer gbuffer = GBUFFER_VALUE;
-    int on_margins[(STRIP + 1) * LANES], count = 0;
-    for (int p = 0; p < packets; p++) {
-        const int x0 = strip_x + p * LANES, in_packet = min(high_x - x0, LANES);
-        const intl x = x0 + lane_index;
-#if ORIGINS == 2
-        if (hit_kind != HITS_WITHOUT_PARALLAX)
-            write_hidden(load_lanes(hits + (size_t)y * map.dst_pitch + x0), x, high_x, classes + row);
-#endif
-        if (has_margins) { /* where they are nearer, they are written after these */
-            const floatl margin = load_lanes(margin_hits + (size_t)y * map.dst_pitch + x0);
-            const intl on_margin = margin > pixels[p].n;
-#if ORIGINS == 2
-            write_hidden(margin, x, high_x, classes + row);
-#endif
-            for (uint left = lane_bits(on_margin & IS_VISIBLE_HIT(margin) & (x < high_x)); left; left &= left - 1)
-                on_margins[count++] = x0 + LOWEST(left);
-            pixels[p].n = select_lanes(on_margin, (floatl)EMPTY, pixels[p].n);
-        }
-        pixels[p].n = select_lanes(IS_VISIBLE_HIT(pixels[p].n), pixels[p].n, (floatl)EMPTY);
-        if (merge && !any_lane(IS_HIT(pixels[p].n)))
-            continue;
-        if (hit_kind != HITS_OF_PIXELS)
-            find_place(&pixels[p], map, to_floatl(x), y);
-        const Corners there = corners_at(&pixels[p], grid, map, linear);
-        const Color c = interpolate_color(there, map, src_color, linear);
-        pixels[p].n = select_lanes(IS_BEFORE(map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
-        const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + row + x0,
-                                          color + CHANNELS * (row + x0), valid + row + x0) & (x < high_x);
-#if ORIGINS
-        write_origins(pixels[p], written, x, source + 2 * row, source_view + row, view);
-#endif
-        enter_pixels(gbuffer, there, written, x, row, depth, NORMALS_ARGUMENT(float));
-    }
-    for (int first = 0; first < count; first += LANES) {
-        const intl wanted = first + lane_index < count;
-        const intl x = select_lanes(wanted, (intl)load_lanes(on_margins + first), (intl)strip_x);
-        Pixels one;
-        one.n = (floatl)(gather(margin_hits + (size_t)y * map.dst_pitch, x));
-        find_place(&one, map, to_floatl(x), y);
-        const Corners there = corners_of_margins(&one, grid, map, linear, to_floatl(x), y);
-        const Color c = interpolate_color(there, map, src_color, linear);
-        const intl written = write_apart(one, c, map, x, wanted & IS_BEFORE(map.dst_perspective, one.n), depth + row,
-                                         color + CHANNELS * row, valid + row);
-#if ORIGINS
-        write_origins(one, written, x, source + 2 * row, source_view + row, view);
-#endif
-        enter_pixels(gbuffer, there, written, x, row, depth, NORMALS_ARGUMENT(float));
-    }
+    int traced = 0, on_margins[(STRIP + 1) * LANES];
+    if (hit_kind == HITS_OF_LINES)
+        traced = trace_pixels(pixels, packets, hits, row.grid, map, strip_x, y, sides, neighbour_offset, density, window,
+                              connected, &cells);
+    const size_t pitched = (size_t)y * map.dst_pitch;
+    global const float *margins = has_margins ? margin_hits + pitched : (global const float *)0;
+    const int count = write_strip(row, pixels, strip_x, high_x, packets, hit_kind, hits + pitched, margins, on_margins);
+    write_margins(row, margins, on_margins, count);
 #if COUNTERS
     const int across = (high_x - low_x + STRIP * LANES - 1) / (STRIP * LANES);
     const int item = get_global_id(1) * across + get_global_id(0);

@@ -16,9 +16,6 @@
 #include "lib/ribbons.h"
 #include "warp/keys.h"
 
-#ifndef STRIP
-#define STRIP 1 /* packets of LANES samples, or pixels, that a work-item goes through: starting one takes longer than most */
-#endif
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: where pixels come from is written, too */
 #endif

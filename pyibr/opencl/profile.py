@@ -25,7 +25,7 @@ class DeviceProfile:
     segment: int
     """Pixels of an epipolar line that a work-item of the sweep settles, each walked for on its own; 0: all."""
     strip: int
-    """Packets of a row that a work-item resolves: on a CPU, enough to hide what starting it costs."""
+    """Packets of a row that a work-item goes through: STRIP of kernels/lib/lanes.h, told by LANES."""
     run: int
     """Pixels of a row that a work-item fills: on a CPU, starting one takes longer than most pixels."""
     share: int

@@ -59,7 +59,7 @@ def averaged(fine: Target, camera: Camera, side: int, out: Frame | None = None) 
         told = {"sample_guesses": fine.guesses, "guesses": target.guesses}
     profile = current().profile
     launch(
-        kernel("picture/average.cl", "average", GUESSES=int(bool(told)), STRIP=profile.strip, **fine.color_defines),
+        kernel("picture/average.cl", "average", GUESSES=int(bool(told)), **fine.color_defines),
         profile.packets(*camera.size, profile.strip),
         sample_depth=fine.depth,
         sample_color=fine.color,

@@ -63,7 +63,6 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
                 ORIGINS=int(whole.source is not None),
                 CLASSES=int(whole.classes is not None),
                 GUESSES=int(guesses),
-                STRIP=profile.strip,
                 **target.color_defines,
             ),
             profile.packets(*camera.size, profile.strip),

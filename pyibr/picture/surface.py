@@ -61,7 +61,7 @@ class Surface:
         prominence = empty((height, -(-width // block), 2), np.float32)
         noise_0, noise_1, noise_2 = self.test.straight["noise"].tolist()
         launch(
-            kernel("picture/prominence.cl", "measure_prominence", STRIP=strip),
+            kernel("picture/begin.cl", "measure_prominence"),
             (-(-prominence.shape[1] // strip), height),
             surface=self.nearness,
             prominence=prominence,
@@ -82,7 +82,7 @@ class Surface:
         down, across = (size // step + 1 for size in (height, width))
         bounds = empty((down, across, 2), np.float32)
         launch(
-            kernel("picture/bounds.cl", "bound_surface", STRIP=strip),
+            kernel("picture/bounds.cl", "bound_surface"),
             (-(-across // strip), down),
             surface=self.nearness,
             bounds=bounds,

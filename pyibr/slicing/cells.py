@@ -35,7 +35,7 @@ def maps_of(views: Sequence[DepthImage], box: Box, missing_is_empty: bool) -> De
         image["far"], image["missing_is_empty"], image["per_sample"] = view.far, missing_is_empty, _per_sample(view)
         image["empty"], image["unknown"] = (1 / far, 1 / near) if perspective else (-far, -near)
         launch(
-            kernel(_KERNELS, "find_cells", STRIP=strip),
+            kernel(_KERNELS, "find_cells"),
             current().profile.packets(width, height, strip),
             depth=upload(view.depth),
             maps=maps,

@@ -101,7 +101,7 @@ class _Blending:
     ) -> None:
         self._target, self._own, self._draw, self._entry = target, own, draw, entry
         profile, (width, height) = current().profile, target.camera.size
-        self._defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
+        self._defines = {**target.color_defines, **entry.defines}
         self._defines["ORIGINS"] = int(target.source is not None)
         self._grid = profile.packets(width, height, profile.strip)
         self._pitch = pitch(width)

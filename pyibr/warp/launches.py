@@ -86,10 +86,12 @@ def inverse_warp(
         return
     shared = _shared(surface, pixel_map, options)
     hits, hit_kind = _find_candidates(surface, pixel_map, target, options, shared)
-    margin_hits = _draw_margins(surface, pixel_map, target, shared)
+    origins = len(target.origins) and 1 + (target.classes is not None)
+    defines = {"ORIGINS": origins, **target.color_defines, **entry.defines}
+    margin_hits = _draw_margins(surface, pixel_map, target, shared, defines)
     found = {**shared, "hits": hits, "hit_kind": hit_kind, "has_margins": margin_hits is not None}
     found["margin_hits"] = hits if margin_hits is None else margin_hits
-    _resolve(surface, pixel_map, target, options, found, view, entry, in_reach)
+    _resolve(surface, pixel_map, target, options, found, view, entry, in_reach, defines)
     target.blank = in_reach and target.blank
 
 
@@ -137,9 +139,10 @@ def _find_candidates(
     # lines tell where to look.
     on_samples = aligned and pixel_map.pair.off_samples < constant("lib/surface.h", "ON_SAMPLES")
     exact = not (on_samples if aligned else not options.connected)
-    segments: dict[str, Any] = {"SEGMENT": profile.segment} if profile.segment else {}
+    segments: dict[str, int] = {"SEGMENT": profile.segment} if profile.segment else {}
+    defines = {"ALIGNED": int(aligned), "EDGES": int(exact), **segments}
     launch(
-        kernel("warp/epipolar.cl", "epipolar_sweep", ALIGNED=int(aligned), EDGES=int(exact), **segments),
+        kernel("warp/epipolar.cl", "epipolar_sweep", **defines),
         (packets,),
         hits=hits,
         groups=upload(groups),
@@ -153,7 +156,7 @@ def _find_candidates(
     if aligned:
         return hits, _hits("OF_PIXELS")
     launch(
-        kernel("warp/lone.cl", "draw_lone", STRIP=profile.strip),
+        kernel("warp/epipolar.cl", "draw_lone", **defines),
         (-(-surface.prominence.shape[1] // profile.strip), surface.prominence.shape[0]),
         hits=hits,
         prominence=surface.prominence,
@@ -163,7 +166,9 @@ def _find_candidates(
     return hits, _hits("OF_LINES")
 
 
-def _draw_margins(surface: Surface, pixel_map: PixelMap, target: Target, shared: dict[str, Any]) -> DeviceArray | None:
+def _draw_margins(
+    surface: Surface, pixel_map: PixelMap, target: Target, shared: dict[str, Any], defines: dict[str, int]
+) -> DeviceArray | None:
     """Hits of the pixels' own rays on the surface's margins; None if it has none."""
     profile, margins = current().profile, surface.margins
     if not margins.count or pixel_map.reach.empty:
@@ -172,7 +177,7 @@ def _draw_margins(surface: Surface, pixel_map: PixelMap, target: Target, shared:
     hits = target.scratch(target.camera.height * pitch(target.camera.width) + profile.lanes, number=1)
     clear(hits, constant("lib/pixelspace.h", "EMPTY"))
     launch(
-        kernel("warp/margins.cl", "draw_margins", STRIP=profile.strip),
+        kernel("warp/resolve.cl", "draw_margins", **defines),
         (-(-margins.count // (profile.strip * profile.lanes)),),
         margins=margins.quarters,
         margin_hits=hits,
@@ -205,6 +210,7 @@ def _resolve(
     view: int,
     entry: Entry,
     in_reach: bool,
+    defines: dict[str, int],
 ) -> None:
     """Depth and colour of the pixels from what their lines saw."""
     profile = current().profile
@@ -217,10 +223,9 @@ def _resolve(
     is_exact = pixel_map.pair.aligned and shared["hit_kind"] == _hits("OF_PIXELS")
     density, typical = (1.0, 1.0) if is_exact else (pixel_map.density, pixel_map.typical)
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
-    defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
     classes = {} if target.classes is None else {"classes": target.classes}
     launch(
-        kernel("warp/resolve.cl", "resolve", ORIGINS=len(target.origins) and 1 + len(classes), **defines),
+        kernel("warp/resolve.cl", "resolve", **defines),
         profile.packets(high_x - low_x, high_y - low_y, profile.strip),
         src_color=surface.color,
         linear=options.linear,
@@ -262,7 +267,7 @@ def draw_thin(
     keys, indices = empty((height, width), np.uint32), empty((height, width), np.uint32)
     clear(keys, 0)
     clear(indices, 0xFFFFFFFF)
-    defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
+    defines = {**target.color_defines, **entry.defines}
     defines["ORIGINS"] = int(target.source is not None)
     grid = profile.packets(*pixel_map.pair.src.size, profile.strip)
     for name, more in (("thin_nearness", {}), ("thin_index", {"indices": indices})):
@@ -317,7 +322,7 @@ def classify(surface: Surface, pixel_map: PixelMap, target: Target) -> None:
     assert target.classes is not None
     strip = current().profile.strip
     launch(
-        kernel("warp/classify.cl", "classify", STRIP=strip),
+        kernel("warp/classify.cl", "classify"),
         current().profile.packets(*target.camera.size, strip),
         surface=surface.nearness,
         bounds=surface.bounds,

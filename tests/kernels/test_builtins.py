@@ -105,7 +105,7 @@ def test_kernels_build_for_processors_without_avx_512(tmp_path: Path):
     program = """
 from pyibr.opencl.device import current
 from pyibr.opencl.program import kernel
-kernel("warp/resolve.cl", "resolve", CHANNELS=3, COLOR_BYTES=1, ORIGINS=0, STRIP=32)
+kernel("warp/resolve.cl", "resolve", CHANNELS=3, COLOR_BYTES=1, ORIGINS=0)
 print(current().device.name)
 """
     variables = {"POCL_KERNELLIB_NAME": "avx2", "PYIBR_CACHE": str(tmp_path), "PYIBR_DEVICE": used}
