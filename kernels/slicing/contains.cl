@@ -7,7 +7,7 @@
 
 kernel void find_inside(global const float *points, global uchar *inside, global const float *matrices,
                         global const int *sizes, global const float *maps, global const float *reaches,
-                        global const int *order, int unknown, float outline, int count
+                        global const int *order, int view_count, int unknown, float outline, int count
 #if RIBBONS
                         , global const int *firsts, global const float *ribbons
 #endif
@@ -17,7 +17,7 @@ kernel void find_inside(global const float *points, global uchar *inside, global
     if (i >= count)
         return;
     const Views views = {
-        .matrices = matrices, .sizes = sizes, .maps = maps, .reaches = reaches, .order = order, .unknown = unknown,
+        .count = view_count, .matrices = matrices, .sizes = sizes, .maps = maps, .reaches = reaches, .order = order, .unknown = unknown,
         .outline = outline,
 #if RIBBONS
         .firsts = firsts, .ribbons = ribbons,
@@ -25,10 +25,9 @@ kernel void find_inside(global const float *points, global uchar *inside, global
     };
     const WorldRay place = {{load_lanes(points + i), 0.0f}, {load_lanes(points + count + i), 0.0f},
                             {load_lanes(points + 2 * (size_t)count + i), 0.0f}};
-    ViewRay rays[VIEWS];
-    for (int k = 0; k < VIEWS; k++)
-        rays[k] = view_ray(matrices + 16 * order[k], &place);
+    ViewRays rays;
+    hold_rays(&views, &place, &rays);
     intl passed = 0, tests = 0;
-    const intl found = inside_all(&views, rays, 0.0f, -1, &passed, &tests);
+    const intl found = inside_all(&views, &rays, 0.0f, -1, &passed, &tests);
     store_bytes(to_ucharl(found & 1), inside + i);
 }

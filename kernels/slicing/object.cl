@@ -11,10 +11,10 @@
  * one loop; `halvings` bring the point that passes closer to the surface than its slice; `visible` colours by the views
  * that see the point (view_colors.h).
  *
- * matrices: (VIEWS, 16) from the world to each view's pixel space. sizes: (VIEWS, 3) width, height and start in maps
- * and colors. maps: (VIEWS, 2, height, width) view_volumes.h, or 0 and 1. reaches: (VIEWS,) by how much a view's
+ * matrices: (views, 16) from the world to each view's pixel space. sizes: (views, 3) width, height and start in maps
+ * and colors. maps: (views, 2, height, width) view_volumes.h, or 0 and 1. reaches: (views,) by how much a view's
  * surface may be nearer than its samples. colors: RGBA bytes, A = 255 where the view has a
- * sample. order: (VIEWS,) views in the order of testing. closeness: (VIEWS,) of each view's direction to the target's,
+ * sample. order: (views,) views in the order of testing. closeness: (views,) of each view's direction to the target's,
  * > 0. The origin of world coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With
  * RIBBONS, firsts: the number of the first ribbon of each sample of each view, and at last that of all; ribbons: (N,
  * RIBBON_FLOATS), lib/ribbons.h. Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel.
@@ -27,7 +27,7 @@
 kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
             global const float *maps, global const float *reaches, global const uint *colors, global const int *order,
             global const float *closeness,
-            Box box, int slices_axis, int halvings /* of the interval to the slice before, once one has passed */,
+            int view_count, Box box, int slices_axis, int halvings /* of the interval to the slice before, once one has passed */,
             int finds_thin /* 1: what is thinner than slices lie apart, too */,
             int visible /* 1: colours are of views that see the points, if there are any */,
             int unknown /* 1: points beside an image pass its test */,
@@ -49,7 +49,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     Region region;
     begin_in_picture(&region, &picture, x, y);
 
-    const Views views = {matrices, sizes, maps, reaches, colors, order, closeness, visible, unknown, outline, sample,
+    const Views views = {view_count, matrices, sizes, maps, reaches, colors, order, closeness, visible, unknown, outline, sample,
                          stride,
 #if RIBBONS
                          firsts, ribbons,

@@ -60,7 +60,7 @@ RaySegment segment_in_box(Box box, const WorldRay *ray, floatl from, int slices_
 }
 
 /* Bisects the interval of the length `step` before the hits that are `found`, in which the rays enter the object. */
-void refine_object_hit(const Views *views, const ViewRay *rays, RaySegment segment, floatl step, int halvings,
+void refine_object_hit(const Views *views, const ViewRays *rays, RaySegment segment, floatl step, int halvings,
                        intl found, floatl *hit, intl *tests)
 {
     floatl before = max_lanes(*hit - step, segment.front);
@@ -76,7 +76,7 @@ void refine_object_hit(const Views *views, const ViewRay *rays, RaySegment segme
 /* Searches between slices for parts of the object that are thinner than these lie apart. The rays that are `crossed`
  * fail at z the test of another view than at the slice before, `step` before it; after `passed` views. Bisection leads
  * to where the one test gives way to the other: points there may pass both. Sets hit, and returns where it does. */
-intl intersect_between(const Views *views, const ViewRay *rays, RaySegment segment, floatl z, floatl step, int halvings,
+intl intersect_between(const Views *views, const ViewRays *rays, RaySegment segment, floatl z, floatl step, int halvings,
                        intl crossed, intl passed, floatl *hit, intl *tests)
 {
     floatl before = max_lanes(z - step, segment.front), after = z;
@@ -96,15 +96,14 @@ intl intersect_between(const Views *views, const ViewRay *rays, RaySegment segme
 
 /* Which rays meet the object before the depth `drawn` that the picture shows already? Sets hit, the depth at which they
  * do. */
-static intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segment, floatl drawn, int halvings,
+OUTLINED intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segment, floatl drawn, int halvings,
                       int finds_thin, floatl *hit, intl *tests)
 {
     intl searches = segment.front <= segment.back, found = 0, last = -1;
     if (!any_lane(searches))
         return found;
-    ViewRay rays[VIEWS];
-    for (int i = 0; i < VIEWS; i++)
-        rays[i] = view_ray(views->matrices + 16 * views->order[i], ray);
+    ViewRays rays;
+    hold_rays(views, ray, &rays);
     const intl rises = segment.number.sloped > 0.0f;
     const floatl step = select_lanes(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / segment.number.sloped;
     const floatl number_max = segment.number_max,
@@ -120,16 +119,16 @@ static intl intersect_object(const Views *views, const WorldRay *ray, RaySegment
             break;
         intl passed = 0;
         const intl active = searches & (z >= segment.front),
-                   inside = inside_all(views, rays, z, active, &passed, tests);
+                   inside = inside_all(views, &rays, z, active, &passed, tests);
         *hit = select_lanes(inside, z, *hit);
         found = found | inside;
         const intl crossed = active & !inside & (passed != last);
         if (finds_thin && any_lane(crossed))
             found = found |
-                    intersect_between(views, rays, segment, z, fabs(per_slice), halvings, crossed, passed, hit, tests);
+                    intersect_between(views, &rays, segment, z, fabs(per_slice), halvings, crossed, passed, hit, tests);
         last = select_lanes(active, passed, last);
     }
-    refine_object_hit(views, rays, segment, fabs(per_slice), halvings, found, hit, tests);
+    refine_object_hit(views, &rays, segment, fabs(per_slice), halvings, found, hit, tests);
     return found;
 }
 #endif

@@ -113,7 +113,7 @@ INLINED floatl own_surface_before(const Views *views, int number, const ViewRay 
 INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl active, int visible)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
-    for (int i = 0; i < VIEWS; i++) { /* `order` is from the closest on */
+    for (int i = 0; i < views->count; i++) { /* `order` is from the closest on */
         intl wanted = active & (blend.views < BLENDED_VIEWS - 0.5f);
         if (!any_lane(wanted))
             break;
@@ -140,7 +140,7 @@ INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, i
 }
 
 /* The colours of the rays' points at depth `hit`: of views that see them, where there are any, else of the closest */
-static Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found,
+OUTLINED Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found,
                intl *tests)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
@@ -148,11 +148,10 @@ static Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segmen
         blend = blend_views(views, ray, hit, found, 1);
         const intl doubted = found & (blend.views < VIEWS_MIN);
         if (any_lane(doubted)) {
-            ViewRay rays[VIEWS];
-            for (int i = 0; i < VIEWS; i++)
-                rays[i] = view_ray(views->matrices + 16 * views->order[i], ray);
+            ViewRays rays;
+            hold_rays(views, ray, &rays);
             const floatl step = fabs(1.0f / segment.number.sloped) / (float)(1 << halvings);
-            refine_object_hit(views, rays, segment, step, CLOSER_HALVINGS, doubted, &hit, tests);
+            refine_object_hit(views, &rays, segment, step, CLOSER_HALVINGS, doubted, &hit, tests);
             const Blend closer = blend_views(views, ray, hit, doubted, 1);
             blend.color = select_color(doubted, closer.color, blend.color);
             blend.normal = select_color(doubted, closer.normal, blend.normal);

@@ -10,9 +10,6 @@
 #include "slicing/rays.h"
 #include "slicing/ribbon_record.h"
 
-#ifndef VIEWS
-#define VIEWS 6 /* of the object */
-#endif
 #ifndef SILHOUETTES
 #define SILHOUETTES 0 /* 1: maps are masks */
 #endif
@@ -125,6 +122,7 @@ ViewRay view_ray(global const float *matrix, const WorldRay *ray)
 
 /* What is known of the views, as object.cl describes it */
 typedef struct {
+    int count;
     global const float *matrices;
     global const int *sizes;
     global const float *maps;
@@ -176,21 +174,40 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
 }
 #endif
 
+#define RAYS_HELD 6 /* views whose rays are held, the first in order: most points fail there. Those of others are found anew */
+
+/* Rays as the views see them */
+typedef struct {
+    const WorldRay *ray;
+    ViewRay held[RAYS_HELD];
+} ViewRays;
+
+void hold_rays(const Views *views, const WorldRay *ray, ViewRays *rays)
+{
+    rays->ray = ray;
+    for (int i = 0; i < min(views->count, RAYS_HELD); i++)
+        rays->held[i] = view_ray(views->matrices + 16 * views->order[i], ray);
+}
+
 /* Which of the points of the rays at depth z pass the test of every view? passed: is raised by the number of views
  * whose test each has passed, up to the first that it fails */
-intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, intl *passed, intl *tests)
+intl inside_all(const Views *views, const ViewRays *rays, floatl z, intl inside, intl *passed, intl *tests)
 {
-    for (int i = 0; i < VIEWS && any_lane(inside); i++) {
+    for (int i = 0; i < views->count && any_lane(inside); i++) {
         *tests += inside & 1;
-        const floatl w = AT(rays[i].w, z), inverse = 1.0f / w;
         const int number = views->order[i];
+        ViewRay found;
+        if (i >= RAYS_HELD)
+            found = view_ray(views->matrices + 16 * number, rays->ray);
+        const ViewRay *ray = i < RAYS_HELD ? &rays->held[i] : &found;
+        const floatl w = AT(ray->w, z), inverse = 1.0f / w;
         global const int *size = views->sizes + 3 * number;
-        const floatl u = AT(rays[i].u, z) * inverse, v = AT(rays[i].v, z) * inverse;
+        const floatl u = AT(ray->u, z) * inverse, v = AT(ray->v, z) * inverse;
         const Samples samples = samples_at(size, u, v);
 #if SILHOUETTES
         inside = inside & samples.on_image & (w > 0.0f) & (mask_at(MAP_OF(views, size), samples) >= 0.5f);
 #else
-        const floatl mine = AT(rays[i].q, z) * inverse;
+        const floatl mine = AT(ray->q, z) * inverse;
         const SurfaceSample surface = surface_at(MAP_OF(views, size), size, samples, views->outline,
                                                  views->reaches[number], mine, inside & samples.on_image, 1);
 #if RIBBONS

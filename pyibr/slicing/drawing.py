@@ -68,7 +68,7 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
     corners = np.asarray(box.corners, np.float32)
     near = target.near((corners.min(axis=0), corners.max(axis=0)))
     low_x, low_y, across, down = _blocks(target, box, near)
-    defines = {"VIEWS": len(order), "SILHOUETTES": int(thing.silhouettes), **target.color_defines, **entry.defines}
+    defines = {"SILHOUETTES": int(thing.silhouettes), **target.color_defines, **entry.defines}
     more: dict[str, Any] = {**entry.arguments}
     if counters is not None:
         defines["COUNTERS"] = 1
@@ -83,6 +83,7 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
             **buffers,
             order=upload(order.astype(np.int32)),
             closeness=upload(np.maximum(cosines, 1e-3).astype(np.float32)),
+            view_count=len(order),
             screen=Struct("Screen", target.screen(near, box.center)),
             box=Struct("Box", record),
             slices_axis=slices_axis(thing, camera),

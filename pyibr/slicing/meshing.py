@@ -121,7 +121,7 @@ def contains(thing: Solid, points: Float64) -> Mask:
     order = np.unique(np.array(thing.outlines)).astype(np.int32)
     with one_call():
         buffers = {name: held for name, held in buffers_of(thing).items() if name != "colors"}
-        defines = {"VIEWS": len(order), "SILHOUETTES": int(thing.silhouettes)}
+        defines = {"SILHOUETTES": int(thing.silhouettes)}
         if thing.thin:
             defines["RIBBONS"] = 1
             buffers |= ribbons_on_device(thing)
@@ -135,6 +135,7 @@ def contains(thing: Solid, points: Float64) -> Mask:
             points=upload(near),
             inside=found,
             order=upload(order),
+            view_count=len(order),
             unknown=thing.missing == "unknown",
             outline=outline_of(len(order)),
             count=count,

@@ -16,8 +16,10 @@ from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
 from pyibr.images import metrics
 from pyibr.images.metrics import silhouette_iou
+from pyibr.opencl.watch import watching
 from pyibr.slicing import alpha_tests
 from tests.boxes import cuboid
+from tests.builds import Builds
 from tests.data import shared
 from tests.processes import with_path
 from tests.reference.slicing import depth_object, first_depth
@@ -195,6 +197,15 @@ def test_the_hull_contains_the_object(kind):
     assert both.sum() >= 0.98 * frame.valid.sum()
     nearer = hull.depth[both] <= frame.depth[both] + 2 * spacing(ibr.VisualHull(views, slices=128))
     assert nearer.mean() >= 0.98
+
+
+def test_the_number_of_views_builds_nothing():
+    builds, after = Builds(), list[int]()
+    with watching(builds):
+        for count in (2, 4, 6, 9):
+            ibr.render(ibr.DepthObject(views_of_torus("nine, anywhere")[:count]), looking(torus(), (1, 2, 3), (41, 31)))
+            after.append(len(builds.of))
+    assert after[0] == after[-1] > 0
 
 
 def test_two_runs_give_the_same_bits():
