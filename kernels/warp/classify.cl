@@ -51,8 +51,6 @@ INLINED intl class_in_place(Grid grid, Rays rays, float typical)
     return select_lanes(inside, select_lanes(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
 }
 
-#define STEP_ROUNDING 0.01f
-
 /* Rays along their lines, in steps of a sample */
 typedef struct {
     Epipolar epipolar;
