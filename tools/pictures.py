@@ -89,7 +89,7 @@ def draw(out: Path) -> None:
 
 
 def compare(here: Path, there: Path) -> dict[str, dict[str, Any]]:
-    """What differs, by the pictures' names: the share of pixels that are not the same to the bit, and by how much.
+    """Differences by the pictures' names: pixels that are not the same to the bit, and by how much.
 
     `color` is in levels of 255, `depth` a share of itself; `covered` counts pixels that have depth in one alone.
     """
@@ -109,7 +109,7 @@ def compare(here: Path, there: Path) -> dict[str, dict[str, Any]]:
 
 
 def told(file: Path) -> dict[str, str]:
-    """What drew the pictures of a file."""
+    """The device that drew the pictures of a file."""
     with np.load(file) as pictures:
         return json.loads(str(pictures["told"]))
 

@@ -116,7 +116,7 @@ class Video:
 
 
 def _colorspace(frame: Any) -> str | None:
-    """What players take colours for that the file says nothing of."""
+    """The standard that players take colours for, where the file tells none."""
     told = frame.colorspace
     return None if told != 2 else "ITU709" if frame.height >= LARGE else "ITU601"
 

@@ -30,7 +30,7 @@ _TICKS = 90_000  # a second: of frames that come at times of their own
 
 @dataclass(frozen=True)
 class _Encoder:
-    """What a codec is called, and what is asked of it: nearly no loss that eyes see, fast enough to be drawn live."""
+    """FFmpeg's name of a codec, and its options: nearly no loss that eyes see, fast enough to be drawn live."""
 
     name: str
     pixels: dict[int, str]

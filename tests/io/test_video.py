@@ -64,7 +64,7 @@ def test_frames_come_back(tmp_path: Path, suffix: str, codec: Any):
 
 
 def test_colours_are_as_told_in_large_videos(tmp_path: Path):
-    """Which are of HDTV: 8 levels of green lie between the two."""
+    """HDTV's: 8 levels of green lie between the two standards."""
     frame = np.full((720, 64, 3), (40, 200, 90), np.uint8)
     (read,) = Video(written(tmp_path / "v.mp4", [frame]))
     np.testing.assert_allclose(read.astype(int), frame, atol=3)
