@@ -54,10 +54,10 @@ typedef struct {
 #endif
     GBuffer gbuffer;
     global const float *normals;
-} Row;
+} PictureRow;
 
 /* Enters those of the row's pixels x that are `written` into the G-buffer. */
-INLINED void enter_pixels(Row row, Corners there, intl written, intl x)
+INLINED void enter_pixels(PictureRow row, Corners there, intl written, intl x)
 {
 #if GBUFFER
     Color normal = {0.0f, 0.0f, 0.0f};
@@ -76,7 +76,7 @@ INLINED void enter_pixels(Row row, Corners there, intl written, intl x)
 }
 
 /* Writes where those of the row's pixels x come from that are `written`. */
-INLINED void write_origins(Row row, Pixels pixels, intl written, intl x)
+INLINED void write_origins(PictureRow row, Pixels pixels, intl written, intl x)
 {
 #if ORIGINS
     const intl hit = IS_HIT(pixels.n), from = select_lanes(hit, (intl)row.view, (intl)-1);
@@ -96,7 +96,7 @@ INLINED void write_origins(Row row, Pixels pixels, intl written, intl x)
 }
 
 /* Tells that the row's pixels x, up to high_x, are hidden where their hits are on a side that is not shown. */
-INLINED void write_hidden(Row row, floatl hits, intl x, int high_x)
+INLINED void write_hidden(PictureRow row, floatl hits, intl x, int high_x)
 {
 #if ORIGINS == 2
     for (uint left = lane_bits(IS_HIT(hits) & !IS_VISIBLE_HIT(hits) & (x < high_x)); left; left &= left - 1)
@@ -106,7 +106,7 @@ INLINED void write_hidden(Row row, floatl hits, intl x, int high_x)
 
 /* Writes the first `count` of LANES pixels of the row from x0 on; to merge: those alone that are nearer than what the
  * picture shows. Returns which are written. */
-INLINED intl write_pixels(Row row, Pixels pixels, Color c, int x0, int count)
+INLINED intl write_pixels(PictureRow row, Pixels pixels, Color c, int x0, int count)
 {
     const intl settled = IS_HIT(pixels.n);
     const floatl z = DEPTH_OF(row.map.dst_perspective, pixels.n);
@@ -135,7 +135,7 @@ INLINED intl write_pixels(Row row, Pixels pixels, Color c, int x0, int count)
 }
 
 /* Writes those of the row's pixels x that are wanted and nearer than what the picture shows. Returns which are. */
-INLINED intl write_apart(Row row, Pixels pixels, Color c, intl x, intl wanted)
+INLINED intl write_apart(PictureRow row, Pixels pixels, Color c, intl x, intl wanted)
 {
     const floatl z = DEPTH_OF(row.map.dst_perspective, pixels.n);
     intl written = 0;
@@ -193,7 +193,7 @@ OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits,
 }
 
 /* Reads the hits of packets of a row from strip_x to high_x, and intersects the pixels' own rays there. */
-OUTLINED void read_strip(Pixels *pixels, Row row, global const float *hits, int strip_x, int high_x, int packets, int hit_kind,
+OUTLINED void read_strip(Pixels *pixels, PictureRow row, global const float *hits, int strip_x, int high_x, int packets, int hit_kind,
                          int neighbour_offset, float density, float typical, float rough, int sides)
 {
     for (int p = 0; p < packets; p++) {
@@ -212,7 +212,7 @@ OUTLINED void read_strip(Pixels *pixels, Row row, global const float *hits, int 
 
 /* Writes these pixels, but for those whose hits on the margins of the row are nearer (margins: 0, there are none). Returns
  * how many these are, and their columns. */
-OUTLINED int write_strip(Row row, Pixels *pixels, int strip_x, int high_x, int packets, int hit_kind,
+OUTLINED int write_strip(PictureRow row, Pixels *pixels, int strip_x, int high_x, int packets, int hit_kind,
                          global const float *hits, global const float *margins, int *on_margins)
 {
     int count = 0;
@@ -245,7 +245,7 @@ OUTLINED int write_strip(Row row, Pixels *pixels, int strip_x, int high_x, int p
 }
 
 /* Writes the pixels in `columns` of the row that show margins. */
-OUTLINED void write_margins(Row row, global const float *margins, const int *columns, int count)
+OUTLINED void write_margins(PictureRow row, global const float *margins, const int *columns, int count)
 {
     for (int first = 0; first < count; first += LANES) {
         const intl wanted = first + lane_index < count;
@@ -283,25 +283,25 @@ kernel void resolve(global const float *surface, global const float *hits, globa
         return;
     const int packets = min(STRIP, (high_x - strip_x + LANES - 1) / LANES);
     const size_t first = (size_t)y * map.dst_width;
-    const Row row = {GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT),
-                     map,
-                     src_color,
-                     linear,
-                     merge,
-                     y,
-                     depth + first,
-                     color + CHANNELS * first,
-                     valid + first,
+    const PictureRow row = {GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT),
+                            map,
+                            src_color,
+                            linear,
+                            merge,
+                            y,
+                            depth + first,
+                            color + CHANNELS * first,
+                            valid + first,
 #if ORIGINS
-                     source + 2 * first,
-                     source_view + first,
-                     view,
+                            source + 2 * first,
+                            source_view + first,
+                            view,
 #endif
 #if ORIGINS == 2
-                     classes + first,
+                            classes + first,
 #endif
-                     GBUFFER_VALUE,
-                     NORMALS_ARGUMENT(float)};
+                            GBUFFER_VALUE,
+                            NORMALS_ARGUMENT(float)};
     Pixels pixels[STRIP];
     read_strip(pixels, row, hits, strip_x, high_x, packets, hit_kind, neighbour_offset, density, typical, rough, sides);
     uint cells = 0;
