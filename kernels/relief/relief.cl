@@ -4,11 +4,11 @@
  * followed in texture space (search.h) until it meets the relief, or comes out again beside a silhouette. It may then
  * enter elsewhere (layers.h).
  *
- * An eye below the mesh, within the relief, has no entries around it. Then a window right before the eye is one,
- * WITHIN: rays start there, at the eye's depth, and are searched up to where they leave the mesh.
+ * An eye below the mesh, within the relief, has no entries around it. Then, WITHIN, rays walk from the eye, which is below
+ * `eye_triangle`, to where they leave the mesh.
  *
  * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
- * searched once more, by what the mesh itself says (entry.h, follow_mesh); the tile sizes are gradients of u and v,
+ * searched once more, by what the mesh itself says (exits.h); the tile sizes are gradients of u and v,
  * which also hold where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
  * which the paper gives up for the light's map on curved surfaces, goes by the quadric of the point's own entry.
  *
@@ -42,9 +42,17 @@ void write_uv(const Region *region, int block, Screen screen, global float *uvs)
 }
 #endif
 
+#if WITHIN
+#define EYE_PARAMETER , int eye_triangle, float eye_second, float eye_third, float eye_depth
+#define EYE_ARGUMENT , eye_triangle, eye_second, eye_third, eye_depth
+#else
+#define EYE_PARAMETER
+#define EYE_ARGUMENT
+#endif
+
 kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *faces, global const float *vertices,
-                        global const float *uv_bends, global const float *points, global const int *neighbours,
-                        global const uint *texels, global const uint *bounds, global const int *levels, int level_count,
+                        global const float *prisms, global const uint *texels, global const uint *bounds,
+                        global const int *levels, int level_count,
                         global const uint *colors, int color_width, int color_height, int color_levels, float scale,
                         float pixel_size, int quadric, int search, int steps, int halvings ANISOTROPY_PARAMETER
 #if LIT
@@ -57,6 +65,7 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
                         int hidden_by, int flat_base
 #endif
                         COUNTERS_PARAMETER(int)
+                        EYE_PARAMETER
 #if UV_WRITTEN
                         ,
                         global float *uvs
@@ -65,13 +74,21 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
 {
     Layers layers;
     const Picture picture = PICTURE_VALUE;
-    const Relief relief = {faces, projected, vertices, uv_bends, points, neighbours, texels, bounds, levels,
-                           level_count, screen, scale, pixel_size, quadric, search, steps, halvings};
-    const Context context = {relief, nearest_w, CULLS_BACKS, &layers, COUNTERS_ARGUMENT(int)};
+    const Relief relief = {faces, projected, vertices, prisms, texels, bounds, levels, level_count, screen,
+                           scale, pixel_size, quadric, search, steps, halvings};
+    const Context context = {relief, nearest_w, CULLS_BACKS, &layers, COUNTERS_ARGUMENT(int) EYE_ARGUMENT};
     Region region;
     BinList listed;
+#if WITHIN /* rays start everywhere, not at triangles alone */
+    const int first_x = get_global_id(0) * REGION, first_y = get_global_id(1) * REGION;
+    if (first_x >= screen.width || first_y >= screen.height)
+        return;
+    list_of_bin(list, starts, bins_x, first_x, first_y, &listed);
+    begin_in_picture(&region, &picture, first_x, first_y);
+#else
     if (!begin_item(&region, &picture, list, starts, bins_x, &listed))
         return;
+#endif
     search_layers(&context, &region, listed);
 
     for (int block = 0; block < BLOCKS; block++) {
@@ -83,8 +100,7 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
             const floatl u = select_lanes(mine, region.u[block], (floatl)0.0f),
                          v = select_lanes(mine, region.v[block], (floatl)0.0f);
             const floatl px = BLOCK_X(&region, block), py = BLOCK_Y(&region, block), n = region.nearness[block];
-            const Entry e = flattened(entry_of(&relief, select_lanes(mine, owner, (intl)0), px, py),
-                                      layers.share[block]);
+            const Entry e = entry_of_hit(&relief, &layers, block, select_lanes(mine, owner, (intl)0), px, py);
             const floatl size = PIXEL_SIZE(&relief, n);
 #if LIT || ANISOTROPIC
             const floatl t = select_lanes(mine, layers.t[block], (floatl)0.0f);

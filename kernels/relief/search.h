@@ -19,7 +19,6 @@
 #else
 #define INTERLEAVED 1
 #endif
-#define CUBE_PRECISION 1e-4f /* of the depth: what rays may be off in a cell for their cubes */
 #define FIRST_TIER 2     /* where a safe search starts */
 #define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
 #define FAR_SIDE 1e9f    /* texels: of cells that go on for ever */
@@ -29,9 +28,6 @@
 typedef struct {
     HeightMap map;
     floatl x, y, dx, dy;
-#if BENT
-    floatl bend_x, bend_y;
-#endif
 } Track;
 
 /* A number of the table; most often all lanes are on one level. */
@@ -59,10 +55,6 @@ INLINED Track track_of(const ReliefRay *ray, global const int *levels)
     k.y = ray->v * height - 0.5f;
     k.dx = ray->du * width;
     k.dy = ray->dv * height;
-#if BENT
-    k.bend_x = ray->bend_u * width;
-    k.bend_y = ray->bend_v * height;
-#endif
     return k;
 }
 
@@ -79,10 +71,8 @@ typedef struct {
     floatl t; /* so far; in the end, where it is found */
     intl tier, tiers, start, pitch, span; /* safe: of the bounds */
     floatl nudge, peak;
-#if !BENT
     floatl per_x, per_y;
     floatl from_x, from_y; /* where the ray starts; a texel before it where it stays on a column, or row */
-#endif
 #if COUNTERS
     intl taken; /* steps */
 #endif
@@ -98,7 +88,7 @@ typedef struct {
 intl is_below(const Search *s, global const uint *texels, floatl t)
 {
     const Track *k = &s->track;
-    const floatl x = ALONG(k->x, k->dx, k->bend_x, t), y = ALONG(k->y, k->dy, k->bend_y, t);
+    const floatl x = k->x + t * k->dx, y = k->y + t * k->dy;
     return depth_of(&s->ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, x, y);
 }
 
@@ -161,32 +151,17 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
 {
     const ReliefRay *ray = &s->ray;
     const floatl t = s->t;
-    const floatl dx = CHANGE_AT(s->track.dx, s->track.bend_x, t), dy = CHANGE_AT(s->track.dy, s->track.bend_y, t);
+    const floatl dx = s->track.dx, dy = s->track.dy;
     const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
     const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
     /* Ray less surface is F0 + F1 ahead + F2 ahead^2, F0 < 0 above the surface. */
     const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
-    const floatl F1 = CHANGE_OF_DEPTH(ray, t) + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
-#if BENT
-    /* In place of M ahead^3 a square that is as much in the end */
-    const floatl way = leaves - t;
-    const floatl F2 = ray->K + ray->M * (3.0f * t + way) + twist * dx * dy + slope_x * s->track.bend_x +
-                      slope_y * s->track.bend_y;
-#else
+    const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
     const floatl F2 = ray->K + twist * dx * dy;
-#endif
     const floatl discriminant = F1 * F1 - 4.0f * F2 * F0;
-    floatl ahead = 2.0f * F0 / (-F1 - sqrt(max_lanes(discriminant, (floatl)0.0f)));
+    const floatl ahead = 2.0f * F0 / (-F1 - sqrt(max_lanes(discriminant, (floatl)0.0f)));
     const intl crosses = (discriminant >= 0.0f) & (ahead >= 0.0f) & (ahead <= (leaves - t) + s->nudge);
     const intl met = tries & ((F0 >= 0.0f) | crosses);
-#if BENT
-    const floatl off = ray->M * ahead * ahead * (ahead - way); /* which tells in large cells */
-    const intl tells = met & (fabs(off) > CUBE_PRECISION);
-    if (any_lane(tells)) {
-        const floatl mended = ahead - off / max_lanes(F1 + 2.0f * F2 * ahead, fabs(off) / way);
-        ahead = select_lanes(tells, clamp_lanes(mended, (floatl)0.0f, way), ahead);
-    }
-#endif
     s->t = select_lanes(met, min_lanes(t + select_lanes(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), t);
     return met;
 }
@@ -203,19 +178,6 @@ INLINED floatl side_on_map(intl number, intl side, intl count, floatl d)
 }
 #endif
 
-#if BENT
-/* How long it takes until x, which changes by `change`, and that by twice `bend`, has changed by `rest`, whose sign is
- * that of `change`; or until it turns, if it does before. */
-INLINED floatl time_to_side(floatl rest, floatl change, floatl bend)
-{
-    const floatl discriminant = change * change + 4.0f * bend * rest, speed = fabs(change);
-    const intl gets_there = discriminant >= 0.0f;
-    const floatl root = sqrt(max_lanes(discriminant, (floatl)0.0f));
-    return select_lanes(gets_there, 2.0f * fabs(rest), speed) /
-           max_lanes(select_lanes(gets_there, speed + root, 2.0f * fabs(bend)), (floatl)(1.0f / NEVER));
-}
-#endif
-
 /* One step of a safe search: across a cell that the ray stays above, or down to its quarters. */
 void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 {
@@ -225,8 +187,8 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const floatl t = s->t;
     /* The cell just after t, on the map */
     const floatl inside = t + s->nudge;
-    const floatl at_x = ALONG(k->x, k->dx, k->bend_x, inside), at_y = ALONG(k->y, k->dy, k->bend_y, inside);
-    const floatl dx = CHANGE_AT(k->dx, k->bend_x, inside), dy = CHANGE_AT(k->dy, k->bend_y, inside);
+    const floatl at_x = k->x + inside * k->dx, at_y = k->y + inside * k->dy;
+    const floatl dx = k->dx, dy = k->dy;
     FLOOR(at_x, cx, ix)
     FLOOR(at_y, cy, iy)
     const intl tx = WRAPPED(CLAMPED_U, cx, ix, width, s->track.map.per_width),
@@ -248,21 +210,11 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 #else
     const floatl to_y = cy + to_floatl(side_y - ty);
 #endif
-#if BENT
-    const floatl t_x = inside + time_to_side(to_x - at_x, dx, k->bend_x),
-                 t_y = inside + time_to_side(to_y - at_y, dy, k->bend_y);
-#else
     const floatl t_x = (to_x - s->from_x) * s->per_x, t_y = (to_y - s->from_y) * s->per_y;
-#endif
-#if BENT
-    const floatl stops = select_lanes(s->peak > inside, s->peak, (floatl)NEVER);
-    const floatl leaves = clamp_lanes(min_lanes(stops, min_lanes(t_x, t_y)), inside, ray->end);
-#else
     const floatl leaves = clamp_lanes(min_lanes(t_x, t_y), inside, ray->end);
-#endif
-    /* By equation 7, than which nothing is deeper; from outside rays sink up to where they are deepest. */
+    /* By equation 7, than which nothing is deeper; what starts at the mesh sinks up to where it is deepest. */
     const floatl turn = clamp_lanes(s->peak, t, leaves);
-#if WITHIN
+#if WALKS
     const floatl deepest = max_lanes(max_lanes(QUADRIC_DEPTH(ray, t), QUADRIC_DEPTH(ray, leaves)),
                                      QUADRIC_DEPTH(ray, turn));
 #else
@@ -277,8 +229,8 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     intl met = 0;
     COUNT_STEP(s, s->active)
     if (any_lane(solves))
-        met = solve_cell(s, read_cell(texels, k->map, ix, iy, tx, ty), ALONG(k->x, k->dx, k->bend_x, t) - cx,
-                         ALONG(k->y, k->dy, k->bend_y, t) - cy, leaves, solves);
+        met = solve_cell(s, read_cell(texels, k->map, ix, iy, tx, ty), k->x + t * k->dx - cx,
+                         k->y + t * k->dy - cy, leaves, solves);
     s->found = s->found | met;
     s->active = s->active & !met;
     const intl passes = s->active & (is_free | at_leaf);
@@ -296,28 +248,24 @@ INLINED void safe_search(Search *searches, int count, global const uint *texels,
     UNROLLED
     for (int k = 0; k < count; k++) {
         Search *s = searches + k;
+        if (!any_lane(s->active))
+            continue;
         const floatl end = s->ray.end;
-        const intl still_x = !(fabs(s->track.dx) * end + MOST_BENT(s->track.bend_x, end) >= AXIS_PARALLEL);
-        const intl still_y = !(fabs(s->track.dy) * end + MOST_BENT(s->track.bend_y, end) >= AXIS_PARALLEL);
+        const intl still_x = !(fabs(s->track.dx) * end >= AXIS_PARALLEL);
+        const intl still_y = !(fabs(s->track.dy) * end >= AXIS_PARALLEL);
         s->track.dx = select_lanes(still_x, (floatl)0.0f, s->track.dx);
         s->track.dy = select_lanes(still_y, (floatl)0.0f, s->track.dy);
-#if BENT
-        s->track.bend_x = select_lanes(still_x, (floatl)0.0f, s->track.bend_x);
-        s->track.bend_y = select_lanes(still_y, (floatl)0.0f, s->track.bend_y);
-        s->nudge = NUDGE / max_lanes(max_lanes(fabs(s->track.dx), fabs(s->track.dy)), (floatl)(1.0f / NEVER));
-#else
         s->per_x = select_lanes(still_x, (floatl)NEVER, 1.0f / s->track.dx);
         s->per_y = select_lanes(still_y, (floatl)NEVER, 1.0f / s->track.dy);
         s->from_x = select_lanes(still_x, s->track.x - 1.0f, s->track.x);
         s->from_y = select_lanes(still_y, s->track.y - 1.0f, s->track.y);
         s->nudge = NUDGE * min_lanes(fabs(s->per_x), fabs(s->per_y));
-#endif
-        s->peak = deepest_at(&s->ray);
+        s->peak = select_lanes(s->ray.K < 0.0f, -0.5f * s->ray.L / s->ray.K, (floatl)INFINITY);
         s->tiers = table_at(levels, s->ray.level, 3);
         s->start = table_at(levels, s->ray.level, 4);
         s->pitch = table_at(levels, s->ray.level, 5);
         s->span = table_at(levels, s->ray.level, 6);
-        s->tier = min(s->tiers - 1, (intl)FIRST_TIER);
+        s->tier = min(s->tiers - 1, s->tier);
         s->t = 0.0f;
         s->found = 0;
         s->active = s->active & (s->ray.end > 0.0f);

@@ -7,15 +7,14 @@
 
 #define FOCUS 0.1f /* the least part of the base's lengths that is left below it, near centres of curvature */
 
-/* The points of the relief that LANES pixels show: their places on the maps, and the rays, whose hits lie t after their
- * entries */
+/* The points of the relief that LANES pixels show: their places on the maps, and the rays */
 typedef struct {
     ReliefRay place; /* u, v, level */
     Track track;
     Vector ahead, point;
     Vector normal; /* of the quadric */
-    floatl aside_x, aside_y; /* the foot of the point on the quadric, in the frame of the entry */
-    floatl t, below; /* the base, scene units */
+    Vector from_entry; /* to the point; by exact distances from the base right above it */
+    floatl below;      /* the base, scene units */
 } ShadingPoint;
 
 /* A tangent vector of the base, (x, y) in its frame, on the surface that is parallel to it `below` it: where the base
@@ -29,19 +28,16 @@ INLINED void carry_below(const Entry *e, floatl below, floatl *x, floatl *y)
     *x = carried_x;
 }
 
-/* The quadric's foot of a point where the ray is after t, `below` the quadric, and its normal there */
-INLINED void set_foot(ShadingPoint *shading, const Entry *e, int quadric)
+/* The quadric's normal at the foot of the point on it */
+INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
 {
     Vector x, y, normal = e->normal;
     tangents_of(e, &x, &y);
-    floatl px = shading->t * DOT(shading->ahead, x), py = shading->t * DOT(shading->ahead, y);
-    if (quadric)
-        carry_below(e, shading->below, &px, &py);
-    shading->aside_x = px;
-    shading->aside_y = py;
+    floatl px = DOT(shading->from_entry, x), py = DOT(shading->from_entry, y);
     shading->normal = normal;
     if (!quadric)
         return;
+    carry_below(e, shading->below, &px, &py);
     const floatl along_x = -2.0f * quadric_form(e, px, py, 1.0f, 0.0f),
                  along_y = -2.0f * quadric_form(e, px, py, 0.0f, 1.0f);
     normal.x += along_x * x.x + along_y * y.x;
@@ -49,15 +45,6 @@ INLINED void set_foot(ShadingPoint *shading, const Entry *e, int quadric)
     normal.z += along_x * x.z + along_y * y.z;
     shading->normal = normalized(normal);
 }
-
-#if BENT
-/* Adds to a slope what the gradient of u, or v, is more at the foot than at the entry, times `rise`. */
-INLINED void add_bend(const floatl *bends, const ShadingPoint *shading, floatl rise, floatl *x, floatl *y)
-{
-    *x += rise * (2.0f * bends[0] * shading->aside_x + bends[2] * shading->aside_y);
-    *y += rise * (2.0f * bends[1] * shading->aside_y + bends[2] * shading->aside_x);
-}
-#endif
 
 /* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs, on the surface
  * parallel to the base through a point below it; not of unit length */
@@ -74,10 +61,6 @@ INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *
         Vector x, y;
         tangents_of(e, &x, &y);
         floatl sx = DOT(slope, x), sy = DOT(slope, y);
-#if BENT
-        add_bend(e->bends_u, shading, du, &sx, &sy);
-        add_bend(e->bends_v, shading, dv, &sx, &sy);
-#endif
         carry_below(e, shading->below, &sx, &sy);
         /* Turned as the normal has turned on the way from the entry */
         const Vector there = {sx * x.x + sy * y.x, sx * x.y + sy * y.y, sx * x.z + sy * y.z};
@@ -96,7 +79,6 @@ INLINED ShadingPoint shading_point_at(const Relief *relief, const Entry *e, floa
     ShadingPoint shading;
     shading.point = point_at(relief->screen, px, py, n);
     shading.ahead = view_direction(relief->screen, shading.point);
-    shading.t = t;
     shading.place.u = WRAPPED_UV(CLAMPED_U, u);
     shading.place.v = WRAPPED_UV(CLAMPED_V, v);
     shading.place.du = shading.place.dv = 0.0f;
@@ -104,7 +86,8 @@ INLINED ShadingPoint shading_point_at(const Relief *relief, const Entry *e, floa
     shading.track = track_of(&shading.place, relief->levels);
     const Track k = shading.track;
     shading.below = relief->scale * (1.0f - HEIGHT_UNIT * height_in(relief->texels, k.map, k.x, k.y));
-    set_foot(&shading, e, relief->quadric);
+    shading.from_entry = WALKS && relief->quadric ? scaled(e->normal, -shading.below) : scaled(shading.ahead, t);
+    set_normal(&shading, e, relief->quadric);
     return shading;
 }
 

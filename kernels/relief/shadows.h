@@ -19,7 +19,7 @@ typedef struct {
 } LightRay;
 
 /* Depths are by equation 7, below the quadric of the point's own entry. So the point lies on the relief to the last bit
- * (nearly, if it was found by the mesh: entry.h, follow_mesh), and the light's ray leaves where it is at depth 0 below
+ * (nearly, if it was found by the mesh: exits.h), and the light's ray leaves where it is at depth 0 below
  * that quadric. */
 LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector light)
 {
@@ -28,11 +28,10 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     Vector x, y;
     tangents_of(e, &x, &y);
     const float scale = relief->scale, per_scale = 1.0f / scale, bends = relief->quadric ? 1.0f : 0.0f;
-    const floatl t = shading->t;
-    const floatl px = t * DOT(shading->ahead, x), py = t * DOT(shading->ahead, y),
-                 pz = t * DOT(shading->ahead, e->normal);
+    const floatl px = DOT(shading->from_entry, x), py = DOT(shading->from_entry, y),
+                 pz = DOT(shading->from_entry, e->normal);
     const floatl lx = DOT(light, x), ly = DOT(light, y), lz = DOT(light, e->normal);
-    const floatl found = ENTRY_DEPTH(e) + (bends * quadric_form(e, px, py, px, py) - pz) * per_scale;
+    const floatl found = (bends * quadric_form(e, px, py, px, py) - pz) * per_scale;
     const floatl height = HEIGHT_UNIT *
                           height_in(relief->texels, shading->track.map, shading->track.x, shading->track.y);
     const floatl depth = max_lanes(1.0f - height - LIFT, (floatl)0.0f);
@@ -59,15 +58,12 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     const floatl u = shading->place.u - ray->du * distance, v = shading->place.v - ray->dv * distance;
     ray->u = WRAPPED_UV(CLAMPED_U, u);
     ray->v = WRAPPED_UV(CLAMPED_V, v);
-#if BENT
-    ray->bend_u = ray->bend_v = ray->M = (floatl)0.0f;
+#if WALKS
+    ray->depth = (floatl)0.0f;
 #endif
     ray->L = -slope - 2.0f * K * distance;
     ray->K = K;
     ray->level = shading->place.level;
-#if WITHIN
-    ray->depth = (floatl)0.0f;
-#endif
 #if DISTANCE == PERPENDICULAR
     ray->vz = (floatl)0.0f; /* without curvature its depth is that of equation 7 */
     ray->bend = (floatl)0.0f;
@@ -90,6 +86,7 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
     const floatl end = light->distance - 2.0f * NUDGE * per_texel;
     s->ray.at_bottom = s->ray.at_bottom & (s->ray.end < end);
     s->ray.end = min_lanes(s->ray.end, end);
+    s->tier = FIRST_TIER;
     s->searches = s->active = light->is_valid & wanted & (end > 0.0f);
 #if COUNTERS
     s->taken = 0;

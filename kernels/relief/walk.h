@@ -1,212 +1,343 @@
 #ifndef RELIEF_WALK_H
 #define RELIEF_WALK_H
-/* How deep a ray is below the mesh itself, by a walk over its triangles.
+/* A ray's walk through a relief, below the mesh's own triangles.
  *
- * Below a triangle whose corners lie at P with normals N, a point is X = P - h N, with P and N interpolated by the same
- * weights: h is its depth. Newton's method finds weights and depth; where a weight is negative, the point lies below
- * the neighbour on that side, and the walk goes on there. From the ray's entry on every point is near the one before, so
- * some triangles are passed and few steps are taken in each.
+ * Below a triangle whose corners lie at P with normals N a point is X = P - h N, with P and N interpolated by the same
+ * weights, and h its depth. That is a prism; together they fill the relief without gaps. A ray is followed from prism to
+ * prism, a leg in each, up to where it leaves that at the bottom, at the mesh, or by a side. Along a leg weights and
+ * depth are parabolas that have the true values at both ends, and the true slope at the first. u and v follow from the
+ * weights, so the search (search.h) is that of one prism.
  *
- * points: (vertices, 3). neighbours: (triangles, 3) on the sides opposite to each corner, -1: none, at borders and hard
- * edges, where the walk is at its end.
+ * Below centres of curvature prisms are inside out, and overlap others. What is above the ray's point changes steadily
+ * there, too, if such prisms are crossed backwards: so the ray comes out on the other side of a sharp bend.
+ *
+ * prisms: (triangles, PRISM_FLOATS) place, normal, u and v of each corner; then, as integers, the side opposite to each
+ * in the triangle beside it, 3 * triangle + corner; -1: none, at borders and hard edges. Beyond these u and v change as they
+ * did, and the depth as normals turn.
  */
 #include "relief/entry.h"
 
-#define WALK_PARTS 8       /* of the ray, at whose ends its depth is found; they grow by equal steps */
-#define WALK_STEPS_MAX 80
-#define HOPS_MAX 16        /* in a part: more have lost their way */
-#define ALMOST 0.999f      /* of the way to where the ray leaves, where it may be below another side of an edge */
-#define ALIKE 0.2f         /* of the greatest depth: by what it may differ between quadric and mesh */
-#define SURELY_DEEP 1.1f   /* of a ray that reaches the bottom by its quadric */
-#define SURELY 1.05f       /* times as deep as by the quadric */
-#define LEAST_WEIGHT -1e-3f     /* weight of a point that is not below a triangle */
-#define LOST_DEPTH 4.0f     /* of the relief's: what is deeper has lost its way */
+#define PRISM_FLOATS 28
+#define LEGS_MAX 128  /* of a ray; one that has not come out then turns between prisms that are inside out: it ends */
+#define SIDE_STEPS 3  /* of Newton's method, to where a ray leaves by a side */
+#define LATEST 2.0f   /* times as far as where a ray comes to a side by its slope it may do so to others */
+#define ROUNDING 1.00001f
+#define LEAST_VOLUME 1e-30f
+#define INSIDE -1e-5f /* least weight of a point in a triangle */
+#define LEAST_DEPTH -1e-2f /* of the relief's: what is less deep has left it */
 
-/* What a walk has found: where the ray first reaches the bottom, or else is deepest */
-typedef struct {
-    floatl t, depth; /* over scale */
-    floatl first_slope, slope; /* of the depth: over the first part, and at t; per scene unit */
-    intl is_found;          /* it has come to the bottom, or to the ray's end */
-    intl at_border;         /* it has come to a border, or a hard edge */
-} MeshWalk;
-
-/* The corners of triangles, less a point, and their normals */
+/* The corners of triangles, less a point, their normals, u and v */
 typedef struct {
     Vector point[3], normal[3];
-} WalkCorners;
+    floatl u[3], v[3];
+    intl beside[3];
+} Prism;
 
-INLINED WalkCorners walk_corners_of(const Relief *relief, intl triangle, Vector from)
+/* A point in a prism: weights of the second and the third corner, and its depth, in scene units; or their changes */
+typedef struct {
+    floatl second, third, depth;
+} Place;
+
+/* Rays on their way */
+typedef struct {
+    Vector from, direction;
+    floatl reached; /* from the entry */
+    intl triangle;
+    Place place; /* at that point */
+    intl active; /* which of them are to be followed */
+    intl is_beyond, ends_at_border; /* which are beyond a border, and which do not go on there */
+    floatl leg, way;   /* how long the leg is, and which way it goes: 1, or -1 */
+    Place slope, bend; /* what the place changes by t and t^2 along it */
+    Place end;         /* where it ends, */
+    intl side;         /* and by which side; -1: at the bottom, or the mesh; */
+    intl beside;       /* and the side that it comes to */
+    floatl pixel_size; /* at the entry; 0: the map itself is read */
+    intl level, tier;  /* of the map, and the search's (search.h) */
+} Walk;
+
+INLINED Vector weighted(const Vector *corners, floatl second, floatl third)
 {
-    WalkCorners c;
+    const floatl first = 1.0f - second - third;
+    const Vector mean = {first * corners[0].x + second * corners[1].x + third * corners[2].x,
+                         first * corners[0].y + second * corners[1].y + third * corners[2].y,
+                         first * corners[0].z + second * corners[1].z + third * corners[2].z};
+    return mean;
+}
+
+INLINED Prism prism_of(const Relief *relief, intl triangle, Vector from)
+{
+    Prism p;
+    floatl row[PRISM_FLOATS];
+    const int one = int_lane(triangle, 0), uniform = !any_lane(triangle != one);
+    UNROLLED
+    for (int i = 0; i < PRISM_FLOATS; i += 4) {
+        if (uniform) {
+            const float4 part = vload4((PRISM_FLOATS * one + i) / 4, relief->prisms);
+            row[i] = part.x;
+            row[i + 1] = part.y;
+            row[i + 2] = part.z;
+            row[i + 3] = part.w;
+        } else
+            gather_rows(relief->prisms, triangle * (PRISM_FLOATS / 4) + i / 4, row + i);
+    }
     UNROLLED
     for (int k = 0; k < 3; k++) {
-        const intl side = 3 * triangle + k, corner = (intl)(gather(relief->faces, side));
-        c.point[k] = minus(vector_at(relief->points, corner), from);
-        const intl row = VERTEX_FLOATS * corner + 2;
-        gather_pairs(relief->vertices, row, &c.normal[k].x, &c.normal[k].y);
-        c.normal[k].z = (floatl)(gather(relief->vertices, row + 2));
+        const floatl *corner = row + 8 * k;
+        const Vector point = {corner[0], corner[1], corner[2]}, normal = {corner[3], corner[4], corner[5]};
+        p.point[k] = minus(point, from);
+        p.normal[k] = normal;
+        p.u[k] = corner[6];
+        p.v[k] = corner[7];
+        p.beside[k] = as_intl(row[24 + k]);
     }
-    return c;
+    return p;
 }
 
-/* One of Newton's steps towards the weights of the second and the third corner, and the depth, of a point */
-INLINED void refine_place(const WalkCorners *c, Vector at, floatl *second, floatl *third, floatl *depth)
+/* The level of the map that rays read, by the texels that a pixel of a size in scene units covers of a triangle */
+INLINED intl level_on(const Relief *relief, const Prism *p, floatl size)
 {
-    Vector side[2], turn[2], along[2];
+    const Vector second = minus(p->point[1], p->point[0]), third = minus(p->point[2], p->point[0]);
+    const floatl E = DOT(second, second), F = DOT(second, third), G = DOT(third, third);
+    const floatl u_1 = p->u[1] - p->u[0], u_2 = p->u[2] - p->u[0], v_1 = p->v[1] - p->v[0], v_2 = p->v[2] - p->v[0];
+    const floatl u = G * u_1 * u_1 - 2.0f * F * u_1 * u_2 + E * u_2 * u_2,
+                 v = G * v_1 * v_1 - 2.0f * F * v_1 * v_2 + E * v_2 * v_2;
+    const float width = relief->levels[0], height = relief->levels[1];
+    const floatl texels_2 = max_lanes(u * (width * width), v * (height * height)) * size * size / (E * G - F * F);
+    return finest_level(relief, level_of_texels(texels_2, relief->level_count), size, -1);
+}
+
+/* Sets how a ray's place changes along it; returns whether its prism is inside out. */
+INLINED intl set_slope(const Prism *p, const Place *at, Vector direction, Place *slope)
+{
+    const Vector n = weighted(p->normal, at->second, at->third);
+    const Vector second = minus(minus(p->point[1], p->point[0]), scaled(minus(p->normal[1], p->normal[0]), at->depth));
+    const Vector third = minus(minus(p->point[2], p->point[0]), scaled(minus(p->normal[2], p->normal[0]), at->depth));
+    const Vector across = cross_product(second, third), beside = cross_product(direction, n);
+    const floatl volume = DOT(across, n);
+    const intl turned = volume < 0.0f;
+    const floatl some = select_lanes(turned, (floatl)-LEAST_VOLUME, (floatl)LEAST_VOLUME),
+                 inverse = 1.0f / select_lanes(fabs(volume) < LEAST_VOLUME, some, volume);
+    slope->second = -DOT(third, beside) * inverse;
+    slope->third = DOT(second, beside) * inverse;
+    slope->depth = -DOT(across, direction) * inverse;
+    return turned;
+}
+
+/* Where a ray is at a depth: how far from its entry, and its place there */
+INLINED floatl reach_depth(const Prism *p, Vector direction, floatl depth, Place *at)
+{
+    Vector corner[3];
     UNROLLED
-    for (int k = 0; k < 2; k++) {
-        side[k] = minus(c->point[k + 1], c->point[0]);
-        turn[k] = minus(c->normal[k + 1], c->normal[0]);
-        along[k] = minus(side[k], scaled(turn[k], *depth));
-    }
-    const floatl u = *second, v = *third, h = *depth;
-    const Vector n = {c->normal[0].x + u * turn[0].x + v * turn[1].x, c->normal[0].y + u * turn[0].y + v * turn[1].y,
-                      c->normal[0].z + u * turn[0].z + v * turn[1].z};
-    const Vector rest = {at.x - c->point[0].x - u * side[0].x - v * side[1].x + h * n.x,
-                         at.y - c->point[0].y - u * side[0].y - v * side[1].y + h * n.y,
-                         at.z - c->point[0].z - u * side[0].z - v * side[1].z + h * n.z};
-    const Vector across = cross_product(along[0], along[1]), beside = cross_product(rest, n);
-    const floatl determinant = DOT(across, n); /* of the columns along[0], along[1], -n, negated */
-    const floatl inverse = select_lanes(determinant != 0.0f, 1.0f / determinant, (floatl)0.0f);
-    *second = u - DOT(along[1], beside) * inverse;
-    *third = v + DOT(along[0], beside) * inverse;
-    *depth = h - DOT(across, rest) * inverse;
+    for (int k = 0; k < 3; k++)
+        corner[k] = minus(p->point[k], scaled(p->normal[k], depth));
+    const Vector second = minus(corner[1], corner[0]), third = minus(corner[2], corner[0]);
+    const Vector across = cross_product(second, third);
+    const floatl t = DOT(corner[0], across) / DOT(direction, across), inverse = 1.0f / DOT(across, across);
+    const Vector aside = minus(scaled(direction, t), corner[0]);
+    at->second = DOT(cross_product(aside, third), across) * inverse;
+    at->third = DOT(cross_product(second, aside), across) * inverse;
+    at->depth = depth;
+    return t;
 }
 
-/* Follows rays from where they enter a triangle, `distance` far at most; wanted: those that are asked for. */
-static MeshWalk walk_below(const Relief *relief, Vector from, Vector direction, intl triangle, floatl distance, intl wanted)
+/* Of three values, the one of a number */
+INLINED floatl chosen(floatl first, floatl second, floatl third, intl number)
 {
-    MeshWalk made;
-    made.t = made.depth = made.first_slope = made.slope = 0.0f;
-    made.is_found = made.at_border = 0;
-    intl active = wanted, part = 1, hops = 0;
-    const floatl first_part = distance * (ALMOST / (WALK_PARTS * WALK_PARTS)), deepest = LOST_DEPTH * relief->scale;
-    floatl second = 1.0f / 3.0f, third = 1.0f / 3.0f, depth = 0.0f, before = 0.0f,
-           long_before = 0.0f;
-    for (int i = 0; i < WALK_STEPS_MAX && any_lane(active); i++) {
-        const WalkCorners c = walk_corners_of(relief, triangle, from);
-        const floatl so_far = to_floatl(part), t = first_part * so_far * so_far;
-        const Vector at = scaled(direction, t);
-        refine_place(&c, at, &second, &third, &depth);
-        const floatl first = 1.0f - second - third;
-        const intl is_second = second < first, least_of_two = select_lanes(is_second, (intl)1, (intl)0);
-        const floatl least = min_lanes(select_lanes(is_second, second, first), third);
-        const intl side = select_lanes(third <= least, (intl)2, least_of_two);
-        const intl is_inside = active & (least >= LEAST_WEIGHT), passes = active & !is_inside;
-        /* Where a part ends */
-        const floatl now = depth / relief->scale;
-        const intl reaches = now >= 1.0f, is_deeper = is_inside & (now > made.depth);
-        made.first_slope = select_lanes(is_inside & (part == 1), now / t, made.first_slope);
-        /* Between the last three places the depth is the parabola through them: where it reaches the bottom, */
-        const floatl last_t = first_part * (so_far - 1.0f) * (so_far - 1.0f),
-                     first_t = first_part * (so_far - 2.0f) * (so_far - 2.0f);
-        const floatl rise = (before - long_before) / (last_t - first_t), last_rise = (now - before) / (t - last_t),
-                     bend = select_lanes(part > 1, (last_rise - rise) / (t - first_t), (floatl)0.0f);
-        const floatl by_line = last_t + (1.0f - before) / max_lanes(last_rise, (floatl)1e-20f),
-                     slope_there = last_rise + bend * (2.0f * by_line - last_t - t);
-        const floatl by_parabola = by_line - bend * (by_line - last_t) * (by_line - t) /
-                                             max_lanes(slope_there, 0.5f * last_rise);
-        made.t = select_lanes(is_deeper, select_lanes(reaches, clamp_lanes(by_parabola, last_t, t), t), made.t);
-        made.slope = select_lanes(is_deeper, select_lanes(reaches, slope_there, (floatl)0.0f), made.slope);
-        made.depth = select_lanes(is_deeper, min_lanes(now, (floatl)1.0f), made.depth);
-        /* or is deepest */
-        const intl turns = is_inside & (part >= 2) & (now <= before) & (before > long_before) & (bend < 0.0f);
-        const floatl peak_t = 0.5f * (first_t + last_t) - 0.5f * rise / min_lanes(bend, (floatl)-1e-20f);
-        const floatl peak = long_before + (peak_t - first_t) * (rise + bend * (peak_t - last_t));
-        const intl is_peak = turns & (peak > made.depth);
-        made.t = select_lanes(is_peak, peak_t, made.t);
-        made.depth = select_lanes(is_peak, min_lanes(peak, (floatl)1.0f), made.depth);
-        long_before = select_lanes(is_inside, before, long_before);
-        before = select_lanes(is_inside, now, before);
-        part += select_lanes(is_inside, (intl)1, (intl)0);
-        made.is_found = made.is_found | (is_inside & (reaches | (part > WALK_PARTS)));
-        /* Where it goes on below a neighbour */
-        const intl edge = 3 * triangle + side, neighbour = (intl)(gather(relief->neighbours, edge));
-        made.at_border = made.at_border | (passes & (neighbour < 0));
-        const intl goes_on = passes & (neighbour >= 0);
-        triangle = select_lanes(goes_on, neighbour, triangle);
-        second = select_lanes(goes_on, (floatl)(1.0f / 3.0f), second);
-        third = select_lanes(goes_on, (floatl)(1.0f / 3.0f), third);
-        depth = select_lanes(goes_on, clamp_lanes(depth, (floatl)0.0f, deepest), depth);
-        hops = select_lanes(is_inside, (intl)0, hops + 1);
-        active = active & !made.is_found & !made.at_border & (hops <= HOPS_MAX);
+    return select_lanes(number == 2, third, select_lanes(number == 1, second, first));
+}
+
+INLINED Vector chosen_corner(const Vector *corners, intl number)
+{
+    const Vector one = {chosen(corners[0].x, corners[1].x, corners[2].x, number),
+                        chosen(corners[0].y, corners[1].y, corners[2].y, number),
+                        chosen(corners[0].z, corners[1].z, corners[2].z, number)};
+    return one;
+}
+
+/* Where a ray is at a side, by Newton's method from near there: how far from its entry, and its place there. along_side: the
+ * weight of the side's second corner; it, t and the depth are nearby at first */
+INLINED floatl reach_side(const Prism *p, Vector direction, intl side, floatl *along_side, floatl t, Place *at)
+{
+    const intl next = select_lanes(side == 2, (intl)0, side + 1), last = select_lanes(side == 0, (intl)2, side - 1);
+    const Vector from = chosen_corner(p->point, next), from_normal = chosen_corner(p->normal, next);
+    const Vector way = minus(chosen_corner(p->point, last), from),
+                 turn = minus(chosen_corner(p->normal, last), from_normal);
+    floatl depth = at->depth, along = *along_side;
+    for (int i = 0; i < SIDE_STEPS; i++) {
+        const Vector n = {from_normal.x + along * turn.x, from_normal.y + along * turn.y, from_normal.z + along * turn.z};
+        const Vector rest = {t * direction.x - from.x - along * way.x + depth * n.x,
+                             t * direction.y - from.y - along * way.y + depth * n.y,
+                             t * direction.z - from.z - along * way.z + depth * n.z};
+        const Vector edge = minus(way, scaled(turn, depth)), across = cross_product(n, direction);
+        const floatl inverse = 1.0f / DOT(edge, across);
+        const Vector over = cross_product(rest, edge);
+        along += DOT(rest, across) * inverse;
+        depth += DOT(direction, over) * inverse;
+        t -= DOT(n, over) * inverse;
     }
+    at->second = select_lanes(side == 0, 1.0f - along, select_lanes(side == 2, along, (floatl)0.0f));
+    at->third = select_lanes(side == 0, along, select_lanes(side == 1, 1.0f - along, (floatl)0.0f));
+    at->depth = depth;
+    *along_side = along;
+    return t;
+}
+
+INLINED Place place_after(const Walk *walk, floatl t)
+{
+    const Place at = {walk->place.second + t * (walk->slope.second + t * walk->bend.second),
+                      walk->place.third + t * (walk->slope.third + t * walk->bend.third),
+                      walk->place.depth + t * (walk->slope.depth + t * walk->bend.depth)};
+    return at;
+}
+
+INLINED Place chosen_place(intl which, Place one, Place other)
+{
+    const Place made = {select_lanes(which, one.second, other.second), select_lanes(which, one.third, other.third),
+                        select_lanes(which, one.depth, other.depth)};
     return made;
 }
 
-/* Where a ray leaves the mesh */
-typedef struct {
-    floatl distance; /* from its entry; INFINITY: it does not */
-    Vector normal;   /* there, */
-    floatl rise;     /* and the ray's slope along it */
-    floatl deepest;  /* how deep, in scene units, the ray is between at most, by the quadric there */
-} Exit;
-
-Exit exit_at(const Relief *relief, intl triangle, floatl x, floatl y, Vector direction, floatl distance)
+/* How long it takes until a value that changes evenly has come down to 0 */
+INLINED floatl time_to_zero(floatl value, floatl change)
 {
-    Vector x_axis, y_axis;
-    const Entry e = entry_of(relief, triangle, x, y);
-    tangents_of(&e, &x_axis, &y_axis);
-    const floatl along_x = DOT(direction, x_axis), along_y = DOT(direction, y_axis), rise = DOT(direction, e.normal);
-    const floatl bend = quadric_form(&e, along_x, along_y, along_x, along_y);
-    const Exit exit = {distance, e.normal, rise, -0.25f * rise * rise / min_lanes(bend, (floatl)-1e-20f)};
-    return exit;
+    return select_lanes(change < 0.0f, max_lanes(value, (floatl)0.0f) / -change, (floatl)NEVER);
 }
 
-/* By what the depth between is more than by parabolas, on a circle that goes through entry and exit: half of the angle
- * between both normals is that between the chord and the circle. */
-INLINED floatl roundness(const Entry *e, Exit exit)
+/* Finds the side by which rays leave their prisms: of those that they come to by their slopes the first that they
+ * truly reach. Returns how far from the entry that is. */
+INLINED floatl find_side(const Prism *p, Walk *walk, float scale)
 {
-    return 2.0f / (1.0f + sqrt(max_lanes(0.5f + 0.5f * DOT(e->normal, exit.normal), (floatl)0.0f)));
+    const Place at = walk->place, slope = walk->slope;
+    const floatl first = 1.0f - at.second - at.third, first_slope = -slope.second - slope.third;
+    floatl by_first = time_to_zero(first, first_slope), by_second = time_to_zero(at.second, slope.second),
+           by_third = time_to_zero(at.third, slope.third);
+    const floatl latest = LATEST * min_lanes(min_lanes(by_first, by_second), by_third);
+    floatl found_t = walk->reached;
+    intl searches = walk->active;
+    for (int i = 0; i < 3 && any_lane(searches); i++) {
+        const floatl soon = min_lanes(by_first, by_second), leg = min_lanes(min_lanes(soon, by_third), latest);
+        const intl side = select_lanes(by_third < soon, (intl)2, select_lanes(by_second < by_first, (intl)1, (intl)0));
+        floatl along = clamp_lanes(chosen(at.third + leg * slope.third, first + leg * first_slope,
+                                          at.second + leg * slope.second, side), (floatl)0.0f, (floatl)1.0f);
+        const floatl there_depth = clamp_lanes(at.depth + leg * slope.depth, (floatl)0.0f, (floatl)scale);
+        Place there = {0.0f, 0.0f, there_depth};
+        const floatl t = reach_side(p, walk->direction, side, &along, walk->reached + walk->way * leg, &there);
+        const intl reaches = searches & (along >= INSIDE) & (along <= 1.0f - INSIDE) &
+                             (there.depth >= LEAST_DEPTH * scale) &
+                             (walk->way * (t - walk->reached) >= INSIDE * scale);
+        const intl takes = i == 0 ? searches : reaches; /* by their slopes, if none is truly reached */
+        const Place by_slope = {at.second + leg * slope.second, at.third + leg * slope.third, there_depth};
+        walk->side = select_lanes(takes, side, walk->side);
+        walk->end = chosen_place(takes, chosen_place(reaches, there, by_slope), walk->end);
+        found_t = select_lanes(takes, select_lanes(reaches, t, walk->reached + walk->way * leg), found_t);
+        searches = searches & !reaches;
+        by_first = select_lanes(side == 0, (floatl)INFINITY, by_first);
+        by_second = select_lanes(side == 1, (floatl)INFINITY, by_second);
+        by_third = select_lanes(side == 2, (floatl)INFINITY, by_third);
+    }
+    return found_t;
 }
 
-/* Are rays as deep, at most, between entry and exit as the quadrics of both say? Nothing more is to be asked of these. */
-INLINED intl is_as_mesh(const ReliefRay *ray, const Entry *e, Exit exit, float scale)
+INLINED floatl of_place(const floatl *corners, floatl second, floatl third)
 {
-    const floatl round = roundness(e, exit), leaves = max_lanes(exit.rise, (floatl)0.0f) / scale;
-    const floatl between = 0.125f * exit.distance * (ray->L + leaves) * round;
-    const floatl turns = deepest_at(ray);
-    const floatl deepest = select_lanes(turns < NEVER, depth_of(ray, turns), (floatl)NEVER);
-    const floatl tolerance = ALIKE * deepest;
-    const intl alike = (fabs(between - deepest) < tolerance) &
-                       (fabs(exit.deepest / scale * round - deepest) < 2.0f * tolerance);
-    return select_lanes(deepest < 1.0f, alike, between > SURELY_DEEP);
+    return second * (corners[1] - corners[0]) + third * (corners[2] - corners[0]);
 }
 
-/* Gives rays a parabola by what the mesh itself tells of their depth up to their exits: through where a walk has first
- * found them at the bottom, or deepest. Where a walk has not come to its end, the mesh may be thinner there than the
- * relief is deep: then the cubic between entry and exit tells (entry.h), of rays that have escaped, which by their
- * quadrics have come out again, only if it is deeper than these. Where it has come to a border or a hard edge, the
- * quadric holds, unless it is less deep. farthest: to where rays are followed. Returns which rays it has changed;
- * share: of the quadric's curvature that is left. */
-intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *e, Vector from, Vector direction, intl triangle,
-                 Exit exit, floatl farthest, intl escaped, intl wanted, floatl *share)
+/* By how much normals turn along a ray: the base's curvature */
+INLINED floatl turning_along(const Prism *p, Vector direction, const Place *slope)
 {
-    const intl leaves = isfinite_lanes(exit.distance);
-    const floatl slope = exit.rise / relief->scale, K = ray->K,
-                 distance = select_lanes(leaves, exit.distance, (floatl)0.0f);
-#if DISTANCE == EXACT
-    const MeshWalk walk = walk_below(relief, from, direction, triangle, min_lanes(exit.distance, farthest),
-                                 wanted & STARTS_AT_MESH(ray));
-    const floatl round = select_lanes(escaped, (floatl)1.0f, roundness(e, exit));
-    floatl t, last_slope, depth = deepest_between(ray, distance, slope, round, &t, &last_slope);
-    const intl is_deep = walk.depth > max_lanes(depth, SURELY * depth_of(ray, walk.t));
-    const intl is_known = walk.is_found | is_deep;
-    t = select_lanes(is_known, walk.t, t);
-    depth = select_lanes(is_known, walk.depth, depth);
-    last_slope = select_lanes(is_known, walk.slope, last_slope);
-    const intl is_lost = leaves & (escaped | !walk.at_border) & (depth > depth_of(ray, t));
-    const intl follows = wanted & (t > 0.0f) & (walk.is_found | is_deep | is_lost);
-    const floatl steep = max_lanes(ray->L, walk.first_slope);
-#else
-    floatl t, last_slope, depth = deepest_between(ray, distance, slope, (floatl)1.0f, &t, &last_slope);
-    const intl follows = wanted & leaves & (t > 0.0f) & (depth > depth_of(ray, t));
-    const floatl steep = ray->L;
-#endif
-    const floatl safe_t = max_lanes(t, (floatl)1e-20f), bends = (depth / safe_t - ray->L) / safe_t;
-    *share = select_lanes(follows & (K < bends), max_lanes(bends / K, (floatl)0.0f), (floatl)1.0f);
-    bend_through(ray, safe_t, depth * (1.0f + BOTTOM_TOLERANCE), steep, last_slope, follows);
-    use_quadric_depth(ray, follows);
-    return follows;
+    const Vector second = minus(p->normal[1], p->normal[0]), third = minus(p->normal[2], p->normal[0]);
+    return slope->second * DOT(second, direction) + slope->third * DOT(third, direction);
+}
+
+/* How far a ray goes until it is at the bottom, or else at depth 0, if its depth is a parabola */
+INLINED floatl way_out(floatl depth, floatl slope, floatl bend, float scale)
+{
+    const floatl below = scale - depth, discriminant = slope * slope + 4.0f * bend * below;
+    const floatl bottom = 2.0f * below / (slope + sqrt(max_lanes(discriminant, (floatl)0.0f)));
+    const floatl out = (slope + sqrt(max_lanes(slope * slope - 4.0f * bend * depth, (floatl)0.0f))) / (-2.0f * bend);
+    return max_lanes(select_lanes((discriminant >= 0.0f) & (bottom > 0.0f), bottom, out), (floatl)0.0f);
+}
+
+/* Sets out a walk's next leg, and the ray that is searched along it. */
+static void begin_leg(const Relief *relief, Walk *walk, int is_first, ReliefRay *ray)
+{
+    const Prism p = prism_of(relief, walk->triangle, walk->from);
+    if (is_first)
+        walk->level = level_on(relief, &p, walk->pixel_size);
+    const Place at = walk->place;
+    const float scale = relief->scale, per_scale = 1.0f / scale;
+    Place slope;
+    walk->way = select_lanes(set_slope(&p, &at, walk->direction, &slope), (floatl)-1.0f, (floatl)1.0f);
+    slope.second *= walk->way;
+    slope.third *= walk->way;
+    slope.depth *= walk->way;
+    walk->slope = slope;
+    /* To the bottom, or the mesh */
+    const intl sinks = slope.depth >= 0.0f;
+    Place level;
+    const floatl t_level = reach_depth(&p, walk->direction, select_lanes(sinks, (floatl)scale, (floatl)0.0f), &level);
+    const floatl least = min_lanes(min_lanes(level.second, level.third), 1.0f - level.second - level.third);
+    const intl arrives = (least >= INSIDE) & (walk->way * (t_level - walk->reached) >= 0.0f);
+    floatl t = t_level;
+    walk->side = -1;
+    const intl passes = walk->active & !arrives & !walk->is_beyond;
+    if (any_lane(passes)) {
+        t = select_lanes(passes, find_side(&p, walk, scale), t_level);
+        walk->side = select_lanes(passes, walk->side, (intl)-1);
+    }
+    walk->end = chosen_place(passes, walk->end, level);
+    floatl leg = max_lanes(walk->way * (t - walk->reached), (floatl)0.0f);
+    const floatl bends = select_lanes(walk->is_beyond, (floatl)0.0f, 1.0f / max_lanes(leg * leg, (floatl)1e-30f));
+    walk->bend.second = bends * (walk->end.second - at.second - leg * slope.second);
+    walk->bend.third = bends * (walk->end.third - at.third - leg * slope.third);
+    walk->bend.depth = bends * (walk->end.depth - at.depth - leg * slope.depth);
+    if (any_lane(walk->is_beyond)) {
+        const floatl bend = -0.5f * turning_along(&p, walk->direction, &slope);
+        walk->bend.depth = select_lanes(walk->is_beyond, bend, walk->bend.depth);
+        leg = select_lanes(walk->is_beyond, way_out(at.depth, slope.depth, bend, scale), leg);
+    }
+    walk->leg = leg;
+    ray->u = WRAPPED_UV(CLAMPED_U, p.u[0] + of_place(p.u, at.second, at.third));
+    ray->v = WRAPPED_UV(CLAMPED_V, p.v[0] + of_place(p.v, at.second, at.third));
+    /* u and v bend little in a prism. */
+    const floatl second = slope.second + leg * walk->bend.second, third = slope.third + leg * walk->bend.third;
+    ray->du = of_place(p.u, second, third);
+    ray->dv = of_place(p.v, second, third);
+    walk->beside = select_lanes(walk->side == 2, p.beside[2], select_lanes(walk->side == 1, p.beside[1], p.beside[0]));
+    ray->level = walk->level;
+    ray->depth = at.depth * per_scale;
+    ray->L = slope.depth * per_scale;
+    ray->K = walk->bend.depth * per_scale;
+}
+
+/* A ray ends where it reaches the bottom, or at its leg's end; in its last leg it is at the bottom there. */
+void set_end_of_leg(ReliefRay *ray, const Walk *walk, int is_last)
+{
+    const floatl below = 1.0f - ray->depth, discriminant = ray->L * ray->L + 4.0f * ray->K * below;
+    const floatl fall = ray->L + sqrt(max_lanes(discriminant, (floatl)0.0f));
+    const floatl bottom = select_lanes((discriminant >= 0.0f) & (fall > 0.0f), 2.0f * below / fall, (floatl)NEVER);
+    const intl arrives = (walk->side < 0) & !walk->is_beyond & (walk->slope.depth >= 0.0f);
+    ray->at_bottom = (intl)is_last | arrives | (bottom <= walk->leg * ROUNDING);
+    ray->end = min_lanes(bottom, walk->leg);
+    limit_tiles(ray);
+}
+
+/* Goes over to the next prism. */
+void end_leg(Walk *walk, float scale)
+{
+    const Place end = walk->end;
+    const intl passes = walk->side >= 0, beside = walk->beside;
+    const floatl first = 1.0f - end.second - end.third;
+    const floatl along = clamp_lanes(chosen(end.third, first, end.second, walk->side), (floatl)0.0f, (floatl)1.0f);
+    const intl goes_on = passes & (end.depth > LEAST_DEPTH * scale), crosses = goes_on & (beside >= 0);
+    walk->is_beyond = goes_on & (beside < 0) & !walk->ends_at_border;
+    walk->active = walk->active & (crosses | walk->is_beyond) & isfinite_lanes(walk->leg + end.depth + along);
+    const intl triangle = max(beside, (intl)0) / 3, side = beside - 3 * triangle;
+    walk->reached += walk->way * walk->leg;
+    walk->triangle = select_lanes(crosses, triangle, walk->triangle);
+    walk->place = end;
+    walk->place.second = select_lanes(crosses, chosen(along, (floatl)0.0f, 1.0f - along, side), end.second);
+    walk->place.third = select_lanes(crosses, chosen(1.0f - along, along, (floatl)0.0f, side), end.third);
 }
 #endif

@@ -15,8 +15,10 @@ def place_and_way(vertices: Float64, normals: Float64) -> NDArray[np.int64]:
     return np.unique(kinds, axis=0, return_inverse=True)[1].reshape(-1)
 
 
-def neighbours(vertices: Float64, faces: NDArray[np.int32], normals: Float64) -> NDArray[np.int32]:
-    """(M, 3) triangles on the sides opposite to each corner, across seams of uv, too; -1 at borders and hard edges.
+def sides_beside(vertices: Float64, faces: NDArray[np.int32], normals: Float64) -> NDArray[np.int32]:
+    """(M, 3) sides, 3 * triangle + corner opposite, that are one with those of each triangle, across seams of uv, too.
+
+    -1 at borders and hard edges.
 
     Triangles with two corners at one place, as at the poles of a globe, are left out: those at both of their sides are
     neighbours.
@@ -39,5 +41,5 @@ def neighbours(vertices: Float64, faces: NDArray[np.int32], normals: Float64) ->
     there, back = ((first * count + second)[solid].ravel() for first, second in ((start, end), (end, start)))
     order = np.argsort(there, kind="stable")
     beside = order[np.searchsorted(there[order], back).clip(0, len(there) - 1)]  # the first of several
-    made[solid] = np.where(there[beside] == back, solid[beside // 3], -1).reshape(-1, 3)
+    made[solid] = np.where(there[beside] == back, 3 * solid[beside // 3] + beside % 3, -1).reshape(-1, 3)
     return made

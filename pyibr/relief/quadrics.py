@@ -20,7 +20,6 @@ from pyibr.relief.neighbours import place_and_way
 
 _SINGULAR = 1e-6  # of the largest: less than that is rounding
 _HARD = 0.97  # cosine: of normals at one place some are 14 degrees and more from their mean
-_SHARP = 0.866  # cosine: between a vertex' normal and a triangle's, 30 degrees
 _BENT = 1e-3  # of normals of length 1: by what those of a flat triangle differ at most, by rounding
 _BELOW = -0.1  # cosine of the way into a vertex's triangles with that mean: they fall away from it
 
@@ -38,8 +37,6 @@ class VertexFrames:
         triangle with usable uv meets the vertex.
     quadrics : (N, 3) float64
         a, b and c, per scene unit.
-    bends : (N, 2, 3) float64
-        The same of u and of v (tiled): by how much they are more than their gradients say.
     planar : (N,) bool
         Where no quadric could be fitted: the neighbours lie on a line through the vertex. a = b = c = 0.
     """
@@ -47,7 +44,6 @@ class VertexFrames:
     normals: Float64
     gradients: Float64
     quadrics: Float64
-    bends: Float64
     planar: NDArray[np.bool_]
 
 
@@ -116,16 +112,6 @@ def juts_out(mesh: Mesh, normals: Float64) -> bool:
     return bool((turned & ((ways * means).sum(axis=1) < _BELOW)).any())
 
 
-def is_sharp(mesh: Mesh, normals: Float64) -> NDArray[np.bool_]:
-    """(N,) is a vertex' normal far from that of a triangle around it, so that no quadric holds there?"""
-    own = unit(areas(mesh.vertices, mesh.faces), np.zeros(3))
-    cosine = np.einsum("tc,tkc->tk", own, normals[mesh.faces])
-    sharp = np.zeros(len(normals), np.bool_)
-    has_area = own.any(axis=1, keepdims=True)
-    sharp[mesh.faces[has_area & (cosine < _SHARP)]] = True
-    return sharp
-
-
 def vertex_frames(mesh: Mesh, tiles: tuple[int, int]) -> VertexFrames:
     """Frames and quadrics of all vertices of a mesh with uv."""
     vertices = mesh.vertices.astype(np.float64)
@@ -133,8 +119,7 @@ def vertex_frames(mesh: Mesh, tiles: tuple[int, int]) -> VertexFrames:
     uv = np.asarray(mesh.uv, np.float64) * tiles
     gradients = fitted_gradients(vertices, mesh.faces, normals, uv)
     quadrics, planar = fitted_quadrics(vertices, mesh.faces, normals, gradients[:, 0])
-    bends = fitted_bends(vertices, mesh.faces, normals, uv, gradients)
-    return VertexFrames(normals, gradients, quadrics, bends, planar)
+    return VertexFrames(normals, gradients, quadrics, planar)
 
 
 def fitted_gradients(vertices: Float64, faces: NDArray[np.int32], normals: Float64, uv: Float64) -> Float64:
@@ -207,21 +192,6 @@ def fitted_quadrics(
     x, y, z = (np.einsum("nc,nc->n", away, axis[owner]) for axis in axes)
     quadrics, solved = _fitted_forms(owner, x, y, z, len(vertices))
     return quadrics, ~solved
-
-
-def fitted_bends(
-    vertices: Float64, faces: NDArray[np.int32], normals: Float64, uv: Float64, gradients: Float64
-) -> Float64:
-    """(N, 2, 3) a, b and c of u and v in the vertices' frames: what gradients leave of their changes along edges."""
-    x_axis = unit(gradients[:, 0], _any_tangent(normals))
-    y_axis = np.cross(normals, x_axis)
-    corner = faces[uv_gradients(vertices[faces], uv[faces])[1]]
-    ends = np.concatenate([corner[:, [i, j]] for i in range(3) for j in range(3) if i != j])
-    here, there = ends.T
-    away = vertices[there] - vertices[here]
-    x, y = (np.einsum("nc,nc->n", away, axis[here]) for axis in (x_axis, y_axis))
-    left = uv[there] - uv[here] - np.einsum("nic,nc->ni", gradients[here], away)
-    return np.stack([_fitted_forms(here, x, y, left[:, k], len(vertices))[0] for k in range(2)], axis=1)
 
 
 def _fitted_forms(

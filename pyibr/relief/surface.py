@@ -25,7 +25,7 @@ from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import launch
-from pyibr.opencl.memory import DeviceArray, copy, empty, upload
+from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.clear import clear
 from pyibr.picture.shadow import Lighting
@@ -33,13 +33,12 @@ from pyibr.picture.target import Target
 from pyibr.picture.wrap import wrap_defines
 from pyibr.raster.bins import bin_primitives, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
-from pyibr.relief.interior import Interior, InteriorPoint, window
+from pyibr.relief.interior import Interior, InteriorPoint
 from pyibr.relief.levels import HeightLevels, height_levels
-from pyibr.relief.neighbours import neighbours
+from pyibr.relief.neighbours import sides_beside
 from pyibr.relief.quadrics import (
     VertexFrames,
     is_flat,
-    is_sharp,
     juts_out,
     split_at_edges,
     split_at_mirrors,
@@ -52,7 +51,7 @@ Search = Literal["safe", "linear"]
 Shadow = Literal["map", "search"]
 
 _STEPS_MAX = 65536
-_WINDOW = 2.0  # times the near plane's distance: where rays start of an eye below the base
+_READ = ("vertices", "prisms", "texels", "bounds", "levels", "colors")  # of a surface, by the kernel
 _SHADOWS = {"map": "MAPPED", "search": "SEARCHED"}  # the kernel's names
 
 
@@ -79,11 +78,10 @@ class ReliefSurface(HeightMapped):
         again; "none": it is flat at each pixel, as in earlier relief mapping, and all of the mesh is covered.
     distance : {"approximate", "exact", "perpendicular"}
         How deep a ray is. "approximate": below the quadric, along the normal where it entered (equation 7). "exact":
-        where that tells, below circles of the quadric's curvatures, which is the true distance on planes, tubes and
-        spheres; and where a ray has a short way through the mesh, or creases are near, below the mesh itself, so that
-        outlines are those of the displaced mesh on creased, noisy and coarse meshes, too; at 1.4 to 1.8 times the time
-        where the mesh bends. "perpendicular": to the quadric, at right angles to the ray (equation 6), which is more
-        than the depth where a ray runs into the surface; of the linear search alone, as no bounds hold for it.
+        below the mesh itself, whose normals turn from corner to corner, so that outlines, heights and normals are those
+        of the displaced mesh at any depth, on creased and coarse meshes, too; at 1.5 to 1.8 times the time where the
+        mesh bends. "perpendicular": to the quadric, at right angles to the ray (equation 6), which is more than the
+        depth where a ray runs into the surface; of the linear search alone, as no bounds hold for it.
     search : {"safe", "linear"}
         "safe" steps over nothing, by bounds of the heights; "linear" is the paper's: even steps, then halvings.
     steps, halvings : int
@@ -200,20 +198,30 @@ class ReliefSurface(HeightMapped):
         parts = [uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics]
         values = np.concatenate(parts, axis=1)
         rows[:, : values.shape[1]] = values
-        rows[:, int(constant("relief/entry.h", "VERTEX_IS_SHARP"))] = is_sharp(self.drawn, frames.normals)
         return rows
 
     @cached_property
-    def uv_bends(self) -> NDArray[np.float32]:
-        """(N, VERTEX_FLOATS) a, b and c of u and v of each drawn vertex (kernels/relief/entry.h)."""
-        rows = np.zeros((len(self.drawn.vertices), int(constant("relief/entry.h", "VERTEX_FLOATS"))), np.float32)
-        rows[:, :6] = self.frames.bends.reshape(-1, 6)
+    def beside(self) -> NDArray[np.int32]:
+        """(M, 3) sides that are one with those of the drawn triangles."""
+        return sides_beside(self.drawn.vertices.astype(np.float64), self.drawn.faces, self.frames.normals)
+
+    @cached_property
+    def prism_rows(self) -> NDArray[np.float32]:
+        """(M, PRISM_FLOATS) what walks know of each drawn triangle (kernels/relief/walk.h)."""
+        mesh = self.drawn
+        uv = np.asarray(mesh.uv, np.float64) * self.tiles
+        corners = np.concatenate([mesh.vertices, self.frames.normals, uv], axis=1, dtype=np.float32)
+        rows = np.zeros((len(mesh.faces), int(constant("relief/walk.h", "PRISM_FLOATS"))), np.float32)
+        rows[:, :24] = corners[mesh.faces].reshape(-1, 24)
+        rows[:, 24:27] = self.beside.view(np.float32)
         return rows
 
     @cached_property
     def interior(self) -> Interior:
         """Search for the base above a point within the relief."""
-        return Interior(self.drawn.vertices, self.drawn.faces, self.vertex_rows, self.scale, self.bends)
+        mesh, normals = self.drawn, self.frames.normals
+        uv = np.asarray(mesh.uv, np.float64) * self.tiles
+        return Interior(mesh.vertices, normals, uv, mesh.faces, self.beside, self.scale)
 
     def interior_point(self, camera: Camera) -> InteriorPoint | None:
         """Locate a camera's eye within the relief, below the base and above what is carved into it.
@@ -288,11 +296,11 @@ def draw_relief(
     buffers = cached_on_device(surface, "buffers", lambda: _buffers(surface))
     near = target.near(surface.base.bounds)
     place = None if target.from_light else surface.interior_point(target.camera)
-    seen = _seen(target, surface, near, place)
-    bends = surface.bends
-    backs = place is not None or bends or target.from_light  # where rays come out
-    bins = bin_primitives(target, seen["faces"], seen["projected"], near, "both" if backs else "front")
-    defines = _defines_of(surface) | target.filter_defines
+    bends = surface.bends or place is not None
+    faces, projected = buffers["faces"], project(target, buffers["points"], near)
+    backs = target.from_light or (bends and surface.distance != "exact")  # where rays come out
+    bins = bin_primitives(target, faces, projected, near, "both" if backs else "front")
+    defines = _defines_of(surface, walks=target.from_light or place is not None) | target.filter_defines
     more: dict[str, Any] = dict(target.filter_arguments)
     if lit is not None:
         defines |= lit.defines
@@ -303,6 +311,9 @@ def draw_relief(
         defines["DEPTH_ALONE"] = 1
     if place is not None:
         defines["WITHIN"] = 1
+        second, third = (float(weight) for weight in place.weights[1:])
+        more |= {"eye_triangle": place.triangle, "eye_second": second, "eye_third": third}
+        more["eye_depth"] = place.depth * surface.scale
     if counters is not None:
         defines["COUNTERS"] = 1
         more["counters"] = counters
@@ -312,10 +323,8 @@ def draw_relief(
     launch(
         kernel("relief/relief.cl", "draw_relief", **bins.defines, **target.color_defines, **defines),
         bins.grid,
-        faces=seen["faces"],
-        vertices=seen["vertices"],
-        uv_bends=seen["uv_bends"],
-        **{name: buffers[name] for name in ("points", "neighbours", "texels", "bounds", "levels", "colors")},
+        faces=faces,
+        **{name: buffers[name] for name in _READ},
         level_count=len(surface.levels.table),
         **color_arguments(surface, target.camera),
         scale=surface.scale,
@@ -331,35 +340,13 @@ def draw_relief(
     target.blank = False
 
 
-def _defines_of(surface: ReliefSurface) -> dict[str, int]:
-    """Defines of the kernels for a surface: the measure of depth, and the form of the heights."""
-    distance = int(constant("relief/ray.h", surface.distance.upper()))
+def _defines_of(surface: ReliefSurface, walks: bool) -> dict[str, int]:
+    """Defines of the kernels for a surface: how deep rays are, exactly if they walk, and the form of the heights."""
+    distance = int(constant("relief/ray.h", "EXACT" if walks else surface.distance.upper()))
     defines = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
     if "clamp" in surface.wrap:
         return defines | wrap_defines(surface.wrap)
     return defines | {"POWERS_OF_TWO": int(all(n & (n - 1) == 0 for n in surface.height.shape))}
-
-
-def _seen(target: Target, surface: ReliefSurface, near: float, place: InteriorPoint | None) -> dict[str, DeviceArray]:
-    """The triangles that rays may enter or leave by: the base's, and the window of an eye below it."""
-    buffers = cached_on_device(surface, "buffers", lambda: _buffers(surface))
-    seen = {name: buffers[name] for name in ("faces", "vertices", "uv_bends")}
-    seen["projected"] = project(target, buffers["points"], near)
-    if place is None:
-        return seen
-    count = len(surface.drawn.vertices)
-    projected, rows = window(place, target.camera, _WINDOW * near, surface.scale)
-    corners = np.arange(count, count + 3, dtype=np.int32)[None]
-    added = {"faces": corners, "vertices": rows, "uv_bends": np.zeros_like(rows), "projected": projected}
-    return {name: _joined(seen[name], more) for name, more in added.items()}
-
-
-def _joined(first: DeviceArray, rows: NDArray[Any]) -> DeviceArray:
-    """An array with more rows, in the order of launches."""
-    made = empty((first.shape[0] + len(rows), first.shape[1]), first.dtype)
-    copy(first, made)
-    copy(upload(rows), made, at=first.shape[0] * first.shape[1])
-    return made
 
 
 def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
@@ -368,9 +355,8 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
     made = {
         "points": upload(base.vertices),
         "faces": upload(base.faces),
-        "neighbours": upload(neighbours(base.vertices.astype(np.float64), base.faces, surface.frames.normals)),
+        "prisms": upload(surface.prism_rows),
         "vertices": upload(surface.vertex_rows),
-        "uv_bends": upload(surface.uv_bends),
         "texels": upload(levels.texels),
         "bounds": upload(levels.bounds.view(np.uint32)),
         "levels": upload(levels.table),

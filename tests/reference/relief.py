@@ -7,7 +7,6 @@ A ray that comes out of its quadric before it leaves the mesh, at the next trian
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -40,23 +39,6 @@ class Rays:
         """Equation 7: how far P lies below the quadric, along z; 1 is the bottom."""
         x, y, z = (self.V * t[:, None]).T
         return -(z - (self.a * x**2 + self.b * y**2 + self.c * x * y)) / self.scale
-
-    @cached_property
-    def principal(self) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 2) the quadric along its principal directions, ascending, and the rays' parts along these."""
-        forms = np.moveaxis(np.array([[self.a, self.c / 2], [self.c / 2, self.b]]), -1, 0)
-        values, axes = np.linalg.eigh(forms)
-        return values, np.einsum("nk,nki->ni", self.V[:, :2], axes)
-
-    def exact(self, t: np.ndarray) -> np.ndarray:
-        """Below circles of the principal curvatures: one, and around it the one that bends outwards more."""
-        values, parts = self.principal
-        along, z = parts * t[:, None], self.V[:, 2] * t
-        for i in (1, 0):
-            k = -2 * values[:, i]
-            with np.errstate(invalid="ignore", divide="ignore"):
-                z = np.where(np.abs(k) > 1e-9, np.sqrt((1 / k + z) ** 2 + along[:, i] ** 2) * np.sign(k) - 1 / k, z)
-        return -z / self.scale
 
     def perpendicular(self, t: np.ndarray) -> np.ndarray:
         """Equation 6: s of P + s U = R on the quadric; where it has no solution, equation 7."""

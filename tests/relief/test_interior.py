@@ -20,7 +20,6 @@ from tests.shadowed import AMBIENT, edges, first_hits, shares, true_shares
 
 WHITE = np.full((2, 2, 3), 200, np.uint8)
 SIZE = (161, 117)
-RADII = {"plane": np.inf, "tube": 1.0, "sphere": 1.0, "torus, outside": 0.4, "torus, inside": 0.4}
 BASES: dict[str, tuple[Surface, tuple[int, int], tuple[int, int], float, tuple[float, float]]] = {
     # surface, cells, tiles, scale, and u and v of a place where two lanes between blocks cross
     "plane": (plane, (1, 1), (9, 9), 0.1, (4 / 9, 4 / 9)),
@@ -70,14 +69,9 @@ def relief(name: str, smooth: bool = False, **options: Any) -> ibr.ReliefSurface
     )
 
 
-def seen_aside(name: str) -> float:
-    """By what part of its distance an eye that is half as deep as the relief may see things aside.
-
-    u and v run evenly along a ray: what lies deeper is seen aside by that over the radius of curvature there; and by
-    half as much again at most, since a parabola is no circle.
-    """
-    deeper = 0.5 * BASES[name][3]
-    return 1.5 * deeper / (RADII[name] - deeper)
+FACETS = 0.01
+"""Of the distance: meshes of 64 and more sides lie up to 0.0012 of the radius, a hundredth of the relief's depth and
+somewhat more, within their circles."""
 
 
 def check(frame: ibr.Frame, truth: np.ndarray, camera: Camera, part: float) -> None:
@@ -99,7 +93,7 @@ def test_between_blocks(name, look, search):
     surface, _, _, scale, (u, v) = BASES[name]
     camera = looking(surface, u, v, 0.5 * scale, LOOKS[look])
     frame = ibr.render(relief(name, search=search, steps=2048), camera)
-    check(frame, carved(name, False).depth(camera), camera, seen_aside(name))
+    check(frame, carved(name, False).depth(camera), camera, FACETS)
 
 
 @pytest.mark.parametrize(("name", "look"), [("plane", LOOKS["up"]), ("tube", (1, 0.5, 0.3))])
@@ -108,7 +102,7 @@ def test_few_steps_are_enough_for_rays_that_leave(name, look):
     surface, _, _, scale, (u, v) = BASES[name]
     camera = looking(surface, u, v, 0.5 * scale, look)
     frame = ibr.render(relief(name, search="linear", steps=64), camera)
-    check(frame, carved(name, False).depth(camera), camera, seen_aside(name))
+    check(frame, carved(name, False).depth(camera), camera, FACETS)
 
 
 @pytest.mark.thorough
@@ -121,14 +115,14 @@ def test_over_the_lowest_place_of_hills(name, look, distance_):
     u, v = u + (column + 0.5) / 32 / tiles[0], v + (row + 0.5) / 32 / tiles[1]
     camera = looking(surface, u, v, 0.6 * scale, LOOKS[look])
     frame = ibr.render(relief(name, True, distance=distance_), camera)
-    check(frame, carved(name, True).depth(camera), camera, seen_aside(name))
+    check(frame, carved(name, True).depth(camera), camera, FACETS)
 
 
 @pytest.mark.parametrize("name", ["plane", "sphere"])
 def test_nothing_jumps_where_the_eye_passes_through_the_base(name):
-    """From a thousandth of the relief's depth above it and below, by equation 7, which holds within."""
+    """From a thousandth of the relief's depth above it and below."""
     surface, _, _, scale, (u, v) = BASES[name]
-    thing, frames = relief(name, distance="approximate"), []
+    thing, frames = relief(name), []
     for depth in (-1e-3, 1e-3):
         camera = looking(surface, u, v, depth * scale, (1, 0.2, -0.8))
         assert (thing.interior_point(camera) is not None) == (depth > 0)
@@ -162,7 +156,7 @@ def test_an_orthographic_camera_is_nowhere():
 
 @pytest.mark.parametrize("name", ["tube", "torus, outside", "torus, inside"])
 def test_places_are_on_parallel_surfaces(name):
-    """Tubes have other radii there, so that u runs faster or slower along the same way."""
+    """Points that lie below a place of the smooth surface are found below it."""
     surface, cells, tiles, scale, _ = BASES[name]
     thing = ibr.ReliefSurface(grid(surface, 3 * cells[0], 3 * cells[1]), np.zeros((4, 4)), WHITE, scale, tiles=tiles)
     rng = np.random.default_rng(4)
@@ -174,13 +168,6 @@ def test_places_are_on_parallel_surfaces(name):
         assert place is not None
         assert abs(place.depth - depth) <= 0.02
         np.testing.assert_allclose(place.uv, np.array([u, v]) * tiles, atol=2e-3)
-        step = 1e-4
-        aside = surface(np.array([u + step]), np.array([v]))
-        way = aside[0][0] - depth * scale * aside[1][0] - eye
-        assert place.gradients[0] @ way == pytest.approx(step * tiles[0], rel=0.01)
-        np.testing.assert_allclose(place.normal, axes[2], atol=0.01)
-        bend = (aside[1][0] - axes[2]) @ way / (way @ way)
-        assert way @ place.bending @ way / (way @ way) == pytest.approx(-bend, abs=0.02)
 
 
 def test_nearest_points_of_triangles():
@@ -236,7 +223,7 @@ def test_maps_of_bytes_that_do_not_tile():
 @pytest.mark.parametrize(
     ("distance_", "anisotropy"), [("perpendicular", 1), pytest.param("approximate", 8, marks=pytest.mark.thorough)]
 )
-def test_equation_7_is_all_there_is_within(distance_, anisotropy):
+def test_all_distances_are_one_within(distance_, anisotropy):
     """On a plane nothing is entered from outside, so distances differ nowhere; nor do filters change what is met."""
     camera = looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["along u"])
     plain = ibr.render(relief("plane", search="linear", steps=256), camera)
@@ -265,7 +252,7 @@ def test_normals_of_a_map_light_walls_within():
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("name", ["plane", "tube"])
 def test_light_falls_between_blocks(name, shadow):
-    """Three pixels off the edges of shadows and of blocks. On the tube these are seen aside (`seen_aside`)."""
+    """Three pixels off the edges of shadows and of blocks. On the tube edges are those of a mesh of 64 sides."""
     surface, _, _, scale, (u, v) = BASES[name]
     camera = looking(surface, u, v, 0.5 * scale, LOOKS["along u"], (240, 180))
     light = ibr.Light(direction=(-0.5, 1, -0.5), ambient=AMBIENT)

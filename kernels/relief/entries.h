@@ -1,0 +1,126 @@
+#ifndef RELIEF_ENTRIES_H
+#define RELIEF_ENTRIES_H
+/* Entries of a region's pixels into a relief, of the layer that is searched, and the hits that are kept of it. */
+#define KEEPS_UV 1
+#include "raster/fragment.h"
+#include "relief/exits.h"
+
+#ifndef DEPTH_ALONE
+#define DEPTH_ALONE 0 /* 1: no colours are asked for, as in a light's map */
+#endif
+#ifndef WITHIN
+#define WITHIN 0 /* 1: the eye is below the mesh, and its rays walk from there */
+#endif
+
+/* A region's pixels: the entries of the layer that is searched, and how the pixel's hit has been found */
+typedef struct {
+    floatl first[BLOCKS], second[BLOCKS]; /* nearness of the nearest two entries of those not searched yet */
+    intl entered[BLOCKS];                 /* triangle of the first, -1: none */
+    floatl searched[BLOCKS];              /* nearness of the last entry that has been searched from, */
+    intl searched_triangle[BLOCKS];       /* and its triangle */
+    floatl t[BLOCKS];                     /* from the entry to the hit, in scene units */
+    floatl share[BLOCKS];                 /* of the quadric's curvature that the hit was found with, 0 to 1 */
+    intl escaped[BLOCKS];                 /* by its quadric the ray from the first entry has come out again */
+    floatl exit[BLOCKS];                  /* nearness of the back by which it leaves the mesh; EMPTY: none */
+    intl exit_triangle[BLOCKS];
+#if WALKS
+    floatl foot_second[BLOCKS], foot_third[BLOCKS]; /* of a walk's hit: weights of its triangle's corners above it */
+#endif
+} Layers;
+
+typedef struct {
+    Relief relief;
+    float nearest_w;
+    int culled; /* CULLS_BACKS: fronts are drawn, where rays enter; CULLS_FRONTS: backs, where they leave */
+    Layers *layers;
+    global int *counters;
+#if WITHIN
+    int eye_triangle; /* the one that the eye is below, */
+    float eye_second, eye_third, eye_depth; /* and its place there (walk.h) */
+#endif
+} Context;
+
+typedef Triangles Primitives;
+
+static intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
+{
+    return set_up_triangles(context->relief.faces, context->relief.projected, index, context->nearest_w,
+                            context->culled, x, y, t);
+}
+
+/* Finds the exits of escaped rays, the nearest backs behind their entries; of a light's map, the backs before any
+ * entry. */
+void cover_back(Layers *layers, const Primitives *t, int lane, int block, int first_x, int first_y)
+{
+    floatl n;
+    if (!DEPTH_ALONE && !any_lane(layers->escaped[block]))
+        return;
+    const intl covered = covered_by(t, lane, first_x, first_y, &n);
+    const intl wanted = DEPTH_ALONE ? n > layers->first[block] : layers->escaped[block] & (n < layers->first[block]);
+    const intl nearer = covered & wanted & (n > layers->exit[block]);
+    layers->exit[block] = select_lanes(nearer, n, layers->exit[block]);
+    layers->exit_triangle[block] = select_lanes(nearer, (intl)int_lane(t->index, lane), layers->exit_triangle[block]);
+}
+
+static void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
+{
+    floatl n;
+    Layers *layers = context->layers;
+    const int index = int_lane(t->index, lane);
+    if (context->culled == CULLS_FRONTS) {
+        cover_back(layers, t, lane, block, first_x, first_y);
+        return;
+    }
+    const floatl first = layers->first[block], second = layers->second[block], searched = layers->searched[block];
+    const intl covered = covered_by(t, lane, first_x, first_y, &n);
+    const intl seen = covered & (n <= context->relief.screen.nearest) & (n > region->nearness[block]) &
+                      ((n < searched) | ((n == searched) & (layers->searched_triangle[block] < index)));
+    const intl nearer = seen & (n > first);
+    layers->second[block] = select_lanes(nearer, first, select_lanes(seen & (n > second), n, second));
+    layers->first[block] = select_lanes(nearer, n, first);
+    layers->entered[block] = select_lanes(nearer, (intl)index, layers->entered[block]);
+}
+
+#define FRAGMENTS 1
+#include "raster/list.h"
+
+#if COUNTERS
+void count_steps(const Context *context, const Region *region, int block, const Search *s)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const long at = pixel_of(context->relief.screen, region->x + FIRST_X(block), region->y + FIRST_Y(block), lane);
+        if (at >= 0 && int_lane(s->searches, lane)) {
+            context->counters[2 * at]++;
+            context->counters[2 * at + 1] += int_lane(s->taken, lane);
+        }
+    }
+}
+#endif
+
+/* Keeps the hits of a search that are nearer than what the region shows; triangle: above them, from: where t is 0.
+ * Returns which they are. */
+INLINED intl keep_hits(const Context *context, int block, const Search *s, Vector from, Vector direction, intl triangle,
+                       Region *region)
+{
+    const floatl t = s->t, so_far = region->nearness[block];
+    const Vector hit = {from.x + t * direction.x, from.y + t * direction.y, from.z + t * direction.z};
+    const floatl nearness = nearness_of(context->relief.screen, hit);
+    const intl nearer = s->searches & s->found & (nearness > so_far);
+    region->nearness[block] = select_lanes(nearer, nearness, so_far);
+    region->owner[block] = select_lanes(nearer, triangle, region->owner[block]);
+    region->u[block] = select_lanes(nearer, s->ray.u + t * s->ray.du, region->u[block]);
+    region->v[block] = select_lanes(nearer, s->ray.v + t * s->ray.dv, region->v[block]);
+    return nearer;
+}
+
+/* Ends the search from the first entries of a block. Returns for which pixels a further one lies nearer than what they
+ * show. */
+INLINED intl end_layer(Layers *layers, const Region *region, int block)
+{
+    const intl entered = layers->entered[block];
+    const intl more = (entered >= 0) & (layers->second[block] > region->nearness[block]);
+    layers->searched[block] = select_lanes(more, layers->first[block], (floatl)-INFINITY);
+    layers->searched_triangle[block] = entered;
+    return more;
+}
+#endif

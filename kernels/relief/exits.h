@@ -1,0 +1,47 @@
+#ifndef RELIEF_EXITS_H
+#define RELIEF_EXITS_H
+/* Where rays leave the mesh that by their quadrics have come out before: what that tells of their depth. */
+#include "relief/entry.h"
+
+#define ARC_PARTS 16 /* of a ray below the mesh, among whose ends its deepest point is searched */
+#define BOTTOM_TOLERANCE 1e-3f /* of the depth: by how much a ray that grazes the bottom may miss it */
+
+/* A ray is below the mesh until it leaves that by a back, `distance` after its entry, where its depth falls by `slope`
+ * per scene unit. Its depth between is estimated by the cubic with the depths and slopes of both ends. Returns where the
+ * cubic first reaches the bottom, or else is deepest, in t, and how deep it is there. */
+INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope, floatl *t)
+{
+    floatl depth = 0.0f, before = 0.0f;
+    *t = 0.0f;
+    for (int i = 1; i <= ARC_PARTS; i++) {
+        const float part = (float)i / ARC_PARTS, rest = 1.0f - part;
+        const floatl now = distance * (part * rest) * (first_slope * rest + slope * part);
+        const intl rises = (depth < 1.0f) & (now > depth);
+        const floatl reached = select_lanes(now > 1.0f, (1.0f - before) / (now - before), (floatl)1.0f);
+        *t = select_lanes(rises, distance * (i - 1 + reached) * (1.0f / ARC_PARTS), *t);
+        depth = select_lanes(rises, min_lanes(now, (floatl)1.0f), depth);
+        before = now;
+    }
+    return depth;
+}
+
+/* Gives rays that have escaped, and leave the mesh `distance` after their entry by a triangle, the parabola through
+ * where the cubic between has them at the bottom, or deepest, which begins as they do where that is less steep, if the
+ * cubic is deeper there than they are. Returns which rays it has changed; share: of the quadric's curvature that is
+ * left. */
+intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *out, Vector direction, floatl distance, intl escaped,
+                 floatl *share)
+{
+    const floatl K = ray->K, slope = max_lanes(DOT(direction, out->normal), (floatl)0.0f) / relief->scale;
+    floatl t;
+    const floatl depth = deepest_between(ray->L, distance, slope, &t), safe_t = max_lanes(t, (floatl)1e-20f);
+    const intl follows = escaped & (t > 0.0f) & (depth > depth_of(ray, t));
+    const floatl bends = (depth / safe_t - ray->L) / safe_t;
+    *share = select_lanes(follows & (K < bends), max_lanes(bends / K, (floatl)0.0f), (floatl)1.0f);
+    const floatl mean = depth * (1.0f + BOTTOM_TOLERANCE) / safe_t, rise = min_lanes(ray->L, 2.0f * mean);
+    ray->L = select_lanes(follows, rise, ray->L);
+    ray->K = select_lanes(follows, (mean - rise) / safe_t, K);
+    use_quadric_depth(ray, follows);
+    return follows;
+}
+#endif
