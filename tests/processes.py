@@ -38,8 +38,9 @@ def said_under_oclgrind(arguments: Sequence[str], seconds: float) -> str:
 
     If it does not come to an end, it is asked once more: its own threads have been seen to wait for each other.
     """
-    # Without the optimizer, whose inliner leaves calls (llvm.experimental.noalias.scope.decl) that it does not know.
-    command = ("oclgrind", "--check-api", "--build-options", "-cl-opt-disable", sys.executable, *arguments)
+    # Without inliners, which leave calls (llvm.experimental.noalias.scope.decl) that it does not know.
+    options = "-cl-opt-disable -DINLINED=static"
+    command = ("oclgrind", "--check-api", "--build-options", options, sys.executable, *arguments)
     try:
         done = run_within(seconds, command, PYIBR_DEVICE="oclgrind")
     except subprocess.TimeoutExpired:

@@ -152,7 +152,7 @@ def _registers(kernels: set[str]) -> dict[str, dict[str, float]]:
 
 def _counted(name: str, size: Size) -> list[_Counts]:
     """Launches of the call under Oclgrind."""
-    command = ["oclgrind", "--inst-counts", "--build-options", "-cl-opt-disable", sys.executable]
+    command = ["oclgrind", "--inst-counts", "--build-options", "-cl-opt-disable -DINLINED=static", sys.executable]
     command += ["-m", "benchmarks.gpu.counted", name, *map(str, size)]
     done = run_within(_SECONDS, command, PYIBR_DEVICE="oclgrind")
     if done.returncode:

@@ -28,7 +28,9 @@
 #endif
 
 /* A function whose arguments and results stay in registers: vectors, and on GPUs structs, go through memory otherwise. */
+#ifndef INLINED /* a simulator may want calls */
 #define INLINED static inline __attribute__((always_inline))
+#endif
 
 /* A function that is compiled once: PoCL makes three of each kernel, with all that is inlined there. It knows no
  * work-item. */

@@ -17,7 +17,6 @@
 #define LINEAR 0
 #define SAFE 1
 #define FLAT_MAX 1e-5f       /* curvature times depth: a surface of less is taken for a plane */
-#define ARC_PARTS 16         /* of a ray below the mesh, among whose ends its deepest point is searched */
 #define COSINE_MIN 1e-3f     /* of a ray that enters: at outlines interpolated normals may point away from the viewer */
 
 typedef struct {

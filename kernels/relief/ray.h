@@ -28,9 +28,7 @@ typedef struct {
     floatl end;          /* least t > 0 at which the ray comes out again, at depth 0, or reaches the bottom */
     intl at_bottom;      /* it reaches the bottom there */
     intl level;          /* of the map */
-#if WALKS
-    floatl depth; /* where it starts */
-#endif
+    floatl depth;        /* where it starts, of rays that walk */
 #if DISTANCE == PERPENDICULAR
     floatl vz;    /* of the unit direction, along the normal: < 0 */
     floatl scale; /* of depth 1 */

@@ -21,9 +21,9 @@
 #define LEGS_MAX 128  /* of a ray; one that has not come out then turns between prisms that are inside out: it ends */
 #define SIDE_STEPS 3  /* of Newton's method, to where a ray leaves by a side */
 #define LATEST 2.0f   /* times as far as where a ray comes to a side by its slope it may do so to others */
-#define ROUNDING 1.00001f
+#define LEG_ROUNDING 1.00001f
 #define LEAST_VOLUME 1e-30f
-#define INSIDE -1e-5f /* least weight of a point in a triangle */
+#define LEAST_WEIGHT -1e-5f /* of a point in a triangle */
 #define LEAST_DEPTH -1e-2f /* of the relief's: what is less deep has left it */
 
 /* The corners of triangles, less a point, their normals, u and v */
@@ -31,29 +31,29 @@ typedef struct {
     Vector point[3], normal[3];
     floatl u[3], v[3];
     intl beside[3];
-} Prism;
+} MeshPrism;
 
 /* A point in a prism: weights of the second and the third corner, and its depth, in scene units; or their changes */
 typedef struct {
     floatl second, third, depth;
-} Place;
+} PrismPlace;
 
 /* Rays on their way */
 typedef struct {
     Vector from, direction;
     floatl reached; /* from the entry */
     intl triangle;
-    Place place; /* at that point */
+    PrismPlace place; /* at that point */
     intl active; /* which of them are to be followed */
     intl is_beyond, ends_at_border; /* which are beyond a border, and which do not go on there */
     floatl leg, way;   /* how long the leg is, and which way it goes: 1, or -1 */
-    Place slope, bend; /* what the place changes by t and t^2 along it */
-    Place end;         /* where it ends, */
+    PrismPlace slope, bend; /* what the place changes by t and t^2 along it */
+    PrismPlace end;         /* where it ends, */
     intl side;         /* and by which side; -1: at the bottom, or the mesh; */
     intl beside;       /* and the side that it comes to */
     floatl pixel_size; /* at the entry; 0: the map itself is read */
     intl level, tier;  /* of the map, and the search's (search.h) */
-} Walk;
+} MeshWalk;
 
 INLINED Vector weighted(const Vector *corners, floatl second, floatl third)
 {
@@ -64,9 +64,9 @@ INLINED Vector weighted(const Vector *corners, floatl second, floatl third)
     return mean;
 }
 
-INLINED Prism prism_of(const Relief *relief, intl triangle, Vector from)
+INLINED MeshPrism prism_of(const Relief *relief, intl triangle, Vector from)
 {
-    Prism p;
+    MeshPrism p;
     floatl row[PRISM_FLOATS];
     const int one = int_lane(triangle, 0), uniform = !any_lane(triangle != one);
     UNROLLED
@@ -94,7 +94,7 @@ INLINED Prism prism_of(const Relief *relief, intl triangle, Vector from)
 }
 
 /* The level of the map that rays read, by the texels that a pixel of a size in scene units covers of a triangle */
-INLINED intl level_on(const Relief *relief, const Prism *p, floatl size)
+INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
 {
     const Vector second = minus(p->point[1], p->point[0]), third = minus(p->point[2], p->point[0]);
     const floatl E = DOT(second, second), F = DOT(second, third), G = DOT(third, third);
@@ -107,7 +107,7 @@ INLINED intl level_on(const Relief *relief, const Prism *p, floatl size)
 }
 
 /* Sets how a ray's place changes along it; returns whether its prism is inside out. */
-INLINED intl set_slope(const Prism *p, const Place *at, Vector direction, Place *slope)
+INLINED intl set_slope(const MeshPrism *p, const PrismPlace *at, Vector direction, PrismPlace *slope)
 {
     const Vector n = weighted(p->normal, at->second, at->third);
     const Vector second = minus(minus(p->point[1], p->point[0]), scaled(minus(p->normal[1], p->normal[0]), at->depth));
@@ -124,7 +124,7 @@ INLINED intl set_slope(const Prism *p, const Place *at, Vector direction, Place 
 }
 
 /* Where a ray is at a depth: how far from its entry, and its place there */
-INLINED floatl reach_depth(const Prism *p, Vector direction, floatl depth, Place *at)
+INLINED floatl reach_depth(const MeshPrism *p, Vector direction, floatl depth, PrismPlace *at)
 {
     Vector corner[3];
     UNROLLED
@@ -156,7 +156,7 @@ INLINED Vector chosen_corner(const Vector *corners, intl number)
 
 /* Where a ray is at a side, by Newton's method from near there: how far from its entry, and its place there. along_side: the
  * weight of the side's second corner; it, t and the depth are nearby at first */
-INLINED floatl reach_side(const Prism *p, Vector direction, intl side, floatl *along_side, floatl t, Place *at)
+INLINED floatl reach_side(const MeshPrism *p, Vector direction, intl side, floatl *along_side, floatl t, PrismPlace *at)
 {
     const intl next = select_lanes(side == 2, (intl)0, side + 1), last = select_lanes(side == 0, (intl)2, side - 1);
     const Vector from = chosen_corner(p->point, next), from_normal = chosen_corner(p->normal, next);
@@ -182,17 +182,17 @@ INLINED floatl reach_side(const Prism *p, Vector direction, intl side, floatl *a
     return t;
 }
 
-INLINED Place place_after(const Walk *walk, floatl t)
+INLINED PrismPlace place_after(const MeshWalk *walk, floatl t)
 {
-    const Place at = {walk->place.second + t * (walk->slope.second + t * walk->bend.second),
+    const PrismPlace at = {walk->place.second + t * (walk->slope.second + t * walk->bend.second),
                       walk->place.third + t * (walk->slope.third + t * walk->bend.third),
                       walk->place.depth + t * (walk->slope.depth + t * walk->bend.depth)};
     return at;
 }
 
-INLINED Place chosen_place(intl which, Place one, Place other)
+INLINED PrismPlace chosen_place(intl which, PrismPlace one, PrismPlace other)
 {
-    const Place made = {select_lanes(which, one.second, other.second), select_lanes(which, one.third, other.third),
+    const PrismPlace made = {select_lanes(which, one.second, other.second), select_lanes(which, one.third, other.third),
                         select_lanes(which, one.depth, other.depth)};
     return made;
 }
@@ -205,9 +205,9 @@ INLINED floatl time_to_zero(floatl value, floatl change)
 
 /* Finds the side by which rays leave their prisms: of those that they come to by their slopes the first that they
  * truly reach. Returns how far from the entry that is. */
-INLINED floatl find_side(const Prism *p, Walk *walk, float scale)
+INLINED floatl find_side(const MeshPrism *p, MeshWalk *walk, float scale)
 {
-    const Place at = walk->place, slope = walk->slope;
+    const PrismPlace at = walk->place, slope = walk->slope;
     const floatl first = 1.0f - at.second - at.third, first_slope = -slope.second - slope.third;
     floatl by_first = time_to_zero(first, first_slope), by_second = time_to_zero(at.second, slope.second),
            by_third = time_to_zero(at.third, slope.third);
@@ -220,13 +220,13 @@ INLINED floatl find_side(const Prism *p, Walk *walk, float scale)
         floatl along = clamp_lanes(chosen(at.third + leg * slope.third, first + leg * first_slope,
                                           at.second + leg * slope.second, side), (floatl)0.0f, (floatl)1.0f);
         const floatl there_depth = clamp_lanes(at.depth + leg * slope.depth, (floatl)0.0f, (floatl)scale);
-        Place there = {0.0f, 0.0f, there_depth};
+        PrismPlace there = {0.0f, 0.0f, there_depth};
         const floatl t = reach_side(p, walk->direction, side, &along, walk->reached + walk->way * leg, &there);
-        const intl reaches = searches & (along >= INSIDE) & (along <= 1.0f - INSIDE) &
+        const intl reaches = searches & (along >= LEAST_WEIGHT) & (along <= 1.0f - LEAST_WEIGHT) &
                              (there.depth >= LEAST_DEPTH * scale) &
-                             (walk->way * (t - walk->reached) >= INSIDE * scale);
+                             (walk->way * (t - walk->reached) >= LEAST_WEIGHT * scale);
         const intl takes = i == 0 ? searches : reaches; /* by their slopes, if none is truly reached */
-        const Place by_slope = {at.second + leg * slope.second, at.third + leg * slope.third, there_depth};
+        const PrismPlace by_slope = {at.second + leg * slope.second, at.third + leg * slope.third, there_depth};
         walk->side = select_lanes(takes, side, walk->side);
         walk->end = chosen_place(takes, chosen_place(reaches, there, by_slope), walk->end);
         found_t = select_lanes(takes, select_lanes(reaches, t, walk->reached + walk->way * leg), found_t);
@@ -244,7 +244,7 @@ INLINED floatl of_place(const floatl *corners, floatl second, floatl third)
 }
 
 /* By how much normals turn along a ray: the base's curvature */
-INLINED floatl turning_along(const Prism *p, Vector direction, const Place *slope)
+INLINED floatl turning_along(const MeshPrism *p, Vector direction, const PrismPlace *slope)
 {
     const Vector second = minus(p->normal[1], p->normal[0]), third = minus(p->normal[2], p->normal[0]);
     return slope->second * DOT(second, direction) + slope->third * DOT(third, direction);
@@ -260,14 +260,14 @@ INLINED floatl way_out(floatl depth, floatl slope, floatl bend, float scale)
 }
 
 /* Sets out a walk's next leg, and the ray that is searched along it. */
-static void begin_leg(const Relief *relief, Walk *walk, int is_first, ReliefRay *ray)
+static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, ReliefRay *ray)
 {
-    const Prism p = prism_of(relief, walk->triangle, walk->from);
+    const MeshPrism p = prism_of(relief, walk->triangle, walk->from);
     if (is_first)
         walk->level = level_on(relief, &p, walk->pixel_size);
-    const Place at = walk->place;
+    const PrismPlace at = walk->place;
     const float scale = relief->scale, per_scale = 1.0f / scale;
-    Place slope;
+    PrismPlace slope;
     walk->way = select_lanes(set_slope(&p, &at, walk->direction, &slope), (floatl)-1.0f, (floatl)1.0f);
     slope.second *= walk->way;
     slope.third *= walk->way;
@@ -275,10 +275,10 @@ static void begin_leg(const Relief *relief, Walk *walk, int is_first, ReliefRay 
     walk->slope = slope;
     /* To the bottom, or the mesh */
     const intl sinks = slope.depth >= 0.0f;
-    Place level;
+    PrismPlace level;
     const floatl t_level = reach_depth(&p, walk->direction, select_lanes(sinks, (floatl)scale, (floatl)0.0f), &level);
     const floatl least = min_lanes(min_lanes(level.second, level.third), 1.0f - level.second - level.third);
-    const intl arrives = (least >= INSIDE) & (walk->way * (t_level - walk->reached) >= 0.0f);
+    const intl arrives = (least >= LEAST_WEIGHT) & (walk->way * (t_level - walk->reached) >= 0.0f);
     floatl t = t_level;
     walk->side = -1;
     const intl passes = walk->active & !arrives & !walk->is_beyond;
@@ -312,21 +312,21 @@ static void begin_leg(const Relief *relief, Walk *walk, int is_first, ReliefRay 
 }
 
 /* A ray ends where it reaches the bottom, or at its leg's end; in its last leg it is at the bottom there. */
-void set_end_of_leg(ReliefRay *ray, const Walk *walk, int is_last)
+void set_end_of_leg(ReliefRay *ray, const MeshWalk *walk, int is_last)
 {
     const floatl below = 1.0f - ray->depth, discriminant = ray->L * ray->L + 4.0f * ray->K * below;
     const floatl fall = ray->L + sqrt(max_lanes(discriminant, (floatl)0.0f));
     const floatl bottom = select_lanes((discriminant >= 0.0f) & (fall > 0.0f), 2.0f * below / fall, (floatl)NEVER);
     const intl arrives = (walk->side < 0) & !walk->is_beyond & (walk->slope.depth >= 0.0f);
-    ray->at_bottom = (intl)is_last | arrives | (bottom <= walk->leg * ROUNDING);
+    ray->at_bottom = (intl)is_last | arrives | (bottom <= walk->leg * LEG_ROUNDING);
     ray->end = min_lanes(bottom, walk->leg);
     limit_tiles(ray);
 }
 
 /* Goes over to the next prism. */
-void end_leg(Walk *walk, float scale)
+void end_leg(MeshWalk *walk, float scale)
 {
-    const Place end = walk->end;
+    const PrismPlace end = walk->end;
     const intl passes = walk->side >= 0, beside = walk->beside;
     const floatl first = 1.0f - end.second - end.third;
     const floatl along = clamp_lanes(chosen(end.third, first, end.second, walk->side), (floatl)0.0f, (floatl)1.0f);

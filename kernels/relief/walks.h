@@ -7,7 +7,7 @@
 #include "relief/walk.h"
 
 /* Begins the walk of a block's rays from their first entries. */
-void begin_walk(const Context *context, const Region *region, int block, Walk *walk)
+void begin_walk(const Context *context, const Region *region, int block, MeshWalk *walk)
 {
     const Relief *relief = &context->relief;
     const floatl x = BLOCK_X(region, block), y = BLOCK_Y(region, block), n = context->layers->first[block];
@@ -26,7 +26,7 @@ void begin_walk(const Context *context, const Region *region, int block, Walk *w
 }
 
 /* Follows the rays of INTERLEAVED blocks, leg by leg, and keeps what they meet. */
-static void walk_blocks(const Context *context, int block, Walk *walks, Region *region)
+static void walk_blocks(const Context *context, int block, MeshWalk *walks, Region *region)
 {
     const Relief *relief = &context->relief;
     Layers *layers = context->layers;
@@ -34,7 +34,7 @@ static void walk_blocks(const Context *context, int block, Walk *walks, Region *
         Search searches[INTERLEAVED];
         int any = 0;
         for (int k = 0; k < INTERLEAVED; k++) {
-            Walk *walk = &walks[k];
+            MeshWalk *walk = &walks[k];
             Search *s = &searches[k];
             s->active = s->searches = 0;
             if (!any_lane(walk->active))
@@ -54,7 +54,7 @@ static void walk_blocks(const Context *context, int block, Walk *walks, Region *
             return;
         search_relief(relief, searches, INTERLEAVED);
         for (int k = 0; k < INTERLEAVED; k++) {
-            Walk *walk = &walks[k];
+            MeshWalk *walk = &walks[k];
             const Search *s = &searches[k];
             const int at = block + k;
             if (!any_lane(walk->active))
@@ -64,7 +64,7 @@ static void walk_blocks(const Context *context, int block, Walk *walks, Region *
                                   walk->from.z + walk->reached * walk->direction.z};
             const intl nearer = keep_hits(context, at, s, start, scaled(walk->direction, walk->way), walk->triangle,
                                           region);
-            const Place foot = place_after(walk, s->t);
+            const PrismPlace foot = place_after(walk, s->t);
             layers->foot_second[at] = select_lanes(nearer, foot.second, layers->foot_second[at]);
             layers->foot_third[at] = select_lanes(nearer, foot.third, layers->foot_third[at]);
             walk->active = walk->active & !(s->searches & s->found);
@@ -80,7 +80,7 @@ static void walk_blocks(const Context *context, int block, Walk *walks, Region *
 /* Walks from the first entries of INTERLEAVED blocks. Returns whether there are further ones. */
 static int walk_layer(const Context *context, int block, Region *region)
 {
-    Walk walks[INTERLEAVED];
+    MeshWalk walks[INTERLEAVED];
     int more = 0;
     for (int k = 0; k < INTERLEAVED; k++)
         begin_walk(context, region, block + k, &walks[k]);
@@ -97,10 +97,10 @@ static void walk_from_eye(const Context *context, Region *region)
     const float *m = context->relief.screen.to_world;
     const Vector eye = {m[3] / m[15], m[7] / m[15], m[11] / m[15]};
     for (int block = 0; block < BLOCKS; block += INTERLEAVED) {
-        Walk walks[INTERLEAVED];
+        MeshWalk walks[INTERLEAVED];
         for (int k = 0; k < INTERLEAVED; k++) {
-            const Place place = {context->eye_second, context->eye_third, context->eye_depth};
-            Walk *walk = &walks[k];
+            const PrismPlace place = {context->eye_second, context->eye_third, context->eye_depth};
+            MeshWalk *walk = &walks[k];
             walk->from = eye;
             walk->direction = ray_direction(context->relief.screen, BLOCK_X(region, block + k),
                                             BLOCK_Y(region, block + k));

@@ -65,7 +65,7 @@ OUTLINED uint2 sweep_packet(Grid grid, global float *hits, LineGroup group, int 
     clear_lines(hits, packet * LANES, line.along, map);
 #endif
     if (!any_lane((line.low <= line.high) & (line.from <= line.to)))
-        return 0;
+        return (uint2)(0, 0);
     uint samples = 0;
 #if SEGMENT
     samples += clip_walk(&line, bounds, map);
@@ -104,6 +104,7 @@ kernel void epipolar_sweep(global const float *surface, global float *hits, glob
 #endif
     const uint2 visited = sweep_packet(grid, hits, groups[g], packet, map, sides, nearest, farthest, bounds);
 #if COUNTERS
-    vstore2(visited, packet, counters);
+    counters[2 * packet] = visited.x;
+    counters[2 * packet + 1] = visited.y;
 #endif
 }

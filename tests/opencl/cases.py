@@ -81,16 +81,16 @@ class Poisoned(Launches):
 
 
 @cache
-def signatures(folder: str = "*") -> dict[str, str]:
-    """Parameters of each kernel of `kernels/`, or of a folder there, by its name."""
-    texts = [path.read_text() for path in sorted(kernels_folder().glob(f"{folder}/*.cl"))]
+def signatures(folder: str = "*", suffix: str = ".cl") -> dict[str, str]:
+    """Parameters of each kernel of `kernels/`, or of a folder there, by its name; those in headers are GPUs' alone."""
+    texts = [path.read_text() for path in sorted(kernels_folder().glob(f"{folder}/*{suffix}"))]
     found = [pair for text in texts for pair in re.findall(r"^kernel void (\w+)\((.*?)\)\n\{", text, re.M | re.S)]
     return dict(found)
 
 
 def knows_colors(name: str) -> bool:
     """Tell whether a kernel reads or writes colours, whose kind it is built for."""
-    return re.search(r"\bchannel \*", signatures()[name]) is not None
+    return re.search(r"\bchannel \*", signatures(suffix=".*")[name]) is not None
 
 
 def kernels_of(folder: str) -> Ran:

@@ -166,7 +166,7 @@ def _readable(file: str) -> list[str]:
             struct(file, name)
         except BuildError as error:
             assert re.search(
-                rf"struct {name}: it (has attributes|holds '(\w+l|\w+\d|[A-Z]\w+|global|#if).*')$", str(error)
+                rf"struct {name}: it (has attributes|holds '(\w+l|\w+\d|[A-Z]\w+|global|const|#if).*')$", str(error)
             )
         else:
             found.append(name)

@@ -25,6 +25,7 @@ from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
 from pyibr.app.commands.solids import hull, object_
 from pyibr.app.commands.warp import warp
+from pyibr.app.options import expanded
 from pyibr.core.errors import Error
 from pyibr.core.optional import distributed, fsspec
 from pyibr.opencl.device import VARIABLE
@@ -79,7 +80,7 @@ def run_command(words: Sequence[str]) -> None:
 @functools.cache
 def _command(name: str) -> Any:
     app = typer.Typer(add_completion=False)
-    app.command(name)(COMMANDS[name])
+    app.command(name)(expanded(COMMANDS[name]))
     return get_command(app)
 
 
