@@ -19,7 +19,7 @@ _RANGES, _SAMPLES_MIN = 12, 50  # noise is looked up for as many ranges of depth
 _SAMPLES_MAX = 80_000  # samples that are looked at: medians of more are no surer
 _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
 _STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 5 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together: noise is found to 3 % then
+_ENOUGH = 10 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together: noise is found to 2 % then
 _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
     50,
     0.3,
