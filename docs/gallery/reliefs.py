@@ -179,7 +179,7 @@ def _post(middle: tuple[float, float, float]) -> ibr.Mesh:
 
 
 def distances() -> Figure:
-    """The paper's two distances to the quadric, side by side, and where they differ; and the distance to circles."""
+    """The paper's two distances to the quadric, side by side, and where they differ; and exact ones."""
     height, color = bricks()
     camera = ibr.Camera.look_at((1.6, -3.2, 0.5), (0, 0, 0), (0, 0, 1), (520, 400), fov_y=44)
     light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
