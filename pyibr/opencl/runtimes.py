@@ -174,13 +174,13 @@ def problems() -> list[Problem]:
     found: list[Problem] = []
     unlisted = unlisted_runtimes()
     for variable in (name for name in LOADER_VARIABLES if os.environ.get(name)):
-        hidden = f" and hides {', '.join(str(one.library) for one in unlisted)}" if unlisted else ""
+        hidden = f" and hides {', '.join(str(one.path) for one in unlisted)}" if unlisted else ""
         if hidden or not found_devices():
             what = f"${variable} is set to {os.environ[variable]!r}, so the loader looks nowhere else{hidden}"
             found.append(Problem(what, f"unset {variable}"))
     for runtime, one in itertools.product(RUNTIMES, unlisted):
-        if missing := [path.name for path in runtime.needed_by(one.library) if not path.exists()]:
-            found.append(Problem(f"{runtime.name} ({one.library}) lacks {', '.join(missing)}", runtime.needs_from))
+        if missing := [path.name for path in runtime.needed_by(one.path) if not path.exists()]:
+            found.append(Problem(f"{runtime.name} ({one.path}) lacks {', '.join(missing)}", runtime.needs_from))
     if has_nvidias_driver() and not has_nvidias_library():
         what = f"NVIDIA's driver is here, but not its OpenCL library, {NVIDIA}"
         found.append(Problem(what, "set NVIDIA_DRIVER_CAPABILITIES=all in a container, else install that library"))
@@ -217,7 +217,7 @@ def _all_listed() -> Generator[None, None, None]:
     """
     wanted = {name: value for runtime in RUNTIMES for name, value in runtime.environment().items()}
     unlisted = [] if any(os.environ.get(name) for name in LOADER_VARIABLES) else unlisted_runtimes()
-    for needed in (path for one in unlisted for runtime in RUNTIMES for path in runtime.needed_by(one.library)):
+    for needed in (path for one in unlisted for runtime in RUNTIMES for path in runtime.needed_by(one.path)):
         with suppress(OSError):  # `problems` tells what is missing
             _load(needed)
     with environment(wanted), seen_by_the_loader(unlisted):

@@ -26,10 +26,10 @@ _ON_WINDOWS = {"libintelocl.so": "intelocl64.dll"}  # its wheel's file has Linux
 
 @dataclass(frozen=True)
 class Unlisted:
-    """A runtime's library, by its path or by a name that the dynamic linker finds, and its ``.icd`` file's name."""
+    """A runtime's library, by its path or a name that the dynamic linker finds, and the name of its ``.icd`` file."""
 
     icd: str
-    library: Path
+    path: Path
 
 
 def unlisted_runtimes() -> list[Unlisted]:
@@ -51,8 +51,8 @@ def seen_by_the_loader(runtimes: list[Unlisted]) -> Generator[None, None, None]:
     """While it is open, the loader sees these runtimes beside the system's."""
     with ExitStack() as stack:
         if runtimes and os.name == "nt":
-            libraries = [str(one.library) for one in runtimes]
-            folders = dict.fromkeys(str(one.library.parent) for one in runtimes)
+            libraries = [str(one.path) for one in runtimes]
+            folders = dict.fromkeys(str(one.path.parent) for one in runtimes)
             # For as long as the process lives: they load more of their own as they compile.
             os.environ["PATH"] = os.pathsep.join([*folders, os.environ.get("PATH", "")])
             stack.enter_context(environment({"OCL_ICD_FILENAMES": os.pathsep.join(libraries)}))
@@ -60,7 +60,7 @@ def seen_by_the_loader(runtimes: list[Unlisted]) -> Generator[None, None, None]:
             for icd in _icds(SYSTEM_ICDS):
                 (folder / icd.name).symlink_to(icd)
             for number, one in enumerate(runtimes):
-                (folder / f"pyibr{number}-{one.icd}").write_text(f"{one.library}\n")
+                (folder / f"pyibr{number}-{one.icd}").write_text(f"{one.path}\n")
             stack.enter_context(environment({"OCL_ICD_VENDORS": str(folder)}))
         yield
 

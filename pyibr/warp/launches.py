@@ -318,7 +318,7 @@ def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: fl
 
 
 def classify(surface: Surface, pixel_map: PixelMap, target: Target) -> None:
-    """Why the holes are holes, as far as this view tells: it adds what it knows."""
+    """Add to the holes what this view knows of why they are holes."""
     assert target.classes is not None
     strip = current().profile.strip
     launch(
