@@ -11,6 +11,7 @@ from pyibr.opencl.runtimes import found_devices
 from tests.tiers import COLLECTED, LEFT, leave_products
 
 os.environ.setdefault("PYIBR_BINARIES", "never")  # most programs are built once, and to read them compiles them twice
+os.environ.setdefault("PYIBR_BUILD_OPTIONS", "-Werror")
 
 
 def pytest_configure() -> None:

@@ -14,8 +14,8 @@
 #endif
 
 /* Without AVX-512, compilers warn that vectors of 64 bytes are passed otherwise than with it: nobody else is called.
- * This comes first: it counts from here on. */
-#ifdef __clang__
+ * This comes first: it counts from here on. NVIDIA's compiler does not know this warning. */
+#if defined(__clang__) && LANES > 1
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import logging
+import os
 import threading
 import time
 import warnings
@@ -35,8 +36,8 @@ _NO_DENORMALS = "-cl-denorms-are-zero"
 """They mean nothing in any kernel, and CPUs take a hundred cycles for one. Binaries do not hold this option."""
 
 _SIGNATURE_FORMAT = "constant"  # part of entries' names: what they tell of arguments beyond names and types
-_OPTIONS = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]
-"""Those that every program is built with."""
+_OPTIONS = ["-cl-std=CL1.2", _NO_DENORMALS, "-cl-kernel-arg-info", *os.environ.get("PYIBR_BUILD_OPTIONS", "").split()]
+"""Those that every program is built with; tests add ``-Werror``, which no user's compiler is to stumble over."""
 
 _log = logging.getLogger("pyibr")
 _LONG = 0.3  # seconds of building: of one program if its device's compiler starts with it, else of several
