@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Generator
 from contextlib import contextmanager
 from functools import cache
+from typing import Any
 
 import pytest
 
@@ -19,14 +20,14 @@ from tests.processes import said_under_oclgrind
 
 
 @cache  # so that its kernels are built once
-def _of_one_lane(session: device.Session, **changed: int) -> device.Session:
+def _of_one_lane(session: device.Session, **changed: Any) -> device.Session:
     # Of the sizes of work-groups that it may choose, PoCL compiles each anew.
     own = {"kernels": {}, "memory_pool": MemoryPool(), "flights": defaultdict(InFlight)}
-    return dataclasses.replace(session, profile=dataclasses.replace(GPU, local_size=1, **changed), **own)
+    return dataclasses.replace(session, profile=dataclasses.replace(GPU, **{"group": (1, 1), **changed}), **own)
 
 
 @contextmanager
-def one_lane(**changed: int) -> Generator[None, None, None]:
+def one_lane(**changed: Any) -> Generator[None, None, None]:
     """Within it kernels have one lane, and memory is copied to and fro; `changed`: of the GPUs' profile."""
     session = device.current()
     index = session.device.index

@@ -338,14 +338,17 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
     const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors,
                             NORMALS_ARGUMENT(uint)};
     const GBuffer gbuffer = GBUFFER_VALUE;
-    const size_t size = BLOCKS * LANES, own = get_global_id(0) * size;
+    const int item = get_global_id(0);
+    if (item >= items)
+        return;
+    const size_t size = BLOCKS * LANES, own = item * size;
     const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
 #if CLOSED == BY_RAYS
     const FreeSpace space = {free_depths, extended_depths, far_colors, cell_free_depths, cell_extended_depths,
                              view_sizes, from_target, perspectives, first_levels, closeness, stride,
                              screen.perspective, view_count, enclosed};
 #endif
-    for (int drawn = get_global_id(0); drawn < columns * rows; drawn += items) {
+    for (int drawn = item; drawn < columns * rows; drawn += items) {
         const int x = drawn % columns * REGION, y = drawn / columns * REGION;
         BinList listed;
         list_of_bin(list, starts, bins_x, x, y, &listed);

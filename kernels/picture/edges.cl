@@ -13,8 +13,8 @@
  * nearness: (height, pitch) as picture/nearness.cl has it. surface: (height + 2, pitch), the same with the ring;
  * the last bits of each are its TORN_... ones (which changes it by 5e-7 of itself, at most). ring: (2, 2 width + 2 height
  * + 4) how near and how far the surface is half a pixel beyond each border sample: (inf, -inf) if it is not there.
- * Work-item of find_edges: a row; of continue_border: a sample of the ring, after it. Cost: O(samples).
- * Determinism: each sample from depths alone.
+ * Work-item of find_edges: `piece` samples of a row, a multiple of LANES or all; of continue_border: a sample of the ring,
+ * after it. Cost: O(samples). Determinism: each sample from depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -122,11 +122,11 @@ INLINED intl torn_along(Image image, int x, int y, int dx, int dy, float per_pix
 
 #define LEAST_BEYOND 1e-3f /* of the border's nearness: the ring's is at least that */
 
-/* Writes a row of the surface. */
-OUTLINED void mark_row(Image image, int y, Cut cut, EdgeTest test, global float *row)
+/* Writes the surface's samples `first` to `end` - 1 of a row. */
+OUTLINED void mark_row(Image image, int first, int end, int y, Cut cut, EdgeTest test, global float *row)
 {
     const int width = image.width, height = image.height;
-    for (int x0 = 0; x0 < width; x0 += LANES) {
+    for (int x0 = first; x0 < end; x0 += LANES) {
         const floatl n = samples_from(image, x0, y);
         const intl solid = n > NO_SURFACE, last = x0 + lane_index == width - 1;
         const intl below = y + 1 < height ? torn_along(image, x0, y, 0, 1, test.per_pixel[1], cut, test) : !solid;
@@ -142,12 +142,13 @@ OUTLINED void mark_row(Image image, int y, Cut cut, EdgeTest test, global float 
     }
 }
 
-kernel void find_edges(global const float *nearness, global float *surface, int width, int height, int pitch, Cut cut, EdgeTest test)
+kernel void find_edges(global const float *nearness, global float *surface, int width, int height, int pitch, int piece,
+                       Cut cut, EdgeTest test)
 {
-    const int y = get_global_id(0);
+    const int first = get_global_id(0) * piece, y = get_global_id(1);
     const Image image = {nearness, width, height, pitch};
     if (y < height)
-        mark_row(image, y, cut, test, surface + (size_t)(y + 1) * pitch + 1);
+        mark_row(image, first, min(first + piece, width), y, cut, test, surface + (size_t)(y + 1) * pitch + 1);
 }
 
 /* A marked sample of the surface, by the image's numbers */

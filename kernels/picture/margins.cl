@@ -4,9 +4,9 @@
  * surface with the sample, and towards those that are torn off it stays: a slope from the other side would amplify its
  * noise, and of round things it would stick out.
  *
- * surface: picture/edges.cl. counts: (height,) quarters that a row's samples have. starts: (height,) the column of a
- * row's first one in `margins`, lib/margins.h.
- * Work-item: a row. Cost: O(samples). Determinism: each row on its own.
+ * surface: picture/edges.cl. counts: (pieces,) quarters that a piece's samples have. starts: (pieces,) the column of
+ * a piece's first one in `margins`, lib/margins.h.
+ * Work-item: `piece` samples of a row, a multiple of LANES or all. Cost: O(samples). Determinism: each piece on its own.
  */
 #include "lib/lanes.h"
 #include "lib/margins.h"
@@ -83,14 +83,17 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, floatl *slo
     }
 }
 
-kernel void count_margins(global const float *surface, global int *counts, int width, int height, int pitch)
+#define PIECE_OF(first, y) ((y) * ((width + piece - 1) / piece) + (first) / piece)
+
+kernel void count_margins(global const float *surface, global int *counts, int width, int height, int pitch,
+                          int piece)
 {
-    const int y = get_global_id(0);
-    if (y >= height)
+    const int first = get_global_id(0) * piece, y = get_global_id(1);
+    if (first >= width || y >= height)
         return;
     const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
     int count = 0;
-    for (int x = 0; x < width; x += LANES) {
+    for (int x = first; x < min(first + piece, width); x += LANES) {
         const Around n = around_of(grid.nearness + (size_t)y * pitch + x, pitch);
         if (!any_edge(n))
             continue;
@@ -98,18 +101,18 @@ kernel void count_margins(global const float *surface, global int *counts, int w
         for (int number = 0; number < 4; number++)
             count += popcount(lane_bits(parts.lower[number] | parts.upper[number]));
     }
-    counts[y] = count;
+    counts[PIECE_OF(first, y)] = count;
 }
 
 kernel void find_margins(global const float *surface, global const int *starts, global float *margins, int width,
-                         int height, int pitch, int margin_pitch)
+                         int height, int pitch, int piece, int margin_pitch)
 {
-    const int y = get_global_id(0);
-    if (y >= height)
+    const int first = get_global_id(0) * piece, y = get_global_id(1);
+    if (first >= width || y >= height)
         return;
     const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
-    int at = starts[y];
-    for (int x = 0; x < width; x += LANES) {
+    int at = starts[PIECE_OF(first, y)];
+    for (int x = first; x < min(first + piece, width); x += LANES) {
         const Around n = around_of(grid.nearness + (size_t)y * pitch + x, pitch);
         if (!any_edge(n))
             continue;

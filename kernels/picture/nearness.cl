@@ -1,11 +1,12 @@
 /* Depth to nearness: the sweep and the searches read 1/z (perspective) or -z (orthographic), never z.
  *
- * One work-item converts one row and notes the row's range, which bounds what the view can reach. depth: (src_height,
- * src_width) planar z; not finite, <= NEAREST or >= far is no surface. nearness: (src_height, src_pitch), a pitch that
- * is no power of two, because columns are read too. ranges: (src_height, 2) least and greatest nearness of the row,
- * (inf, -inf) where it has no surface. to_bridged_nearness: single samples that are missing amid a surface, through
- * which the background would show, are interpolated between their neighbours to the left and the right, or above and
- * below, where these are one surface. O(n^2), one pass. Determinism: every sample from depths alone.
+ * One work-item converts `piece` samples of a row, a multiple of LANES or all, and notes their range, which bounds what
+ * the view can reach. depth: (src_height, src_width) planar z; not finite, <= NEAREST or >= far is no surface. nearness:
+ * (src_height, src_pitch), a pitch that is no power of two, because columns are read too. ranges: (pieces, 2) least and
+ * greatest nearness of each piece, (inf, -inf) where it has no surface. to_bridged_nearness: single samples that are
+ * missing amid a surface, through which the background would show, are interpolated between their neighbours to the left
+ * and the right, or above and below, where these are one surface. O(n^2), one pass. Determinism: every sample from depths
+ * alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -23,14 +24,14 @@ INLINED floatl nearness_from(global const float *row, int x, int width, int pers
 }
 
 INLINED void convert_row(global const float *depth, global float *nearness, global float *ranges, int src_width,
-                         int src_height, int src_pitch, int src_perspective, float far, int bridged, Cut cut)
+                         int src_height, int src_pitch, int src_perspective, float far, int piece, int bridged, Cut cut)
 {
-    const int y = get_global_id(0);
-    if (y >= src_height)
+    const int first = get_global_id(0) * piece, y = get_global_id(1);
+    if (first >= src_width || y >= src_height)
         return;
     global const float *row = depth + (size_t)y * src_width;
     floatl low = INFINITY, high = -INFINITY;
-    for (int x = 0; x < src_width; x += LANES) {
+    for (int x = first; x < min(first + piece, src_width); x += LANES) {
         floatl n = nearness_from(row, x, src_width, src_perspective, far);
         const intl solid = n > NO_SURFACE;
         low = min_lanes(select_lanes(solid, n, low), low);
@@ -48,19 +49,18 @@ INLINED void convert_row(global const float *depth, global float *nearness, glob
         }
         store_lanes(n, nearness + (size_t)y * src_pitch + x); /* rows have room for whole packets */
     }
-    ranges[2 * y] = least_lane(low);
-    ranges[2 * y + 1] = -least_lane(-high);
+    vstore2((float2)(least_lane(low), -least_lane(-high)), y * ((src_width + piece - 1) / piece) + first / piece, ranges);
 }
 
 kernel void to_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,
-                        int src_height, int src_pitch, int src_perspective, float far)
+                        int src_height, int src_pitch, int src_perspective, float far, int piece)
 {
     const Cut none = {0.0f, 0.0f, 0.0f};
-    convert_row(depth, nearness, ranges, src_width, src_height, src_pitch, src_perspective, far, 0, none);
+    convert_row(depth, nearness, ranges, src_width, src_height, src_pitch, src_perspective, far, piece, 0, none);
 }
 
 kernel void to_bridged_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,
-                                int src_height, int src_pitch, int src_perspective, float far, Cut cut)
+                                int src_height, int src_pitch, int src_perspective, float far, int piece, Cut cut)
 {
-    convert_row(depth, nearness, ranges, src_width, src_height, src_pitch, src_perspective, far, 1, cut);
+    convert_row(depth, nearness, ranges, src_width, src_height, src_pitch, src_perspective, far, piece, 1, cut);
 }

@@ -1,15 +1,15 @@
 /* Binning: which primitives may touch which bins of BIN x BIN pixels, in the order of the primitives.
  *
- * `count_bins` bounds each primitive and counts, per chunk of primitives and bin; `total_bins` and `total_rows` sum up
- * each bin and each row of bins; `start_bins` turns the counts of a bin into places; `fill_bins` writes the primitives'
- * numbers. A bin's list is in the order of the primitives, since each chunk fills its own part: no atomics,
- * reproducible. `sort_bins` puts each list from front to back, for fragment programs that cost more than that.
+ * `bound_primitives` bounds each primitive; `count_bins` counts them, per chunk of primitives and bin; `total_bins` and
+ * `total_rows` sum up each bin and each row of bins; `start_bins` turns the counts of a bin into places; `fill_bins`
+ * writes the primitives' numbers. A bin's list is in the order of the primitives, since each chunk fills its own part: no
+ * atomics, reproducible. `sort_bins` puts each list from front to back, for fragment programs that cost more than that.
  *
  * corners: (primitives, CORNERS) vertices of each. projected: (vertices, 4), see project.cl. boxes: (primitives, 4)
- * first and last bin in x and y; empty (first > last) if it cannot be seen. counts: (chunks, bins). totals: (bins,).
- * row_totals: (bins_y,). starts: (bins + 1,) place of each bin's list in `list`. culled: triangle.h.
- * Work-item: a chunk (count, fill), a bin (total, start), a row of bins. Cost: O(primitives + list + chunks * bins).
- * Determinism: fixed order.
+ * first and last bin in x and y; empty (first > last) if it cannot be seen. counts: (chunks, bins), 0 at first. totals:
+ * (bins,). row_totals: (bins_y,). starts: (bins + 1,) place of each bin's list in `list`. culled: triangle.h.
+ * Work-item: STRIP packets of primitives (bound), a chunk (count, fill), a bin (total, start), a row of bins.
+ * Cost: O(primitives + list + chunks * bins). Determinism: fixed order.
  */
 #include "raster/project.cl" /* which goes before the bins of whatever is drawn: one program */
 #include "lib/screen.h"
@@ -91,25 +91,30 @@ OUTLINED Boxes boxes_of(global const int *corners, global const float *projected
     return boxes;
 }
 
-kernel void count_bins(global const int *corners, global const float *projected, global short *boxes,
-                       global int *counts, int primitives, int chunk, int bins_x, int bins_y, Screen screen,
-                       float nearest_w, int culled)
+kernel void bound_primitives(global const int *corners, global const float *projected, global short *boxes,
+                             int primitives, Screen screen, float nearest_w, int culled)
 {
-    const int c = get_global_id(0), first = c * chunk, last = min(first + chunk, primitives);
-    global int *mine = counts + (size_t)c * bins_x * bins_y;
-    for (int b = 0; b < bins_x * bins_y; b++)
-        mine[b] = 0;
+    const int first = get_global_id(0) * STRIP * LANES, last = min(first + STRIP * LANES, primitives);
     for (int start = first; start < last; start += LANES) {
         const Boxes box = boxes_of(corners, projected, min(start + lane_index, (intl)(last - 1)), screen, nearest_w,
                                    culled);
-        for (int lane = 0; lane < min(LANES, last - start); lane++) {
-            const int low_x = int_lane(box.low_x, lane), high_x = int_lane(box.high_x, lane);
-            const int low_y = int_lane(box.low_y, lane), high_y = int_lane(box.high_y, lane);
-            vstore4((short4)(low_x, high_x, low_y, high_y), start + lane, boxes);
-            for (int y = low_y; y <= high_y; y++)
-                for (int x = low_x; x <= high_x; x++)
-                    mine[y * bins_x + x]++;
-        }
+        for (int lane = 0; lane < min(LANES, last - start); lane++)
+            vstore4((short4)(int_lane(box.low_x, lane), int_lane(box.high_x, lane), int_lane(box.low_y, lane),
+                             int_lane(box.high_y, lane)), start + lane, boxes);
+    }
+}
+
+kernel void count_bins(global const short *boxes, global int *counts, int primitives, int chunk, int bins_x, int bins_y)
+{
+    const int c = get_global_id(0), first = c * chunk, last = min(first + chunk, primitives);
+    if (first >= primitives)
+        return;
+    global int *mine = counts + (size_t)c * bins_x * bins_y;
+    for (int i = first; i < last; i++) {
+        const short4 box = vload4(i, boxes);
+        for (int y = box.z; y <= box.w; y++)
+            for (int x = box.x; x <= box.y; x++)
+                mine[y * bins_x + x]++;
     }
 }
 

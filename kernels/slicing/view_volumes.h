@@ -23,7 +23,7 @@ typedef struct {
 } WorldRay;
 
 /* The product of a row of a matrix with the points of a ray, whose homogeneous coordinate is 1 */
-Linear row_of(global const float *m, const WorldRay *ray)
+INLINED Linear row_of(global const float *m, const WorldRay *ray)
 {
     Linear made;
     made.fixed = m[0] * ray->x.fixed + m[1] * ray->y.fixed + m[2] * ray->z.fixed + m[3];
@@ -113,7 +113,7 @@ typedef struct {
     Linear u, v, w, q;
 } ViewRay;
 
-ViewRay view_ray(global const float *matrix, const WorldRay *ray)
+INLINED ViewRay view_ray(global const float *matrix, const WorldRay *ray)
 {
     const ViewRay made = {row_of(matrix, ray), row_of(matrix + 4, ray), row_of(matrix + 8, ray),
                           row_of(matrix + 12, ray)};
@@ -174,12 +174,14 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
 }
 #endif
 
-#define RAYS_HELD 6 /* views whose rays are held, the first in order: most points fail there. Those of others are found anew */
+/* Views whose rays are held, the first in order: most points fail there. Those of others are found anew, and on GPUs all:
+ * an array that is indexed would lie in the device's memory. */
+#define RAYS_HELD (LANES == 1 ? 0 : 6)
 
 /* Rays as the views see them */
 typedef struct {
     const WorldRay *ray;
-    ViewRay held[RAYS_HELD];
+    ViewRay held[RAYS_HELD + 1];
 } ViewRays;
 
 void hold_rays(const Views *views, const WorldRay *ray, ViewRays *rays)

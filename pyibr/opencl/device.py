@@ -19,6 +19,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
+from weakref import WeakSet
 
 from pyibr.core.checks import checked_bool
 from pyibr.core.errors import ArgumentError, DeviceError
@@ -28,7 +29,7 @@ from pyibr.opencl.calls import Calls
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
 from pyibr.opencl.fastest import forget_picture_time, picture_time
 from pyibr.opencl.in_flight import InFlight
-from pyibr.opencl.memory_pool import MemoryPool
+from pyibr.opencl.memory_pool import Block, MemoryPool
 from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import Doubted, forget, probe
 from pyibr.opencl.profile import DeviceProfile, profile_of
@@ -63,6 +64,10 @@ class Session:
         What `kernel` has built here.
     memory_pool : MemoryPool
         Memory that `empty` hands out again.
+    pinned_pool : MemoryPool
+        The same of memory on the host that the device copies to by itself.
+    pinned : WeakSet of Block
+        All that there is of that.
     building : threading.RLock
         Held while a program is built or loaded; others' calls go on with what there is.
     calls : Calls
@@ -77,6 +82,8 @@ class Session:
     profile: DeviceProfile
     kernels: dict[Hashable, Any] = field(default_factory=dict["Hashable", Any], repr=False)
     memory_pool: MemoryPool = field(default_factory=MemoryPool, repr=False)
+    pinned_pool: MemoryPool = field(default_factory=MemoryPool, repr=False)
+    pinned: WeakSet[Block] = field(default_factory=WeakSet["Block"], repr=False)
     building: threading.RLock = field(default_factory=threading.RLock, repr=False)
     calls: Calls = field(default_factory=Calls, repr=False)
     flights: defaultdict[int, InFlight] = field(default_factory=lambda: defaultdict(InFlight), repr=False)

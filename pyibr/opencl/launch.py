@@ -69,7 +69,7 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | S
     if session.in_flight.seconds + expected > QUEUED_SECONDS_MAX:
         session.wait()
         session.calls.let_others()
-    session.in_flight.add(kernel.cost, items, _start(kernel, (0,) * len(grid), grid, arguments))
+    session.in_flight.add(kernel.cost, items, _start(kernel, (0,) * len(grid), grid, arguments, whole=True))
 
 
 def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, Any]) -> None:
@@ -90,15 +90,20 @@ def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, An
     kernel.cost.add(spent / max(timed, 1))
 
 
-def _start(kernel: Kernel, offset: tuple[int, ...], size: tuple[int, ...], arguments: Mapping[str, Any]) -> cl.Event:
+def _start(
+    kernel: Kernel, offset: tuple[int, ...], size: tuple[int, ...], arguments: Mapping[str, Any], whole: bool = False
+) -> cl.Event:
     import pyopencl as cl
 
-    session, side, local = kernel.session, kernel.session.profile.local_size, None
-    if side is not None:
+    session, local = kernel.session, None
+    group = (*session.profile.group, 1)
+    if group == (1, 1, 1):
         # Runtimes for CPUs compile a kernel anew for launches with an offset: all have one, if only in a direction that
         # no kernel knows of.
-        offset, size = offset + (1,) * (3 - len(size)), size + (1,) * (3 - len(size))
-        local = (side,) * 3
+        offset, size, local = offset + (1,) * (3 - len(size)), size + (1,) * (3 - len(size)), group
+    elif whole:  # some work-items more, so that all groups are whole; what is beyond a piece is the next one's
+        local = group[: len(size)]
+        size = tuple(-(-items // side) * side for items, side in zip(size, local, strict=True))
     packed = [_PACK[one.kind](kernel, one, arguments[one.name]) for one in kernel.arguments]
     session.in_flight.used.append(arguments)
     try:

@@ -8,12 +8,12 @@ import mmap
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from pyibr.opencl.device import Session, current
-from pyibr.opencl.memory_pool import Block, rounded
+from pyibr.opencl.memory_pool import Block, MemoryPool, rounded
 from pyibr.opencl.shortage import telling_shortage
 from pyibr.opencl.watch import watches
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _HUGE_PAGE = 1 << 21
 _POOL_BYTES_MAX = 1 << 28  # how much memory a session keeps for its next calls
+_PINNED_BYTES_MAX = 1 << 29  # that frames may hold: the system can move none of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ def begin_to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
         if 0 in array.shape:
             values.append(np.empty(array.shape, array.dtype))
         elif array.host is None or not session.profile.in_place:
-            host = np.empty(array.shape, array.dtype) if array.host is None else array.host
+            host = _copied_fast(array) if array.host is None else array.host
             if watches:
                 watches[-1].download(array.nbytes)
             done = cl.enqueue_copy(session.copies, host, array.buffer, is_blocking=False, wait_for=launches)
@@ -105,12 +106,14 @@ def upload(array: NDArray[Any]) -> DeviceArray:
         watches[-1].upload(array.nbytes)
     if not array.size:
         return empty(array.shape, array.dtype)
-    flags = cl.mem_flags.READ_ONLY
-    flags |= cl.mem_flags.USE_HOST_PTR if session.profile.in_place else cl.mem_flags.COPY_HOST_PTR
+    if not session.profile.in_place:
+        made = _copied(session, _take(session, array.nbytes), array.shape, array.dtype, is_input=True)
+        done = cl.enqueue_copy(session.queue, made.buffer, array, is_blocking=False)
+        session.in_flight.used.append((array, made, done))
+        return made
     with _telling(session, array.nbytes):
-        buffer = cl.Buffer(session.context, flags, hostbuf=array)
-    host = array if session.profile.in_place else None
-    return DeviceArray(buffer, array.shape, array.dtype, host, session, is_input=True)
+        buffer = cl.Buffer(session.context, cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR, hostbuf=array)
+    return DeviceArray(buffer, array.shape, array.dtype, array, session, is_input=True)
 
 
 def output(array: NDArray[Any]) -> DeviceArray:
@@ -147,14 +150,53 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = 
     size = math.prod(whole) * kind.itemsize
     block = _take(session, size)
     if block.pages is None:
-        array = DeviceArray(block.buffer, whole, kind, into, session)
-        weakref.finalize(array, _give_back, session, block).atexit = False
-        return array
-    # Views of an array keep alive the one that is made of the pages themselves.
-    pages = np.frombuffer(block.pages, np.uint8)
-    weakref.finalize(pages, _give_back, session, block).atexit = False
-    host = pages[block.start : block.start + size].view(kind).reshape(whole)
+        return _copied(session, block, whole, kind, into)
+    host = _lying_in(block, session.memory_pool, whole, kind)
     return DeviceArray(block.buffer, whole, kind, host, session)
+
+
+def _copied(
+    session: Session,
+    block: Block,
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    into: NDArray[Any] | None = None,
+    is_input: bool = False,
+) -> DeviceArray:
+    """An array in a block of the device's own memory."""
+    array = DeviceArray(block.buffer, shape, dtype, into, session, is_input=is_input)
+    weakref.finalize(array, _give_back, session.memory_pool, block).atexit = False
+    return array
+
+
+def _lying_in(block: Block, pool: MemoryPool, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """An array in a block's pages, which go back to the pool once nobody refers to them."""
+    # Views of an array keep alive the one that is made of the pages themselves.
+    pages = np.frombuffer(cast("mmap.mmap", block.pages), np.uint8)
+    weakref.finalize(pages, _give_back, pool, block).atexit = False
+    return pages[block.start : block.start + math.prod(shape) * dtype.itemsize].view(dtype).reshape(shape)
+
+
+def _copied_fast(array: DeviceArray) -> NDArray[Any]:
+    """An array on the host for the values of one on the device: in memory that the device copies to by itself, several
+    times as fast, unless too much of that is held."""
+    import pyopencl as cl
+
+    session, size = array.session, rounded(array.nbytes)
+    block = session.pinned_pool.take(size)
+    if block is None:
+        if sum(held.size for held in [*session.pinned]) + size > _PINNED_BYTES_MAX:
+            return np.empty(array.shape, array.dtype)
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR
+        with _telling(session, size):
+            buffer = cl.Buffer(session.context, flags, size)
+            both = cl.map_flags.READ | cl.map_flags.WRITE
+            pages, _ = cl.enqueue_map_buffer(
+                session.copies, buffer, cast("cl.map_flags", both), 0, (size,), np.dtype(np.uint8)
+            )
+        block = Block(buffer, size, memoryview(pages))
+        session.pinned.add(block)
+    return _lying_in(block, session.pinned_pool, array.shape, array.dtype)
 
 
 def _take(session: Session, size: int) -> Block:
@@ -192,8 +234,8 @@ def _telling(session: Session, size: int) -> contextlib.AbstractContextManager[N
     return telling_shortage(session.device, f"{size / 2**20:.0f} MiB more")
 
 
-def _give_back(session: Session, block: Block) -> None:
-    session.memory_pool.give(block, _POOL_BYTES_MAX)
+def _give_back(pool: MemoryPool, block: Block) -> None:
+    pool.give(block, _POOL_BYTES_MAX)
 
 
 def _pages(size: int) -> mmap.mmap:

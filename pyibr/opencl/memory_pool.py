@@ -18,11 +18,11 @@ _SIZE_MIN = 1 << 12  # bytes: a page
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A piece of device memory; where the device works in place, also the pages on the host that it lies in."""
+    """A piece of device memory, and where it lies on the host, if it does."""
 
     buffer: cl.Buffer
     size: int
-    pages: mmap.mmap | None = None
+    pages: mmap.mmap | memoryview | None = None
     start: int = 0  # in the pages
 
 

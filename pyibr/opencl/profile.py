@@ -15,8 +15,10 @@ class DeviceProfile:
     """Neighbours that a work-item computes at once (``LANES``): compilers for CPUs leave scalar what branches."""
     in_place: bool
     """Whether kernels use the host's memory: a CPU's is the same, a GPU's own is much faster."""
-    local_size: int | None
-    """Work-items of a work-group along an axis: a CPU's are large enough to stand alone; None lets runtimes choose."""
+    group: tuple[int, int]
+    """Work-items of a work-group along a row and across rows: a CPU's are large enough to stand alone."""
+    bin: int
+    """Side of a bin of the rasteriser in pixels: a CPU's work-item sets up what is there once, a GPU's for a pixel."""
     chunks: int
     """Parts that primitives are binned in, a work-item each: a GPU needs many, and each takes a row of counts."""
     drawers: int
@@ -28,6 +30,8 @@ class DeviceProfile:
     """Packets of a row that a work-item goes through: STRIP of kernels/lib/lanes.h, told by LANES."""
     run: int
     """Pixels of a row that a work-item fills: on a CPU, starting one takes longer than most pixels."""
+    piece: int
+    """Samples of a row that a work-item goes through where a view's surface is found, a multiple of `lanes`; 0: all."""
     share: int
     """Elements of an array that a work-item sets or converts, for the same reason."""
     block: int
@@ -36,6 +40,11 @@ class DeviceProfile:
     def packets(self, width: int, height: int, strip: int = 1) -> tuple[int, int]:
         """Work-items for all pixels, if each takes `strip` times `lanes` pixels of a row."""
         return -(-width // (strip * self.lanes)), height
+
+    def pieces(self, width: int) -> tuple[int, int]:
+        """Samples of a `piece` of a row of so many, and how many pieces that makes."""
+        piece = self.piece or width
+        return piece, -(-width // piece)
 
     def shares(self, count: int) -> tuple[int]:
         """Work-items for so many elements, `share` each."""
@@ -47,10 +56,32 @@ class DeviceProfile:
 
 
 CPU = DeviceProfile(
-    lanes=16, in_place=True, local_size=1, chunks=32, drawers=64, segment=0, strip=32, run=64, share=1 << 11, block=4
+    lanes=16,
+    in_place=True,
+    group=(1, 1),
+    bin=32,
+    chunks=32,
+    drawers=64,
+    segment=0,
+    strip=32,
+    run=64,
+    piece=0,
+    share=1 << 11,
+    block=4,
 )
 GPU = DeviceProfile(
-    lanes=1, in_place=False, local_size=None, chunks=1024, drawers=1 << 17, segment=20, strip=1, run=1, share=1, block=1
+    lanes=1,
+    in_place=False,
+    group=(32, 4),
+    bin=16,
+    chunks=1024,
+    drawers=1 << 17,
+    segment=20,
+    strip=1,
+    run=1,
+    piece=16,
+    share=1,
+    block=1,
 )
 
 

@@ -145,7 +145,7 @@ def _time_of(own: Path) -> int:
 def _build(session: Session, file: str | Path, defines: Mapping[str, int]) -> list[Kernel]:
     """All kernels of a file, since they are one program."""
     named = {"LANES": session.profile.lanes, **defines}
-    options = [*_OPTIONS, *(f"-D{define}={value}" for define, value in sorted(named.items()))]
+    options = [*_OPTIONS, *_rounding(session), *(f"-D{define}={value}" for define, value in sorted(named.items()))]
     source = expanded(file)
     # A home may be shared by machines whose processors differ, and the names of their devices do not.
     device = found_devices()[session.device.index]
@@ -162,6 +162,14 @@ def _build(session: Session, file: str | Path, defines: Mapping[str, int]) -> li
     declared = {argument[1].rstrip("*") for signature in signatures.values() for argument in signature}
     known = SCALARS | structs(file, source, declared, named)
     return [_kernel_of(session, program, *one, known) for one in signatures.items()]
+
+
+def _rounding(session: Session) -> list[str]:
+    """Quotients and roots rounded as a CPU rounds them, so that pictures are the same: GPUs need to be told."""
+    import pyopencl as cl
+
+    able = session.context.devices[0].single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT
+    return ["-cl-fp32-correctly-rounded-divide-sqrt"] if able and session.profile.lanes == 1 else []
 
 
 def _compiled(session: Session, file: str | Path, source: str, options: list[str]) -> cl.Program:

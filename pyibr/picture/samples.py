@@ -14,6 +14,7 @@ from pyibr.core.checks import check_lengths, check_pixels
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import longer_side, pitch
 from pyibr.images import DepthImage
+from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
@@ -31,8 +32,8 @@ class Samples:
     nearness : DeviceArray (H, pitch) float32
         1/z (perspective) or -z (orthographic); NO_SURFACE where there is none.
     color : DeviceArray (H, W, 3)
-    ranges : DeviceArray (H, 2) float32
-        Least and greatest nearness of each row, (inf, -inf) where it has none.
+    ranges : DeviceArray (pieces, 2) float32
+        Least and greatest nearness of each part of a row, (inf, -inf) where it has none.
     perspective : bool
         Whether nearness is 1/z.
     """
@@ -114,10 +115,11 @@ def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None, target: Targ
     check_pixels("views", view.camera.size)
     (width, height), perspective = view.camera.size, view.camera.projection == "perspective"
     nearness = empty((height, pitch(width)), np.float32)
-    ranges = empty((height, 2), np.float32)
+    piece, pieces = current().profile.pieces(width)
+    ranges = empty((pieces * height, 2), np.float32)
     launch(
         kernel("picture/begin.cl", "to_nearness" if cut is None else "to_bridged_nearness"),
-        (height,),
+        (pieces, height),
         depth=upload(view.depth) if target is None else target.depth,
         nearness=nearness,
         ranges=ranges,
@@ -125,6 +127,7 @@ def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None, target: Targ
         src_height=height,
         src_pitch=pitch(width),
         src_perspective=perspective,
+        piece=piece,
         far=min(view.far, 1 / constant("lib/surface.h", "NEAREST")),  # beyond, nearness would be invalid
         **({} if cut is None else {"cut": Struct("Cut", cut)}),
     )

@@ -36,8 +36,8 @@ class Surface:
         Of the image: an image of one pixel has colours of two.
     low, high : float
         Least and greatest nearness.
-    margins_of_rows : (H,) int32
-        How many margins the samples of each row have.
+    margins_of_pieces : (pieces,) int32
+        How many margins the samples of each part of a row have.
     test : EdgeTest
         It told the edges.
     """
@@ -47,7 +47,7 @@ class Surface:
     size: tuple[int, int]
     low: float
     high: float
-    margins_of_rows: NDArray[np.int32]
+    margins_of_pieces: NDArray[np.int32]
     test: EdgeTest
 
     @cached_property
@@ -96,16 +96,17 @@ class Surface:
     def margins(self) -> Margins:
         """Margins: what no triangle covers of the pixels of samples beside edges."""
         width, height = self.size
-        of_rows = self.margins_of_rows
-        starts, count = np.cumsum(of_rows, dtype=np.int32) - of_rows, int(of_rows.sum())
+        of_pieces, (piece, pieces) = self.margins_of_pieces, current().profile.pieces(width)
+        starts, count = np.cumsum(of_pieces, dtype=np.int32) - of_pieces, int(of_pieces.sum())
         # Packets at the end read beyond the last one.
         planes = int(constant("lib/margins.h", "MARGIN_PLANES"))
         quarters = empty((planes, count + current().profile.lanes), np.float32)
         if count:
             launch(
                 kernel("picture/begin.cl", "find_margins"),
-                (height,),
+                (pieces, height),
                 starts=upload(starts),
+                piece=piece,
                 margins=quarters,
                 margin_pitch=quarters.shape[1],
                 surface=self.nearness,
@@ -199,14 +200,15 @@ def make_surface(samples: Samples, size: tuple[int, int], test: EdgeTest) -> Sur
     width, height = size
     surface = empty((height + 2, pitch(width)), np.float32)
     ring = empty((2, 2 * (width + 2) + 2 * height), np.float32)
-    counts = empty((height,), np.int32)
+    piece, pieces = current().profile.pieces(width)
+    counts = empty((pieces * height,), np.int32)
     shared = {"surface": surface, "width": width, "height": height, "pitch": surface.shape[1]}
     given = {"nearness": samples.nearness, **shared}
     tests = {"cut": Struct("Cut", test.cut), "test": Struct("EdgeTest", test.straight)}
-    launch(kernel("picture/begin.cl", "find_edges"), (height,), **tests, **given)
+    launch(kernel("picture/begin.cl", "find_edges"), (pieces, height), piece=piece, **tests, **given)
     launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **given)
-    launch(kernel("picture/begin.cl", "count_margins"), (height,), counts=counts, **shared)
-    nearest_and_farthest, margins_of_rows = to_host([ring, counts])  # the one wait for all that there is of a view
+    launch(kernel("picture/begin.cl", "count_margins"), (pieces, height), counts=counts, piece=piece, **shared)
+    nearest_and_farthest, margins_of_pieces = to_host([ring, counts])  # the one wait for all that there is of a view
     low, high = float(nearest_and_farthest[0].min()), float(nearest_and_farthest[1].max())
     low, high = min(samples.low, low), max(samples.high, high)
-    return Surface(surface, samples.color, size, low, high, margins_of_rows, test)
+    return Surface(surface, samples.color, size, low, high, margins_of_pieces, test)

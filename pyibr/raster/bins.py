@@ -16,6 +16,7 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
 _UNSYNCHRONIZED = 1 << 22  # numbers that a list may have room for unasked, though few of them may be written
+_COUNTS_MAX = 1 << 24  # of primitives by chunk and bin
 _CULLED = {"both": "CULLS_NONE", "front": "CULLS_BACKS", "back": "CULLS_FRONTS"}
 
 
@@ -45,7 +46,7 @@ class Bins:
 
 
 def _defines() -> dict[str, int]:
-    return {"BIN": int(constant("raster/region.h", "BIN"))}
+    return {"BIN": current().profile.bin}
 
 
 def project(target: Target, vertices: DeviceArray, near: float, corners: int = 3) -> DeviceArray:
@@ -82,20 +83,23 @@ def bin_primitives(
     count, each = corners.shape
     columns, rows = (-(-size // defines["BIN"]) for size in target.camera.size)
     bins = columns * rows
-    chunk = max(-(-count // profile.chunks), 1)
+    chunk = max(-(-count // min(profile.chunks, max(_COUNTS_MAX // bins, 1))), 1)
     chunks = max(-(-count // chunk), 1)
     boxes, counts, starts = empty((count, 4), np.int16), empty((chunks, bins), np.int32), empty((bins + 1,), np.int32)
     totals, row_totals = empty((bins,), np.int32), empty((rows,), np.int32)
     view: dict[str, Any] = {"projected": projected, "screen": Struct("Screen", target.screen(near)), "nearest_w": near}
     grid = {"bins_x": columns, "bins_y": rows}
-    shared = {"primitives": count, "chunk": chunk, **grid}
+    shared = {"primitives": count, "chunk": chunk, "boxes": boxes, "counts": counts, **grid}
     sums = {"counts": counts, "totals": totals, "chunks": chunks}
     culled = int(constant("raster/triangle.h", _CULLED[sides]))
 
     def run(name: str, *items: int, **arguments: Any) -> None:
         launch(kernel("raster/bins.cl", name, CORNERS=each, **defines), items, **arguments)
 
-    run("count_bins", chunks, corners=corners, boxes=boxes, counts=counts, culled=culled, **view, **shared)
+    packets = profile.packets(count, 1, profile.strip)[:1]
+    run("bound_primitives", *packets, corners=corners, boxes=boxes, primitives=count, culled=culled, **view)
+    counts.fill(0)
+    run("count_bins", chunks, **shared)
     run("total_bins", bins, **sums, bins=bins)
     run("total_rows", rows, totals=totals, row_totals=row_totals, **grid)
     run("start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
@@ -103,7 +107,7 @@ def bin_primitives(
     longest = count * bins
     length = longest if longest <= _UNSYNCHRONIZED else int(starts.to_host()[-1])
     found = empty((max(length, 1),), np.int32)
-    run("fill_bins", chunks, boxes=boxes, counts=counts, list=found, **shared)
+    run("fill_bins", chunks, list=found, **shared)
     if sort:
         keys = empty(found.shape, np.float32)
         run("sort_bins", bins, corners=corners, projected=projected, keys=keys, list=found, starts=starts, bins=bins)

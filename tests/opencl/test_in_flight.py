@@ -40,9 +40,9 @@ def pieces(items: int | None = None) -> Generator[Counter[str], None, None]:
     started: Counter[str] = Counter()
     start = launch._start
 
-    def counted(kernel: Any, *rest: Any) -> Any:
+    def counted(kernel: Any, *rest: Any, **how: Any) -> Any:
         started[kernel.name] += 1
-        return start(kernel, *rest)
+        return start(kernel, *rest, **how)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(launch, "_start", counted)
@@ -79,6 +79,23 @@ def test_all_kernels_give_the_same_in_pieces(lanes: str):
     assert seen.keys() == known
     of_few_items = ("find_coarse", "refine_coarse", "push_", "pull_")
     assert not [name for name in known if seen[name] <= 1 and not name.startswith(of_few_items)]
+
+
+@pytest.mark.thorough
+def test_work_items_beyond_a_launch_do_nothing(monkeypatch: pytest.MonkeyPatch):
+    """A GPU's groups are whole."""
+    start = launch._start
+
+    def more(kernel: Any, offset: tuple[int, ...], size: tuple[int, ...], *rest: Any, whole: bool = False) -> Any:
+        beyond = (31, 3, 0) if whole else (0, 0, 0)
+        return start(kernel, offset, tuple(map(sum, zip(size, beyond, strict=False))), *rest)
+
+    with one_lane():
+        for name, call in calls().items():
+            plain = call()
+            with monkeypatch.context() as patch:
+                patch.setattr(launch, "_start", more)
+                assert same(call(), plain), name
 
 
 def _kernels_of(source: str) -> list[str]:
@@ -409,11 +426,11 @@ def test_short_calls_go_between_the_pieces_of_a_long_one():
     with pieces(10) as launches, pytest.MonkeyPatch.context() as patch:
         start = launch._start
 
-        def stopping(kernel: Any, *rest: Any) -> Any:
+        def stopping(kernel: Any, *rest: Any, **how: Any) -> Any:
             if threading.current_thread() is long and launches["search"] >= 5 and not begun.is_set():
                 begun.set()
                 assert ended.wait(60)
-            return start(kernel, *rest)
+            return start(kernel, *rest, **how)
 
         patch.setattr(launch, "_start", stopping)
         long.start()
