@@ -18,8 +18,8 @@ import numpy as np
 import pyibr as ibr
 from pyibr.capture import MeshScene, models, object_views
 
-SIZE = (320, 240)
-CAMERA = ibr.Camera([[300, 0, 159.5], [0, 300, 119.5], [0, 0, 1]], SIZE)
+SIZE = (64, 48)  # an emulated machine takes minutes for more
+CAMERA = ibr.Camera([[60, 0, 31.5], [0, 60, 23.5], [0, 0, 1]], SIZE)
 EYE = ibr.Camera.look_at((2.8, 1.3, 2.4), (0, 0, 0), (0, 0, 1), SIZE, fov_y=45)
 LIGHT = ibr.Light(direction=(-1, -0.3, -1))
 
@@ -51,8 +51,8 @@ def heights() -> dict[str, Any]:
 def pictures() -> dict[str, Callable[[], Any]]:
     """Calls by their names; each gives a frame, or an array."""
     view, beyond, aside = room(), CAMERA.moved(0.15, 0.05, 0.2), CAMERA.moved(0.2, 0, 0)
-    donut = models.donut(48)
-    taken = object_views(MeshScene.from_mesh(donut), 128)
+    donut = models.donut(24)
+    taken = object_views(MeshScene.from_mesh(donut), 32)
     warp: Any = ibr.warp
     return {
         "warp": lambda: warp(view, beyond),
@@ -62,7 +62,7 @@ def pictures() -> dict[str, Callable[[], Any]]:
         "warp, filled from behind": lambda: warp(view, beyond, fill="background"),
         "warp, filled smoothly, samples": lambda: warp(view, beyond, fill="smooth", samples=4),
         "warp, two views": lambda: warp([view, room(0.4)], beyond),
-        "registration": lambda: ibr.register(view.depth, CAMERA, aside.resized((400, 300))),
+        "registration": lambda: ibr.register(view.depth, CAMERA, aside.resized((80, 60))),
         "cleaning": lambda: ibr.clean_depth(view.depth, view.color).depth,
         "mesh in light": lambda: ibr.render(donut, EYE, LIGHT),
         "slices": lambda: ibr.render(ibr.SlicedSurface(donut, **heights()), EYE),

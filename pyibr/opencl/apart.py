@@ -10,9 +10,12 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from pyibr.core.checks import positive
+from pyibr.core.errors import ArgumentError
 from pyibr.opencl.unlisted import LOADER_VARIABLES
 
-_TIMEOUT = 90.0  # seconds
+VARIABLE = "PYIBR_TIMEOUT"
+_TIMEOUT = 90.0  # seconds, unless the environment says otherwise: emulated machines start slowly
 
 _CODE = """
 import importlib, site, sys
@@ -55,6 +58,7 @@ def run_apart(module: str, *arguments: str, task: str) -> Ended | None:
     if not _may_start_python():
         return None
     command = [sys.executable, "-I", "-c", _CODE, module, str(len(arguments)), *arguments, *_folders()]
+    timeout = _timeout()
     # It starts in the root folder, from which relative paths lead elsewhere.
     paths = {name: os.environ.get(name, "") for name in LOADER_VARIABLES}
     absolute = {name: str(Path(path).absolute()) for name, path in paths.items() if os.access(path, os.F_OK)}
@@ -67,10 +71,10 @@ def run_apart(module: str, *arguments: str, task: str) -> Ended | None:
             capture_output=True,
             text=True,
             errors="replace",
-            timeout=_TIMEOUT,
+            timeout=timeout,
         )
     except subprocess.TimeoutExpired:
-        return Ended([], 0, f"{task} did not end within {_TIMEOUT:.0f} s")
+        return Ended([], 0, f"{task} did not end within {timeout:g} s")
     except OSError:
         return None
     if done.returncode < 0:
@@ -79,6 +83,16 @@ def run_apart(module: str, *arguments: str, task: str) -> Ended | None:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]
         fault = f"the runtime ended the process (status {done.returncode}) on {task}: {last}"
     return Ended(done.stdout.splitlines(), done.returncode, fault)
+
+
+def _timeout() -> float:
+    given = os.environ.get(VARIABLE)
+    if not given:
+        return _TIMEOUT
+    try:
+        return positive("", float(given))
+    except ValueError:
+        raise ArgumentError(f"${VARIABLE}", "seconds > 0", repr(given)) from None
 
 
 def _may_start_python() -> bool:

@@ -415,8 +415,15 @@ def test_a_runtime_that_hangs_is_broken_with_a_reason(own_cache: Path, monkeypat
     python.write_text("#!/bin/sh\nexec sleep 60\n")
     python.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(python))
-    monkeypatch.setattr(apart, "_TIMEOUT", 0.2)
-    assert "did not end within" in probe(found(0, "bad", "cpu")).reason
+    monkeypatch.setenv(apart.VARIABLE, "0.2")
+    assert "did not end within 0.2 s" in probe(found(0, "bad", "cpu")).reason
+
+
+@pytest.mark.parametrize("wrong", ["soon", "-1", "nan", "inf"])
+def test_a_time_to_wait_for_runtimes_is_checked(wrong: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv(apart.VARIABLE, wrong)
+    with pytest.raises(ArgumentError, match=r"PYIBR_TIMEOUT.*seconds > 0"):
+        apart.run_apart("none", task="nothing")
 
 
 def a_call() -> None:
