@@ -285,20 +285,13 @@ def _check_unit(argument: str, colors: NDArray[np.float32], expected: str) -> No
 
 
 _PIXELS_MAX = 1 << 29  # kernels number samples and colour bytes in 32 bits
-
-
-def check_pixels(argument: str, size: tuple[int, int]) -> None:
-    """Raise ArgumentError if an image, (width, height), has more pixels than kernels can number."""
-    if size[0] * size[1] > _PIXELS_MAX:
-        raise ArgumentError(argument, f"at most {_PIXELS_MAX} pixels", f"{size[0]} x {size[1]}")
-
-
 _SIDE_MAX = 1 << 20  # float32 tells places to a sixteenth of a pixel, and the rasteriser's bins have 16 bits
 
 
-def check_picture(argument: str, size: tuple[int, int]) -> None:
-    """Raise ArgumentError if a picture, (width, height), has too many pixels, or a longer side than can be drawn."""
-    check_pixels(argument, size)
+def check_pixels(argument: str, size: tuple[int, int]) -> None:
+    """Raise ArgumentError if an image, (width, height), has more pixels, or a longer side, than kernels can number."""
+    if size[0] * size[1] > _PIXELS_MAX:
+        raise ArgumentError(argument, f"at most {_PIXELS_MAX} pixels", f"{size[0]} x {size[1]}")
     if max(size) > _SIDE_MAX:
         raise ArgumentError(argument, f"at most {_SIDE_MAX} pixels a side", f"{size[0]} x {size[1]}")
 

@@ -19,7 +19,6 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
-from weakref import WeakSet
 
 from pyibr.core.checks import checked_bool
 from pyibr.core.errors import ArgumentError, DeviceError
@@ -29,7 +28,7 @@ from pyibr.opencl.calls import Calls
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
 from pyibr.opencl.fastest import forget_picture_time, picture_time
 from pyibr.opencl.in_flight import InFlight
-from pyibr.opencl.memory_pool import Block, MemoryPool
+from pyibr.opencl.memory_pool import MemoryPool, Room
 from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import Doubted, forget, probe
 from pyibr.opencl.profile import DeviceProfile, profile_of
@@ -66,8 +65,8 @@ class Session:
         Memory that `empty` hands out again.
     pinned_pool : MemoryPool
         The same of memory on the host that the device copies to by itself.
-    pinned : WeakSet of Block
-        All that there is of that.
+    pinned : Room
+        How much of that frames may hold: the system can move none of it.
     building : threading.RLock
         Held while a program is built or loaded; others' calls go on with what there is.
     calls : Calls
@@ -83,7 +82,7 @@ class Session:
     kernels: dict[Hashable, Any] = field(default_factory=dict["Hashable", Any], repr=False)
     memory_pool: MemoryPool = field(default_factory=MemoryPool, repr=False)
     pinned_pool: MemoryPool = field(default_factory=MemoryPool, repr=False)
-    pinned: WeakSet[Block] = field(default_factory=WeakSet["Block"], repr=False)
+    pinned: Room = field(default_factory=lambda: Room(1 << 29), repr=False)
     building: threading.RLock = field(default_factory=threading.RLock, repr=False)
     calls: Calls = field(default_factory=Calls, repr=False)
     flights: defaultdict[int, InFlight] = field(default_factory=lambda: defaultdict(InFlight), repr=False)
@@ -100,6 +99,11 @@ class Session:
 
         made = self.queue if self.profile.in_place else cl.CommandQueue(self.context)
         return self.__dict__.setdefault("copies", made)  # another thread may have made it
+
+    @cached_property
+    def room(self) -> Room:
+        """The device's memory."""
+        return self.__dict__.setdefault("room", Room(self.context.devices[0].global_mem_size))
 
     @contextmanager
     def call(self) -> Generator[None, None, None]:

@@ -6,15 +6,15 @@ import contextlib
 import math
 import mmap
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
 from pyibr.opencl.device import Session, current
 from pyibr.opencl.memory_pool import Block, MemoryPool, rounded
-from pyibr.opencl.shortage import telling_shortage
+from pyibr.opencl.shortage import is_shortage, telling_shortage
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from numpy.typing import DTypeLike, NDArray
 
 
+_Made = TypeVar("_Made")
+
 _HUGE_PAGE = 1 << 21
 _POOL_BYTES_MAX = 1 << 28  # how much memory a session keeps for its next calls
-_PINNED_BYTES_MAX = 1 << 29  # that frames may hold: the system can move none of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +112,12 @@ def upload(array: NDArray[Any]) -> DeviceArray:
         done = cl.enqueue_copy(session.queue, made.buffer, array, is_blocking=False)
         session.in_flight.used.append((array, made, done))
         return made
-    with _telling(session, array.nbytes):
+
+    def in_place() -> DeviceArray:
         buffer = cl.Buffer(session.context, cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR, hostbuf=array)
-    return DeviceArray(buffer, array.shape, array.dtype, array, session, is_input=True)
+        return DeviceArray(buffer, array.shape, array.dtype, array, session, is_input=True)
+
+    return _within_room(session, array.nbytes, in_place)
 
 
 def output(array: NDArray[Any]) -> DeviceArray:
@@ -123,9 +127,12 @@ def output(array: NDArray[Any]) -> DeviceArray:
     session = current()
     if session.profile.in_place and array.size:
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
-        with _telling(session, array.nbytes):
+
+        def made() -> DeviceArray:
             buffer = cl.Buffer(session.context, flags, hostbuf=array)
-        return DeviceArray(buffer, array.shape, array.dtype, array, session, is_own=False)
+            return DeviceArray(buffer, array.shape, array.dtype, array, session, is_own=False)
+
+        return _within_room(session, array.nbytes, made)
     return empty(array.shape, array.dtype, array)
 
 
@@ -180,40 +187,49 @@ def _lying_in(block: Block, pool: MemoryPool, shape: tuple[int, ...], dtype: np.
 def _copied_fast(array: DeviceArray) -> NDArray[Any]:
     """An array on the host for the values of one on the device: in memory that the device copies to by itself, several
     times as fast, unless too much of that is held."""
-    import pyopencl as cl
-
     session, size = array.session, rounded(array.nbytes)
     block = session.pinned_pool.take(size)
     if block is None:
-        if sum(held.size for held in [*session.pinned]) + size > _PINNED_BYTES_MAX:
+        try:
+            block = _new_pinned(session, size)
+        except Exception as error:
+            if not is_shortage(error):
+                raise
             return np.empty(array.shape, array.dtype)
-        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR
-        with _telling(session, size):
-            buffer = cl.Buffer(session.context, flags, size)
-            both = cl.map_flags.READ | cl.map_flags.WRITE
-            pages, _ = cl.enqueue_map_buffer(
-                session.copies, buffer, cast("cl.map_flags", both), 0, (size,), np.dtype(np.uint8)
-            )
-        block = Block(buffer, size, memoryview(pages))
-        session.pinned.add(block)
     return _lying_in(block, session.pinned_pool, array.shape, array.dtype)
 
 
 def _take(session: Session, size: int) -> Block:
     """A block for `size` bytes: a spare one, else a new one."""
-    import pyopencl as cl
-
     size = rounded(size)
     spare = session.memory_pool.take(size)
-    if spare is not None:
-        return spare
+    return _within_room(session, size, lambda: _new(session, size)) if spare is None else spare
+
+
+def _within_room(session: Session, size: int, make: Callable[[], _Made]) -> _Made:
+    """What is made with `size` bytes of the device; if they are not there, what lies idle goes first."""
+
+    def made() -> _Made:
+        session.room.require(size)
+        owner = make()
+        session.room.hold(owner, size)
+        return owner
+
     try:
-        return _new(session, size)
-    except (OSError, MemoryError, cl.MemoryError):
-        session.wait()  # what is in flight keeps its memory
-        session.memory_pool.clear()
-    with _telling(session, size):
-        return _new(session, size)
+        return made()
+    except Exception as error:
+        if not is_shortage(error):
+            raise
+    session.wait()  # what is in flight keeps its memory
+    session.memory_pool.clear()
+    room, most = session.room, session.context.devices[0].max_mem_alloc_size
+    there = f"{_mib(room.taken)} of {_mib(room.total)} are taken, one piece has {_mib(most)} at most"
+    with telling_shortage(session.device, f"{_mib(size)} more: {there}"):
+        return made()
+
+
+def _mib(size: int) -> str:
+    return f"{size / 2**20:.0f} MiB"
 
 
 def _new(session: Session, size: int) -> Block:
@@ -229,9 +245,16 @@ def _new(session: Session, size: int) -> Block:
     return Block(cl.Buffer(session.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=hostbuf), size, pages, start)
 
 
-def _telling(session: Session, size: int) -> contextlib.AbstractContextManager[None]:
-    """Memory that is short for so many bytes becomes an error of pyibr."""
-    return telling_shortage(session.device, f"{size / 2**20:.0f} MiB more")
+def _new_pinned(session: Session, size: int) -> Block:
+    import pyopencl as cl
+
+    session.pinned.require(size)
+    buffer = cl.Buffer(session.context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, size)
+    both = cast("cl.map_flags", cl.map_flags.READ | cl.map_flags.WRITE)
+    pages, _ = cl.enqueue_map_buffer(session.copies, buffer, both, 0, (size,), np.dtype(np.uint8))
+    block = Block(buffer, size, memoryview(pages))
+    session.pinned.hold(block, size)
+    return block
 
 
 def _give_back(pool: MemoryPool, block: Block) -> None:

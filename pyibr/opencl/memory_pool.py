@@ -1,8 +1,9 @@
-"""Device memory that nobody refers to any more, kept for those who ask next."""
+"""Device memory: how much of it is taken, and what nobody refers to any more, kept for those who ask next."""
 
 from __future__ import annotations
 
 import threading
+import weakref
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,6 +31,28 @@ def rounded(size: int) -> int:
     """Bytes of the block for `size` of them: up to an eighth more, so that sizes that are much the same are one."""
     step = max(1 << max(size.bit_length() - 4, 0), _SIZE_MIN)
     return -(-max(size, 1) // step) * step
+
+
+class Room:
+    """Memory of a device by its own figure, in bytes: runtimes may promise more than there is."""
+
+    def __init__(self, total: int, taken: int = 0) -> None:
+        self.total, self.taken = total, taken
+        self._lock = threading.RLock()
+
+    def require(self, size: int) -> None:
+        """Raise MemoryError if there are not so many bytes."""
+        if size > self.total - self.taken:
+            raise MemoryError
+
+    def hold(self, owner: object, size: int) -> None:
+        """So many bytes are taken until their owner is gone."""
+        self._add(size)
+        weakref.finalize(owner, self._add, -size).atexit = False
+
+    def _add(self, size: int) -> None:
+        with self._lock:
+            self.taken += size
 
 
 class MemoryPool:

@@ -25,13 +25,16 @@ def telling_shortage(device: object, needed: str | None = None) -> Generator[Non
     except Error:
         raise
     except Exception as error:
-        if not _is_shortage(error):
+        if not is_shortage(error):
             raise
         what = f" for {needed}" if needed else f": {error}" if str(error) else ""
         raise OutOfMemoryError(f"not enough memory on {device}{what}") from error
 
 
-def _is_shortage(error: Exception) -> bool:
+def is_shortage(error: Exception) -> bool:
+    """Whether NumPy, the system or OpenCL want for memory, or the device takes no buffer as large."""
     import pyopencl as cl
 
-    return isinstance(error, (MemoryError, cl.MemoryError)) or getattr(error, "errno", None) == errno.ENOMEM
+    if isinstance(error, (MemoryError, cl.MemoryError)) or getattr(error, "errno", None) == errno.ENOMEM:
+        return True
+    return isinstance(error, cl.Error) and error.code == cl.status_code.INVALID_BUFFER_SIZE

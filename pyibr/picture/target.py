@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import check_lengths, check_picture
+from pyibr.core.checks import check_lengths, check_pixels
 from pyibr.images import Frame
 from pyibr.opencl.headers import struct
 from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, output
@@ -75,7 +75,7 @@ class Target:
         channels: int = 3,
         anisotropy: int = 1,
     ) -> None:
-        check_picture("camera", camera.size)
+        check_pixels("camera", camera.size)
         shape = (camera.height, camera.width)
         self.camera = camera
         self.out = out

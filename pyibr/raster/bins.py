@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pyibr.core.errors import OutOfMemoryError
 from pyibr.meshes.mesh import Sides
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant
@@ -17,6 +18,7 @@ from pyibr.picture.target import Target
 
 _UNSYNCHRONIZED = 1 << 22  # numbers that a list may have room for unasked, though few of them may be written
 _COUNTS_MAX = 1 << 24  # of primitives by chunk and bin
+_NUMBERED_MAX = (1 << 31) - 1  # kernels number what is listed in 32 bits
 _CULLED = {"both": "CULLS_NONE", "front": "CULLS_BACKS", "back": "CULLS_FRONTS"}
 
 
@@ -105,7 +107,10 @@ def bin_primitives(
     run("start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
     # Whoever asks how long the list is waits for all that is drawn before.
     longest = count * bins
-    length = longest if longest <= _UNSYNCHRONIZED else int(starts.to_host()[-1])
+    length = longest if longest <= _UNSYNCHRONIZED else int(totals.to_host().sum(dtype=np.int64))
+    if length > _NUMBERED_MAX:
+        parts = f"the picture's parts of {defines['BIN']} x {defines['BIN']} pixels"
+        raise OutOfMemoryError(f"{parts} list {length} primitives in all, {_NUMBERED_MAX} at most are numbered")
     found = empty((max(length, 1),), np.int32)
     run("fill_bins", chunks, list=found, **shared)
     if sort:

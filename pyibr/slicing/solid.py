@@ -18,6 +18,8 @@ from pyibr.opencl.memory import DeviceArray
 from pyibr.slicing.boxes import Box
 from pyibr.slicing.spacing import Slices, checked_halvings, checked_only, checked_slices, slices_text
 
+_SAMPLES_MAX = 1 << 30  # of all views: kernels number two values of each in 32 bits
+
 SolidSlicing = Literal["orthogonal", "screen"]
 Texture = Literal["visible", "naive"]
 Missing = Literal["empty", "unknown"]
@@ -111,4 +113,6 @@ def checked_views(views: object, kinds: Mapping[type[View], Callable[[Any], View
         if not made.valid.any():
             raise ArgumentError("views", "views with valid depth", f"none in view {number}")
         straight.append(made)
+    if (total := sum(view.valid.size for view in straight)) > _SAMPLES_MAX:
+        raise ArgumentError("views", f"at most {_SAMPLES_MAX} samples in all", str(total))
     return straight

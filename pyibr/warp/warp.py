@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import inspect
 import warnings
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import origins_in_lens
 from pyibr.images import DepthImage, Frame
 from pyibr.opencl.device import one_call
-from pyibr.opencl.memory import DeviceArray
+from pyibr.picture.bands import Begin, frames_in_memory
 from pyibr.picture.picture import PictureParts
 from pyibr.picture.target import Target
 from pyibr.warp.view import OPTIONS, WarpedView, WarpOptions
@@ -123,7 +122,8 @@ def warp(
     for view in thing.views:
         check_pixels("views", view.camera.size)
     asked = {"origins": checked_bool("origins", origins), "classes": checked_bool("classes", classes)}
-    parts = [PictureParts(one, samples) for one in cameras]
+    for one in cameras:
+        PictureParts(one, samples)  # which checks them
     for name in (name for name, is_asked in asked.items() if is_asked):
         if thing.method == "forward":
             raise ArgumentError(name, 'False with method="forward", which asks no rays', "True")
@@ -138,14 +138,14 @@ def warp(
         thing.draw(target, None)
         thing.finish(target)
 
-    color, pool = thing.views[0].color, dict[tuple[int, int], DeviceArray]()
-    drawn = functools.partial(
-        PictureParts.drawn, draw=draw, dtype=color.dtype, channels=color.shape[2], pool=pool, **asked
-    )
+    color = thing.views[0].color
+
+    def begin() -> Begin:
+        shared: dict[str, Any] = {"dtype": color.dtype, "channels": color.shape[2], "pool": {}, **asked}
+        return lambda camera, out: PictureParts(camera, samples).drawn(draw, out=out, **shared).begin_frame()
+
     with one_call() as session:
-        begun = [drawn(one, out=into).begin_frame() for one, into in zip(parts, outs, strict=True)]
-        session.wait()
-        made = [finished() for finished in begun]
+        made = frames_in_memory(session, cameras, outs, begin, in_bands=thing.fill is None)
     for frame in made:
         _through_lenses(frame, thing.views)
     _tell_empty(made, isinstance(camera, Camera))

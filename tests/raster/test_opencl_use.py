@@ -84,3 +84,12 @@ def test_nobody_asks_how_long_lists_are_that_there_is_room_for(monkeypatch):
     assert frames[0].color.tobytes() == frames[1].color.tobytes()
     assert frames[0].depth.tobytes() == frames[1].depth.tobytes()
     assert frames[0].valid.sum() > 5000
+
+
+def test_lists_that_are_too_long_to_be_numbered_are_told(monkeypatch):
+    """A million triangles that cover the picture are in each of its bins."""
+    mesh, camera = globe("perspective")
+    monkeypatch.setattr(bins, "_UNSYNCHRONIZED", 0)
+    monkeypatch.setattr(bins, "_NUMBERED_MAX", 100)
+    with pytest.raises(ibr.OutOfMemoryError, match=r"list \d{4} primitives in all, 100 at most"):
+        ibr.render(mesh, camera)

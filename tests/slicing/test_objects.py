@@ -17,7 +17,7 @@ from pyibr.core.camera import Camera
 from pyibr.images import metrics
 from pyibr.images.metrics import silhouette_iou
 from pyibr.opencl.watch import watching
-from pyibr.slicing import alpha_tests
+from pyibr.slicing import alpha_tests, solid
 from tests.boxes import cuboid
 from tests.builds import Builds
 from tests.data import shared
@@ -329,7 +329,7 @@ def test_what_cannot_be_counted(thing, camera):
         alpha_tests(thing or good, camera or looking(torus(), FRONT, (9, 7)))
 
 
-def test_bad_views():
+def test_bad_views(monkeypatch):
     views = views_of_torus("orthographic")
     apart = [ibr.DepthImage(v.color, v.depth, v.camera.moved(100.0 * k, 0, 0)) for k, v in enumerate(views)]
     back = views[0].camera.orbited(180, views[0].camera.center)
@@ -341,6 +341,9 @@ def test_bad_views():
             ibr.DepthObject(bad)
     with pytest.raises(ibr.ArgumentError, match="view 6"):
         ibr.DepthObject([*views, nothing])
+    monkeypatch.setattr(solid, "_SAMPLES_MAX", views[0].depth.size)
+    with pytest.raises(ibr.ArgumentError, match=r"^views: expected at most \d+ samples in all, got \d+$"):
+        ibr.DepthObject(views)
 
 
 def views_with_background(depth: float, kind: str = "orthographic") -> list[ibr.DepthImage]:

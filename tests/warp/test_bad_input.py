@@ -69,6 +69,12 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
         "at least one sample",
         "none",
     ),
+    "a column that is too long": (
+        lambda: warp(image(np.zeros((1 << 21, 1, 3), np.uint8), np.ones((1 << 21, 1)), ibr.Camera(K, (1, 1 << 21)))),
+        "views",
+        "at most 1048576 pixels a side",
+        "1 x 2097152",
+    ),
     "gray": (lambda: image(COLOR[..., 0]), "color", "(31, 41, 3)", "gray"),
     "alpha": (lambda: image(np.dstack([COLOR, DEPTH.astype(np.uint8)])), "color", "(31, 41, 3)", "alpha"),
     "floats to 255": (lambda: image(COLOR / 1.0), "color", "[0, 1]", "divide them by 255"),

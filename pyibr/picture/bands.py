@@ -1,0 +1,72 @@
+"""Pictures for which the device has not the memory at once: one after the other, and large ones in bands of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.errors import OutOfMemoryError
+from pyibr.images.frame import Frame
+from pyibr.opencl.device import Session
+
+_PIXELS_MIN = 1 << 20  # of a band: where that does not fit, it is for the things
+
+Begin = Callable[[Camera, Frame | None], Callable[[], Frame]]
+"""Begins to draw a camera's picture, if given into a frame's arrays; once the session was waited for, the rest."""
+
+
+def frames_in_memory(
+    session: Session,
+    cameras: Sequence[Camera],
+    outs: Sequence[Frame | None],
+    begin: Callable[[], Begin],
+    in_bands: bool = True,
+) -> list[Frame]:
+    """Draw cameras' pictures: at once if there is memory, else in as few bands as halving them leads to.
+
+    `begin` makes what begins pictures that are drawn at once. Without `in_bands` no picture is cut.
+    """
+
+    def at_once() -> list[Frame]:
+        one = begin()
+        begun = [one(camera, out) for camera, out in zip(cameras, outs, strict=True)]
+        session.wait()
+        return [finished() for finished in begun]
+
+    def alone(camera: Camera, out: Frame | None) -> Frame:
+        return frames_in_memory(session, [camera], [out], begin, in_bands)[0]
+
+    try:
+        return at_once()
+    except OutOfMemoryError:
+        width, height = cameras[0].size
+        if len(cameras) == 1 and not (in_bands and height > 1 and width * height >= 2 * _PIXELS_MIN):
+            raise
+        session.wait()  # what is in flight keeps its memory
+    if len(cameras) > 1:
+        return [alone(camera, out) for camera, out in zip(cameras, outs, strict=True)]
+    (camera,), (out,) = cameras, outs
+    told = {} if out is None else {"color": out.color, "depth": out.depth, "valid": out.valid}
+    for rows in (slice(height // 2), slice(height // 2, height)):
+        band = _rows_of(camera, rows)
+        own = None if out is None else Frame(out.color[rows], out.depth[rows], out.valid[rows], band)
+        _put(alone(band, own), told, rows, height)  # a frame's memory may be the device's
+    return [Frame(camera=camera, **told)]
+
+
+def _rows_of(camera: Camera, rows: slice) -> Camera:
+    top, bottom, _ = rows.indices(camera.height)
+    K = camera.K - [[0, 0, 0], [0, 0, top], [0, 0, 0]]
+    size = camera.width, bottom - top
+    return Camera(K, size, camera.world_from_camera, projection=camera.projection, lens=camera.lens)
+
+
+def _put(frame: Frame, told: dict[str, NDArray[Any]], rows: slice, height: int) -> None:
+    """Copy what a frame tells to some rows of what is told of all."""
+    for name, values in vars(frame).items():
+        if isinstance(values, np.ndarray):
+            told.setdefault(name, np.zeros((height, *values.shape[1:]), values.dtype))[rows] = values
