@@ -72,7 +72,7 @@ class _OneLineErrors(TyperGroup):
 
 @contextmanager
 def _ended_tidily() -> Generator[None, None, None]:
-    """While it is open, SIGTERM ends the process as Ctrl-C does: what is complete is kept, what is temporary goes."""
+    """While it is open, Ctrl-C and SIGTERM end the process alike: what is complete is kept, what is temporary goes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -80,11 +80,15 @@ def _ended_tidily() -> Generator[None, None, None]:
     def end(number: int, _: object) -> None:
         sys.exit(128 + number)
 
-    before = signal.signal(signal.SIGTERM, end)
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
+        signal.signal(signal.SIGTERM, end)
+        if callable(before[signal.SIGINT]):  # not where it is ignored
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _ended(text: str, status: int, lines: bool = False) -> typer.Exit:

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app.cli import app
+from tests.processes import run_within
 
 SIZE = (61, 37)
 runner = CliRunner()
@@ -585,3 +586,19 @@ def test_a_camera_of_a_file_is_named_behind_it(scene, tmp_path):
         assert result.exit_code == 0, result.output
     result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / "n.png", camera="rig.json")
     assert_one_line(result, "expected one camera, as ", "rig.json#NAME; got left, right")
+
+
+@pytest.mark.parametrize("module", ["pyibr", "numpy", "typer.rich_utils"])
+def test_an_interrupt_while_the_command_is_loaded_is_quiet(module: str):
+    code = f"""
+import signal, sys
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            signal.raise_signal(signal.SIGINT)
+from pyibr_command import main
+sys.meta_path.insert(0, Interrupting())
+main()
+"""
+    done = run_within(60, [sys.executable, "-c", code, "--help"])
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")

@@ -1,0 +1,17 @@
+"""The command `pyibr`: beside the package, whose import takes a moment in which Ctrl-C is to be quiet, too."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+_INTERRUPTED = 128 + signal.SIGINT  # as shells count
+
+
+def main() -> None:
+    """Run the command line; until a command begins, Ctrl-C ends the process at once."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, lambda *_: os._exit(_INTERRUPTED))
+    from pyibr.app.cli import app
+
+    app(prog_name="pyibr")
