@@ -149,6 +149,7 @@ class CameraGeometry:
         return read_only(matrix)
 
     @classmethod
+    @np.errstate(over="ignore")
     def look_at(
         cls: type[_Camera],
         eye: ArrayLike,
@@ -286,6 +287,7 @@ class CameraGeometry:
             scale @ self.K, (width, height), self.world_from_camera, projection=self.projection, lens=self.lens
         )
 
+    @np.errstate(all="ignore")
     def project(self, points: ArrayLike) -> tuple[Float64, Float64]:
         """Return the pixels (N, 2) and depths (N,) of world points (N, 3).
 
@@ -296,11 +298,11 @@ class CameraGeometry:
         local = world @ self.camera_from_world[:3, :3].T + self.camera_from_world[:3, 3]
         depth = local[:, 2].copy()
         if self.projection == "perspective":
-            with np.errstate(divide="ignore", invalid="ignore"):
-                local[:, :2] /= np.where(depth > 0, depth, np.nan)[:, None]
+            local[:, :2] /= np.where(depth > 0, depth, np.nan)[:, None]
         seen = local[:, :2] if self.lens is None else self.lens.distort(local[:, :2])
         return seen @ self.K[:2, :2].T + self.K[:2, 2], depth
 
+    @np.errstate(all="ignore")
     def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> Float64:
         """Return the world points (N, 3) at `pixels` (N, 2) and planar `depth` (N,). Inverts `project`.
 

@@ -21,6 +21,7 @@ from pyibr.core.errors import ArgumentError
 
 LensModel = Literal["brown_conrady", "rational", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt"]
 
+_COEFFICIENT_MAX = 1e50  # and 1e-50 the least that counts: products of a few are within double precision
 _COEFFICIENT_COUNTS: dict[str, tuple[int, ...]] = {
     "brown_conrady": (4, 5),
     "rational": (8,),
@@ -81,6 +82,8 @@ class Lens:
         if len(values) not in counts:
             expected = f"{' or '.join(map(str, counts))} of them for {model}"
             raise ArgumentError("coefficients", expected, str(len(values)))
+        if (largest := np.abs(values).max()) > _COEFFICIENT_MAX:
+            raise ArgumentError("coefficients", f"numbers up to {_COEFFICIENT_MAX:g}", f"{largest:g}")
         padded = np.zeros(counts[-1])
         padded[: len(values)] = values
         reach = positive_or_infinite("radius", radius, "a distance > 0")
@@ -270,6 +273,6 @@ def _determinant(slopes: Float64) -> Float64:
 
 def _first_root(polynomial: Polynomial) -> float:
     """The least positive real root, or infinity."""
-    roots = np.asarray(polynomial.trim().roots(), np.complex128)
+    roots = np.asarray(polynomial.trim(1 / _COEFFICIENT_MAX).roots(), np.complex128)
     real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
     return float(real.min()) if len(real) else math.inf

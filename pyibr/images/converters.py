@@ -26,6 +26,7 @@ from pyibr.images.depth_image import Color, Depth
 _ColorT = TypeVar("_ColorT", bound=Color)
 
 
+@np.errstate(all="ignore")
 def depth_from_disparity(disparity: ArrayLike, focal: float, baseline: float, *, offset: float = 0.0) -> Depth:
     """Return depth = focal * baseline / (disparity + offset).
 
@@ -56,6 +57,7 @@ def depth_from_disparity(disparity: ArrayLike, focal: float, baseline: float, *,
     return depth.astype(np.float32)
 
 
+@np.errstate(all="ignore")
 def disparity_from_depth(depth: ArrayLike, focal: float, baseline: float, *, offset: float = 0.0) -> Depth:
     """Invert `depth_from_disparity`: float32 disparity in pixels, NaN where the depth is invalid.
 
@@ -70,6 +72,7 @@ def disparity_from_depth(depth: ArrayLike, focal: float, baseline: float, *, off
     return (disparity - numbers("offset", offset, ())).astype(np.float32)
 
 
+@np.errstate(all="ignore")
 def depth_from_euclidean(distance: ArrayLike, camera: Camera) -> Depth:
     """Return the planar depth of distances along the rays of `camera`.
 
@@ -98,6 +101,7 @@ def depth_from_euclidean(distance: ArrayLike, camera: Camera) -> Depth:
     return (_positive_or_nan(d) / _ray_lengths(camera)).astype(np.float32)
 
 
+@np.errstate(all="ignore")
 def euclidean_from_depth(depth: ArrayLike, camera: Camera) -> Depth:
     """Invert `depth_from_euclidean`: (H, W) float32 distances, NaN where the depth is invalid.
 
@@ -114,6 +118,7 @@ def euclidean_from_depth(depth: ArrayLike, camera: Camera) -> Depth:
     return (_positive_or_nan(z) * _ray_lengths(camera)).astype(np.float32)
 
 
+@np.errstate(all="ignore")
 def depth_from_uint16(stored: NDArray[np.uint16], scale: float) -> Depth:
     """Return depth = stored / scale, as depth sensors write it into 16-bit PNG files.
 
@@ -144,6 +149,7 @@ def depth_from_uint16(stored: NDArray[np.uint16], scale: float) -> Depth:
     return depth
 
 
+@np.errstate(all="ignore")
 def uint16_from_depth(depth: ArrayLike, scale: float) -> NDArray[np.uint16]:
     """Invert `depth_from_uint16`, rounded to the nearest unit; 0 where the depth is invalid.
 
@@ -168,6 +174,7 @@ def uint16_from_depth(depth: ArrayLike, scale: float) -> NDArray[np.uint16]:
     return units.astype(np.uint16)
 
 
+@np.errstate(all="ignore")
 def depth_from_mpeg(level: ArrayLike, near: float, far: float, *, zero_is_invalid: bool = False) -> Depth:
     """Return the depth of MPEG's normalised inverse depth.
 
@@ -199,6 +206,7 @@ def depth_from_mpeg(level: ArrayLike, near: float, far: float, *, zero_is_invali
     return z.astype(np.float32)
 
 
+@np.errstate(all="ignore")
 def depth_from_relative(values: ArrayLike, *, near: float = 1.0, far: float = 10.0) -> Depth:
     """Return a depth for the relative inverse depth of networks, which grows as things come nearer, in no unit.
 
@@ -231,6 +239,7 @@ def depth_from_relative(values: ArrayLike, *, near: float = 1.0, far: float = 10
     return (1 / (1 / far + level * (1 / near - 1 / far))).astype(np.float32)
 
 
+@np.errstate(all="ignore")
 def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
     """Invert `depth_from_mpeg`: float32 levels in [0, 1], 0 where the depth is invalid.
 
@@ -254,6 +263,7 @@ def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
     return np.nan_to_num(np.clip(level, 0, 1), nan=0).astype(np.float32)
 
 
+@np.errstate(all="ignore")
 def depth_from_zbuffer(value: ArrayLike, near: float, far: float, *, reverse: bool = False) -> Depth:
     """Return the depth of a perspective z-buffer, as OpenGL, Direct3D and Vulkan have it.
 
@@ -282,6 +292,7 @@ def depth_from_zbuffer(value: ArrayLike, near: float, far: float, *, reverse: bo
     return (1 / (ends[0] + drawn * (ends[1] - ends[0]))).astype(np.float32)
 
 
+@np.errstate(all="ignore")
 def zbuffer_from_depth(depth: ArrayLike, near: float, far: float, *, reverse: bool = False) -> Depth:
     """Invert `depth_from_zbuffer`: float32 values in [0, 1], those of nothing drawn where the depth is invalid.
 

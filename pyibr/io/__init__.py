@@ -205,6 +205,7 @@ def check_output(path: _PathLike, kind: Literal["color", "depth", "mask"]) -> No
     check_writable(path)
 
 
+@np.errstate(all="ignore")
 def read_depth(
     path: _PathLike,
     *,
@@ -280,6 +281,7 @@ def read_depth(
     return depth_kinds.planar(values, depth_kind, camera, path)
 
 
+@np.errstate(all="ignore")
 def write_depth(
     path: _PathLike,
     depth: NDArray[np.float32] | NDArray[np.uint16],

@@ -374,6 +374,7 @@ def _in_float32(argument: str, array: NDArray[np.float64]) -> Float32:
 
 def _checked_normals(normals: ArrayLike, count: int) -> Float32:
     array = numbers("normals", normals, (count, 3))
+    _in_float32("normals", array)
     length = np.linalg.norm(array, axis=1, keepdims=True)
     if (length == 0).any():
         raise ArgumentError("normals", "normals that are not zero", f"{np.count_nonzero(length == 0)} that are")

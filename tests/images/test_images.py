@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import math
 import pickle
+import warnings
 import weakref
 
 import numpy as np
@@ -271,6 +273,42 @@ def test_converters_name_the_bad_argument(call, argument):
     with pytest.raises(ibr.ArgumentError) as caught:
         call()
     assert caught.value.argument == argument
+
+
+EXTREMES = (np.nan, np.inf, -np.inf, 0.0, -0.0, 5e-324, 1e-45, 1e-40, 1e-20, 1.0, -1.0, 65536.0, 1e20, 3.4e38, 1.7e308)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("one", [1e-300, 0.9, 1e300])
+@pytest.mark.parametrize("other", [1e-30, np.inf])
+def test_nothing_that_depth_may_hold_makes_numpy_warn(tmp_path, dtype, one, other):
+    with np.errstate(all="ignore"):
+        single, values = (np.array(EXTREMES).astype(kind)[None] for kind in (np.float32, dtype))
+    camera = ibr.Camera([[3, 0, 1], [0, 3, 1], [0, 0, 1]], (values.size, 1))
+    inside = values[(values >= 0) & (values <= 1)]  # what converters of levels take
+    calls = [
+        lambda: ibr.depth_from_disparity(values, one, other, offset=1),
+        lambda: ibr.disparity_from_depth(values, one, other, offset=1),
+        lambda: ibr.depth_from_euclidean(values, camera),
+        lambda: ibr.euclidean_from_depth(values, camera),
+        lambda: ibr.depth_from_uint16(np.array([[0, 1, 65535]], np.uint16), one),
+        lambda: ibr.uint16_from_depth(values, one),
+        lambda: ibr.depth_from_relative(values, near=one, far=other),
+        lambda: ibr.depth_from_mpeg(inside, one, other),
+        lambda: ibr.mpeg_from_depth(values, one, other),
+        lambda: ibr.depth_from_zbuffer(inside, one, other),
+        lambda: ibr.zbuffer_from_depth(values, one, other, reverse=True),
+        lambda: camera.project(np.tile(values.T, 3)),
+        lambda: camera.unproject(np.tile(values.T, 2), values[0]),
+        lambda: ibr.DepthImage(None, single, camera, far=other).noise,
+        lambda: ibr.write_depth(tmp_path / "d.tiff", values, depth_scale=one),
+        lambda: ibr.read_depth(tmp_path / "d.tiff", depth_scale=one),
+    ]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        for call in calls:
+            with contextlib.suppress(ibr.Error):
+                call()
 
 
 # ---- the package
