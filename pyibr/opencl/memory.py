@@ -207,7 +207,7 @@ def _take(session: Session, size: int) -> Block:
 
 
 def _within_room(session: Session, size: int, make: Callable[[], _Made]) -> _Made:
-    """What is made with `size` bytes of the device; if they are not there, what lies idle goes first."""
+    """Make something with `size` bytes of the device; if they are not there, what lies idle goes first."""
 
     def made() -> _Made:
         session.room.require(size)

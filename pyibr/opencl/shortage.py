@@ -32,7 +32,7 @@ def telling_shortage(device: object, needed: str | None = None) -> Generator[Non
 
 
 def is_shortage(error: Exception) -> bool:
-    """Whether NumPy, the system or OpenCL want for memory, or the device takes no buffer as large."""
+    """Tell whether NumPy, the system or OpenCL want for memory, or the device takes no buffer as large."""
     import pyopencl as cl
 
     if isinstance(error, (MemoryError, cl.MemoryError)) or getattr(error, "errno", None) == errno.ENOMEM:
