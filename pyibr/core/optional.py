@@ -44,6 +44,19 @@ def h5py() -> Any:
     return _imported("h5py", "HDF5 files need h5py", "hdf5", "pip install --force-reinstall h5py")
 
 
+def scikit_image() -> Any:
+    """scikit-image's metrics, or a MissingPackageError."""
+    remedy = "pip install --force-reinstall scikit-image"
+    return _imported("skimage.metrics", "SSIM needs scikit-image", "metrics", remedy)
+
+
+def flip_evaluator() -> Any:
+    """flip-evaluator, or a MissingPackageError."""
+    return _imported(
+        "flip_evaluator", "FLIP needs flip-evaluator", "metrics", "pip install --force-reinstall flip-evaluator"
+    )
+
+
 def lzfse() -> Any:
     """lzfse, Apple's way of packing, or a MissingPackageError."""
     return _imported("lzfse", "depth in .r3d files needs lzfse", "r3d", "pip install --force-reinstall lzfse")

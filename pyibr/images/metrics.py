@@ -1,21 +1,41 @@
-"""Differences of two pictures: small measures for tests and benchmarks.
+"""Measures of how far apart two pictures are, or the depths of two frames.
 
-Each says which pixels it counts. Where no pixel counts there is no answer: ArgumentError, not a NaN.
+Each says which pixels it counts. Where no pixel counts there is no answer: ArgumentError, not a NaN. SSIM and FLIP are
+scikit-image's and NVIDIA's own (extra `metrics`); the others need NumPy alone.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import Float64, describe, plain_array
+from pyibr.core.checks import Float64, describe, integer_from, one_of, plain_array, positive
 from pyibr.core.errors import ArgumentError
+from pyibr.core.optional import flip_evaluator, scikit_image
+from pyibr.images.pixel_shifts import searched_psnr
+
+__all__ = [
+    "depth_rmse",
+    "flip",
+    "hole_ratio",
+    "iv_psnr",
+    "median_color_error",
+    "median_depth_error",
+    "psnr",
+    "silhouette_iou",
+    "ssim",
+    "ws_psnr",
+]
 
 Mask = NDArray[np.bool_]
 Image = NDArray[np.number[Any]]
+Space = Literal["rgb", "ycbcr"]
+
+_SSIM_SIDE, _SSIM_SIGMA = 11, 1.5  # pixels: the window of Wang et al. 2004
+_LUMA = 0.2126, 0.7152, 0.0722  # of red, green and blue: BT.709
 
 
 def psnr(a: Image, b: Image, *, valid: Mask | None = None) -> float:
@@ -45,12 +65,162 @@ def psnr(a: Image, b: Image, *, valid: Mask | None = None) -> float:
     >>> round(metrics.psnr(np.zeros((2, 2)), np.full((2, 2), 0.1)), 6)
     20.0
     """
-    a, b = _image("a", a), _image("b", b)
-    if not a.dtype == b.dtype == np.uint8 and {a.dtype.kind, b.dtype.kind} != {"f"}:
-        raise ArgumentError("b", "uint8 as a, or floats as a", f"{b.dtype}, and a is {a.dtype}")
-    peak = 255.0 if a.dtype == np.uint8 else 1.0
-    error = float(np.mean(np.square(_differences(a, b, valid))))
-    return 10 * math.log10(peak**2 / error) if error > 0 else math.inf
+    a, b, peak = _pictures(a, b)
+    return _decibels(float(np.mean(np.square(_differences(a, b, valid)))), peak)
+
+
+def ws_psnr(a: Image, b: Image, *, latitudes: float = 180.0, valid: Mask | None = None) -> float:
+    """WS-PSNR of two panoramas (equirectangular): PSNR, each row weighted by the share of the sphere that it shows.
+
+    By Sun, Lu and Yu (IEEE Signal Processing Letters 2017): the weight of row j of N is cos((j + 0.5 - N / 2) pi / N).
+
+    Parameters
+    ----------
+    a, b, valid
+        As `psnr` has them.
+    latitudes : float
+        Degrees that the rows cover, as many of them above the horizon as below it.
+
+    Returns
+    -------
+    float
+        In dB, over all channels; infinite where they are equal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pyibr.images import metrics
+    >>> black = np.zeros((4, 8, 3))
+    >>> round(metrics.ws_psnr(black, black + 0.1), 6)
+    20.0
+    """
+    a, b, peak = _pictures(a, b)
+    rows, columns = a.shape[:2]
+    angles = (np.arange(rows) + 0.5 - rows / 2) / rows * math.radians(positive("latitudes", latitudes))
+    weights = np.cos(angles)[:, None] * _counting("valid", valid, (rows, columns))
+    squares = np.square(_differences(a, b, None)).reshape(rows, columns, -1).mean(axis=-1)
+    return _decibels(float((weights * squares).sum() / weights.sum()), peak)
+
+
+def iv_psnr(
+    a: Image, b: Image, *, valid: Mask | None = None, space: Space = "rgb", bits: int = 8, reach: int = 2
+) -> float:
+    """IV-PSNR of two pictures, for views that are synthesised: PSNR that forgives small shifts and exposures.
+
+    By Dziembowski et al. (IEEE TCSVT 2022), with the parameters of MPEG: each pixel is compared with that of 5 x 5 of
+    the other picture that is most alike, after the mean difference of each component, up to 1 % of the range, is taken
+    away; once from either side, of which the lesser counts. Components weigh 4 : 1 : 1.
+
+    Parameters
+    ----------
+    a, b : (H, W, 3), both uint8 or both floats in [0, 1]; of YCbCr also integers of that many bits
+    valid : (H, W) bool, optional
+        The pixels that count, and are compared with; all if not given.
+    space : {"rgb", "ycbcr"}
+        RGB becomes YCbCr by BT.709, as videos have it (16 to 235).
+    bits : int
+        A component of YCbCr, 8 to 16.
+    reach : int
+        Pixels that the search goes to each side.
+
+    Returns
+    -------
+    float
+        In dB; infinite where they are equal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pyibr.images import metrics
+    >>> noise = np.random.default_rng(0).integers(0, 256, (20, 30, 3), np.uint8)
+    >>> metrics.psnr(noise[:, 1:], noise[:, :-1]) < 10 < metrics.iv_psnr(noise[:, 1:], noise[:, :-1])
+    True
+    """
+    one_of("space", space, Space)
+    bits, reach = integer_from("bits", bits, 8, 16), integer_from("reach", reach, 0, 16)
+    a, b = _pair("a", a, "b", b) if space == "ycbcr" else _pictures(a, b)[:2]
+    _check_color("a", a)
+    first, second = (_components(one, space, bits) for one in (a, b))
+    return searched_psnr(first, second, _counting("valid", valid, a.shape[:2]), (1 << bits) - 1, reach)
+
+
+def ssim(a: Image, b: Image, *, valid: Mask | None = None) -> float:
+    """Structural similarity of two images (Wang et al. 2004), -1 to 1, where 1 is equal: by scikit-image.
+
+    These are Gaussian, of 11 x 11 pixels and a sigma of 1.5; those that lie within the image count. Of several channels
+    it is the mean.
+
+    Parameters
+    ----------
+    a, b, valid
+        As `psnr` has them, of 11 x 11 pixels or more.
+
+    Raises
+    ------
+    MissingPackageError
+        scikit-image is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pyibr.images import metrics
+    >>> noise = np.random.default_rng(0).random((20, 30, 3))
+    >>> metrics.ssim(noise, noise)
+    1.0
+    """
+    a, b, peak = _pictures(a, b)
+    height, width = a.shape[:2]
+    if min(height, width) < _SSIM_SIDE:
+        raise ArgumentError("a", f"{_SSIM_SIDE} x {_SSIM_SIDE} pixels or more", describe(a))
+    edge = _SSIM_SIDE // 2
+    inner = _counting("valid", valid, (height, width))[edge : height - edge, edge : width - edge]
+    _, found = scikit_image().structural_similarity(
+        a.astype(np.float64),
+        b.astype(np.float64),
+        data_range=peak,
+        channel_axis=-1 if a.ndim == 3 else None,
+        gaussian_weights=True,
+        sigma=_SSIM_SIGMA,
+        use_sample_covariance=False,
+        full=True,
+    )
+    return float(found[edge : height - edge, edge : width - edge][_counting("valid", inner, inner.shape)].mean())
+
+
+def flip(a: Image, b: Image, *, valid: Mask | None = None, pixels_per_degree: float = 67.0) -> float:
+    """Mean FLIP of two pictures, 0 to 1: the difference that eyes see (Andersson et al. 2020), by NVIDIA.
+
+    It is the mean of flip-evaluator's map, whose own figure, a sum of float32, is off in the fourth digit.
+
+    Parameters
+    ----------
+    a, b : (H, W, 3), both uint8 or both floats in [0, 1]
+        sRGB; `a` is the reference.
+    valid : (H, W) bool, optional
+        The pixels that count; all if not given.
+    pixels_per_degree : float
+        Of the eye's view; 67 are those of a 4K screen of 0.7 m at a distance of 0.7 m.
+
+    Raises
+    ------
+    MissingPackageError
+        flip-evaluator is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pyibr.images import metrics
+    >>> black = np.zeros((20, 30, 3), np.uint8)
+    >>> metrics.flip(black, black)
+    0.0
+    """
+    a, b, peak = _pictures(a, b)
+    _check_color("a", a)
+    counts = _counting("valid", valid, a.shape[:2])
+    shown = [np.clip(np.nan_to_num(one.astype(np.float32)) / np.float32(peak), 0, 1) for one in (a, b)]
+    how = {"ppd": positive("pixels_per_degree", pixels_per_degree)}
+    found, _, _ = flip_evaluator().evaluate(*shown, "LDR", applyMagma=False, computeMeanError=False, parameters=how)
+    return float(np.reshape(found, counts.shape)[counts].mean(dtype=np.float64))
 
 
 def median_color_error(a: Image, b: Image, *, valid: Mask | None = None) -> float:
@@ -150,18 +320,52 @@ def silhouette_iou(a: Mask, b: Mask) -> float:
     return float(np.count_nonzero(a & b) / either)
 
 
+def _pictures(a: object, b: object) -> tuple[Image, Image, float]:
+    """Two pictures of one shape and kind, and their peak."""
+    first, second = _pair("a", a, "b", b)
+    if not first.dtype == second.dtype == np.uint8 and {first.dtype.kind, second.dtype.kind} != {"f"}:
+        raise ArgumentError("b", "uint8 as a, or floats as a", f"{second.dtype}, and a is {first.dtype}")
+    return first, second, 255.0 if first.dtype == np.uint8 else 1.0
+
+
+def _check_color(argument: str, image: Image) -> None:
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise ArgumentError(argument, "a picture of shape (H, W, 3)", describe(image))
+
+
+def _decibels(error: float, peak: float) -> float:
+    return 10 * math.log10(peak**2 / error) if error > 0 else math.inf
+
+
+def _components(image: Image, space: Space, bits: int) -> NDArray[np.int32]:
+    """(H, W, 3) YCbCr as integers of so many bits."""
+    if space == "ycbcr" and image.dtype.kind != "f":
+        return image.astype(np.int32)
+    shown = image / 255.0 if image.dtype == np.uint8 else np.nan_to_num(image.astype(np.float64))
+    if space == "ycbcr":
+        return np.rint(shown * ((1 << bits) - 1)).astype(np.int32)
+    luma = shown @ np.array(_LUMA)
+    red, blue = ((shown[..., at] - luma) / (2 - 2 * _LUMA[at]) for at in (0, 2))
+    parts = np.dstack([219 * luma + 16, 224 * blue + 128, 224 * red + 128]) * (1 << (bits - 8))
+    return np.rint(parts).astype(np.int32)
+
+
+def _pair(name: str, a: object, other: str, b: object) -> tuple[Image, Image]:
+    """Two images of one shape."""
+    first, second = _image(name, a), _image(other, b)
+    if first.shape != second.shape:
+        raise ArgumentError(other, f"the shape of {name}, {first.shape}", describe(b))
+    return first, second
+
+
 def _differences(a: Image, b: Image, valid: Mask | None) -> Float64:
-    a, b = _image("a", a), _image("b", b)
-    if a.shape != b.shape:
-        raise ArgumentError("b", f"the shape of a, {a.shape}", describe(b))
+    a, b = _pair("a", a, "b", b)
     difference = a.astype(np.float64) - b.astype(np.float64)
     return difference[_counting("valid", valid, a.shape[:2])]
 
 
 def _depth_differences(depth: Image, truth: Image, valid: Mask | None) -> Float64:
-    depth, truth = _image("depth", depth), _image("truth", truth)
-    if depth.shape != truth.shape:
-        raise ArgumentError("truth", f"the shape of depth, {depth.shape}", describe(truth))
+    depth, truth = _pair("depth", depth, "truth", truth)
     known: Mask = np.isfinite(depth) & np.isfinite(truth) & (depth > 0) & (truth > 0)
     if valid is not None:
         known &= _checked_mask("valid", valid, depth.shape)

@@ -267,18 +267,9 @@ def read_depth(
     stored = _module(path, _DEPTH_MODULES).read_depth(path, **chosen)
     if stored.ndim > 2:  # (1, H, W) and the like, as networks have them
         stored = stored.reshape([length for length in stored.shape if length != 1] or stored.shape)
-    if stored.dtype == np.uint8 and depth_scale is None:
-        expected = f"stored units per scene unit for the 8 bits of {path} (of a network's: --depth-is relative)"
-        raise ArgumentError("depth_scale", expected, "none")
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
-    if stored.dtype.kind in "ui":
-        values = depth_from_uint16(stored, _required(depth_scale, path))
-    elif depth_scale is not None:
-        values = (stored / positive("depth_scale", depth_scale)).astype(np.float32)
-    else:
-        values = np.ascontiguousarray(stored, np.float32)
-    return depth_kinds.planar(values, depth_kind, camera, path)
+    return depth_kinds.planar(depth_kinds.scaled(stored, depth_scale, path), depth_kind, camera, path)
 
 
 @np.errstate(all="ignore")
@@ -308,12 +299,12 @@ def write_depth(
     if array.ndim != 2 or (array.dtype.kind != "f" and array.dtype != np.uint16) or not array.size:
         raise ArgumentError("depth", expected, describe(depth))
     if array.dtype == np.uint16:
-        array = depth_from_uint16(array, _required(depth_scale, path))
+        array = depth_from_uint16(array, depth_kinds.required(depth_scale, path))
     one_of("depth_kind", depth_kind, DepthKind)
     array = depth_kinds.stored(array, depth_kind, camera, path)
     module = _module(path, _DEPTH_MODULES)
     if checked_path(path).suffix.lower() == ".png":
-        module.write_depth(path, uint16_from_depth(array, _required(depth_scale, path)))
+        module.write_depth(path, uint16_from_depth(array, depth_kinds.required(depth_scale, path)))
     else:
         factor = 1.0 if depth_scale is None else positive("depth_scale", depth_scale)
         module.write_depth(path, (array * factor).astype(np.float32))
@@ -330,16 +321,6 @@ def _relative(path: _PathLike, chosen: dict[str, str]) -> NDArray[Any]:
     if values.ndim != 2 or values.dtype.kind not in "uif" or 0 in values.shape:
         raise FileFormatError(f"{path}: expected a gray map of shape (H, W), got {describe(values)}")
     return values
-
-
-def _required(depth_scale: float | None, path: _PathLike) -> float:
-    if depth_scale is None:
-        expected = (
-            "stored units per scene unit (--depth-scale on the command line; 1000 for millimetres to metres) "
-            f"for the integers of {path}"
-        )
-        raise ArgumentError("depth_scale", expected, "none")
-    return positive("depth_scale", depth_scale)
 
 
 def _chosen(path: _PathLike, channel: str | None, part: str | None) -> dict[str, str]:

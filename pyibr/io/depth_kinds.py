@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
+from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError
-from pyibr.images import depth_from_euclidean, depth_from_relative, euclidean_from_depth
+from pyibr.images import depth_from_euclidean, depth_from_relative, depth_from_uint16, euclidean_from_depth
 
 DepthKind = Literal["z", "distance", "inverse", "relative"]
 
@@ -25,6 +26,29 @@ def planar(
     if kind == "relative":
         return depth_from_relative(values, near=near, far=far)
     return _inverse(values) if kind == "inverse" else depth_from_euclidean(values, _fitting(camera, values, name))
+
+
+def scaled(stored: NDArray[Any], depth_scale: float | None, name: object) -> _Values:
+    """Values in scene units of (H, W) stored ones; integers, 0 where there is none, need a scale."""
+    if stored.dtype == np.uint8 and depth_scale is None:
+        expected = f"stored units per scene unit for the 8 bits of {name} (of a network's: --depth-is relative)"
+        raise ArgumentError("depth_scale", expected, "none")
+    if stored.dtype.kind in "ui":
+        return depth_from_uint16(stored, required(depth_scale, name))
+    if depth_scale is None:
+        return np.ascontiguousarray(stored, np.float32)
+    return (stored / positive("depth_scale", depth_scale)).astype(np.float32)
+
+
+def required(depth_scale: float | None, name: object) -> float:
+    """The scale of the integers in the file `name`."""
+    if depth_scale is None:
+        expected = (
+            "stored units per scene unit (--depth-scale on the command line; 1000 for millimetres to metres) "
+            f"for the integers of {name}"
+        )
+        raise ArgumentError("depth_scale", expected, "none")
+    return positive("depth_scale", depth_scale)
 
 
 def stored(depth: _Values, kind: DepthKind, camera: Camera | None, name: object) -> _Values:

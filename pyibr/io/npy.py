@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import math
 from os import PathLike
-from typing import Any
-from zipfile import ZipFile
+from typing import IO, Any
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 from numpy.lib import format as npy
@@ -44,23 +44,34 @@ def _read(path: str | PathLike[str], name: str, channel: str | None) -> NDArray[
         if data[:2] != b"PK":
             return array_of(data)
         with ZipFile(io.BytesIO(data)) as packed:
-            arrays = {member.filename.removesuffix(".npy"): member for member in packed.infolist()}
-            wanted = channel or name
-            if wanted not in arrays and (channel or len(arrays) != 1):
-                raise FileFormatError(f"{path}: no array {wanted!r} among {', '.join(arrays) or 'none'}; {CHOICE}")
-            member = arrays.get(wanted) or next(iter(arrays.values()))
+            member = member_of(path, packed, name, channel)
             check_unpacked(member.file_size)
             with packed.open(member) as stream:
                 return array_of(read_at_most(stream))
 
 
-def array_of(data: bytes) -> NDArray[Any]:
-    """The array of an NPY file. NumPy's own reader takes all the memory that a header asks for."""
-    stream = io.BytesIO(data)
+def member_of(path: str | PathLike[str], packed: ZipFile, name: str, channel: str | None) -> ZipInfo:
+    """The file in an NPZ whose array has the name that was chosen, or by default this one, or is the only one."""
+    arrays = {member.filename.removesuffix(".npy"): member for member in packed.infolist()}
+    wanted = channel or name
+    if wanted not in arrays and (channel or len(arrays) != 1):
+        raise FileFormatError(f"{path}: no array {wanted!r} among {', '.join(arrays) or 'none'}; {CHOICE}")
+    return arrays.get(wanted) or next(iter(arrays.values()))
+
+
+def header_of(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """The shape of an NPY file's array, whether it is stored by columns, and its numbers' type."""
     header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
     shape, by_columns, dtype = header(stream)
     if dtype.hasobject or min(shape, default=0) < 0:
         raise ValueError(f"expected numbers, got {dtype} of shape {shape}")
+    return shape, by_columns, dtype
+
+
+def array_of(data: bytes) -> NDArray[Any]:
+    """The array of an NPY file. NumPy's own reader takes all the memory that a header asks for."""
+    stream = io.BytesIO(data)
+    shape, by_columns, dtype = header_of(stream)
     expected, got = math.prod(shape) * dtype.itemsize, len(data) - stream.tell()
     if got < expected:
         raise ValueError(f"expected {expected} bytes after the header, got {got}")

@@ -86,11 +86,17 @@ class Video:
             yield _turned(frame, frame.to_ndarray(format="rgb24", src_colorspace=_colorspace(frame)))
 
     def gray(self, numbers: Iterable[int]) -> Iterator[NDArray[np.uint16]]:
-        """(H, W) uint16 of frames that hold numbers, as depth: 0 to 255, 1023 or 4095, by the bits of the file."""
+        """(H, W) uint16 of frames that hold numbers, as depth: 0 to 255, 1023, 4095 or 65535, by the bits of the file.
+
+        Gray formats are read as they are stored; of others the green, as players show it.
+        """
         for frame in self._frames(numbers):
-            bits = frame.format.components[0].bits
+            if frame.format.name.startswith("gray"):
+                yield _turned(frame, frame.to_ndarray().astype(np.uint16))
+                continue
+            most = (1 << frame.format.components[0].bits) - 1
             values = frame.to_ndarray(format="rgb48le", src_colorspace=_colorspace(frame))[..., 1].astype(np.uint32)
-            yield _turned(frame, ((values * ((1 << bits) - 1) + 32767) // 65535).astype(np.uint16))
+            yield _turned(frame, ((values * most + 32767) // 65535).astype(np.uint16))
 
     def _frames(self, numbers: Iterable[int]) -> Iterator[Any]:
         with self._opened() as (container, stream):

@@ -7,7 +7,7 @@ import logging
 import os
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal
@@ -38,6 +38,12 @@ class _Encoder:
     options: dict[str, str] = field(default_factory=dict[str, str])
     halves: bool = True
     """Whether colours are kept for each other pixel: sizes are even then."""
+    gray: dict[int, str] = field(default_factory=dict[int, str])
+    """Formats of gray, where it has such."""
+
+    def of(self, frame: NDArray[Any]) -> _Encoder:
+        """The same for gray alone, if the frame is."""
+        return replace(self, pixels=self.gray) if frame.ndim == 2 else self
 
 
 _ENCODERS = {
@@ -51,7 +57,12 @@ _ENCODERS = {
     "vp9": _Encoder(
         "libvpx-vp9", {8: "yuv420p"}, {"deadline": "realtime", "cpu-used": "6", "row-mt": "1", "crf": "24", "b": "0"}
     ),
-    "ffv1": _Encoder("ffv1", {8: "bgr0", 10: "gbrp10le", 12: "gbrp12le", 16: "gbrp16le"}, halves=False),
+    "ffv1": _Encoder(
+        "ffv1",
+        {8: "bgr0", 10: "gbrp10le", 12: "gbrp12le", 16: "gbrp16le"},
+        halves=False,
+        gray={8: "gray", 16: "gray16le"},
+    ),
     "mjpeg": _Encoder("mjpeg", {8: "yuvj420p"}, {"qmin": "2", "qmax": "3"}),
     "webp": _Encoder("libwebp_anim", {8: "yuv420p"}, {"quality": "90", "loop": "0"}, halves=False),
 }
@@ -87,9 +98,9 @@ def write_video(
     path : path
         Ends in .mp4, .m4v or .mov (H.264 by default, which browsers and notebooks play), .webm (VP9), .mkv (FFV1, which
         loses nothing), .avi (Motion JPEG), .gif or .webp (animated pictures).
-    frames : iterable of (H, W, 3) arrays
+    frames : iterable of (H, W, 3) or (H, W) arrays
         uint8, uint16, or floats of which [0, 1] is black to white. Each is taken as it is wanted. Odd sizes lose their
-        last row or column, but in .mkv, .gif and .webp.
+        last row or column, but in .mkv, .gif and .webp. FFV1 keeps the numbers of gray, (H, W), as they are.
     fps : float
         Frames a second.
     codec : {"h264", "h265", "av1", "vp9", "ffv1"}, optional
@@ -167,15 +178,18 @@ class VideoWriter:
             self._film.close()
 
     def add(self, color: NDArray[Any], time: float | None = None) -> None:
-        """Add a frame (H, W, 3), `time` seconds after the first; by default at the rate, and then for all frames."""
+        """Add a frame, `time` seconds after the first; by default at the rate, and then for all frames."""
+        if color.ndim == 2 and (self._encoder is None or self._bits not in self._encoder.gray):
+            color = np.repeat(color[..., None], 3, axis=2)
         if self._film is None:
             self._shape = color.shape[:2]
             with _written(self._path):
                 if self._encoder is None:
                     self._film = _Gif(self._file, self._rate)
                 else:
+                    encoder = self._encoder.of(color)
                     self._film = _Film(
-                        self._file, self._path, self._encoder, self._bits, self._shape, self._rate, self._sound
+                        self._file, self._path, encoder, self._bits, self._shape, self._rate, self._sound
                     )
         if color.shape[:2] != self._shape:
             expected = "x".join(map(str, self._shape[::-1]))
@@ -223,10 +237,10 @@ class _Film:
         self._packet = next(self._sound, None)
 
     def add(self, color: NDArray[Any], time: Fraction) -> None:
-        whole = _in_words(color, 16 if self._deep else 8)[: self._height, : self._width, :3]
-        frame = self._av.VideoFrame.from_ndarray(
-            np.ascontiguousarray(whole), format="rgb48le" if self._deep else "rgb24"
-        )
+        whole = _in_words(color[..., :3] if color.ndim == 3 else color, 16 if self._deep else 8)
+        whole = whole[: self._height, : self._width]
+        formats = ("gray", "gray16le") if whole.ndim == 2 else ("rgb24", "rgb48le")
+        frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(whole), format=formats[self._deep])
         space = "ITU709" if self._is_large else "ITU601"
         frame = frame.reformat(format=self._pixels, dst_colorspace=space if self._halved else None)
         frame.pts, frame.duration, frame.time_base = round(time * self._ticks), self._duration, 1 / self._ticks

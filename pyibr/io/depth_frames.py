@@ -1,0 +1,169 @@
+"""Depth of many frames in one file: a video of gray, or an array of NPY or NPZ. They are read one at a time."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+from zipfile import ZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import one_of
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import check_unpacked, checked_path, reading
+from pyibr.io import DepthKind, DepthReading, depth_kinds, npy
+from pyibr.io.recordings import Recording, Stored, check_numbers
+from pyibr.io.video import SUFFIXES, Video
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+ARRAYS = (".npy", ".npz")
+
+_Depth = NDArray[np.float32]
+
+
+class DepthFrames:
+    """The depth of each frame of a file.
+
+    Parameters
+    ----------
+    path : path
+        A video, gray of 8, 10, 12 or 16 bits, or whose green holds the numbers; or NPY or NPZ with an array (N, H, W),
+        also with axes of length 1.
+    channel : str, optional
+        Of NPZ the array; by default the only one, or "depth".
+
+    Raises
+    ------
+    FileFormatError
+        If there is no such file, or it holds something else.
+
+    Attributes
+    ----------
+    path : Path
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> from pyibr.io.depth_frames import DepthFrames
+    >>> ibr.write_video("depth.mkv", (np.full((48, 64), 500 * n, np.uint16) for n in range(4)), fps=30, bits=16)
+    >>> frames = DepthFrames("depth.mkv")
+    >>> len(frames), [float(depth[0, 0]) for depth in frames.read([1, 3], depth_scale=1000)]
+    (4, [0.5, 1.5])
+    """
+
+    def __init__(self, path: str | os.PathLike[str], channel: str | None = None) -> None:
+        self.path = checked_path(path)
+        is_video = self.path.suffix.lower() in SUFFIXES
+        self._source: Video | _Array = Video(self.path) if is_video else _Array(self.path, channel)
+        self._running: tuple[int, Iterator[NDArray[Any]]] = 0, iter(())
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    @property
+    def fps(self) -> float | None:
+        """Frames a second, if the file tells."""
+        return self._source.fps if isinstance(self._source, Video) else None
+
+    def read(
+        self, numbers: Iterable[int], camera: Camera | None = None, **how: Unpack[DepthReading]
+    ) -> Iterator[_Depth]:
+        """(H, W) planar depth of the frames of these numbers, which grow; camera and how: as `read_depth` has them."""
+        for number in numbers:
+            yield self.read_one(number, camera, how)
+
+    def read_one(self, number: int, camera: Camera | None, how: DepthReading) -> _Depth:
+        """Planar depth of a frame, which is fast for one behind the last."""
+        kind = how.get("depth_kind", "z")
+        one_of("depth_kind", kind, DepthKind)
+        values = self._stored(number)
+        if kind != "relative":
+            values = depth_kinds.scaled(values, how.get("depth_scale"), self.path)
+        return depth_kinds.planar(values, kind, camera, self.path, how.get("near", 1.0), how.get("far", 10.0))
+
+    def _stored(self, number: int) -> NDArray[Any]:
+        """The frame as it is stored; frames between the last one and this are passed over."""
+        at, frames = self._running
+        if number < at or at == 0:
+            at, frames = number, self._source.gray(range(number, len(self)))
+        for _ in range(at, number):
+            next(frames)
+        self._running = number + 1, frames
+        return next(frames)
+
+
+class _Array:
+    """An array (N, H, W), of which one frame at a time is in memory."""
+
+    def __init__(self, path: Path, channel: str | None) -> None:
+        self._path, self._channel = path, channel
+        with reading(path, "NumPy") as source:
+            if source.suffix.lower() == ".npy":
+                self._mapped: NDArray[Any] | None = np.load(source, mmap_mode="r", allow_pickle=False)
+                shape, self._dtype = self._mapped.shape, self._mapped.dtype
+            else:
+                self._mapped = None
+                with ZipFile(source) as packed, self._opened(packed) as stream:
+                    shape, by_columns, self._dtype = npy.header_of(stream)
+                    if by_columns:
+                        raise ValueError("its array is in Fortran's order")
+        self._shape = [length for length in shape if length != 1]
+        if len(self._shape) != 3 or self._dtype.kind not in "uif" or 0 in self._shape:
+            raise FileFormatError(f"{path}: expected depth of shape (N, H, W), got {self._dtype} of {tuple(shape)}")
+
+    def __len__(self) -> int:
+        return self._shape[0]
+
+    def gray(self, numbers: Iterable[int]) -> Iterator[NDArray[Any]]:
+        """(H, W) of the frames of these numbers, which grow."""
+        if self._mapped is not None:
+            stack = self._mapped.reshape(self._shape)
+            yield from (np.array(stack[number]) for number in numbers)
+            return
+        size = math.prod(self._shape[1:]) * self._dtype.itemsize
+        check_unpacked(size)
+        with reading(self._path, "NumPy") as source, ZipFile(source) as packed, self._opened(packed) as stream:
+            npy.header_of(stream)
+            first = stream.tell()
+            for number in numbers:
+                stream.seek(first + number * size)  # it goes on from where it is
+                data = stream.read(size)
+                if len(data) < size:
+                    raise FileFormatError(f"{self._path}: truncated: frame {number} cannot be read")
+                yield np.frombuffer(data, self._dtype).reshape(self._shape[1:])
+
+    def _opened(self, packed: ZipFile) -> IO[bytes]:
+        return packed.open(npy.member_of(self._path, packed, "depth", self._channel))
+
+
+@dataclass(frozen=True)
+class _OfFile(Stored):
+    """A frame of such a file."""
+
+    frames: DepthFrames | None = None
+    number: int = 0
+
+    def read_depth(self, path: Path, camera: Camera | None, how: DepthReading) -> _Depth:
+        assert self.frames is not None
+        return self.frames.read_one(self.number, camera, how)
+
+
+def may_be_frames(path: Path) -> bool:
+    """Tell whether it is a file that may hold the depth of several frames."""
+    return path.suffix.lower() in (*SUFFIXES, *ARRAYS)
+
+
+def recorded(colors: list[Path], frames: DepthFrames, video: Path | None = None) -> Recording:
+    """Pictures, or as often a video, with the frames of depth of one file, in order."""
+    check_numbers(len(colors), len(frames), str(frames.path))
+    stored = [_OfFile(frames=frames, number=number) for number in range(len(frames))]
+    return Recording(colors, [frames.path] * len(frames), stored=stored, video=video)
