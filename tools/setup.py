@@ -16,7 +16,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
-DEMO, EVERYTHING = "plot", "opencv,open3d,exr,hdf5,ros,r3d,plot,video,view,batch,dev"  # extras
+DEMO, EVERYTHING = "plot", "opencv,open3d,exr,hdf5,ros,r3d,plot,video,metrics,view,batch,dev"  # extras
 OLDEST, NEWEST = (3, 10), (3, 13)  # NEWEST: what Open3D, which the tests measure against, has wheels for
 
 LIBRARIES = {  # what `import open3d` loads, and the Debian or Ubuntu package that brings it

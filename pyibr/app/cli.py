@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 import pyibr as ibr
 from pyibr.app import live_commands
 from pyibr.app.batch_command import batch
+from pyibr.app.commands.compare import compare
 from pyibr.app.commands.doctor import doctor
 from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
@@ -44,6 +45,8 @@ _OPTIONS = {
     "resolution": "--resolution",
     "path": "--output",
     "device": "--device",
+    "valid": "--mask",
+    "expected": "--mask",
 }
 """What users of the command line call the library's arguments."""
 
@@ -140,6 +143,11 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
         "room --depth-scale 1000 --missing unknown --resolution 256 -o room.glb",
     ),
     hull: ("pictures masks --camera cameras.json -o hull.ply",),
+    compare: (
+        "truth.png new.png -o errors.png",
+        "truth.mp4 new.mp4 --metrics psnr,iv-psnr --json",
+        "depth.mkv new_depth.mkv --depth --depth-scale 1000 -o errors.mp4",
+    ),
     live_commands.view: ("dragon.ply",),
     live_commands.place: ("dragon.ply --auto 16 -o dragon",),
     batch: ("job.toml", "job.toml --scheduler tcp://10.0.0.1:8786"),

@@ -92,7 +92,7 @@ def view(
         if height is not None:
             if len(meshes) != 1 or len(shown) != 1:
                 raise ArgumentError("--height", "one mesh to displace, and nothing else", f"{len(shown)} things")
-            texture = None if color is None else exposed.shown(ibr.read_color(color), color)
+            texture = None if color is None else exposed.read(color)
             given = _displaced(meshes[0], height, texture, scale, tiles, _wraps(wrap))
         elif color is not None or scale is not None:
             raise ArgumentError("--color" if color else "--scale", "--height with it", "none")
@@ -202,7 +202,7 @@ class _Views:
             elif not rest:
                 raise ArgumentError("THINGS", f"a depth after the color {printable_text(name)}", "none")
             else:
-                color = self._exposure.shown(ibr.read_color(name), name)
+                color = self._exposure.read(name)
                 own, far = self._lens.camera_of(name, self._camera), self._stored.empty_from
                 depth = self._cleaned(color, self._stored.read(rest.pop(0), own))
                 things.append(DepthImage(color, depth, own, far=far, default_depth=self._default_depth))

@@ -22,6 +22,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import DefaultDepth
 from pyibr.io import DepthKind, DepthReading
+from pyibr.io.depth_frames import DepthFrames, frames_in
 from pyibr.io.recordings import Shot
 
 ThingT = TypeVar("ThingT")
@@ -103,9 +104,17 @@ class StoredDepth(NamedTuple):
         how = DepthReading(depth_scale=self.depth_scale, depth_kind=self.depth_kind, near=self.near, far=far)
         return {**how, "part": part or None, "channel": channel or None}
 
-    def read(self, path: Path, camera: Camera) -> NDArray[np.float32]:
-        """The planar depth of a file, whose camera this is."""
-        return self._sharpened(ibr.read_depth(path, camera=camera, **self.how))
+    def read(self, path: Path, camera: Camera | None) -> NDArray[np.float32]:
+        """The planar depth of a file, whose camera this is; of several frames the first, which is told."""
+        frames = frames_in(path, self.how.get("channel"))
+        if frames is None:
+            return self._sharpened(ibr.read_depth(path, camera=camera, **self.how))
+        print_note(f"{printable_text(path)}: the first of its {len(frames)} frames is taken")
+        return self.read_frame(frames, 0, camera)
+
+    def read_frame(self, frames: DepthFrames, number: int, camera: Camera | None) -> NDArray[np.float32]:
+        """The planar depth of one of several frames in a file."""
+        return self._sharpened(frames.read_one(number, camera, self.how))
 
     def read_shot(self, shot: Shot) -> tuple[NDArray[np.float32], float]:
         """The planar depth of a frame, and which share of its samples is left out for want of confidence."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -24,7 +24,9 @@ from pyibr.io.video import SUFFIXES, Video
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-ARRAYS = (".npy", ".npz")
+_ARRAYS = (".npy", ".npz")
+FRAME_SUFFIXES = (*SUFFIXES, *_ARRAYS)
+"""Of files that may hold the depth of several frames."""
 
 _Depth = NDArray[np.float32]
 
@@ -116,7 +118,9 @@ class _Array:
                     shape, by_columns, self._dtype = npy.header_of(stream)
                     if by_columns:
                         raise ValueError("its array is in Fortran's order")
-        self._shape = [length for length in shape if length != 1]
+        lengths = [length for length in shape if length != 1]
+        self.is_image = len(lengths) == 2
+        self._shape = [1, *lengths] if self.is_image else lengths
         if len(self._shape) != 3 or self._dtype.kind not in "uif" or 0 in self._shape:
             raise FileFormatError(f"{path}: expected depth of shape (N, H, W), got {self._dtype} of {tuple(shape)}")
 
@@ -157,13 +161,17 @@ class _OfFile(Stored):
         return self.frames.read_one(self.number, camera, how)
 
 
-def may_be_frames(path: Path) -> bool:
-    """Tell whether it is a file that may hold the depth of several frames."""
-    return path.suffix.lower() in (*SUFFIXES, *ARRAYS)
+def frames_in(path: Path, channel: str | None = None) -> DepthFrames | None:
+    """The frames of a file; None if it holds one image alone."""
+    suffix = path.suffix.lower()
+    if suffix not in FRAME_SUFFIXES or (suffix in _ARRAYS and _Array(path, channel).is_image):
+        return None
+    return DepthFrames(path, channel)
 
 
-def recorded(colors: list[Path], frames: DepthFrames, video: Path | None = None) -> Recording:
-    """Pictures, or as often a video, with the frames of depth of one file, in order."""
-    check_numbers(len(colors), len(frames), str(frames.path))
+def recorded(colors: Sequence[Path], frames: DepthFrames, video: Path | None = None) -> Recording:
+    """The frames of depth of one file, in order, with as many pictures, or as often a video; or with none."""
+    if colors:
+        check_numbers(len(colors), len(frames), str(frames.path))
     stored = [_OfFile(frames=frames, number=number) for number in range(len(frames))]
-    return Recording(colors, [frames.path] * len(frames), stored=stored, video=video)
+    return Recording(list(colors), [frames.path] * len(frames), stored=stored, video=video)

@@ -21,6 +21,7 @@ from typer.main import get_command
 import pyibr as ibr
 from pyibr.app.batch.job import Task
 from pyibr.app.batch.manifest import PART, Entry, checksum
+from pyibr.app.commands.compare import compare
 from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
 from pyibr.app.commands.solids import hull, object_
@@ -36,6 +37,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "mesh": mesh,
     "object": object_,
     "hull": hull,
+    "compare": compare,
 }
 """Those that read files and write files."""
 

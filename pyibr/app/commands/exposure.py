@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from pyibr.app.options import print_note
 from pyibr.images.srgb import linear_from_srgb, srgb_from_linear
+from pyibr.io import read_color
 from pyibr.io.exr import is_light
+from pyibr.io.video import SUFFIXES, first_frame
 
 
 class Exposure:
@@ -38,6 +40,10 @@ class Exposure:
         light = color * self._factor
         self._clipped.append(float((light > 1).any(axis=-1).mean()))
         return srgb_from_linear(light)
+
+    def read(self, path: Path) -> NDArray[Any]:
+        """The picture of a file, or the first one of a video."""
+        return self.shown(first_frame(path) if path.suffix.lower() in SUFFIXES else read_color(path), path)
 
     def tell(self) -> None:
         """Say how much is clipped."""

@@ -52,7 +52,7 @@ def mesh(
     check_mesh_file(output, textured=True, colored=True)
     own = lens.camera_of(color, camera)
     with Exposure(exposure) as exposed:
-        image = exposed.shown(ibr.read_color(color), color)
+        image = exposed.read(color)
     depths = stored.read(depth, own)
     depths = ibr.clean_depth(depths, image).depth if clean else depths
     view = DepthImage(image, depths, own, far=stored.empty_from, default_depth=default_depth_of(default_depth))

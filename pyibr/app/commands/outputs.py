@@ -19,7 +19,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_writable, identity
-from pyibr.io import check_output
+from pyibr.io import check_output, depth_kinds
 from pyibr.io.video import Video
 from pyibr.io.video_writing import CODECS, Codec, VideoWriter, check_video_output
 
@@ -32,6 +32,7 @@ Fps = Annotated[
 VideoCodec = Annotated[Codec | None, typer.Option(help="Of a video; default: H.264, VP9 in WebM, lossless FFV1 in MKV")]
 
 _FPS = 30.0  # of videos, if nothing tells
+_DEPTH_FILM = ".mkv"  # of depth: FFV1, which loses nothing
 
 
 class VideoOptions(NamedTuple):
@@ -42,7 +43,7 @@ class VideoOptions(NamedTuple):
 
 
 class Outputs:
-    """Files that a command writes of its frames: one, or several that are numbered; their pictures as a video, too.
+    """Files that a command writes of its frames: one, several that are numbered, or a video.
 
     Parameters
     ----------
@@ -69,18 +70,19 @@ class Outputs:
         self._files: dict[str, tuple[Path, Kind]] = {
             option: (path, kind) for option, (path, kind) in files.items() if path is not None
         }
-        self._main, kind = next(iter(self._files.values()))
+        self._main, _ = next(iter(self._files.values()))
         self._stored, self._numbers = stored, numbers
-        self._is_video = numbers is not None and kind == "color" and self._main.suffix.lower() in CODECS
+        self._films = {path for path, kind in self._files.values() if numbers is not None and _is_film(path, kind)}
+        self._is_video = self._main in self._films
         for option, value in zip(("--fps", "--codec"), video, strict=True):
-            if value is not None and not self._is_video:
+            if value is not None and not self._films:
                 expected = f"a video of several views ({', '.join(CODECS)}) for --output"
                 raise ArgumentError(option, expected, str(self._main))
         self._fps = None if video.fps is None else positive("--fps", video.fps, "frames a second > 0")
         self._codec: Codec | None = video.codec
         self._film = film if video.fps is None else None
-        self._stack, self._behind = ExitStack(), Behind(in_order=self._is_video)
-        self._writer: VideoWriter | None = None
+        self._stack, self._behind = ExitStack(), Behind(in_order=bool(self._films))
+        self._writers: dict[Path, VideoWriter] = {}
         self._written: list[str] = []
         self._shares: list[float] = []
 
@@ -91,12 +93,12 @@ class Outputs:
         them, nor beside frames: it would be read as one the next time.
         """
         for path, kind in self._files.values():
-            if kind == "depth" and path.suffix.lower() == ".png" and self._stored.depth_scale is None:
+            if kind == "depth" and path.suffix.lower() in (".png", _DEPTH_FILM) and self._stored.depth_scale is None:
                 expected = f"stored units per scene unit, for the integers of {path}"
                 raise ArgumentError("--depth-scale", expected, "none")
         for option, (path, kind) in self._files.items():
-            if self._is_video and path == self._main:
-                check_video_output(path, self._codec)
+            if path in self._films:
+                check_video_output(path, *(("ffv1", 16) if kind == "depth" else (self._codec,)))
             elif kind == "color" and self._numbers is None and path.suffix.lower() in CODECS:
                 raise ArgumentError(
                     option, "several views for a video, by --frames or of a recording", f"one for {path}"
@@ -120,42 +122,47 @@ class Outputs:
         return {n for n in self._numbers or [0] if all(self._name(path, n).is_file() for path in paths)}
 
     def __enter__(self) -> Outputs:
-        if self._is_video:
-            self._writer = self._stack.enter_context(self._video())
+        self._writers = {path: self._stack.enter_context(self._video(path)) for path in self._films}
         self._stack.enter_context(self._behind)  # last: it ends before the video does
         return self
 
     def __exit__(self, *error: object) -> None:
         self._stack.__exit__(*error)  # pyright: ignore[reportArgumentType]
 
-    def write(self, images: Mapping[Kind, NDArray[Any]], number: int, covered: float, camera: Camera) -> None:
+    def write(self, images: Mapping[Kind, NDArray[Any]], number: int, covered: float, camera: Camera | None) -> None:
         """Write a frame, of which so much is covered, meanwhile; camera: of the depth."""
         self._behind.add(lambda: self._store(images, number, camera))
         self._written.append(printable_text(self._main if self._is_video else self._name(self._main, number)))
         self._shares.append(covered)
 
-    def _store(self, images: Mapping[Kind, NDArray[Any]], number: int, camera: Camera) -> None:
+    def _store(self, images: Mapping[Kind, NDArray[Any]], number: int, camera: Camera | None) -> None:
         for path, kind in self._files.values():
             name = self._name(path, number)
-            if self._writer is not None and path == self._main:
-                self._writer.add(images[kind], None if self._film is None else self._time(number))
+            how = self._stored
+            if path in self._films:
+                image = images[kind]
+                if kind == "depth":
+                    values = depth_kinds.stored(image, how.depth_kind, camera, path)
+                    image = ibr.uint16_from_depth(values, depth_kinds.required(how.depth_scale, path))
+                self._writers[path].add(image, None if self._film is None else self._time(number))
             elif kind == "color":
                 ibr.write_color(name, stored(images[kind], name))
             elif kind == "depth":
-                how = self._stored
                 ibr.write_depth(
                     name, images[kind], depth_scale=how.depth_scale, depth_kind=how.depth_kind, camera=camera
                 )
             else:
                 ibr.write_mask(name, images[kind])
 
-    def _video(self) -> VideoWriter:
+    def _video(self, path: Path) -> VideoWriter:
         film = self._film
+        if (path, "depth") in self._files.values():
+            return VideoWriter(path, (film.fps if film else self._fps) or _FPS, codec="ffv1", bits=16)
         if film is None:
-            return VideoWriter(self._main, self._fps or _FPS, codec=self._codec)
+            return VideoWriter(path, self._fps or _FPS, codec=self._codec)
         start = film.times[next(iter(self._numbers or [0]))]
         sound = film.path if film.has_sound else None
-        return VideoWriter(self._main, film.fps or _FPS, codec=self._codec, sound=sound, start=start)
+        return VideoWriter(path, film.fps or _FPS, codec=self._codec, sound=sound, start=start)
 
     def _time(self, number: int) -> float:
         """Seconds of a frame of the film from the first that is taken."""
@@ -175,12 +182,17 @@ class Outputs:
             typer.echo(f"{names}: {f'{count} {several}, ' if count else ''}{covered}")
 
     def _names(self, path: Path) -> list[Path]:
-        if self._is_video and path == self._main:
+        if path in self._films:
             return [path]
         return [self._name(path, number) for number in self._numbers or [0]]
 
     def _name(self, path: Path, number: int) -> Path:
         return path if self._numbers is None else path.with_name(f"{path.stem}_{number:04d}{path.suffix}")
+
+
+def _is_film(path: Path, kind: Kind) -> bool:
+    suffix = path.suffix.lower()
+    return suffix == _DEPTH_FILM if kind == "depth" else kind == "color" and suffix in CODECS
 
 
 def check_outputs(inputs: Mapping[str, Sequence[Path]], outputs: Mapping[str, Sequence[Path]]) -> None:

@@ -73,7 +73,7 @@ def register(
     """Bring depth into a colour camera's image, or colours to the samples of depth; of each frame of a recording."""
     if seen_out is not None and color is None:
         raise ArgumentError("--seen-out", "--color with it", "none")
-    source, is_still = open_depths(depth, color, (depth_camera, color_camera), take)
+    source, is_still = open_depths(depth, color, (depth_camera, color_camera), take, stored.how.get("channel"))
     numbers = None if is_still else [shot.number for shot in source.shots]
     files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
     outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, stored, numbers, VideoOptions(), source.video)

@@ -15,10 +15,13 @@ from pyibr.app.options import print_note, printable_text
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_exists
+from pyibr.io.depth_frames import FRAME_SUFFIXES, DepthFrames, frames_in, recorded
 from pyibr.io.folders import files_in
 from pyibr.io.layouts import find_recording, may_be_recording, recording_in
 from pyibr.io.recordings import (
+    COLOR_SUFFIXES,
     DEPTH_SUFFIXES,
+    PLAIN,
     Recording,
     Shot,
     are_placed,
@@ -116,6 +119,7 @@ class InputOptions(NamedTuple):
     poses: list[Path]
     take: str | None
     lens: LensOptions = LensOptions()
+    channel: str | None = None
 
     def read(self, sources: Sequence[Source]) -> dict[str, list[Path]]:
         """All files that are read, by what users call them."""
@@ -127,7 +131,7 @@ class InputOptions(NamedTuple):
 
 def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
     """The sources, and whether they are single pictures, which are one source then."""
-    recordings, are_stills = _recordings(options.inputs)
+    recordings, are_stills = _recordings(options.inputs, options.channel)
     count = len(recordings)
     cameras = [options.cameras] if count == 1 else _each("--camera", options.cameras, count)
     depth_cameras = _each("--depth-camera", options.depth_cameras, count)
@@ -144,27 +148,34 @@ def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
     return sources, are_stills
 
 
-def open_depths(depth: Path, color: Path | None, cameras: tuple[Path, Path], take: str | None) -> tuple[Source, bool]:
+def open_depths(
+    depth: Path, color: Path | None, cameras: tuple[Path, Path], take: str | None, channel: str | None
+) -> tuple[Source, bool]:
     """Frames of depth, with pictures if `color` or a recording has them, and whether it is a single frame.
 
-    cameras: files of the depth's camera and of the colours'.
+    cameras: files of the depth's camera and of the colours'. channel: the name of depth's array.
     """
     here, there = cameras
     is_recording = depth.is_dir() and color in (None, depth) and find_recording(depth) is not None
     if is_recording or color is not None:
         inputs = [depth] if color is None or is_recording else [color, depth]
-        (source,), is_still = open_sources(InputOptions(inputs, [there], [here], [], take))
+        (source,), is_still = open_sources(InputOptions(inputs, [there], [here], [], take, channel=channel))
         return source, is_still
-    files = files_in(depth, DEPTH_SUFFIXES) if depth.is_dir() else [depth]
-    if not files:
+    frames = None if depth.is_dir() else frames_in(depth, channel)
+    found = Recording([], files_in(depth, DEPTH_SUFFIXES) if depth.is_dir() else [depth])
+    found = found if frames is None else recorded([], frames)
+    if not found.depths:
         raise FileFormatError(f"{depth}: no file of depth in it")
-    numbers = _taken(take, len(files), not depth.is_dir())
+    is_still = not depth.is_dir() and frames is None
     of_colors, of_depth = Camera.load(there), Camera.load(here)
-    shots = [Shot(None, files[number], of_colors, of_depth, number=number) for number in numbers]
-    return Source(shots, None), not depth.is_dir()
+    shots = [
+        Shot(None, found.depths[k], of_colors, of_depth, found.stored[k] if found.stored else PLAIN, k)
+        for k in _taken(take, len(found.depths), is_still)
+    ]
+    return Source(shots, None), is_still
 
 
-def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | None]], bool]:
+def _recordings(inputs: Sequence[Path], channel: str | None) -> tuple[list[tuple[Recording, Video | None]], bool]:
     for path in inputs:
         check_exists(path)
     if len(inputs) == 1 and may_be_recording(inputs[0]):
@@ -179,22 +190,25 @@ def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | N
     for (color, depth), are_several in zip(pairs, several, strict=True):
         if are_several != several[0]:
             raise ArgumentError("sources", "all recordings, or all single pictures", f"{pairs[0][0]} and {color}")
-        if are_several and not depth.is_dir():
-            raise ArgumentError("DEPTH", f"a folder, for the frames of {color}", str(depth))
+        if are_several and not depth.is_dir() and depth.suffix.lower() not in FRAME_SUFFIXES:
+            raise ArgumentError("DEPTH", f"a folder, a video, or NPY or NPZ, for the frames of {color}", str(depth))
     if several[0]:
-        return [_recorded(*pair) for pair in pairs], False
+        return [_recorded(*pair, channel) for pair in pairs], False
     return [(Recording([color for color, _ in pairs], [depth for _, depth in pairs]), None)], True
 
 
-def _recorded(color: Path, depth: Path) -> tuple[Recording, Video | None]:
-    if color.is_dir():
+def _recorded(color: Path, depth: Path, channel: str | None) -> tuple[Recording, Video | None]:
+    video = None if color.is_dir() else Video(color)
+    if depth.is_dir() and video is None:
         recording = paired(color, depth)
         _note_unpaired(recording)
         return recording, None
-    video = Video(color)
+    colors = files_in(color, COLOR_SUFFIXES) if video is None else [color] * len(video)
+    if not depth.is_dir():
+        return recorded(colors, DepthFrames(depth, channel)), video
     depths = files_in(depth, DEPTH_SUFFIXES)
-    check_numbers(len(video), len(depths), str(depth))
-    return Recording([color] * len(video), depths), video
+    check_numbers(len(colors), len(depths), str(depth))
+    return Recording(colors, depths), video
 
 
 def _note_unpaired(recording: Recording) -> None:

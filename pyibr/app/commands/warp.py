@@ -127,7 +127,9 @@ def warp(
     Give the new camera by exactly one of --to, --move and --orbit.
     """
     targets = Targets(to, move, orbit, frames)
-    options = InputOptions(sources, camera or [], depth_camera or [], poses or [], take, lens)
+    options = InputOptions(
+        sources, camera or [], depth_camera or [], poses or [], take, lens, stored.how.get("channel")
+    )
     opened, are_stills = _opened(options, together)
     is_scene, shots = are_stills or together, opened[0].shots
     count = targets.count(None if is_scene else len(shots))

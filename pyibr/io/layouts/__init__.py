@@ -81,6 +81,7 @@ LAYOUTS: tuple[Layout, ...] = (
     Layout("ScanNet", "intrinsic_color.txt, or intrinsic.txt", "mm", _CV, scans.find_scannet),
     Layout("Open3D, Redwood", "intrinsics or trajectory.log", "mm, or depth_scale", _CV, slam.find_open3d),
     Layout("two folders", "color (or rgb, images) and depth", "--depth-scale", _CV, plain.find_folders),
+    Layout("two videos", "color.mp4 and depth.mkv, .npy or .npz", "--depth-scale", _CV, plain.find_films),
     Layout("one folder", "files with color and depth in their names", "--depth-scale", _CV, plain.find_names),
 )
 """In the order in which they are tried: what tells more comes first."""

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pyibr.core.errors import FileFormatError
+from pyibr.io.depth_frames import FRAME_SUFFIXES, DepthFrames, recorded
 from pyibr.io.folders import files_in
 from pyibr.io.recordings import COLOR_SUFFIXES, DEPTH_SUFFIXES, Recording, paired, paired_files
+from pyibr.io.video import SUFFIXES, Video
 
 COLOR_FOLDERS, DEPTH_FOLDERS = ("rgb", "color", "colour", "image", "images"), ("depth", "depths")
 _POSE_FILES = ("groundtruth.txt", "trajectory.log", "trajectory.txt", "poses.txt")
@@ -19,6 +21,16 @@ def find_folders(folder: Path) -> Recording | None:
     """Two folders, of pictures and of depth."""
     color, depth = folder_in(folder, COLOR_FOLDERS), folder_in(folder, DEPTH_FOLDERS)
     return with_files(folder, paired(color, depth)) if color and depth else None
+
+
+def find_films(folder: Path) -> Recording | None:
+    """A video of colours, and depth as a video or as an array of all frames."""
+    colors = [file for word in ("color", "rgb") for file in files_in(folder, SUFFIXES, word)]
+    depths = [file for file in files_in(folder, FRAME_SUFFIXES, "depth") if file not in colors]
+    if len(colors) != 1 or len(depths) != 1:
+        return None
+    video, frames = Video(colors[0]), DepthFrames(depths[0])
+    return with_files(folder, recorded([video.path] * len(video), frames, video.path))
 
 
 def find_names(folder: Path) -> Recording | None:

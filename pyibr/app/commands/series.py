@@ -1,0 +1,85 @@
+"""Pictures, or depth, of a file, a folder or a video, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
+
+from pyibr.app.commands.exposure import Exposure
+from pyibr.app.options import StoredDepth
+from pyibr.core.camera import Camera
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import check_exists
+from pyibr.io.depth_frames import frames_in
+from pyibr.io.folders import files_in
+from pyibr.io.recordings import COLOR_SUFFIXES, DEPTH_SUFFIXES
+from pyibr.io.video import SUFFIXES, Video
+
+
+class Series(NamedTuple):
+    """Frames of one place.
+
+    Attributes
+    ----------
+    names : list of str
+        Those of the files without their suffixes, or the frames' numbers.
+    files : list of Path
+    read : callable
+        Gives the frames of these numbers, which grow.
+    fps : float, or None
+    is_single : bool
+        Whether it is one image in a file of its own.
+    """
+
+    names: list[str]
+    files: list[Path]
+    read: Callable[[Iterable[int]], Iterator[NDArray[Any]]]
+    fps: float | None = None
+    is_single: bool = False
+
+
+def pictures_in(path: Path, exposure: Exposure) -> Series:
+    """The pictures of a path."""
+    if path.suffix.lower() not in SUFFIXES or path.is_dir():
+        return _of_files(path, COLOR_SUFFIXES, exposure.read)
+    video = Video(path)
+    return Series(_numbers(len(video)), [path], video.frames, video.fps)
+
+
+def depths_in(path: Path, stored: StoredDepth, camera: Camera | None) -> Series:
+    """The depth of a path; camera: of distances."""
+    check_exists(path)
+    frames = None if path.is_dir() else frames_in(path, stored.how.get("channel"))
+    if frames is None:
+        return _of_files(path, DEPTH_SUFFIXES, lambda file: stored.read(file, camera))
+
+    def read(numbers: Iterable[int]) -> Iterator[NDArray[Any]]:
+        return (stored.read_frame(frames, number, camera) for number in numbers)
+
+    return Series(_numbers(len(frames)), [path], read, frames.fps)
+
+
+def paired(a: Series, b: Series, name: str) -> list[tuple[int, int]]:
+    """Places in two series that belong together: of files by their names, if they have any in common, else in order."""
+    are_files = all(len(one.files) == len(one.names) for one in (a, b))
+    places = {stem: number for number, stem in enumerate(b.names)} if are_files else {}
+    pairs = [(number, places[stem]) for number, stem in enumerate(a.names) if stem in places]
+    if not pairs and len(a.names) != len(b.names):
+        raise FileFormatError(f"{name}: expected {len(a.names)} frames, or files of the same names, got {len(b.names)}")
+    return pairs or [(number, number) for number in range(len(a.names))]
+
+
+def _of_files(path: Path, suffixes: Iterable[str], read: Callable[[Path], NDArray[Any]]) -> Series:
+    check_exists(path)
+    files = files_in(path, tuple(suffixes)) if path.is_dir() else [path]
+    if not files:
+        raise FileFormatError(f"{path}: no file in it that can be read: {', '.join(suffixes)}")
+    names = [file.stem for file in files]
+    return Series(names, files, lambda numbers: (read(files[k]) for k in numbers), is_single=not path.is_dir())
+
+
+def _numbers(count: int) -> list[str]:
+    return [f"{number:04d}" for number in range(count)]
