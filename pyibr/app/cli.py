@@ -17,6 +17,7 @@ import pyibr as ibr
 from pyibr.app import live_commands
 from pyibr.app.batch_command import batch
 from pyibr.app.commands.compare import compare
+from pyibr.app.commands.convert import convert
 from pyibr.app.commands.doctor import doctor
 from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
@@ -147,6 +148,12 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
         "truth.png new.png -o errors.png",
         "truth.mp4 new.mp4 --metrics psnr,iv-psnr --json",
         "depth.mkv new_depth.mkv --depth --depth-scale 1000 -o errors.mp4",
+    ),
+    convert: (
+        "calibration.yaml -o camera.json",
+        "depth.mkv --depth-scale 1000 --to-kind inverse -o disparity.exr",
+        "rgbd_dataset_freiburg1_desk -o desk",
+        "rgbd_dataset_freiburg1_desk --as colmap -o model",
     ),
     live_commands.view: ("dragon.ply",),
     live_commands.place: ("dragon.ply --auto 16 -o dragon",),

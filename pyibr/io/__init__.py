@@ -32,6 +32,7 @@ from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_writable, checked_path
 from pyibr.images import depth_from_relative, depth_from_uint16, uint16_from_depth
 from pyibr.io import depth_kinds, image
+from pyibr.io.camera_files import CameraForm, write_cameras
 from pyibr.io.cameras import read_cameras
 from pyibr.io.depth_kinds import DepthKind
 from pyibr.io.poses import Poses, read_poses
@@ -39,6 +40,7 @@ from pyibr.io.range_grid import read_range_grid
 from pyibr.io.relief_map import read_relief_map, write_relief_map
 
 __all__ = [
+    "CameraForm",
     "DepthKind",
     "DepthReading",
     "Poses",
@@ -49,6 +51,7 @@ __all__ = [
     "read_poses",
     "read_range_grid",
     "read_relief_map",
+    "write_cameras",
     "write_color",
     "write_depth",
     "write_mask",

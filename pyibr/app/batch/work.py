@@ -22,6 +22,7 @@ import pyibr as ibr
 from pyibr.app.batch.job import Task
 from pyibr.app.batch.manifest import PART, Entry, checksum
 from pyibr.app.commands.compare import compare
+from pyibr.app.commands.convert import convert
 from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
 from pyibr.app.commands.solids import hull, object_
@@ -38,6 +39,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "object": object_,
     "hull": hull,
     "compare": compare,
+    "convert": convert,
 }
 """Those that read files and write files."""
 

@@ -17,6 +17,7 @@ from pyibr.core.conventions import CV_FROM_GL
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
 from pyibr.io import image, write_color
+from pyibr.io.camera_files import nerf_frame
 from pyibr.io.layouts.parts import beside, object_in
 from pyibr.io.poses import rigid_or_none
 from pyibr.io.recordings import Recording, Stored, size_of
@@ -29,7 +30,6 @@ _FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "tr
 _DEPTH = ("depth_file_path", "depth_path")
 _UNITS = ("integer_depth_scale", "depth_unit_scale_factor")  # scene units of a stored one, else a thousandth
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg")
-_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4")
 
 
 def find_transforms(folder: Path) -> Recording | None:
@@ -114,7 +114,7 @@ def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
     Colours that are floats are written as such pictures, too.
     """
     try:
-        cameras = [_camera_entries(view.camera) for view in views]
+        cameras = [nerf_frame(view.camera) for view in views]
     except ArgumentError:
         return
     frames: list[dict[str, Any]] = []
@@ -125,27 +125,20 @@ def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
             write_color(folder / color, view.shown_color)
         counts = np.where(view.valid, np.rint(view.depth / unit), 0)
         image.write_color(folder / depth, counts.astype(np.uint16))
-        pose = (view.camera.world_from_camera @ CV_FROM_GL).tolist()
-        frames.append({"file_path": color, "depth_file_path": depth, **camera, "transform_matrix": pose})
+        frames.append({"file_path": color, "depth_file_path": depth, **camera})
+    write_frames(folder, frames, unit)
+
+
+def write_frames(folder: Path, frames: Sequence[_Entry], unit: float) -> None:
+    """Write transforms.json of frames, of which each names its files beside what `nerf_frame` tells.
+
+    unit: scene units of a stored one of depth.
+    """
     model = frames[0]["camera_model"] if frames else "OPENCV"
-    write_json(folder / _FILES[0], {"camera_model": model, **dict.fromkeys(_UNITS, unit), "frames": frames})
+    write_json(folder / _FILES[0], {"camera_model": model, **dict.fromkeys(_UNITS, unit), "frames": list(frames)})
 
 
 def _unit(farthest: Sequence[float]) -> float:
     """Scene units of a stored one: a thousandth, as nerfstudio takes it, unless 16 bits hold too few of these."""
     far = max(farthest, default=0.0)
     return 0.001 if 1 <= far < 65.535 or far == 0 else far / 65535
-
-
-def _camera_entries(camera: Camera) -> dict[str, Any]:
-    """A camera as frames tell it; ArgumentError for one that they cannot tell."""
-    model, params, _, _ = camera.to_colmap()
-    values = [*params[4:].tolist(), *[0.0] * 8][:8]
-    if model == "FULL_OPENCV" and any(values[5:]):
-        raise ArgumentError("camera", "a lens of k1, k2, p1, p2 and k3", str(camera.lens))
-    if model == "OPENCV_FISHEYE":
-        values = [values[0], values[1], 0.0, 0.0, values[2], values[3]]
-    fx, fy, cx, cy = params[:4].tolist()
-    intrinsics = {"w": camera.width, "h": camera.height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy}
-    name = "OPENCV_FISHEYE" if model == "OPENCV_FISHEYE" else "OPENCV"
-    return {"camera_model": name, **intrinsics, **dict(zip(_COEFFICIENTS, values, strict=False))}
