@@ -109,11 +109,11 @@ class _Array:
     def __init__(self, path: Path, channel: str | None) -> None:
         self._path, self._channel = path, channel
         with reading(path, "NumPy") as source:
+            self._mapped: NDArray[Any] | None = None
             if source.suffix.lower() == ".npy":
-                self._mapped: NDArray[Any] | None = np.load(source, mmap_mode="r", allow_pickle=False)
-                shape, self._dtype = self._mapped.shape, self._mapped.dtype
+                mapped: NDArray[Any] = np.load(source, mmap_mode="r", allow_pickle=False)
+                self._mapped, shape, self._dtype = mapped, mapped.shape, mapped.dtype
             else:
-                self._mapped = None
                 with ZipFile(source) as packed, self._opened(packed) as stream:
                     shape, by_columns, self._dtype = npy.header_of(stream)
                     if by_columns:

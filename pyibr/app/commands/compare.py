@@ -75,6 +75,8 @@ def compare(
     exposed, own = Exposure(exposure), None if camera is None else Camera.load(camera)
     if depth and measures:
         raise ArgumentError("--metrics", "none with --depth", measures)
+    if scale_b is not None and not depth:
+        raise ArgumentError("--depth-scale-b", "--depth with it", "none")
     of_b = stored if scale_b is None else stored._replace(depth_scale=scale_b)
     first, second = (
         depths_in(one, how, own) if depth else pictures_in(one, exposed) for one, how in ((a, stored), (b, of_b))
@@ -85,23 +87,26 @@ def compare(
     read = {"A": first.files, "B": second.files, "--mask": _given(mask), "--camera": _given(camera)}
     numbers = None if first.is_single and second.is_single else range(len(pairs))
     outputs = _outputs(output, read, numbers, video)
-    each = list[dict[str, Any]]()
+    each, size = list[dict[str, Any]](), ""
     with outputs or nullcontext(), exposed:
         frames = zip(first.read(x for x, _ in pairs), second.read(y for _, y in pairs), strict=True)
         for number, (x, y) in enumerate(with_progress(frames, len(pairs), "Comparing")):
             name = first.names[pairs[number][0]]
             x, y = _alike(x, y, f"{b}, {name}" if numbers else str(b))
+            size = f"{x.shape[1]}x{x.shape[0]}"
             each.append({"name": name, **measure(x, y, counted)})
             if outputs is not None:
                 errors = (_depth_errors if depth else _color_errors)(x, y)
                 outputs.write({"color": _shown(errors, counted)}, number, 1.0, own)
-    figures = {"a": str(a), "b": str(b), "frames": len(each), "mean": _means(each), "each": each}
+    figures = {"a": str(a), "b": str(b), "frames": len(each), "size": size}
+    means = _means(each)
+    for_json = figures | {"mean": _finite(means), "each": [_finite(one) for one in each]}
     if output is not None and outputs is None:
-        write_json(output, _finite(figures))
+        write_json(output, for_json)
     if as_json:
-        typer.echo(json.dumps(_finite(figures)))
+        typer.echo(json.dumps(for_json))
     else:
-        _tell(figures, x.shape)
+        _tell(figures | {"mean": means, "each": each})
 
 
 def _given(path: Path | None) -> list[Path]:
@@ -130,6 +135,8 @@ def _outputs(
 ) -> Outputs | None:
     """The pictures to write, if any; what could not be written is told before any work."""
     if output is None or output.suffix.lower() == ".json":
+        if video != VideoOptions():
+            raise ArgumentError("--fps, --codec", "a video for --output", str(output or "none"))
         check_outputs(read, {"--output": _given(output)})
         return None
     outputs = Outputs({"--output": (output, "color")}, StoredDepth(), numbers, video, None)
@@ -172,14 +179,14 @@ def _both(counted: _Mask | None, known: _Mask) -> _Mask:
 def _color_errors(a: _Image, b: _Image) -> tuple[NDArray[np.float32], _Mask, _Mask]:
     """Mean differences of the channels, 1 for those shown as white; where there are any; where one picture lacks."""
     top = _WHITE * (255 if a.dtype == np.uint8 else 1)
-    errors = np.abs(np.float32(a) - np.float32(b)).mean(axis=-1) / top
+    errors: NDArray[np.float32] = np.abs(a.astype(np.float32) - b.astype(np.float32)).mean(axis=-1) / np.float32(top)
     return errors, np.ones(errors.shape, np.bool_), np.zeros(errors.shape, np.bool_)
 
 
 def _depth_errors(a: _Image, b: _Image) -> tuple[NDArray[np.float32], _Mask, _Mask]:
     first, second = (np.isfinite(one) & (one > 0) for one in (a, b))
     with np.errstate(all="ignore"):
-        return np.abs(b - a) / (_WHITE_DEPTH * a), first & second, first ^ second
+        return (np.abs(b - a) / (_WHITE_DEPTH * a)).astype(np.float32), first & second, first ^ second
 
 
 def _shown(found: tuple[NDArray[np.float32], _Mask, _Mask], counted: _Mask | None) -> NDArray[np.uint8]:
@@ -202,18 +209,14 @@ def _means(each: Sequence[Mapping[str, Any]]) -> _Figures:
     return found
 
 
-def _finite(figures: Any) -> Any:
-    """The same for JSON, which has no infinite number: null for what is the same, and for what has no answer."""
-    if isinstance(figures, dict):
-        return {name: _finite(one) for name, one in figures.items()}
-    if isinstance(figures, list):
-        return [_finite(one) for one in figures]
-    return None if isinstance(figures, float) and not math.isfinite(figures) else figures
+def _finite(figures: Mapping[str, Any]) -> dict[str, Any]:
+    """The same for JSON, which has no infinite number: null for what is equal, and for what has no answer."""
+    return {name: None if isinstance(one, float) and not math.isfinite(one) else one for name, one in figures.items()}
 
 
-def _tell(figures: Mapping[str, Any], shape: tuple[int, ...]) -> None:
+def _tell(figures: Mapping[str, Any]) -> None:
     """Say the means and, of several frames, which is the worst."""
-    each, size = figures["each"], f"{shape[1]}x{shape[0]}"
+    each, size = figures["each"], figures["size"]
     several = f", {len(each)} frames" if len(each) > 1 else ""
     typer.echo(f"{printable_text(figures['a'])} and {printable_text(figures['b'])}: {size}{several}")
     for name, mean in figures["mean"].items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,6 +36,7 @@ from pyibr.io.recordings import cameras_of, posed
 from pyibr.meshes.files import check_mesh_file, is_mesh_file
 
 _MILLIMETRES = 1000.0
+_OF_INTEGERS = (".png", ".mkv")
 
 _Source = Annotated[
     Path,
@@ -63,7 +65,8 @@ def convert(
     ] = None,
     camera: Annotated[Path | None, typer.Option(help="Of distances along the rays; of a recording all frames'")] = None,
     to_scale: Annotated[
-        float | None, typer.Option(help="Of depth that is written: stored units per scene unit; of recordings 1000")
+        float | None,
+        typer.Option(help="Stored units per scene unit of what is written; default: of integers as read, or 1000"),
     ] = None,
     to_kind: Annotated[DepthKind, typer.Option(help="The kind of depth that is written")] = "z",
     take: Take = None,
@@ -75,14 +78,17 @@ def convert(
 ) -> None:
     """Convert cameras, depth, a recording or a mesh to another format, which the output's name tells."""
     check_exists(source)
-    written = stored._replace(depth_scale=to_scale, depth_kind=to_kind)
     suffix = output.suffix.lower()
+    if to_scale is None and suffix in _OF_INTEGERS:
+        to_scale = stored.depth_scale
     if is_mesh_file(source):
         _convert_mesh(source, output)
     elif form is not None or suffix == ".json":
         _convert_cameras(source, output, form or _form_of(output), size)
     elif suffix:
-        _convert_depth(source, output, camera, stored, written, video)
+        if to_scale is None and suffix in _OF_INTEGERS:
+            raise ArgumentError("--to-scale", f"stored units per scene unit, for the integers of {output}", "none")
+        _convert_depth(source, output, camera, stored, stored._replace(depth_scale=to_scale, depth_kind=to_kind), video)
     elif may_be_recording(source) and find_recording(source) is not None:
         options = InputOptions([source], [] if camera is None else [camera], [], [], take)
         with device_of(device), Exposure(exposure) as exposed:
@@ -129,6 +135,8 @@ def _convert_depth(
     source: Path, output: Path, camera: Path | None, stored: StoredDepth, written: StoredDepth, video: VideoOptions
 ) -> None:
     own = None if camera is None else Camera.load(camera)
+    if own is None and "distance" in (stored.depth_kind, written.depth_kind):
+        raise ArgumentError("--camera", "the depth's, of whose distances to or from is converted", "none")
     depths = depths_in(source, stored, own)
     count, seen = len(depths.names), DepthRange()
     video = video._replace(fps=video.fps or depths.fps) if output.suffix.lower() == ".mkv" else video
@@ -149,6 +157,9 @@ def _convert_recording(
 ) -> None:
     """Pictures, their depth in the pictures' cameras, and transforms.json, which pyibr and nerfstudio read."""
     (source,), is_still = open_sources(options)
+    folder = options.inputs[0].resolve()
+    if folder in (output.resolve(), *output.resolve().parents):
+        raise ArgumentError("--output", "a place outside of the recording that is read", str(output))
     shots, losses, seen = source.shots, Losses(recorded=not is_still), DepthRange()
     names = [(f"color/{shot.number:06d}.png", f"depth/{shot.number:06d}.png") for shot in shots]
     check_outputs({**options.read([source])}, {"--output": [output / name for pair in names for name in pair]})
@@ -158,9 +169,9 @@ def _convert_recording(
     with Behind(in_order=False) as behind:
         for (color, depth), view in with_progress(views, len(shots), "Converting"):
             if view is not None:
-                behind.add(lambda view=view, color=color: ibr.write_color(output / color, view.shown_color))
+                behind.add(functools.partial(ibr.write_color, output / color, view.shown_color))
                 known = np.where(view.valid, view.depth, np.float32(np.nan))
-                behind.add(lambda known=known, depth=depth: ibr.write_depth(output / depth, known, depth_scale=scale))
+                behind.add(functools.partial(ibr.write_depth, output / depth, known, depth_scale=scale))
                 entries.append({"file_path": color, "depth_file_path": depth, **nerf_frame(view.camera)})
     losses.tell(some=bool(entries))
     write_frames(output, entries, 1 / scale)

@@ -98,7 +98,7 @@ class Outputs:
                 raise ArgumentError("--depth-scale", expected, "none")
         for option, (path, kind) in self._files.items():
             if path in self._films:
-                check_video_output(path, *(("ffv1", 16) if kind == "depth" else (self._codec,)))
+                check_video_output(path) if kind == "depth" else check_video_output(path, self._codec)
             elif kind == "color" and self._numbers is None and path.suffix.lower() in CODECS:
                 raise ArgumentError(
                     option, "several views for a video, by --frames or of a recording", f"one for {path}"

@@ -77,8 +77,11 @@ def _of_files(path: Path, suffixes: Iterable[str], read: Callable[[Path], NDArra
     files = files_in(path, tuple(suffixes)) if path.is_dir() else [path]
     if not files:
         raise FileFormatError(f"{path}: no file in it that can be read: {', '.join(suffixes)}")
-    names = [file.stem for file in files]
-    return Series(names, files, lambda numbers: (read(files[k]) for k in numbers), is_single=not path.is_dir())
+
+    def read_some(numbers: Iterable[int]) -> Iterator[NDArray[Any]]:
+        return (read(files[number]) for number in numbers)
+
+    return Series([file.stem for file in files], files, read_some, is_single=not path.is_dir())
 
 
 def _numbers(count: int) -> list[str]:
