@@ -38,6 +38,7 @@ from pyibr.images import (
     uint16_from_depth,
     zbuffer_from_depth,
 )
+from pyibr.images import metrics as metrics
 from pyibr.images.silhouette import Silhouette
 from pyibr.io import read_color, read_depth, write_color, write_depth, write_mask
 from pyibr.meshes.mesh import Mesh

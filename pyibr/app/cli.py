@@ -46,6 +46,7 @@ _OPTIONS = {
     "resolution": "--resolution",
     "path": "--output",
     "device": "--device",
+    "size": "--size",
     "valid": "--mask",
     "expected": "--mask",
 }

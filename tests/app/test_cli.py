@@ -330,7 +330,7 @@ def test_unknown_device(scene: Scene):
 # ---- help
 
 
-@pytest.mark.parametrize("command", ["warp", "mesh", "object", "hull", "doctor"])
+@pytest.mark.parametrize("command", ["warp", "mesh", "object", "hull", "compare", "convert", "doctor"])
 def test_help_shows_an_example(command):
     result = runner.invoke(app, [command, "--help"], env={"COLUMNS": "200", "TERM": "dumb"})
     assert result.exit_code == 0

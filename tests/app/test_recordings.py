@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app.cli import app
+from pyibr.io.depth_frames import DepthFrames
 from pyibr.io.video import Video
 from pyibr.io.video_writing import VideoWriter
 from tests.app.browser import until
@@ -304,6 +305,32 @@ def test_a_video_and_a_folder_of_depth_become_a_video(recorded: Recorded):
     view = recorded.views()[3]
     frame = ibr.warp(ibr.DepthImage(view.color, view.depth, recorded.base), recorded.base)
     np.testing.assert_array_equal(next(made.frames([1])), frame.color)
+
+
+@pytest.mark.parametrize("depth", ["depth.mkv", "depth.npy", "depth.npz"])
+@pytest.mark.parametrize("color", ["rgb", "color.mkv"])
+def test_depth_of_all_frames_in_one_file(recorded: Recorded, color, depth):
+    """The same views as of single files; what is drawn and registered is written with its depth as a video."""
+    stored = np.stack([ibr.uint16_from_depth(one, SCALE) for one in recorded.depths])
+    path = recorded.folder / depth
+    if depth == "depth.mkv":
+        ibr.write_video(path, stored, 30, bits=16)
+    else:
+        (np.save if depth.endswith("npy") else np.savez_compressed)(path, stored)
+    ibr.write_video(recorded.folder / "color.mkv", recorded.colors, 30)
+    out = recorded.folder / "out.mkv"
+    succeeded(recorded.run(color, depth, "--take", "1:", "--move", 0.1, 0, 0, "--depth-out", out))
+    depths = list(DepthFrames(out).read(range(3), depth_scale=SCALE))
+    views = [ibr.DepthImage(view.color, view.depth, recorded.base) for view in recorded.views()]
+    for number, view in enumerate(views[1:], 1):
+        frame = ibr.warp(view, recorded.base.moved(0.1, 0, 0))
+        np.testing.assert_array_equal(recorded.new(number), frame.color)
+        np.testing.assert_allclose(depths[number - 1], np.where(frame.valid, frame.depth, np.nan), atol=0.51 / SCALE)
+    camera = ("--depth-camera", recorded.folder / "camera.json", "--color-camera", recorded.folder / "camera.json")
+    words = ("register", path, *camera, "--depth-scale", SCALE, "--take", "2:", "-o", out)
+    succeeded(runner.invoke(app, [str(word) for word in words]))
+    registered = ibr.register(views[3].depth, recorded.base, recorded.base)
+    np.testing.assert_allclose(next(DepthFrames(out).read([1], depth_scale=SCALE)), registered, atol=0.51 / SCALE)
 
 
 def test_a_path_becomes_a_video(recorded: Recorded):

@@ -11,7 +11,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.capture.sets import write_set
-from pyibr.io import read_cameras
+from pyibr.io import read_cameras, write_cameras
 from pyibr.io.layouts import recording_in
 from tests.data import shared
 
@@ -195,3 +195,37 @@ def test_parameters_of_several_views(tmp_path):
     assert list(found) == ["thing01.png", "thing02.png"]
     np.testing.assert_allclose(found["thing02.png"].world_from_camera, camera.world_from_camera, atol=1e-12)
     np.testing.assert_array_equal(found["thing01.png"].K, camera.K)
+
+
+BENT = ibr.Lens("kannala_brandt", [0.1, -0.02, 0.003, 0.001])
+
+
+@pytest.mark.parametrize("form", ["pyibr", "colmap", "nerfstudio", "open3d"])
+def test_what_is_written_is_read(tmp_path: Path, form):
+    cameras = dict(CAMERAS) if form != "nerfstudio" else {"images/a.png": CAMERAS["image_9.jpg"], **CAMERAS}
+    if form == "open3d":
+        cameras = {name: camera for name, camera in CAMERAS.items() if camera.lens is None}
+    elif form != "nerfstudio":  # whose frames are all perspective, or all fisheyes
+        cameras["fish.png"] = ibr.Camera(CAMERAS["image_9.jpg"].K, (61, 37), lens=BENT)
+    path = tmp_path / ("model" if form == "colmap" else "transforms.json")
+    write_cameras(path, cameras, form)
+    found = read_cameras(path)
+    named = {name.removeprefix("images/"): camera for name, camera in cameras.items()}
+    expected = named if form in ("colmap", "nerfstudio") else dict(zip(found, cameras.values(), strict=True))
+    assert found.keys() == expected.keys()
+    for name, camera in expected.items():
+        same(found[name], camera)
+        if camera.lens is not None and found[name].lens is not None:
+            np.testing.assert_allclose(found[name].lens.coefficients[:4], camera.lens.coefficients[:4], rtol=1e-12)
+    if form == "colmap":  # of equal intrinsics one camera
+        assert len((path / "cameras.txt").read_text().splitlines()) == 4
+
+
+@pytest.mark.parametrize("form", ["colmap", "nerfstudio", "open3d"])
+def test_what_a_form_cannot_tell_is_refused(tmp_path: Path, form):
+    flat = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37), projection="orthographic")
+    with pytest.raises(ibr.ArgumentError, match="camera"):
+        write_cameras(tmp_path / "out", {"a.png": flat}, form)
+    with pytest.raises(ibr.ArgumentError, match="cameras: expected one or more"):
+        write_cameras(tmp_path / "out", {}, form)
+    assert not list(tmp_path.iterdir())

@@ -82,6 +82,8 @@ def compare(
         depths_in(one, how, own) if depth else pictures_in(one, exposed) for one, how in ((a, stored), (b, of_b))
     )
     pairs = paired(first, second, str(b))
+    if alone := len(first.names) + len(second.names) - 2 * len(pairs):
+        print_note(f"{alone} files without a partner are left out")
     counted = None if mask is None else read_mask(mask)
     measure = _of_depth if depth else functools.partial(_of_pictures, _chosen(measures))
     read = {"A": first.files, "B": second.files, "--mask": _given(mask), "--camera": _given(camera)}
@@ -225,5 +227,6 @@ def _tell(figures: Mapping[str, Any]) -> None:
         if len(each) > 1 and math.isfinite(mean):
             pick = max if name in _MORE_IS_WORSE else min
             one = pick((one for one in each if not math.isnan(one[name])), key=lambda one: one[name])
-            worst = f"; the worst {one[name]:.6g}{unit}, {printable_text(one['name'])}" if one[name] != mean else ""
+            is_other = f"{one[name]:.6g}" != f"{mean:.6g}"
+            worst = f"; the worst {one[name]:.6g}{unit}, {printable_text(one['name'])}" if is_other else ""
         typer.echo(f"  {name.replace('_', '-'):15}{mean:.6g}{unit}{worst}")

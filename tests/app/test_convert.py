@@ -1,0 +1,193 @@
+"""`pyibr convert`: what is converted is the same when it is read again; mistakes in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app import cli
+from pyibr.app.cli import app
+from pyibr.app.commands.convert import convert as command
+from pyibr.io import read_cameras
+from pyibr.io.depth_frames import DepthFrames
+from tests.data import shared
+from tests.io.layouts import SPECIMENS
+
+runner = CliRunner()
+
+SIZE = (61, 37)
+CAMERA = ibr.Camera([[50, 0, 30], [0, 51, 18], [0, 0, 1]], SIZE)
+DEPTH = np.linspace(1, 4, 61 * 37, dtype=np.float32).reshape(37, 61)
+DEPTH[:4] = np.nan
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    CAMERA.save(tmp_path / "camera.json")
+    ibr.write_depth(tmp_path / "depth.npy", DEPTH)
+    ibr.write_depth(tmp_path / "counts.png", DEPTH, depth_scale=1000)
+    np.savez(tmp_path / "three.npz", depth=np.stack([DEPTH, DEPTH + 1, DEPTH + 2]))
+    return tmp_path
+
+
+def convert(folder: Path, *words: object, status: int = 0) -> str:
+    """Words that name a file of the folder, or come after -o, are its paths."""
+    places = [
+        str(folder / str(word)) if (folder / str(word)).exists() or before == "-o" else str(word)
+        for before, word in zip(("", *words), words, strict=False)
+    ]
+    result = runner.invoke(app, ["convert", *places])
+    assert result.exit_code == status and "Traceback" not in result.output, result.output
+    return result.stdout if status == 0 else result.stderr.strip().splitlines()[-1]
+
+
+# ---- cameras
+
+
+def test_a_calibration_becomes_json(folder: Path):
+    (folder / "K.txt").write_text("50 0 30\n0 51 18\n0 0 1\n")
+    assert "camera.json: 1 camera, as pyibr" in convert(folder, "K.txt", "--size", 61, 37, "-o", "out/camera.json")
+    assert ibr.Camera.load(folder / "out/camera.json") == CAMERA
+
+
+@pytest.mark.parametrize(
+    ("form", "place"), [("colmap", "model"), ("open3d", "o.json"), ("nerfstudio", "transforms.json"), (None, "o.json")]
+)
+def test_cameras_of_a_recording(folder: Path, form, place):
+    """Of ScanNet's layout: each picture's camera where its pose is, in any form that there is."""
+    SPECIMENS["scannet"][0](folder / "scan")
+    words = ("--as", form) if form else ()
+    assert "2 cameras" in convert(folder, "scan", *words, "-o", place)
+    expected = [view.camera for view in ibr.load(folder / "scan")]
+    for camera, other in zip(read_cameras(folder / place).values(), expected, strict=True):
+        np.testing.assert_allclose(camera.K, other.K, rtol=1e-12)
+        np.testing.assert_allclose(camera.world_from_camera, other.world_from_camera, atol=1e-12)
+        assert camera.size == other.size
+    if form in ("colmap", "nerfstudio"):
+        assert list(read_cameras(folder / place)) == ["0.png", "1.png"]
+    convert(folder, place, "-o", "back.json")
+    assert len(json.loads((folder / "back.json").read_text())) == 2
+
+
+@pytest.mark.parametrize(
+    "name", ["kalibr/euroc_mav", "azure_kinect_raw", "opencv_samples_calib", "realsense_json", "colmap_text"]
+)
+def test_real_calibrations(folder: Path, name: str):
+    place = shared("formats") / name
+    files = [place] if name == "colmap_text" else sorted(file for file in place.iterdir() if file.suffix != ".xml")
+    made = 0
+    for file in files:
+        try:
+            expected = list(read_cameras(file).values())
+        except ibr.Error:
+            continue
+        convert(folder, file, "-o", "out.json")
+        assert list(read_cameras(folder / "out.json").values()) == expected
+        made += 1
+    assert made
+
+
+# ---- depth
+
+
+@pytest.mark.parametrize(
+    ("words", "out", "how"),
+    [
+        (("counts.png", "--depth-scale", 1000), "out.exr", {}),
+        (("counts.png", "--depth-scale", 1000), "out.png", {"depth_scale": 1000}),
+        (("depth.npy", "--to-scale", 5000), "out.png", {"depth_scale": 5000}),
+        (
+            ("depth.npy", "--to-kind", "inverse", "--to-scale", 64),
+            "out.pfm",
+            {"depth_kind": "inverse", "depth_scale": 64},
+        ),
+        (("depth.npy", "--to-kind", "distance", "--camera", "camera.json"), "out.npz", {"depth_kind": "distance"}),
+    ],
+)
+def test_depth_in_other_formats(folder: Path, words, out: str, how):
+    if out.endswith(".exr"):
+        pytest.importorskip("OpenEXR", reason="needs OpenEXR, of the extra exr")
+    assert "depth from 1" in convert(folder, *words, "-o", out)
+    np.testing.assert_allclose(ibr.read_depth(folder / out, camera=CAMERA, **how), DEPTH, atol=6e-4)
+
+
+def test_frames_become_a_video_and_files(folder: Path):
+    pytest.importorskip("av", reason="needs PyAV, of the extra video")
+    assert "3 frames" in convert(folder, "three.npz", "--to-scale", 8000, "-o", "out.mkv", "--fps", 12)
+    frames = DepthFrames(folder / "out.mkv")
+    assert frames.fps == 12
+    for number, depth in enumerate(frames.read(range(3), depth_scale=8000)):
+        np.testing.assert_allclose(depth, DEPTH + number, atol=6.3e-5)
+    convert(folder, "out.mkv", "--depth-scale", 8000, "-o", "files/depth.png")
+    np.testing.assert_allclose(
+        ibr.read_depth(folder / "files/depth_0002.png", depth_scale=8000), DEPTH + 2, atol=6.3e-5
+    )
+    convert(folder, "files", "--depth-scale", 8000, "-o", "again.mkv")
+    for depth, other in zip(DepthFrames(folder / "again.mkv").read(range(3), depth_scale=8000), range(3), strict=True):
+        np.testing.assert_allclose(depth, DEPTH + other, atol=6.3e-5)
+
+
+# ---- recordings, meshes
+
+
+@pytest.mark.parametrize("name", ["scannet", "replica", "bop", "depth_anything"])
+def test_a_recording_in_a_simple_layout(folder: Path, name: str):
+    SPECIMENS[name][0](folder / "scan")
+    convert(folder, "scan", "-o", "out")
+    for view, other in zip(ibr.load(folder / "out"), ibr.load(folder / "scan"), strict=True):
+        np.testing.assert_array_equal(view.color, other.color)
+        np.testing.assert_allclose(view.depth, other.depth, atol=5.1e-4)  # millimetres
+        np.testing.assert_allclose(view.camera.K, other.camera.K, rtol=1e-12)
+        np.testing.assert_allclose(view.camera.world_from_camera, other.camera.world_from_camera, atol=1e-12)
+
+
+def test_meshes(folder: Path):
+    ibr.Mesh([[0, 0, 1], [1, 0, 1], [0, 1, 1]], [[0, 1, 2]]).save(folder / "one.ply")
+    assert "1 triangles" in convert(folder, "one.ply", "-o", "one.glb")
+    np.testing.assert_allclose(ibr.Mesh.load(folder / "one.glb").vertices, [[0, 0, 1], [1, 0, 1], [0, 1, 1]])
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("nothing", "-o", "out.json"), "nothing: no such file or folder"),
+        (("depth.npy", "-o", "out.png"), "--to-scale: expected stored units per scene unit, for the integers of"),
+        (("counts.png", "-o", "out.npy"), "--depth-scale: expected stored units"),
+        (("depth.npy", "-o", "out.mp4"), "out.mp4: no depth format .mp4"),
+        (("depth.npy", "-o", "out.mkv", "--to-scale", 9), "out.mkv: no depth format .mkv"),
+        (("depth.npy", "-o", "out.npy", "--to-kind", "distance"), "--camera: expected the depth's"),
+        (("depth.npy", "-o", "depth.npy"), "--output: expected a file of its own"),
+        (("three.npz", "-o", "out.png", "--to-scale", 50000), "depth: expected 1 to 65535 units of 1/50000"),
+        (("camera.json", "--as", "colmap", "-o", "model.json"), "--output: expected a folder, for a COLMAP model"),
+        (("camera.json", "--as", "open3d", "-o", "model"), "--output: expected a file that ends in .json, as open3d"),
+        (("depth.npy", "-o", "out.json"), "--size: expected the (width, height)"),
+        (("camera.json", "-o", "camera.json"), "--output: expected a file of its own"),
+        (("bent.json", "--as", "open3d", "-o", "out.json"), "cameras: expected perspective ones without a lens"),
+        (("scan", "-o", "scan/out"), "--output: expected a place outside of the recording"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(folder: Path, words, said):
+    ibr.Camera(CAMERA.K, SIZE, lens=ibr.Lens("brown_conrady", [0.1, 0, 0, 0])).save(folder / "bent.json")
+    SPECIMENS["scannet"][0](folder / "scan")
+    assert said in convert(folder, *words, status=2)
+
+
+@pytest.mark.parametrize("example", cli._EXAMPLES[command])
+def test_examples_of_the_help_run(folder: Path, example: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(folder)
+    (folder / "calibration.yaml").write_text(
+        "image_width: 61\nimage_height: 37\ncamera_matrix: {rows: 3, cols: 3, data: [50, 0, 30, 0, 51, 18, 0, 0, 1]}\n"
+    )
+    SPECIMENS["tum_camera"][0](folder / "rgbd_dataset_freiburg1_desk")
+    counts = ibr.uint16_from_depth(DEPTH, 1000)
+    if "mkv" in example:
+        pytest.importorskip("av", reason="needs PyAV, of the extra video")
+        pytest.importorskip("OpenEXR", reason="needs OpenEXR, of the extra exr")
+        ibr.write_video("depth.mkv", [counts, counts], 30, bits=16)
+    result = runner.invoke(cli.app, ["convert", *example.split()])
+    assert result.exit_code == 0, result.output
