@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
 from pyibr.app.batch import batch as run_batch
+from pyibr.app.commands.progress import progress
 from pyibr.app.options import print_note, printable_text
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import reading
@@ -33,8 +32,8 @@ def batch(
     What is done is noted with checksums: the same job goes on where it stopped. Paths are as seen from here.
     """
     read = _read(job)
-    with Progress(console=Console(stderr=True)) as bar:
-        shown = bar.add_task("running", total=None)
+    with progress() as bar:
+        shown = bar.add_task("Running", total=None)
         outcome = run_batch(
             read["command"],
             read["inputs"],

@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 import pyibr as ibr
 from pyibr.app import live_commands
 from pyibr.app.batch_command import batch
+from pyibr.app.commands.command import expanded
 from pyibr.app.commands.compare import compare
 from pyibr.app.commands.convert import convert
 from pyibr.app.commands.doctor import doctor
@@ -23,7 +24,7 @@ from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
 from pyibr.app.commands.solids import hull, object_
 from pyibr.app.commands.warp import warp
-from pyibr.app.options import expanded, printable_text
+from pyibr.app.options import printable_text
 from pyibr.app.telling import telling
 from pyibr.core.errors import ArgumentError, DeviceError, Error
 

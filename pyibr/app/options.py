@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import os
 import re
-from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
-from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
@@ -24,8 +21,6 @@ from pyibr.images.depth_image import DefaultDepth
 from pyibr.io import DepthKind, DepthReading
 from pyibr.io.depth_frames import DepthFrames, frames_in
 from pyibr.io.recordings import Shot
-
-ThingT = TypeVar("ThingT")
 
 Color = Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, TIFF, EXR, PFM, NPY ...")]
 Depth = Annotated[
@@ -140,28 +135,6 @@ class StoredDepth(NamedTuple):
         return math.inf if self.depth_kind == "relative" else self.far
 
 
-def expanded(command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command as typer takes it: groups of options, which are named tuples, in single options."""
-    parameters, groups = list[Parameter](), dict[str, Any]()
-    for own in signature(command, eval_str=True).parameters.values():
-        fields = getattr(own.annotation, "_field_defaults", None)
-        if fields is None:
-            parameters.append(own.replace(kind=Parameter.KEYWORD_ONLY))
-        else:
-            groups[own.name], hints = own.annotation, get_type_hints(own.annotation, include_extras=True)
-            single = [(name, hints[name], default) for name, default in fields.items()]
-            parameters += [Parameter(n, Parameter.KEYWORD_ONLY, default=d, annotation=kind) for n, kind, d in single]
-
-    @functools.wraps(command)
-    def called(**given: Any) -> None:
-        made = {name: group(*(given.pop(field) for field in group._fields)) for name, group in groups.items()}
-        command(**given, **made)
-
-    called.__signature__ = Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
-    called.__annotations__ = {one.name: one.annotation for one in parameters}
-    return called
-
-
 def default_depth_of(text: str) -> float | DefaultDepth | None:
     """Parse the value of --default-depth."""
     if text in ("none", "farthest"):
@@ -200,13 +173,3 @@ def print_note(text: str) -> None:
 def device_of(name: str | None) -> AbstractContextManager[object]:
     """A context in which --device is used."""
     return ibr.use_device(name) if name else nullcontext()
-
-
-def with_progress(jobs: Iterable[ThingT], count: int, doing: str) -> Iterable[ThingT]:
-    """The jobs, told as they are done if there are several."""
-    if count == 1:
-        return jobs
-    from rich.console import Console
-    from rich.progress import track
-
-    return track(jobs, doing, total=count, console=Console(stderr=True))

@@ -159,9 +159,21 @@ def test_frames_go_from_the_source_to_the_end(scene: Scene):
 
 
 def test_an_empty_view_is_not_silent(scene: Scene):
-    result = scene.run("--move", "0", "0", "5", "-o", scene.folder / "new.png")
-    assert result.exit_code == 0, result.output
+    result = scene.run("--move", "0", "0", "5", "-o", scene.folder / "new.png", "--json")
+    assert result.exit_code == 3, result.output
     assert "is empty: its camera sees nothing of" in result.stderr
+    assert json.loads(result.stdout)["covered"] == 0
+
+
+def test_what_is_written_is_told_to_programs(scene: Scene):
+    asked = "--move", 0.2, 0, 0, "--frames", 2, "-o", scene.folder / "new.png", "--json"
+    told = json.loads(scene.run(*asked).stdout)
+    assert [Path(file).name for file in told["written"]] == ["new_0000.png", "new_0001.png"]
+    assert 0.9 < told["covered"] < 1 and told["seconds"] > 0
+    assert (told["frames"], told["size"], told["triangles"]) == (2, [61, 37], None)
+    told = json.loads(scene.run("--count", 2, "-o", scene.folder / "new.ply", "--json", command="mesh").stdout)
+    assert (told["frames"], told["covered"], told["triangles"]) == (None, None, 2)
+    assert [Path(file).name for file in told["written"]] == ["new.ply"]
 
 
 def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyPatch):

@@ -21,13 +21,13 @@ from typer.main import get_command
 import pyibr as ibr
 from pyibr.app.batch.job import Task
 from pyibr.app.batch.manifest import PART, Entry, checksum
+from pyibr.app.commands.command import expanded
 from pyibr.app.commands.compare import compare
 from pyibr.app.commands.convert import convert
 from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
 from pyibr.app.commands.solids import hull, object_
 from pyibr.app.commands.warp import warp
-from pyibr.app.options import expanded
 from pyibr.core.errors import Error
 from pyibr.core.optional import distributed, fsspec
 from pyibr.opencl.device import VARIABLE

@@ -9,6 +9,7 @@ import typer
 
 import pyibr as ibr
 from pyibr.app.commands.cameras import LensOptions
+from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import check_outputs
 from pyibr.app.options import (
@@ -22,7 +23,6 @@ from pyibr.app.options import (
     StoredDepth,
     default_depth_of,
     device_of,
-    printable_text,
 )
 from pyibr.depthmesh.segmentation import Segmentation, Test
 from pyibr.images import DepthImage
@@ -59,5 +59,6 @@ def mesh(
     with device_of(device):
         made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error, count=count)
     made.save(output)
-    share = len(made.faces) / (2 * (view.camera.width - 1) * (view.camera.height - 1))
-    typer.echo(f"{printable_text(output)}: {len(made.faces)} triangles, {share:.1%} of the full grid's")
+    triangles = len(made.faces)
+    share = triangles / (2 * (view.camera.width - 1) * (view.camera.height - 1))
+    tell_written([output], f"{triangles} triangles, {share:.1%} of the full grid's", triangles=triangles)

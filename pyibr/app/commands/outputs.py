@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.beside import Behind
+from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.exposure import stored
 from pyibr.app.options import StoredDepth, print_note, printable_text
 from pyibr.core.camera import Camera
@@ -83,7 +84,7 @@ class Outputs:
         self._film = film if video.fps is None else None
         self._stack, self._behind = ExitStack(), Behind(in_order=bool(self._films))
         self._writers: dict[Path, VideoWriter] = {}
-        self._written: list[str] = []
+        self._written: list[Path] = []
         self._shares: list[float] = []
 
     def check(self, inputs: Mapping[str, Sequence[Path]], recordings: Sequence[Path] = ()) -> None:
@@ -132,7 +133,7 @@ class Outputs:
     def write(self, images: Mapping[Kind, NDArray[Any]], number: int, covered: float, camera: Camera | None) -> None:
         """Write a frame, of which so much is covered, meanwhile; camera: of the depth."""
         self._behind.add(lambda: self._store(images, number, camera))
-        self._written.append(printable_text(self._main if self._is_video else self._name(self._main, number)))
+        self._written.append(self._main if self._main in self._films else self._name(self._main, number))
         self._shares.append(covered)
 
     def _store(self, images: Mapping[Kind, NDArray[Any]], number: int, camera: Camera | None) -> None:
@@ -172,14 +173,15 @@ class Outputs:
     def tell(self, size: tuple[int, int], several: str, lacking: str, depths: object = "") -> None:
         """Say what was written, of which depths; `several`: what the frames are called; lacking: why some are empty."""
         written, count = self._written, None if self._numbers is None else len(self._written)
-        empty = [name for name, share in zip(written, self._shares, strict=True) if share == 0]
+        empty = [file for file, share in zip(written, self._shares, strict=True) if share == 0]
         if empty:
-            many = f"{len(empty)} of {count} {several} are empty, as {empty[0]}" if count else f"{empty[0]} is empty"
+            first = printable_text(empty[0])
+            many = f"{len(empty)} of {count} {several} are empty, as {first}" if count else f"{first} is empty"
             print_note(f"{many}: {lacking}")
-        if count or not empty:
-            covered = f"{size[0]}x{size[1]}, {np.mean(self._shares):.1%} covered{f'; {depths}' if depths else ''}"
-            names = " to ".join(dict.fromkeys((written[0], written[-1])))
-            typer.echo(f"{names}: {f'{count} {several}, ' if count else ''}{covered}")
+        covered = float(np.mean(self._shares))
+        words = f"{size[0]}x{size[1]}, {covered:.1%} covered{f'; {depths}' if depths else ''}"
+        words = f"{count} {several}, {words}" if count else words
+        tell_written(list(dict.fromkeys(written)), words, frames=len(written), size=size, covered=covered)
 
     def _names(self, path: Path) -> list[Path]:
         if path in self._films:

@@ -15,6 +15,7 @@ import pyibr as ibr
 from pyibr.app.commands.beside import read_ahead
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
+from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.sources import Losses, Source, open_depths
 from pyibr.app.commands.views import Depth, DepthOptions, DepthRange, DepthReader
 from pyibr.app.options import (
@@ -27,7 +28,6 @@ from pyibr.app.options import (
     Take,
     device_of,
     noise_of,
-    with_progress,
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.io.recordings import Shot

@@ -17,6 +17,7 @@ from pyibr.app.commands.beside import read_ahead
 from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
+from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.sources import InputOptions, Losses, Source, open_sources
 from pyibr.app.commands.targets import Job, Move, Targets
 from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
@@ -33,7 +34,6 @@ from pyibr.app.options import (
     device_of,
     noise_of,
     printable_text,
-    with_progress,
 )
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError

@@ -1,0 +1,100 @@
+"""Functions as commands: their groups of options, and how they tell which files they have written."""
+
+from __future__ import annotations
+
+import functools
+import json
+import time
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from pyibr.app.options import printable_text
+
+EMPTY = 3
+"""The status of a command that has written pictures, all of them empty."""
+
+_Json = Annotated[
+    bool, typer.Option("--json", help="Say what was written as JSON: files, frames, size, covered, triangles, seconds")
+]
+
+_report: ContextVar[dict[str, Any] | None] = ContextVar("report", default=None)
+
+
+def tell_written(
+    files: Sequence[Path],
+    words: str,
+    *,
+    frames: int | None = None,
+    size: tuple[int, int] | None = None,
+    covered: float | None = None,
+    triangles: int | None = None,
+) -> None:
+    """Say what a command has written, and end it with a status of its own if that is empty.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        At least one.
+    words : str
+        What they hold, for people.
+    frames, size, covered, triangles
+        The same for programs, where there is such a thing: how many pictures, their (width, height), which share of
+        their pixels shows something, and a mesh's triangles.
+    """
+    report = _report.get()
+    if report is None:
+        names = " to ".join(dict.fromkeys(printable_text(file) for file in (files[0], files[-1])))
+        typer.echo(f"{names}: {words}")
+    else:
+        report["written"] = [str(file) for file in files]
+        report |= {"frames": frames, "size": size, "covered": covered, "triangles": triangles}
+    if covered == 0:
+        raise typer.Exit(EMPTY)
+
+
+@contextmanager
+def _reporting(as_json: bool) -> Generator[None, None, None]:
+    """While it is open, what is told of files is kept, and printed as one JSON object in the end; or told at once."""
+    start, report = time.monotonic(), dict[str, Any]()
+    token = _report.set(report if as_json else None)
+    try:
+        yield
+    finally:
+        _report.reset(token)
+        if report:
+            typer.echo(json.dumps({**report, "seconds": round(time.monotonic() - start, 3)}))
+
+
+def expanded(command: Callable[..., None]) -> Callable[..., None]:
+    """Return the command as typer takes it: groups of options, which are named tuples, in single options.
+
+    One that must be told its output has --json, too.
+    """
+    parameters, groups, known = list[Parameter](), dict[str, Any](), signature(command, eval_str=True).parameters
+    for own in known.values():
+        fields = getattr(own.annotation, "_field_defaults", None)
+        if fields is None:
+            parameters.append(own.replace(kind=Parameter.KEYWORD_ONLY))
+        else:
+            groups[own.name], hints = own.annotation, get_type_hints(own.annotation, include_extras=True)
+            single = [(name, hints[name], default) for name, default in fields.items()]
+            parameters += [Parameter(n, Parameter.KEYWORD_ONLY, default=d, annotation=kind) for n, kind, d in single]
+
+    if "output" in known and known["output"].default is Parameter.empty:
+        parameters.append(Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=_Json))
+
+    @functools.wraps(command)
+    def called(as_json: bool = False, **given: Any) -> None:
+        made = {name: group(*(given.pop(field) for field in group._fields)) for name, group in groups.items()}
+        with _reporting(as_json):
+            command(**given, **made)
+
+    called.__signature__ = Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
+    called.__annotations__ = {one.name: one.annotation for one in parameters}
+    return called
