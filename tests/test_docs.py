@@ -7,16 +7,19 @@ import importlib
 import inspect
 import pkgutil
 import re
+import shlex
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from typer.testing import CliRunner
 
 import pyibr
+from pyibr.app.cli import app
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
-BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(python|sh)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -29,8 +32,27 @@ def name_of(page: Path) -> str:
 
 def blocks_of(page: Path) -> list[tuple[int, str]]:
     """(line, source) of each block of Python."""
+    return [(line, source) for line, kind, source in all_blocks_of(page) if kind == "python"]
+
+
+def all_blocks_of(page: Path) -> list[tuple[int, str, str]]:
+    """(line, kind, source) of each block that runs: Python, and shells' from the first one of Python on.
+
+    Lines that need what the page has not made are of the kind `console`, or above all Python.
+    """
     text = page.read_text(encoding="utf-8")
-    return [(text.count("\n", 0, m.start(1)), m.group(1)) for m in BLOCK.finditer(text)]
+    found = [(text.count("\n", 0, m.start(2)), m.group(1), m.group(2)) for m in BLOCK.finditer(text)]
+    first = next((place for place, (_, kind, _) in enumerate(found) if kind == "python"), len(found))
+    return found[first:]
+
+
+def run_lines(source: str) -> None:
+    """Run the lines of a shell that are commands of pyibr."""
+    for line in source.replace("\\\n", " ").splitlines():
+        program, *words = shlex.split(line, comments=True) or [""]
+        if program == "pyibr":
+            result = CliRunner().invoke(app, words)
+            assert result.exit_code == 0, f"{line}\n{result.output}"
 
 
 def entries_of(text: str) -> list[str]:
@@ -41,12 +63,15 @@ def entries_of(text: str) -> list[str]:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks_of(p)], ids=name_of)
-def test_python_of_page_runs(
+def test_blocks_of_page_run(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "__main__"}
-    for line, source in blocks_of(page):
+    for line, kind, source in all_blocks_of(page):
+        if kind == "sh":
+            run_lines(source)
+            continue
         # Blank lines before the source make a traceback name the page's own line.
         exec(compile("\n" * line + source, str(page), "exec"), names)
 

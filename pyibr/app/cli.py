@@ -1,4 +1,4 @@
-"""The command line: `pyibr warp`, `register`, `mesh`, `object`, `hull`, `view`, `place`, `batch` and `doctor`."""
+"""The command line: which commands there are, and how their errors are told."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 import pyibr as ibr
 from pyibr.app import live_commands
 from pyibr.app.batch_command import batch
+from pyibr.app.commands.clean import clean
 from pyibr.app.commands.command import expanded
 from pyibr.app.commands.compare import compare
 from pyibr.app.commands.convert import convert
@@ -46,6 +47,8 @@ _OPTIONS = {
     "count": "--count",
     "resolution": "--resolution",
     "path": "--output",
+    "holes": "--holes",
+    "strength": "--strength",
     "device": "--device",
     "size": "--size",
     "valid": "--mask",
@@ -135,6 +138,11 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
         "a.png a_depth.npy b.png b_depth.npy --camera a.json --camera b.json --to new.json -o new.png",
         "rgbd_dataset_freiburg1_desk --clean --move 0.05 0 0 -o new.mp4",
         f"color.mp4 depth {_MM} --depth-camera depth.json --clean --fill background --orbit 5 -o new.mp4",
+    ),
+    clean: (
+        "depth.png --depth-scale 1000 --color color.png -o cleaned.png",
+        "depth --depth-scale 1000 --holes 20 --invented-out invented.png -o cleaned",
+        "rgbd_dataset_freiburg1_desk -o cleaned",
     ),
     register: ("depth.png --depth-scale 1000 --depth-camera depth.json --color-camera color.json -o registered.png",),
     mesh: (

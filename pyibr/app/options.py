@@ -26,6 +26,13 @@ Color = Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, 
 Depth = Annotated[
     Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG, TIFF, NPY, NPZ, PFM, EXR, COLMAP .bin")
 ]
+DepthFiles = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DEPTH",
+        help="Planar depth: PNG, TIFF, NPY, NPZ, PFM, EXR, COLMAP .bin; a folder of such files; or of a recording",
+    ),
+]
 CameraFile = Annotated[Path | None, typer.Option(metavar="FILE[#NAME]", help="Its camera: a calibration of any kind")]
 Fov = Annotated[float | None, typer.Option(metavar="DEGREES", help="Without a camera: what the picture's width covers")]
 Focal35mm = Annotated[
@@ -33,6 +40,8 @@ Focal35mm = Annotated[
     typer.Option("--focal-35mm", metavar="MM", help="Without a camera: the focal length, on 35 mm film"),
 ]
 Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")]
+Holes = Annotated[int, typer.Option(help="Pixels: gaps up to twice as wide are filled; 0: none")]
+Strength = Annotated[float, typer.Option(help="How much of the noise is smoothed away, 0 to 10")]
 FarDepth = Annotated[
     float, typer.Option(help="Depth from which on there is no surface; of relative depth that of the farthest, 10")
 ]
@@ -78,6 +87,13 @@ DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its
 
 
 _FAR = 10.0  # of relative depth
+
+
+class Cleaning(NamedTuple):
+    """Options of how depth is cleaned."""
+
+    holes: Holes = 8
+    strength: Strength = 1.0
 
 
 class StoredDepth(NamedTuple):

@@ -21,6 +21,7 @@ from typer.main import get_command
 import pyibr as ibr
 from pyibr.app.batch.job import Task
 from pyibr.app.batch.manifest import PART, Entry, checksum
+from pyibr.app.commands.clean import clean
 from pyibr.app.commands.command import expanded
 from pyibr.app.commands.compare import compare
 from pyibr.app.commands.convert import convert
@@ -34,6 +35,7 @@ from pyibr.opencl.device import VARIABLE
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "warp": warp,
+    "clean": clean,
     "register": register,
     "mesh": mesh,
     "object": object_,

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
+from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.series import depths_in, paired, pictures_in
-from pyibr.app.options import ExposureOption, StoredDepth, print_note, printable_text, with_progress
+from pyibr.app.options import ExposureOption, StoredDepth, print_note, printable_text
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import write_json
 from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageError

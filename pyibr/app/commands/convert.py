@@ -11,8 +11,10 @@ import typer
 
 import pyibr as ibr
 from pyibr.app.commands.beside import Behind
+from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
+from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.series import depths_in
 from pyibr.app.commands.sources import InputOptions, Losses, open_sources
 from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
@@ -22,8 +24,6 @@ from pyibr.app.options import (
     StoredDepth,
     Take,
     device_of,
-    printable_text,
-    with_progress,
 )
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
@@ -102,7 +102,7 @@ def _convert_mesh(source: Path, output: Path) -> None:
     mesh = ibr.Mesh.load(source)
     check_mesh_file(output, mesh.texture is not None, mesh.colors is not None)
     mesh.save(output)
-    typer.echo(f"{printable_text(output)}: {len(mesh.faces)} triangles")
+    tell_written([output], f"{len(mesh.faces)} triangles", triangles=len(mesh.faces))
 
 
 def _form_of(output: Path) -> CameraForm:
@@ -117,7 +117,7 @@ def _convert_cameras(source: Path, output: Path, form: CameraForm, size: tuple[i
     check_outputs({"SOURCE": [source]}, {"--output": [output / "cameras.txt" if form == "colmap" else output]})
     cameras = _cameras_in(source, size)
     write_cameras(output, cameras, form)
-    typer.echo(f"{printable_text(output)}: {len(cameras)} {'camera' if len(cameras) == 1 else 'cameras'}, as {form}")
+    tell_written([output], f"{len(cameras)} {'camera' if len(cameras) == 1 else 'cameras'}, as {form}")
 
 
 def _cameras_in(source: Path, size: tuple[int, int] | None) -> dict[str, Camera]:
@@ -163,7 +163,7 @@ def _convert_recording(
     shots, losses, seen = source.shots, Losses(recorded=not is_still), DepthRange()
     names = [(f"color/{shot.number:06d}.png", f"depth/{shot.number:06d}.png") for shot in shots]
     check_outputs({**options.read([source])}, {"--output": [output / name for pair in names for name in pair]})
-    how = DepthOptions(stored, None, False, None, steady=False, recorded=not is_still, seen=seen)
+    how = DepthOptions(stored, None, None, None, steady=False, recorded=not is_still, seen=seen)
     entries = list[dict[str, Any]]()
     views = zip(names, views_of(source, how, losses, exposure), strict=True)
     with Behind(in_order=False) as behind:
@@ -175,4 +175,4 @@ def _convert_recording(
                 entries.append({"file_path": color, "depth_file_path": depth, **nerf_frame(view.camera)})
     losses.tell(some=bool(entries))
     write_frames(output, entries, 1 / scale)
-    typer.echo(f"{printable_text(output)}: {len(entries)} frames; {seen}")
+    tell_written([output], f"{len(entries)} frames; {seen}", frames=len(entries))

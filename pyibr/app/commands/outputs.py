@@ -58,6 +58,8 @@ class Outputs:
         Without --fps frames keep the times that they have in `film`, and its sound.
     film : Video, or None
         What the source is.
+    own : dict of int to str, optional
+        Names of the frames' files, by number, in the folder that --output is.
     """
 
     def __init__(
@@ -67,12 +69,13 @@ class Outputs:
         numbers: Sequence[int] | None,
         video: VideoOptions,
         film: Video | None,
+        own: Mapping[int, str] | None = None,
     ) -> None:
         self._files: dict[str, tuple[Path, Kind]] = {
             option: (path, kind) for option, (path, kind) in files.items() if path is not None
         }
         self._main, _ = next(iter(self._files.values()))
-        self._stored, self._numbers = stored, numbers
+        self._stored, self._numbers, self._own = stored, numbers, own
         self._films = {path for path, kind in self._files.values() if numbers is not None and _is_film(path, kind)}
         self._is_video = self._main in self._films
         for option, value in zip(("--fps", "--codec"), video, strict=True):
@@ -93,8 +96,10 @@ class Outputs:
         inputs: files that are read, by option. recordings: folders that are. Nothing may be written into folders in
         them, nor beside frames: it would be read as one the next time.
         """
-        for path, kind in self._files.values():
-            if kind == "depth" and path.suffix.lower() in (".png", _DEPTH_FILM) and self._stored.depth_scale is None:
+        names = {option: self._names(path) for option, (path, _) in self._files.items()}
+        for option, (path, kind) in self._files.items():
+            first = names[option][0]
+            if kind == "depth" and first.suffix.lower() in (".png", _DEPTH_FILM) and self._stored.depth_scale is None:
                 expected = f"stored units per scene unit, for the integers of {path}"
                 raise ArgumentError("--depth-scale", expected, "none")
         for option, (path, kind) in self._files.items():
@@ -105,13 +110,13 @@ class Outputs:
                     option, "several views for a video, by --frames or of a recording", f"one for {path}"
                 )
             else:
-                check_output(path, kind)
-        check_outputs(inputs, {option: self._names(path) for option, (path, _) in self._files.items()})
+                check_output(names[option][0], kind)
+        check_outputs(inputs, names)
         folders = {folder.resolve() for folder in recordings if folder.is_dir()}
         frames = [file for name in ("COLOR", "DEPTH", "--color") for file in inputs.get(name, ())] if folders else []
         of_frames = {file.resolve().parent for file in frames}
         for option, (path, _) in self._files.items():
-            place = path.resolve().parent
+            place = names[option][0].resolve().parent
             if not folders.isdisjoint(place.parents) or (place in of_frames and place in folders):
                 raise ArgumentError(option, "a place outside of the recording that is read", str(path))
 
@@ -189,6 +194,8 @@ class Outputs:
         return [self._name(path, number) for number in self._numbers or [0]]
 
     def _name(self, path: Path, number: int) -> Path:
+        if self._own is not None and path == self._main:
+            return path / self._own[number]
         return path if self._numbers is None else path.with_name(f"{path.stem}_{number:04d}{path.suffix}")
 
 

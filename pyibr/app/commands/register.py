@@ -16,11 +16,13 @@ from pyibr.app.commands.beside import read_ahead
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
-from pyibr.app.commands.sources import Losses, Source, open_depths
+from pyibr.app.commands.sources import InputOptions, Losses, Source, open_depths
 from pyibr.app.commands.views import Depth, DepthOptions, DepthRange, DepthReader
 from pyibr.app.options import (
     Baseline,
     Clean,
+    Cleaning,
+    DepthFiles,
     DeviceName,
     ExposureOption,
     NoiseOption,
@@ -29,19 +31,13 @@ from pyibr.app.options import (
     device_of,
     noise_of,
 )
+from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.io.recordings import Shot
 
 Color = NDArray[Any]
 _Given = tuple[Shot, Depth, Color | None]
 
-_DepthFiles = Annotated[
-    Path,
-    typer.Argument(
-        metavar="DEPTH",
-        help="Planar depth: PNG, TIFF, NPY, NPZ, PFM, EXR, COLMAP .bin; a folder of such files; or of a recording",
-    ),
-]
 _Pictures = Annotated[
     Path | None,
     typer.Option(
@@ -52,7 +48,7 @@ _Pictures = Annotated[
 
 
 def register(
-    depth: _DepthFiles,
+    depth: DepthFiles,
     depth_camera: Annotated[Path, typer.Option(help="The camera of the depth: JSON")],
     color_camera: Annotated[Path, typer.Option(help="The camera of the colours, in the same world: JSON")],
     output: Annotated[
@@ -73,7 +69,8 @@ def register(
     """Bring depth into a colour camera's image, or colours to the samples of depth; of each frame of a recording."""
     if seen_out is not None and color is None:
         raise ArgumentError("--seen-out", "--color with it", "none")
-    source, is_still = open_depths(depth, color, (depth_camera, color_camera), take, stored.how.get("channel"))
+    inputs = InputOptions([depth], [color_camera], [depth_camera], [], take, channel=stored.how.get("channel"))
+    source, is_still = open_depths(inputs, color, lambda _: (Camera.load(color_camera), Camera.load(depth_camera)))
     numbers = None if is_still else [shot.number for shot in source.shots]
     files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
     outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, stored, numbers, VideoOptions(), source.video)
@@ -83,7 +80,7 @@ def register(
     outputs.check(files_read, [depth] if color is None else [depth, color])
     losses = Losses(recorded=not is_still)
     seen = DepthRange()
-    reading = stored, None, clean, noise_of(noise, baseline)
+    reading = stored, None, Cleaning() if clean else None, noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_still, recorded=not is_still, seen=seen)
     depths = DepthReader(depth_options, losses)
     pictures = None if color is None else source.colors(losses)

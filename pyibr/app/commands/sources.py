@@ -149,27 +149,27 @@ def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
 
 
 def open_depths(
-    depth: Path, color: Path | None, cameras: tuple[Path, Path], take: str | None, channel: str | None
+    options: InputOptions, color: Path | None, alone: Callable[[Path], tuple[Camera, Camera | None]]
 ) -> tuple[Source, bool]:
     """Frames of depth, with pictures if `color` or a recording has them, and whether it is a single frame.
 
-    cameras: files of the depth's camera and of the colours'. channel: the name of depth's array.
+    alone: of depth without pictures, by its first file, their cameras: the picture's, and the depth's if another.
     """
-    here, there = cameras
-    is_recording = depth.is_dir() and color in (None, depth) and find_recording(depth) is not None
+    (depth,), take = options.inputs, options.take
+    is_recording = color in (None, depth) and may_be_recording(depth) and find_recording(depth) is not None
     if is_recording or color is not None:
         inputs = [depth] if color is None or is_recording else [color, depth]
-        (source,), is_still = open_sources(InputOptions(inputs, [there], [here], [], take, channel=channel))
+        (source,), is_still = open_sources(options._replace(inputs=inputs))
         return source, is_still
-    frames = None if depth.is_dir() else frames_in(depth, channel)
+    frames = None if depth.is_dir() else frames_in(depth, options.channel)
     found = Recording([], files_in(depth, DEPTH_SUFFIXES) if depth.is_dir() else [depth])
     found = found if frames is None else recorded([], frames)
     if not found.depths:
         raise FileFormatError(f"{depth}: no file of depth in it")
     is_still = not depth.is_dir() and frames is None
-    of_colors, of_depth = Camera.load(there), Camera.load(here)
+    cameras = alone(found.depths[0])
     shots = [
-        Shot(None, found.depths[k], of_colors, of_depth, found.stored[k] if found.stored else PLAIN, k)
+        Shot(None, found.depths[k], *cameras, found.stored[k] if found.stored else PLAIN, k)
         for k in _taken(take, len(found.depths), is_still)
     ]
     return Source(shots, None), is_still

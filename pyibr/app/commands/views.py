@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.sources import Losses, Source
-from pyibr.app.options import StoredDepth
+from pyibr.app.options import Cleaning, StoredDepth
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
@@ -50,7 +50,7 @@ class DepthOptions(NamedTuple):
 
     stored: StoredDepth
     default_depth: float | DefaultDepth | None
-    clean: bool
+    clean: Cleaning | None
     noise: tuple[float, float] | None
     steady: bool
     recorded: bool
@@ -58,11 +58,15 @@ class DepthOptions(NamedTuple):
 
 
 class DepthReader:
-    """Depth of frames, one after the other: read and, if that is asked for, cleaned by what is known from the last."""
+    """Depth of frames, one after the other: read and, if that is asked for, cleaned by what is known from the last.
+
+    invented: where the last one that was read and cleaned was not measured.
+    """
 
     def __init__(self, depth_options: DepthOptions, losses: Losses) -> None:
         self._options, self._losses = depth_options, losses
         self._last: DepthImage | None = None
+        self.invented: NDArray[np.bool_] | None = None
 
     def read(self, shot: Shot, color: NDArray[Any] | None = None) -> Depth | None:
         """The frame's depth, None if it is lost; `color` guides the cleaning, if it is of the depth's camera."""
@@ -76,11 +80,13 @@ class DepthReader:
                 _check_size(depth, color, shot.camera)
         self._losses.add_unsure(unsure)
         self._options.seen.add(depth)
-        if not self._options.clean:
+        how = self._options.clean
+        if how is None:
             return depth
         before = _carried(self._last, camera) if self._last is not None and self._options.steady else None
         with self.naming(shot):
-            depth = ibr.clean_depth(depth, color if shot.depth_camera is None else None, before=before).depth
+            guide = color if shot.depth_camera is None else None
+            depth, self.invented = ibr.clean_depth(depth, guide, before=before, **how._asdict())
             if np.isfinite(depth).any():
                 self._last = DepthImage(None, depth, camera)
         return depth

@@ -24,6 +24,7 @@ from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
 from pyibr.app.options import (
     Baseline,
     Clean,
+    Cleaning,
     DefaultDepthText,
     DeviceName,
     ExposureOption,
@@ -138,7 +139,7 @@ def warp(
     outputs = Outputs(_files(output, depth_out, valid_out), stored, numbers, video, film)
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]}, sources)
     seen = DepthRange()
-    reading = stored, default_depth_of(default_depth), clean, noise_of(noise, baseline)
+    reading = stored, default_depth_of(default_depth), Cleaning() if clean else None, noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_scene, recorded=not are_stills, seen=seen)
     done = _done(outputs, count, output) if skip_existing else set[int]()
     how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}

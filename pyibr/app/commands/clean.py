@@ -1,0 +1,119 @@
+"""`pyibr clean`: depth as cameras deliver it, made fit for new views, of single frames and of recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import repeat
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from pyibr.app.commands.beside import read_ahead
+from pyibr.app.commands.cameras import LensOptions
+from pyibr.app.commands.exposure import Exposure
+from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
+from pyibr.app.commands.progress import with_progress
+from pyibr.app.commands.sources import InputOptions, Losses, Source, open_depths
+from pyibr.app.commands.views import Depth, DepthOptions, DepthRange, DepthReader
+from pyibr.app.options import (
+    CameraFile,
+    Cleaning,
+    DepthFiles,
+    DeviceName,
+    ExposureOption,
+    StoredDepth,
+    Take,
+    device_of,
+)
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError
+from pyibr.io import DepthReading
+from pyibr.io.layouts import find_recording, may_be_recording
+from pyibr.io.recordings import Shot, Stored
+
+_ANY = LensOptions(fov=60.0)  # planar depth of a camera at rest is cleaned the same by all
+
+
+def clean(
+    depth: DepthFiles,
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="The depth; of several OUT_0000, or a folder for files of their own names"),
+    ],
+    color: Annotated[
+        Path | None, typer.Option(help="Its image, which tells edges: a file, a folder or a video as DEPTH is")
+    ] = None,
+    camera: CameraFile = None,
+    *,
+    lens: LensOptions,
+    take: Take = None,
+    cleaning: Cleaning,
+    stored: StoredDepth,
+    exposure: ExposureOption = 0.0,
+    invented_out: Annotated[
+        Path | None, typer.Option(help="Write the mask of what was not measured too: holes filled, samples replaced")
+    ] = None,
+    device: DeviceName = None,
+) -> None:
+    """Take flying pixels, speckle, small holes and noise out of depth; of a recording each frame by the last one."""
+    source, is_still = _opened(InputOptions([depth], [camera] if camera else [], [], [], take, lens), color, stored)
+    own = {shot.number: shot.depth.name for shot in source.shots} if output.is_dir() or not output.suffix else None
+    written = stored if own is None else _as_read(stored, source.shots[0].stored)
+    numbers = None if is_still and own is None else [shot.number for shot in source.shots]
+    files: dict[str, tuple[Path | None, Kind]] = {
+        "--output": (output, "depth"),
+        "--invented-out": (invented_out, "mask"),
+    }
+    outputs = Outputs(files, written, numbers, VideoOptions(), None, own)
+    outputs.check({**source.files(), "--camera": [camera] if camera else []}, [depth, *([color] if color else [])])
+    losses, seen = Losses(recorded=not is_still), DepthRange()
+    reader = DepthReader(DepthOptions(stored, None, cleaning, None, not is_still, not is_still, seen), losses)
+    size = 0, 0
+    with device_of(device), outputs, Exposure(exposure) as exposed:
+        frames = read_ahead(_cleaned(source, reader, losses, exposed, stored.empty_from))
+        for shot, made, invented in with_progress(frames, len(source.shots), "Cleaning"):
+            share, of_depth = float(np.isfinite(made).mean()), shot.depth_camera or shot.camera
+            outputs.write({"depth": made, "mask": invented}, shot.number, share, of_depth)
+            size = made.shape[1], made.shape[0]
+        losses.tell(some=size != (0, 0))
+    outputs.tell(size, "frames", "there is no depth in it", seen)
+
+
+def _opened(options: InputOptions, color: Path | None, stored: StoredDepth) -> tuple[Source, bool]:
+    """The frames, and whether there is a single one; where nothing tells a camera and none is needed, of any."""
+    (place,), camera = options.inputs, next(iter(options.cameras), None)
+    recording = find_recording(place) if color is None and may_be_recording(place) else None
+    if options.lens == LensOptions() and not (camera or (recording and (recording.cameras or recording.known))):
+        if stored.depth_kind == "distance":
+            raise ArgumentError("--camera", "the camera of the distances, or --fov", "none")
+        options = options._replace(lens=_ANY)
+
+    def alone(first: Path) -> tuple[Camera, None]:
+        how: DepthReading = {**stored.how, "depth_kind": "relative" if stored.depth_kind == "relative" else "z"}
+        height, width = ibr.read_depth(first, **how).shape
+        return options.lens.camera_of(first, camera, (width, height)), None
+
+    return open_depths(options, color, alone)
+
+
+def _as_read(stored: StoredDepth, layout: Stored) -> StoredDepth:
+    """Options by which depth is written as the recording has it."""
+    kind = layout.kind if stored.depth_kind == "z" else stored.depth_kind
+    return stored._replace(depth_scale=stored.depth_scale or layout.scale, depth_kind=kind)
+
+
+def _cleaned(
+    source: Source, reader: DepthReader, losses: Losses, exposure: Exposure, far: float
+) -> Iterator[tuple[Shot, Depth, NDArray[np.bool_]]]:
+    """Frames with their depth nearer than `far`, and where it is invented; without those that are lost."""
+    pictures = repeat(None) if source.shots[0].color is None else source.colors(losses)
+    for shot, picture in zip(source.shots, pictures, strict=False):
+        color: NDArray[Any] | None = None if picture is None else exposure.shown(picture, shot.color)
+        depth = reader.read(shot, color)
+        if depth is not None and reader.invented is not None:
+            near = depth < far
+            yield shot, np.where(near, depth, np.float32(np.nan)), reader.invented & near

@@ -1,0 +1,118 @@
+"""`pyibr clean`: the same as the library's calls, of one frame, of folders and of recordings; mistakes in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app.cli import app
+from tests.app.test_cli import assert_one_line
+from tests.app.test_recordings import COUNT, SCALE, Recorded, succeeded
+
+runner = CliRunner()
+
+
+class Delivered(Recorded):
+    """A recording as a camera has left it."""
+
+    def clean(self, *words: object, output: object = "new.npy", scale: object = SCALE):
+        """Words that name a file of the folder are its paths."""
+        places = [str(self.folder / str(word)) if (self.folder / str(word)).exists() else str(word) for word in words]
+        given = [*(["--depth-scale", scale] if scale else []), "-o", self.folder / str(output)]
+        return runner.invoke(app, ["clean", *places, *map(str, given)])
+
+    def stored(self, number: int) -> np.ndarray:
+        return ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE)
+
+    def written(self, name: str) -> np.ndarray:
+        return ibr.read_depth(self.folder / name, depth_scale=SCALE)
+
+
+@pytest.fixture
+def delivered(tmp_path: Path) -> Delivered:
+    return Delivered(tmp_path)
+
+
+def test_one_frame_and_what_was_not_measured(delivered: Delivered):
+    asked = "--color", "rgb/0.png", "--holes", 3, "--strength", 0.5, "--invented-out", delivered.folder / "seen.png"
+    out = succeeded(delivered.clean("depth/0.png", *asked))
+    expected = ibr.clean_depth(delivered.stored(0), delivered.colors[0], holes=3, strength=0.5)
+    np.testing.assert_allclose(delivered.written("new.npy"), expected.depth, rtol=1e-6)  # times the scale and back
+    found = ibr.read_color(delivered.folder / "seen.png")[..., 0] == 255
+    np.testing.assert_array_equal(found, expected.invented)
+    assert f"new.npy: 62x38, {np.isfinite(expected.depth).mean():.1%} covered" in out
+
+
+def test_frames_of_a_folder_keep_their_names_and_know_the_last_one(delivered: Delivered):
+    """Of depth alone the camera is taken to be at rest."""
+    succeeded(delivered.clean("depth", "--take", "1:4", "--far", 1.5, output="cleaned"))
+    before = None
+    for number in range(1, COUNT):
+        before = ibr.clean_depth(delivered.stored(number), before=before).depth
+        near = np.where(before < 1.5, before, np.float32(np.nan))
+        found = delivered.written(f"cleaned/{number}.png")
+        np.testing.assert_array_equal(np.isfinite(found), np.isfinite(near))
+        np.testing.assert_allclose(found, near, atol=0.51 / SCALE)  # rounded to whole units
+    assert len(list((delivered.folder / "cleaned").iterdir())) == 3
+
+
+def test_a_recording_tells_colours_and_where_the_camera_was(delivered: Delivered):
+    out = succeeded(delivered.clean(".", "--take", ":2"))
+    first = ibr.clean_depth(delivered.stored(0), delivered.colors[0]).depth
+    carried = ibr.warp(ibr.DepthImage(None, first, delivered.cameras[0]), delivered.cameras[1]).depth
+    second = ibr.clean_depth(delivered.stored(1), delivered.colors[1], before=carried).depth
+    for number, depth in enumerate((first, second)):
+        np.testing.assert_allclose(delivered.written(f"new_{number:04d}.npy"), depth, rtol=1e-6)
+    assert "2 frames, 62x38" in out
+
+
+def test_distances_stay_distances(delivered: Delivered):
+    kind = ("--depth-kind", "distance", "--camera", "camera.json")
+    how = {"depth_kind": "distance", "camera": delivered.base}
+    ibr.write_depth(delivered.folder / "far.npy", delivered.depths[0], **how)
+    succeeded(delivered.clean("far.npy", *kind, scale=None))
+    expected = ibr.clean_depth(ibr.read_depth(delivered.folder / "far.npy", **how)).depth
+    np.testing.assert_allclose(ibr.read_depth(delivered.folder / "new.npy", **how), expected, rtol=1e-5)
+    refused = delivered.clean("far.npy", "--depth-kind", "distance", scale=None)
+    assert_one_line(refused, "--camera: expected the camera of the distances, or --fov")
+
+
+def test_what_has_no_depth_is_told_by_the_status(delivered: Delivered):
+    np.save(delivered.folder / "none.npy", np.zeros((38, 62), np.float32))
+    result = delivered.clean("none.npy", scale=None)
+    assert result.exit_code == 3 and "is empty: there is no depth in it" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("gone.png",), ("gone.png", "no such file")),
+        (("depth/0.png", "--color", "gone.png"), ("gone.png", "no such file")),
+        (("depth/0.png", "--color", "rgb"), ("DEPTH: expected a folder",)),
+        (("depth", "--take", "9:"), ("--take: expected some of the 4 frames",)),
+        (("depth", "--holes", "-1"), ("--holes: expected",)),
+        (("depth/0.png", "--strength", "11"), ("--strength: expected a number from 0 to 10",)),
+        (("depth/0.png", "--depth-channel", "z"), ("--depth-channel",)),
+        (("rgb/0.png",), ("rgb/0.png",)),
+        (("cameras",), ("cameras: no file of depth in it",)),
+        (("depth/0.png", "--invented-out", "new.npy"), ("new.npy: no image format",)),
+        (("depth/0.png", "--fov", "200"), ("--fov",)),
+        (("depth/0.png", "--device", "none such"), ("none such",)),
+    ],
+)
+def test_mistakes_are_told_in_a_line(delivered: Delivered, words, said):
+    result = delivered.clean(*words)
+    assert result.exit_code == 2 and result.stderr.strip().splitlines()[-1].startswith("pyibr: "), result.output
+    assert all(word in result.stderr for word in said), result.stderr
+    assert not list(delivered.folder.glob("new*"))
+
+
+def test_nothing_is_written_over_what_is_read(delivered: Delivered):
+    assert_one_line(delivered.clean("depth", output="depth"), "--output: expected a", "depth")
+    assert_one_line(delivered.clean("depth/0.png", output="depth/0.png"), "--output: expected a file of its own")
+    assert_one_line(delivered.clean("depth/0.png", output="new.xyz"), "new.xyz: no depth format")
+    assert_one_line(delivered.clean("depth/0.png", scale=None, output="new.png"), "--depth-scale")
