@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,30 +45,30 @@ class Brush:
         self._sheet: MeshHandle | None = None
         self._sheet_for: object = None
         self._gesture: object = None
+        self._lock = RLock()  # the camera moves on one thread, and others tell what is painted
 
     def move(self, camera: Camera) -> None:
         """Put the sheet before a camera."""
         key = camera.size, camera.K[0, 0]
-        if self._sheet is None or self._sheet_for != key:
-            self._add_sheet(camera)
-            self._sheet_for = key
-        assert self._sheet is not None
         wxyz, position = self._stream.page_space.pose(camera)
-        with self._client.atomic():
+        with self._lock, self._client.atomic():
+            if self._sheet is None or self._sheet_for != key:
+                self._sheet, self._sheet_for = self._sheet_before(camera), key
             self._sheet.wxyz, self._sheet.position = tuple(wxyz), tuple(position)
-        self.show()
+            self.show()
 
     def show(self) -> None:
         """Let the sheet be there while a drag paints, and no longer."""
-        if self._sheet is not None and self._sheet.visible != self._paints():
-            self._sheet.visible = self._paints()
+        with self._lock:
+            if self._sheet is not None:
+                self._sheet.visible = self._paints()
 
-    def _add_sheet(self, camera: Camera) -> None:
+    def _sheet_before(self, camera: Camera) -> MeshHandle:
         left, top, side = inset_box(camera.size)
         pixels = np.array([[left, top], [left + side, top], [left + side, top + side], [left, top + side]]) - 0.5
         corners = np.column_stack([camera.ideal_positions(pixels), np.ones(4)]) * SHEET
         faces = np.array([[0, 2, 1], [0, 3, 2]], np.uint32)  # backs away: viser colours those of what is pointed at
-        self._sheet = self._client.scene.add_mesh_simple(
+        sheet = self._client.scene.add_mesh_simple(
             "/brush",
             corners.astype(np.float32),
             faces,
@@ -85,8 +86,9 @@ class Brush:
         async def clicked(event: Any) -> None:
             self._touch(event.screen_pos, object())
 
-        self._sheet.on_drag(dragged)
-        self._sheet.on_click(clicked)
+        sheet.on_drag(dragged)
+        sheet.on_click(clicked)
+        return sheet
 
     def _touch(self, at: tuple[float, float], gesture: object) -> None:
         camera = self._stream.camera

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from threading import RLock
 
 import numpy as np
 
@@ -30,26 +31,29 @@ class Captures:
         self._views: dict[Frustum, DepthImage] = {}
         self._bare: dict[tuple[Camera, float], DepthImage] = {}
         self._seen: dict[tuple[Frustum, Side], Mask] = {}
+        self._lock = RLock()  # pictures are drawn on one thread, and sets saved on others
 
     def views(self, frusta: Sequence[Frustum]) -> list[DepthImage]:
         """The depth images of some frusta. What others saw is forgotten."""
         cameras = {(one.camera, one.far) for one in frusta}
-        self._bare = {key: view for key, view in self._bare.items() if key in cameras}
-        self._views = {one: view for one, view in self._views.items() if one in frusta}
-        self._seen = {key: mask for key, mask in self._seen.items() if key[0] in frusta}
-        return [self.view(one) for one in frusta]
+        with self._lock:
+            self._bare = {key: view for key, view in self._bare.items() if key in cameras}
+            self._views = {one: view for one, view in self._views.items() if one in frusta}
+            self._seen = {key: mask for key, mask in self._seen.items() if key[0] in frusta}
+            return [self.view(one) for one in frusta]
 
     def view(self, frustum: Frustum) -> DepthImage:
         """The depth image of a frustum."""
-        if frustum not in self._views:
-            key = frustum.camera, frustum.far
-            if key not in self._bare:  # a stroke more needs no new picture
-                bare = Frustum(frustum.camera, frustum.far)
-                self._bare[key] = bare.capture(self.surface.mesh, self.light)
-            bare_view = self._bare[key]
-            depth = np.where(frustum.mask, np.float32(np.inf), bare_view.depth)
-            self._views[frustum] = DepthImage(bare_view.color, depth, frustum.camera, far=frustum.far)
-        return self._views[frustum]
+        with self._lock:
+            if frustum not in self._views:
+                key = frustum.camera, frustum.far
+                if key not in self._bare:  # a stroke more needs no new picture
+                    bare = Frustum(frustum.camera, frustum.far)
+                    self._bare[key] = bare.capture(self.surface.mesh, self.light)
+                bare_view = self._bare[key]
+                depth = np.where(frustum.mask, np.float32(np.inf), bare_view.depth)
+                self._views[frustum] = DepthImage(bare_view.color, depth, frustum.camera, far=frustum.far)
+            return self._views[frustum]
 
     def nearest(self, frustum: Frustum) -> float | None:
         """The least depth in a frustum's image; None if that is not known yet, or there is nothing in it."""
@@ -58,7 +62,8 @@ class Captures:
 
     def unseen(self, frusta: Sequence[Frustum], side: Side) -> float:
         """The share of the surface, as far as it can be seen from outside, that no frustum sees."""
-        return unseen_share(self.surface, [self._mask(one, side) for one in frusta])
+        with self._lock:
+            return unseen_share(self.surface, [self._mask(one, side) for one in frusta])
 
     def _mask(self, frustum: Frustum, side: Side) -> Mask:
         key = frustum, side

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pyibr.app.live.page_space import PageSpace
-from pyibr.app.place.model import Placement
+from pyibr.app.place.model import Placement, State
 from pyibr.app.view.overlays import view_color
 from pyibr.capture.frusta import Frustum
 from pyibr.core.checks import Float64
@@ -36,6 +36,8 @@ class Gizmos:
     page_space : PageSpace
     nearest : callable
         The depth at which the surface begins in a frustum, if that is known.
+    choose : callable
+        Chooses a frustum by its number.
     """
 
     def __init__(
@@ -44,9 +46,10 @@ class Gizmos:
         placement: Placement,
         page_space: PageSpace,
         nearest: Callable[[Frustum], float | None],
+        choose: Callable[[int], object],
     ) -> None:
         self._scene, self._placement, self._page_space = scene, placement, page_space
-        self._nearest = nearest
+        self._nearest, self._choose = nearest, choose
         self._drawn: list[tuple[object, CameraFrustumHandle]] = []
         self._gesture: object = None
         self._held: TransformControlsHandle | None = None
@@ -71,8 +74,11 @@ class Gizmos:
         self.follow()
 
     def follow(self) -> None:
-        """Draw the placement as it is now."""
-        state = self._placement.state
+        """Draw the placement as it is now, from any thread: viser refuses handles that another has replaced."""
+        with self._placement.lock:
+            self._follow(self._placement.state)
+
+    def _follow(self, state: State) -> None:
         for number, frustum in enumerate(state.frusta):
             self._draw(number, frustum, number == state.chosen)
         for _, handle in self._drawn[len(state.frusta) :]:
@@ -114,7 +120,7 @@ class Gizmos:
             variant="filled" if chosen else "wireframe",
             visible=self._visible,
         )
-        made.on_click(lambda _: self._placement.choose(number))
+        made.on_click(lambda _: self._choose(number))
         entry = key, made
         if known is None:
             self._drawn.append(entry)

@@ -47,7 +47,7 @@ class Placement:
     """A set of frusta in the making.
 
     All that changes it can be undone. A gesture, as a drag of the mouse, is undone as one. It may be changed from any
-    thread; who listens is told of each change on the thread that makes it.
+    thread; who listens is told on the thread that makes the change, within `lock`: of one change after the other.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Placement:
         self._past: list[State] = []
         self._future: list[State] = []
         self._gesture: object = None
-        self._lock = RLock()
+        self.lock = RLock()
 
     # ---- changes
 
@@ -144,13 +144,13 @@ class Placement:
 
     def choose(self, number: int | None) -> None:
         """Choose a frustum by its number, or none; that is no change to undo."""
-        with self._lock:
+        with self.lock:
             if number is not None and not 0 <= number < len(self.state.frusta):
                 raise ArgumentError("number", f"of one of {len(self.state.frusta)} frusta", str(number))
             if number == self.state.chosen:
                 return
             self.state, self._gesture = replace(self.state, chosen=number), None
-        self._tell()
+            self._tell()
 
     # ---- the way back
 
@@ -203,7 +203,7 @@ class Placement:
     # ---- how
 
     def _change(self, make: Callable[[State], State], gesture: object = None) -> None:
-        with self._lock:
+        with self.lock:
             state = make(self.state)
             if state == self.state:
                 return
@@ -212,15 +212,15 @@ class Placement:
                 del self._past[:-_STEPS]
             self._future.clear()
             self.state, self._gesture = state, gesture
-        self._tell()
+            self._tell()
 
     def _step(self, source: list[State], target: list[State]) -> None:
-        with self._lock:
+        with self.lock:
             if not source:
                 return
             target.append(self.state)
             self.state, self._gesture = source.pop(), None
-        self._tell()
+            self._tell()
 
     def _tell(self) -> None:
         for listener in list(self.listeners):

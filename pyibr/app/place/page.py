@@ -28,7 +28,8 @@ from pyibr.capture.frusta import Frustum, frusta_of
 from pyibr.capture.proposal import propose_frusta
 from pyibr.capture.sets import parse_set
 from pyibr.core.camera import Camera
-from pyibr.core.errors import Error, FileFormatError
+from pyibr.core.errors import ArgumentError, Error, FileFormatError
+from pyibr.core.files import checked_path
 from pyibr.images import Frame
 from pyibr.images.depth_image import Side
 from pyibr.picture.drawable import as_drawable
@@ -70,7 +71,6 @@ class PlacePage:
         self, pages: Pages, placement: Placement, captures: Captures, page_space: PageSpace, folder: Path
     ) -> None:
         self.pages, self.placement, self.captures, self.page_space = pages, placement, captures, page_space
-        self._folder_named = folder
         self._proposing = threading.Event()
         self._measured: tuple[object, float] | None = None
         self._browsers: set[BrowserPage] = set()
@@ -87,8 +87,8 @@ class PlacePage:
         self._add_cover_controls()
         self._add_corner_controls()
         self._add_picture_controls()
-        self._add_file_controls()
-        self.gizmos = Gizmos(pages.server.scene, placement, page_space, captures.nearest)
+        self._add_file_controls(folder)
+        self.gizmos = Gizmos(pages.server.scene, placement, page_space, captures.nearest, self._choose)
         placement.listeners.append(self._changed)
         self._changed()
 
@@ -195,22 +195,25 @@ class PlacePage:
             delete = gui.add_button("Delete")
             self._undo, self._redo = gui.add_button("Undo"), gui.add_button("Redo")
 
-        @self._chosen.on_update
-        def _(_: Any) -> None:
-            if not self._quiet and self._chosen.value != _NONE:
-                self.placement.choose(int(self._chosen.value) - 1)
-
+        self._chosen.on_update(lambda _: self._by_hand(lambda: self._choose(int(self._chosen.value) - 1)))
         for handle in (self._across, self._down, self._far):
-            handle.on_update(lambda _: self._open())
+            handle.on_update(lambda _: self._by_hand(self._open))
         add.on_click(lambda event: self.add_at(event.client))
         delete.on_click(lambda _: self.placement.delete())
         self._undo.on_click(lambda _: self.placement.undo())
         self._redo.on_click(lambda _: self.placement.redo())
 
+    def _by_hand(self, act: Callable[[], object]) -> None:
+        """Act on a control, unless it was set to what is; another thread may be doing that to all of them."""
+        with self.placement.lock:
+            if not self._quiet:
+                self._try(act)
+
+    def _choose(self, number: int) -> None:
+        self._try(lambda: self.placement.choose(number))  # it may be gone since the click
+
     def _open(self) -> None:
-        if not self._quiet:
-            far = self._far.value or math.inf
-            self._try(lambda: self.placement.open(self._across.value, self._down.value, far))
+        self.placement.open(self._across.value, self._down.value, self._far.value or math.inf)
 
     def add_at(self, client: ClientHandle | None) -> None:
         """Add a frustum before what the middle of a browser's page shows."""
@@ -242,11 +245,7 @@ class PlacePage:
             self._side: Any = gui.add_dropdown("Side", get_args(Side))
 
         propose.on_click(lambda _: self._try(self.propose))
-
-        @self._side.on_update
-        def _(_: Any) -> None:
-            if not self._quiet:
-                self.placement.look_from(cast("Side", self._side.value))
+        self._side.on_update(lambda _: self._by_hand(lambda: self.placement.look_from(cast("Side", self._side.value))))
 
     def propose(self) -> None:
         """Add frusta that see most of what is unseen; does nothing while that is being done already."""
@@ -284,14 +283,8 @@ class PlacePage:
             self._erases = gui.add_checkbox("Erase", False)
             clean = gui.add_button("Clear paint")
 
-        @self._corner.on_update
-        def _(_: Any) -> None:
-            self._redraw()
-
-        @self._brush.on_update
-        def _(_: Any) -> None:
-            self._redraw()
-
+        for handle in (self._corner, self._brush):
+            handle.on_update(lambda _: self._redraw())
         clean.on_click(lambda _: self.placement.clean())
 
     def paint_at(self, at: tuple[float, float], gesture: object) -> None:
@@ -324,23 +317,29 @@ class PlacePage:
         def _(_: Any) -> None:
             gui.configure_theme(dark_mode=dark.value, show_logo=False, show_share_button=False)
 
-    def _add_file_controls(self) -> None:
+    def _add_file_controls(self, folder: Path) -> None:
         gui = self.pages.server.gui
         with gui.add_folder("Files", order=5, expand_by_default=False):
-            self._folder = gui.add_text("Folder", str(self._folder_named))
+            self._folder = gui.add_text("Folder", str(_whole(folder)))
             save, load = gui.add_button("Save the set"), gui.add_button("Open the set")
             send = gui.add_button("Download the frusta")
             take = gui.add_upload_button("Upload frusta", mime_type="application/json")
         save.on_click(lambda _: self._try(self.save))
-        load.on_click(lambda _: self._try(lambda: self.placement.load(self._folder.value)))
+        load.on_click(lambda _: self._try(lambda: self.placement.load(self._named_folder())))
         send.on_click(lambda event: self._send(event.client))
         take.on_upload(lambda _: self._try(lambda: self._take(take.value.name, take.value.content)))
 
     def save(self) -> None:
         """Write the set into the folder that the page names."""
-        folder, state = self._folder.value, self.placement.state
+        folder, state = self._named_folder(), self.placement.state
         self.placement.save(folder, self.pages.call(lambda: self.captures.views(state.frusta)))
         self._status.content = f"**Saved** {len(state.frusta)} frusta to {folder}"
+
+    def _named_folder(self) -> Path:
+        """The folder that the page names, shown as the whole path that it is."""
+        folder = _whole(self._folder.value)
+        self._folder.value = str(folder)
+        return folder
 
     def _send(self, client: ClientHandle | None) -> None:
         if client is not None:
@@ -390,3 +389,11 @@ class BrowserPage:
     def _paint(self, camera: Camera) -> Picture:
         full = self.stream.camera or camera
         return self._shared.picture(camera, full.size)
+
+
+def _whole(folder: str | Path) -> Path:
+    """The absolute path that a user means, ~ being their home."""
+    try:
+        return checked_path(folder).expanduser().absolute()
+    except RuntimeError:  # there is no user of that name
+        raise ArgumentError("folder", "a folder, ~ before it for one in your home", repr(str(folder))) from None
