@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
@@ -29,7 +30,7 @@ from pyibr.app.place import place as place_page
 from pyibr.app.place.captures import Captures
 from pyibr.app.place.model import Placement
 from pyibr.capture.coverage import surface_of
-from pyibr.capture.frusta import light_for, load_frusta, part_of
+from pyibr.capture.frusta import load_frusta, part_of
 from pyibr.capture.proposal import propose_frusta
 from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
@@ -42,6 +43,7 @@ from pyibr.io.layouts import may_be_recording
 from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.heights import Wrap, Wraps, checked_wrap
 from pyibr.meshes.mesh import Mesh
+from pyibr.picture.light import light_for
 from pyibr.relief import ReliefSurface
 from pyibr.slicing import SlicedSurface
 
@@ -237,7 +239,9 @@ def _displaced(
 
 def _heights(path: Path) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
     """The heights of a gray picture, or of a relief map: those in its alpha, and its colours' normals."""
-    stored = ibr.read_color(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a relief map alpha is no transparency
+        stored = ibr.read_color(path)
     if (stored == stored[..., :1]).all():
         return stored[..., 0], None
     try:

@@ -25,12 +25,10 @@ from pyibr.core.checks import (
     describe,
     instance_of,
     number_from,
-    numbers,
     positive_or_infinite,
 )
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
-from pyibr.meshes.mesh import Mesh
 from pyibr.picture.light import Light
 from pyibr.picture.render import Thing, render
 
@@ -161,7 +159,7 @@ class Frustum:
         thing : thing
             As for `pyibr.render`, which draws it.
         light : Light, optional
-            Of the picture, whose colours hold it; see `light_for`.
+            Of the picture, whose colours hold it; see `pyibr.picture.light.light_for`.
 
         Returns
         -------
@@ -187,15 +185,6 @@ class Frustum:
             for one in self.strokes
         ]
         return {"strokes": kept}
-
-
-def light_for(thing: Thing, up: ArrayLike) -> Light | None:
-    """A light that shows the form of a mesh without colours, from above; None for what has its own."""
-    if not isinstance(thing, Mesh) or thing.colors is not None or thing.texture is not None:
-        return None
-    upward = numbers("up", up, (3,))
-    aside = np.cross(upward, np.eye(3)[np.abs(upward).argmin()])
-    return Light(direction=-(upward + 0.6 * aside + 0.4 * np.cross(upward, aside)), ambient=0.3, shadow_size=0)
 
 
 def save_frusta(path: str | PathLike[str], frusta: Sequence[Frustum], **about: object) -> None:

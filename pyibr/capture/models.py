@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.capture.frusta import light_for, load_frusta
+from pyibr.capture.frusta import load_frusta
 from pyibr.capture.globe import globe, in_bytes, load_earth
 from pyibr.capture.raycast import MeshScene, cube_cameras, spread_directions
 from pyibr.capture.rays import pixel_centers
@@ -23,6 +23,7 @@ from pyibr.core.checks import Float64, describe, instance_of, integer_from, numb
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
+from pyibr.picture.light import light_for
 
 Uint8 = NDArray[np.uint8]
 

@@ -20,11 +20,12 @@ from pyibr.core.camera_json import camera_entries, write_json
 from pyibr.core.checks import Float64, checked_bool, checked_pose, checked_size, numbers
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.lens import Lens
+from pyibr.core.shown import Shown
 
 __all__ = ["Camera", "Projection"]
 
 
-class Camera(CameraGeometry):
+class Camera(CameraGeometry, Shown):
     """Pose and projection of an image: the map between its pixels and rays of the world. Immutable.
 
     Parameters

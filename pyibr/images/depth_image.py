@@ -34,6 +34,7 @@ from pyibr.core.checks import (
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import rays_of
 from pyibr.images.noise import DepthNoise, fitted_noise
+from pyibr.images.pictures import Pictured
 
 Color = NDArray[np.uint8] | NDArray[np.float32]
 Depth = NDArray[np.float32]
@@ -51,7 +52,7 @@ _EVEN = 0.005  # of the nearness, by which neighbours differ that nothing tears
 _CHUNK = 1 << 15  # samples at a time: of more, float64 values take several times longer
 
 
-class DepthImage(Immutable):
+class DepthImage(Immutable, Pictured):
     """An image with a depth for each pixel, and the camera that took it: a sampled surface.
 
     Parameters
@@ -167,6 +168,11 @@ class DepthImage(Immutable):
         if self.camera.lens is not None:
             valid &= np.isfinite(rays_of(self.camera)[..., 0])
         return locked(valid)
+
+    @property
+    def known_depth(self) -> Depth:
+        """(H, W) the depth, NaN where it is not valid."""
+        return np.where(self.valid, self.depth, np.float32(np.nan))
 
     @property
     def in_float(self) -> DepthImage:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.images.depth_image import Color, Depth
+from pyibr.images.pictures import Pictured
 
 
 class PixelClass(IntEnum):
@@ -36,7 +37,7 @@ class PixelClass(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Frame(Pictured):
     """A rendered view.
 
     Attributes

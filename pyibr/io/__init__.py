@@ -30,7 +30,9 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import describe, instance_of, one_of, plain_array, positive
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_writable, checked_path
+from pyibr.core.shown import save_as
 from pyibr.images import depth_from_relative, depth_from_uint16, uint16_from_depth
+from pyibr.images.pictures import Pictured
 from pyibr.io import depth_kinds, image
 from pyibr.io.camera_files import CameraForm, write_cameras
 from pyibr.io.cameras import read_cameras
@@ -85,6 +87,7 @@ _DEPTH_MODULES = _COLOR_MODULES | {
 
 _CHOICES = {"channel": (".exr", ".npz"), "part": (".exr",)}
 
+_FLOATS = (".npy", ".npz", ".exr", ".pfm", ".tif", ".tiff")  # what a thing that is saved leaves its depth in
 _NO_IMAGES = (".ply", ".pcd", ".las", ".laz", ".obj", ".glb", ".gltf", ".stl", ".off")
 
 
@@ -106,7 +109,8 @@ def read_color(
     Parameters
     ----------
     path : path
-        Gray is repeated, alpha dropped, the first of several images taken. 16-bit gray becomes float32 in
+        Gray is repeated, the first of several images taken; of alpha, a UserWarning tells unless all is opaque: pyibr
+        draws surfaces, whose depth or mask says where there are none. 16-bit gray becomes float32 in
         [0, 1]; 16-bit RGB is reduced to 8 bit by the decoder (Pillow). EXR, PFM and NPY are read as they are: EXR
         is linear in light, and may be more than 1.
     channel : str, optional
@@ -133,17 +137,19 @@ def read_color(
     """
     chosen = _chosen(path, channel, part)
     stored = _module(path, _COLOR_MODULES, "image").read_color(path, **chosen)
-    image: NDArray[Any] = stored[..., None] if stored.ndim == 2 else stored
-    if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4) or 0 in image.shape:
+    color: NDArray[Any] = stored[..., None] if stored.ndim == 2 else stored
+    if color.ndim != 3 or color.shape[2] not in (1, 2, 3, 4) or 0 in color.shape:
         raise FileFormatError(f"{path}: expected an image of shape (H, W, 3), got {describe(stored)}")
-    image = image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
-    if image.dtype == np.bool_:
-        return image.astype(np.uint8) * np.uint8(255)
-    if image.dtype == np.uint16:
-        return image.astype(np.float32) / np.float32(65535)
-    if image.dtype != np.uint8 and image.dtype.kind != "f":
+    file = checked_path(path)
+    color = image.without_alpha(color, file.with_name(f"*{file.suffix}"))  # the same of each frame: it is told once
+    color = color if color.shape[2] == 3 else np.repeat(color, 3, axis=2)
+    if color.dtype == np.bool_:
+        return color.astype(np.uint8) * np.uint8(255)
+    if color.dtype == np.uint16:
+        return color.astype(np.float32) / np.float32(65535)
+    if color.dtype != np.uint8 and color.dtype.kind != "f":
         raise FileFormatError(f"{path}: expected 8-bit, 16-bit or float colour, got {describe(stored)}")
-    return np.ascontiguousarray(image if image.dtype == np.uint8 else image.astype(np.float32))
+    return np.ascontiguousarray(color if color.dtype == np.uint8 else color.astype(np.float32))
 
 
 def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32]) -> None:
@@ -311,6 +317,19 @@ def write_depth(
     else:
         factor = 1.0 if depth_scale is None else positive("depth_scale", depth_scale)
         module.write_depth(path, (array * factor).astype(np.float32))
+
+
+@save_as.register
+def _(thing: Pictured, path: _PathLike) -> None:
+    suffix = checked_path(path).suffix.lower()
+    if suffix == ".json":
+        thing.camera.save(path)
+    elif suffix in _FLOATS:
+        write_depth(path, thing.known_depth)
+    elif not thing.color.shape[2]:
+        raise ArgumentError("path", f"a file of depth, which is all there is: {', '.join(_FLOATS)}", str(path))
+    else:
+        write_color(path, thing.color)
 
 
 def _relative(path: _PathLike, chosen: dict[str, str]) -> NDArray[Any]:

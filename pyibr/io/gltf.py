@@ -124,6 +124,8 @@ class _Scene:
             lost["textures but the first"] = None
         if textures and any(_factor(one) != _WHITE for one in surfaces):
             lost["colours of materials"] = None
+        if any(self._material(primitive).get("alphaMode", "OPAQUE") != "OPAQUE" for _, primitive in drawn):
+            lost["transparency"] = None
         parts, first, size = list[MeshArrays](), 0, 0
         for (number, primitive), surface in zip(drawn, surfaces, strict=True):
             placing = self._placing(number, primitive, matrices)
@@ -218,8 +220,10 @@ class _Scene:
 
     def _surface(self, primitive: dict[str, Any]) -> dict[str, Any]:
         """Description of a primitive's base colour."""
-        material = item_of(self._scene, "materials", primitive["material"]) if "material" in primitive else {}
-        return material.get("pbrMetallicRoughness", {})
+        return self._material(primitive).get("pbrMetallicRoughness", {})
+
+    def _material(self, primitive: dict[str, Any]) -> dict[str, Any]:
+        return item_of(self._scene, "materials", primitive["material"]) if "material" in primitive else {}
 
     def _texture(self, number: Any) -> NDArray[np.uint8] | None:
         texture = item_of(self._scene, "textures", number)
@@ -229,8 +233,8 @@ class _Scene:
     def _image(self, described: dict[str, Any]) -> NDArray[np.uint8] | None:
         if "bufferView" in described:
             return texture_from(self._view(described["bufferView"])[0])
-        inline = _inline(described)
-        return texture_from(inline) if inline else texture_beside(self._folder, unquote(described["uri"]))
+        data = _inline(described) or texture_beside(self._folder, unquote(described["uri"]))
+        return None if data is None else texture_from(data)
 
     def _array(self, number: int, width: int | None) -> NDArray[Any]:
         """An accessor's (N, width) numbers, which normalised integers tell as floats."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -45,11 +46,24 @@ def decoded(data: bytes) -> NDArray[Any]:
     with opened(known) as picture:
         if picture.mode in _OTHER_COLORS:
             return np.array(picture.convert("RGB"))
+        if picture.mode in ("P", "RGB") and "transparency" in picture.info:
+            return np.array(picture.convert("RGBA"))
         if picture.mode == "P" and picture.palette is not None:
             return np.array(picture.convert(picture.palette.mode))
         if picture.mode == "I" and picture.format == "PNG":  # 16 bits, which Pillow before version 11.3 widens
             return np.array(picture.convert("I;16"))
         return tiff.as_they_are(np.array(picture), numbers)
+
+
+def without_alpha(image: NDArray[Any], name: object = None) -> NDArray[Any]:
+    """(..., 1 or 3) of (..., 1 to 4): the colours alone; of a picture with a name it is told if any is not opaque."""
+    if image.shape[-1] in (1, 3):
+        return image
+    alpha = image[..., -1]
+    if name is not None and (alpha < (1 if alpha.dtype.kind in "fb" else np.iinfo(alpha.dtype).max)).any():
+        remedy = "depth that is NaN, or a mask, leaves out what is not to be seen"
+        warnings.warn(f"{name}: transparency is left out, all is drawn as opaque; {remedy}", stacklevel=3)
+    return image[..., :-1]
 
 
 def opened(data: bytes) -> Image:

@@ -61,11 +61,11 @@ def color_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
     return np.rint(np.clip(np.nan_to_num(values), 0, 1) * 255).astype(np.uint8)
 
 
-def texture_from(data: bytes) -> NDArray[np.uint8]:
-    """A picture's bytes as (h, w, 3) uint8."""
+def texture_from(data: bytes, name: str | None = None) -> NDArray[np.uint8]:
+    """A picture's bytes as (h, w, 3) uint8; by its name it is told if not all is opaque."""
     stored = image.decoded(data)
-    texture = stored[..., None] if stored.ndim == 2 else stored
-    texture = texture[..., :3] if texture.shape[2] >= 3 else np.repeat(texture[..., :1], 3, axis=2)
+    texture = image.without_alpha(stored[..., None] if stored.ndim == 2 else stored, name)
+    texture = texture if texture.shape[2] == 3 else np.repeat(texture, 3, axis=2)
     if texture.dtype == np.uint16:
         return (texture >> 8).astype(np.uint8)
     if texture.dtype == np.bool_:
@@ -75,15 +75,14 @@ def texture_from(data: bytes) -> NDArray[np.uint8]:
     return np.ascontiguousarray(texture)
 
 
-def texture_beside(folder: Path, name: str) -> NDArray[np.uint8] | None:
+def texture_beside(folder: Path, name: str) -> bytes | None:
     """The texture that a mesh file names; None, and a warning, where there is none."""
     data = beside(folder, name, "texture")
     if data is None:
         warnings.warn(
             f"{name}, a mesh's texture, is not in {folder}: the mesh is without it", UserWarning, stacklevel=2
         )
-        return None
-    return texture_from(data)
+    return data
 
 
 def beside(folder: Path, name: str, kind: str) -> bytes | None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.files import utf8_of
 from pyibr.io import image
-from pyibr.io.mesh_arrays import MeshArrays, beside, color_bytes, texture_beside
+from pyibr.io.mesh_arrays import MeshArrays, beside, color_bytes, texture_beside, texture_from
 from pyibr.io.polygons import triangles
 
 _OWN = re.compile(r"# pyibr: (\d{1,12}) vertices, (\d{1,12}) triangles\n")
@@ -106,13 +106,14 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
         uv = np.column_stack([uv[:, 0], 1 - uv[:, 1]])
     if textures and any(material.color and not material.texture for material in used):
         lost.append("colours of materials without a texture")
+    picture = texture_beside(folder, textures[0]) if textures else None
     return MeshArrays(
         points[vertex, :3],
         faces,
         uv,
         None if normals is None else normals[:, :3],
         colors,
-        texture_beside(folder, textures[0]) if textures else None,
+        None if picture is None else texture_from(picture, textures[0]),
         (*lines.left_out, *lost, *textures[1:]),
     )
 

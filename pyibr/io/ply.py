@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.io.mesh_arrays import MeshArrays, color_bytes, count_of, texture_beside, whole
+from pyibr.io.mesh_arrays import MeshArrays, color_bytes, count_of, texture_beside, texture_from, whole
 from pyibr.io.polygons import triangles
 
 _KINDS = {
@@ -140,7 +140,8 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     lengths, of_corners = face.get("texcoord", (None, None))
     if uv is None and lengths is not None and np.array_equal(lengths, 2 * counts):
         uv = of_corners.reshape(-1, 2)[chosen]
-    texture = texture_beside(folder, textures[0]) if textures and uv is not None else None
+    picture = texture_beside(folder, textures[0]) if textures and uv is not None else None
+    texture = None if picture is None else texture_from(picture, textures[0])
     lost = (
         *textures[1:],
         *("colours of faces",) * ("red" in face),

@@ -23,6 +23,8 @@ from pyibr.core.checks import (
 )
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.optional import open3d
+from pyibr.core.shown import Shown
+from pyibr.io.image import without_alpha
 from pyibr.io.mesh_arrays import MeshArrays
 from pyibr.meshes import trimesh_arrays
 from pyibr.meshes.files import Axes, read_mesh, write_mesh
@@ -34,7 +36,7 @@ Sides = Literal["both", "front", "back"]
 _OWN_PLACES = ("positions", "normals", "colors")  # of Open3D's vertex attributes: not in `attributes`
 
 
-class Mesh(Immutable):
+class Mesh(Immutable, Shown):
     """Triangles with what is known at their corners.
 
     Parameters
@@ -273,7 +275,7 @@ class Mesh(Immutable):
         """Take over a `trimesh.Trimesh`: the way for files of all the formats that trimesh reads.
 
         Any object with `vertices`, `faces` and, if it has colours, a `visual` like trimesh's will do. Normals are made
-        as those of other meshes without; what is not opaque becomes so.
+        as those of other meshes without; what is not opaque becomes so, as a UserWarning tells.
 
         Parameters
         ----------
@@ -314,7 +316,8 @@ def _texture_of(maps: Any) -> NDArray[Any] | None:
     image = maps["albedo"].as_tensor().numpy()
     if not image.size:
         return None
-    image = np.repeat(image, 3, axis=2) if image.shape[2] == 1 else image[..., :3]
+    image = without_alpha(image, "the texture")
+    image = np.repeat(image, 3, axis=2) if image.shape[2] == 1 else image
     if image.dtype == np.uint16:
         return (image >> 8).astype(np.uint8)
     return image if image.dtype == np.uint8 else np.clip(image, 0, 1).astype(np.float32)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import describe, plain_array
 from pyibr.core.errors import ArgumentError
+from pyibr.io.image import without_alpha
 
 
 def arrays_of(mesh: Any) -> dict[str, Any]:
@@ -45,11 +46,11 @@ def _textured(visual: Any, count: int) -> dict[str, Any]:
     if picture is not None and visual.uv is not None:
         uv = np.array(visual.uv, np.float64)
         uv[:, 1] = 1 - uv[:, 1]
-        return {"uv": uv, "texture": np.array(picture.convert("RGB"))}
+        return {"uv": uv, "texture": without_alpha(np.array(picture.convert("RGBA")), "the texture")}
     color = getattr(material, "main_color", None)
     return {} if color is None else {"colors": _colors(np.tile(color, (count, 1)))}
 
 
 def _colors(values: Any) -> NDArray[Any]:
-    """Colours without what they let through."""
-    return np.array(values)[:, :3]
+    """Colours without what they let through, which is told."""
+    return without_alpha(np.array(values), "the mesh")

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.checks import Float64, Immutable, checked_bool, describe, integer_from, numbers, read_only
 from pyibr.core.errors import ArgumentError
+from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.headers import struct
 
 _SHADOW_MAX = 16384
@@ -132,3 +133,12 @@ def _in_range(argument: str, value: float, low: float, high: float) -> float:
             argument, f"a number from {low:g} to {high:g}" if high < np.inf else f"a number >= {low:g}", repr(value)
         )
     return number
+
+
+def light_for(thing: object, up: ArrayLike) -> Light | None:
+    """A light that shows the form of a mesh without colours, from above; None for what has its own."""
+    if not isinstance(thing, Mesh) or thing.colors is not None or thing.texture is not None:
+        return None
+    upward = numbers("up", up, (3,))
+    aside = np.cross(upward, np.eye(3)[np.abs(upward).argmin()])
+    return Light(direction=-(upward + 0.6 * aside + 0.4 * np.cross(upward, aside)), ambient=0.3, shadow_size=0)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.shown import picture_of
+from pyibr.images.pictures import camera_before, in_bytes
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.normals import areas, pieces_of
 from pyibr.meshes.textures import texture_pyramid
@@ -16,11 +18,14 @@ from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.drawable import as_drawable
+from pyibr.picture.light import light_for
+from pyibr.picture.render import render
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_primitives, project
 
 _GREY = (0.8, 0.8, 0.8)  # of a mesh without texture and colours
+_DOWN, _PAPER = np.array([0.0, 1.0, 0.0]), (255, 255, 255)
 
 
 def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
@@ -89,6 +94,16 @@ class DrawnMesh:
 @as_drawable.register
 def _(thing: Mesh) -> DrawnMesh:
     return DrawnMesh(thing)
+
+
+@picture_of.register
+def _(thing: Mesh) -> NDArray[Any]:
+    """All of it from above and aside, up being -y; in a light if it has no colours."""
+    low, high = (corner.astype(np.float64) for corner in thing.bounds)
+    if not (low < high).any():  # a mesh of one point
+        high = low + 1.0
+    frame = render(thing, camera_before(low, high, -_DOWN), light_for(thing, -_DOWN), background=_PAPER)
+    return in_bytes(frame.color)
 
 
 def _buffers(mesh: Mesh) -> dict[str, DeviceArray]:

@@ -11,8 +11,9 @@ import pytest
 import pyibr as ibr
 from pyibr.capture import MeshScene, models
 from pyibr.capture.coverage import Surface, surface_of, unseen_share
-from pyibr.capture.frusta import Frustum, Stroke, light_for, load_frusta, save_frusta, save_set
+from pyibr.capture.frusta import Frustum, Stroke, load_frusta, save_frusta, save_set
 from pyibr.capture.proposal import propose_frusta
+from pyibr.picture.light import light_for
 from tests.capture.torus import torus
 from tests.data import shared
 from tests.embree import embree

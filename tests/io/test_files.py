@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import warnings
 from pathlib import Path
 
 import cv2
@@ -126,14 +127,39 @@ def test_jpeg_is_close(tmp_path: Path):
     assert np.abs(ibr.read_color(tmp_path / "c.jpg").astype(int) - color).mean() < 2
 
 
-def test_gray_palette_alpha_and_bits_become_rgb(tmp_path: Path):
+def test_gray_and_bits_become_rgb(tmp_path: Path):
     gray = color_of((7, 13))[..., 0]
     Image.fromarray(gray).save(tmp_path / "gray.png")
     np.testing.assert_array_equal(ibr.read_color(tmp_path / "gray.png"), np.dstack([gray] * 3))
-    Image.fromarray(np.dstack([color_of((7, 13)), gray])).save(tmp_path / "rgba.png")
-    np.testing.assert_array_equal(ibr.read_color(tmp_path / "rgba.png"), color_of((7, 13)))
     Image.fromarray(gray.astype(np.uint16) * 257).save(tmp_path / "gray16.png")
     np.testing.assert_allclose(ibr.read_color(tmp_path / "gray16.png"), np.dstack([gray / 255] * 3), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["rgba.png", "palette.png", "key.png", "gray.tif", "array.npy", "float.npy"])
+def test_transparency_is_told_once_a_folder_and_only_where_there_is_any(tmp_path: Path, kind):
+    color, alpha = color_of((13, 7)), np.full((7, 13), 255, np.uint8)
+    color[:3], alpha[:3] = (0, 0, 255), 128
+
+    def write(name: str, alpha: np.ndarray) -> None:
+        rgba = np.dstack([color, alpha])
+        options = {"transparency": (0, 0, 255) if (alpha < 255).any() else (9, 8, 7)} if kind == "key.png" else {}
+        if kind.endswith(".npy"):
+            np.save(tmp_path / name, rgba if kind == "array.npy" else (rgba / 255).astype(np.float32))
+            return
+        picture = Image.fromarray(color if options else rgba)
+        picture = picture.quantize() if kind == "palette.png" else picture.convert("LA") if "gray" in kind else picture
+        picture.save(tmp_path / name, **options)
+
+    for number in range(3):
+        write(f"{number}{kind}", alpha)
+    with pytest.warns(UserWarning, match="transparency is left out") as told:
+        for number in range(3):
+            assert ibr.read_color(tmp_path / f"{number}{kind}").shape == (7, 13, 3)
+    assert {str(one.message).split(":")[0] for one in told} == {str(tmp_path / f"*{Path(kind).suffix}")}
+    write(kind, np.full((7, 13), 255, np.uint8))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert ibr.read_color(tmp_path / kind).shape == (7, 13, 3)
 
 
 def stored_as(mode: str) -> tuple[Image.Image, np.ndarray]:
@@ -150,6 +176,7 @@ def stored_as(mode: str) -> tuple[Image.Image, np.ndarray]:
     return printed, np.asarray(printed.convert("RGB"))
 
 
+@pytest.mark.filterwarnings("ignore:.*transparency")
 @pytest.mark.parametrize(
     ("mode", "suffix"),
     [("1", "png"), ("P", "png"), ("P", "gif"), ("LA", "png"), ("LA", "tif"), ("CMYK", "tif"), ("LAB", "tif")],

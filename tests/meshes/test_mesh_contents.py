@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import pyibr as ibr
 from tests.io.others_meshes import SQUARE, TRIANGLE, accessor, write_gltf, write_skinned
@@ -34,6 +35,15 @@ def test_obj_with_what_is_not_there_or_not_read(tmp_path: Path):
     (tmp_path / "m.obj").write_text("mtllib none.mtl a.mtl\n" + CORNERS + lines)
     words = r"m\.obj: left out: lines, materials of none\.mtl, which is not there, other\.png"
     with pytest.warns(UserWarning, match=words):
+        np.testing.assert_array_equal(ibr.Mesh.load(tmp_path / "m.obj").texture, TEXTURED.texture)
+
+
+def test_obj_with_a_texture_that_is_not_opaque(tmp_path: Path):
+    rgba = np.dstack([TEXTURED.texture, np.full(TEXTURED.texture.shape[:2], 200, np.uint8)])
+    Image.fromarray(rgba).save(tmp_path / "t.png")
+    (tmp_path / "a.mtl").write_text("newmtl a\nmap_Kd t.png\n")
+    (tmp_path / "m.obj").write_text("mtllib a.mtl\n" + CORNERS + "usemtl a\nf 1/1 2/2 3/3\n")
+    with pytest.warns(UserWarning, match=r"t\.png: transparency is left out"):
         np.testing.assert_array_equal(ibr.Mesh.load(tmp_path / "m.obj").texture, TEXTURED.texture)
 
 
@@ -103,6 +113,8 @@ def test_gltf_tells_what_is_left_out(tmp_path: Path):
     write_skinned(tmp_path / "m.gltf")
     scene = json.loads((tmp_path / "m.gltf").read_text())
     scene["nodes"][0]["weights"] = [0.5]
+    scene["materials"] = [{"alphaMode": "BLEND"}]  # by default, alpha means nothing
+    scene["meshes"][0]["primitives"][0]["material"] = 0
     (tmp_path / "m.gltf").write_text(json.dumps(scene))
-    with pytest.warns(UserWarning, match=r"m\.gltf: left out: morph targets"):
+    with pytest.warns(UserWarning, match=r"m\.gltf: left out: morph targets, transparency"):
         ibr.Mesh.load(tmp_path / "m.gltf")

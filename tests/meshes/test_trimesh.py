@@ -60,6 +60,14 @@ def test_another_texture_and_a_material_of_one_colour():
     np.testing.assert_array_equal(ibr.Mesh.from_trimesh(textured, texture=TEXTURE).texture, TEXTURE)
 
 
+def test_transparency_is_told():
+    see_through = np.dstack([TEXTURE, np.full(TEXTURE.shape[:2], 9, np.uint8)])
+    textured = like(kind="texture", uv=UV, material=SimpleNamespace(image=Image.fromarray(see_through)))
+    for mesh in (textured, like(kind="vertex", vertex_colors=np.full((4, 4), 9, np.uint8))):
+        with pytest.warns(UserWarning, match="transparency is left out"):
+            ibr.Mesh.from_trimesh(mesh)
+
+
 def test_what_is_no_mesh_is_named():
     for wrong in ("mesh.dae", SimpleNamespace(geometry={})):
         with pytest.raises(ibr.ArgumentError, match=r"^mesh: expected a mesh with vertices and faces"):
@@ -70,6 +78,7 @@ def test_what_is_no_mesh_is_named():
         ibr.Mesh.from_trimesh(like(kind=None), texture=TEXTURE)
 
 
+@pytest.mark.filterwarnings("ignore:.*transparency")
 def test_trimesh_itself():
     trimesh = pytest.importorskip("trimesh")
     visual = trimesh.visual.TextureVisuals(uv=UV, image=Image.fromarray(TEXTURE))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -116,5 +117,8 @@ def _silhouettes(
         recording.colors, recording.depths, cameras_of(recording, [camera or views], shared=False), strict=True
     ):
         if pose is not None:
-            made.append(Silhouette(ibr.read_color(color), read_mask(mask), posed(own, pose)))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # that not all is opaque is what the mask says
+                shown = ibr.read_color(color)
+            made.append(Silhouette(shown, read_mask(mask), posed(own, pose)))
     return made

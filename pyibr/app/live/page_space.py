@@ -59,13 +59,3 @@ def page_space_around(low: Float64, high: Float64) -> PageSpace:
     if not (np.isfinite(radius) and radius > 0):
         raise ArgumentError("things", "things of some extent", f"a box from {low} to {high}")
     return PageSpace(0.5 * (low + high), radius / _RADIUS)
-
-
-def camera_before(low: Float64, high: Float64, up: Float64) -> Camera:
-    """A camera that sees all of a box, from above and aside; `up` is a direction of any length."""
-    up = up / np.linalg.norm(up)
-    side = np.cross(up, np.eye(3)[np.abs(up).argmin()])
-    side /= np.linalg.norm(side)
-    away = 0.45 * side + 0.35 * up + np.cross(side, up)
-    middle, away = 0.5 * (low + high), away * (2.7 * 0.5 * np.linalg.norm(high - low) / np.linalg.norm(away))
-    return Camera.look_at(middle + away, middle, up, (640, 480), fov_y=45.0)

@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pyibr.app.live.page_space import camera_before, page_space_around
+from pyibr.app.live.page_space import page_space_around
 from pyibr.app.live.pages import Pages
 from pyibr.app.place.captures import Captures
 from pyibr.app.place.model import Placement
 from pyibr.app.place.page import PlacePage
 from pyibr.capture.coverage import surface_of
-from pyibr.capture.frusta import Frustum, light_for, load_frusta, part_of
+from pyibr.capture.frusta import Frustum, load_frusta, part_of
 from pyibr.core.checks import instance_of, numbers, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import Side
+from pyibr.images.pictures import camera_before
 from pyibr.meshes.mesh import Mesh
+from pyibr.picture.light import light_for
 
 __all__ = ["place"]
 

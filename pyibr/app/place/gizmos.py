@@ -46,7 +46,7 @@ class Gizmos:
         placement: Placement,
         page_space: PageSpace,
         nearest: Callable[[Frustum], float | None],
-        choose: Callable[[int], object],
+        choose: Callable[[int], None],
     ) -> None:
         self._scene, self._placement, self._page_space = scene, placement, page_space
         self._nearest, self._choose = nearest, choose

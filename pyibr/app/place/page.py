@@ -195,19 +195,23 @@ class PlacePage:
             delete = gui.add_button("Delete")
             self._undo, self._redo = gui.add_button("Undo"), gui.add_button("Redo")
 
-        self._chosen.on_update(lambda _: self._by_hand(lambda: self._choose(int(self._chosen.value) - 1)))
+        self._when_turned(self._chosen, lambda: self._choose(int(self._chosen.value) - 1))
         for handle in (self._across, self._down, self._far):
-            handle.on_update(lambda _: self._by_hand(self._open))
+            self._when_turned(handle, self._open)
         add.on_click(lambda event: self.add_at(event.client))
         delete.on_click(lambda _: self.placement.delete())
         self._undo.on_click(lambda _: self.placement.undo())
         self._redo.on_click(lambda _: self.placement.redo())
 
-    def _by_hand(self, act: Callable[[], object]) -> None:
-        """Act on a control, unless it was set to what is; another thread may be doing that to all of them."""
-        with self.placement.lock:
-            if not self._quiet:
-                self._try(act)
+    def _when_turned(self, handle: Any, act: Callable[[], object]) -> None:
+        """Act whenever a control is turned, but not when it is set to what is, as another thread may just be doing."""
+
+        def turned(_: Any) -> None:
+            with self.placement.lock:
+                if not self._quiet:
+                    self._try(act)
+
+        handle.on_update(turned)
 
     def _choose(self, number: int) -> None:
         self._try(lambda: self.placement.choose(number))  # it may be gone since the click
@@ -245,7 +249,7 @@ class PlacePage:
             self._side: Any = gui.add_dropdown("Side", get_args(Side))
 
         propose.on_click(lambda _: self._try(self.propose))
-        self._side.on_update(lambda _: self._by_hand(lambda: self.placement.look_from(cast("Side", self._side.value))))
+        self._when_turned(self._side, lambda: self.placement.look_from(cast("Side", self._side.value)))
 
     def propose(self) -> None:
         """Add frusta that see most of what is unseen; does nothing while that is being done already."""
@@ -284,7 +288,7 @@ class PlacePage:
             clean = gui.add_button("Clear paint")
 
         for handle in (self._corner, self._brush):
-            handle.on_update(lambda _: self._redraw())
+            self._when_turned(handle, self._redraw)
         clean.on_click(lambda _: self.placement.clean())
 
     def paint_at(self, at: tuple[float, float], gesture: object) -> None:

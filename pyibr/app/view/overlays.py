@@ -1,17 +1,14 @@
-"""Overlays: depth, classes and origins of a picture as colours."""
+"""Overlays: classes and origins of a picture as colours, and two pictures' difference."""
 
 from __future__ import annotations
 
 import colorsys
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyibr.app.view.style import Show
 from pyibr.images.frame import Frame, PixelClass
-
-Image = NDArray[np.uint8]
+from pyibr.images.pictures import Image, in_bytes
 
 CLASS_COLORS = {
     PixelClass.HIDDEN: (255, 140, 0),
@@ -20,45 +17,9 @@ CLASS_COLORS = {
 }
 """Of what was hidden from the source, what it has no depth for, and what lies outside of its image."""
 
-_STOPS: NDArray[np.float64] = np.array(
-    [(10, 10, 60), (40, 40, 160), (20, 130, 170), (70, 180, 90), (230, 210, 60), (255, 255, 230)], np.float64
-)
-_RAMP = np.column_stack(
-    [
-        np.interp(np.linspace(0, len(_STOPS) - 1, 256), np.arange(len(_STOPS)), _STOPS[:, channel])
-        for channel in range(3)
-    ]
-).astype(np.uint8)
-"""(256, 3) colours from far to near."""
-
 _NAMED = 16  # views in a legend
 _MORE = (128, 128, 128)
 _GOLDEN = 0.618033988749895  # turns of the hue that never come near one another early
-_ENDS = (1.0, 99.0)  # per cent of the pixels between which the ramp lies: what is far out does not count
-
-
-def in_bytes(color: NDArray[Any]) -> Image:
-    """(H, W, 3) colours as uint8; white for (H, W, 0), depth alone."""
-    if color.shape[2] == 0:
-        return np.full((*color.shape[:2], 3), 255, np.uint8)
-    if color.dtype == np.uint8:
-        return color
-    return np.rint(np.clip(np.nan_to_num(color), 0, 1) * np.float32(255)).astype(np.uint8)
-
-
-def depth_colors(frame: Frame, background: tuple[int, int, int]) -> Image:
-    """Depth as colours, light is near; even in 1 / depth for a perspective camera, as disparities are."""
-    depth = frame.depth
-    seen = np.isfinite(depth)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        near = 1 / depth if frame.camera.projection == "perspective" else -depth
-    made = np.empty((*depth.shape, 3), np.uint8)
-    made[:] = background
-    if seen.any():
-        low, high = np.percentile(near[seen][:: max(seen.sum() // 4096, 1)], _ENDS)
-        level = (near[seen] - low) * (255 / max(high - low, 1e-30))
-        made[seen] = _RAMP[np.clip(level, 0, 255).astype(np.uint8)]
-    return made
 
 
 def class_colors(frame: Frame) -> Image:

@@ -15,13 +15,14 @@ from pyibr.app.live.page_space import fov_of
 from pyibr.app.live.stream import Picture, SentPicture, Stream
 from pyibr.app.telling import telling
 from pyibr.app.view.controls import LABELS, Controls
-from pyibr.app.view.overlays import in_bytes, legend, view_color
+from pyibr.app.view.overlays import legend, view_color
 from pyibr.app.view.painting import kernel_seconds, paint
 from pyibr.app.view.paths import CameraPath
 from pyibr.app.view.scene import Scene
 from pyibr.core.camera import Camera
 from pyibr.core.errors import Error, FileFormatError
 from pyibr.images import DepthImage
+from pyibr.images.pictures import in_bytes
 from pyibr.io.image import encoded
 
 if TYPE_CHECKING:

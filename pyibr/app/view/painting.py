@@ -11,12 +11,13 @@ import numpy as np
 
 from pyibr.app.live.stream import Picture
 from pyibr.app.view.methods import RenderMethod
-from pyibr.app.view.overlays import Image, class_colors, depth_colors, difference, in_bytes, view_colors
+from pyibr.app.view.overlays import class_colors, difference, view_colors
 from pyibr.app.view.style import Style
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images.frame import Frame
 from pyibr.images.metrics import psnr
+from pyibr.images.pictures import Image, depth_colors, in_bytes
 from pyibr.opencl.watch import LaunchTimes, watching
 
 _LINE = (128, 128, 128)  # between panes

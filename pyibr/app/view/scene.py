@@ -9,12 +9,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pyibr.app.live.page_space import PageSpace, camera_before, page_space_around
+from pyibr.app.live.page_space import PageSpace, page_space_around
 from pyibr.app.view.methods import RenderMethod, methods_of
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, numbers
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
+from pyibr.images.pictures import camera_before
 from pyibr.meshes.mesh import Mesh
 from pyibr.picture.drawable import as_drawable
 

@@ -138,8 +138,8 @@ def _layer(
 def _resized(size: tuple[int, int], path: Path) -> NDArray[Any]:
     from PIL import Image
 
-    picture = image.read_color(path)
-    return np.array(Image.fromarray(picture[..., :3]).resize(size, Image.Resampling.BOX))
+    picture = image.without_alpha(np.atleast_3d(image.read_color(path)), path.with_name(f"*{path.suffix}"))
+    return np.array(Image.fromarray(picture.squeeze()).resize(size, Image.Resampling.BOX))
 
 
 def _pictures(file: Path, name: str) -> Callable[[int], NDArray[Any]]:

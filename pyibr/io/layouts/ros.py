@@ -157,7 +157,7 @@ def _message_at(path: Path, topic: str, at: int) -> Any:
 def _color_at(path: Path, topic: str, at: int) -> NDArray[Any]:
     message = _message_at(path, topic, at)
     if not hasattr(message, "encoding"):
-        return image.decoded(bytes(message.data))[..., :3]
+        return image.without_alpha(np.atleast_3d(image.decoded(bytes(message.data))), topic)
     if message.encoding not in _COLORS:
         raise FileFormatError(f"{path}: {topic}: expected images as {', '.join(_COLORS)}, got {message.encoding}")
     rows = np.reshape(message.data, (message.height, message.step))

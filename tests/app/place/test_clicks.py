@@ -61,11 +61,11 @@ def test_controls_that_show_what_is_do_not_change_it_and_hands_that_turn_them_me
     with ThreadPoolExecutor(1) as other, page.placement.lock:
         page._quiet = True  # while this thread shows what is
         page._across.value = 30.0
-        turned = other.submit(page._by_hand, page._open)
+        turned = other.submit(setattr, page._across, "value", 20.0)
         page._quiet = False
         assert page.placement.state.current == ONE
     assert turned.exception() is None
-    assert page.placement.state.current.fov[0] == pytest.approx(30)
+    assert page.placement.state.current.fov[0] == pytest.approx(20)
 
 
 def test_a_folder_at_home_is_meant_there_and_told_whole(page, tmp_path, monkeypatch: pytest.MonkeyPatch):

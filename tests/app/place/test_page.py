@@ -14,9 +14,10 @@ import pyibr as ibr
 from pyibr.app.place.inset import inset_box
 from pyibr.capture import models
 from pyibr.capture.coverage import Surface, surface_of, unseen_share
-from pyibr.capture.frusta import light_for, load_frusta
+from pyibr.capture.frusta import load_frusta
 from pyibr.images.metrics import psnr
 from pyibr.picture.drawable import as_drawable
+from pyibr.picture.light import light_for
 from pyibr.picture.unseen import MarkedUnseen
 from tests.app.browser import Tab, chromium, opened, rested, settles_on, stays, until
 from tests.app.sockets import LOOPBACK, listeners

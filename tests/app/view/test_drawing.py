@@ -12,7 +12,6 @@ from pyibr.app.view.methods import methods_of
 from pyibr.app.view.overlays import (
     CLASS_COLORS,
     class_colors,
-    depth_colors,
     difference,
     legend,
     view_color,
@@ -178,21 +177,6 @@ def test_classes_are_shown_in_their_colours():
         holes = frame.classes == kind
         assert holes.any(), kind
         np.testing.assert_array_equal(shown[holes], np.tile(np.array(color) * 2 // 3, (holes.sum(), 1)))
-
-
-def test_depth_grows_darker_with_the_distance_for_both_kinds_of_cameras():
-    flat = ibr.Camera([[20, 0, 30], [0, 20, 20], [0, 0, 1]], (61, 37), projection="orthographic")
-    straight = ibr.Camera([[20, 0, 30], [0, 20, 20], [0, 0, 1]], (61, 37))
-    depth = np.full((37, 61), np.nan, np.float32)
-    depth[:, 5:] = np.linspace(1, 9, 56, dtype=np.float32)
-    for camera in (flat, straight):
-        frame = ibr.Frame(np.zeros((37, 61, 3), np.uint8), depth, np.isfinite(depth), camera)
-        shown = depth_colors(frame, (1, 2, 3))
-        assert (shown[:, :5] == (1, 2, 3)).all()
-        light = shown[3, 5:].astype(int).sum(axis=1)
-        assert (np.diff(light) <= 0).all()
-        assert light[0] > 600
-        assert light[-1] < 150
 
 
 def test_views_have_colours_that_are_told_apart():

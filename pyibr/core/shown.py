@@ -1,0 +1,75 @@
+"""Frames, depth images, meshes and cameras as they show themselves: in notebooks, in a window, and as files.
+
+What knows how lies in rooms above, and registers here: at `picture_of` what draws, at `save_as` what writes.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.checks import describe
+from pyibr.core.errors import ArgumentError, Error
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+_SIDE_MAX = 1600  # pixels: what is larger would make notebooks heavy
+
+
+@singledispatch
+def picture_of(thing: object) -> NDArray[np.uint8]:
+    """(H, W, 3) the picture by which a thing shows itself."""
+    raise ArgumentError("thing", "something that has a picture", describe(thing))
+
+
+@singledispatch
+def save_as(thing: object, path: str | os.PathLike[str]) -> None:
+    """Write what a file of this suffix holds of a thing."""
+    raise ArgumentError("thing", "something that files hold", describe(thing))
+
+
+class Shown:
+    """Base of what has a picture: notebooks show it by themselves, `show` does it anywhere."""
+
+    def _repr_png_(self) -> bytes:
+        written = io.BytesIO()
+        self._picture().save(written, "PNG")
+        return written.getvalue()
+
+    def show(self) -> None:
+        """Show its picture: below the cell of a notebook, else in the system's viewer of images, by Pillow.
+
+        Raises
+        ------
+        Error
+            If there is neither a notebook nor a display.
+
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> camera = ibr.Camera.from_fov((640, 480), fov_x=60)
+        >>> camera.show()  # doctest: +SKIP
+        """
+        from PIL import ImageShow
+
+        shell: Any = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+        if hasattr(shell, "kernel"):
+            sys.modules["IPython"].display.display(self)
+            return
+        is_blind = sys.platform.startswith("linux") and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
+        if is_blind or not ImageShow.show(self._picture(), title=repr(self)):
+            raise Error("there is no display to show a picture on, nor a notebook; `save` writes a file")
+
+    def _picture(self) -> Image:
+        from PIL import Image
+
+        image = Image.fromarray(picture_of(self))
+        image.thumbnail((_SIDE_MAX, _SIDE_MAX))
+        return image
