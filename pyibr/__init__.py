@@ -61,7 +61,10 @@ if TYPE_CHECKING:
     from pyibr.app.batch import batch
     from pyibr.app.place import place
     from pyibr.app.view import view
+    from pyibr.capture.quilt import quilt
     from pyibr.capture.sets import load, save
+    from pyibr.capture.stereo import stereo
+    from pyibr.capture.turntable import turntable
     from pyibr.depthmesh import DepthMesh, DepthMeshObject
     from pyibr.io.video import Video
     from pyibr.io.video_writing import write_video
@@ -74,7 +77,10 @@ _LATER = {
     "app.batch": ("batch",),
     "app.place": ("place",),
     "app.view": ("view",),
+    "capture.quilt": ("quilt",),
     "capture.sets": ("load", "save"),
+    "capture.stereo": ("stereo",),
+    "capture.turntable": ("turntable",),
     "depthmesh": ("DepthMesh", "DepthMeshObject"),
     "io.video": ("Video",),
     "io.video_writing": ("write_video",),
@@ -126,6 +132,7 @@ __all__ = [
     "load",
     "mpeg_from_depth",
     "place",
+    "quilt",
     "read_color",
     "read_depth",
     "register",
@@ -133,6 +140,8 @@ __all__ = [
     "render",
     "save",
     "sharpen_depth",
+    "stereo",
+    "turntable",
     "uint16_from_depth",
     "undistorted",
     "use_device",

@@ -163,7 +163,7 @@ def read_only(array: Float64) -> Float64:
     return array
 
 
-def checked_size(size: object) -> tuple[int, int]:
+def checked_size(size: object, argument: str = "size", meaning: str = "(width, height)") -> tuple[int, int]:
     """Return `size` as (width, height), two ints > 0, or raise ArgumentError."""
     is_sequence = isinstance(size, (tuple, list, np.ndarray))
     values = tuple(cast("Iterable[object]", size)) if is_sequence else ()
@@ -171,7 +171,7 @@ def checked_size(size: object) -> tuple[int, int]:
         width, height = (int(cast("int", v)) for v in values)
         if width > 0 and height > 0:
             return width, height
-    raise ArgumentError("size", "(width, height), two integers > 0", describe(size))
+    raise ArgumentError(argument, f"{meaning}, two integers > 0", describe(size))
 
 
 _OUTER = np.pad(np.zeros((3, 3), np.bool_), (0, 1), constant_values=True)  # of 4 x 4: the last row and column

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pyibr.capture.standpoint import radius_of
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.conventions import quaternion_from_rotation, rotation_from_quaternion
-from pyibr.core.errors import ArgumentError
 
 _RADIUS = 3.0  # of the scene on the page: its near plane, its keys and its depths suit scenes of about that size
 
@@ -55,7 +55,4 @@ def page_space_around(low: Float64, high: Float64) -> PageSpace:
     ArgumentError
         If the box has no extent, or no end.
     """
-    radius = 0.5 * float(np.linalg.norm(high - low))
-    if not (np.isfinite(radius) and radius > 0):
-        raise ArgumentError("things", "things of some extent", f"a box from {low} to {high}")
-    return PageSpace(0.5 * (low + high), radius / _RADIUS)
+    return PageSpace(0.5 * (low + high), radius_of(low, high) / _RADIUS)

@@ -1,0 +1,127 @@
+"""Quilts: many views of a scene in one picture, as Looking Glass displays take them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.capture.rigs import RenderOptions, Things, depths_seen, drawn, first_camera, framed, gathered, stepped
+from pyibr.core.camera import Camera
+from pyibr.core.checks import checked_size, number_from, positive
+from pyibr.core.errors import ArgumentError
+from pyibr.warp.filling import Fill
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+_VIEWS_MAX = 1024
+
+
+def quilt(
+    things: Things,
+    camera: Camera | None = None,
+    *,
+    grid: tuple[int, int] = (8, 6),
+    size: tuple[int, int] | None = None,
+    cone: float = 20.0,
+    focus: float | None = None,
+    fill: Fill | None = "background",
+    **how: Unpack[RenderOptions],
+) -> NDArray[Any]:
+    """Draw a quilt: a grid of views, the leftmost at the lower left, then to the right and upwards.
+
+    The cameras stand side by side and parallel, each turned off its axis so that what is at `focus` keeps its place in
+    all views. Seen from there, they are `cone` / (views - 1) degrees apart.
+
+    Parameters
+    ----------
+    things : thing or sequence of things
+        As for `render`; depth images among them are one `WarpedView`.
+    camera : Camera, optional
+        In the middle, perspective; its lens does not count. By default the first depth image's.
+    grid : (columns, rows)
+        At least two views, up to 1024.
+    size : (width, height), optional
+        Of each view, in pixels: as much of what the camera sees as has this form. By default the camera's own.
+    cone : float
+        Degrees between the outermost views, more than 0 and less than 180.
+    focus : float, optional
+        Depth of what is in the plane of the display, in scene units. By default the median of the first depth image,
+        or of what `camera` sees.
+    fill : {"background", "smooth", "inpaint", None}
+        What is shown where no depth image saw anything, as for `WarpedView`.
+    **how
+        Options of `render`: `light`, `background`, `samples`, `anisotropy`.
+
+    Returns
+    -------
+    (rows H, columns W, 3)
+        In the dtype of the things' colours. `pyibr.capture.quilt.suffix_of` tells the end of its file's name.
+
+    Raises
+    ------
+    ArgumentError
+        An argument has a wrong type or value, or there is no camera.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera.from_fov((48, 64), fov_x=40)
+    >>> view = ibr.DepthImage(np.full((64, 48, 3), 99, np.uint8), np.full((64, 48), 2, np.float32), camera)
+    >>> ibr.quilt(view, grid=(3, 2)).shape
+    (128, 144, 3)
+    """
+    known, rig = gathered(things, fill), QuiltRig(grid, size, cone, focus)
+    middle = first_camera(known, camera)
+    if focus is None:
+        rig = replace(rig, focus=float(np.median(depths_seen(known, middle))))
+    frames = drawn(known, rig.cameras(middle), **how)
+    return tiled([frame.color for frame in frames], grid)
+
+
+def suffix_of(grid: tuple[int, int], size: tuple[int, int]) -> str:
+    """The end of a quilt's name, by which displays know its grid and its views' form, as _qs8x6a0.75."""
+    return f"_qs{grid[0]}x{grid[1]}a{size[0] / size[1]:.4g}"
+
+
+@dataclass(frozen=True)
+class QuiltRig:
+    """Cameras beside each other; the attributes are arguments of `quilt`."""
+
+    grid: tuple[int, int] = (8, 6)
+    size: tuple[int, int] | None = None
+    cone: float = 20.0
+    focus: float | None = None
+
+    def __post_init__(self) -> None:
+        columns, rows = checked_size(self.grid, "grid", "(columns, rows)")
+        if not 2 <= columns * rows <= _VIEWS_MAX:
+            raise ArgumentError("grid", f"2 to {_VIEWS_MAX} views", f"{columns}x{rows}")
+        if self.size is not None:
+            checked_size(self.size)
+        number_from("cone", self.cone, 1e-3, 179.0, "degrees > 0, up to 179")
+        if self.focus is not None:
+            positive("focus", self.focus, "a depth > 0")
+
+    def cameras(self, camera: Camera) -> list[Camera]:
+        """From left to right, without lenses; without a focus all are in one place."""
+        half = math.radians(self.cone) / 2
+        steps = (self.focus or 0.0) * np.tan(np.linspace(-half, half, math.prod(self.grid)))
+        return stepped(framed(camera, self.size or camera.size), steps.tolist(), 1 / (self.focus or 1.0))
+
+
+def tiled(views: Sequence[NDArray[Any]], grid: tuple[int, int]) -> NDArray[Any]:
+    """One picture of equal ones (H, W, 3): the first at the lower left, then to the right and upwards."""
+    columns, rows = grid
+    height, width, channels = views[0].shape
+    whole = np.empty((rows, height, columns, width, channels), views[0].dtype)
+    for number, view in enumerate(views):
+        row, column = divmod(number, columns)
+        whole[rows - 1 - row, :, column] = view
+    return whole.reshape(rows * height, columns * width, channels)
