@@ -12,8 +12,6 @@
 
 #define FROM_RING 0.99f /* from samples to those of the ring; less by what rounding may do, for which windows have room */
 
-#define SOME_MISSING 1 /* bit of the greatest nearness: some of the samples are not there */
-
 /* Windows over so many samples */
 #define BOUNDS_ACROSS(size) ((size) / BOUNDS_STEP + 1)
 #endif

@@ -1,33 +1,31 @@
 /* How near and how far a surface is within windows of its cells (lib/bounds.h).
  *
  * surface: picture/edges.cl. bounds: (down, across, 2) least and greatest nearness of each window's samples, of those that
- * are there, the latter with SOME_MISSING; (FLT_MAX, -FLT_MAX) if none is. What is interpolated between them is within, too.
+ * are there; (FLT_MAX, -FLT_MAX) if none is. What is interpolated between them is within, too.
  * Work-item: STRIP windows of a row. Cost: O(samples). Determinism: each window on its own.
  */
 #include "lib/bounds.h"
 #include "lib/lanes.h"
 
 #define WINDOW_SIDE (2 * BOUNDS_STEP + 1) /* samples */
-#define BOUNDS_ROUNDING 1e-6f /* of nearness that is interpolated, and of the bit: 16 times to 24 bits */
+#define BOUNDS_ROUNDING 1e-6f /* of nearness that is interpolated: 16 times to 24 bits */
 
 /* Writes those of the window whose first sample is `first`, and which has so many. */
 INLINED void bound_window(global const float *first, int pitch, int width, int height, global float *out)
 {
     floatl low = FLT_MAX, high = -FLT_MAX;
-    intl missing = 0;
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x += LANES) {
             const int from = min(x, WINDOW_SIDE - LANES); /* rows have room for no more */
             const floatl n = load_lanes(first + y * pitch + from);
-            const intl within = from + lane_index < width, solid = within & (n > NO_SURFACE);
+            const intl solid = (from + lane_index < width) & (n > NO_SURFACE);
             low = select_lanes(solid, min_lanes(n, low), low);
             high = select_lanes(solid, max_lanes(n, high), high);
-            missing = missing | (within & !solid);
         }
     const float least = least_lane(low), most = -least_lane(-high);
     const float rounding = least <= most ? BOUNDS_ROUNDING * fmax(fabs(least), fabs(most)) : 0.0f;
     out[0] = least - rounding;
-    out[1] = as_float((as_int(most + rounding) & ~SOME_MISSING) | (any_lane(missing) ? SOME_MISSING : 0));
+    out[1] = most + rounding;
 }
 
 kernel void bound_surface(global const float *surface, global float *bounds, int width, int height, int pitch)

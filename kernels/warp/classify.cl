@@ -5,201 +5,140 @@
  * there: space behind a surface, samples without depth, or the outside of the image. A ray that meets a side of the surface
  * that is not shown ends there; resolve.cl tells that of it.
  *
- * The last such place is looked for from the end. Most of what a ray passes lies wholly before it or wholly behind it: how
- * near and how far the surface is within windows of its samples (lib/bounds.h) tells that, window by window. Samples are
- * looked at in those alone that tell too little.
+ * All pixels of a line (lines.h) share one walk, from its end on: the first column (or row) where a pixel's ray is free is
+ * the last such place. Free are the rays of all pixels on one side of where the surface is seen. So what is told already is
+ * one interval, and a step of the walk either tells one more pixel at its end or goes on to the next column. What is
+ * nearer than all that the source has seen is free where depth is missing, too.
  *
- * valid: (dst_height, dst_width). classes: the same shape, CLASS_... below; they hold what resolve.cl and other views tell
- * of holes, and the least stays. nearest, farthest: the source's range of nearness. without_parallax: nothing
- * moves with its depth, each pixel sees its place in the source; typical: some nearness that it has there.
- * Work-item: STRIP * LANES pixels of a row. Cost: O(windows between the last free place of the ray and its farthest one) a
- * hole, O(samples) at worst. Determinism: every pixel on its own.
+ * told: (dst_height, dst_pitch) by this view alone: the bits of a class, or, where the line meets the surface, a nearness:
+ * if the pixel's own ray does not, its place in the source at that nearness tells. 0, which it is filled with before, where
+ * no line passes: beside the limits between two of them, and at the epipole. Behind them LANES more a packet, for lanes with
+ * nothing to tell. Where nothing moves with its depth, there are no lines, and it is filled with any nearness.
+ * valid: (dst_height, dst_width). classes: the same shape, classes.h; they hold what resolve.cl and other views
+ * tell of holes, and the least stays. nearest: the source's greatest nearness.
+ * Work-item: LANES lines; STRIP * LANES pixels of a row. Cost: O(source samples + target pixels) a line.
+ * Determinism: a pixel is told by at most one lane.
  */
-#include "lib/bounds.h"
 #include "warp/classes.h"
+#include "warp/interval.h"
 #include "warp/trace.h"
 
-#define IS_FREE 4 /* nothing there, while the ray is followed */
+#define TELL_LANE(l) told[address.s##l] = value.s##l;
 
-/* The state of rays of nearness `near` at places of the source's image: IS_FREE or a class. */
-INLINED intl state_at(Grid grid, floatl u, floatl v, floatl near)
+/* Tells the pixels of a packet of a group's lines. */
+OUTLINED void tell_packet(Grid grid, global float *told, LineGroup group, int packet, PixelMap map, float nearest)
 {
-    const floatl uc = clamp_lanes(floor_lanes(u), (floatl)-1.0f, (floatl)(grid.width - 1));
-    const floatl vc = clamp_lanes(floor_lanes(v), (floatl)-1.0f, (floatl)(grid.height - 1));
-    const floatl fu = u - uc, fv = v - vc;
-    const intl upper = fu + fv > 1.0f;
-    floatl corners[4];
-    gather_cells(grid.nearness, grid.pitch, to_intl(vc) * grid.pitch + to_intl(uc), corners);
-    const floatl q10 = corners[1], q01 = corners[2], qc = select_lanes(upper, corners[3], corners[0]);
-    const floatl qn = select_lanes(fv > 0.5f, select_lanes(fu > 0.5f, corners[3], q01), select_lanes(fu > 0.5f, q10, corners[0]));
-    const intl open = select_lanes(upper, IS_UPPER_OPEN(corners[0], q10, q01), IS_LOWER_OPEN(corners[0]));
-    const floatl gu = select_lanes(upper, qc - q01, q10 - qc), gv = select_lanes(upper, qc - q10, q01 - qc);
-    const floatl one = select_lanes(upper, (floatl)1.0f, (floatl)0.0f);
-    const floatl surface = select_lanes(open, qn, qc + gu * (fu - one) + gv * (fv - one));
-    return select_lanes(surface <= NO_SURFACE, (intl)CLASS_UNOBSERVED,
-                        select_lanes(surface < near, (intl)IS_FREE, (intl)CLASS_HIDDEN));
-}
+    const SweepLines line = lines_of(group, map, packet);
+    const Targets targets = targets_along(map, line);
+    const intl mirrored = line.sign < 0.0f;
+    const floatl first = floor_lanes(line.from), last = ceil_lanes(line.to), last_minor = to_floatl(line.last_minor);
+    const floatl start = select_lanes(mirrored, line.to, line.from), minor_start = line.minor_0 + line.tilt * start;
+    const intl enters = (line.from > line.to) | (start < 0.0f) | (start > line.last_major) | (minor_start < 0.0f) |
+                        (minor_start > last_minor); /* the image, over its border */
+    const float side = group.side, guard = 5e-7f * (map.dst_width + map.dst_height);
+    const int spare = map.dst_height * map.dst_pitch + packet * LANES;
+    /* Where the surface lies behind the target, rays that come from the source are farther, and those towards it nearer. */
+    const intl all_free = map.dst_from_src[11] > 0.0f ? -1 : 0;
 
-/* Where nothing moves with its depth, each pixel has one place in the source. */
-INLINED intl class_in_place(Grid grid, Rays rays, float typical)
-{
-    const floatl w = rays.w + typical * rays.centre.z;
-    const floatl u = (rays.u + typical * rays.centre.x) / w, v = (rays.v + typical * rays.centre.y) / w;
-    const intl inside = (w > 0.0f) & (u >= -BORDER) & (v >= -BORDER) & (u <= grid.width - 1.0f + BORDER) & (v <= grid.height - 1.0f + BORDER);
-    const intl state = state_at(grid, clamp_lanes(u, (floatl)-BORDER, (floatl)grid.width),
-                                clamp_lanes(v, (floatl)-BORDER, (floatl)grid.height), (floatl)INFINITY);
-    return select_lanes(inside, select_lanes(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
-}
-
-/* Rays along their lines, in steps of a sample */
-typedef struct {
-    Epipolar epipolar;
-    floatl start, end; /* distances along the lines */
-    floatl steps;      /* that reach the end; < 0: there are none to take */
-    floatl per_near;   /* steps that change nearness by 1 */
-    intl class_;       /* before the first one */
-    intl leaves;       /* the image, before it is hidden */
-} Walk;
-
-INLINED Walk walk_of(Grid grid, Rays rays, float nearest, float farthest, intl wanted)
-{
-    Walk walk;
-    walk.epipolar = epipolar_of(rays, grid);
-    const Lines lines = walk.epipolar.lines;
-    const floatl near = walk.epipolar.near, near_step = walk.epipolar.near_step;
-    /* A ray that recedes from the source, too, is free before the nearest sample's depth and hidden behind the farthest
-     * one's: between these it is followed. One that comes towards the source is followed from the farthest one's depth to
-     * the end. */
-    const intl falls = near_step < 0.0f, rises = near_step > 0.0f;
-    const floatl to_nearest = (nearest - near) / near_step, to_farthest = (farthest - near) / near_step;
-    const floatl from = select_lanes(falls, to_nearest, select_lanes(rises, to_farthest, (floatl)0.0f));
-    const floatl to = select_lanes(falls, to_farthest, lines.length);
-    walk.start = clamp_lanes(from, (floatl)0.0f, fmax(lines.length, (floatl)0.0f));
-    walk.end = clamp_lanes(to, walk.start, lines.length);
-    walk.leaves = !(to < lines.length);
-    const intl enters = (lines.u < 0.0f) | (lines.v < 0.0f) | (lines.u > grid.width - 1.0f) | (lines.v > grid.height - 1.0f);
-    const intl before = select_lanes(falls, (intl)IS_FREE, (intl)CLASS_HIDDEN);
-    const intl at_border = select_lanes(enters, (intl)CLASS_OUTSIDE, (intl)IS_FREE);
-    walk.class_ = select_lanes(from > 0.0f, before, at_border);
-    const floatl length = clamp_lanes(walk.end - walk.start, (floatl)0.0f, (floatl)(max(grid.width, grid.height) + 2));
-    walk.steps = select_lanes(wanted & (lines.length >= 0.0f), ceil_lanes(length), (floatl)-1.0f);
-    walk.per_near = 1.0f / near_step;
-    return walk;
-}
-
-/* The samples around BOUNDS_STEP steps of walks */
-typedef struct {
-    floatl low, high;    /* nearness of those that are there */
-    floatl near;         /* of the rays at the first step */
-    intl before, behind; /* the rays pass all of them so; both, if there are none */
-    intl whole;          /* none is missing */
-} Window;
-
-INLINED Window window_at(Grid grid, global const float *bounds, Walk walk, floatl step)
-{
-    const Lines lines = walk.epipolar.lines;
-    const floatl from = min_lanes(walk.start + step, walk.end);
-    const floatl to = min_lanes(walk.start + step + (BOUNDS_STEP - 1.0f), walk.end);
-    const floatl u = lines.u + min_lanes(lines.du * from, lines.du * to);
-    const floatl v = lines.v + min_lanes(lines.dv * from, lines.dv * to);
-    const intl x = to_intl(clamp_lanes(u + FROM_RING, (floatl)0.0f, (floatl)grid.width)) / BOUNDS_STEP;
-    const intl y = to_intl(clamp_lanes(v + FROM_RING, (floatl)0.0f, (floatl)grid.height)) / BOUNDS_STEP;
-    Window window;
-    gather_pairs(bounds, 2 * (y * BOUNDS_ACROSS(grid.width) + x), &window.low, &window.high);
-    window.near = walk.epipolar.near + walk.epipolar.near_step * from;
-    const floatl near_to = walk.epipolar.near + walk.epipolar.near_step * to;
-    window.before = window.high < min_lanes(window.near, near_to);
-    window.behind = window.low >= max_lanes(window.near, near_to);
-    window.whole = (as_intl(window.high) & SOME_MISSING) == 0;
-    return window;
-}
-
-/* The states of walks at some of their steps */
-INLINED intl state_of(Grid grid, Walk walk, floatl step)
-{
-    const floatl here = min_lanes(walk.start + max_lanes(step, (floatl)0.0f), walk.end);
-    const Lines lines = walk.epipolar.lines;
-    return state_at(grid, lines.u + lines.du * here, lines.v + lines.dv * here,
-                    walk.epipolar.near + walk.epipolar.near_step * here);
-}
-
-/* The classes of rays: what begins after their last free step, which is looked for from the end, window by window. */
-INLINED intl class_of(Grid grid, global const float *bounds, Walk walk)
-{
-    floatl last_free = -1.0f, step = BOUNDS_STEP * truncated(max_lanes(walk.steps, (floatl)0.0f) / (float)BOUNDS_STEP);
-    intl found = walk.steps < 0.0f;
-    for (; any_lane(!found & (step >= 0.0f)); step -= (float)BOUNDS_STEP) {
-        const Window window = window_at(grid, bounds, walk, step);
-        const intl looked = !found & (step >= 0.0f) & !window.behind, free = looked & window.before & window.whole;
-        last_free = select_lanes(free, min_lanes(step + (BOUNDS_STEP - 1.0f), walk.steps), last_free);
-        found = found | free;
-        for (int i = BOUNDS_STEP - 1; i >= 0 && any_lane(looked & !found); i--) {
-            const floatl at = step + (float)i;
-            const intl free_here = looked & !found & (at <= walk.steps) & (state_of(grid, walk, at) == IS_FREE);
-            last_free = select_lanes(free_here, at, last_free);
-            found = found | free_here;
+    floatl steps = select_lanes(line.from > line.to, (floatl)-1.0f, last - first), major = select_lanes(mirrored, first, last), ahead = NO_SURFACE;
+    floatl pixel = side > 0.0f ? line.low : line.high;
+    intl after = CLASS_OUTSIDE; /* the column ahead, for rays that are not free there */
+    for (intl there = steps >= 0.0f;; there = steps >= 0.0f) {
+        const intl untold = (pixel >= line.low) & (pixel <= line.high);
+        if (!any_lane(untold))
+            return;
+        const floatl on_line = clamp_lanes(major, line.from, line.to), column = clamp_lanes(on_line, (floatl)0.0f, line.last_major);
+        const floatl row = clamp_lanes(line.minor_0 + line.tilt * on_line, (floatl)0.0f, last_minor);
+        const intl at = to_intl(column + 0.5f) * line.stride_major + to_intl(row + 0.5f) * line.stride_minor;
+        const floatl here = (floatl)(gather(grid.nearness, at));
+        const intl missing = here <= NO_SURFACE;
+        const Projection place = project_at(targets, on_line, select_lanes(missing, (floatl)nearest, here));
+        const floatl seen = side * place.p, per_pixel = side * place.w;
+        const intl before = place.w > 0.0f;
+        const intl tells = untold & (!there | select_lanes(before, seen > pixel * per_pixel, all_free));
+        if (any_lane(tells)) {
+            const intl meets = there & (after == CLASS_HIDDEN) & (fabs(here - ahead) < ONE_SURFACE * fabs(here));
+            const intl class_ = select_lanes(there | !enters, after, (intl)CLASS_OUTSIDE);
+            const floatl value = select_lanes(meets, place.q / place.w, as_floatl(class_));
+            const intl address = owned_pixel(line, group, map, pixel, tells, spare, guard);
+#if LANES == 1
+            told[address] = value;
+#else
+            EACH_LANE(TELL_LANE)
+#endif
+            pixel += select_lanes(tells, (floatl)side, (floatl)0.0f);
         }
+        const intl again = (pixel >= line.low) & (pixel <= line.high) & select_lanes(before, seen > pixel * per_pixel, all_free);
+        const intl passes = there & !again;
+        ahead = select_lanes(passes, here, ahead);
+        after = select_lanes(passes, select_lanes(missing, (intl)CLASS_UNOBSERVED, (intl)CLASS_HIDDEN), after);
+        major -= select_lanes(passes, line.sign, (floatl)0.0f);
+        steps -= select_lanes(passes, (floatl)1.0f, (floatl)0.0f);
     }
-    const intl begins = (last_free < 0.0f) & (walk.class_ != IS_FREE), ends = last_free >= walk.steps;
-    const intl after = state_of(grid, walk, min_lanes(last_free + 1.0f, walk.steps));
-    const intl beyond = select_lanes(walk.leaves, (intl)CLASS_OUTSIDE, (intl)CLASS_HIDDEN);
-    const intl class_ = select_lanes(begins, walk.class_, select_lanes(ends, beyond, after));
-    return select_lanes(walk.steps < 0.0f, (intl)CLASS_OUTSIDE, class_);
 }
 
-/* Which of a packet of pixels the view may tell something of: holes whose class may be less. The others are seen. */
-INLINED intl holes_at(global const uchar *valid, global uchar *classes, int count)
+kernel void classify_lines(global const float *surface, global float *told, global const LineGroup *groups,
+                           int group_count, int packet_count, PixelMap map, float nearest)
 {
-    intl told = CLASS_SEEN;
-    if (count >= LANES) {
-        told = select_lanes(load_bytes(valid) != 0, (intl)CLASS_SEEN, load_bytes(classes));
-        store_bytes(to_ucharl(told), classes);
-    } else {
-        for (int lane = 0; lane < count; lane++) {
-            classes[lane] = valid[lane] ? CLASS_SEEN : classes[lane];
-            set_int_lane(told, lane, classes[lane]);
-        }
-    }
-    return told > CLASS_HIDDEN;
+    const int packet = get_global_id(0);
+    if (packet >= packet_count)
+        return;
+    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
+    tell_packet(grid, told, groups[group_of(groups, group_count, packet)], packet, map, nearest);
 }
 
-/* Adds those of LANES pixels that are wanted to `count` others; there is room for LANES more. Returns how many are now. */
-INLINED int add_pixels(int *chosen, int count, intl pixels, intl wanted)
+/* The classes of pixels by what there is at their rays' place of a nearness. */
+INLINED intl class_in_place(Grid grid, Rays rays, floatl near)
 {
-    if (any_lane(wanted))
-        for (int lane = 0; lane < LANES; lane++) {
-            chosen[count] = int_lane(pixels, lane);
-            count += int_lane(wanted, lane) != 0;
-        }
-    return count;
+    const floatl w = rays.w + near * rays.centre.z;
+    const floatl u = (rays.u + near * rays.centre.x) / w, v = (rays.v + near * rays.centre.y) / w;
+    const floatl last_u = grid.width - 1, last_v = grid.height - 1;
+    const intl inside = (w > 0.0f) & (u >= -BORDER) & (v >= -BORDER) & (u <= last_u + BORDER) & (v <= last_v + BORDER);
+    const intl x = to_intl(clamp_lanes(u, (floatl)0.0f, last_u) + 0.5f), y = to_intl(clamp_lanes(v, (floatl)0.0f, last_v) + 0.5f);
+    const intl missing = (floatl)(gather(grid.nearness, y * grid.pitch + x)) <= NO_SURFACE;
+    return select_lanes(inside, select_lanes(missing, (intl)CLASS_UNOBSERVED, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
 }
 
-kernel void classify(global const float *surface, global const float *bounds, global const uchar *valid,
-                     global uchar *classes, PixelMap map, float nearest, float farthest, float typical,
-                     int without_parallax)
+/* The classes of packets at the end of rows are read and written one by one. */
+INLINED intl classes_at(global const uchar *classes, int count)
+{
+    if (count >= LANES)
+        return load_bytes(classes);
+    intl some = CLASS_SEEN;
+    for (int lane = 0; lane < count; lane++)
+        set_int_lane(some, lane, classes[lane]);
+    return some;
+}
+
+kernel void classify(global const float *surface, global const float *told, global const uchar *valid,
+                     global uchar *classes, PixelMap map)
 {
     const int low_x = get_global_id(0) * (STRIP * LANES), high_x = min(low_x + STRIP * LANES, map.dst_width);
     const int y = get_global_id(1);
     if (low_x >= map.dst_width || y >= map.dst_height)
         return;
+    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
     valid += (size_t)y * map.dst_width;
     classes += (size_t)y * map.dst_width;
-    int holes[(STRIP + 1) * LANES], count = 0;
+    told += (size_t)y * map.dst_pitch;
+    const int below = y + 1 < map.dst_height ? map.dst_pitch : 0;
     for (int x = low_x; x < high_x; x += LANES) {
-        const intl wanted = holes_at(valid + x, classes + x, min(LANES, high_x - x));
-        count = add_pixels(holes, count, x + lane_index, wanted);
-    }
-
-    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
-    for (int hole = 0; hole < count; hole += LANES) {
-        const intl wanted = hole + lane_index < count;
-        const intl x = select_lanes(wanted, (intl)load_lanes(holes + hole), (intl)low_x);
-        const Rays rays = rays_of(map, to_floatl(x), y);
-        const intl class_ = without_parallax ? class_in_place(grid, rays, typical)
-                                             : class_of(grid, bounds, walk_of(grid, rays, nearest, farthest, wanted));
-        for (int lane = 0; lane < min(count - hole, LANES); lane++) {
-            const uchar one = int_lane(class_, lane);
-            classes[holes[hole + lane]] = min(one, classes[holes[hole + lane]]);
+        const int count = min(LANES, high_x - x);
+        const intl known = select_lanes(classes_at(valid + x, count) != 0, (intl)CLASS_SEEN, classes_at(classes + x, count));
+        intl class_ = known;
+        if (any_lane(known > CLASS_HIDDEN)) {
+            const intl own = as_intl(load_lanes(told + x)), right = as_intl(load_lanes(told + x + 1));
+            const intl beside = select_lanes(right != 0, right, as_intl(load_lanes(told + x + below)));
+            class_ = select_lanes(own != 0, own, beside);
+            const intl placed = (class_ <= 0) | (class_ > CLASS_OUTSIDE);
+            if (any_lane(placed))
+                class_ = select_lanes(placed, class_in_place(grid, rays_of(map, to_floatl(x + lane_index), y), as_floatl(class_)), class_);
+            class_ = min(class_, known);
         }
+        if (count >= LANES)
+            store_bytes(to_ucharl(class_), classes + x);
+        else
+            for (int lane = 0; lane < count; lane++)
+                classes[x + lane] = int_lane(class_, lane);
     }
 }

@@ -95,14 +95,11 @@ kernel void epipolar_sweep(global const float *surface, global float *hits, glob
     /* Runtimes give a thread neighbours; lines next to each other take equally long. So each thread gets all kinds. */
     const int half_ = (packet_count + 1) / 2;
     const int packet = id < half_ ? 2 * id : 2 * (id - half_) + 1;
-    int g = 0;
-    while (g + 1 < group_count && packet >= groups[g + 1].first_packet)
-        g++;
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
 #if !SEGMENT
     global const float *bounds = 0;
 #endif
-    const uint2 visited = sweep_packet(grid, hits, groups[g], packet, map, sides, nearest, farthest, bounds);
+    const uint2 visited = sweep_packet(grid, hits, groups[group_of(groups, group_count, packet)], packet, map, sides, nearest, farthest, bounds);
 #if COUNTERS
     counters[2 * packet] = visited.x;
     counters[2 * packet + 1] = visited.y;

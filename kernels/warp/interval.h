@@ -75,6 +75,31 @@ INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
 
 #define STORE_LANE(l) hits[address.s##l] = stored.s##l;
 
+/* The index of the lines' pixels p, or of a place to spare where they are not wanted, or other lines'. */
+INLINED intl owned_pixel(SweepLines line, LineGroup group, PixelMap map, floatl p, intl wanted, int spare, float guard)
+{
+#if ALIGNED /* each line has pixels of its own */
+    return select_lanes(wanted, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1),
+                                      spare + lane_index);
+#else
+    const float b_along = AXIS_ENTRY(map.dst_from_src, line.along, 3);
+    const float b_across = AXIS_ENTRY(map.dst_from_src, line.across, 3);
+    const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
+    const floatl at_line = line.start + line.slope * p, c = floor_lanes(at_line + 0.5f);
+    const floatl distance = group.distance + group.distance_step * p;
+    /* Lines are 1/2 to 1 pixel apart in each ring, less within the last one. */
+    const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);
+    const floatl line_spacing = min_lanes(in_ring, distance * innermost);
+    const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
+    const intl in_wedge = line.along ? (D_along > D_across) : (D_along >= D_across);
+    const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * line_spacing - guard) & (distance > group.least) &
+                      (c >= group.cross_low) & (c <= group.cross_high);
+    const intl pc = to_intl(c), pa = to_intl(p);
+    return select_lanes(
+        wanted & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa, spare + lane_index);
+#endif
+}
+
 /* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. there: lanes
  * that have a segment; open: it is no surface. */
 INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Projection b, intl there, intl open,
@@ -123,26 +148,7 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
         interval->above = select_lanes(settles & goes_up, interval->above + 1.0f, interval->above);
         interval->below = select_lanes(settles & !goes_up, interval->below - 1.0f, interval->below);
 
-#if ALIGNED /* each line has pixels of its own */
-        const intl address = select_lanes(settles, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1),
-                                          writer->spare + lane_index);
-#else
-        const float b_along = AXIS_ENTRY(map.dst_from_src, line.along, 3);
-        const float b_across = AXIS_ENTRY(map.dst_from_src, line.across, 3);
-        const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
-        const floatl at_line = line.start + line.slope * p, c = floor_lanes(at_line + 0.5f);
-        const floatl distance = group.distance + group.distance_step * p;
-        /* Lines are 1/2 to 1 pixel apart in each ring, less within the last one. */
-        const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);
-        const floatl line_spacing = min_lanes(in_ring, distance * innermost);
-        const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
-        const intl in_wedge = line.along ? (D_along > D_across) : (D_along >= D_across);
-        const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * line_spacing - guard) & (distance > group.least) &
-                          (c >= group.cross_low) & (c <= group.cross_high);
-        const intl pc = to_intl(c), pa = to_intl(p);
-        const intl address = select_lanes(
-            settles & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa, writer->spare + lane_index);
-#endif
+        const intl address = owned_pixel(line, group, map, p, settles, writer->spare, guard);
         if (line.along) {
             const int ahead = PREFETCH_STEPS * map.dst_pitch;
             const intl soon = address + select_lanes(goes_up, (intl)ahead, (intl)-ahead);

@@ -40,15 +40,24 @@ typedef struct {
     intl first_pixel;              /* ALIGNED: the index of the line's pixel 0 */
 } SweepLines;
 
-/* The lines of a packet in the target. */
-INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
+/* The number of the group that a packet belongs to */
+int group_of(global const LineGroup *groups, int count, int packet)
+{
+    int g = 0;
+    while (g + 1 < count && packet >= groups[g + 1].first_packet)
+        g++;
+    return g;
+}
+
+/* The lines of a packet in the target, and in the source all of them that lies within the image. */
+INLINED SweepLines lines_of(LineGroup group, PixelMap map, int packet)
 {
     const float *D = map.dst_from_src, *S = map.src_from_dst;
     SweepLines line;
     line.along = group.axis;
     line.across = 1 - group.axis;
     const float b_along = AXIS_ENTRY(D, line.along, 3), b_across = AXIS_ENTRY(D, line.across, 3), b_w = D[11];
-    const float e_u = S[3], e_v = S[7], e_w = S[11], e_q = S[15];
+    const float e_u = S[3], e_v = S[7], e_w = S[11];
     const int number = packet - group.first_packet, lines = (group.count + LANES - 1) / LANES;
     const intl index = number % lines * LANES + lane_index;
     const floatl at_reference = group.first + group.spacing * to_floatl(index);
@@ -92,7 +101,7 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
     line.stride_major = select_lanes(u_major, (intl)1, (intl)map.src_pitch);
     line.stride_minor = select_lanes(u_major, (intl)map.src_pitch, (intl)1);
 
-    /* Clip the source line: to the image, to this side of the epipole, to what the range of depth can show. */
+    /* Clip the source line: to the image, to this side of the epipole. */
     floatl from = -BORDER, to = line.last_major + BORDER;
     const floatl tilted = select_lanes(fabs(line.tilt) < 1e-12f, (floatl)1e-12f, line.tilt);
     const floatl edge_0 = (-BORDER - ON_SAMPLES - line.minor_0) / tilted;
@@ -106,26 +115,36 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
         from = select_lanes(after, fmax(from, epipole), from);
         to = select_lanes(after, to, fmin(to, epipole));
     }
+    /* Rays in the plane of the source's centre that its pixels never show are a line nowhere, which no walk ends. */
+    const intl somewhere = isfinite_lanes(line.tilt) & isfinite_lanes(line.minor_0);
+    line.from = select_lanes(somewhere, from, (floatl)0.0f);
+    line.to = select_lanes(somewhere, to, (floatl)-1.0f);
+    return line;
+}
+
+/* The same lines, and in the source what a range of depth can show of them. */
+INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
+{
+    const float *S = map.src_from_dst;
+    const float e_w = S[11], e_q = S[15];
+    SweepLines line = lines_of(group, map, packet);
+    const floatl e_major = select_lanes(line.u_major, (floatl)S[3], (floatl)S[7]);
     floatl reach_low = INFINITY, reach_high = -INFINITY;
     intl bounded = 1;
     for (int corner = 0; corner < 4; corner++) {
         const floatl p = corner & 1 ? line.low - 1.0f : line.high + 1.0f, c = line.start + line.slope * p;
         const float q = corner & 2 ? nearest : farthest;
-        const floatl px = along ? c : p, py = along ? p : c;
+        const floatl px = line.along ? c : p, py = line.along ? p : c;
         const floatl cu = PIXEL_ROW(S, 0, px, py), cv = PIXEL_ROW(S, 1, px, py), cw = PIXEL_ROW(S, 2, px, py),
                      cq = PIXEL_ROW(S, 3, px, py);
         const floatl whole = cw * e_q - e_w * cq, part = e_q - q * e_w;
-        const floatl at = (select_lanes(u_major, cu, cv) * part + e_major * (q * cw - cq)) / whole;
+        const floatl at = (select_lanes(line.u_major, cu, cv) * part + e_major * (q * cw - cq)) / whole;
         bounded = bounded & (whole * part > 0.0f);
         reach_low = fmin(reach_low, at);
         reach_high = fmax(reach_high, at);
     }
-    from = select_lanes(bounded, fmax(from, reach_low - 1.0f), from);
-    to = select_lanes(bounded, fmin(to, reach_high + 1.0f), to);
-    /* Rays in the plane of the source's centre that its pixels never show are a line nowhere, which no walk ends. */
-    const intl somewhere = isfinite_lanes(line.tilt) & isfinite_lanes(line.minor_0);
-    line.from = select_lanes(somewhere, from, (floatl)0.0f);
-    line.to = select_lanes(somewhere, to, (floatl)-1.0f);
+    line.from = select_lanes(bounded, fmax(line.from, reach_low - 1.0f), line.from);
+    line.to = select_lanes(bounded, fmin(line.to, reach_high + 1.0f), line.to);
     return line;
 }
 #endif

@@ -11,7 +11,7 @@ import numpy as np
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
-from pyibr.core.pixelspace import NO_PARALLAX, CameraPair, PixelMap, Rectangle, pitch
+from pyibr.core.pixelspace import CameraPair, PixelMap, Rectangle, pitch
 from pyibr.images.depth_image import Side
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
@@ -320,17 +320,27 @@ def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: fl
 def classify(surface: Surface, pixel_map: PixelMap, target: Target) -> None:
     """Add to the holes what this view knows of why they are holes."""
     assert target.classes is not None
-    strip = current().profile.strip
+    profile, (width, height) = current().profile, target.camera.size
+    defines = {"ALIGNED": int(pixel_map.pair.aligned)}
+    area = Rectangle(0, width, 0, height)
+    groups, packets = line_groups(pixel_map.epipole, area, profile.lanes, pixel_map.pair.aligned)
+    told = target.scratch(height * pitch(width) + (packets + 1) * profile.lanes)
+    clear(told, 0.0 if packets else pixel_map.typical)
+    shared = {"surface": surface.nearness, "told": told, "map": map_of(pixel_map.pair)}
+    if packets:
+        launch(
+            kernel("warp/classify.cl", "classify_lines", **defines),
+            (packets,),
+            groups=upload(groups),
+            group_count=len(groups),
+            packet_count=packets,
+            nearest=surface.high,
+            **shared,
+        )
     launch(
-        kernel("warp/classify.cl", "classify"),
-        current().profile.packets(*target.camera.size, strip),
-        surface=surface.nearness,
-        bounds=surface.bounds,
+        kernel("warp/classify.cl", "classify", **defines),
+        profile.packets(width, height, profile.strip),
         valid=target.valid,
         classes=target.classes,
-        map=map_of(pixel_map.pair),
-        nearest=surface.high,
-        farthest=surface.low,
-        typical=pixel_map.typical,
-        without_parallax=pixel_map.parallax < NO_PARALLAX,
+        **shared,
     )

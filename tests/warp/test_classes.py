@@ -6,7 +6,6 @@ a point of the scene, and whether the source saw that point, and why not, is a m
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from functools import cache
 
 import cv2
@@ -16,19 +15,13 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.core.camera import Camera, Projection
-from pyibr.opencl.headers import constant
-from pyibr.opencl.memory import upload
-from pyibr.picture.surface import Surface
 from tests import scenes, truth
-from tests.one_lane import one_lane
 from tests.reference.edges import edges_of
-from tests.warp.test_real_data import room
 
 pytest.importorskip("open3d")
 
 SIZE = (170, 130)
 ON_SURFACE = 0.01  # pixels: how far (u, v) may be off the truth
-STEP = int(constant("lib/bounds.h", "BOUNDS_STEP"))
 AGREES = 0.999  # share of the pixels two pixels away from where the class changes
 
 
@@ -227,13 +220,6 @@ def test_frames_that_are_given_forget_classes_that_are_not_asked_for():
     assert again.classes is again.source is again.view is None
 
 
-def tells_nothing(surface: Surface) -> object:
-    """Windows that anything may be in: all samples are looked at."""
-    width, height = surface.size
-    anything = np.finfo(np.float32).max  # whose last bit says that some samples are missing
-    return upload(np.tile(np.array([-anything, anything], np.float32), (height // STEP + 1, width // STEP + 1, 1)))
-
-
 def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.DepthImage:
     """A slope with things before it, each other one noisy, with single samples missing, or most of them."""
     rng = np.random.default_rng(seed)
@@ -249,28 +235,34 @@ def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.Depth
     return ibr.DepthImage(scenes.texture(x, y), np.maximum(depth, 0.3).astype(np.float32), camera)
 
 
-@pytest.mark.parametrize("lanes", [nullcontext, one_lane], ids=["wide", "one lane"])
-@pytest.mark.parametrize("edges", ["cut", "connect"])
-@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-@pytest.mark.parametrize("size", [(61, 37), (170, 130), (33, 64), (98, 211), (7, 13)], ids=str)
-def test_windows_tell_what_all_samples_would(monkeypatch, lanes, size, projection, edges):
-    """To the bit: what is passed at once is before or behind all of it."""
-    view = messy(size, projection, size[0])  # 33: none is missing; 61 and 7: single ones; 98 and 170: most
-    targets = [Camera(scenes.target_intrinsics(size), size, pose) for pose in MOVES.values()]
-    with lanes():
-        by_windows = ibr.warp(view, targets, edges=edges, classes=True)
-        monkeypatch.setattr(Surface, "bounds", property(tells_nothing))
-        by_samples = ibr.warp(view, targets, edges=edges, classes=True)
-    for one, other in zip(by_windows, by_samples, strict=True):
-        np.testing.assert_array_equal(one.classes, other.classes)
-    assert any((frame.classes == ibr.PixelClass.OUTSIDE).any() for frame in by_windows)
+def by_own_rays(view: ibr.DepthImage, target: Camera) -> NDArray[np.int64]:
+    """(H, W) classes of holes by their own rays in float64, by the samples that these are nearest to on their way."""
+    y, x = np.indices((target.height, target.width))
+    pixels = np.column_stack([x.ravel(), y.ravel()]).astype(float)
+    first, second = (target.unproject(pixels, np.full(len(pixels), depth)) for depth in (1.0, 2.0))
+    points = first + (1 / np.linspace(20, 0.01, 500) - 1)[:, None, None] * (second - first)
+    place, z = view.camera.project(points.reshape(-1, 3))
+    size = np.array(view.camera.size)
+    inside = (z > 0) & ((place >= -0.5) & (place <= size - 0.5)).all(axis=1)
+    at = tuple(np.clip(np.rint(np.where(inside[:, None], place, 0)).astype(int), 0, size - 1).T[::-1])
+    state = np.where(
+        inside, np.where(view.valid[at], ibr.PixelClass.HIDDEN, ibr.PixelClass.UNOBSERVED), ibr.PixelClass.OUTSIDE
+    )
+    free = inside & (z < np.where(view.valid, view.depth, view.depth[view.valid].min())[at])
+    free, state = (a.reshape(len(points), -1) for a in (free, state))
+    begins = np.where(free.any(axis=0), len(free) - np.argmax(free[::-1], axis=0), 0)
+    return state[np.minimum(begins, len(free) - 1), np.arange(x.size)].reshape(y.shape)
 
 
-@pytest.mark.parametrize("target", ["50", "aside", "ahead"])
-def test_windows_tell_what_all_samples_would_in_a_real_room(monkeypatch, target):
-    view = room(0)
-    steps = {"aside": (0.1, 0.0, 0.0), "ahead": (0.05, 0.02, 0.5)}
-    camera = view.camera.moved(*steps[target]) if target in steps else room(int(target)).camera
-    by_windows = ibr.warp(view, camera, classes=True)
-    monkeypatch.setattr(Surface, "bounds", property(tells_nothing))
-    np.testing.assert_array_equal(by_windows.classes, ibr.warp(view, camera, classes=True).classes)
+@pytest.mark.parametrize("seed", [60, 61, 98])  # no samples are missing; single ones; most of them
+def test_classes_of_messy_depth_are_those_of_the_pixels_own_rays(seed):
+    size = (61, 37)
+    view = messy(size, "perspective", seed)
+    targets = [Camera(scenes.target_intrinsics(size), size, MOVES[move]) for move in ("forward", "round")]
+    frames = ibr.warp(view, targets, classes=True)
+    holes = ~np.array([frame.valid for frame in frames])
+    found, rays = np.array([frame.classes for frame in frames]), np.array([by_own_rays(view, t) for t in targets])
+    # Lines pass up to half a pixel beside rays, and look at them once a column: among samples here and there that differs.
+    assert (found == rays)[holes].mean() >= (0.9 if seed == 98 else 0.98)
+    for kind in ibr.PixelClass:
+        assert abs((found == kind)[holes].mean() - (rays == kind)[holes].mean()) < 0.02
