@@ -139,7 +139,10 @@ FULL = Plan(
         ("dragon", (1024, 1024)): (240, 240),
     },
     card="gpu",
-    card_tests=("tests/kernels", "tests/warp/test_epipolar_truth.py", "tests/warp/test_laws.py", "tests/relief"),
+    card_tests=tuple(
+        f"tests/{room}"
+        for room in ("kernels", "picture", "warp", "raster", "slicing", "relief", "depthmesh", "cleaning")
+    ),
     startup_repeats=5,
     startup_empty_cache=True,
     memory=(1024, 4096),

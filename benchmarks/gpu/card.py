@@ -9,10 +9,12 @@ import functools
 import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import pyopencl as cl
 from numpy.typing import NDArray
 
 import pyibr as ibr
@@ -22,6 +24,7 @@ from benchmarks.launches import kernel_times
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Work, in_turns
 from benchmarks.scenes import shown
+from pyibr.opencl.device import current
 from tests.opencl.everything import calls
 from tests.processes import run_within
 
@@ -43,6 +46,7 @@ def cases(plan: Plan) -> Iterator[Case]:
     yield Case({"case": "tests"}, functools.partial(_tested, device, plan.card_tests))
     for name in calls():
         yield Case({"picture": name}, functools.partial(_compared, device, name))
+    yield Case({"case": "private memory"}, functools.partial(_private, device))
     for name, size in plan.gpu:
         parameters: dict[str, Parameter] = {"call": name, "size": shown(size)}
         yield Case(parameters, functools.partial(_timed, device, name, size, parameters))
@@ -50,12 +54,13 @@ def cases(plan: Plan) -> Iterator[Case]:
 
 def _tested(device: ibr.Device, tests: tuple[str, ...]) -> Work:
     def read() -> Iterator[Record]:
-        command = [sys.executable, "-m", "pytest", "-q", "-n", "logical", *tests]
+        command = [sys.executable, "-m", "pytest", "-q", "-n", "logical", "--dist", "worksteal"]
+        command += ["-m", "not thorough", *tests]
         try:
             told = run_within(TESTS_SECONDS, command, PYIBR_DEVICE=str(device.index)).stdout
         except subprocess.TimeoutExpired:
             told = "1 error: not done in time"
-        for outcome in ("passed", "failed", "error"):
+        for outcome in ("passed", "failed", "error", "skipped"):
             found = re.search(rf"(\d+) {outcome}", told)
             yield Record(outcome, "tests", "count", {}, [int(found[1]) if found else 0])
 
@@ -72,19 +77,36 @@ def _compared(device: ibr.Device, name: str) -> Work | Skip:
             found = calls()[name]()
         with ibr.use_device(other):
             expected = calls()[name]()
-        shares = [alike(one, two) for one, two in zip(found, expected, strict=True)]
-        yield Record(name, "alike", "share", {}, [min(shares)])
+        pairs = list(zip(found, expected, strict=True))
+        yield Record(name, "alike", "share", {}, [min(alike(one, two) for one, two in pairs)])
+        yield Record(name, "the same", "share", {}, [min(alike(one, two, 0) for one, two in pairs)])
 
     return Work(read=read)
 
 
-def alike(found: NDArray[Any], expected: NDArray[Any]) -> float:
+def _private(device: ibr.Device) -> Work:
+    """Of the kernels that the pictures were drawn with, by the driver's own compiler."""
+
+    def read() -> Iterator[Record]:
+        with ibr.use_device(device):
+            session, most = current(), Counter[str]()
+        for kernel in session.kernels.values():
+            wanted = cl.kernel_work_group_info.PRIVATE_MEM_SIZE
+            most |= Counter({kernel.name: kernel.handle.get_work_group_info(wanted, session.context.devices[0])})
+        yield from (Record(name, "private", "bytes", {}, [size]) for name, size in most.items())
+        yield Record("kernels", "number", "count", {}, [len({kernel.name for kernel in session.kernels.values()})])
+
+    return Work(read=read)
+
+
+def alike(found: NDArray[Any], expected: NDArray[Any], up_to: float = SAME) -> float:
     """Share of the values that are the same, up to what rounding makes of them; none, if there are more or fewer."""
     if found.shape != expected.shape:
         return 0.0
     if found.dtype.kind == "f":
-        return float(np.isclose(found, expected, rtol=SAME, atol=SAME, equal_nan=True).mean()) if found.size else 1.0
-    return float((abs(found.astype(int) - expected) <= (found.dtype == np.uint8)).mean()) if found.size else 1.0
+        return float(np.isclose(found, expected, rtol=up_to, atol=up_to, equal_nan=True).mean()) if found.size else 1.0
+    step = found.dtype == np.uint8 and up_to > 0
+    return float((abs(found.astype(int) - expected) <= step).mean()) if found.size else 1.0
 
 
 def _timed(device: ibr.Device, name: str, size: Size, parameters: dict[str, Parameter]) -> Work | Skip:

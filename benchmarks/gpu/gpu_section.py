@@ -6,7 +6,7 @@ from pathlib import Path
 
 from benchmarks.gpu.card import ALIKE, SAME
 from benchmarks.gpu.gpu import CARDS
-from benchmarks.results import Result
+from benchmarks.results import Record, Result
 from benchmarks.statistics import Quartiles
 from benchmarks.tables import table, verdict
 
@@ -29,8 +29,10 @@ EMPTY = """
 Nothing is here yet: no GPU has run these kernels. `make gpu` fills this section where there is one.
 """
 MEASURED = """
-The device is the one that is named below. Pictures are compared with a CPU's, value by value: at least {:.1%} are the
-same, depths up to {:g} of themselves, colours up to one step; what differs lies at silhouettes, where last bits decide.
+The device is the one that is named below. Pictures are compared with a CPU's, value by value: at least {:.1%} are
+alike, depths up to {:g} of themselves, colours up to one step; what differs lies at silhouettes, where last bits
+decide. Times are a second frame's of what is kept, with its copy to the host; kernels' times hold what it costs to wait
+for each. Private memory is the driver's own figure: of {:.0f} kernels those that have any.
 """
 _SHOWN = 0.01  # of a call's instructions: kernels with fewer are left out
 
@@ -84,19 +86,29 @@ def card_section(result: Result, _: Path) -> list[str]:
         return [CARD.format(EMPTY)]
     tests = [[record.subject, f"{record.values[0]:.0f}"] for record in result.select(quantity="tests")]
     pictures = [
-        [record.subject, f"{record.values[0]:.3%}", verdict(record.values[0] >= ALIKE)]
-        for record in result.select(quantity="alike")
+        [one.subject, f"{one.values[0]:.3%}", verdict(one.values[0] >= ALIKE), f"{same.values[0]:.3%}"]
+        for one, same in zip(result.select(quantity="alike"), result.select(quantity="the same"), strict=True)
     ]
-    times = [
-        [f"{record.subject}, {record.parameters['size']}", str(Quartiles.of(record.values))]
-        for record in result.select(quantity="end to end")
+    times = [_timed(result, record) for record in result.select(quantity="end to end")]
+    private = [
+        [f"`{one.subject}`", f"{one.values[0]:.0f}"] for one in result.select(quantity="private") if one.values[0]
     ]
+    kernels = next(result.select(subject="kernels", quantity="number")).values[0]
     return [
-        CARD.format(MEASURED.format(ALIKE, SAME)),
+        CARD.format(MEASURED.format(ALIKE, SAME, kernels)),
         table(["tests", ""], tests),
-        table(["picture", "alike", ""], pictures),
-        table(["call", "ms"], times),
+        table(["picture", "alike", "", "the same"], pictures),
+        table(["call", "ms", "in kernels", "those that take most, ms"], times),
+        table(["kernel", "private bytes"], private),
     ]
+
+
+def _timed(result: Result, whole: Record) -> list[str]:
+    of_kernels = {one.subject: one.values[0] for one in result.select(quantity="kernel", **whole.parameters)}
+    longest = sorted(of_kernels, key=of_kernels.__getitem__, reverse=True)[:4]
+    told = ", ".join(f"`{name}` {of_kernels[name]:.2f}" for name in longest)
+    in_kernels = f"{sum(of_kernels.values()):.2f}"
+    return [f"{whole.subject}, {whole.parameters['size']}", str(Quartiles.of(whole.values)), in_kernels, told]
 
 
 def _kernel(here: dict[tuple[str, str], float], name: str) -> list[str]:

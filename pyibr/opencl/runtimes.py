@@ -174,7 +174,8 @@ def problems() -> list[Problem]:
     found: list[Problem] = []
     unlisted = unlisted_runtimes()
     for variable in (name for name in LOADER_VARIABLES if os.environ.get(name)):
-        hidden = f" and hides {', '.join(str(one.path) for one in unlisted)}" if unlisted else ""
+        others = [str(one.path) for one in unlisted if one.path.name != Path(os.environ[variable]).name]
+        hidden = f" and hides {', '.join(others)}" if others else ""
         if hidden or not found_devices():
             what = f"${variable} is set to {os.environ[variable]!r}, so the loader looks nowhere else{hidden}"
             found.append(Problem(what, f"unset {variable}"))

@@ -74,13 +74,14 @@ def test_a_device_is_tested_compared_and_timed(tmp_path: Path, monkeypatch: pyte
     assert by_quantity["passed", "tests"][0] > 0 and by_quantity["failed", "tests"] == [0]
     assert by_quantity["one", "alike"] == [1.0]
     assert len(by_quantity["warp", "end to end"]) == card.TURNS
-    tests, pictures, times = card_section(Result("card", {}, records), tmp_path)[1:]
-    assert "| failed | 0 |" in tests and "| one | 100.000% | met |" in pictures and "| warp, 24 x 18 |" in times
+    tests, pictures, times, _ = card_section(Result("card", {}, records), tmp_path)[1:]
+    assert "| failed | 0 |" in tests and "| one | 100.000% | met | 100.000% |" in pictures and "| warp, 24 x 18 |" in times
 
 
 def test_values_are_alike_up_to_rounding() -> None:
     depth = np.array([1.0, 2.0, np.nan, 4.0], np.float32)
     assert card.alike(depth * np.float32(1 + 1e-6), depth) == 1
+    assert card.alike(depth * np.float32(1 + 1e-6), depth, 0) == 0.25
     assert card.alike(np.array([1, 2, 3, 4], np.float32), depth) == 0.75
     assert card.alike(np.array([0, 255, 7], np.uint8), np.array([1, 0, 7], np.uint8)) == pytest.approx(2 / 3)
     assert card.alike(np.array([0, 1]), np.array([1, 1])) == 0.5

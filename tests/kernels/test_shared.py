@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import kernels_folder
+from tests.one_lane import skip_where_unused
 
 COUNT = 48  # numbers that are worked on: whole packets of 16 lanes
 
@@ -85,6 +86,7 @@ kernel void points(Screen screen, global const float *x, global const float *y, 
 def driver(request: pytest.FixtureRequest):
     """Runs a kernel of the driver with one width of lanes; arrays by value, the result last."""
     session, lanes = current(), request.param
+    skip_where_unused(lanes)
     headers = "".join(f'#include "lib/{name}.h"\n' for name in ("heights", "lanes", "screen", "taps"))
     program = cl.Program(session.context, headers + DRIVER)
     program.build(["-I", str(kernels_folder()), f"-DLANES={lanes}", "-cl-std=CL1.2", "-Werror"])

@@ -13,6 +13,7 @@ import pytest
 
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import kernels_folder
+from tests.one_lane import skip_where_unused
 
 FOLDER = kernels_folder()
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.glob("*/*"))
@@ -59,6 +60,7 @@ ALONE = [file if file.endswith(".h") else pytest.param(file, marks=pytest.mark.t
 @pytest.mark.parametrize("lanes", [1, 16])
 @pytest.mark.parametrize("file", ALONE)
 def test_a_file_compiles_alone_with_the_defaults(file, lanes):
+    skip_where_unused(lanes)
     options = ["-I", str(FOLDER), f"-DLANES={lanes}", "-cl-std=CL1.2", "-Werror"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", cl.CompilerWarning)
