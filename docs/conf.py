@@ -17,7 +17,7 @@ release = version = pyibr.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
-exclude_patterns = ["gallery", "build"]
+exclude_patterns = ["gallery/*", "build"]
 suppress_warnings = ["config.cache"]
 
 html_theme = "furo"

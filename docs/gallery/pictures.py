@@ -17,6 +17,7 @@ import quadtrees
 import reliefrays
 import reliefs
 import reliefwalk
+import room
 import slices
 import warpfigures
 from demo import FAINT, HOLE, INK, PATH, views_of
@@ -64,6 +65,9 @@ def save(name: str, figure: Figure, dpi: int) -> None:
 if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
     plt.rcParams |= {"font.family": "DejaVu Sans"}
+    save("room.jpg", room.first_page(), 80)
+    for name, picture in room.choices().items():
+        ibr.write_color(IMAGES / f"choose-{name}.jpg", picture)
     save("terrain.jpg", terrain(), 110)
     save("epipolar-lines.png", epipolar_lines(), 80)
     save("epipolar-plane.png", epipolar_plane(), 100)
