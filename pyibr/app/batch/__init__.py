@@ -19,6 +19,7 @@ __all__ = ["Batch", "batch"]
 
 _WAITING_MIN = 64  # tasks that the scheduler holds at least,
 _WAITING_EACH = 8  # and for each worker: enough that none waits for one, few enough for any number of tasks
+_OF_WORKERS = {"distributed.worker.profile.enabled": False}  # it takes some milliseconds a frame
 _CONNECT_SECONDS = 60.0  # seconds that a scheduler may be away
 
 
@@ -148,6 +149,7 @@ def _client(dask: Any, scheduler: str | None, workers: int | None, stack: ExitSt
             threads_per_worker=1,
             dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
+            config=_OF_WORKERS,
         )
         scheduler = stack.enter_context(cluster)
     try:

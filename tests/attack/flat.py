@@ -1,0 +1,50 @@
+"""Memory that calls leave behind: `python -m tests.attack.flat`. 10,000 warps, and 2,000 calls of each other kind."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import sys
+import time
+
+from benchmarks.child import memory
+from pyibr.opencl.device import current
+from tests.opencl.everything import Call, calls
+
+MOST = 0.01
+"""Share of the process's memory by which it may grow, from a tenth of the calls on."""
+
+
+def growth(call: Call, count: int) -> float:
+    """The process's resident memory after so many calls, over that after a tenth of them, less 1."""
+    for _ in range(count // 10):
+        call()
+    gc.collect()
+    before = memory("VmRSS")
+    for _ in range(count - count // 10):
+        call()
+    gc.collect()
+    return memory("VmRSS") / before - 1
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.attack.flat", description=__doc__)
+    parser.add_argument("--count", type=int, default=2000, help="of each kind; of warps five times as many")
+    parser.add_argument("names", nargs="*", help="of the kinds, else all")
+    given = parser.parse_args()
+    made, worst = calls(), 0.0
+    for name in given.names or made:
+        count, start = given.count * (5 if name == "sweep" else 1), time.monotonic()
+        grown = growth(made[name], count)
+        worst = max(worst, grown)
+        device = current().room.taken / 2**20
+        print(
+            f"{name}: {count} calls in {time.monotonic() - start:.0f} s, {100 * grown:+.2f} % of"
+            f" {memory('VmRSS') / 2**20:.0f} MiB, the device's {device:.1f} MiB",
+            flush=True,
+        )
+    return worst > MOST
+
+
+if __name__ == "__main__":
+    sys.exit(main())
