@@ -112,7 +112,7 @@ INLINED intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl dept
 }
 
 /* Which points, of the pixels (x, y) at a depth, lie in any view's image, hidden there or not? */
-intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl depth)
+INLINED intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl depth)
 {
     const floatl n = DEPTH_OF(space->perspective, depth);
     intl found = (intl)0;

@@ -79,7 +79,7 @@ floatl sample_size(const Layout *layout, floatl depth)
 }
 
 /* Widens the spheres to hold children's. */
-void hold_children(const Layout *layout, const Tree *tree, const Children *c, Vertices *v)
+INLINED void hold_children(const Layout *layout, const Tree *tree, const Children *c, Vertices *v)
 {
     const Vector away = minus(point_of(layout, c->x, c->y, c->depth), v->center);
     const floatl reach = sqrt(DOT(away, away)) + (floatl)(gather(tree->radii, c->at)) +
@@ -88,7 +88,7 @@ void hold_children(const Layout *layout, const Tree *tree, const Children *c, Ve
 }
 
 /* The vertices' own errors: p, of nearness n, bisects the edge from a to b; 0 where one of them is no sample. */
-floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by,
+INLINED floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by,
                        floatl nb, int centers, int across)
 {
     const Vector a = sample_point(layout, ax, ay, na), b = sample_point(layout, bx, by, nb);

@@ -45,7 +45,7 @@ INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule,
 #define SPREAD(a, b, c) (fmax(a, fmax(b, c)) - fmin(a, fmin(b, c)))
 
 /* Is the triangle of the points p, q, r with nearness a, b, c a rubber sheet? */
-intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q, Vector r, floatl a, floatl b, floatl c)
+INLINED intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q, Vector r, floatl a, floatl b, floatl c)
 {
     if (rule->test == TEST_DISPARITY) {
         const floatl nearest = fmax(a, fmax(b, c)), scale = layout->perspective ? nearest : (floatl)rule->extent;
@@ -168,7 +168,7 @@ float limited(float beyond, float sample)
 }
 
 /* Half a pixel beyond an outermost sample, on the line from the next one within, if an edge joins them */
-float nearness_beyond(const Layout *layout, global const float *nearness, global const uchar *cells, int x, int y)
+INLINED float nearness_beyond(const Layout *layout, global const float *nearness, global const uchar *cells, int x, int y)
 {
     const int dx = INWARDS(x, layout->width), dy = INWARDS(y, layout->height);
     global const float *here = nearness + (size_t)y * layout->pitch + x;

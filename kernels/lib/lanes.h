@@ -192,7 +192,7 @@ typedef struct __attribute__((packed)) {
 #define ZIP_HIGH(a, b)                                                                                         \
     (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf)
 /* 16 rows of 16 to columns: zipping rows 8 apart, four times over, is a transposition. */
-void transpose(float16 *rows)
+INLINED void transpose(float16 *rows)
 {
     float16 zipped[16];
     for (int round = 0; round < 2; round++) {

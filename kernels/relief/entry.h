@@ -129,7 +129,7 @@ INLINED intl finest_level(const Relief *relief, intl level, floatl size, intl is
 }
 
 /* The level whose texels are as large as a pixel of a size, if that is fine enough */
-intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
+INLINED intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
 {
     const floatl texels_2 = texels_of(e, relief->levels[0], relief->levels[1], size, enters);
     const intl is_curved = (fabs(e->a) + fabs(e->b) + fabs(e->c)) * (relief->quadric * relief->scale) > FLAT_MAX;

@@ -324,7 +324,7 @@ void set_end_of_leg(ReliefRay *ray, const MeshWalk *walk, int is_last)
 }
 
 /* Goes over to the next prism. */
-void end_leg(MeshWalk *walk, float scale)
+INLINED void end_leg(MeshWalk *walk, float scale)
 {
     const PrismPlace end = walk->end;
     const intl passes = walk->side >= 0, beside = walk->beside;

@@ -165,7 +165,7 @@ float rounding_of(const Prism *t, const Quantity *q, int x, int y)
 }
 
 /* Sets what heights follow from: the determinant and cofactors of the shares' linear system (prism_rays.h). */
-void set_bend(Bend *bend, global const float *tilts)
+INLINED void set_bend(Bend *bend, global const float *tilts)
 {
     const float3 one = vload3(0, tilts), two = vload3(1, tilts) - one, three = vload3(2, tilts) - one;
     bend->first = (Tilt){one.x, one.y, one.z};
@@ -277,7 +277,7 @@ void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 v
 
 /* Where a bin sees a prism in its middle; low, high: the prism's box. All relative to the region at (x, y), which is
  * the bin or one of its pixels */
-float2 middle_in_bin(float2 low, float2 high, int x, int y)
+INLINED float2 middle_in_bin(float2 low, float2 high, int x, int y)
 {
     const float2 bin = (float2)(-(x % BIN), -(y % BIN));
     return 0.5f * (clamp(low, bin, bin + (BIN - 1.0f)) + clamp(high, bin, bin + (BIN - 1.0f)));

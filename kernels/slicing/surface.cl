@@ -59,7 +59,7 @@ typedef struct {
 
 /* The alpha test of points at depth z of the rays that are `tested`. Only points in the prism pass, but where it is
  * `extended`. Returns which are such points. */
-intl test_at(const Context *context, const Prism *t, const Region *region, int block, SliceHit *hit, floatl z,
+INLINED intl test_at(const Context *context, const Prism *t, const Region *region, int block, SliceHit *hit, floatl z,
              Place place, intl tested, intl extended)
 {
     const intl possible = tested & (extended | is_in_prism(t, place)), asked = UNCLIPPED ? tested : possible;

@@ -8,13 +8,9 @@
 #include "warp/hits.h"
 #include "warp/trace.h"
 
-kernel void search(global const float *surface, global float *hits, PixelMap map, int sides, int low_x, int high_x,
-                   int low_y, int high_y COUNTERS_PARAMETER(uint))
+/* What the rays of LANES pixels at (x, y) meet; cells: visited by the slowest lane */
+OUTLINED floatl search_packet(Grid grid, PixelMap map, int sides, int x, int y, int high_x, uint *cells)
 {
-    const int x = low_x + get_global_id(0) * LANES, y = low_y + get_global_id(1);
-    if (x >= high_x || y >= high_y)
-        return;
-    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
     const Rays rays = rays_of(map, to_floatl(x + lane_index), y);
     const Epipolar epipolar = epipolar_of(rays, grid);
     Windows windows;
@@ -22,8 +18,18 @@ kernel void search(global const float *surface, global float *hits, PixelMap map
     windows.to = epipolar.lines.length;
     windows.next[0] = INFINITY;
     windows.radius = 0.0f;
+    return trace(grid, rays, epipolar, windows, sides, x + lane_index < high_x, cells);
+}
+
+kernel void search(global const float *surface, global float *hits, PixelMap map, int sides, int low_x, int high_x,
+                   int low_y, int high_y COUNTERS_PARAMETER(uint))
+{
+    const int x = low_x + get_global_id(0) * LANES, y = low_y + get_global_id(1);
+    if (x >= high_x || y >= high_y)
+        return;
+    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
     uint cells = 0;
-    const floatl found = trace(grid, rays, epipolar, windows, sides, x + lane_index < high_x, &cells);
+    const floatl found = search_packet(grid, map, sides, x, y, high_x, &cells);
     store_lanes(found, hits + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
 #if COUNTERS
     counters[y * ((map.dst_width + LANES - 1) / LANES) + get_global_id(0)] = cells * LANES;

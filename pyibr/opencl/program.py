@@ -23,7 +23,7 @@ from pyibr.opencl.cache import Entry
 from pyibr.opencl.device import Session, current
 from pyibr.opencl.headers import SCALARS, display_name, expanded, structs
 from pyibr.opencl.in_flight import KernelCost
-from pyibr.opencl.runtimes import RUNTIMES, found_devices
+from pyibr.opencl.runtimes import found_devices, runtime_of
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
@@ -145,18 +145,19 @@ def _time_of(own: Path) -> int:
 def _build(session: Session, file: str | Path, defines: Mapping[str, int]) -> list[Kernel]:
     """All kernels of a file, since they are one program."""
     named = {"LANES": session.profile.lanes, **defines}
-    options = [*_OPTIONS, *_rounding(session), *(f"-D{define}={value}" for define, value in sorted(named.items()))]
     source = expanded(file)
     # A home may be shared by machines whose processors differ, and the names of their devices do not.
     device = found_devices()[session.device.index]
+    runtime = runtime_of(device)
+    defined = (f"-D{define}={value}" for define, value in sorted(named.items()))
+    options = [*_OPTIONS, *_rounding(session), *runtime.options(device), *defined]
     entry = Entry("programs", Path(file).stem, "\0".join([source, *options, device.key, _SIGNATURE_FORMAT]))
     loaded = _load(session, entry.read())
     if loaded is None:
         program = _compiled(session, file, source, options)
         signatures = {str(handle.function_name): _signature(handle) for handle in program.all_kernels()}
         head = json.dumps(signatures).encode() + b"\n"
-        compiles = any(runtime.compiles_for_binaries and runtime.is_of(device) for runtime in RUNTIMES)
-        keep_binary(program, entry, head, compiles, session.calls)
+        keep_binary(program, entry, head, runtime.compiles_for_binaries, session.calls)
     else:
         program, signatures = loaded
     declared = {argument[1].rstrip("*") for signature in signatures.values() for argument in signature}

@@ -14,6 +14,7 @@ import itertools
 import json
 import os
 import platform
+import re
 import sys
 import tempfile
 from collections import Counter
@@ -95,6 +96,8 @@ class Runtime:
     """Variables that it reads as devices are listed; none where the user has chosen."""
     compiling: Callable[[], dict[str, str]] = dict
     """Those that its compiler reads as a context is made."""
+    options: Callable[[Found], list[str]] = lambda _: []
+    """Those that programs for a device of its own are built with, beside others."""
     compiles_for_binaries: bool = False
     """Whether it compiles all kernels once more to hand out a binary. What it has compiled, it keeps on disk itself."""
     stem: str = ""
@@ -198,8 +201,12 @@ def remedy_for(found: Found) -> str:
     """The command that mends a device that is listed but does not work."""
     if found.kind == "gpu":
         return f"update the OpenCL driver of {found.vendor or found.platform}"
-    mends = (runtime.mend() for runtime in RUNTIMES if runtime.is_of(found))
-    return next(mends, cpu_remedies()[-1])
+    return runtime_of(found).mend()
+
+
+def runtime_of(found: Found) -> Runtime:
+    """The runtime of a device; one without particulars where it is none of `RUNTIMES`."""
+    return next((runtime for runtime in RUNTIMES if runtime.is_of(found)), Runtime("", ""))
 
 
 def new_context(device: cl.Device) -> cl.Context:
@@ -296,6 +303,15 @@ def _safe_kernels() -> dict[str, str]:
     return {} if private is None else {"POCL_CACHE_DIR": str(private)}
 
 
+def _optimized_once(found: Found) -> list[str]:
+    """PoCL optimizes a program, and then each kernel with all that it calls, which is enough: half of a build's time.
+
+    It looks at options between spaces, and clang at what tabs part there; so do the releases that were read.
+    """
+    was_read = found.kind == "cpu" and re.search(r"PoCL [3-7]\.", found.version)
+    return ["-DBY_KERNEL\t-disable-llvm-passes"] if was_read else []
+
+
 def _mend_pocl_wheel() -> str:
     """Its compiler is older than many processors; the distribution's build is not."""
     here = (SYSTEM_ICDS / "pocl.icd").exists()
@@ -321,6 +337,7 @@ _POCL = Runtime(
     "portable computing language",
     install=_install_pocl,
     environment=lambda: {**_pinned_threads(), **_safe_kernels()},
+    options=_optimized_once,
     compiles_for_binaries=True,
 )
 _POCL_WHEEL = replace(_POCL, name="PoCL's wheel", mend=_mend_pocl_wheel, install=str, wheel="pocl-binary-distribution")

@@ -129,6 +129,16 @@ def test_what_a_further_runtime_needs_is_one_object(intel: Path, monkeypatch: py
     assert runtimes.remedy_for(device) == "mend it"
 
 
+@pytest.mark.parametrize(
+    ("kind", "version", "told"),
+    [("cpu", "PoCL 3.1+debian", 1), ("cpu", "PoCL 6.0", 1), ("cpu", "PoCL 8.0", 0), ("gpu", "PoCL 6.0", 0)],
+)
+def test_releases_of_pocl_that_were_read_optimize_each_kernel_alone(kind: runtimes.Kind, version: str, told: int):
+    version = f"OpenCL 3.0 {version}  Linux"
+    device = runtimes.Found(0, "Portable Computing Language", "it", "its maker", version, "", kind, "key", None)  # pyright: ignore[reportArgumentType]
+    assert len(runtimes.runtime_of(device).options(device)) == told
+
+
 AFTER_ANOTHER_LIBRARY = """
 import ctypes, sys
 from pathlib import Path
