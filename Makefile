@@ -2,7 +2,7 @@
 PYTHON ?= python3
 RUN := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-arm test-devices fuzz check audit bench gpu docs clean
+.PHONY: help setup demo test test-all test-arm test-devices fuzz check audit bench gpu docs wheel clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
@@ -69,6 +69,11 @@ gpu: .venv/.bench  ## what a GPU is asked first: doctor, the kernels' tests, pic
 
 docs: .venv/.docs  ## the manual: build/docs/index.html
 	@$(RUN) -m sphinx -q -W docs build/docs
+
+wheel: .venv/.ready  ## the wheel from the source package, installed alone and beside another's OpenCV
+	@rm -rf dist && $(RUN) -m build --outdir dist . >/dev/null
+	@$(RUN) -m twine check --strict dist/* >/dev/null
+	@$(PYTHON) .ci/installs.py dist/*.whl bare beside
 
 clean:  ## remove .venv and all that was built
 	rm -rf .venv build dist .pytest_cache .ruff_cache
