@@ -88,19 +88,23 @@ class Outline:
 
 def carved_scene(relief: ibr.ReliefSurface) -> Any:
     """The even relief's surface, to cast rays at."""
-    mesh, normals = relief.drawn, relief.frames.normals
+    mesh, offsets = relief.drawn, relief.offsets
     parts = [(i, j) for i in range(CUTS + 1) for j in range(CUTS + 1 - i)]
     number = {part: k for k, part in enumerate(parts)}
     weights = np.array([(CUTS - i - j, i, j) for i, j in parts]) / CUTS
     points = np.einsum("kw,twc->tkc", weights, mesh.vertices.astype(np.float64)[mesh.faces])
-    ahead = np.einsum("kw,twc->tkc", weights, normals[mesh.faces])
-    points -= (1 - HEIGHT) * relief.scale * ahead / np.maximum(np.linalg.norm(ahead, axis=2, keepdims=True), 1e-12)
+    ahead, lengths = (np.einsum("kw,twc->tkc", weights, rows[mesh.faces]) for rows in (offsets, _lengths(offsets)))
+    points -= (1 - HEIGHT) * lengths * ahead / np.maximum(_lengths(ahead), 1e-12)
     cells = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in number if i + j < CUTS]
     cells += [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in number if i + j < CUTS - 1]
     faces = np.arange(len(points))[:, None, None] * len(parts) + np.array(cells)
     scene = import_module("open3d").t.geometry.RaycastingScene()
     scene.add_triangles(points.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))
     return scene
+
+
+def _lengths(vectors: Float64) -> Float64:
+    return np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def around(mesh: ibr.Mesh, turn: float, size: int = SIZE) -> ibr.Camera:

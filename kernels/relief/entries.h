@@ -36,7 +36,7 @@ typedef struct {
     global int *counters;
 #if WITHIN
     int eye_triangle; /* the one that the eye is below, */
-    float eye_second, eye_third, eye_depth; /* and its place there (walk.h) */
+    float eye_depth;  /* and how deep, 1 at the bottom */
 #endif
 } Context;
 

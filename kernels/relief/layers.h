@@ -188,7 +188,7 @@ INLINED Entry entry_of_hit(const Relief *relief, const Layers *layers, int block
 }
 
 /* Finds what the region's pixels see of the relief, layer by layer. */
-void search_layers(const Context *context, Region *region, BinList listed)
+OUTLINED void search_layers(const Context *context, Region *region, BinList listed)
 {
     Layers *layers = context->layers;
     for (int block = 0; block < BLOCKS; block++) {

@@ -43,8 +43,8 @@ void write_uv(const Region *region, int block, Screen screen, global float *uvs)
 #endif
 
 #if WITHIN
-#define EYE_PARAMETER , int eye_triangle, float eye_second, float eye_third, float eye_depth
-#define EYE_ARGUMENT , eye_triangle, eye_second, eye_third, eye_depth
+#define EYE_PARAMETER , int eye_triangle, float eye_depth
+#define EYE_ARGUMENT , eye_triangle, eye_depth
 #else
 #define EYE_PARAMETER
 #define EYE_ARGUMENT

@@ -2,69 +2,65 @@
 #define RELIEF_WALK_H
 /* A ray's walk through a relief, below the mesh's own triangles.
  *
- * Below a triangle whose corners lie at P with normals N a point is X = P - h N, with P and N interpolated by the same
- * weights, and h its depth. That is a prism; together they fill the relief without gaps. A ray is followed from prism to
- * prism, a leg in each, up to where it leaves that at the bottom, at the mesh, or by a side. Along a leg weights and
- * depth are parabolas that have the true values at both ends, and the true slope at the first. u and v follow from the
- * weights, so the search (search.h) is that of one prism.
+ * Below a triangle whose corners lie at P and the relief's bottom N below them a point is X = P - h N, with P and N
+ * interpolated by the same weights, and h its depth, 1 at the bottom. That is a prism; together they fill the relief without
+ * gaps. A ray is followed from prism to prism, a leg in each, up to where it leaves that at the bottom, at the mesh, or by a
+ * side.
  *
- * Below centres of curvature prisms are inside out, and overlap others. What is above the ray's point changes steadily
- * there, too, if such prisms are crossed backwards: so the ray comes out on the other side of a sharp bend.
+ * At each depth a prism has one section, a triangle, which a ray crosses once. So within a prism its depth tells a ray's
+ * place: seen along the ray, the section's sides and the ray's point span areas whose shares are the weights, each a
+ * polynomial of degree two in the depth; by a side the ray leaves where that one's area is 0. It sinks where it meets
+ * sections from the front, and rises where from behind. Neighbours have their side's area in common, and so no ray is lost.
  *
- * prisms: (triangles, PRISM_FLOATS) place, normal, u and v of each corner; then, as integers, the side opposite to each
- * in the triangle beside it, 3 * triangle + corner; -1: none, at borders and hard edges. Beyond these u and v change as they
- * did, and the depth as normals turn.
+ * Below centres of curvature prisms are inside out, and overlap others. Depths go on steadily there, too, as the ray runs
+ * backwards, and so it comes out on the other side of a sharp bend.
+ *
+ * prisms: (triangles, PRISM_FLOATS) P, N, u and v of each corner; then, as integers, the side opposite to each in the
+ * triangle beside it, 3 * triangle + corner; -1: none, at borders. Beyond these u and v change as they did, and the depth as
+ * normals turn.
  */
 #include "relief/entry.h"
 
 #define PRISM_FLOATS 28
-#define LEGS_MAX 128  /* of a ray; one that has not come out then turns between prisms that are inside out: it ends */
-#define SIDE_STEPS 3  /* of Newton's method, to where a ray leaves by a side */
-#define LATEST 2.0f   /* times as far as where a ray comes to a side by its slope it may do so to others */
-#define LEG_ROUNDING 1.00001f
-#define LEAST_VOLUME 1e-30f
-#define LEAST_WEIGHT -1e-5f /* of a point in a triangle */
-#define LEAST_DEPTH -1e-2f /* of the relief's: what is less deep has left it */
+#define LEGS_MAX 512    /* of a ray: most take less than ten */
+#define LEAST 1e-30f    /* of what is divided by */
+#define SHORTEST 1e-18f /* of legs that are divided by */
+#define UNEVEN 0.2f     /* of a leg: so far from its middle at most a ray is half-way between its ends' depths */
 
-/* The corners of triangles, less a point, their normals, u and v */
+/* A triangle's corners P and their N, seen along a ray: z is how far from its entry; and their u and v */
 typedef struct {
     Vector point[3], normal[3];
     floatl u[3], v[3];
     intl beside[3];
 } MeshPrism;
 
-/* A point in a prism: weights of the second and the third corner, and its depth, in scene units; or their changes */
+/* Twice the areas of a section's sides and the ray's point, by the corners opposite; or what they change by */
 typedef struct {
-    floatl second, third, depth;
-} PrismPlace;
+    floatl of[3];
+} SideAreas;
+
+/* Where a ray crosses a section: the weights of its second and its third corner, and how far that is from the entry */
+typedef struct {
+    floatl second, third, distance;
+} Crossing;
 
 /* Rays on their way */
 typedef struct {
     Vector from, direction;
     floatl reached; /* from the entry */
     intl triangle;
-    PrismPlace place; /* at that point */
-    intl active; /* which of them are to be followed */
-    intl is_beyond, ends_at_border; /* which are beyond a border, and which do not go on there */
-    floatl leg, way;   /* how long the leg is, and which way it goes: 1, or -1 */
-    PrismPlace slope, bend; /* what the place changes by t and t^2 along it */
-    PrismPlace end;         /* where it ends, */
-    intl side;         /* and by which side; -1: at the bottom, or the mesh; */
-    intl beside;       /* and the side that it comes to */
+    floatl depth;           /* there */
+    intl active;                    /* which of them are to be followed, */
+    intl is_beyond, ends_at_border; /* and which are beyond a border, or do not go on there */
+    intl side;   /* by which they have come, then the one by which they leave; -1: none, as from the mesh, or to the bottom */
+    intl beside; /* and the side that they come to */
+    floatl leg, way, end;                      /* how long the leg is, which way it goes, 1 or -1, and the depth at its end */
+    floatl second, third, by_second, by_third; /* weights of corners, and their changes along it */
     floatl pixel_size; /* at the entry; 0: the map itself is read */
     intl level, tier;  /* of the map, and the search's (search.h) */
 } MeshWalk;
 
-INLINED Vector weighted(const Vector *corners, floatl second, floatl third)
-{
-    const floatl first = 1.0f - second - third;
-    const Vector mean = {first * corners[0].x + second * corners[1].x + third * corners[2].x,
-                         first * corners[0].y + second * corners[1].y + third * corners[2].y,
-                         first * corners[0].z + second * corners[1].z + third * corners[2].z};
-    return mean;
-}
-
-INLINED MeshPrism prism_of(const Relief *relief, intl triangle, Vector from)
+INLINED MeshPrism prism_of(const Relief *relief, intl triangle, Vector from, Vector z)
 {
     MeshPrism p;
     floatl row[PRISM_FLOATS];
@@ -80,12 +76,18 @@ INLINED MeshPrism prism_of(const Relief *relief, intl triangle, Vector from)
         } else
             gather_rows(relief->prisms, triangle * (PRISM_FLOATS / 4) + i / 4, row + i);
     }
+    /* Two axes at right angles to the ray and to each other (Duff et al. 2017) */
+    const floatl sign = select_lanes(z.z < 0.0f, (floatl)-1.0f, (floatl)1.0f), a = -1.0f / (sign + z.z), b = z.x * z.y * a;
+    const Vector x = {1.0f + sign * z.x * z.x * a, sign * b, -sign * z.x}, y = {b, sign + z.y * z.y * a, -z.y};
     UNROLLED
     for (int k = 0; k < 3; k++) {
         const floatl *corner = row + 8 * k;
-        const Vector point = {corner[0], corner[1], corner[2]}, normal = {corner[3], corner[4], corner[5]};
-        p.point[k] = minus(point, from);
-        p.normal[k] = normal;
+        const Vector point = {corner[0] - from.x, corner[1] - from.y, corner[2] - from.z},
+                     normal = {corner[3], corner[4], corner[5]};
+        const Vector point_seen = {DOT(point, x), DOT(point, y), DOT(point, z)},
+                     normal_seen = {DOT(normal, x), DOT(normal, y), DOT(normal, z)};
+        p.point[k] = point_seen;
+        p.normal[k] = normal_seen;
         p.u[k] = corner[6];
         p.v[k] = corner[7];
         p.beside[k] = as_intl(row[24 + k]);
@@ -106,238 +108,174 @@ INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
     return finest_level(relief, level_of_texels(texels_2, relief->level_count), size, -1);
 }
 
-/* Sets how a ray's place changes along it; returns whether its prism is inside out. */
-INLINED intl set_slope(const MeshPrism *p, const PrismPlace *at, Vector direction, PrismPlace *slope)
+/* Twice the area that the origin has with two points of the plane */
+#define AREA(a, b) ((a).x * (b).y - (a).y * (b).x)
+
+/* The sides' areas at a depth, > 0 where sections are met from the front, and what they change by */
+INLINED SideAreas areas_at(const MeshPrism *p, floatl depth, SideAreas *change)
 {
-    const Vector n = weighted(p->normal, at->second, at->third);
-    const Vector second = minus(minus(p->point[1], p->point[0]), scaled(minus(p->normal[1], p->normal[0]), at->depth));
-    const Vector third = minus(minus(p->point[2], p->point[0]), scaled(minus(p->normal[2], p->normal[0]), at->depth));
-    const Vector across = cross_product(second, third), beside = cross_product(direction, n);
-    const floatl volume = DOT(across, n);
-    const intl turned = volume < 0.0f;
-    const floatl some = select_lanes(turned, (floatl)-LEAST_VOLUME, (floatl)LEAST_VOLUME),
-                 inverse = 1.0f / select_lanes(fabs(volume) < LEAST_VOLUME, some, volume);
-    slope->second = -DOT(third, beside) * inverse;
-    slope->third = DOT(second, beside) * inverse;
-    slope->depth = -DOT(across, direction) * inverse;
-    return turned;
+    SideAreas areas;
+    UNROLLED
+    for (int k = 0; k < 3; k++) {
+        const int i = (k + 1) % 3, j = (k + 2) % 3;
+        const Vector a = minus(p->point[i], scaled(p->normal[i], depth)),
+                     b = minus(p->point[j], scaled(p->normal[j], depth));
+        areas.of[k] = AREA(b, a);
+        change->of[k] = -AREA(b, p->normal[i]) - AREA(p->normal[j], a);
+    }
+    return areas;
 }
 
-/* Where a ray is at a depth: how far from its entry, and its place there */
-INLINED floatl reach_depth(const MeshPrism *p, Vector direction, floatl depth, PrismPlace *at)
+/* Areas as far as they are of a side's part; but that of the side by which a ray leaves */
+INLINED SideAreas areas_inside(const SideAreas *areas, floatl sign, intl side)
 {
-    Vector corner[3];
+    SideAreas inside;
     UNROLLED
     for (int k = 0; k < 3; k++)
-        corner[k] = minus(p->point[k], scaled(p->normal[k], depth));
-    const Vector second = minus(corner[1], corner[0]), third = minus(corner[2], corner[0]);
-    const Vector across = cross_product(second, third);
-    const floatl t = DOT(corner[0], across) / DOT(direction, across), inverse = 1.0f / DOT(across, across);
-    const Vector aside = minus(scaled(direction, t), corner[0]);
-    at->second = DOT(cross_product(aside, third), across) * inverse;
-    at->third = DOT(cross_product(second, aside), across) * inverse;
-    at->depth = depth;
-    return t;
+        inside.of[k] = select_lanes(side == k, (floatl)0.0f, max_lanes(sign * areas->of[k], (floatl)0.0f));
+    return inside;
 }
 
-/* Of three values, the one of a number */
-INLINED floatl chosen(floatl first, floatl second, floatl third, intl number)
+INLINED Crossing crossing_of(const MeshPrism *p, const SideAreas *areas, floatl depth)
 {
-    return select_lanes(number == 2, third, select_lanes(number == 1, second, first));
-}
-
-INLINED Vector chosen_corner(const Vector *corners, intl number)
-{
-    const Vector one = {chosen(corners[0].x, corners[1].x, corners[2].x, number),
-                        chosen(corners[0].y, corners[1].y, corners[2].y, number),
-                        chosen(corners[0].z, corners[1].z, corners[2].z, number)};
-    return one;
-}
-
-/* Where a ray is at a side, by Newton's method from near there: how far from its entry, and its place there. along_side: the
- * weight of the side's second corner; it, t and the depth are nearby at first */
-INLINED floatl reach_side(const MeshPrism *p, Vector direction, intl side, floatl *along_side, floatl t, PrismPlace *at)
-{
-    const intl next = select_lanes(side == 2, (intl)0, side + 1), last = select_lanes(side == 0, (intl)2, side - 1);
-    const Vector from = chosen_corner(p->point, next), from_normal = chosen_corner(p->normal, next);
-    const Vector way = minus(chosen_corner(p->point, last), from),
-                 turn = minus(chosen_corner(p->normal, last), from_normal);
-    floatl depth = at->depth, along = *along_side;
-    for (int i = 0; i < SIDE_STEPS; i++) {
-        const Vector n = {from_normal.x + along * turn.x, from_normal.y + along * turn.y, from_normal.z + along * turn.z};
-        const Vector rest = {t * direction.x - from.x - along * way.x + depth * n.x,
-                             t * direction.y - from.y - along * way.y + depth * n.y,
-                             t * direction.z - from.z - along * way.z + depth * n.z};
-        const Vector edge = minus(way, scaled(turn, depth)), across = cross_product(n, direction);
-        const floatl inverse = 1.0f / DOT(edge, across);
-        const Vector over = cross_product(rest, edge);
-        along += DOT(rest, across) * inverse;
-        depth += DOT(direction, over) * inverse;
-        t -= DOT(n, over) * inverse;
-    }
-    at->second = select_lanes(side == 0, 1.0f - along, select_lanes(side == 2, along, (floatl)0.0f));
-    at->third = select_lanes(side == 0, along, select_lanes(side == 1, 1.0f - along, (floatl)0.0f));
-    at->depth = depth;
-    *along_side = along;
-    return t;
-}
-
-INLINED PrismPlace place_after(const MeshWalk *walk, floatl t)
-{
-    const PrismPlace at = {walk->place.second + t * (walk->slope.second + t * walk->bend.second),
-                      walk->place.third + t * (walk->slope.third + t * walk->bend.third),
-                      walk->place.depth + t * (walk->slope.depth + t * walk->bend.depth)};
+    const floatl share = 1.0f / (areas->of[0] + areas->of[1] + areas->of[2] + LEAST);
+    Crossing at = {areas->of[1] * share, areas->of[2] * share, 0.0f};
+    UNROLLED
+    for (int k = 0; k < 3; k++)
+        at.distance += share * areas->of[k] * (p->point[k].z - depth * p->normal[k].z);
     return at;
 }
 
-INLINED PrismPlace chosen_place(intl which, PrismPlace one, PrismPlace other)
+/* By what a crossing changes with the depth */
+INLINED Crossing crossing_change(const MeshPrism *p, const SideAreas *areas, const SideAreas *change, floatl depth,
+                                 const Crossing *at)
 {
-    const PrismPlace made = {select_lanes(which, one.second, other.second), select_lanes(which, one.third, other.third),
-                        select_lanes(which, one.depth, other.depth)};
-    return made;
+    const floatl share = 1.0f / (areas->of[0] + areas->of[1] + areas->of[2] + LEAST);
+    const floatl all = change->of[0] + change->of[1] + change->of[2];
+    Crossing by = {share * (change->of[1] - all * at->second), share * (change->of[2] - all * at->third), 0.0f};
+    UNROLLED
+    for (int k = 0; k < 3; k++)
+        by.distance += share * (change->of[k] * (p->point[k].z - depth * p->normal[k].z - at->distance) -
+                                areas->of[k] * p->normal[k].z);
+    return by;
 }
 
-/* How long it takes until a value that changes evenly has come down to 0 */
-INLINED floatl time_to_zero(floatl value, floatl change)
+/* Where a + b x + c x^2, a >= 0, becomes less than 0, x >= 0; is_new: not where it is 0 at first */
+INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
 {
-    return select_lanes(change < 0.0f, max_lanes(value, (floatl)0.0f) / -change, (floatl)NEVER);
+    const floatl discriminant = b * b - 4.0f * a * c, root = sqrt(max_lanes(discriminant, (floatl)0.0f));
+    const intl falls = b <= 0.0f, ever = (falls & (discriminant >= 0.0f) & !is_new) | (!falls & (c < 0.0f));
+    const floatl x = select_lanes(falls, 2.0f * a, b + root) /
+                     max_lanes(select_lanes(falls, root - b, -2.0f * c), (floatl)LEAST);
+    return select_lanes(ever, x, (floatl)NEVER);
 }
 
-/* Finds the side by which rays leave their prisms: of those that they come to by their slopes the first that they
- * truly reach. Returns how far from the entry that is. */
-INLINED floatl find_side(const MeshPrism *p, MeshWalk *walk, float scale)
+/* Finds by which side rays leave their prisms. areas: at their depths. Returns by how much the depth changes until then. */
+INLINED floatl find_side(const MeshPrism *p, MeshWalk *walk, floatl sign, const SideAreas *areas, const SideAreas *change)
 {
-    const PrismPlace at = walk->place, slope = walk->slope;
-    const floatl first = 1.0f - at.second - at.third, first_slope = -slope.second - slope.third;
-    floatl by_first = time_to_zero(first, first_slope), by_second = time_to_zero(at.second, slope.second),
-           by_third = time_to_zero(at.third, slope.third);
-    const floatl latest = LATEST * min_lanes(min_lanes(by_first, by_second), by_third);
-    floatl found_t = walk->reached;
-    intl searches = walk->active;
-    for (int i = 0; i < 3 && any_lane(searches); i++) {
-        const floatl soon = min_lanes(by_first, by_second), leg = min_lanes(min_lanes(soon, by_third), latest);
-        const intl side = select_lanes(by_third < soon, (intl)2, select_lanes(by_second < by_first, (intl)1, (intl)0));
-        floatl along = clamp_lanes(chosen(at.third + leg * slope.third, first + leg * first_slope,
-                                          at.second + leg * slope.second, side), (floatl)0.0f, (floatl)1.0f);
-        const floatl there_depth = clamp_lanes(at.depth + leg * slope.depth, (floatl)0.0f, (floatl)scale);
-        PrismPlace there = {0.0f, 0.0f, there_depth};
-        const floatl t = reach_side(p, walk->direction, side, &along, walk->reached + walk->way * leg, &there);
-        const intl reaches = searches & (along >= LEAST_WEIGHT) & (along <= 1.0f - LEAST_WEIGHT) &
-                             (there.depth >= LEAST_DEPTH * scale) &
-                             (walk->way * (t - walk->reached) >= LEAST_WEIGHT * scale);
-        const intl takes = i == 0 ? searches : reaches; /* by their slopes, if none is truly reached */
-        const PrismPlace by_slope = {at.second + leg * slope.second, at.third + leg * slope.third, there_depth};
-        walk->side = select_lanes(takes, side, walk->side);
-        walk->end = chosen_place(takes, chosen_place(reaches, there, by_slope), walk->end);
-        found_t = select_lanes(takes, select_lanes(reaches, t, walk->reached + walk->way * leg), found_t);
-        searches = searches & !reaches;
-        by_first = select_lanes(side == 0, (floatl)INFINITY, by_first);
-        by_second = select_lanes(side == 1, (floatl)INFINITY, by_second);
-        by_third = select_lanes(side == 2, (floatl)INFINITY, by_third);
+    floatl x = max_lanes(select_lanes(sign > 0.0f, 1.0f - walk->depth, walk->depth), (floatl)0.0f); /* to bottom, or mesh */
+    intl out = -1;
+    UNROLLED
+    for (int k = 0; k < 3; k++) {
+        const floatl bend = sign * AREA(p->normal[(k + 2) % 3], p->normal[(k + 1) % 3]);
+        const floatl by = becomes_less(areas->of[k], change->of[k], bend, walk->side == k);
+        out = select_lanes(by < x, (intl)k, out);
+        x = min_lanes(by, x);
     }
-    return found_t;
+    walk->side = out;
+    return x;
 }
 
-INLINED floatl of_place(const floatl *corners, floatl second, floatl third)
-{
-    return second * (corners[1] - corners[0]) + third * (corners[2] - corners[0]);
-}
-
-/* By how much normals turn along a ray: the base's curvature */
-INLINED floatl turning_along(const MeshPrism *p, Vector direction, const PrismPlace *slope)
-{
-    const Vector second = minus(p->normal[1], p->normal[0]), third = minus(p->normal[2], p->normal[0]);
-    return slope->second * DOT(second, direction) + slope->third * DOT(third, direction);
-}
+/* By how much a value at the corners changes with the weights */
+#define CHANGE_OF(corners, by_second, by_third)                                                                \
+    ((by_second) * ((corners)[1] - (corners)[0]) + (by_third) * ((corners)[2] - (corners)[0]))
 
 /* How far a ray goes until it is at the bottom, or else at depth 0, if its depth is a parabola */
-INLINED floatl way_out(floatl depth, floatl slope, floatl bend, float scale)
+INLINED floatl way_out(floatl depth, floatl slope, floatl bend, intl *at_bottom)
 {
-    const floatl below = scale - depth, discriminant = slope * slope + 4.0f * bend * below;
+    const floatl below = 1.0f - depth, discriminant = slope * slope + 4.0f * bend * below;
     const floatl bottom = 2.0f * below / (slope + sqrt(max_lanes(discriminant, (floatl)0.0f)));
     const floatl out = (slope + sqrt(max_lanes(slope * slope - 4.0f * bend * depth, (floatl)0.0f))) / (-2.0f * bend);
-    return max_lanes(select_lanes((discriminant >= 0.0f) & (bottom > 0.0f), bottom, out), (floatl)0.0f);
+    *at_bottom = (discriminant >= 0.0f) & (bottom > 0.0f);
+    return max_lanes(select_lanes(*at_bottom, bottom, out), (floatl)0.0f);
 }
 
-/* Sets out a walk's next leg, and the ray that is searched along it. */
+/* Sets out the last legs of rays that are beyond a border: weights change as they did, and depths as normals turn. */
+INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const Crossing *by, floatl sign, float scale, ReliefRay *ray)
+{
+    const floatl slope = sign / fabs(by->distance), second = slope * by->second, third = slope * by->third;
+    const floatl way = select_lanes(by->distance * sign < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    const floatl turning[3] = {p->normal[0].z, p->normal[1].z, p->normal[2].z};
+    const floatl bend = -0.5f / (scale * scale) * way * CHANGE_OF(turning, second, third);
+    const intl which = walk->is_beyond;
+    intl at_bottom;
+    const floatl leg = way_out(walk->depth, slope, bend, &at_bottom);
+    walk->way = select_lanes(which, way, walk->way);
+    walk->by_second = select_lanes(which, second, walk->by_second);
+    walk->by_third = select_lanes(which, third, walk->by_third);
+    walk->side = select_lanes(which, (intl)-1, walk->side);
+    ray->L = select_lanes(which, slope, ray->L);
+    ray->K = select_lanes(which, bend, ray->K);
+    ray->end = select_lanes(which, leg, ray->end);
+    ray->at_bottom = select_lanes(which, at_bottom, ray->at_bottom);
+}
+
+/* Sets out a walk's next leg, and the ray that is searched along it: its depth is the parabola that is right at both ends
+ * and half-way between their depths. u and v bend little in a prism. */
 static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, ReliefRay *ray)
 {
-    const MeshPrism p = prism_of(relief, walk->triangle, walk->from);
+    const MeshPrism p = prism_of(relief, walk->triangle, walk->from, walk->direction);
     if (is_first)
         walk->level = level_on(relief, &p, walk->pixel_size);
-    const PrismPlace at = walk->place;
-    const float scale = relief->scale, per_scale = 1.0f / scale;
-    PrismPlace slope;
-    walk->way = select_lanes(set_slope(&p, &at, walk->direction, &slope), (floatl)-1.0f, (floatl)1.0f);
-    slope.second *= walk->way;
-    slope.third *= walk->way;
-    slope.depth *= walk->way;
-    walk->slope = slope;
-    /* To the bottom, or the mesh */
-    const intl sinks = slope.depth >= 0.0f;
-    PrismPlace level;
-    const floatl t_level = reach_depth(&p, walk->direction, select_lanes(sinks, (floatl)scale, (floatl)0.0f), &level);
-    const floatl least = min_lanes(min_lanes(level.second, level.third), 1.0f - level.second - level.third);
-    const intl arrives = (least >= LEAST_WEIGHT) & (walk->way * (t_level - walk->reached) >= 0.0f);
-    floatl t = t_level;
-    walk->side = -1;
-    const intl passes = walk->active & !arrives & !walk->is_beyond;
-    if (any_lane(passes)) {
-        t = select_lanes(passes, find_side(&p, walk, scale), t_level);
-        walk->side = select_lanes(passes, walk->side, (intl)-1);
-    }
-    walk->end = chosen_place(passes, walk->end, level);
-    floatl leg = max_lanes(walk->way * (t - walk->reached), (floatl)0.0f);
-    const floatl bends = select_lanes(walk->is_beyond, (floatl)0.0f, 1.0f / max_lanes(leg * leg, (floatl)1e-30f));
-    walk->bend.second = bends * (walk->end.second - at.second - leg * slope.second);
-    walk->bend.third = bends * (walk->end.third - at.third - leg * slope.third);
-    walk->bend.depth = bends * (walk->end.depth - at.depth - leg * slope.depth);
-    if (any_lane(walk->is_beyond)) {
-        const floatl bend = -0.5f * turning_along(&p, walk->direction, &slope);
-        walk->bend.depth = select_lanes(walk->is_beyond, bend, walk->bend.depth);
-        leg = select_lanes(walk->is_beyond, way_out(at.depth, slope.depth, bend, scale), leg);
-    }
-    walk->leg = leg;
-    ray->u = WRAPPED_UV(CLAMPED_U, p.u[0] + of_place(p.u, at.second, at.third));
-    ray->v = WRAPPED_UV(CLAMPED_V, p.v[0] + of_place(p.v, at.second, at.third));
-    /* u and v bend little in a prism. */
-    const floatl second = slope.second + leg * walk->bend.second, third = slope.third + leg * walk->bend.third;
-    ray->du = of_place(p.u, second, third);
-    ray->dv = of_place(p.v, second, third);
+    SideAreas change, unused;
+    const floatl depth = walk->depth;
+    const SideAreas areas = areas_at(&p, depth, &change);
+    const floatl sign = select_lanes(areas.of[0] + areas.of[1] + areas.of[2] < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    const SideAreas start = areas_inside(&areas, sign, walk->side);
+    const Crossing at = crossing_of(&p, &start, depth);
+    const floatl deeper = sign * find_side(&p, walk, sign, &start, &change);
+    const floatl half_depth = depth + 0.5f * deeper, end_depth = depth + deeper;
+    const SideAreas half_areas = areas_at(&p, half_depth, &unused), end_areas = areas_at(&p, end_depth, &unused);
+    const SideAreas inside = areas_inside(&half_areas, sign, (intl)-1), end = areas_inside(&end_areas, sign, walk->side);
+    const Crossing between = crossing_of(&p, &inside, half_depth), out = crossing_of(&p, &end, end_depth);
+    const floatl way = out.distance - walk->reached;
+    walk->end = end_depth;
+    walk->way = select_lanes(way < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    walk->leg = fabs(way);
     walk->beside = select_lanes(walk->side == 2, p.beside[2], select_lanes(walk->side == 1, p.beside[1], p.beside[0]));
+    const floatl per_leg = 1.0f / max_lanes(walk->leg, (floatl)SHORTEST);
+    const floatl middle = clamp_lanes(walk->way * per_leg * (between.distance - walk->reached), (floatl)(0.5f - UNEVEN),
+                                      (floatl)(0.5f + UNEVEN));
+    const floatl bend = deeper * (middle - 0.5f) / (middle * (1.0f - middle));
+    walk->second = at.second;
+    walk->third = at.third;
+    walk->by_second = per_leg * (out.second - at.second);
+    walk->by_third = per_leg * (out.third - at.third);
     ray->level = walk->level;
-    ray->depth = at.depth * per_scale;
-    ray->L = slope.depth * per_scale;
-    ray->K = walk->bend.depth * per_scale;
+    ray->depth = depth;
+    ray->L = per_leg * (deeper - bend);
+    ray->K = per_leg * per_leg * bend;
+    ray->end = walk->leg;
+    ray->at_bottom = (walk->side < 0) & (end_depth > 0.5f);
+    if (any_lane(walk->is_beyond)) {
+        const Crossing by = crossing_change(&p, &areas, &change, depth, &at);
+        go_beyond(&p, walk, &by, sign, relief->scale, ray);
+    }
+    ray->u = WRAPPED_UV(CLAMPED_U, p.u[0] + CHANGE_OF(p.u, at.second, at.third));
+    ray->v = WRAPPED_UV(CLAMPED_V, p.v[0] + CHANGE_OF(p.v, at.second, at.third));
+    ray->du = CHANGE_OF(p.u, walk->by_second, walk->by_third);
+    ray->dv = CHANGE_OF(p.v, walk->by_second, walk->by_third);
 }
 
-/* A ray ends where it reaches the bottom, or at its leg's end; in its last leg it is at the bottom there. */
-void set_end_of_leg(ReliefRay *ray, const MeshWalk *walk, int is_last)
+/* Goes over to the next prism, or beyond. */
+void end_leg(MeshWalk *walk)
 {
-    const floatl below = 1.0f - ray->depth, discriminant = ray->L * ray->L + 4.0f * ray->K * below;
-    const floatl fall = ray->L + sqrt(max_lanes(discriminant, (floatl)0.0f));
-    const floatl bottom = select_lanes((discriminant >= 0.0f) & (fall > 0.0f), 2.0f * below / fall, (floatl)NEVER);
-    const intl arrives = (walk->side < 0) & !walk->is_beyond & (walk->slope.depth >= 0.0f);
-    ray->at_bottom = (intl)is_last | arrives | (bottom <= walk->leg * LEG_ROUNDING);
-    ray->end = min_lanes(bottom, walk->leg);
-    limit_tiles(ray);
-}
-
-/* Goes over to the next prism. */
-INLINED void end_leg(MeshWalk *walk, float scale)
-{
-    const PrismPlace end = walk->end;
-    const intl passes = walk->side >= 0, beside = walk->beside;
-    const floatl first = 1.0f - end.second - end.third;
-    const floatl along = clamp_lanes(chosen(end.third, first, end.second, walk->side), (floatl)0.0f, (floatl)1.0f);
-    const intl goes_on = passes & (end.depth > LEAST_DEPTH * scale), crosses = goes_on & (beside >= 0);
-    walk->is_beyond = goes_on & (beside < 0) & !walk->ends_at_border;
-    walk->active = walk->active & (crosses | walk->is_beyond) & isfinite_lanes(walk->leg + end.depth + along);
-    const intl triangle = max(beside, (intl)0) / 3, side = beside - 3 * triangle;
+    const intl passes = walk->side >= 0, crosses = passes & (walk->beside >= 0), triangle = walk->beside / 3;
     walk->reached += walk->way * walk->leg;
+    walk->active = walk->active & passes & (crosses | !walk->ends_at_border) & isfinite_lanes(walk->leg + walk->end);
+    walk->is_beyond = !crosses;
     walk->triangle = select_lanes(crosses, triangle, walk->triangle);
-    walk->place = end;
-    walk->place.second = select_lanes(crosses, chosen(along, (floatl)0.0f, 1.0f - along, side), end.second);
-    walk->place.third = select_lanes(crosses, chosen(1.0f - along, along, (floatl)0.0f, side), end.third);
+    walk->depth = walk->end;
+    walk->side = select_lanes(crosses, walk->beside - 3 * triangle, (intl)-1);
 }
 #endif

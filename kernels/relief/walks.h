@@ -6,22 +6,17 @@
 #if WALKS
 #include "relief/walk.h"
 
-/* Begins the walk of a block's rays from their first entries. */
-void begin_walk(const Context *context, const Region *region, int block, MeshWalk *walk)
+#define LEAST_SLOPE 1e-4f /* of the eye's rays to its triangle's section */
+
+/* Begins the walk of some rays at a depth below a triangle. */
+INLINED void begin_walk(MeshWalk *walk, intl active, intl triangle, floatl depth)
 {
-    const Relief *relief = &context->relief;
-    const floatl x = BLOCK_X(region, block), y = BLOCK_Y(region, block), n = context->layers->first[block];
-    const intl entered = context->layers->entered[block], enters = entered >= 0;
-    walk->triangle = select_lanes(enters, entered, (intl)0);
-    const OnTriangle pixel = on_triangle(relief->faces, relief->projected, walk->triangle, x, y);
-    walk->from = point_at(relief->screen, x, y, n);
-    walk->direction = view_direction(relief->screen, walk->from);
-    walk->reached = walk->place.depth = 0.0f;
-    walk->place.second = pixel.weight[1];
-    walk->place.third = pixel.weight[2];
-    walk->active = enters;
-    walk->is_beyond = walk->ends_at_border = 0;
-    walk->pixel_size = PIXEL_SIZE(relief, n);
+    walk->reached = 0.0f;
+    walk->triangle = select_lanes(active, triangle, (intl)0);
+    walk->depth = depth;
+    walk->active = active;
+    walk->side = -1;
+    walk->is_beyond = 0;
     walk->tier = FIRST_TIER;
 }
 
@@ -43,8 +38,8 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
             begin_leg(relief, walk, leg == 0, &s->ray);
             s->searches = s->active = walk->active & is_finite_ray(&s->ray);
             mask_inactive(&s->ray, s->active);
+            limit_tiles(&s->ray);
             s->tier = walk->tier;
-            set_end_of_leg(&s->ray, walk, -(leg == LEGS_MAX - 1));
             s->track = track_of(&s->ray, relief->levels);
 #if COUNTERS
             s->taken = 0;
@@ -64,12 +59,12 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
                                   walk->from.z + walk->reached * walk->direction.z};
             const intl nearer = keep_hits(context, at, s, start, scaled(walk->direction, walk->way), walk->triangle,
                                           region);
-            const PrismPlace foot = place_after(walk, s->t);
-            layers->foot_second[at] = select_lanes(nearer, foot.second, layers->foot_second[at]);
-            layers->foot_third[at] = select_lanes(nearer, foot.third, layers->foot_third[at]);
+            const floatl second = walk->second + s->t * walk->by_second, third = walk->third + s->t * walk->by_third;
+            layers->foot_second[at] = select_lanes(nearer, second, layers->foot_second[at]);
+            layers->foot_third[at] = select_lanes(nearer, third, layers->foot_third[at]);
             walk->active = walk->active & !(s->searches & s->found);
             walk->tier = s->tier;
-            end_leg(walk, relief->scale);
+            end_leg(walk);
 #if COUNTERS
             count_steps(context, region, at, s);
 #endif
@@ -80,10 +75,19 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
 /* Walks from the first entries of INTERLEAVED blocks. Returns whether there are further ones. */
 static int walk_layer(const Context *context, int block, Region *region)
 {
+    const Screen screen = context->relief.screen;
     MeshWalk walks[INTERLEAVED];
     int more = 0;
-    for (int k = 0; k < INTERLEAVED; k++)
-        begin_walk(context, region, block + k, &walks[k]);
+    for (int k = 0; k < INTERLEAVED; k++) {
+        const floatl n = context->layers->first[block + k];
+        const intl entered = context->layers->entered[block + k];
+        MeshWalk *walk = &walks[k];
+        walk->from = point_at(screen, BLOCK_X(region, block + k), BLOCK_Y(region, block + k), n);
+        walk->direction = view_direction(screen, walk->from);
+        walk->pixel_size = PIXEL_SIZE(&context->relief, n);
+        walk->ends_at_border = 0;
+        begin_walk(walk, entered >= 0, entered, (floatl)0.0f);
+    }
     walk_blocks(context, block, walks, region);
     for (int k = 0; k < INTERLEAVED; k++)
         more |= any_lane(end_layer(context->layers, region, block + k));
@@ -91,26 +95,35 @@ static int walk_layer(const Context *context, int block, Region *region)
 }
 
 #if WITHIN
-/* Walks from the eye. */
+/* Walks from the eye. What would run along its own triangle's section, so that it never crosses another one, is turned
+ * by much less than a pixel. */
 static void walk_from_eye(const Context *context, Region *region)
 {
-    const float *m = context->relief.screen.to_world;
+    const Screen screen = context->relief.screen;
+    const float *m = screen.to_world;
     const Vector eye = {m[3] / m[15], m[7] / m[15], m[11] / m[15]};
+    float3 corner[3];
+    UNROLLED
+    for (int k = 0; k < 3; k++) {
+        global const float *row = context->relief.prisms + PRISM_FLOATS * context->eye_triangle + 8 * k;
+        corner[k] = vload3(0, row) - context->eye_depth * vload3(1, row);
+    }
+    const float3 up = normalize(cross(corner[1] - corner[0], corner[2] - corner[0]));
     for (int block = 0; block < BLOCKS; block += INTERLEAVED) {
         MeshWalk walks[INTERLEAVED];
         for (int k = 0; k < INTERLEAVED; k++) {
-            const PrismPlace place = {context->eye_second, context->eye_third, context->eye_depth};
             MeshWalk *walk = &walks[k];
+            Vector ahead = ray_direction(screen, BLOCK_X(region, block + k), BLOCK_Y(region, block + k));
+            const floatl slope = DOT(ahead, up);
+            const floatl turn = select_lanes(fabs(slope) < LEAST_SLOPE, LEAST_SLOPE - slope, (floatl)0.0f);
+            ahead.x += turn * up.x;
+            ahead.y += turn * up.y;
+            ahead.z += turn * up.z;
             walk->from = eye;
-            walk->direction = ray_direction(context->relief.screen, BLOCK_X(region, block + k),
-                                            BLOCK_Y(region, block + k));
-            walk->reached = 0.0f;
-            walk->triangle = context->eye_triangle;
-            walk->place = place;
-            walk->active = walk->ends_at_border = -1;
-            walk->is_beyond = 0;
+            walk->direction = ahead;
             walk->pixel_size = 0.0f;
-            walk->tier = FIRST_TIER;
+            walk->ends_at_border = -1;
+            begin_walk(walk, (intl)-1, (intl)context->eye_triangle, (floatl)context->eye_depth);
         }
         walk_blocks(context, block, walks, region);
     }

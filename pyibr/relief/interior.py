@@ -46,33 +46,32 @@ class Interior:
 
     Parameters
     ----------
-    vertices, normals : (N, 3)
+    vertices : (N, 3)
+    offsets : (N, 3)
+        From below them, at the relief's bottom, to them.
     uv : (N, 2)
         Tiles included.
     faces : (M, 3) int32
     beside : (M, 3) int32
         Sides that are one with those of triangles (`sides_beside`).
-    scale : float
-        The relief's depth.
     """
 
     def __init__(
         self,
         vertices: Float32,
-        normals: Float64,
+        offsets: Float64,
         uv: Float64,
         faces: NDArray[np.int32],
         beside: NDArray[np.int32],
-        scale: float,
     ) -> None:
-        self._vertices, self._normals, self._uv = vertices.astype(np.float64), normals, uv
-        self._faces, self._beside, self._scale = faces, beside, scale
+        self._vertices, self._offsets, self._uv = vertices.astype(np.float64), offsets, uv
+        self._faces, self._beside = faces, beside
 
     @cached_property
     def _boxes(self) -> tuple[Float64, Float64]:
-        """Low and high corners, (3, M) each, of what is within the relief's depth of each triangle."""
-        corners = self._vertices[self._faces]
-        low, high = corners.min(axis=1) - self._scale, corners.max(axis=1) + self._scale
+        """Low and high corners, (3, M) each, of the relief below each triangle."""
+        corners = np.concatenate([self._vertices[self._faces], (self._vertices - self._offsets)[self._faces]], axis=1)
+        low, high = corners.min(axis=1), corners.max(axis=1)
         return np.ascontiguousarray(low.T), np.ascontiguousarray(high.T)
 
     def interior_point(self, eye: Float64) -> InteriorPoint | None:
@@ -97,9 +96,8 @@ class Interior:
             if not np.isfinite(depth):
                 return None
             if weights.min() >= _OUTSIDE:
-                inside = 0 < depth < self._scale
                 uv = weights @ self._uv[self._faces[triangle]]
-                return InteriorPoint(triangle, weights, uv, depth / self._scale) if inside else None
+                return InteriorPoint(triangle, weights, uv, depth) if 0 < depth < 1 else None
             side = int(self._beside[triangle, weights.argmin()])
             if side < 0:
                 return None
@@ -108,11 +106,11 @@ class Interior:
 
     def _place(self, triangle: int, point: Float64) -> tuple[Float64, float]:
         """Weights (3,) of the corners, and depth, of a point in the prism below a triangle."""
-        corners, normals = (rows[self._faces[triangle]] for rows in (self._vertices, self._normals))
+        corners, offsets = (rows[self._faces[triangle]] for rows in (self._vertices, self._offsets))
         weights, depth = np.full(3, 1 / 3), 0.0
         for _ in range(_NEWTON_STEPS):
-            here = corners - depth * normals
-            matrix = np.column_stack([here[1] - here[0], here[2] - here[0], -weights @ normals])
+            here = corners - depth * offsets
+            matrix = np.column_stack([here[1] - here[0], here[2] - here[0], -weights @ offsets])
             try:
                 second, third, deeper = np.linalg.solve(matrix, point - weights @ here)
             except np.linalg.LinAlgError:

@@ -1,4 +1,4 @@
-"""Neighbours of a mesh's triangles, for walks over its surface."""
+"""Neighbours of a mesh's triangles, for walks over its surface, and what lies below their common sides."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
-from pyibr.meshes.normals import place_of
+from pyibr.meshes.normals import place_of, summed
+
+_LEAST_TURN = 0.05  # of the greatest eigenvalue of normals' squares: by less they differ at random
+_LONGEST = 2.0  # of a mitre: that of normals 120 degrees apart
 
 
 def place_and_way(vertices: Float64, normals: Float64) -> NDArray[np.int64]:
@@ -15,10 +18,27 @@ def place_and_way(vertices: Float64, normals: Float64) -> NDArray[np.int64]:
     return np.unique(kinds, axis=0, return_inverse=True)[1].reshape(-1)
 
 
-def sides_beside(vertices: Float64, faces: NDArray[np.int32], normals: Float64) -> NDArray[np.int32]:
+def mitred(vertices: Float64, normals: Float64) -> Float64:
+    """(N, 3) the normals; at hard edges what is 1 along all of a place's, so that surfaces moved by it still meet.
+
+    Of normals more than 120 degrees apart it is shorter.
+    """
+    place = place_of(vertices.astype(np.float32))
+    _, first = np.unique(place_and_way(vertices, normals), return_index=True)
+    owner, ways, count = place[first], normals[first], int(place.max()) + 1
+    several = np.bincount(owner, minlength=count) > 1
+    squares = np.stack([summed(owner, ways * ways[:, [axis]], count)[several] for axis in range(3)], axis=1)
+    sums = summed(owner, ways, count)
+    inverse = np.linalg.pinv(squares, rcond=_LEAST_TURN, hermitian=True)
+    made = np.einsum("nij,nj->ni", inverse, sums[several])
+    sums[several] = made * (_LONGEST / np.maximum(np.linalg.norm(made, axis=1, keepdims=True), _LONGEST))
+    return np.where(several[place, None], sums[place], normals)
+
+
+def sides_beside(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]:
     """(M, 3) sides, 3 * triangle + corner opposite, that are one with those of each triangle, across seams of uv, too.
 
-    -1 at borders and hard edges.
+    -1 at borders.
 
     Triangles with two corners at one place, as at the poles of a globe, are left out: those at both of their sides are
     neighbours.
@@ -27,10 +47,8 @@ def sides_beside(vertices: Float64, faces: NDArray[np.int32], normals: Float64) 
     ----------
     vertices : (N, 3) float64
     faces : (M, 3) int32
-    normals : (N, 3) float64
-        Unit length.
     """
-    place = place_and_way(vertices, normals)
+    place = place_of(vertices.astype(np.float32))
     ends = place[faces]
     start, end = ends[:, [1, 2, 0]], ends[:, [2, 0, 1]]
     solid = np.flatnonzero((start != end).all(axis=1))

@@ -35,7 +35,7 @@ from pyibr.raster.bins import bin_primitives, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
 from pyibr.relief.interior import Interior, InteriorPoint
 from pyibr.relief.levels import HeightLevels, height_levels
-from pyibr.relief.neighbours import sides_beside
+from pyibr.relief.neighbours import mitred, sides_beside
 from pyibr.relief.quadrics import (
     VertexFrames,
     is_flat,
@@ -163,7 +163,8 @@ class ReliefSurface(HeightMapped):
         Rays that run on below an open border of the base may find what lies beyond it.
         """
         low, high = self.base.bounds
-        return low - self.scale, high + self.scale
+        reach = np.abs(self.offsets).max(axis=0)
+        return low - reach, high + reach
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the relief; lit by its normals."""
@@ -181,8 +182,10 @@ class ReliefSurface(HeightMapped):
 
     @property
     def bends(self) -> bool:
-        """Do its rays follow quadrics that are no planes?"""
-        return self.silhouette == "quadric" and bool(self.frames.quadrics.any())
+        """Do its rays follow quadrics that are no planes, or walk around edges?"""
+        return self.silhouette == "quadric" and (
+            bool(self.frames.quadrics.any()) or (self.distance == "exact" and not self.is_flat)
+        )
 
     @cached_property
     def is_flat(self) -> bool:
@@ -203,14 +206,19 @@ class ReliefSurface(HeightMapped):
     @cached_property
     def beside(self) -> NDArray[np.int32]:
         """(M, 3) sides that are one with those of the drawn triangles."""
-        return sides_beside(self.drawn.vertices.astype(np.float64), self.drawn.faces, self.frames.normals)
+        return sides_beside(self.drawn.vertices.astype(np.float64), self.drawn.faces)
+
+    @cached_property
+    def offsets(self) -> NDArray[np.float64]:
+        """(N, 3) from below the drawn vertices, at the relief's bottom, to these."""
+        return self.scale * mitred(self.drawn.vertices.astype(np.float64), self.frames.normals)
 
     @cached_property
     def prism_rows(self) -> NDArray[np.float32]:
         """(M, PRISM_FLOATS) what walks know of each drawn triangle (kernels/relief/walk.h)."""
         mesh = self.drawn
         uv = np.asarray(mesh.uv, np.float64) * self.tiles
-        corners = np.concatenate([mesh.vertices, self.frames.normals, uv], axis=1, dtype=np.float32)
+        corners = np.concatenate([mesh.vertices, self.offsets, uv], axis=1, dtype=np.float32)
         rows = np.zeros((len(mesh.faces), int(constant("relief/walk.h", "PRISM_FLOATS"))), np.float32)
         rows[:, :24] = corners[mesh.faces].reshape(-1, 24)
         rows[:, 24:27] = self.beside.view(np.float32)
@@ -219,9 +227,8 @@ class ReliefSurface(HeightMapped):
     @cached_property
     def interior(self) -> Interior:
         """Search for the base above a point within the relief."""
-        mesh, normals = self.drawn, self.frames.normals
-        uv = np.asarray(mesh.uv, np.float64) * self.tiles
-        return Interior(mesh.vertices, normals, uv, mesh.faces, self.beside, self.scale)
+        uv = np.asarray(self.drawn.uv, np.float64) * self.tiles
+        return Interior(self.drawn.vertices, self.offsets, uv, self.drawn.faces, self.beside)
 
     def interior_point(self, camera: Camera) -> InteriorPoint | None:
         """Locate a camera's eye within the relief, below the base and above what is carved into it.
@@ -311,9 +318,7 @@ def draw_relief(
         defines["DEPTH_ALONE"] = 1
     if place is not None:
         defines["WITHIN"] = 1
-        second, third = (float(weight) for weight in place.weights[1:])
-        more |= {"eye_triangle": place.triangle, "eye_second": second, "eye_third": third}
-        more["eye_depth"] = place.depth * surface.scale
+        more |= {"eye_triangle": place.triangle, "eye_depth": place.depth}
     if counters is not None:
         defines["COUNTERS"] = 1
         more["counters"] = counters
