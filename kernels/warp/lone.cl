@@ -125,14 +125,20 @@ OUTLINED void draw_triangle(Corner a, Corner b, Corner c, Grid grid, PixelMap ma
     }
 }
 
+/* Does the epipolar line of a sample run along the edge from it by (dx, dy)? */
+INLINED int runs_along(PixelMap map, float x, float y, float dx, float dy)
+{
+    const float *S = map.src_from_dst, u = x * S[11] - S[3], v = y * S[11] - S[7];
+    return !(fabs(u * dy - v * dx) > ON_LINE * (fabs(u) + fabs(v)));
+}
+
 /* Puts the hits of the pixels whose rays run along the edge from a to b among `hits`: they see it even if the triangles
  * beside it are open. Of other rays that pass it within a hair the hit is one more place to look. */
 OUTLINED void draw_edge(Corner a, Corner b, PixelMap map, global float *hits)
 {
-    const float *D = map.dst_from_src, *S = map.src_from_dst;
-    const float along_u = a.x * S[11] - S[3], along_v = a.y * S[11] - S[7], dx = b.x - a.x, dy = b.y - a.y;
-    if (!(fmin(a.w, b.w) > 0.0f) || fabs(along_u * dy - along_v * dx) > ON_LINE * (fabs(along_u) + fabs(along_v)))
+    if (!(fmin(a.w, b.w) > 0.0f))
         return;
+    const float *D = map.dst_from_src, dx = b.x - a.x, dy = b.y - a.y;
     const float du = b.u - a.u, dv = b.v - a.v, length = fmax(fabs(du), fabs(dv));
     const int is_wide = fabs(du) >= fabs(dv), size = is_wide ? map.dst_width : map.dst_height;
     const float from = is_wide ? fmin(a.u, b.u) : fmin(a.v, b.v);
@@ -151,47 +157,43 @@ OUTLINED void draw_edge(Corner a, Corner b, PixelMap map, global float *hits)
     }
 }
 
-/* Draws the triangles of the cell of sample (x, y), and its edges where they are open. */
+/* Draws the triangles of the cell of sample (x, y), and its edges where they are open and lines run along them. */
 OUTLINED void draw_cell(Grid grid, PixelMap map, int x, int y, int sides, global float *hits)
 {
+    global const float *sample = grid.nearness + y * grid.pitch + x;
+    const int bits = as_int(sample[0]), lower_open = bits & TORN_ALL;
+    const int upper_open = (bits & TORN_DIAGONAL) | (as_int(sample[1]) & TORN_BELOW) | (as_int(sample[grid.pitch]) & TORN_RIGHT);
+    const int right = lower_open && !(bits & TORN_RIGHT) && runs_along(map, x, y, 1.0f, 0.0f);
+    const int below = lower_open && !(bits & TORN_BELOW) && runs_along(map, x, y, 0.0f, 1.0f);
+    const int diagonal = lower_open && upper_open && !(bits & TORN_DIAGONAL) && runs_along(map, x + 1, y, -1.0f, 1.0f);
+    if (lower_open && upper_open && !(right | below | diagonal))
+        return; /* most cells among scattered samples */
     const Corner q00 = corner_at(grid, map, x, y), q10 = corner_at(grid, map, x + 1, y);
     const Corner q01 = corner_at(grid, map, x, y + 1), q11 = corner_at(grid, map, x + 1, y + 1);
-    const int bits = as_int(q00.q);
-    const int lower_open = bits & TORN_ALL;
-    const int upper_open = (bits & TORN_DIAGONAL) | (as_int(q10.q) & TORN_BELOW) | (as_int(q01.q) & TORN_RIGHT);
     if (!lower_open)
         draw_triangle(q00, q10, q01, grid, map, sides, hits);
     if (!upper_open)
         draw_triangle(q11, q01, q10, grid, map, sides, hits);
-    if (lower_open && !(bits & TORN_RIGHT))
+    if (right)
         draw_edge(q00, q10, map, hits);
-    if (lower_open && !(bits & TORN_BELOW))
+    if (below)
         draw_edge(q00, q01, map, hits);
-    if (lower_open && upper_open && !(bits & TORN_DIAGONAL))
+    if (diagonal)
         draw_edge(q10, q01, map, hits);
 }
 
-/* Draws the cells around those of a packet's samples that stand out alone; of several of a cell the first one does. */
+/* Draws the cells around those of a packet's samples that stand out alone; of several of a cell the first one does, or
+ * some do again, in different packets, which changes nothing. */
 OUTLINED void draw_packet(Grid grid, PixelMap map, int x, int y, int sides, global float *hits)
 {
-    const intl lone = lone_samples(grid, map, x, y, sides);
-    if (!any_lane(lone))
+    const uint lone = lane_bits(lone_samples(grid, map, x, y, sides));
+    if (!lone)
         return;
-    const intl left = lone_samples(grid, map, x - 1, y, sides), above = lone_samples(grid, map, x, y - 1, sides);
-    const intl above_left = lone_samples(grid, map, x - 1, y - 1, sides),
-               above_right = lone_samples(grid, map, x + 1, y - 1, sides);
-    for (int lane = 0; lane < LANES; lane++) {
-        if (!int_lane(lone, lane))
-            continue;
-        const int at = x + lane, has_left = int_lane(left, lane), has_above = int_lane(above, lane);
-        const int drawn_upper_left = has_left | has_above | int_lane(above_left, lane);
-        const int drawn_upper = has_above | int_lane(above_right, lane);
-        for (int cell = 0; cell < 4; cell++) { /* row by row */
-            const int is_drawn = cell == 0 ? drawn_upper_left : cell == 1 ? drawn_upper : cell == 2 ? has_left : 0;
-            if (!is_drawn)
-                draw_cell(grid, map, at - 1 + (cell & 1), y - 1 + (cell >> 1), sides, hits);
-        }
-    }
+    const uint above = lane_bits(lone_samples(grid, map, x, y - 1, sides)), left = lone << 1;
+    const uint drawn[4] = {left | above | above << 1, above | above >> 1, left, 0}; /* of the samples' cells, row by row */
+    for (int cell = 0; cell < 4; cell++)
+        for (uint wanted = lone & ~drawn[cell]; wanted; wanted &= wanted - 1)
+            draw_cell(grid, map, x + LOWEST(wanted) - 1 + (cell & 1), y - 1 + (cell >> 1), sides, hits);
 }
 
 kernel void draw_lone(global const float *surface, global const float *prominence, global float *hits, PixelMap map,

@@ -74,8 +74,7 @@ def warp(
         one that counts most). Not with `method="forward"`.
     classes : bool
         The frame tells its origins, and what each pixel is (`Frame.classes`: seen, hidden, never observed, outside of
-        the view). Not with `method="forward"`. Following the holes' rays takes longer the larger the range of depth is,
-        and most where many samples among others are missing.
+        the view). Not with `method="forward"`.
     samples : int
         A pixel, on a regular grid within it: 1, 4, 9, 16, 25, 36, 49 or 64. Several make silhouettes and depth edges
         smooth, at up to as many times the cost; `Frame.alpha` tells how much of each pixel is covered. Only with one
