@@ -268,7 +268,7 @@ static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, Relief
 }
 
 /* Goes over to the next prism, or beyond. */
-void end_leg(MeshWalk *walk)
+INLINED void end_leg(MeshWalk *walk)
 {
     const intl passes = walk->side >= 0, crosses = passes & (walk->beside >= 0), triangle = walk->beside / 3;
     walk->reached += walk->way * walk->leg;
