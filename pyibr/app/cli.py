@@ -22,8 +22,11 @@ from pyibr.app.commands.compare import compare
 from pyibr.app.commands.convert import convert
 from pyibr.app.commands.doctor import doctor
 from pyibr.app.commands.mesh import mesh
+from pyibr.app.commands.orbit import orbit
+from pyibr.app.commands.quilt import quilt
 from pyibr.app.commands.register import register
 from pyibr.app.commands.solids import hull, object_
+from pyibr.app.commands.stereo import stereo
 from pyibr.app.commands.warp import warp
 from pyibr.app.options import printable_text
 from pyibr.app.telling import telling
@@ -41,6 +44,13 @@ _OPTIONS = {
     "far": "--far",
     "fov_x": "--fov",
     "focal_35mm": "--focal-35mm",
+    "layout": "--layout",
+    "divergence": "--divergence",
+    "convergence": "--convergence",
+    "depth_range": "--depth-range",
+    "grid": "--grid",
+    "cone": "--cone",
+    "focus": "--focus",
     "default_depth": "--default-depth",
     "degrees": "--orbit",
     "max_error": "--max-error",
@@ -138,6 +148,15 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
         "a.png a_depth.npy b.png b_depth.npy --camera a.json --camera b.json --to new.json -o new.png",
         "rgbd_dataset_freiburg1_desk --clean --move 0.05 0 0 -o new.mp4",
         f"color.mp4 depth {_MM} --depth-camera depth.json --clean --fill background --orbit 5 -o new.mp4",
+    ),
+    stereo: (
+        f"color.png depth.png {_MM} -o stereo.png",
+        "color.mp4 depth --depth-scale 1000 --fov 70 --layout half-sbs --divergence 2.5 -o film_LR.mp4",
+    ),
+    quilt: (f"color.png depth.png {_MM} --grid 8 6 --size 420 560 --cone 20 -o room_qs8x6a0.75.png",),
+    orbit: (
+        "dragon.ply -o turn.mp4",
+        f"color.png depth.png {_MM} --swing 10 -o swing.webp",
     ),
     clean: (
         "depth.png --depth-scale 1000 --color color.png -o cleaned.png",

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 import typer
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
+from pyibr.app.commands.things import StartCamera, ThingFiles, Things, UpOption, direction_of
 from pyibr.app.live.pages import Pages
 from pyibr.app.options import (
     CameraFile,
@@ -22,7 +22,6 @@ from pyibr.app.options import (
     DeviceName,
     ExposureOption,
     StoredDepth,
-    default_depth_of,
     device_of,
     printable_text,
 )
@@ -35,31 +34,19 @@ from pyibr.capture.proposal import propose_frusta
 from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import check_exists
-from pyibr.images import DepthImage
-from pyibr.images.depth_image import DefaultDepth
 from pyibr.io import read_relief_map
-from pyibr.io.layouts import may_be_recording
-from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.heights import Wrap, Wraps, checked_wrap
 from pyibr.meshes.mesh import Mesh
 from pyibr.picture.light import light_for
 from pyibr.relief import ReliefSurface
 from pyibr.slicing import SlicedSurface
 
-Up = Literal["x", "y", "z", "-x", "-y", "-z"]
-
-_Things = Annotated[
-    list[Path],
-    typer.Argument(metavar="THINGS...", help="Meshes; folders of depth images; or COLOR DEPTH, with --camera"),
-]
 _Port = Annotated[int, typer.Option(help="Of the page; the next free one is taken. 0: any")]
 _Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser")]
-_Up = Annotated[Up | None, typer.Option(help="What is up in the world; of meshes but GLB and GLTF it is y by default")]
 
 
 def view(
-    things: _Things,
+    things: ThingFiles,
     camera: CameraFile = None,
     *,
     lens: LensOptions,
@@ -78,8 +65,8 @@ def view(
     wrap: Annotated[
         str, typer.Option(metavar="HOW", help="Height and color beyond uv of 0 to 1: repeat, clamp; repeat,clamp: u, v")
     ] = "repeat",
-    start: Annotated[Path | None, typer.Option(help="The camera to begin with: JSON")] = None,
-    up: _Up = None,
+    start: StartCamera = None,
+    up: UpOption = None,
     port: _Port = 8080,
     open_page: _Open = False,
     device: DeviceName = None,
@@ -87,7 +74,7 @@ def view(
     """Look around in a browser, drawn live. The page can only be opened on this machine."""
     with device_of(device):
         exposed = Exposure(exposure)
-        views = _Views(camera, lens, stored, default_depth, clean, exposed)
+        views = Things(camera, lens, stored, default_depth, clean, exposed)
         shown, of_meshes = views.read(things)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]
         given: object = shown
@@ -99,7 +86,7 @@ def view(
         elif color is not None or scale is not None:
             raise ArgumentError("--color" if color else "--scale", "--height with it", "none")
         exposed.tell()
-        direction = _direction(up or ("y" if of_meshes else None))
+        direction = direction_of(up or ("y" if of_meshes else None))
         first = None if start is None else Camera.load(start)
         pages = ibr.view(given, first, up=direction, port=port)
         _serve(pages, open_page)
@@ -118,7 +105,7 @@ def place(
         typer.Option(metavar="X Y Z X Y Z", help="Cover only what lies in a box, of which these are two corners"),
     ] = None,
     page: Annotated[bool, typer.Option("--page/--no-page", help="Open a page, or save the set and end")] = True,
-    up: _Up = None,
+    up: UpOption = None,
     port: _Port = 8080,
     open_page: _Open = False,
     device: DeviceName = None,
@@ -129,7 +116,7 @@ def place(
     with device_of(device):
         known = Mesh.load(mesh)
         customary = None if mesh.name.lower().endswith((".glb", ".gltf")) else "y"
-        upward = _direction(up or customary) or (0.0, -1.0, 0.0)
+        upward = direction_of(up or customary) or (0.0, -1.0, 0.0)
         given, about = ([], {}) if frusta is None else load_frusta(frusta)
         part = part_of(about, frusta or "") if within is None else np.sort(np.reshape(within, (2, 3)), axis=0)
         surface = surface_of(known, within=part)
@@ -171,50 +158,6 @@ def _serve(pages: Pages, open_page: bool) -> None:
     pages.wait()
 
 
-class _Views:
-    """Reads what is named on the command line."""
-
-    def __init__(
-        self,
-        camera: Path | None,
-        lens: LensOptions,
-        stored: StoredDepth,
-        default_depth: str,
-        clean: bool,
-        exposure: Exposure,
-    ) -> None:
-        self._exposure = exposure
-        self._camera, self._lens, self._stored, self._clean = camera, lens, stored, clean
-        self._default_depth: float | DefaultDepth | None = default_depth_of(default_depth)
-
-    def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
-        """The things, and whether they are meshes whose files say nothing of what is up, but for y by custom."""
-        things: list[DepthImage | Mesh] = []
-        customary = True
-        rest = list(names)
-        while rest:
-            name = rest.pop(0)
-            check_exists(name)
-            if may_be_recording(name):
-                for view in self._stored.load(name, self._lens.camera_of_folder(name, self._camera)):
-                    depth = self._cleaned(view.color, view.depth)
-                    things.append(DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals))
-            elif is_mesh_file(name):
-                things.append(Mesh.load(name))
-            elif not rest:
-                raise ArgumentError("THINGS", f"a depth after the color {printable_text(name)}", "none")
-            else:
-                color = self._exposure.read(name)
-                own, far = self._lens.camera_of(name, self._camera), self._stored.empty_from
-                depth = self._cleaned(color, self._stored.read(rest.pop(0), own))
-                things.append(DepthImage(color, depth, own, far=far, default_depth=self._default_depth))
-            customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
-        return things, customary
-
-    def _cleaned(self, color: NDArray[Any], depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        return ibr.clean_depth(depth, color).depth if self._clean else depth
-
-
 def _wraps(text: str) -> Wraps:
     """Parse the value of --wrap."""
     first, *second = text.split(",", 1)
@@ -249,10 +192,3 @@ def _heights(path: Path) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
     except FileFormatError:  # it has no alpha
         return stored[..., 0], None
     return (heights, normals) if np.ptp(heights) else (stored[..., 0], None)
-
-
-def _direction(up: Up | None) -> tuple[float, ...] | None:
-    if up is None:
-        return None
-    sign = -1.0 if up.startswith("-") else 1.0
-    return tuple(sign * float(axis == up[-1]) for axis in "xyz")

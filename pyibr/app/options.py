@@ -7,7 +7,7 @@ import os
 import re
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import typer
@@ -21,6 +21,7 @@ from pyibr.images.depth_image import DefaultDepth
 from pyibr.io import DepthKind, DepthReading
 from pyibr.io.depth_frames import DepthFrames, frames_in
 from pyibr.io.recordings import Shot
+from pyibr.warp.filling import Fill
 
 Color = Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, TIFF, EXR, PFM, NPY ...")]
 Depth = Annotated[
@@ -83,6 +84,8 @@ Baseline = Annotated[
     float | None, typer.Option(help="Between the two cameras that depth comes from, in scene units; for --noise")
 ]
 Take = Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording, as 10:90:2")]
+FillOption = Annotated[Literal["none", Fill], typer.Option("--fill", help="Fill holes: from behind, from all around")]
+Samples = Annotated[int, typer.Option(help="A pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")]
 DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]
 
 
@@ -159,6 +162,11 @@ def default_depth_of(text: str) -> float | DefaultDepth | None:
         return float(text)
     except ValueError:
         raise ArgumentError("--default-depth", "a depth > 0, farthest or none", text) from None
+
+
+def fill_of(text: Literal["none", Fill]) -> Fill | None:
+    """Parse the value of --fill."""
+    return None if text == "none" else text
 
 
 def noise_of(pixels: float | None, baseline: float | None) -> tuple[float, float] | None:

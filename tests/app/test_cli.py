@@ -179,10 +179,10 @@ def test_what_is_written_is_told_to_programs(scene: Scene):
 def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyPatch):
     seen = {}
 
-    def fake(views, camera, **options):
-        (view,) = views
+    def fake(views, cameras, **options):
+        (view,), (camera,) = views, cameras
         seen.update(options, far=view.far)
-        return ibr.Frame(view.color, view.depth, view.valid, camera)
+        return [ibr.Frame(view.color, view.depth, view.valid, camera)]
 
     monkeypatch.setattr(ibr, "warp", fake)
     result = scene.run(
@@ -342,7 +342,9 @@ def test_unknown_device(scene: Scene):
 # ---- help
 
 
-@pytest.mark.parametrize("command", ["warp", "mesh", "object", "hull", "compare", "convert", "doctor"])
+@pytest.mark.parametrize(
+    "command", ["warp", "stereo", "quilt", "orbit", "mesh", "object", "hull", "compare", "convert", "doctor"]
+)
 def test_help_shows_an_example(command):
     result = runner.invoke(app, [command, "--help"], env={"COLUMNS": "200", "TERM": "dumb"})
     assert result.exit_code == 0

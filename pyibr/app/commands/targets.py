@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -67,12 +67,9 @@ class Targets:
         for number, part in enumerate(np.linspace(0, 1, count) if count else [1.0]):
             yield Job(views, self._camera(views, number, float(part)), number)
 
-    def of_frames(self, frames: Iterable[Sequence[DepthImage | None]], numbers: Sequence[int]) -> Iterator[Job]:
-        """The views of each frame, which has its own number, for its target; frames without any are left out."""
-        for place, each in enumerate(frames):
-            views = [view for view in each if view is not None]
-            if views:
-                yield Job(views, self._camera(views, place, 1.0), numbers[place])
+    def of_frame(self, views: Sequence[DepthImage], place: int, number: int) -> Job:
+        """The views of a recording's frame, which has its own number, for its target."""
+        return Job(views, self._camera(views, place, 1.0), number)
 
     def _camera(self, views: Sequence[DepthImage], number: int, part: float) -> Camera:
         if self._to is not None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 import pyibr as ibr
 from pyibr.app.commands.outputs import Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
-from pyibr.app.options import StoredDepth
+from pyibr.app.options import Samples, StoredDepth
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.io import read_cameras
@@ -33,7 +33,7 @@ class TurntableOptions(NamedTuple):
     frames: Annotated[
         int, typer.Option(min=1, max=100_000, help="Pictures of a turntable, the first from the camera")
     ] = 1
-    samples: Annotated[int, typer.Option(help="A pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")] = 1
+    samples: Samples = 1
 
 
 class Turntable:

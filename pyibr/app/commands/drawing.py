@@ -1,0 +1,77 @@
+"""Frames drawn by the warp, and pictures that are made of several of them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from pyibr.app.commands.beside import read_ahead
+from pyibr.app.commands.outputs import Outputs
+from pyibr.app.commands.progress import with_progress
+from pyibr.app.commands.reading import Inputs
+from pyibr.app.options import printable_text
+from pyibr.core.camera import Camera
+from pyibr.images import DepthImage, Frame
+from pyibr.warp.view import WarpOptions
+
+OutputOrFolder = Annotated[
+    Path,
+    typer.Option(
+        "--output",
+        "-o",
+        help="The picture; of a recording OUT_0000, ... or a video; or a folder, for a name that displays know",
+    ),
+]
+
+
+def drawn_views(
+    views: Sequence[DepthImage], cameras: Sequence[Camera], samples: int, how: WarpOptions
+) -> list[ibr.Frame]:
+    """A frame for each camera, black where none of the views has any depth; what is empty is told at the end."""
+    seen = [view for view in views if view.valid.any()]
+    if not seen:
+        return [_black(camera, views[0].color.dtype) for camera in cameras]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return ibr.warp(seen, cameras, samples=samples, **how)
+
+
+def _black(camera: Camera, dtype: np.dtype[Any]) -> Frame:
+    shape = camera.height, camera.width
+    return Frame(np.zeros((*shape, 3), dtype), np.full(shape, np.nan, np.float32), np.zeros(shape, np.bool_), camera)
+
+
+def in_folder(output: Path, source: Path, suffix: str, inputs: Inputs) -> Path:
+    """The file to write: in a folder, the source's name with a suffix that tells displays what it is."""
+    kind = ".png" if inputs.numbers is None else ".mp4"
+    return output / f"{source.stem}{suffix}{kind}" if output.is_dir() else output
+
+
+def write_pictures(
+    inputs: Inputs,
+    outputs: Outputs,
+    cameras_of: Callable[[Sequence[DepthImage]], Sequence[Camera]],
+    joined: Callable[[Sequence[NDArray[Any]]], NDArray[Any]],
+    samples: int,
+    how: WarpOptions,
+) -> None:
+    """Write a picture of each frame: that of the frame's views by several cameras, joined; and say so.
+
+    cameras_of: those of a frame. joined: makes one picture of the cameras'.
+    """
+    size = 0, 0
+    with outputs:
+        for place, views in with_progress(read_ahead(inputs.frames()), inputs.count, "Drawing"):
+            made = drawn_views(views, cameras_of(views), samples, how)
+            picture = joined([one.color for one in made])
+            covered = float(np.mean([one.valid.mean() for one in made]))
+            outputs.write({"color": picture}, inputs.numbers[place] if inputs.numbers else 0, covered, made[0].camera)
+            size = picture.shape[1], picture.shape[0]
+    outputs.tell(size, "pictures", f"nothing of {printable_text(inputs.name)} is in view", inputs.seen)

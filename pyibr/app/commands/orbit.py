@@ -1,0 +1,126 @@
+"""`pyibr orbit`: turntables and paths of anything, as films or numbered pictures."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import numpy as np
+import typer
+from numpy.typing import ArrayLike
+
+from pyibr.app.commands.cameras import LensOptions
+from pyibr.app.commands.exposure import Exposure
+from pyibr.app.commands.outputs import Outputs, VideoOptions
+from pyibr.app.commands.progress import with_progress
+from pyibr.app.commands.things import StartCamera, ThingFiles, Things, UpOption, direction_of
+from pyibr.app.options import (
+    CameraFile,
+    Clean,
+    DefaultDepthText,
+    DeviceName,
+    ExposureOption,
+    FillOption,
+    Samples,
+    StoredDepth,
+    device_of,
+    fill_of,
+    printable_text,
+)
+from pyibr.app.view.paths import CameraPath
+from pyibr.capture.rigs import RenderOptions, drawn, framed, gathered
+from pyibr.capture.turntable import turntable_cameras
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError
+from pyibr.io import read_cameras
+from pyibr.meshes.mesh import Mesh
+from pyibr.picture.light import Light
+from pyibr.picture.render import Thing
+
+_Orbit = Annotated[
+    float | None, typer.Option(metavar="DEGREES", help="How far the camera goes to the right about them; default: 360")
+]
+_Swing = Annotated[
+    float | None, typer.Option(metavar="DEGREES", help="To and fro instead, so far to either side: for one photograph")
+]
+_Path = Annotated[
+    Path | None, typer.Option("--path", help="Instead: a smooth way through cameras, as `view` saves it, or as --to")
+]
+_Size = Annotated[tuple[int, int] | None, typer.Option(metavar="W H", help="Of the pictures; default: the camera's")]
+
+
+class Way(NamedTuple):
+    """Options of where the camera goes."""
+
+    orbit: _Orbit = None
+    swing: _Swing = None
+    path: _Path = None
+    start: StartCamera = None
+    size: _Size = None
+
+    def check(self) -> None:
+        """Raise ArgumentError if they contradict each other, or their files do not hold what they should."""
+        given = [f"--{name}" for name in ("orbit", "swing", "path") if getattr(self, name) is not None]
+        given += ["--start"] if self.path and self.start else []
+        if len(given) > 1:
+            raise ArgumentError(given[1], f"none beside {given[0]}", "one")
+        self._given()
+
+    def _given(self) -> tuple[CameraPath | None, Camera | None]:
+        path = None if self.path is None else CameraPath(list(read_cameras(self.path).values()))
+        return path, None if self.start is None else Camera.load(self.start)
+
+    def cameras(self, things: Sequence[Thing], frames: int, up: ArrayLike | None) -> list[Camera]:
+        """One for each picture."""
+        path, first = self._given()
+        if path is not None:
+            made = [path.at(float(time)) for time in np.linspace(0, path.seconds, frames)]
+        else:
+            turn = 360.0 if self.orbit is None else self.orbit
+            made = turntable_cameras(things, frames, first, turn=turn, swing=self.swing, up=up)
+        return [framed(camera, self.size or camera.size) for camera in made]
+
+
+def orbit(
+    things: ThingFiles,
+    output: Annotated[Path, typer.Option("--output", "-o", help="A video; or pictures OUT_0000, ...")],
+    frames: Annotated[int, typer.Option(min=1, max=100_000, help="Pictures of the whole way")] = 72,
+    *,
+    way: Way,
+    up: UpOption = None,
+    fill: FillOption = "background",
+    samples: Samples = 1,
+    camera: CameraFile = None,
+    lens: LensOptions,
+    stored: StoredDepth,
+    exposure: ExposureOption = 0.0,
+    default_depth: DefaultDepthText = "none",
+    clean: Clean = False,
+    video: VideoOptions,
+    device: DeviceName = None,
+) -> None:
+    """Draw things from all round, to and fro, or along a path. Meshes without colours are lit."""
+    way.check()
+    outputs = Outputs({"--output": (output, "color")}, stored, range(frames) if frames > 1 else None, video, None)
+    files = [file for thing in things for file in (thing.rglob("*") if thing.is_dir() else [thing])]
+    outputs.check({"THINGS": files, "--camera": [camera] if camera else []}, things)
+    with device_of(device), outputs, Exposure(exposure) as exposed:
+        known, of_meshes = Things(camera, lens, stored, default_depth, clean, exposed).read(things)
+        upward = direction_of(up or ("y" if of_meshes else None))
+        cameras = way.cameras(known, frames, upward)
+        is_plain = any(isinstance(one, Mesh) and one.colors is None and one.texture is None for one in known)
+        shown = gathered(known, fill_of(fill))
+        for number, one in enumerate(with_progress(cameras, frames, "Drawing")):
+            how: RenderOptions = {"samples": samples, "light": _light_of(one)} if is_plain else {"samples": samples}
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # what is empty is told at the end
+                (frame,) = drawn(shown, [one], **how)
+            outputs.write({"color": frame.color}, number, float(frame.valid.mean()), one)
+    outputs.tell(cameras[0].size, "pictures", f"nothing of {printable_text(things[0])} is in view")
+
+
+def _light_of(camera: Camera) -> Light:
+    """A light from over the camera's left shoulder, which goes with it: no side is dark for long."""
+    return Light(direction=camera.world_from_camera[:3, :3] @ (0.4, 0.5, 1), ambient=0.3, shadow_size=0)

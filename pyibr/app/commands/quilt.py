@@ -1,0 +1,62 @@
+"""`pyibr quilt`: images with depth, and recordings, as many views in one picture."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from pyibr.app.commands.cameras import LensOptions
+from pyibr.app.commands.drawing import OutputOrFolder, in_folder, write_pictures
+from pyibr.app.commands.outputs import Outputs, VideoOptions
+from pyibr.app.commands.reading import Inputs, Reading, Sources
+from pyibr.app.options import DeviceName, FillOption, Samples, StoredDepth, device_of, fill_of
+from pyibr.capture.quilt import QuiltRig, suffix_of, tiled
+from pyibr.core.camera import Camera
+from pyibr.images import DepthImage
+
+_Grid = Annotated[tuple[int, int], typer.Option(metavar="COLUMNS ROWS", help="Views beside and above each other")]
+_Size = Annotated[
+    tuple[int, int] | None,
+    typer.Option(metavar="W H", help="Of each view, cut out of the picture's middle; default: the picture's"),
+]
+_Cone = Annotated[float, typer.Option(metavar="DEGREES", help="Between the outermost views, seen from the focus")]
+_Focus = Annotated[float | None, typer.Option(metavar="DEPTH", help="What is in the display's plane; default: median")]
+
+
+def quilt(
+    sources: Sources,
+    output: OutputOrFolder,
+    grid: _Grid = (8, 6),
+    size: _Size = None,
+    cone: _Cone = 20.0,
+    focus: _Focus = None,
+    fill: FillOption = "background",
+    samples: Samples = 1,
+    *,
+    reading: Reading,
+    lens: LensOptions,
+    stored: StoredDepth,
+    video: VideoOptions,
+    device: DeviceName = None,
+) -> None:
+    """Draw an image with depth, or each frame of a recording, as a quilt for displays of many views."""
+    rig = QuiltRig(grid, size, cone, focus)
+    inputs = Inputs(sources, reading, lens, stored)
+    main = in_folder(output, sources[0], suffix_of(grid, size or inputs.size), inputs)
+    outputs = Outputs({"--output": (main, "color")}, stored, inputs.numbers, video, inputs.film)
+    outputs.check(inputs.files, sources)
+
+    def beside(views: Sequence[DepthImage]) -> list[Camera]:
+        nonlocal rig
+        first = views[0]
+        if rig.focus is None and first.valid.any():
+            rig = replace(rig, focus=float(np.median(first.depth[first.valid])))
+        return rig.cameras(first.camera)
+
+    with device_of(device):
+        write_pictures(inputs, outputs, beside, functools.partial(tiled, grid=grid), samples, {"fill": fill_of(fill)})

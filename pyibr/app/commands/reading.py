@@ -1,0 +1,144 @@
+"""Images with depth and recordings that commands are given to draw, with the options of how they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import typer
+
+from pyibr.app.commands.cameras import LensOptions
+from pyibr.app.commands.exposure import Exposure
+from pyibr.app.commands.sources import InputOptions, Losses, open_sources
+from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
+from pyibr.app.options import (
+    Baseline,
+    Clean,
+    Cleaning,
+    DefaultDepthText,
+    ExposureOption,
+    NoiseOption,
+    StoredDepth,
+    Take,
+    default_depth_of,
+    noise_of,
+)
+from pyibr.core.errors import ArgumentError
+from pyibr.images import DepthImage
+from pyibr.io.video import Video
+
+Sources = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="COLOR DEPTH",
+        help="Image and planar depth; several such pairs; or recordings: a folder of images or a video, and a folder "
+        "of depth; or one folder with both (TUM RGB-D, 7-Scenes, Redwood, COLMAP's dense workspace)",
+    ),
+]
+_Cameras = Annotated[
+    list[Path] | None,
+    typer.Option(
+        metavar="FILE[#NAME]",
+        help="The camera, or one for each pair: a calibration of any kind; a list, a folder of such, a COLMAP model",
+    ),
+]
+_DepthCameras = Annotated[
+    list[Path] | None, typer.Option(help="The depth's camera, if it is not registered to the colours: JSON")
+]
+_Poses = Annotated[
+    list[Path] | None,
+    typer.Option(help="Where the camera was in each frame: TUM, KITTI, Redwood, 4 x 4 matrices, cameras as JSON"),
+]
+
+
+class Reading(NamedTuple):
+    """Options of what is read beside depth itself (`StoredDepth`) and lenses (`LensOptions`)."""
+
+    camera: _Cameras = None
+    take: Take = None
+    poses: _Poses = None
+    depth_camera: _DepthCameras = None
+    clean: Clean = False
+    noise: NoiseOption = None
+    baseline: Baseline = None
+    default_depth: DefaultDepthText = "none"
+    exposure: ExposureOption = 0.0
+
+
+class Inputs:
+    """Images with depth: all of one scene, or frames one after the other.
+
+    Parameters
+    ----------
+    sources : list of Path
+        As users name them.
+    reading, lens, stored
+        Their options.
+    together : bool
+        All frames of recordings show one scene.
+
+    Attributes
+    ----------
+    name : Path
+        Of the first source.
+    size : (width, height)
+        Of its pictures.
+    is_scene : bool
+        Whether all are of one scene.
+    numbers : list of int, or None
+        The frames' own; None of one scene.
+    count : int
+        How many frames there are.
+    film : Video, or None
+        What the frames are of.
+    seen : DepthRange
+        What was read so far.
+    """
+
+    def __init__(
+        self, sources: list[Path], reading: Reading, lens: LensOptions, stored: StoredDepth, together: bool = False
+    ) -> None:
+        given = reading.camera or [], reading.depth_camera or [], reading.poses or []
+        self._options = InputOptions(sources, *given, reading.take, lens, stored.how.get("channel"))
+        self._sources, are_stills = open_sources(self._options)
+        if together and not all(source.is_placed for source in self._sources):
+            got = f"{len(self._sources[0].shots)} at one place"
+            raise ArgumentError("--together", "frames whose places are known, as by --poses", got)
+        self.name, self.size = sources[0], self._sources[0].shots[0].camera.size
+        self.is_scene = are_stills or together
+        self.numbers = None if self.is_scene else [shot.number for shot in self._sources[0].shots]
+        self.film: Video | None = None if self.is_scene else self._sources[0].video
+        self.seen = DepthRange()
+        self.count = 1 if self.numbers is None else len(self.numbers)
+        self._exposure = Exposure(reading.exposure)
+        self._depth = DepthOptions(
+            stored,
+            default_depth_of(reading.default_depth),
+            Cleaning() if reading.clean else None,
+            noise_of(reading.noise, reading.baseline),
+            steady=not self.is_scene,
+            recorded=not are_stills,
+            seen=self.seen,
+        )
+
+    @property
+    def files(self) -> dict[str, list[Path]]:
+        """All files that are read, by what users call them."""
+        return self._options.read(self._sources)
+
+    def frames(self, skipped: Collection[int] = ()) -> Iterator[tuple[int, Sequence[DepthImage]]]:
+        """Each frame's place and its views; of one scene all views, once. In the end it is told what was lost.
+
+        skipped: numbers of frames that are left out.
+        """
+        losses = Losses(recorded=self._depth.recorded)
+        each = [views_of(source, self._depth, losses, self._exposure, skipped) for source in self._sources]
+        frames = [[view for views in each for view in views]] if self.is_scene else zip(*each, strict=True)
+        some = bool(skipped)
+        for place, frame in enumerate(frames):
+            if views := [view for view in frame if view is not None]:
+                some = True
+                yield place, views
+        losses.tell(some)
+        self._exposure.tell()

@@ -1,0 +1,65 @@
+"""`pyibr stereo`: pictures for two eyes, of images with depth and of recordings."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Annotated
+
+import typer
+
+from pyibr.app.commands.cameras import LensOptions
+from pyibr.app.commands.drawing import OutputOrFolder, in_folder, write_pictures
+from pyibr.app.commands.outputs import Outputs, VideoOptions
+from pyibr.app.commands.reading import Inputs, Reading, Sources
+from pyibr.app.options import DeviceName, FillOption, Samples, StoredDepth, device_of, fill_of
+from pyibr.capture.stereo import SUFFIXES, Layout, StereoRig, SyntheticView, depth_range_of, joined
+from pyibr.core.camera import Camera
+from pyibr.images import DepthImage
+
+_LAYOUT = "Side by side (sbs) or top and bottom (tb), full or half; for red and cyan glasses dubois or gray"
+_Divergence = Annotated[float, typer.Option(help="Per cent of the width: how much farther the nearest shifts")]
+_Convergence = Annotated[float, typer.Option(help="What is in the screen's plane: 0, the farthest, to 1, the nearest")]
+_Synthetic = Annotated[SyntheticView, typer.Option(help="Eyes that are beside the camera; another one is at it")]
+_Range = Annotated[
+    tuple[float, float] | None,
+    typer.Option(metavar="NEAR FAR", help="Depths of the nearest and the farthest; default: by the first frame"),
+]
+
+
+def stereo(
+    sources: Sources,
+    output: OutputOrFolder,
+    layout: Annotated[Layout, typer.Option(help=_LAYOUT)] = "full-sbs",
+    divergence: _Divergence = 2.0,
+    convergence: _Convergence = 0.5,
+    synthetic_view: _Synthetic = "both",
+    depth_range: _Range = None,
+    fill: FillOption = "background",
+    samples: Samples = 1,
+    *,
+    reading: Reading,
+    lens: LensOptions,
+    stored: StoredDepth,
+    video: VideoOptions,
+    device: DeviceName = None,
+) -> None:
+    """Draw an image with depth, or each frame of a recording, for two eyes."""
+    rig = StereoRig(divergence, convergence, synthetic_view, depth_range)
+    inputs = Inputs(sources, reading, lens, stored)
+    main = in_folder(output, sources[0], SUFFIXES[layout], inputs)
+    outputs = Outputs({"--output": (main, "color")}, stored, inputs.numbers, video, inputs.film)
+    outputs.check(inputs.files, sources)
+
+    def eyes(views: Sequence[DepthImage]) -> list[Camera]:
+        nonlocal rig
+        first = views[0]
+        if rig.depth_range is None and first.valid.any():
+            rig = replace(rig, depth_range=depth_range_of(first.depth[first.valid]))
+        return rig.cameras(first.camera)
+
+    with device_of(device):
+        write_pictures(
+            inputs, outputs, eyes, functools.partial(joined, layout=layout), samples, {"fill": fill_of(fill)}
+        )

@@ -1,0 +1,86 @@
+"""Things as commands are given them: meshes, folders of depth images, and single images with depth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from pyibr.app.commands.cameras import LensOptions
+from pyibr.app.commands.exposure import Exposure
+from pyibr.app.options import StoredDepth, default_depth_of, printable_text
+from pyibr.core.errors import ArgumentError
+from pyibr.core.files import check_exists
+from pyibr.images import DepthImage
+from pyibr.images.depth_image import DefaultDepth
+from pyibr.io.layouts import may_be_recording
+from pyibr.meshes.files import is_mesh_file
+from pyibr.meshes.mesh import Mesh
+
+Up = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+ThingFiles = Annotated[
+    list[Path],
+    typer.Argument(metavar="THINGS...", help="Meshes; folders of depth images; or COLOR DEPTH, with --camera"),
+]
+StartCamera = Annotated[Path | None, typer.Option("--start", help="The camera to begin with: JSON")]
+UpOption = Annotated[
+    Up | None, typer.Option("--up", help="What is up in the world; of meshes but GLB and GLTF it is y by default")
+]
+
+
+class Things:
+    """Reads what is named on the command line."""
+
+    def __init__(
+        self,
+        camera: Path | None,
+        lens: LensOptions,
+        stored: StoredDepth,
+        default_depth: str,
+        clean: bool,
+        exposure: Exposure,
+    ) -> None:
+        self._exposure = exposure
+        self._camera, self._lens, self._stored, self._clean = camera, lens, stored, clean
+        self._default_depth: float | DefaultDepth | None = default_depth_of(default_depth)
+
+    def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
+        """The things, and whether they are meshes whose files say nothing of what is up, but for y by custom."""
+        things: list[DepthImage | Mesh] = []
+        customary = True
+        rest = list(names)
+        while rest:
+            name = rest.pop(0)
+            check_exists(name)
+            if may_be_recording(name):
+                for view in self._stored.load(name, self._lens.camera_of_folder(name, self._camera)):
+                    depth = self._cleaned(view.color, view.depth)
+                    things.append(DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals))
+            elif is_mesh_file(name):
+                things.append(Mesh.load(name))
+            elif not rest:
+                raise ArgumentError("THINGS", f"a depth after the color {printable_text(name)}", "none")
+            else:
+                color = self._exposure.read(name)
+                own, far = self._lens.camera_of(name, self._camera), self._stored.empty_from
+                depth = self._cleaned(color, self._stored.read(rest.pop(0), own))
+                things.append(DepthImage(color, depth, own, far=far, default_depth=self._default_depth))
+            customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
+        return things, customary
+
+    def _cleaned(self, color: NDArray[Any], depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        return ibr.clean_depth(depth, color).depth if self._clean else depth
+
+
+def direction_of(up: Up | None) -> tuple[float, ...] | None:
+    """Parse the value of --up."""
+    if up is None:
+        return None
+    sign = -1.0 if up.startswith("-") else 1.0
+    return tuple(sign * float(axis == up[-1]) for axis in "xyz")

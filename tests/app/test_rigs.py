@@ -1,0 +1,142 @@
+"""`pyibr stereo`, `quilt` and `orbit`: the same as the library's calls; names that displays know; films."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app import cli
+from pyibr.app.batch.work import run_command
+from pyibr.app.view.paths import CameraPath
+from pyibr.capture import models
+from pyibr.capture.rigs import framed
+from pyibr.capture.stereo import depth_range_of
+from tests.app.test_cli import Scene, assert_one_line, scene
+from tests.app.test_recordings import COUNT, SCALE, Recorded
+from tests.app.test_recordings import SIZE as RECORDED
+
+__all__ = ["scene"]
+
+runner = CliRunner()
+
+
+def test_a_picture_is_that_of_the_library(scene: Scene):
+    depth = np.where(np.arange(61) > 30, np.float32(2), np.float32(4)) * np.ones((37, 1), np.float32)
+    ibr.write_depth(scene.folder / "depth.npy", depth)
+    view = ibr.DepthImage(scene.color, depth, scene.camera)
+    new = scene.folder / "new.png"
+    result = scene.run("-o", new, "--divergence", 5, depth="depth.npy", scale=None, command="stereo")
+    assert result.exit_code == 0, result.output
+    np.testing.assert_array_equal(ibr.read_color(new), ibr.stereo(view, divergence=5))
+    words = ("--grid", 3, 2, "--size", 20, 30, "-o", scene.folder)
+    result = scene.run(*words, depth="depth.npy", scale=None, command="quilt")
+    assert result.exit_code == 0, result.output
+    found = ibr.read_color(scene.folder / "color_qs3x2a0.6667.png")
+    np.testing.assert_array_equal(found, ibr.quilt(view, grid=(3, 2), size=(20, 30)))
+
+
+@pytest.mark.parametrize(
+    ("layout", "name", "size"),
+    [
+        ("full-sbs", "color_LRF_Full_SBS", (122, 37)),
+        ("half-tb", "color_TB", (61, 36)),
+        ("gray", "color_redcyan", (61, 37)),
+    ],
+)
+def test_names_tell_players_the_layout(scene: Scene, layout: str, name: str, size: tuple[int, int]):
+    assert scene.run("--layout", layout, "-o", scene.folder, command="stereo").exit_code == 0
+    assert ibr.read_color(scene.folder / f"{name}.png").shape[1::-1] == size
+
+
+def test_a_film_has_one_range_of_depth(tmp_path: Path):
+    """That of the first frame with any depth; frames without are black, and told."""
+    made = Recorded(tmp_path)
+    ibr.write_depth(tmp_path / "depth/0.png", np.full(RECORDED[::-1], np.nan, np.float32), depth_scale=SCALE)
+    words = [
+        "--camera",
+        tmp_path / "cameras",
+        "--depth-scale",
+        SCALE,
+        "--layout",
+        "full-tb",
+        "-o",
+        tmp_path / "new.mkv",
+    ]
+    result = runner.invoke(cli.app, [str(word) for word in ("stereo", tmp_path / "rgb", tmp_path / "depth", *words)])
+    assert result.exit_code == 0, result.output
+    assert "1 of 4 pictures are empty" in result.stderr
+    frames, views = list(ibr.Video(tmp_path / "new.mkv")), made.views()[1:]
+    ends = depth_range_of(views[0].depth[views[0].valid])
+    assert len(frames) == COUNT and not frames[0].any()
+    for frame, view in zip(frames[1:], views, strict=True):
+        np.testing.assert_array_equal(frame, ibr.stereo(view, layout="full-tb", depth_range=ends))
+
+
+def test_batches_draw_them_too(scene: Scene):
+    files = [str(scene.folder / name) for name in ("color.png", "depth.npy", "camera.json")]
+    run_command(["stereo", *files[:2], "--camera", files[2], "-o", str(scene.folder / "a.png")])
+    run_command(["quilt", *files[:2], "--camera", files[2], "--grid", "2", "1", "-o", str(scene.folder / "b.png")])
+    assert ibr.read_color(scene.folder / "a.png").shape == ibr.read_color(scene.folder / "b.png").shape
+
+
+def test_mistakes_are_told_in_a_line(scene: Scene):
+    words = {"depth": "depth.npy", "scale": None}
+    new = scene.folder / "new.png"
+    assert_one_line(scene.run("-o", new, "--convergence", 2, command="stereo", **words), "convergence", "got")
+    assert_one_line(scene.run("-o", new, "--depth-range", 3, 2, command="stereo", **words), "--depth-range", "3 and 2")
+    assert_one_line(scene.run("-o", new, "--grid", 0, 2, command="quilt", **words), "grid", "two integers > 0")
+    assert_one_line(scene.run("-o", scene.folder / "color.png", command="stereo", **words), "a file of its own")
+    ways = ("--orbit", 9, "--swing", 9)
+    assert_one_line(scene.run("-o", new, *ways, command="orbit", **words), "--swing", "none beside --orbit")
+    assert_one_line(scene.run("-o", scene.folder / "color.png", "--frames", 1, command="orbit", **words), "of its own")
+    assert not new.exists()
+
+
+def test_a_turntable_is_that_of_the_library(scene: Scene):
+    view = ibr.DepthImage(scene.color, scene.depth, scene.camera)
+    result = scene.run("--swing", 9, "--frames", 3, "-o", scene.folder / "turn.png", command="orbit")
+    assert result.exit_code == 0, result.output
+    for number, frame in enumerate(ibr.turntable(view, 3, swing=9)):
+        np.testing.assert_array_equal(ibr.read_color(scene.folder / f"turn_{number:04d}.png"), frame.color)
+
+
+def test_a_path_goes_through_its_cameras(scene: Scene):
+    """Those of the viewer, or a list; here the second is where the plane is as large as half of the picture."""
+    ends = [scene.camera, scene.camera.moved(0, 0, -2)]
+    CameraPath(ends).save(scene.folder / "path.json")
+    words = ("--path", scene.folder / "path.json", "--frames", 2, "--fill", "none", "--size", 30, 18)
+    result = scene.run(*words, "-o", scene.folder / "a.png", command="orbit")
+    assert result.exit_code == 0, result.output
+    view = ibr.DepthImage(scene.color, scene.depth, scene.camera)
+    for number, camera in enumerate(ends):
+        expected = ibr.warp(view, framed(camera, (30, 18))).color
+        np.testing.assert_array_equal(ibr.read_color(scene.folder / f"a_{number:04d}.png"), expected)
+
+
+def test_a_mesh_without_colours_is_lit(tmp_path: Path):
+    """By a light that goes with the camera: both sides of a roof are lighter than what faces away from it."""
+    ridge = [[-1, 1, -1], [1, 1, -1], [-1, -1, 0], [1, -1, 0], [-1, 1, 1], [1, 1, 1]]
+    ibr.Mesh(ridge, [[0, 1, 2], [3, 2, 1], [2, 3, 4], [5, 4, 3]]).save(tmp_path / "roof.ply")
+    words = ["orbit", tmp_path / "roof.ply", "--frames", 2, "--size", 40, 30, "--up", "-y", "-o", tmp_path / "a.png"]
+    assert runner.invoke(cli.app, [str(word) for word in words]).exit_code == 0
+    for number in range(2):
+        color = ibr.read_color(tmp_path / f"a_{number:04d}.png")[..., 0]
+        assert color.max() > 2 * 0.3 * 200
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", ["stereo", "quilt", "orbit"])
+def test_examples_of_help_run(command: str, scene: Scene, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(scene.folder)
+    ibr.write_video("color.mp4", [scene.color] * 2, 25)
+    for number in range(2):
+        ibr.write_depth(f"depth/{number}.png", scene.depth[:36, :60], depth_scale=1000)
+    models.donut(8).save("dragon.ply")
+    for use in next(uses for made, uses in cli._EXAMPLES.items() if made.__name__ == command):
+        result = runner.invoke(cli.app, [command, *shlex.split(use)])
+        assert result.exit_code == 0, result.output
