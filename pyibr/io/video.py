@@ -63,7 +63,7 @@ class Video:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = checked_path(path)
         with self._opened() as (container, stream):
-            rate = stream.average_rate or stream.guessed_rate
+            rate, tick_length = stream.average_rate or stream.guessed_rate, stream.time_base
             self.fps = float(rate) if rate else None
             self.has_sound = bool(container.streams.audio)
             ticks = [packet.pts for packet in container.demux(stream) if packet.size and not packet.is_discard]
@@ -72,7 +72,7 @@ class Video:
         if None in ticks:
             self.times = [number / (self.fps or 30.0) for number in range(len(ticks))]
         else:
-            self.times = [float((tick - min(ticks)) * stream.time_base) for tick in sorted(ticks)]
+            self.times = [float((tick - min(ticks)) * tick_length) for tick in sorted(ticks)]
 
     def __len__(self) -> int:
         return len(self.times)
