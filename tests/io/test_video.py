@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import subprocess
 import sys
 from fractions import Fraction
@@ -15,6 +16,7 @@ from PIL import Image
 import pyibr as ibr
 from pyibr.io.video import Video
 from pyibr.io.video_writing import CODECS, VideoWriter, check_video_output
+from tests.app.browser import chromium
 
 av = pytest.importorskip("av", reason="needs PyAV, of the extra video")
 
@@ -228,3 +230,30 @@ def test_what_cannot_be_written_is_told_before(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(ibr.MissingPackageError, match=r"pyibr-opencl\[video\]"):
         check_video_output(tmp_path / "new.mp4")
+
+
+PLAY = """
+async () => {
+    const film = document.querySelector('video');
+    const ended = new Promise((done, fail) => { film.onended = done; film.onerror = () => fail(film.error.message); });
+    await film.play();
+    await ended;
+    const drawn = document.createElement('canvas').getContext('2d');
+    drawn.drawImage(film, 0, 0);
+    return [film.videoWidth, film.videoHeight, film.duration, ...drawn.getImageData(40, 20, 1, 1).data];
+}
+"""
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("suffix", [".mp4", ".webm"])
+def test_chromium_plays_it(tmp_path: Path, suffix: str):
+    """To its end, of the size, the length and in the colours that were written, though no codec is named."""
+    path = written(tmp_path / f"v{suffix}", FRAMES)
+    with chromium() as browser:
+        page = browser.new_page()
+        kind, data = f"video/{suffix[1:]}", base64.b64encode(path.read_bytes()).decode()
+        page.set_content(f'<video muted src="data:{kind};base64,{data}">')
+        width, height, seconds, *color = page.evaluate(PLAY)
+    assert (width, height) == (62, 36) and seconds == pytest.approx(7 / 12.5, abs=0.02)
+    np.testing.assert_allclose(color[:3], FRAMES[-1][20, 40], atol=6)  # as it is for what players decode
