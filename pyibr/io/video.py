@@ -72,7 +72,8 @@ class Video:
         if None in ticks:
             self.times = [number / (self.fps or 30.0) for number in range(len(ticks))]
         else:
-            self.times = [float((tick - min(ticks)) * tick_length) for tick in sorted(ticks)]
+            first, *_ = ticks = sorted(ticks)
+            self.times = [float((tick - first) * tick_length) for tick in ticks]
 
     def __len__(self) -> int:
         return len(self.times)
