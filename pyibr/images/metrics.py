@@ -96,7 +96,7 @@ def ws_psnr(a: Image, b: Image, *, latitudes: float = 180.0, valid: Mask | None 
     20.0
     """
     a, b, peak = _pictures(a, b)
-    rows, columns = a.shape[:2]
+    rows, columns = map(int, a.shape[:2])
     half = math.radians(positive("latitudes", latitudes)) / 2
     edge = half * (1 - 1 / rows)
     weights = np.cos(np.linspace(-edge, edge, rows))[:, None] * _counting("valid", valid, (rows, columns))
