@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app.cli import app
+from pyibr.io.depth_frames import DepthFrames
 from tests.app.test_cli import assert_one_line
 from tests.app.test_recordings import COUNT, SCALE, Recorded, succeeded
 
@@ -58,6 +59,21 @@ def test_frames_of_a_folder_keep_their_names_and_know_the_last_one(delivered: De
         np.testing.assert_array_equal(np.isfinite(found), np.isfinite(near))
         np.testing.assert_allclose(found, near, atol=0.51 / SCALE)  # rounded to whole units
     assert len(list((delivered.folder / "cleaned").iterdir())) == 3
+
+
+@pytest.mark.parametrize("name", ["depth.mkv", "depth.npy"])
+def test_frames_of_one_file(delivered: Delivered, name):
+    counts = np.stack([ibr.uint16_from_depth(delivered.stored(number), SCALE) for number in range(COUNT)])
+    if name == "depth.npy":
+        np.save(delivered.folder / name, counts)
+    else:
+        ibr.write_video(delivered.folder / name, counts, 30, bits=16)
+    succeeded(delivered.clean(name, "--take", "0:2", output="cleaned.mkv"))
+    before = None
+    for depth in DepthFrames(delivered.folder / "cleaned.mkv").read(range(2), depth_scale=SCALE):
+        before = ibr.clean_depth(delivered.stored(0 if before is None else 1), before=before).depth
+        np.testing.assert_allclose(depth, before, atol=0.51 / SCALE)
+    assert_one_line(delivered.clean(name, output="cleaned"), "--output: expected a name to number, or .mkv")
 
 
 def test_a_recording_tells_colours_and_where_the_camera_was(delivered: Delivered):

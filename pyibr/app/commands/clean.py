@@ -32,6 +32,7 @@ from pyibr.app.options import (
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.io import DepthReading
+from pyibr.io.depth_frames import frames_in
 from pyibr.io.layouts import find_recording, may_be_recording
 from pyibr.io.recordings import Shot, Stored
 
@@ -60,8 +61,11 @@ def clean(
     device: DeviceName = None,
 ) -> None:
     """Take flying pixels, speckle, small holes and noise out of depth; of a recording each frame by the last one."""
-    source, is_still = _opened(InputOptions([depth], [camera] if camera else [], [], [], take, lens), color, stored)
+    given = InputOptions([depth], [camera] if camera else [], [], [], take, lens, stored.how.get("channel"))
+    source, is_still = _opened(given, color, stored)
     own = {shot.number: shot.depth.name for shot in source.shots} if output.is_dir() or not output.suffix else None
+    if own is not None and len({*own.values()}) < len(own):
+        raise ArgumentError("--output", f"a name to number, or .mkv, for the frames of {depth}", str(output))
     written = stored if own is None else _as_read(stored, source.shots[0].stored)
     numbers = None if is_still and own is None else [shot.number for shot in source.shots]
     files: dict[str, tuple[Path | None, Kind]] = {
@@ -94,7 +98,9 @@ def _opened(options: InputOptions, color: Path | None, stored: StoredDepth) -> t
 
     def alone(first: Path) -> tuple[Camera, None]:
         how: DepthReading = {**stored.how, "depth_kind": "relative" if stored.depth_kind == "relative" else "z"}
-        height, width = ibr.read_depth(first, **how).shape
+        frames = frames_in(first, options.channel)
+        values = ibr.read_depth(first, **how) if frames is None else frames.read_one(0, None, how)
+        height, width = values.shape
         return options.lens.camera_of(first, camera, (width, height)), None
 
     return open_depths(options, color, alone)

@@ -86,11 +86,13 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
             single = [(name, hints[name], default) for name, default in fields.items()]
             parameters += [Parameter(n, Parameter.KEYWORD_ONLY, default=d, annotation=kind) for n, kind, d in single]
 
-    if "output" in known and known["output"].default is Parameter.empty:
+    tells = "output" in known and known["output"].default is Parameter.empty
+    if tells:
         parameters.append(Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=_Json))
 
     @functools.wraps(command)
-    def called(as_json: bool = False, **given: Any) -> None:
+    def called(**given: Any) -> None:
+        as_json = tells and given.pop("as_json", False)
         made = {name: group(*(given.pop(field) for field in group._fields)) for name, group in groups.items()}
         with _reporting(as_json):
             command(**given, **made)

@@ -18,7 +18,7 @@ from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
 from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.series import depths_in, paired, pictures_in
-from pyibr.app.options import ExposureOption, StoredDepth, print_note, printable_text
+from pyibr.app.options import CameraFile, ExposureOption, StoredDepth, print_note, printable_text
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import write_json
 from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageError
@@ -65,7 +65,7 @@ def compare(
         Path | None, typer.Option("--output", "-o", help="A picture of the errors, OUT_0000, ... or a video; or JSON")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON")] = False,
-    camera: Annotated[Path | None, typer.Option(help="Of --depth-kind distance")] = None,
+    camera: CameraFile = None,
     scale_b: Annotated[float | None, typer.Option("--depth-scale-b", help="Of B's depth, if it is another")] = None,
     *,
     stored: StoredDepth,

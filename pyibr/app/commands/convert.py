@@ -19,6 +19,7 @@ from pyibr.app.commands.series import depths_in
 from pyibr.app.commands.sources import InputOptions, Losses, open_sources
 from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
 from pyibr.app.options import (
+    CameraFile,
     DeviceName,
     ExposureOption,
     StoredDepth,
@@ -63,7 +64,7 @@ def convert(
     size: Annotated[
         tuple[int, int] | None, typer.Option(metavar="W H", help="Of the pictures, where a calibration tells none")
     ] = None,
-    camera: Annotated[Path | None, typer.Option(help="Of distances along the rays; of a recording all frames'")] = None,
+    camera: CameraFile = None,
     to_scale: Annotated[
         float | None,
         typer.Option(help="Stored units per scene unit of what is written; default: of integers as read, or 1000"),
