@@ -89,6 +89,10 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     assert things[0].far == 9
     with_noise = shown("color.png", "depth.npy", "--camera", "camera.json", "--clean")[0]
     assert [type(thing) for thing in with_noise] == [ibr.DepthImage]
+    ibr.write_video(folder / "color.mkv", np.full((3, 37, 61, 3), 90, np.uint8), 30)
+    ibr.write_video(folder / "depth.mkv", np.full((3, 37, 61), 1500, np.uint16), 30, bits=16)
+    (first,), *_ = shown("color.mkv", "depth.mkv", "--depth-scale", 1000, "--fov", 60)  # of frames without places
+    assert (first.color == 90).all() and (first.depth == 1.5).all()
     halves = [things[0], *shown("room", "--depth-kind", "inverse")[0]]
     things = shown("color.png", "depth.npy", "--camera", "camera.json", "--depth-kind", "inverse")[0]
     for thing, depth in zip((*things, *halves), (0.5, 2, 0.5, 0.5), strict=True):
