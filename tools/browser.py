@@ -12,8 +12,8 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 # In software, so that a machine without a GPU draws.
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-sandbox"]
 
-PANEL = 324
-"""Pixels of the controls beside a page's picture, in a window at least 576 wide; in a narrower one they lie over it."""
+PANEL = 304
+"""Pixels of the controls beside a page's picture, in a window at least 576 wide; in a narrower one they are closed."""
 
 
 @contextmanager

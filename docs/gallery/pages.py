@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from tools.browser import chromium
 
 IMAGES = Path(__file__).resolve().parents[1] / "images"
-WIDE, NARROW = (1080, 680), (390, 680)  # a screen's window, and a telephone's
+WIDE, NARROW = (1080, 680), (390, 680)  # a screen's window, and a telephone's, where controls are closed at first
 QUALITY = 82  # of JPEG
 GAP = 12  # pixels between two windows
 BLANK = """
@@ -50,7 +50,7 @@ def window(browser: Any, url: str, size: tuple[int, int]):
     page.set_default_timeout(1e3 * PATIENCE)
     page.goto(f"{url}/?fixedDpr=1")
     page.add_style_tag(content=".mantine-Notifications-root { display: none }")
-    page.get_by_text(" ms").first.wait_for()
+    page.get_by_text(" ms").first.wait_for(state="attached")
     yield page
     context.close()
 
@@ -122,7 +122,11 @@ def place_pages(browser: Any) -> dict[str, Image.Image]:
 def taken(browser: Any, url: str, size: tuple[int, int], prepare: Callable[[Any], None]) -> Image.Image:
     """A window of a size, prepared."""
     with window(browser, url, size) as page:
+        if size == NARROW:
+            unfold(page, "Controls")
         prepare(page)
+        if size == NARROW:
+            unfold(page, "Controls")
         return shot(page)
 
 

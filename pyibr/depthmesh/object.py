@@ -45,7 +45,7 @@ class DepthMeshObject(Immutable):
     ----------
     views : sequence of DepthImage or DepthMesh
         At any poses: six from the sides of a box around an object in the paper (`pyibr.capture.object_views`), or
-        frames of a scene. A `DepthMesh` has its own segmentation and errors.
+        frames of a scene. A `DepthMesh` has its own errors.
     tolerance : float
         Pixels of the target, >= 0, by which surfaces that are one may lie apart: each mesh gets half of it.
     blend : {"quality", "position", "nearest"}
@@ -65,7 +65,7 @@ class DepthMeshObject(Immutable):
         from its `far` on, say that there is nothing; NaN and 0 say nothing. With "sheets", as in the paper (section
         4.5): by coarse meshes of the drawn views that keep their rubber sheets, which span what is empty, too.
     segmentation : Segmentation, optional
-        For views that are no `DepthMesh`.
+        Of all views; by default a `DepthMesh` has its own.
     match_exposures : bool
         Whether views that have been exposed differently are matched: each one's channels are multiplied so that views
         agree where they saw the same surface. For frames of cameras that set their exposure themselves.
@@ -132,6 +132,12 @@ class DepthMeshObject(Immutable):
     def views(self) -> Sequence[DepthMesh]:
         """The meshes of the views, of which the same object can be made."""
         return self.meshes
+
+    @property
+    def segmentation(self) -> Segmentation | None:
+        """Segmentation of all views; None if they differ in it."""
+        first, *others = {mesh.segmentation for mesh in self.meshes}
+        return None if others else first
 
     @cached_property
     def _boxes(self) -> Float64:
@@ -237,7 +243,8 @@ def _checked_meshes(views: object, segmentation: Segmentation | None) -> list[De
     meshes: list[DepthMesh] = []
     for number, view in enumerate(cast("Sequence[object]", views)):
         if isinstance(view, DepthMesh):
-            meshes.append(view)
+            is_kept = segmentation in (None, view.segmentation)
+            meshes.append(view if is_kept else DepthMesh(view.view, segmentation=segmentation, errors=view.errors))
         elif not isinstance(view, DepthImage):
             raise ArgumentError("views", "DepthImage or DepthMesh", f"{describe(view)} as view {number}")
         elif min(view.camera.size) < 2:

@@ -9,7 +9,9 @@ import os
 import threading
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -42,6 +44,7 @@ _OPTIONS = ["-cl-std=CL1.2", _NO_DENORMALS, "-cl-kernel-arg-info", *os.environ.g
 _log = logging.getLogger("pyibr")
 _LONG = 0.3  # seconds of building: of one program if its device's compiler starts with it, else of several
 _spent = 0.0  # seconds that this process has built
+_building: ContextVar[Callable[[str], object]] = ContextVar("building", default=lambda _: None)
 
 
 @dataclass(frozen=True)
@@ -177,12 +180,23 @@ def _compiled(session: Session, file: str | Path, source: str, options: list[str
     import pyopencl as cl
 
     start = time.perf_counter()
+    _building.get()(f"kernels are being built for this device, once: {display_name(file)}")
     try:
         return _quietly_built(cl.Program(session.context, source), options)
     except cl.RuntimeError as error:
         raise BuildError(f"{display_name(file)} failed to build with {' '.join(options)}:\n{error}") from error
     finally:
         _tell(time.perf_counter() - start)
+
+
+@contextmanager
+def telling_builds(tell: Callable[[str], object]) -> Generator[None, None, None]:
+    """Within it, `tell` is called before each program that this thread builds."""
+    token = _building.set(tell)
+    try:
+        yield
+    finally:
+        _building.reset(token)
 
 
 def _tell(seconds: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -211,3 +212,31 @@ def test_in_a_notebook_pages_show_themselves():
     assert pages.closed
     assert "iframe" not in pages._repr_html_()
     pages.close()
+
+
+@pytest.fixture
+def shell():
+    """What runs the cells of a notebook."""
+    shells = pytest.importorskip("IPython.core.interactiveshell", reason="needs IPython")
+    quiet = pytest.importorskip("traitlets.config").Config(HistoryManager={"enabled": False})
+    made = shells.InteractiveShell.instance(config=quiet, user_ns={"ibr": ibr, "mesh": models.donut(6)})
+    made.kernel = None  # as a notebook's has
+    yield made
+    shells.InteractiveShell.clear_instance()
+
+
+def test_cells_of_a_notebook_show_pages_and_things_and_go_on_beside_them(shell):
+    capture = pytest.importorskip("IPython.utils.capture")
+
+    def cell(code: str) -> list[dict[str, str]]:
+        with capture.capture_output() as shown:
+            shell.run_cell(code).raise_error()
+        return [output.data for output in shown.outputs]
+
+    page, mesh = cell("pages = ibr.view(mesh, port=0)\ndisplay(pages, mesh)")
+    url = shell.user_ns["pages"].url
+    assert f'<iframe src="{url}"' in page["text/html"]
+    assert mesh == {"image/png": models.donut(6)._repr_png_(), "text/plain": repr(models.donut(6))}
+    assert cell("mesh.show()") == [mesh]
+    assert urlopen(url).status == 200
+    assert cell("pages.close()\ndisplay(pages)")[0]["text/plain"] == f"<Pages {url}, closed>"

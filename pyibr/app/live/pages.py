@@ -10,10 +10,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from pyibr.app.live.page_space import PageSpace, fov_of
+from pyibr.app.live.panel import set_theme
 from pyibr.app.live.server import start_server, stop_server, url_of
 from pyibr.app.live.stream import Picture, SentPicture, Stream, stream_renderer
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
+from pyibr.opencl.program import telling_builds
 
 if TYPE_CHECKING:
     from viser import ClientHandle
@@ -66,9 +68,8 @@ class Pages:
         self.server = start_server(port, title)
         self._renderer = stream_renderer()
         self.url = url_of(self.server)
-        gui, first = self.server.gui, self.server.initial_camera
-        gui.configure_theme(show_logo=False, show_share_button=False)
-        gui.main_panel.dock_right()  # beside the picture, not over it
+        first = self.server.initial_camera
+        set_theme(self.server.gui)
         self.server.scene.set_up_direction(tuple(up))
         first.near, first.far, first.fov = _NEAR, _FAR, fov_of(start)
         first.position, first.look_at = tuple(page_space.point(start.center)), tuple(page_space.point(pivot))
@@ -119,9 +120,14 @@ class Pages:
             stop_server(self.server)
             self._renderer.close()
 
-    def call(self, function: Callable[[], _Made]) -> _Made:
-        """Call a function on the device that the pages' pictures are drawn on, from any thread."""
-        return self._context.copy().run(function)
+    def call(self, function: Callable[[], _Made], say: Callable[[str], object]) -> _Made:
+        """Call a function on the device of the pages' pictures, from any thread, and say which kernels are built."""
+
+        def told() -> _Made:
+            with telling_builds(say):
+                return function()
+
+        return self._context.copy().run(told)
 
     def stream(
         self,

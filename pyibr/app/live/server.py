@@ -1,4 +1,9 @@
-"""A server of pages that only this machine can open: viser, bound to the loopback, for pages of its own alone."""
+"""A server of pages that only this machine can open: viser, bound to the loopback, for pages of its own alone.
+
+viser has no public way to refuse a page, nor to leave out its sharing. So its private members are reached into, here
+and nowhere else, and pyproject.toml keeps to the versions that have them: `ViserServer._websock_server`, of that
+`_live_connections`, `_client_state_from_id` and `_client_connect_cb`, and two messages of `viser._messages`.
+"""
 
 from __future__ import annotations
 

@@ -14,13 +14,13 @@ import numpy as np
 
 from pyibr.app.live.page_space import PageSpace
 from pyibr.app.live.pages import Pages
+from pyibr.app.live.panel import Panel
 from pyibr.app.live.stream import Picture, SentPicture
 from pyibr.app.place.brush import SHEET, Brush
 from pyibr.app.place.captures import Captures
 from pyibr.app.place.gizmos import Gizmos
 from pyibr.app.place.inset import Kind, draw_inset, own_picture
 from pyibr.app.place.model import Placement
-from pyibr.app.telling import telling
 from pyibr.app.view.methods import RenderMethod
 from pyibr.app.view.painting import paint
 from pyibr.app.view.style import Layout, Style
@@ -32,6 +32,7 @@ from pyibr.core.errors import ArgumentError, Error, FileFormatError
 from pyibr.core.files import checked_path
 from pyibr.images import Frame
 from pyibr.images.depth_image import Side
+from pyibr.opencl.program import telling_builds
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.render import render
 from pyibr.picture.unseen import MarkedUnseen
@@ -81,13 +82,13 @@ class PlacePage:
             "plain": RenderMethod(lambda: [mesh], self._draw_plain),
             "set": RenderMethod(lambda: [mesh], self._draw_set),
         }
-        gui = pages.server.gui
-        self._status = gui.add_markdown("", order=0)
-        self._add_frusta_controls()
-        self._add_cover_controls()
-        self._add_corner_controls()
-        self._add_picture_controls()
-        self._add_file_controls(folder)
+        self.panel = Panel(pages.server.gui)
+        with self.panel.controls:
+            self._add_frusta_controls()
+            self._add_cover_controls()
+            self._add_corner_controls()
+            self._add_picture_controls()
+            self._add_file_controls(folder)
         self.gizmos = Gizmos(pages.server.scene, placement, page_space, captures.nearest, self._choose)
         placement.listeners.append(self._changed)
         self._changed()
@@ -107,7 +108,7 @@ class PlacePage:
         state = self.placement.state
         method, other, layout = _SHOWN[self._shown.value]
         style = Style(method, other, layout, self._swipe.value, self._gain.value)
-        with telling(self._say):
+        with telling_builds(self.panel.say):
             picture = paint(self._methods, camera, style)
         color = picture.color if picture.color.flags.writeable else picture.color.copy()
         if state.current is not None and self._corner.value != _NONE:
@@ -133,15 +134,12 @@ class PlacePage:
             f"**{len(state.frusta)} frusta**, {self._measured[1]:.1%} of the surface unseen",
             f"{picture.camera.width}x{picture.camera.height}, {1e3 * shown.seconds:.0f} ms",
         ]
-        self._status.content = "  \n".join([*lines, picture.note] if picture.note else lines)
+        self.panel.say("  \n".join([*lines, picture.note] if picture.note else lines))
 
     def tell_error(self, error: Exception) -> None:
         """Say what is wrong."""
         text = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
-        self._status.content = f"**Not done:** {text}"
-
-    def _say(self, text: str) -> None:
-        self._status.content = text
+        self.panel.say(f"**Not done:** {text}")
 
     def _draw_marked(self, things: Any, camera: Camera, style: Style) -> Frame:
         state = self.placement.state
@@ -224,7 +222,7 @@ class PlacePage:
         cameras = [one.stream.camera for one in self._browsers if client is not None and one.stream.client == client]
         if cameras and cameras[0] is not None:
             camera = cameras[0]
-            self._try(lambda: self.placement.add(self.pages.call(lambda: self._before(camera))))
+            self._try(lambda: self.placement.add(self.pages.call(lambda: self._before(camera), self.panel.say)))
 
     def _before(self, camera: Camera) -> Frustum:
         frame = render(self.captures.surface.mesh, camera.resized((65, 49)))
@@ -267,14 +265,15 @@ class PlacePage:
                     side=state.side,
                     surface=self.captures.surface,
                     progress=self._tell_progress,
-                )
+                ),
+                self.panel.say,
             )
             self.placement.add(*made)
         finally:
             self._proposing.clear()
 
     def _tell_progress(self, done: int, of: int, unseen: float) -> None:
-        self._status.content = f"**Proposing** {done} of {of}: {unseen:.1%} of the surface would be unseen"
+        self.panel.say(f"**Proposing** {done} of {of}: {unseen:.1%} of the surface would be unseen")
         if self.pages.closed:
             raise Error("the page was closed")
 
@@ -306,7 +305,7 @@ class PlacePage:
             self._shown: Any = gui.add_dropdown("Show", tuple(_SHOWN))
             self._swipe: Any = gui.add_slider("Line", 0.0, 1.0, 0.01, 0.5, visible=False)
             self._gain: Any = gui.add_slider("Difference times", 1.0, 32.0, 1.0, 4.0, visible=False)
-            dark = gui.add_checkbox("Dark", False)
+            self.panel.add_dark()
 
         @self._shown.on_update
         @self._swipe.on_update
@@ -316,10 +315,6 @@ class PlacePage:
             self._swipe.visible, self._gain.visible = layout == "swipe", layout not in ("one", "swipe")
             self.gizmos.show(layout != "side by side")
             self._redraw()
-
-        @dark.on_update
-        def _(_: Any) -> None:
-            gui.configure_theme(dark_mode=dark.value, show_logo=False, show_share_button=False)
 
     def _add_file_controls(self, folder: Path) -> None:
         gui = self.pages.server.gui
@@ -336,8 +331,8 @@ class PlacePage:
     def save(self) -> None:
         """Write the set into the folder that the page names."""
         folder, state = self._named_folder(), self.placement.state
-        self.placement.save(folder, self.pages.call(lambda: self.captures.views(state.frusta)))
-        self._status.content = f"**Saved** {len(state.frusta)} frusta to {folder}"
+        self.placement.save(folder, self.pages.call(lambda: self.captures.views(state.frusta), self.panel.say))
+        self.panel.say(f"**Saved** {len(state.frusta)} frusta to {folder}")
 
     def _named_folder(self) -> Path:
         """The folder that the page names, shown as the whole path that it is."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from decimal import Decimal
 from functools import lru_cache
+from threading import Lock
 from typing import TYPE_CHECKING, Any, cast, get_args
 
 import numpy as np
 
+from pyibr.app.live.panel import Panel
 from pyibr.app.view.parameters import Parameter, Value
 from pyibr.app.view.scene import Scene
 from pyibr.app.view.style import Layout, Show, Style
@@ -17,9 +20,10 @@ from pyibr.core.errors import Error
 from pyibr.picture.light import Light
 
 if TYPE_CHECKING:
-    from viser import GuiApi, GuiInputHandle
+    from viser import GuiInputHandle
 
 _NOTHING = "nothing"
+_SAMPLES, _SHADOWS = ("1", "4", "9", "16"), ("0", "512", "1024", "2048", "4096")
 LABELS: dict[Show, str] = {
     "color": "colors",
     "depth": "depth",
@@ -34,20 +38,22 @@ class Controls:
 
     Parameters
     ----------
-    gui : GuiApi
+    panel : Panel
     scene : Scene
     changed : callable
         Called when one of them has been changed.
     """
 
-    def __init__(self, gui: GuiApi, scene: Scene, changed: Callable[[], None]) -> None:
-        self._gui, self._scene, self._changed = gui, scene, changed
+    def __init__(self, panel: Panel, scene: Scene, changed: Callable[[], None]) -> None:
+        self._panel, self._gui, self._scene, self._changed = panel, panel.gui, scene, changed
         self._parameters: dict[str, tuple[Parameter, Any]] = {}
         self._parameter_folder: Any = None
-        self._add_picture()
+        self._lock = Lock()  # two changes of the method may be heard of on two threads
+        with panel.controls:
+            self._add_picture()
+            self._add_light()
+            self._add_page()
         self._add_parameters()
-        self._add_light()
-        self._add_page()
 
     @property
     def shows_frusta(self) -> bool:
@@ -73,6 +79,8 @@ class Controls:
             self._light(),
             cast("tuple[int, int, int]", tuple(self._background.value)),
             tuple((name, _value(parameter, handle)) for name, (parameter, handle) in self._parameters.items()),
+            int(self._samples.value),
+            int(self._anisotropy.value),
         )
 
     # ---- what there is
@@ -90,6 +98,8 @@ class Controls:
             self._swipe = self._watched(gui.add_slider("Line", 0.0, 1.0, 0.01, 0.5, visible=False))
             self._gain = self._watched(gui.add_slider("Difference times", 1.0, 32.0, 1.0, 4.0, visible=False))
             self._background = self._watched(gui.add_rgb("Background", (0, 0, 0)))
+            self._samples = self._watched(gui.add_dropdown("Samples a pixel", list(_SAMPLES)))
+            self._anisotropy = self._watched(gui.add_slider("Anisotropy", 1, 16, 1, 1))
 
         @self._other.on_update
         @self._layout.on_update
@@ -105,23 +115,28 @@ class Controls:
 
     def _add_parameters(self) -> None:
         """Those of the things that the chosen way draws."""
-        if self._parameter_folder is not None:
-            self._parameter_folder.remove()
-            self._parameter_folder, self._parameters = None, {}
-        try:
-            parameters = self._scene.methods[self._method.value].parameters
-        except Error:  # its things cannot be made, as the page says when it is to draw them
-            return
-        if not parameters:
-            return
-        self._parameter_folder = self._gui.add_folder("Things", expand_by_default=False, order=3)
-        with self._parameter_folder:
-            self._parameters = {
-                name: (parameter, self._watched(self._handle_of(parameter))) for name, parameter in parameters.items()
-            }
+        with self._lock, self._panel.controls:
+            if self._parameter_folder is not None:
+                self._parameter_folder.remove()
+                self._parameter_folder, self._parameters = None, {}
+            try:
+                parameters = self._scene.methods[self._method.value].parameters
+            except Error:  # its things cannot be made, as the page says when it is to draw them
+                return
+            if not parameters:
+                return
+            self._parameter_folder = self._gui.add_folder("Things", expand_by_default=False, order=3)
+            with self._parameter_folder:
+                self._parameters = {
+                    name: (parameter, self._watched(self._handle_of(parameter)))
+                    for name, parameter in parameters.items()
+                }
 
     def _handle_of(self, parameter: Parameter) -> Any:
-        label = parameter.name.replace("_", " ").capitalize()
+        label = parameter.name.replace("_", " ").replace(".", " ").capitalize()
+        if parameter.kind is str and not parameter.choices:
+            text = "" if parameter.value is None else str(parameter.value)
+            return self._gui.add_text(label, text, hint="A number; nothing; or a word")
         if parameter.kind is str:
             words = [_NOTHING if choice is None else choice for choice in parameter.choices]
             return self._gui.add_dropdown(
@@ -139,8 +154,13 @@ class Controls:
             self._lit = self._watched(gui.add_checkbox("On", self._scene.plain))
             self._around = self._watched(gui.add_slider("Around", -180, 180, 1, 30))
             self._above = self._watched(gui.add_slider("Above", -90, 90, 1, 45))
+            self._distance = self._watched(gui.add_slider("Away (0: far)", 0.0, 4.0, 0.05, 0.0))
+            self._spot = self._watched(gui.add_slider("Spot (0: none)", 0, 179, 1, 0))
+            self._color = self._watched(gui.add_rgb("Color", (255, 255, 255)))
             self._ambient = self._watched(gui.add_slider("Ambient", 0.0, 1.0, 0.05, 0.25))
-            self._shadows = self._watched(gui.add_checkbox("Shadows", True))
+            self._specular = self._watched(gui.add_slider("Specular", 0.0, 2.0, 0.05, 0.0))
+            self._shininess = self._watched(gui.add_slider("Shininess", 1, 200, 1, 32))
+            self._shadows = self._watched(gui.add_dropdown("Shadow map", list(_SHADOWS), initial_value="1024"))
             self._relights = self._watched(gui.add_checkbox("Relight images", False))
 
     def _add_page(self) -> None:
@@ -148,20 +168,27 @@ class Controls:
         with gui.add_folder("Page", expand_by_default=False, order=7):
             self._frusta = self._watched(gui.add_checkbox("Sources", True, visible=bool(self._scene.sources)))
             self._times = self._watched(gui.add_checkbox("Kernel times", False))
-            dark = gui.add_checkbox("Dark", False)
-
-        @dark.on_update
-        def _(_: Any) -> None:
-            gui.configure_theme(dark_mode=dark.value, show_logo=False, show_share_button=False)
+            self._panel.add_dark()
 
     # ---- what it means
 
     def _light(self) -> Light | None:
         if not self._lit.value:
             return None
-        direction = -_direction(self._scene.up, np.radians(self._around.value), np.radians(self._above.value))
-        size = 1024 if self._shadows.value else 0
-        return _light_from(tuple(direction), self._ambient.value, size, self._relights.value)
+        scene, away = self._scene, self._distance.value
+        towards = _direction(scene.up, np.radians(self._around.value), np.radians(self._above.value))
+        radius = float(np.linalg.norm(scene.start.center - scene.pivot))
+        return _light_from(
+            direction=None if away and not self._spot.value else tuple(-towards),
+            position=tuple(scene.pivot + away * radius * towards) if away else None,
+            color=tuple(np.array(self._color.value) / 255),
+            ambient=self._ambient.value,
+            angle=self._spot.value or 90.0,
+            specular=self._specular.value,
+            shininess=self._shininess.value,
+            shadow_size=int(self._shadows.value),
+            relight=self._relights.value,
+        )
 
     def _watched(self, handle: GuiInputHandle[Any]) -> Any:
         handle.on_update(lambda _: self._changed())
@@ -169,8 +196,18 @@ class Controls:
 
 
 def _value(parameter: Parameter, handle: Any) -> Value:
+    if parameter.kind is str and not parameter.choices:
+        return _typed(handle.value.strip())
     is_none = handle.value == _NOTHING if None in parameter.choices else parameter.may_be_none and not handle.value
     return None if is_none else parameter.kind(handle.value)
+
+
+def _typed(text: str) -> Value:
+    """The number that a text is, or the word; None of none."""
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text or None
 
 
 def _step(value: float) -> float:
@@ -182,9 +219,9 @@ def _step(value: float) -> float:
 
 
 @lru_cache(maxsize=8)
-def _light_from(direction: tuple[float, ...], ambient: float, shadow_size: int, relight: bool) -> Light:
+def _light_from(**settings: Any) -> Light:
     """The same light for the same settings: it keeps its shadow maps."""
-    return Light(direction=direction, ambient=ambient, shadow_size=shadow_size, relight=relight)
+    return Light(**settings)
 
 
 def _direction(up: Float64, around: float, above: float) -> Float64:

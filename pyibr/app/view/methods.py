@@ -126,7 +126,8 @@ def _warped(views: Sequence[DepthImage], method: Method) -> RenderMethod:
 
 def _render(things: Sequence[Thing], camera: Camera, style: Style) -> Frame:
     dtype = color_dtype_of(map(as_drawable, things))
-    return render(things, camera, style.light, _background(style, dtype))
+    background = _background(style, dtype)
+    return render(things, camera, style.light, background, samples=style.samples, anisotropy=style.anisotropy)
 
 
 def _background(style: Style, dtype: np.dtype[Any]) -> Any:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pyibr.app.live.page_space import fov_of
+from pyibr.app.live.panel import Panel
 from pyibr.app.live.stream import Picture, SentPicture, Stream
-from pyibr.app.telling import telling
 from pyibr.app.view.controls import LABELS, Controls
 from pyibr.app.view.overlays import legend, view_color
 from pyibr.app.view.painting import kernel_seconds, paint
@@ -24,6 +24,7 @@ from pyibr.core.errors import Error, FileFormatError
 from pyibr.images import DepthImage
 from pyibr.images.pictures import in_bytes
 from pyibr.io.image import encoded
+from pyibr.opencl.program import telling_builds
 
 if TYPE_CHECKING:
     from viser import CameraFrustumHandle, ClientHandle
@@ -46,7 +47,7 @@ class ViewPage:
     device : str
         What draws, in words.
     call : callable
-        Calls a function on the device that the page's pictures are drawn on, from any thread.
+        Calls a function on the device that the page's pictures are drawn on, from any thread; see `Pages.call`.
     """
 
     def __init__(
@@ -55,18 +56,19 @@ class ViewPage:
         scene: Scene,
         stream_for: Callable[..., Stream],
         device: str,
-        call: Callable[[Callable[[], Any]], Any],
+        call: Callable[[Callable[[], Any], Callable[[str], object]], Any],
     ) -> None:
         self.client, self.scene, self._device, self._call = client, scene, device, call
         self._told = 0.0
         self._playing = threading.Event()
         self._stops = threading.Event()
         self.path: list[Camera] = []
-        self._status = client.gui.add_markdown("", order=0)
-        self.controls = Controls(client.gui, scene, self._changed)
+        self.panel = Panel(client.gui)
+        self.controls = Controls(self.panel, scene, self._changed)
         self._frusta = self._add_frusta()
-        self._add_camera_controls()
-        self._add_path_controls()
+        with self.panel.controls:
+            self._add_camera_controls()
+            self._add_path_controls()
         self.stream = stream_for(client, scene.page_space, self._paint, self._tell, self._tell_error)
         self._show_frusta()
         self.stream.follow()
@@ -80,7 +82,7 @@ class ViewPage:
 
     def _paint(self, camera: Camera) -> Picture:
         self._hide_frusta_at(camera)
-        with telling(self._say):
+        with telling_builds(self.panel.say):
             return paint(self.scene.methods, camera, self.controls.style())
 
     def _changed(self) -> None:
@@ -112,14 +114,11 @@ class ViewPage:
             times = kernel_seconds(self.scene.methods, picture.camera, style)
             longest = sorted(times.items(), key=lambda item: -item[1])[:8]
             lines.append("Kernels: " + ", ".join(f"{name} {1e3 * seconds:.2f} ms" for name, seconds in longest))
-        self._status.content = "  \n".join(lines)
-
-    def _say(self, text: str) -> None:
-        self._status.content = text
+        self.panel.say("  \n".join(lines))
 
     def _tell_error(self, error: Exception) -> None:
         text = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
-        self._status.content = f"{_swatch((220, 60, 60), 'not drawn')}: {text}"
+        self.panel.say(f"{_swatch((220, 60, 60), 'not drawn')}: {text}")
 
     # ---- sources
 
@@ -203,7 +202,8 @@ class ViewPage:
     def screenshot(self) -> bytes:
         """A PNG file of the picture as it rests."""
         camera, style = self._camera(), self.controls.style()
-        return encoded(self._call(lambda: paint(self.scene.methods, camera, style)).color, ".png")
+        picture = self._call(lambda: paint(self.scene.methods, camera, style), self.panel.say)
+        return encoded(picture.color, ".png")
 
     def _send(self, name: str, content: bytes) -> None:
         self.client.send_file_download(name, content, save_immediately=True)

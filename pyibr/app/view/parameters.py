@@ -9,8 +9,8 @@ from __future__ import annotations
 import inspect
 import types
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from dataclasses import dataclass, is_dataclass, replace
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 _Thing = TypeVar("_Thing")
 
@@ -24,9 +24,9 @@ class Parameter:
     Attributes
     ----------
     name : str
-        Of the argument, and of the attribute.
+        Of the argument, and of the attribute; ``a.b`` of what an argument consists of.
     kind : type
-        bool, int, float, or str for one of `choices`.
+        bool, int, float, or str: for one of `choices`, or, without any, for a number or a word that is typed.
     value : bool, int, float, str or None
         What the thing has.
     choices : tuple of str or None
@@ -70,7 +70,21 @@ def with_parameters(thing: _Thing, values: Mapping[str, Value]) -> _Thing:
     changes = {name: value for name, value in known.items() if own[name].value != value}
     if not changes:
         return thing
-    return type(thing)(**(_arguments(thing) or {}) | changes)
+    return type(thing)(**_changed(_arguments(thing) or {}, changes))
+
+
+def _changed(arguments: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[str, Any]:
+    """Arguments with those values, also in what they consist of."""
+    made = dict(arguments)
+    for name, value in changes.items():
+        first, _, rest = name.partition(".")
+        if not rest:
+            made[first] = value
+        elif isinstance(made[first], tuple):
+            made[first] = tuple(value if str(place) == rest else one for place, one in enumerate(made[first]))
+        else:
+            made[first] = replace(made[first], **{rest: value})
+    return made
 
 
 def _parameters_of_one(thing: object) -> list[Parameter]:
@@ -81,15 +95,24 @@ def _parameters_of_one(thing: object) -> list[Parameter]:
         hints = get_type_hints(type(thing).__init__)
     except Exception:  # a class may name in its hints what is not there at run time
         return []
-    parameters: list[Parameter] = []
-    for name, value in arguments.items():
-        hint = hints.get(name)
-        choices = _choices(hint)
-        if choices and value in choices:
-            parameters.append(Parameter(name, str, value, choices))
-        elif (kind := _number(hint)) and (isinstance(value, (bool, int, float)) or (kind is float and value is None)):
-            parameters.append(Parameter(name, kind, None if value is None else kind(value), may_be_none=value is None))
-    return parameters
+    return [one for name, value in arguments.items() for one in _parameters_at(name, value, hints.get(name))]
+
+
+def _parameters_at(name: str, value: Any, hint: object) -> list[Parameter]:
+    choices, kind = _choices(hint), _number(hint)
+    if choices and value in choices:
+        return [Parameter(name, str, value, choices)]
+    if kind and (isinstance(value, (bool, int, float)) or (kind is float and value is None)):
+        return [Parameter(name, kind, None if value is None else kind(value), may_be_none=value is None)]
+    if kind and (value is None or isinstance(value, str)):
+        return [Parameter(name, str, value)]
+    if isinstance(value, tuple):
+        hints = next((get_args(one) for one in (hint, *get_args(hint)) if get_origin(one) is tuple), ())
+        parts = zip(cast("tuple[Any]", value), hints, strict=False)
+        return [one for place, (own, of) in enumerate(parts) for one in _parameters_at(f"{name}.{place}", own, of)]
+    if is_dataclass(value):
+        return [replace(one, name=f"{name}.{one.name}") for one in _parameters_of_one(value)]
+    return []
 
 
 def _arguments(thing: object) -> dict[str, Any] | None:

@@ -37,6 +37,8 @@ class Style:
         0 to 255.
     parameters : tuple of (name, value)
         What is turned at the things; see `pyibr.app.view.parameters`.
+    samples, anisotropy : int
+        As of `pyibr.render`.
     """
 
     method: str
@@ -48,3 +50,5 @@ class Style:
     light: Light | None = None
     background: tuple[int, int, int] = (0, 0, 0)
     parameters: tuple[tuple[str, Value], ...] = ()
+    samples: int = 1
+    anisotropy: int = 1

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import socket
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -90,6 +92,13 @@ def test_a_foreign_page_is_turned_away_before_it_is_heard(caplog: pytest.LogCapt
     assert asyncio.run(connects(url_of(server)))
     assert heard.wait(5)
     stop_server(server)
+
+
+def test_private_members_of_viser_are_reached_into_by_the_server_alone():
+    private = re.compile(r"viser import _|viser\._|\._(?:impl|websock|live_conn|client_|gui_api|queue_)")
+    app = Path(ibr.__file__).parent / "app"
+    files = {file for file in app.rglob("*.py") if private.search(file.read_text(encoding="utf-8"))}
+    assert files == {app / "live" / "server.py"}
 
 
 def test_nothing_can_be_shared_over_the_internet():

@@ -14,9 +14,11 @@ import pytest
 import pyibr as ibr
 from pyibr.app.live.page_space import PageSpace
 from pyibr.app.live.server import start_server, stop_server
+from pyibr.app.live.stream import Picture
 from pyibr.app.place.model import Placement
 from pyibr.app.place.page import PlacePage
 from pyibr.capture.frusta import Frustum, load_frusta
+from pyibr.opencl.program import kernel as use_kernel
 
 pytest.importorskip("viser")
 
@@ -32,7 +34,7 @@ def page():
     captures: Any = SimpleNamespace(
         surface=SimpleNamespace(mesh=None), nearest=lambda _: None, views=lambda frusta: [view for _ in frusta]
     )
-    pages: Any = SimpleNamespace(server=server, call=lambda function: function())
+    pages: Any = SimpleNamespace(server=server, call=lambda function, say: function())
     yield PlacePage(pages, Placement(16), captures, PageSpace(np.zeros(3), 1.0), Path("~/placed"))
     stop_server(server)
 
@@ -68,6 +70,22 @@ def test_controls_that_show_what_is_do_not_change_it_and_hands_that_turn_them_me
     assert page.placement.state.current.fov[0] == pytest.approx(20)
 
 
+def test_the_page_says_which_kernels_are_being_built_until_it_shows_a_picture(page, tmp_path, monkeypatch):
+    file = tmp_path / "own.cl"
+    file.write_text(f"kernel void own(global float *x) {{ x[0] = {time.perf_counter()}f; }}")  # in no cache
+    picture = Picture(np.zeros((3, 4, 3), np.uint8), None, ONE.camera)
+
+    def painted(*_: object) -> Picture:
+        use_kernel(file, "own")
+        return picture
+
+    monkeypatch.setattr("pyibr.app.place.page.paint", painted)
+    for said in ("kernels are being built for this device, once: ", "nothing new"):
+        page.panel.say("nothing new")
+        page.picture(ONE.camera, ONE.camera.size)
+        assert page.panel.text.startswith(said)
+
+
 def test_a_folder_at_home_is_meant_there_and_told_whole(page, tmp_path, monkeypatch: pytest.MonkeyPatch):
     assert page._folder.value == str(Path.home() / "placed")
     monkeypatch.setenv("HOME", str(tmp_path))
@@ -76,8 +94,8 @@ def test_a_folder_at_home_is_meant_there_and_told_whole(page, tmp_path, monkeypa
     page._folder.value = "~/set"
     page.save()
     assert page._folder.value == str(tmp_path / "set")
-    assert page._status.content == f"**Saved** 1 frusta to {tmp_path / 'set'}"
+    assert page.panel.text == f"**Saved** 1 frusta to {tmp_path / 'set'}"
     assert load_frusta(tmp_path / "set")[0] == list(page.placement.state.frusta)
     page._folder.value = "~nobody-of-that-name/set"
     page._try(page.save)
-    assert "**Not done:** folder: expected a folder" in page._status.content
+    assert "**Not done:** folder: expected a folder" in page.panel.text

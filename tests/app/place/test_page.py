@@ -107,9 +107,7 @@ def assert_shown(work: Work, mesh: ibr.Mesh) -> None:
     """The page's picture is that, but for its corner; what it tells is the share that is unseen."""
     settles_on(work.tab, lambda: marked(work, mesh), PICTURE, corner_of(work))
     share = unseen_share(surface(), [surface().seen(one.capture(mesh)) for one in work.state.frusta])
-    until(
-        lambda: f"**{len(work.state.frusta)} frusta**, {share:.1%} of the surface unseen" in work.shared._status.content
-    )
+    until(lambda: f"**{len(work.state.frusta)} frusta**, {share:.1%} of the surface unseen" in work.shared.panel.text)
 
 
 def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, mesh):
@@ -174,7 +172,7 @@ def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, 
     tab.page.get_by_text("Files").click()
     work.click("Save the set")
     folder = work.shared._folder.value
-    until(lambda: "**Saved** 1 frusta" in work.shared._status.content)
+    until(lambda: "**Saved** 1 frusta" in work.shared.panel.text)
     assert load_frusta(folder)[0] == list(with_paint.frusta)
     (view,) = ibr.load(folder)
     np.testing.assert_array_equal(view.depth, painted.depth)
@@ -204,7 +202,7 @@ def test_frusta_are_proposed_and_the_set_is_compared_with_the_mesh(work, mesh):
     assert both.sum() > 0.9 * plain.valid.sum()  # what they cover looks as the mesh does
     assert psnr(truth.color, plain.color, valid=both) > 25
     work.shared._shown.value = "difference"
-    until(lambda: "dB where both see something" in work.shared._status.content)
+    until(lambda: "dB where both see something" in work.shared.panel.text)
     work.shared._shown.value = "mesh"
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -22,6 +24,7 @@ from pyibr.app.view.parameters import parameters_of, with_parameters
 from pyibr.app.view.scene import scene_of
 from pyibr.app.view.style import Style
 from pyibr.capture import models, object_views
+from pyibr.depthmesh import Segmentation
 from pyibr.warp.view import OPTIONS
 
 CAMERA = ibr.Camera.look_at((1.5, -1.2, 3), (0, 0, 0), (0, -1, 0), (83, 61), fov_y=43)
@@ -50,6 +53,8 @@ def test_each_way_is_the_call_that_its_name_says():
         np.testing.assert_array_equal(methods[name].draw(CAMERA, style).color, expected.color)
     things = [ibr.WarpedView(view, cut_ratio=1.1, fill="smooth") for view in views()]
     np.testing.assert_array_equal(methods["render"].draw(CAMERA, style).color, ibr.render(things, CAMERA).color)
+    smooth = methods["render"].draw(CAMERA, replace(style, samples=4, anisotropy=2))
+    np.testing.assert_array_equal(smooth.color, ibr.render(things, CAMERA, samples=4, anisotropy=2).color)
     for name, made in (
         ("depth mesh", ibr.DepthMeshObject),
         ("depth object", ibr.DepthObject),
@@ -122,7 +127,7 @@ def test_views_of_depth_alone_and_of_both_kinds_of_colours_are_drawn():
 
 def test_knobs_are_what_a_class_is_made_with():
     parameters = parameters_of([ibr.DepthObject(views(), slices=32)])
-    assert list(parameters) == ["slices", "slicing", "texture", "halvings", "missing", "thin"]
+    assert list(parameters) == ["slices", "slicing", "texture", "halvings", "missing", "only", "thin"]
     assert (parameters["slices"].kind, parameters["slices"].value) == (int, 32)
     assert parameters["slicing"].choices == ("orthogonal", "screen")
     assert {"tolerance", "blend", "blended", "closed"} <= set(parameters_of([ibr.DepthMeshObject(views())]))
@@ -131,8 +136,39 @@ def test_knobs_are_what_a_class_is_made_with():
     assert {"scale", "slices", "slicing", "test", "halvings"} <= set(parameters_of([sliced]))
     banded = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1, test="band", band=0.1)
     assert parameters_of([banded])["band"].value == 0.1
-    assert "slices" not in parameters_of([ibr.DepthObject(views(), slices="view")])  # no number that could be turned
+    typed = parameters_of([ibr.DepthObject(views(), slices="view")])["slices"]
+    assert (typed.kind, typed.value, typed.choices) == (str, "view", ())  # a word, or a number: typed
     assert parameters_of([object(), 3, models.donut()]).keys() == {"sides"}
+
+
+def test_every_option_of_every_thing_has_its_control():
+    """All that a class takes but images, meshes and maps, which are what it is made of."""
+    height, color = relief().height, relief().color
+    made_of = {
+        ibr.WarpedView(views()): {"views"},
+        ibr.DepthMesh(views()[0]): {"view"},
+        ibr.DepthMeshObject(views()): {"views"},
+        ibr.DepthObject(views()): {"views"},
+        ibr.VisualHull(views()): {"views"},
+        ibr.SlicedSurface(relief().base, height, color, 0.1): {"base", "height", "color", "normal_map"},
+        relief(): {"base", "height", "color", "normal_map"},
+        models.donut(12): {"vertices", "faces", "uv", "normals", "texture", "colors", "attributes"},
+    }
+    for thing, parts in made_of.items():
+        options = set(inspect.signature(type(thing)).parameters) - parts
+        parameters = parameters_of([thing])
+        assert {name.split(".")[0] for name in parameters} == options, type(thing)
+        for name, parameter in parameters.items():
+            assert with_parameters(thing, {name: parameter.value}) is thing
+
+
+def test_what_an_option_consists_of_is_turned_by_itself():
+    surface = with_parameters(relief(), {"tiles.1": 3, "wrap.0": "clamp"})
+    assert (surface.tiles, surface.wrap) == ((1, 3), ("clamp", "repeat"))
+    solid = with_parameters(ibr.DepthMeshObject(views()), {"segmentation.angle": 3.0, "segmentation.test": "none"})
+    assert [mesh.segmentation for mesh in solid.meshes] == [Segmentation("none", 3.0)] * 6
+    assert with_parameters(solid, {"tolerance": 2.0}).segmentation == Segmentation("none", 3.0)
+    assert with_parameters(ibr.DepthObject(views(), slices=32), {"only": 0, "slices": 8}).only == 0
 
 
 def test_a_turned_knob_makes_the_thing_that_its_class_would_make():

@@ -19,6 +19,7 @@ from pyibr.app.view.painting import paint
 from pyibr.images.metrics import psnr
 from tests.app.browser import Tab, chromium, opened, rested, settles_on, stays, until
 from tests.app.sockets import LOOPBACK, listeners
+from tools.browser import PANEL
 
 pytestmark = pytest.mark.thorough
 
@@ -198,10 +199,26 @@ def test_controls_change_the_picture_and_say_what_is_wrong(look, views):
     until(lambda: "slices" in page.controls._parameters)
     rested(tab)
     page.controls._parameters["slices"][1].value = 0
-    until(lambda: "slices: expected a whole number" in page._status.content)
+    until(lambda: "slices: expected a whole number" in page.panel.text)
     page.controls._parameters["slices"][1].value = 16
     settles_on(tab, lambda: ibr.render(ibr.DepthObject(views, slices=16), page.stream.camera).color)
-    assert "**depth object** 400x300" in page._status.content
+    assert "**depth object** 400x300" in page.panel.text
+
+
+def test_in_a_narrow_window_the_controls_are_closed_below_the_picture_until_they_are_wanted(look):
+    tab, page = look.tab, look.page
+    tab.page.set_viewport_size({"width": 390, "height": 600})
+    until(lambda: page.stream.camera.size == (390, 600))  # nothing is beside it
+    opens, method = tab.page.get_by_text("Controls", exact=True), tab.page.get_by_label("Method", exact=True)
+    opens.wait_for()
+    assert 600 - tab.page.get_by_text("pyibr view").bounding_box()["y"] < 130  # as high as three lines
+    assert not method.is_visible()
+    assert tab.page.get_by_text("warp 390x600").first.is_visible()  # the first line of what it says
+    opens.click()
+    method.wait_for()
+    tab.page.set_viewport_size({"width": 400 + PANEL, "height": 300})
+    until(lambda: page.stream.camera.size == (400, 300))
+    method.wait_for()
 
 
 def test_cameras_screenshots_and_paths(look, views, tmp_path):
@@ -232,7 +249,7 @@ def test_cameras_screenshots_and_paths(look, views, tmp_path):
     rested(tab)
     np.testing.assert_allclose(page.stream.camera.world_from_camera, wanted.world_from_camera, atol=1e-5)
     loads.first.set_input_files(tmp_path / "other.json")
-    until(lambda: "other.json: has no width" in page._status.content)
+    until(lambda: "other.json: has no width" in page.panel.text)
 
     # A path through two cameras ends at the second, and what the file holds are these.
     tab.page.get_by_text("Path of cameras").click()
