@@ -216,7 +216,7 @@ def test_in_a_notebook_pages_show_themselves():
 
 @pytest.fixture
 def shell():
-    """What runs the cells of a notebook."""
+    """Shell that runs cells as a notebook does."""
     shells = pytest.importorskip("IPython.core.interactiveshell", reason="needs IPython")
     quiet = pytest.importorskip("traitlets.config").Config(HistoryManager={"enabled": False})
     made = shells.InteractiveShell.instance(config=quiet, user_ns={"ibr": ibr, "mesh": models.donut(6)})
