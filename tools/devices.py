@@ -98,7 +98,7 @@ def draw(out: Path, in_gpu_form: bool) -> None:
 
 @dataclass
 class Agreement:
-    """How a kernel's launches agree with PoCL's.
+    """Agreement of a kernel's launches with PoCL's.
 
     Attributes
     ----------

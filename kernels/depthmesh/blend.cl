@@ -338,9 +338,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
     const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors,
                             NORMALS_ARGUMENT(uint)};
     const GBuffer gbuffer = GBUFFER_VALUE;
-    const int item = get_global_id(0);
-    if (item >= items)
-        return;
+    const int item = get_global_id(0), end = item < items ? columns * rows : 0; /* of launches with some more, none */
     const size_t size = BLOCKS * LANES, own = item * size;
     const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
 #if CLOSED == BY_RAYS
@@ -348,7 +346,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
                              view_sizes, from_target, perspectives, first_levels, closeness, stride,
                              screen.perspective, view_count, enclosed};
 #endif
-    for (int drawn = item; drawn < columns * rows; drawn += items) {
+    for (int drawn = item; drawn < end; drawn += items) {
         const int x = drawn % columns * REGION, y = drawn / columns * REGION;
         BinList listed;
         list_of_bin(list, starts, bins_x, x, y, &listed);

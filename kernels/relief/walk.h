@@ -109,7 +109,7 @@ INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
 }
 
 /* Twice the area that the origin has with two points of the plane */
-#define AREA(a, b) ((a).x * (b).y - (a).y * (b).x)
+#define TWICE_AREA(a, b) ((a).x * (b).y - (a).y * (b).x)
 
 /* The sides' areas at a depth, > 0 where sections are met from the front, and what they change by */
 INLINED SideAreas areas_at(const MeshPrism *p, floatl depth, SideAreas *change)
@@ -120,8 +120,8 @@ INLINED SideAreas areas_at(const MeshPrism *p, floatl depth, SideAreas *change)
         const int i = (k + 1) % 3, j = (k + 2) % 3;
         const Vector a = minus(p->point[i], scaled(p->normal[i], depth)),
                      b = minus(p->point[j], scaled(p->normal[j], depth));
-        areas.of[k] = AREA(b, a);
-        change->of[k] = -AREA(b, p->normal[i]) - AREA(p->normal[j], a);
+        areas.of[k] = TWICE_AREA(b, a);
+        change->of[k] = -TWICE_AREA(b, p->normal[i]) - TWICE_AREA(p->normal[j], a);
     }
     return areas;
 }
@@ -177,7 +177,7 @@ INLINED floatl find_side(const MeshPrism *p, MeshWalk *walk, floatl sign, const 
     intl out = -1;
     UNROLLED
     for (int k = 0; k < 3; k++) {
-        const floatl bend = sign * AREA(p->normal[(k + 2) % 3], p->normal[(k + 1) % 3]);
+        const floatl bend = sign * TWICE_AREA(p->normal[(k + 2) % 3], p->normal[(k + 1) % 3]);
         const floatl by = becomes_less(areas->of[k], change->of[k], bend, walk->side == k);
         out = select_lanes(by < x, (intl)k, out);
         x = min_lanes(by, x);

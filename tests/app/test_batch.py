@@ -18,7 +18,7 @@ import pyibr as ibr
 from pyibr.app.batch import batch
 from pyibr.app.batch.job import Job
 from pyibr.app.batch.manifest import Manifest
-from pyibr.app.batch.work import run_task
+from pyibr.app.batch.work import COMMANDS, run_task
 from tests.processes import run_within
 
 distributed = pytest.importorskip("distributed")
@@ -127,7 +127,7 @@ def test_inputs_and_outputs_by_url(cluster: Any, tmp_path: Path):
         (
             "view {color} {out}",
             {"color": "*.png"},
-            "command: expected one of warp, register, mesh, object, hull, got 'view'",
+            f"command: expected one of {', '.join(COMMANDS)}, got 'view'",
         ),
         ("warp {color} -o {out}/new.png", {"color": "one.png"}, "inputs: expected a pattern with *"),
         ("warp {color} -o {out}/new.png", {"color": "none-*.png"}, "inputs: expected patterns that files match"),
