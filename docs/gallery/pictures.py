@@ -17,6 +17,7 @@ import quadtrees
 import reliefrays
 import reliefs
 import reliefwalk
+import rigs
 import room
 import slices
 import warpfigures
@@ -110,3 +111,4 @@ if __name__ == "__main__":
     save("paper-depthmesh-segments.png", quadtrees.segments(), 80)
     save("paper-depthmesh-strips.jpg", quadtrees.strips(), 66)
     save("paper-depthmesh-stages.jpg", depthmeshes.stages(), 80)
+    rigs.main()

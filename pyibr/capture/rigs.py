@@ -36,7 +36,7 @@ class RenderOptions(TypedDict, total=False):
 def gathered(things: Things, fill: Fill | None) -> list[Thing]:
     """The things, of which the depth images are one `WarpedView` whose holes are filled so."""
     given = list(things) if isinstance(things, Sequence) else [things]
-    views = [thing for thing in given if isinstance(thing, DepthImage)]
+    views = [thing.in_color for thing in given if isinstance(thing, DepthImage)]
     drawn_as: list[Thing] = [WarpedView(views, fill=fill)] if views else []
     return [*drawn_as, *(thing for thing in given if not isinstance(thing, DepthImage))]
 
