@@ -60,6 +60,12 @@ def test_an_eye_at_the_camera_sees_its_picture():
     np.testing.assert_array_equal(left, view.color)
 
 
+def test_depth_alone_is_white():
+    view = planes()
+    picture = ibr.stereo(ibr.DepthImage(None, view.depth, view.camera))
+    assert picture.shape == (SIZE[1], 2 * SIZE[0], 3) and (picture == 255).all()
+
+
 def test_the_range_of_depth_leaves_out_what_is_far_out():
     """Of a hundredth of the samples on either side."""
     near = np.concatenate([np.linspace(0.2, 0.5, 981), np.full(10, 9), np.full(10, 1e-3)])
