@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import signal
-
-_INTERRUPTED = 128 + signal.SIGINT  # as shells count
+from typing import NoReturn
 
 
 def main() -> None:
     """Run the command line; until a command begins, Ctrl-C ends the process at once."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, lambda *_: os._exit(_INTERRUPTED))
+        signal.signal(signal.SIGINT, _end)
     from pyibr.app.cli import app
 
     app(prog_name="pyibr")
+
+
+def _end(number: int, _: object) -> NoReturn:
+    os._exit(128 + number)  # as shells count

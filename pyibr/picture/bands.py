@@ -50,7 +50,7 @@ def frames_in_memory(
     if len(cameras) > 1:
         return [alone(camera, out) for camera, out in zip(cameras, outs, strict=True)]
     (camera,), (out,) = cameras, outs
-    told = {} if out is None else {"color": out.color, "depth": out.depth, "valid": out.valid}
+    told: dict[str, Any] = {} if out is None else {"color": out.color, "depth": out.depth, "valid": out.valid}
     for rows in (slice(height // 2), slice(height // 2, height)):
         band = _rows_of(camera, rows)
         own = None if out is None else Frame(out.color[rows], out.depth[rows], out.valid[rows], band)
@@ -65,8 +65,8 @@ def _rows_of(camera: Camera, rows: slice) -> Camera:
     return Camera(K, size, camera.world_from_camera, projection=camera.projection, lens=camera.lens)
 
 
-def _put(frame: Frame, told: dict[str, NDArray[Any]], rows: slice, height: int) -> None:
+def _put(frame: Frame, told: dict[str, Any], rows: slice, height: int) -> None:
     """Copy what a frame tells to some rows of what is told of all."""
-    for name, values in vars(frame).items():
-        if isinstance(values, np.ndarray):
-            told.setdefault(name, np.zeros((height, *values.shape[1:]), values.dtype))[rows] = values
+    arrays: dict[str, NDArray[Any]] = {name: each for name, each in vars(frame).items() if isinstance(each, np.ndarray)}
+    for name, values in arrays.items():
+        told.setdefault(name, np.zeros((height, *values.shape[1:]), values.dtype))[rows] = values

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import os
 import sys
 import time
 
@@ -32,6 +33,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=2000, help="of each kind; of warps five times as many")
     parser.add_argument("names", nargs="*", help="of the kinds, else all")
     given = parser.parse_args()
+    os.environ.setdefault("PYIBR_BINARIES", "never")  # what was built would be read amid the calls
     made, worst = calls(), 0.0
     for name in given.names or made:
         count, start = given.count * (5 if name == "sweep" else 1), time.monotonic()

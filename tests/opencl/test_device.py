@@ -26,7 +26,7 @@ from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import forget, probe
 from pyibr.opencl.profile import profile_of
 from pyibr.opencl.runtimes import Found, found_devices, remedy_for
-from tests.processes import with_path
+from tests.processes import run_within, with_path
 
 BROKEN = Outcome(False, "every build fails: unknown target CPU 'generic'")
 
@@ -479,6 +479,36 @@ def test_a_device_that_was_broken_is_left_alone_where_another_works(own_cache: P
 # --- tested apart ---------------------------------------------------------------------------------
 
 PLANTED = "open({!r}, 'a').write(__name__ + chr(10))\n"
+
+
+TWO_DEVICES = """
+import threading, numpy as np, pyibr as ibr
+from pyibr.opencl.device import current
+from tests.scenes import stepped
+view = stepped((61, 37))
+targets = [view.camera.moved(0.1 * step, 0.1, 0.2) for step in range(8)]
+drawn = {}
+
+def draw(index):
+    with ibr.use_device(index):
+        frames = ibr.warp(view, targets[:3]) + [ibr.warp(view, one) for one in targets]
+        drawn[index] = current().device.index, [frame.color.tobytes() + frame.depth.tobytes() for frame in frames]
+
+threads = [threading.Thread(target=draw, args=(index,)) for index in (0, 1)]
+for one in threads: one.start()
+for one in threads: one.join()
+assert [drawn[index][0] for index in (0, 1)] == [0, 1]
+assert drawn[0][1] == drawn[1][1]
+print("both")
+"""
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif("PoCL" not in current().device.version, reason="only PoCL lists this processor twice")
+def test_two_devices_are_in_use_at_the_same_time():
+    kind = current().device.name.partition("-")[0]  # as PoCL calls it, which versions do differently
+    done = run_within(120, [sys.executable, "-c", TWO_DEVICES], POCL_DEVICES=f"{kind} {kind}")
+    assert done.stdout == "both\n", done.stderr
 
 
 @pytest.fixture
