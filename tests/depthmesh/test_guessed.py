@@ -18,6 +18,7 @@ from tests.depthmesh.test_closing import SIZE, donut, knot
 from tests.one_lane import one_lane
 from tests.shadowed import box
 
+LANES = ["many", pytest.param("one", marks=pytest.mark.thorough)]
 SCENES = {"donut": (donut, (2, -2, 2)), "knot": (knot, (5.1, -4.7, 6.2))}
 
 
@@ -47,7 +48,7 @@ def differs(frame: ibr.Frame, other: ibr.Frame) -> np.ndarray:
     return (frame.valid != other.valid) | (frame.valid & other.valid & (frame.depth != other.depth))
 
 
-@pytest.mark.parametrize("lanes", ["many", "one"])
+@pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", SCENES)
 def test_guessed_is_exactly_what_is_closed(name, lanes):
     if lanes == "one":
@@ -98,7 +99,7 @@ def test_what_is_not_guessed_measures_better(name):
     assert off[both & ~told(frame)].mean() < 0.2 * off[both & told(frame)].mean()
 
 
-@pytest.mark.parametrize("lanes", ["many", "one"])
+@pytest.mark.parametrize("lanes", LANES)
 def test_of_several_samples_any_may_be_guessed(lanes):
     _, views, camera = drawn("donut")
     thing = ibr.DepthMeshObject(views)

@@ -137,6 +137,7 @@ def test_slices_beside_curved_prisms_change_the_cost_alone():
     assert (np.abs(frames[0].depth - frames[1].depth)[both] > 1e-4).mean() < 0.01
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("slicing", "slices"), [("surface", "view"), ("orthogonal", 64), ("screen", "view")])
 def test_curved_bases_in_one_lane(slicing, slices):
     thing = ibr.SlicedSurface(models.donut(12), heights(), lines(), 0.3, tiles=(5, 2), slices=slices, slicing=slicing)
