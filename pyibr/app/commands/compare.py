@@ -14,6 +14,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from pyibr.app.commands.beside import read_ahead
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
 from pyibr.app.commands.progress import with_progress
@@ -93,7 +94,7 @@ def compare(
     each, size = list[dict[str, Any]](), ""
     with outputs or nullcontext(), exposed:
         frames = zip(first.read(x for x, _ in pairs), second.read(y for _, y in pairs), strict=True)
-        for number, (x, y) in enumerate(with_progress(frames, len(pairs), "Comparing")):
+        for number, (x, y) in enumerate(with_progress(read_ahead(frames), len(pairs), "Comparing")):
             name = first.names[pairs[number][0]]
             x, y = _alike(x, y, f"{b}, {name}" if numbers else str(b))
             size = f"{x.shape[1]}x{x.shape[0]}"

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 import pyibr as ibr
-from pyibr.app.commands.beside import Behind
+from pyibr.app.commands.beside import Behind, read_ahead
 from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
@@ -145,7 +145,7 @@ def _convert_depth(
     outputs.check({"SOURCE": depths.files, "--camera": [] if camera is None else [camera]})
     shape = 0, 0
     with outputs:
-        for number, depth in enumerate(with_progress(depths.read(range(count)), count, "Converting")):
+        for number, depth in enumerate(with_progress(read_ahead(depths.read(range(count))), count, "Converting")):
             seen.add(depth)
             known = np.isfinite(depth) & (depth > 0) & (depth < stored.empty_from)
             outputs.write({"depth": np.where(known, depth, np.float32(np.nan))}, number, float(known.mean()), own)
@@ -168,7 +168,7 @@ def _convert_recording(
     entries = list[dict[str, Any]]()
     views = zip(names, views_of(source, how, losses, exposure), strict=True)
     with Behind(in_order=False) as behind:
-        for (color, depth), view in with_progress(views, len(shots), "Converting"):
+        for (color, depth), view in with_progress(read_ahead(views), len(shots), "Converting"):
             if view is not None:
                 behind.add(functools.partial(ibr.write_color, output / color, view.shown_color))
                 known = np.where(view.valid, view.depth, np.float32(np.nan))
