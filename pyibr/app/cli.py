@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 import pyibr as ibr
 from pyibr.app import live_commands
 from pyibr.app.batch_command import batch
+from pyibr.app.commands.capture import capture
 from pyibr.app.commands.clean import clean
 from pyibr.app.commands.command import expanded
 from pyibr.app.commands.compare import compare
@@ -25,6 +26,7 @@ from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.orbit import orbit
 from pyibr.app.commands.quilt import quilt
 from pyibr.app.commands.register import register
+from pyibr.app.commands.reliefs import relief, slices
 from pyibr.app.commands.solids import hull, object_
 from pyibr.app.commands.stereo import stereo
 from pyibr.app.commands.warp import warp
@@ -55,6 +57,15 @@ _OPTIONS = {
     "degrees": "--orbit",
     "max_error": "--max-error",
     "count": "--count",
+    "scale": "--scale",
+    "tiles": "--tiles",
+    "wrap": "--wrap",
+    "slices": "--slices",
+    "anisotropy": "--anisotropy",
+    "samples": "--samples",
+    "ambient": "--ambient",
+    "direction": "--light",
+    "position": "--lamp",
     "resolution": "--resolution",
     "path": "--output",
     "holes": "--holes",
@@ -168,9 +179,14 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
         f"color.png depth.png {_MM} --max-error 0.005 -o scene.glb",
         f"color.png depth.png {_MM} --count 3000 -o small.glb",
     ),
+    capture: (
+        "dragon.ply -o dragon",
+        "dragon.ply --frusta frusta.json --size 512 -o finer",
+        "dragon.ply --camera cameras.json -o seen",
+    ),
     object_: (
         "dragon --frames 36 -o turn.mp4",
-        "room --depth-scale 1000 --missing unknown --resolution 256 -o room.glb",
+        "room --depth-scale 1000 --missing unknown -o room.glb",
     ),
     hull: ("pictures masks --camera cameras.json -o hull.ply",),
     compare: (
@@ -184,6 +200,11 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
         "rgbd_dataset_freiburg1_desk -o desk",
         "rgbd_dataset_freiburg1_desk --as colmap -o model",
     ),
+    relief: (
+        "ball.glb bumps.png --color bricks.png --scale 0.1 --light 1 1 1 -o relief.png",
+        "ball.glb bumps.png --scale 0.1 --tiles 4 2 --frames 72 -o relief.mp4",
+    ),
+    slices: ("ball.glb bumps.png --color bricks.png --scale 0.1 --light 1 1 1 -o slices.png",),
     live_commands.view: ("dragon.ply",),
     live_commands.place: ("dragon.ply --auto 16 -o dragon",),
     batch: ("job.toml", "job.toml --scheduler tcp://10.0.0.1:8786"),

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
+from pyibr.app.commands.heights import HEIGHT_HELP, MapOptions
 from pyibr.app.commands.things import StartCamera, ThingFiles, Things, UpOption, direction_of
 from pyibr.app.live.pages import Pages
 from pyibr.app.options import (
@@ -23,6 +22,7 @@ from pyibr.app.options import (
     ExposureOption,
     StoredDepth,
     device_of,
+    given_of,
     printable_text,
 )
 from pyibr.app.place import place as place_page
@@ -32,10 +32,7 @@ from pyibr.capture.coverage import surface_of
 from pyibr.capture.frusta import load_frusta, part_of
 from pyibr.capture.proposal import propose_frusta
 from pyibr.core.camera import Camera
-from pyibr.core.checks import positive
-from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.io import read_relief_map
-from pyibr.meshes.heights import Wrap, Wraps, checked_wrap
+from pyibr.core.errors import ArgumentError
 from pyibr.meshes.mesh import Mesh
 from pyibr.picture.light import light_for
 from pyibr.relief import ReliefSurface
@@ -54,17 +51,8 @@ def view(
     exposure: ExposureOption = 0.0,
     default_depth: DefaultDepthText = "none",
     clean: Clean = False,
-    height: Annotated[
-        Path | None, typer.Option(help="Displace the mesh, which has uv, by a height map, or a relief map's alpha")
-    ] = None,
-    color: Annotated[
-        Path | None, typer.Option(help="With --height: an image over the same uv; else the mesh's own")
-    ] = None,
-    scale: Annotated[float | None, typer.Option(help="With --height: of height 1, in scene units")] = None,
-    tiles: Annotated[tuple[int, int], typer.Option(metavar="U V", help="How often height and color repeat")] = (1, 1),
-    wrap: Annotated[
-        str, typer.Option(metavar="HOW", help="Height and color beyond uv of 0 to 1: repeat, clamp; repeat,clamp: u, v")
-    ] = "repeat",
+    height: Annotated[Path | None, typer.Option(help=HEIGHT_HELP)] = None,
+    maps: MapOptions,
     start: StartCamera = None,
     up: UpOption = None,
     port: _Port = 8080,
@@ -81,10 +69,10 @@ def view(
         if height is not None:
             if len(meshes) != 1 or len(shown) != 1:
                 raise ArgumentError("--height", "one mesh to displace, and nothing else", f"{len(shown)} things")
-            texture = None if color is None else exposed.read(color)
-            given = _displaced(meshes[0], height, texture, scale, tiles, _wraps(wrap))
-        elif color is not None or scale is not None:
-            raise ArgumentError("--color" if color else "--scale", "--height with it", "none")
+            made = maps.displace(meshes[0], height, exposed)
+            given = {"relief": made(ReliefSurface), "slices": made(SlicedSurface)}
+        elif given_maps := given_of(maps):
+            raise ArgumentError(given_maps[0], "--height with it", "none")
         exposed.tell()
         direction = direction_of(up or ("y" if of_meshes else None))
         first = None if start is None else Camera.load(start)
@@ -156,39 +144,3 @@ def _serve(pages: Pages, open_page: bool) -> None:
     if open_page:
         typer.launch(pages.url)
     pages.wait()
-
-
-def _wraps(text: str) -> Wraps:
-    """Parse the value of --wrap."""
-    first, *second = text.split(",", 1)
-    return checked_wrap((cast("Wrap", first), cast("Wrap", second[0] if second else first)))
-
-
-def _displaced(
-    mesh: Mesh, height: Path, color: NDArray[Any] | None, scale: float | None, tiles: tuple[int, int], wrap: Wraps
-) -> dict[str, object]:
-    """The mesh with a height map, by the two systems that draw such."""
-    if scale is None:
-        raise ArgumentError("--scale", "scene units that height 1 is displaced by, with --height", "none")
-    positive("--scale", scale)
-    heights, normals = _heights(height)
-    own = np.full((1, 1, 3), 200, np.uint8) if mesh.texture is None else mesh.texture
-    texture = own if color is None else color
-    return {
-        "relief": ReliefSurface(mesh, heights, texture, scale, tiles=tiles, normal_map=normals, wrap=wrap),
-        "slices": SlicedSurface(mesh, heights, texture, scale, tiles=tiles, normal_map=normals, wrap=wrap),
-    }
-
-
-def _heights(path: Path) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
-    """The heights of a gray picture, or of a relief map: those in its alpha, and its colours' normals."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a relief map alpha is no transparency
-        stored = ibr.read_color(path)
-    if (stored == stored[..., :1]).all():
-        return stored[..., 0], None
-    try:
-        normals, heights = read_relief_map(path)
-    except FileFormatError:  # it has no alpha
-        return stored[..., 0], None
-    return (heights, normals) if np.ptp(heights) else (stored[..., 0], None)

@@ -7,7 +7,7 @@ import os
 import re
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import typer
@@ -85,6 +85,7 @@ Baseline = Annotated[
 ]
 Take = Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording, as 10:90:2")]
 FillOption = Annotated[Literal["none", Fill], typer.Option("--fill", help="Fill holes: from behind, from all around")]
+Size = Annotated[tuple[int, int] | None, typer.Option(metavar="W H", help="Of the pictures; default: the camera's")]
 Samples = Annotated[int, typer.Option(help="A pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")]
 DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]
 
@@ -152,6 +153,12 @@ class StoredDepth(NamedTuple):
     def empty_from(self) -> float:
         """Depth from which on there is no surface."""
         return math.inf if self.depth_kind == "relative" else self.far
+
+
+def given_of(options: Any) -> list[str]:
+    """Names of the options of a group that are not at their defaults."""
+    defaults = options._field_defaults
+    return [f"--{name.replace('_', '-')}" for name, value in options._asdict().items() if value != defaults[name]]
 
 
 def default_depth_of(text: str) -> float | DefaultDepth | None:

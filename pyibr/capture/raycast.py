@@ -319,6 +319,25 @@ def object_views(
     >>> [view.camera.size for view in object_views(models.donut(), 32)]
     [(32, 32), (32, 32), (32, 32), (32, 32), (32, 32), (32, 32)]
     """
+    scene, views = _as_scene(mesh), list[DepthImage]()
+    for number, camera in enumerate(object_cameras(scene, size, projection=projection, margin=margin)):
+        try:
+            views.append(scene.capture(camera, normals=normals))
+        except ArgumentError as error:
+            if error.argument != "camera":
+                raise
+            extents = np.ptp(scene.vertices[scene.faces.ravel()], axis=0)
+            pixel, listed = extents.max() * (1 + 2 * margin) / size, ", ".join(f"{extent:g}" for extent in extents)
+            expected = f"an object that all six views see, thicker than a pixel of {pixel:.3g} (raise `size`)"
+            got = f"extents of {listed}, unseen along {'xyz'[number // 2]}"
+            raise ArgumentError("mesh", expected, got) from None
+    return views
+
+
+def object_cameras(
+    mesh: Any, size: int, *, projection: Projection = "orthographic", margin: float = 0.02
+) -> list[Camera]:
+    """Make the cameras of `object_views`, which takes the same arguments."""
     scene = _as_scene(mesh)
     one_of("projection", projection, Projection)
     if not float(numbers("margin", margin, ())) >= 0:
@@ -331,7 +350,7 @@ def object_views(
     # Perspective cameras see the cube's front face, half an edge nearer than its middle, in full.
     focal = size / edge * (1.0 if projection == "orthographic" else away - 0.5 * edge)
     K = [[focal, 0, (size - 1) / 2], [0, focal, (size - 1) / 2], [0, 0, 1]]
-    middle, views = 0.5 * (low + high), list[DepthImage]()
+    middle, cameras = 0.5 * (low + high), list[Camera]()
     for axis, sign in itertools.product(range(3), (1, -1)):
         forward = np.zeros(3)
         forward[axis] = sign
@@ -339,16 +358,8 @@ def object_views(
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([np.cross(down, forward), down, forward])
         pose[:3, 3] = middle - away * forward
-        camera = Camera(K, (size, size), pose, projection=projection)
-        try:
-            views.append(scene.capture(camera, normals=normals))
-        except ArgumentError as error:
-            if error.argument != "camera":
-                raise
-            extents = ", ".join(f"{extent:g}" for extent in high - low)
-            expected = f"an object that all six views see, thicker than a pixel of {edge / size:.3g} (raise `size`)"
-            raise ArgumentError("mesh", expected, f"extents of {extents}, unseen along {'xyz'[axis]}") from None
-    return views
+        cameras.append(Camera(K, (size, size), pose, projection=projection))
+    return cameras
 
 
 def _rays(camera: Camera, pixel: NDArray[Any]) -> tuple[Float64, Float64]:

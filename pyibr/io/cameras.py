@@ -15,6 +15,8 @@ from pyibr.io.folders import files_in
 from pyibr.io.gltf_cameras import SUFFIXES, read_gltf_cameras
 from pyibr.io.multiview import are_parameters, read_parameters
 
+_SET = "frusta.json"  # that `pyibr.save` and `pyibr place` write
+
 
 def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = None) -> dict[str, Camera]:
     """Read the cameras of several images.
@@ -23,9 +25,9 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
     ----------
     path : path
         A file as `Camera.load` reads it, of one camera or of several; a list of such cameras as JSON, Open3D's
-        PinholeCameraTrajectory, or a set's `frusta.json`; a folder of JSON files of one camera each, in the order of
-        the numbers in their names; or the folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or ``.txt``),
-        be it in a folder ``0`` there. Or a glTF scene, or the parameters of Middlebury's multi-view sets.
+        PinholeCameraTrajectory, or a set's folder or its `frusta.json`; a folder of JSON files of one camera each, in
+        the order of the numbers in their names; or the folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or
+        ``.txt``), be it in a folder ``0`` there. Or a glTF scene, or the parameters of Middlebury's multi-view sets.
     size : (width, height), optional
         Of the images, for files that do not tell it. Where a calibration has several cameras, those of this size.
 
@@ -51,6 +53,8 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
     {'0': 5.0, '1': 6.0}
     """
     source = checked_path(path)
+    if (source / _SET).is_file():
+        source /= _SET
     if source.is_dir():
         for folder in (source, source / "0"):
             if any((folder / f"cameras{suffix}").is_file() for suffix in (".bin", ".txt")):

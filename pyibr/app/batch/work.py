@@ -21,6 +21,7 @@ from typer.main import get_command
 import pyibr as ibr
 from pyibr.app.batch.job import Task
 from pyibr.app.batch.manifest import PART, Entry, checksum
+from pyibr.app.commands.capture import capture
 from pyibr.app.commands.clean import clean
 from pyibr.app.commands.command import expanded
 from pyibr.app.commands.compare import compare
@@ -29,6 +30,7 @@ from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.orbit import orbit
 from pyibr.app.commands.quilt import quilt
 from pyibr.app.commands.register import register
+from pyibr.app.commands.reliefs import relief, slices
 from pyibr.app.commands.solids import hull, object_
 from pyibr.app.commands.stereo import stereo
 from pyibr.app.commands.warp import warp
@@ -44,10 +46,13 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "clean": clean,
     "register": register,
     "mesh": mesh,
+    "capture": capture,
     "object": object_,
     "hull": hull,
     "compare": compare,
     "convert": convert,
+    "relief": relief,
+    "slices": slices,
 }
 """Those that read files and write files."""
 

@@ -24,6 +24,7 @@ from pyibr.app.options import (
     ExposureOption,
     FillOption,
     Samples,
+    Size,
     StoredDepth,
     device_of,
     fill_of,
@@ -48,7 +49,6 @@ _Swing = Annotated[
 _Path = Annotated[
     Path | None, typer.Option("--path", help="Instead: a smooth way through cameras, as `view` saves it, or as --to")
 ]
-_Size = Annotated[tuple[int, int] | None, typer.Option(metavar="W H", help="Of the pictures; default: the camera's")]
 
 
 class Way(NamedTuple):
@@ -58,7 +58,7 @@ class Way(NamedTuple):
     swing: _Swing = None
     path: _Path = None
     start: StartCamera = None
-    size: _Size = None
+    size: Size = None
 
     def check(self) -> None:
         """Raise ArgumentError if they contradict each other, or their files do not hold what they should."""

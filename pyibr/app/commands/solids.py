@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 import pyibr as ibr
@@ -17,8 +18,10 @@ from pyibr.app.options import (
     DeviceName,
     StoredDepth,
     device_of,
+    given_of,
 )
 from pyibr.capture.sets import SET_FILE
+from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
@@ -89,11 +92,9 @@ def _writer(
     inputs = {"VIEWS": [file for folder in folders for file in folder.rglob("*")]}
     if not is_mesh_file(output):
         table = Turntable(output, turn, video, inputs)
-        return lambda solid: table.draw(solid, solid.views[0].camera, solid.box.center)
-    defaults = {**TurntableOptions()._asdict(), **VideoOptions()._asdict()}
-    for name, value in {**turn._asdict(), **video._asdict()}.items():
-        if value != defaults[name]:
-            raise ArgumentError(f"--{name}", "a picture or a video for --output", str(output))
+        return lambda solid: table.draw(solid, _ball_of(solid), start=solid.views[0].camera)
+    if given := [*given_of(turn), *given_of(video)]:
+        raise ArgumentError(given[0], "a picture or a video for --output", str(output))
     check_mesh_file(output, textured=False, colored=True)
     check_outputs(inputs, {"--output": [output]})
 
@@ -103,6 +104,11 @@ def _writer(
         tell_written([output], f"{len(mesh.faces)} triangles, closed", triangles=len(mesh.faces))
 
     return write
+
+
+def _ball_of(solid: DepthObject | VisualHull) -> tuple[Float64, float]:
+    low, high = solid.bounds
+    return solid.box.center, 0.5 * float(np.linalg.norm(high - low))
 
 
 def _silhouettes(

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
+import numpy as np
 import typer
-from numpy.typing import ArrayLike
 
 import pyibr as ibr
 from pyibr.app.commands.outputs import Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
-from pyibr.app.options import Samples, StoredDepth
+from pyibr.app.commands.things import Up, UpOption, direction_of
+from pyibr.app.options import Samples, Size, StoredDepth
+from pyibr.capture.rigs import framed
 from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError
+from pyibr.images.pictures import camera_before
 from pyibr.io import read_cameras
 from pyibr.picture.light import Light
 from pyibr.picture.render import Thing
@@ -33,6 +37,8 @@ class TurntableOptions(NamedTuple):
     frames: Annotated[
         int, typer.Option(min=1, max=100_000, help="Pictures of a turntable, the first from the camera")
     ] = 1
+    size: Size = None
+    up: UpOption = None
     samples: Samples = 1
 
 
@@ -63,20 +69,44 @@ class Turntable:
     def draw(
         self,
         thing: Thing,
-        start: Camera,
-        middle: ArrayLike,
+        ball: tuple[Float64, float],
         *,
-        axis: ArrayLike | None = None,
-        light: Light | None = None,
+        start: Camera | None = None,
+        up: Up | None = None,
+        light: Callable[[Camera], Light | None] = lambda _: None,
         anisotropy: int = 1,
     ) -> None:
-        """Draw the pictures, and say so: from `start`, unless a camera is told, about an axis through the middle."""
-        turn, cameras = self._turn, self._cameras or [start]
+        """Draw the pictures, and say so.
+
+        Parameters
+        ----------
+        thing : thing
+        ball : (3,), float
+            Middle, which it is turned about, and radius of a ball that it is in.
+        start : Camera, optional
+            The first camera, unless options tell one; by default one that sees the ball from above and aside.
+        up : str, optional
+            Up in the world, unless options tell it; by default as the first camera has it.
+        light : callable, optional
+            Of a camera: its light.
+        anisotropy : int
+            As `pyibr.render` takes it.
+        """
+        turn, (middle, radius) = self._turn, ball
+        axis = direction_of(turn.up or up)
+        if start is None or turn.up:
+            width, height = turn.size or (1, 1)
+            corner = (
+                radius * max(1.0, height / max(width, 1)) / np.sqrt(3)
+            )  # of a cube in the ball, if that is wide enough
+            start = camera_before(middle - corner, middle + corner, np.array(axis or (0.0, -1.0, 0.0)))
+        cameras = self._cameras or [start]
+        cameras = cameras if turn.size is None else [framed(one, turn.size) for one in cameras]
         if turn.frames > 1:
             step = turn.orbit / turn.frames
             cameras = [cameras[0].orbited(step * number, middle, axis=axis) for number in range(turn.frames)]
         with self._outputs as outputs:
             for number, camera in enumerate(with_progress(cameras, len(cameras), "Drawing")):
-                frame = ibr.render(thing, camera, light, samples=turn.samples, anisotropy=anisotropy)
+                frame = ibr.render(thing, camera, light(camera), samples=turn.samples, anisotropy=anisotropy)
                 outputs.write({"color": frame.color}, number, float(frame.valid.mean()), camera)
         outputs.tell(cameras[0].size, "views", "its camera sees nothing of it")

@@ -1,0 +1,72 @@
+"""Height maps on meshes: the options that tell of them, and what is drawn of both."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, TypeVar, cast
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from pyibr.app.commands.exposure import Exposure
+from pyibr.core.checks import positive
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.io import read_relief_map
+from pyibr.meshes.heights import Wrap, Wraps, checked_wrap
+from pyibr.meshes.mesh import Mesh
+
+_Surface = TypeVar("_Surface")
+
+HEIGHT_HELP = "A height map over the mesh's uv: gray, white is high; or a relief map, whose alpha it is"
+
+
+class MapOptions(NamedTuple):
+    """Options of what lies on a mesh together with a height map."""
+
+    color: Annotated[Path | None, typer.Option(help="An image over the same uv; else the mesh's own")] = None
+    scale: Annotated[float | None, typer.Option(help="The displacement of height 1, in scene units")] = None
+    tiles: Annotated[tuple[int, int], typer.Option(metavar="U V", help="How often height and color repeat")] = (1, 1)
+    wrap: Annotated[
+        str, typer.Option(metavar="HOW", help="Height and color beyond uv of 0 to 1: repeat, clamp; repeat,clamp: u, v")
+    ] = "repeat"
+    deep: Annotated[bool, typer.Option("--deep", help="White is deep in the height map, not high")] = False
+
+    def displace(self, mesh: Mesh, height: Path, exposure: Exposure) -> Callable[..., Any]:
+        """Read the maps; return what makes a surface of them, of a class and its own options."""
+        if self.scale is None:
+            across = float(np.ptp(mesh.vertices, axis=0).max())
+            expected = f"scene units that height 1 is displaced by (the mesh is {across:.3g} across)"
+            raise ArgumentError("--scale", expected, "none")
+        positive("--scale", self.scale)
+        first, *second = self.wrap.split(",", 1)
+        wrap: Wraps = checked_wrap((cast("Wrap", first), cast("Wrap", second[0] if second else first)))
+        heights, normals = _heights(height)
+        if self.deep:
+            heights = (1 if heights.dtype.kind == "f" else np.iinfo(heights.dtype).max) - heights
+        color = np.full((1, 1, 3), 200, np.uint8) if mesh.texture is None else mesh.texture
+        if self.color is not None:
+            color = exposure.read(self.color)
+
+        def made(kind: Callable[..., _Surface], **how: Any) -> _Surface:
+            about = {"tiles": self.tiles, "normal_map": normals, "wrap": wrap}
+            return kind(mesh, heights, color, self.scale, **about, **how)
+
+        return made
+
+
+def _heights(path: Path) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
+    """The heights of a gray picture, or of a relief map: those in its alpha, and its colours' normals."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a relief map alpha is no transparency
+        stored = ibr.read_color(path)
+    if (stored == stored[..., :1]).all():
+        return stored[..., 0], None
+    try:
+        normals, heights = read_relief_map(path)
+    except FileFormatError:  # it has no alpha
+        return stored[..., 0], None
+    return (heights, normals) if np.ptp(heights) else (stored[..., 0], None)

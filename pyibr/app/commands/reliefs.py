@@ -1,0 +1,130 @@
+"""`pyibr relief` and `pyibr slices`: a mesh and a height map, as pictures, on a turntable, in light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import typer
+
+from pyibr.app.commands.exposure import Exposure
+from pyibr.app.commands.heights import HEIGHT_HELP, MapOptions
+from pyibr.app.commands.outputs import VideoOptions
+from pyibr.app.commands.turntable import Turntable, TurntableOptions
+from pyibr.app.options import DeviceName, ExposureOption, device_of
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError
+from pyibr.meshes.height_mapped import HeightMapped
+from pyibr.meshes.mesh import Mesh
+from pyibr.picture.light import Light
+from pyibr.relief import ReliefSurface
+from pyibr.relief.surface import Distance, Shadow, Silhouette
+from pyibr.slicing import SlicedSurface
+from pyibr.slicing.surface import Slicing
+
+_MeshFile = Annotated[Path, typer.Argument(metavar="MESH", help="With uv: GLB, OBJ, PLY ...")]
+_HeightFile = Annotated[Path, typer.Argument(metavar="HEIGHT", help=HEIGHT_HELP)]
+_Output = Annotated[Path, typer.Option("--output", "-o", help="A picture; of --frames OUT_0000, ... or a video")]
+
+
+class ShadingOptions(NamedTuple):
+    """Options of the light that falls on a surface, and of how finely its maps are read."""
+
+    light: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Where light goes, as the camera sees it: right, down, forward"),
+    ] = None
+    lamp: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Where a lamp is, from the camera, in scene units; with --light a spot"),
+    ] = None
+    ambient: Annotated[float, typer.Option(help="The part of the light that comes from everywhere, 0 to 1")] = 0.25
+    shadows: Annotated[bool, typer.Option("--shadows/--no-shadows", help="Whether they are cast")] = True
+    anisotropy: Annotated[int, typer.Option(help="Readings of the colours a pixel, 1 to 64, where seen aslant")] = 8
+
+    def light_before(self, camera: Camera) -> Light | None:
+        """The light, if any is asked for: it stays where it is before the camera, while a turntable turns."""
+        if self.light is None and self.lamp is None:
+            return None
+        turned = camera.world_from_camera[:3, :3]
+        direction = None if self.light is None else turned @ self.light
+        position = None if self.lamp is None else camera.center + turned @ self.lamp
+        return Light(
+            direction=direction, position=position, ambient=self.ambient, shadow_size=2048 if self.shadows else 0
+        )
+
+
+def relief(
+    mesh: _MeshFile,
+    height: _HeightFile,
+    output: _Output,
+    *,
+    maps: MapOptions,
+    silhouette: Annotated[
+        Silhouette, typer.Option(help="The relief's own outline, or none: all of the mesh is covered")
+    ] = "quadric",
+    distance: Annotated[Distance, typer.Option(help="How deep a ray is: below the mesh itself, or below quadrics")] = (
+        "exact"
+    ),
+    shadow: Annotated[Shadow, typer.Option(help="By a shadow map, or by a search of the relief")] = "map",
+    turn: TurntableOptions,
+    shading: ShadingOptions,
+    exposure: ExposureOption = 0.0,
+    video: VideoOptions,
+    device: DeviceName = None,
+) -> None:
+    """Carve a height map into a mesh of few triangles, white at its surface and black below, and draw it."""
+    how = {"silhouette": silhouette, "distance": distance, "shadow": shadow}
+    if distance == "perpendicular":
+        how["search"] = "linear"
+    with device_of(device):
+        _draw(ReliefSurface, how, (mesh, height, output), maps, turn, shading, exposure, video)
+
+
+def slices(
+    mesh: _MeshFile,
+    height: _HeightFile,
+    output: _Output,
+    *,
+    maps: MapOptions,
+    slices: Annotated[
+        str, typer.Option(metavar="N", help="Over the height; view: as many as each picture needs, between them exact")
+    ] = "view",
+    slicing: Annotated[Slicing, typer.Option(help="Which way slices lie")] = "orthogonal",
+    turn: TurntableOptions,
+    shading: ShadingOptions,
+    exposure: ExposureOption = 0.0,
+    video: VideoOptions,
+    device: DeviceName = None,
+) -> None:
+    """Raise a mesh along its normals by a height map, black at its surface and white above, and draw it by slices."""
+    if slices != "view" and not slices.isdecimal():
+        raise ArgumentError("--slices", "a whole number, or view", slices)
+    how = {"slices": int(slices) if slices.isdecimal() else slices, "slicing": slicing}
+    with device_of(device):
+        _draw(SlicedSurface, how, (mesh, height, output), maps, turn, shading, exposure, video)
+
+
+def _draw(
+    kind: Callable[..., HeightMapped],
+    how: dict[str, Any],
+    files: tuple[Path, Path, Path],
+    maps: MapOptions,
+    turn: TurntableOptions,
+    shading: ShadingOptions,
+    exposure: float,
+    video: VideoOptions,
+) -> None:
+    mesh, height, output = files
+    read = {"MESH": [mesh], "HEIGHT": [height], "--color": [maps.color] if maps.color else []}
+    table = Turntable(output, turn, video, read)
+    base = Mesh.load(mesh)
+    with Exposure(exposure) as exposed:
+        surface = maps.displace(base, height, exposed)(kind, **how)
+    points = base.vertices.astype(np.float64)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    ball = middle, float(np.linalg.norm(points - middle, axis=1).max()) + surface.scale
+    up = None if mesh.name.lower().endswith((".glb", ".gltf")) else "y"
+    table.draw(surface, ball, up=up, light=shading.light_before, anisotropy=shading.anisotropy)

@@ -1,0 +1,94 @@
+"""`pyibr capture`: depth images of a mesh in a folder that other commands read; mistakes in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app.cli import app
+from pyibr.capture import capture, models, object_views
+from pyibr.capture.frusta import Frustum, Stroke, save_frusta
+
+runner = CliRunner()
+
+
+def run(*words: object):
+    return runner.invoke(app, ["capture", *(str(word) for word in words)])
+
+
+@pytest.fixture
+def mesh(tmp_path: Path) -> Path:
+    models.donut(16).save(tmp_path / "donut.ply")
+    return tmp_path / "donut.ply"
+
+
+def assert_same(found: list[ibr.DepthImage], expected: list[ibr.DepthImage]) -> None:
+    assert len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        assert one.camera == other.camera
+        np.testing.assert_array_equal(one.depth, other.depth)
+        np.testing.assert_array_equal(one.color, other.color)
+
+
+def test_from_all_round(mesh: Path, tmp_path: Path):
+    result = run(mesh, "--size", 40, "--projection", "perspective", "-o", tmp_path / "set", "--json")
+    assert result.exit_code == 0, result.output
+    expected = object_views(ibr.Mesh.load(mesh), 40, projection="perspective")
+    assert_same(ibr.load(tmp_path / "set"), expected)
+    told = json.loads(result.stdout)
+    assert told["written"] == [str(tmp_path / "set")] and (told["frames"], told["size"]) == (6, [40, 40])
+    assert told["covered"] == pytest.approx(np.mean([view.valid.mean() for view in expected]))
+
+
+def test_from_cameras_of_a_file_or_of_a_set(mesh: Path, tmp_path: Path):
+    """The one that sees nothing is left out, and told."""
+    cameras = [ibr.Camera.look_at((0, y, 4), (0, y, 0), (0, 1, 0), (31, 23), fov_y=45) for y in (0.5, 50)]
+    (tmp_path / "list.json").write_text(json.dumps([camera.to_json() for camera in cameras]))
+    result = run(mesh, "--camera", tmp_path / "list.json", "--layer", "last", "-o", tmp_path / "set")
+    assert result.exit_code == 0 and "camera 1 sees nothing of the mesh; left out" in result.stderr
+    assert_same(ibr.load(tmp_path / "set"), [capture(ibr.Mesh.load(mesh), cameras[0], layer="last")])
+    result = run(mesh, "--camera", tmp_path / "set", "-o", tmp_path / "again")
+    assert result.exit_code == 0, result.output
+    assert_same(ibr.load(tmp_path / "again"), [capture(ibr.Mesh.load(mesh), cameras[0])])
+
+
+def test_from_frusta(mesh: Path, tmp_path: Path):
+    """With their far planes and what is painted over them."""
+    frustum = Frustum.look_at((0, 1, 3), (0, 0, 0), (0, 1, 0), 30, far=3.2).painted(Stroke(((0.5, 0.5),), 0.2))
+    save_frusta(tmp_path / "frusta.json", [frustum])
+    result = run(mesh, "--frusta", tmp_path / "frusta.json", "--size", 44, "-o", tmp_path / "set")
+    assert result.exit_code == 0, result.output
+    (found,) = ibr.load(tmp_path / "set")
+    expected = frustum.resized(44).capture(ibr.Mesh.load(mesh))
+    assert found.far == 3.2 and found.camera.size == (44, 44)
+    np.testing.assert_array_equal(found.depth, expected.depth)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("gone.ply",), ("gone.ply", "no such file")),
+        (("donut.ply", "--camera", "gone.json"), ("gone.json",)),
+        (("donut.ply", "--frusta", "gone.json"), ("gone.json",)),
+        (("donut.ply", "--frusta", "donut.ply"), ("donut.ply",)),
+        (("donut.ply", "--camera", "away.json", "--frusta", "away.json"), ("--frusta: expected none beside --camera",)),
+        (("donut.ply", "--camera", "away.json"), ("--camera: expected cameras that see the mesh", "1 of which none")),
+        (("donut.ply", "--camera", "away.json", "--size", "9"), ("--size: expected none here: cameras tell it",)),
+        (("donut.ply", "--camera", "away.json", "--projection", "perspective"), ("--projection: expected none",)),
+        (("donut.ply", "--layer", "last"), ("--layer: expected --camera with it",)),
+        (("away.json",), ("away.json: a mesh file ends in one of",)),
+        (("donut.ply", "--size", "1"), ("--size",)),
+        (("donut.ply", "--projection", "fisheye"), ("--projection",)),
+    ],
+)
+def test_mistakes_are_told(mesh: Path, tmp_path: Path, words, said):
+    ibr.Camera.look_at((0, 50, 4), (0, 50, 0), (0, 1, 0), (31, 23), fov_y=45).save(tmp_path / "away.json")
+    places = [tmp_path / word if "." in word else word for word in words]
+    result = run(*places, "-o", tmp_path / "set")
+    assert result.exit_code == 2 and not (tmp_path / "set").exists(), result.output
+    assert "Traceback" not in result.stderr and all(word in result.stderr for word in said), result.stderr

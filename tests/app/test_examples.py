@@ -1,0 +1,82 @@
+"""The examples of `--help`, each run on files of their names."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app import cli
+from pyibr.capture import models, object_views
+from pyibr.capture.frusta import Frustum, save_frusta, save_set
+from pyibr.io.video_writing import VideoWriter
+
+SIZE = (46, 34)
+PAGES = ("view", "place")  # which stay open
+OTHERS = ("batch", "doctor", "compare", "convert", "stereo", "quilt", "orbit")  # that have tests of their own
+EXAMPLES = [
+    f"{command.__name__.rstrip('_')} {use}"
+    for command, uses in cli._EXAMPLES.items()  # pyright: ignore[reportPrivateUsage]
+    if command.__name__ not in PAGES + OTHERS
+    for use in uses
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wall and a box before it, of two cameras, and a ring: in all the forms that examples name."""
+    place = tmp_path_factory.mktemp("examples")
+    camera = ibr.Camera([[50, 0, 23], [0, 50, 17], [0, 0, 1]], SIZE)
+    depth = np.full(SIZE[::-1], 2, np.float32)
+    depth[10:20, 15:30] = 1
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    color = np.dstack([5 * x, 7 * y, 0 * x + 90]).astype(np.uint8)
+    for name in ("camera", "a", "b", "depth", "color", "new"):
+        camera.moved(0.01, 0, 0).save(place / f"{name}.json")
+    for name in ("color", "a", "b"):
+        ibr.write_color(place / f"{name}.png", color)
+    for name in ("depth.png", "a_depth.npy", "b_depth.npy", "depth/0.png", "depth/1.png"):
+        ibr.write_depth(place / name, depth, depth_scale=1000 if name.endswith("png") else None)
+    with VideoWriter(place / "color.mp4", 12) as video:
+        video.add(color)
+        video.add(color)
+    tum = place / "rgbd_dataset_freiburg1_desk"
+    for number in range(2):
+        ibr.write_color(tum / f"rgb/{number + 0.5}.png", np.zeros((480, 640, 3), np.uint8) + np.uint8(90))
+        ibr.write_depth(tum / f"depth/{number + 0.5}.png", np.full((480, 640), 2, np.float32), depth_scale=5000)
+    (tum / "groundtruth.txt").write_text("".join(f"{number + 0.5} 0 0 0 0 0 0 1\n" for number in range(2)))
+    for kind in ("rgb", "depth"):
+        (tum / f"{kind}.txt").write_text("".join(f"{n + 0.5} {kind}/{n + 0.5}.png\n" for n in range(2)))
+    ring = models.donut(12)
+    views = object_views(ring, 24)
+    ring.save(place / "dragon.ply")
+    ring.save(place / "ball.glb")
+    ibr.write_color(place / "bumps.png", color[..., :1].repeat(3, axis=2))
+    ibr.write_color(place / "bricks.png", color)
+    for number, view in enumerate(views):
+        ibr.write_color(place / f"room/{number}.color.png", view.color)
+        ibr.write_depth(place / f"room/{number}.depth.png", view.depth, depth_scale=1000)
+        view.camera.save(place / f"room/{number}.json")
+        ibr.write_color(place / f"pictures/{number}.png", view.color)
+        ibr.write_mask(place / f"masks/{number}.png", view.valid)
+
+    frusta = [Frustum.look_at((0, 0, sign * 4), (0, 0, 0), (0, 1, 0), 24) for sign in (-1, 1)]
+    save_frusta(place / "frusta.json", frusta)
+    save_set(place / "dragon", frusta, [one.capture(ring) for one in frusta])
+    cameras = [view.camera.to_json() for view in views]
+
+    (place / "cameras.json").write_text(json.dumps(cameras))
+    return place
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_an_example_runs(folder: Path, monkeypatch: pytest.MonkeyPatch, example: str):
+    monkeypatch.chdir(folder)
+    result = CliRunner().invoke(cli.app, shlex.split(example))
+    assert result.exit_code == 0, result.output

@@ -1,0 +1,110 @@
+"""`pyibr relief` and `pyibr slices`: the same as the library's pictures; mistakes in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app.cli import app
+
+runner = CliRunner()
+CAMERA = ibr.Camera.look_at((0.5, -0.6, 1.4), (0.5, 0.5, 0), (0, 0, 1), (41, 33), fov_y=50)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A square with uv, a height map of two bumps, an image, and a camera before them."""
+    corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv).save(tmp_path / "square.obj")
+    ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]]).save(tmp_path / "bare.ply")
+    y, x = np.mgrid[:17, :23]
+    bumps = (127 + 120 * np.sin(x / 3) * np.cos(y / 4)).astype(np.uint8)
+    ibr.write_color(tmp_path / "bumps.png", np.repeat(bumps[..., None], 3, axis=2))
+    ibr.write_color(tmp_path / "paint.png", np.dstack([9 * x, 12 * y, 0 * x + 90]).astype(np.uint8))
+    CAMERA.save(tmp_path / "camera.json")
+    return tmp_path
+
+
+def run(folder: Path, command: str, *words: object, output: str = "new.png"):
+    """Words that name a file of the folder are its paths."""
+    places = [str(folder / str(word)) if (folder / str(word)).exists() else str(word) for word in words]
+    return runner.invoke(app, [command, *places, "-o", str(folder / output)])
+
+
+@pytest.mark.parametrize(
+    ("command", "kind", "words", "how"),
+    [
+        ("relief", ibr.ReliefSurface, (), {}),
+        ("slices", ibr.SlicedSurface, ("--slices", 40), {"slices": 40}),
+    ],
+)
+def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how):
+    """Light and lamp are told as the camera sees them; black is high with --deep."""
+    light = "--light", 1, 1, 2, "--ambient", 0.1, "--anisotropy", 8
+    maps = "--color", "paint.png", "--scale", 0.1, "--tiles", 2, 1, "--deep"
+    result = run(folder, command, "square.obj", "bumps.png", *maps, *light, *words, "--to", "camera.json")
+    assert result.exit_code == 0, result.output
+    bumps, paint = ibr.read_color(folder / "bumps.png")[..., 0], ibr.read_color(folder / "paint.png")
+    surface = kind(ibr.Mesh.load(folder / "square.obj"), 255 - bumps, paint, 0.1, tiles=(2, 1), **how)
+    goes = CAMERA.world_from_camera[:3, :3] @ (1, 1, 2)
+    expected = ibr.render(surface, CAMERA, ibr.Light(direction=goes, ambient=0.1, shadow_size=2048), anisotropy=8)
+    np.testing.assert_array_equal(ibr.read_color(folder / "new.png"), expected.color)
+    assert f"new.png: 41x33, {expected.valid.mean():.1%} covered" in result.stdout
+
+
+def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
+    """About what is up; the light stays before the camera, so that half a turn shows what is lit there, too."""
+    asked = "--scale", 0.1, "--up", "z", "--frames", 4, "--size", 60, 40, "--light", 0, 0, 1, "--lamp", 0, 0, 0
+    result = run(folder, "relief", "square.obj", "bumps.png", *asked)
+    assert result.exit_code == 0 and "4 views, 60x40" in result.stdout, result.output
+    pictures = [ibr.read_color(folder / f"new_{number:04d}.png") for number in range(4)]
+    for picture in pictures:
+        lit = picture.sum(axis=2) > 0
+        assert 0.05 < lit.mean() < 0.9 and not (lit[0].any() or lit[-1].any() or lit[:, 0].any() or lit[:, -1].any())
+    means = [picture[picture.any(axis=2)].mean() for picture in pictures]
+    assert max(means) < 1.5 * min(means)  # bumps differ a little from side to side
+
+
+@pytest.mark.parametrize("command", ["relief", "slices"])
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("square.obj", "bumps.png"), "--scale: expected scene units that height 1 is displaced by (the mesh is 1 acr"),
+        (("square.obj", "bumps.png", "--scale", "0"), "--scale: expected"),
+        (("square.obj", "bumps.png", "--scale", "nan"), "--scale: expected"),
+        (("gone.obj", "bumps.png", "--scale", "1"), "gone.obj"),
+        (("square.obj", "gone.png", "--scale", "1"), "gone.png"),
+        (("square.obj", "bumps.png", "--scale", "1", "--color", "gone.png"), "gone.png"),
+        (("bare.ply", "bumps.png", "--scale", "1"), "a mesh with uv"),
+        (("bumps.png", "square.obj", "--scale", "1"), "bumps.png: a mesh file ends in one of"),
+        (("square.obj", "camera.json", "--scale", "1"), "camera.json"),
+        (("square.obj", "bumps.png", "--scale", "1", "--tiles", "0", "1"), "--tiles"),
+        (("square.obj", "bumps.png", "--scale", "1", "--wrap", "mirror"), "--wrap"),
+        (("square.obj", "bumps.png", "--scale", "1", "--wrap", "clamp", "--tiles", "2", "2"), "--tiles"),
+        (("square.obj", "bumps.png", "--scale", "1", "--light", "0", "0", "0"), "--light"),
+        (("square.obj", "bumps.png", "--scale", "1", "--light", "0", "0", "1", "--ambient", "2"), "--ambient"),
+        (("square.obj", "bumps.png", "--scale", "1", "--anisotropy", "0"), "--anisotropy"),
+        (("square.obj", "bumps.png", "--scale", "1", "--samples", "3"), "--samples"),
+        (("square.obj", "bumps.png", "--scale", "1", "--to", "gone.json"), "gone.json"),
+        (("square.obj", "bumps.png", "--scale", "1", "--size", "0", "9"), "size"),
+        (("square.obj", "bumps.png", "--scale", "1", "--fps", "9"), "--fps: expected a video"),
+        (("square.obj", "bumps.png", "--scale", "1", "--up", "w"), "--up"),
+    ],
+)
+def test_mistakes_are_told(folder: Path, command: str, words, said: str):
+    result = run(folder, command, *words)
+    assert result.exit_code == 2 and "Traceback" not in result.stderr, result.output
+    assert said in result.stderr, result.stderr
+    assert not list(folder.glob("new*"))
+
+
+def test_what_is_out_of_view_is_told_by_the_status(folder: Path):
+    CAMERA.moved(0, 0, 9).save(folder / "camera.json")
+    result = run(folder, "slices", "square.obj", "bumps.png", "--scale", 0.1, "--slices", 40, "--to", "camera.json")
+    assert result.exit_code == 3 and "new.png is empty: its camera sees nothing of it" in result.stderr
+    refused = run(folder, "slices", "square.obj", "bumps.png", "--scale", 0.1, "--slices", "many")
+    assert refused.exit_code == 2 and "--slices: expected a whole number, or view, got many" in refused.stderr
