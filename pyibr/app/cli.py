@@ -70,6 +70,7 @@ _OPTIONS = {
     "path": "--output",
     "holes": "--holes",
     "strength": "--strength",
+    "codec": "--codec",
     "device": "--device",
     "size": "--size",
     "valid": "--mask",

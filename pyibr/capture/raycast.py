@@ -346,6 +346,8 @@ def object_cameras(
     used = scene.vertices[scene.faces.ravel()]
     low, high = used.min(axis=0), used.max(axis=0)
     edge = float((high - low).max()) * (1 + 2 * margin)
+    if not edge > 0:
+        raise ArgumentError("mesh", "one of some extent", "vertices that are all at one point")
     away = 2.5 * edge if projection == "perspective" else 0.501 * edge
     # Perspective cameras see the cube's front face, half an edge nearer than its middle, in full.
     focal = size / edge * (1.0 if projection == "orthographic" else away - 0.5 * edge)

@@ -81,6 +81,7 @@ def test_from_frusta(mesh: Path, tmp_path: Path):
         (("donut.ply", "--camera", "away.json", "--size", "9"), ("--size: expected none here: cameras tell it",)),
         (("donut.ply", "--camera", "away.json", "--projection", "perspective"), ("--projection: expected none",)),
         (("donut.ply", "--layer", "last"), ("--layer: expected --camera with it",)),
+        (("point.ply",), ("mesh: expected one of some extent",)),
         (("away.json",), ("away.json: a mesh file ends in one of",)),
         (("donut.ply", "--size", "1"), ("--size",)),
         (("donut.ply", "--projection", "fisheye"), ("--projection",)),
@@ -88,6 +89,7 @@ def test_from_frusta(mesh: Path, tmp_path: Path):
 )
 def test_mistakes_are_told(mesh: Path, tmp_path: Path, words, said):
     ibr.Camera.look_at((0, 50, 4), (0, 50, 0), (0, 1, 0), (31, 23), fov_y=45).save(tmp_path / "away.json")
+    ibr.Mesh(np.ones((3, 3)), [[0, 1, 2]]).save(tmp_path / "point.ply")
     places = [tmp_path / word if "." in word else word for word in words]
     result = run(*places, "-o", tmp_path / "set")
     assert result.exit_code == 2 and not (tmp_path / "set").exists(), result.output

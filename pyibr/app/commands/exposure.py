@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.app.options import print_note
+from pyibr.core.checks import number_from
 from pyibr.images.srgb import linear_from_srgb, srgb_from_linear
 from pyibr.io import read_color
 from pyibr.io.exr import is_light
@@ -23,7 +24,7 @@ class Exposure:
     """
 
     def __init__(self, stops: float) -> None:
-        self._factor = np.float32(2.0**stops)
+        self._factor = np.float32(2.0 ** number_from("--exposure", stops, -64, 64, "stops from -64 to 64"))
         self._clipped: list[float] = []
 
     def __enter__(self) -> Exposure:
