@@ -96,9 +96,7 @@ class Turntable:
         axis = direction_of(turn.up or up)
         if start is None or turn.up:
             width, height = turn.size or (1, 1)
-            corner = (
-                radius * max(1.0, height / max(width, 1)) / np.sqrt(3)
-            )  # of a cube in the ball, if that is wide enough
+            corner = radius * max(1.0, height / max(width, 1)) / np.sqrt(3)  # of a cube
             start = camera_before(middle - corner, middle + corner, np.array(axis or (0.0, -1.0, 0.0)))
         cameras = self._cameras or [start]
         cameras = cameras if turn.size is None else [framed(one, turn.size) for one in cameras]
