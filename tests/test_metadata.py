@@ -69,7 +69,7 @@ def test_where_the_clone_came_from_is_told_by_source_packages_too(clone, tmp_pat
     told = json.loads(hatchling(clone, "metadata"))
     assert told["urls"]["Source"] == address
     assert f"[docs]({address}/blob/HEAD/docs/index.md)" in told["readme"]["text"]
-    assert f"({address}/raw/HEAD/docs/images/terrain.jpg)" in told["readme"]["text"]
+    assert f"({address}/raw/HEAD/docs/images/room.jpg)" in told["readme"]["text"]
 
     hatchling(clone, "build", "-t", "sdist", "-d", str(tmp_path / "dist"))
     packed = next((tmp_path / "dist").glob("*.tar.gz"))

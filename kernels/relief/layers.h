@@ -92,7 +92,7 @@ static int search_blocks(const Context *context, int block, int by_mesh, Region 
 }
 
 /* Finds the exits of the rays of all blocks (cover_back). */
-void find_exits(const Context *context, Region *region, BinList listed)
+OUTLINED void find_exits(const Context *context, Region *region, BinList listed)
 {
     Context backs = *context;
     backs.culled = CULLS_FRONTS;

@@ -34,10 +34,12 @@ typedef struct {
     intl beside[3];
 } MeshPrism;
 
-/* Twice the areas of a section's sides and the ray's point, by the corners opposite; or what they change by */
+/* Twice the areas of a section's sides and the ray's point, by the corners opposite: area + slope x + bend x^2, where x is by
+ * how much the depth has changed as the ray goes on */
 typedef struct {
-    floatl of[3];
-} SideAreas;
+    floatl area[3], slope[3], bend[3];
+    floatl sign; /* 1 if the ray sinks, or -1 */
+} Sides;
 
 /* Where a ray crosses a section: the weights of its second and its third corner, and how far that is from the entry */
 typedef struct {
@@ -111,53 +113,50 @@ INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
 /* Twice the area that the origin has with two points of the plane */
 #define TWICE_AREA(a, b) ((a).x * (b).y - (a).y * (b).x)
 
-/* The sides' areas at a depth, > 0 where sections are met from the front, and what they change by */
-INLINED SideAreas areas_at(const MeshPrism *p, floatl depth, SideAreas *change)
+/* The sides at a depth */
+INLINED Sides sides_at(const MeshPrism *p, floatl depth)
 {
-    SideAreas areas;
+    Sides sides;
     UNROLLED
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
         const Vector a = minus(p->point[i], scaled(p->normal[i], depth)),
                      b = minus(p->point[j], scaled(p->normal[j], depth));
-        areas.of[k] = TWICE_AREA(b, a);
-        change->of[k] = -TWICE_AREA(b, p->normal[i]) - TWICE_AREA(p->normal[j], a);
+        sides.area[k] = TWICE_AREA(b, a);
+        sides.slope[k] = -TWICE_AREA(b, p->normal[i]) - TWICE_AREA(p->normal[j], a);
+        sides.bend[k] = TWICE_AREA(p->normal[j], p->normal[i]);
     }
-    return areas;
+    sides.sign = select_lanes(sides.area[0] + sides.area[1] + sides.area[2] < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    UNROLLED
+    for (int k = 0; k < 3; k++) {
+        sides.area[k] = max_lanes(sides.sign * sides.area[k], (floatl)0.0f);
+        sides.bend[k] *= sides.sign;
+    }
+    return sides;
 }
 
-/* Areas as far as they are of a side's part; but that of the side by which a ray leaves */
-INLINED SideAreas areas_inside(const SideAreas *areas, floatl sign, intl side)
+/* Where a ray crosses the section x on from a depth; side: the one on which it is, -1: none */
+INLINED Crossing crossing_at(const MeshPrism *p, const Sides *sides, floatl depth, floatl x, intl side)
 {
-    SideAreas inside;
+    const floatl there = depth + sides->sign * x;
+    Crossing at = {0.0f, 0.0f, 0.0f};
+    floatl sum = LEAST;
     UNROLLED
-    for (int k = 0; k < 3; k++)
-        inside.of[k] = select_lanes(side == k, (floatl)0.0f, max_lanes(sign * areas->of[k], (floatl)0.0f));
-    return inside;
-}
-
-INLINED Crossing crossing_of(const MeshPrism *p, const SideAreas *areas, floatl depth)
-{
-    const floatl share = 1.0f / (areas->of[0] + areas->of[1] + areas->of[2] + LEAST);
-    Crossing at = {areas->of[1] * share, areas->of[2] * share, 0.0f};
-    UNROLLED
-    for (int k = 0; k < 3; k++)
-        at.distance += share * areas->of[k] * (p->point[k].z - depth * p->normal[k].z);
+    for (int k = 0; k < 3; k++) {
+        const floatl area = max_lanes(sides->area[k] + x * (sides->slope[k] + x * sides->bend[k]), (floatl)0.0f),
+                     inside = select_lanes(side == k, (floatl)0.0f, area);
+        sum += inside;
+        at.distance += inside * (p->point[k].z - there * p->normal[k].z);
+        if (k == 1)
+            at.second = inside;
+        if (k == 2)
+            at.third = inside;
+    }
+    const floatl share = 1.0f / sum;
+    at.second *= share;
+    at.third *= share;
+    at.distance *= share;
     return at;
-}
-
-/* By what a crossing changes with the depth */
-INLINED Crossing crossing_change(const MeshPrism *p, const SideAreas *areas, const SideAreas *change, floatl depth,
-                                 const Crossing *at)
-{
-    const floatl share = 1.0f / (areas->of[0] + areas->of[1] + areas->of[2] + LEAST);
-    const floatl all = change->of[0] + change->of[1] + change->of[2];
-    Crossing by = {share * (change->of[1] - all * at->second), share * (change->of[2] - all * at->third), 0.0f};
-    UNROLLED
-    for (int k = 0; k < 3; k++)
-        by.distance += share * (change->of[k] * (p->point[k].z - depth * p->normal[k].z - at->distance) -
-                                areas->of[k] * p->normal[k].z);
-    return by;
 }
 
 /* Where a + b x + c x^2, a >= 0, becomes less than 0, x >= 0; is_new: not where it is 0 at first */
@@ -170,15 +169,15 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
     return select_lanes(ever, x, (floatl)NEVER);
 }
 
-/* Finds by which side rays leave their prisms. areas: at their depths. Returns by how much the depth changes until then. */
-INLINED floatl find_side(const MeshPrism *p, MeshWalk *walk, floatl sign, const SideAreas *areas, const SideAreas *change)
+/* Finds by which side rays leave their prisms. Returns by how much the depth changes until then. */
+INLINED floatl find_side(MeshWalk *walk, const Sides *sides)
 {
-    floatl x = max_lanes(select_lanes(sign > 0.0f, 1.0f - walk->depth, walk->depth), (floatl)0.0f); /* to bottom, or mesh */
+    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to bottom, or mesh */
+    floatl x = max_lanes(rest, (floatl)0.0f);
     intl out = -1;
     UNROLLED
     for (int k = 0; k < 3; k++) {
-        const floatl bend = sign * TWICE_AREA(p->normal[(k + 2) % 3], p->normal[(k + 1) % 3]);
-        const floatl by = becomes_less(areas->of[k], change->of[k], bend, walk->side == k);
+        const floatl by = becomes_less(sides->area[k], sides->slope[k], sides->bend[k], walk->side == k);
         out = select_lanes(by < x, (intl)k, out);
         x = min_lanes(by, x);
     }
@@ -201,13 +200,23 @@ INLINED floatl way_out(floatl depth, floatl slope, floatl bend, intl *at_bottom)
 }
 
 /* Sets out the last legs of rays that are beyond a border: weights change as they did, and depths as normals turn. */
-INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const Crossing *by, floatl sign, float scale, ReliefRay *ray)
+INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const Sides *sides, const Crossing *at, float scale,
+                       ReliefRay *ray)
 {
-    const floatl slope = sign / fabs(by->distance), second = slope * by->second, third = slope * by->third;
-    const floatl way = select_lanes(by->distance * sign < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    const intl which = walk->is_beyond;
+    floatl sum = LEAST, slopes = 0.0f, distances = 0.0f;
+    UNROLLED
+    for (int k = 0; k < 3; k++) {
+        const floatl ahead = p->point[k].z - walk->depth * p->normal[k].z - at->distance;
+        sum += sides->area[k];
+        slopes += sides->slope[k];
+        distances += sides->slope[k] * ahead - sides->sign * sides->area[k] * p->normal[k].z;
+    }
+    const floatl way = select_lanes(distances < 0.0f, (floatl)-1.0f, (floatl)1.0f), per_length = way / distances;
+    const floatl second = per_length * (sides->slope[1] - slopes * at->second),
+                 third = per_length * (sides->slope[2] - slopes * at->third), slope = sides->sign * per_length * sum;
     const floatl turning[3] = {p->normal[0].z, p->normal[1].z, p->normal[2].z};
     const floatl bend = -0.5f / (scale * scale) * way * CHANGE_OF(turning, second, third);
-    const intl which = walk->is_beyond;
     intl at_bottom;
     const floatl leg = way_out(walk->depth, slope, bend, &at_bottom);
     walk->way = select_lanes(which, way, walk->way);
@@ -227,22 +236,16 @@ static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, Relief
     const MeshPrism p = prism_of(relief, walk->triangle, walk->from, walk->direction);
     if (is_first)
         walk->level = level_on(relief, &p, walk->pixel_size);
-    SideAreas change, unused;
     const floatl depth = walk->depth;
-    const SideAreas areas = areas_at(&p, depth, &change);
-    const floatl sign = select_lanes(areas.of[0] + areas.of[1] + areas.of[2] < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    const SideAreas start = areas_inside(&areas, sign, walk->side);
-    const Crossing at = crossing_of(&p, &start, depth);
-    const floatl deeper = sign * find_side(&p, walk, sign, &start, &change);
-    const floatl half_depth = depth + 0.5f * deeper, end_depth = depth + deeper;
-    const SideAreas half_areas = areas_at(&p, half_depth, &unused), end_areas = areas_at(&p, end_depth, &unused);
-    const SideAreas inside = areas_inside(&half_areas, sign, (intl)-1), end = areas_inside(&end_areas, sign, walk->side);
-    const Crossing between = crossing_of(&p, &inside, half_depth), out = crossing_of(&p, &end, end_depth);
+    const Sides sides = sides_at(&p, depth);
+    const Crossing at = crossing_at(&p, &sides, depth, (floatl)0.0f, walk->side);
+    const floatl x = find_side(walk, &sides), deeper = sides.sign * x;
+    const Crossing between = crossing_at(&p, &sides, depth, 0.5f * x, (intl)-1),
+                   out = crossing_at(&p, &sides, depth, x, walk->side);
     const floatl way = out.distance - walk->reached;
-    walk->end = end_depth;
+    walk->end = depth + deeper;
     walk->way = select_lanes(way < 0.0f, (floatl)-1.0f, (floatl)1.0f);
     walk->leg = fabs(way);
-    walk->beside = select_lanes(walk->side == 2, p.beside[2], select_lanes(walk->side == 1, p.beside[1], p.beside[0]));
     const floatl per_leg = 1.0f / max_lanes(walk->leg, (floatl)SHORTEST);
     const floatl middle = clamp_lanes(walk->way * per_leg * (between.distance - walk->reached), (floatl)(0.5f - UNEVEN),
                                       (floatl)(0.5f + UNEVEN));
@@ -251,20 +254,19 @@ static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, Relief
     walk->third = at.third;
     walk->by_second = per_leg * (out.second - at.second);
     walk->by_third = per_leg * (out.third - at.third);
-    ray->level = walk->level;
     ray->depth = depth;
     ray->L = per_leg * (deeper - bend);
     ray->K = per_leg * per_leg * bend;
     ray->end = walk->leg;
-    ray->at_bottom = (walk->side < 0) & (end_depth > 0.5f);
-    if (any_lane(walk->is_beyond)) {
-        const Crossing by = crossing_change(&p, &areas, &change, depth, &at);
-        go_beyond(&p, walk, &by, sign, relief->scale, ray);
-    }
+    ray->at_bottom = (walk->side < 0) & (walk->end > 0.5f);
+    if (any_lane(walk->is_beyond))
+        go_beyond(&p, walk, &sides, &at, relief->scale, ray);
+    walk->beside = select_lanes(walk->side == 2, p.beside[2], select_lanes(walk->side == 1, p.beside[1], p.beside[0]));
     ray->u = WRAPPED_UV(CLAMPED_U, p.u[0] + CHANGE_OF(p.u, at.second, at.third));
     ray->v = WRAPPED_UV(CLAMPED_V, p.v[0] + CHANGE_OF(p.v, at.second, at.third));
     ray->du = CHANGE_OF(p.u, walk->by_second, walk->by_third);
     ray->dv = CHANGE_OF(p.v, walk->by_second, walk->by_third);
+    ray->level = walk->level;
 }
 
 /* Goes over to the next prism, or beyond. */
