@@ -62,7 +62,7 @@ static EntryRay begin_search(const Context *context, const Region *region, int b
 
 /* Searches along the rays of INTERLEAVED blocks; by_mesh: of begin_search. Returns whether there are further
  * entries. */
-static int search_blocks(const Context *context, int block, int by_mesh, Region *region)
+OUTLINED int search_blocks(const Context *context, int block, int by_mesh, Region *region)
 {
     Search searches[INTERLEAVED];
     EntryRay entry_rays[INTERLEAVED];
