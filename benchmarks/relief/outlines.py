@@ -74,6 +74,8 @@ class Outline:
         The same of the bare mesh's outline.
     holes, spurs : int
         Pixels that are empty two pixels and more inside of the true outline, and covered as far outside of it.
+    inside_out : int
+        Holes where the truth is seen from behind, or has come nearer to the mesh's other side than it has been moved.
     false_shadow : float
         Share of the pixels in shadow that the truth lights.
     """
@@ -83,7 +85,15 @@ class Outline:
     bare_iou: float
     holes: int
     spurs: int
+    inside_out: int
     false_shadow: float
+
+
+def scene_of(vertices: NDArray[Any], faces: NDArray[Any]) -> Any:
+    """Triangles, to cast rays at."""
+    scene = import_module("open3d").t.geometry.RaycastingScene()
+    scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+    return scene
 
 
 def carved_scene(relief: ibr.ReliefSurface) -> Any:
@@ -98,9 +108,7 @@ def carved_scene(relief: ibr.ReliefSurface) -> Any:
     cells = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in number if i + j < CUTS]
     cells += [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in number if i + j < CUTS - 1]
     faces = np.arange(len(points))[:, None, None] * len(parts) + np.array(cells)
-    scene = import_module("open3d").t.geometry.RaycastingScene()
-    scene.add_triangles(points.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))
-    return scene
+    return scene_of(points.reshape(-1, 3), faces.reshape(-1, 3))
 
 
 def _lengths(vectors: Float64) -> Float64:
@@ -128,7 +136,7 @@ def even_relief(mesh: ibr.Mesh, depth: float, **options: Any) -> ibr.ReliefSurfa
 def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, **options: Any) -> Outline:
     """An even relief on a mesh, from all sides."""
     relief = even_relief(mesh, depth, **options)
-    scene = carved_scene(relief)
+    scene, base = carved_scene(relief), scene_of(mesh.vertices, mesh.faces)
     light, plain = (ibr.Light(**LIGHT, shadow_size=side) for side in (1024, 0))
     rows = []
     for turn in TURNS:
@@ -144,10 +152,12 @@ def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, **options: Any) -> O
         is_lit = _lit(scene, rays, hits, relief.scale).reshape(size, size)
         counts = (bare & ~ours).sum(), (bare & ~true).sum(), (ours & true).sum(), (ours | true).sum()
         counts += (bare & true).sum(), (bare | true).sum()
-        counts += (_shrunk(true) & ~ours).sum(), (ours & ~_grown(true)).sum()
+        holes = _shrunk(true) & ~ours
+        inside_out = _inside_out(base, rays, hits, (1 - HEIGHT) * relief.scale).reshape(size, size)
+        counts += holes.sum(), (ours & ~_grown(true)).sum(), (holes & inside_out).sum()
         rows.append((*counts, (dark & is_lit).sum(), (told & true & ours).sum()))
-    carved, should, both, either, bare_both, bare_either, holes, spurs, dark, told = np.sum(rows, axis=0, dtype=float)
-    return Outline(carved / should, both / either, bare_both / bare_either, int(holes), int(spurs), dark / told)
+    carved, should, both, either, bare_both, bare_either, *pixels, dark, told = np.sum(rows, axis=0, dtype=float)
+    return Outline(carved / should, both / either, bare_both / bare_either, *map(int, pixels), dark / told)
 
 
 def _rays(camera: ibr.Camera) -> Float64:
@@ -169,6 +179,14 @@ def _lit(scene: Any, rays: Float64, hits: Any, scale: float) -> Mask:
     return met & ~scene.test_occlusions(to_light).numpy()
 
 
+def _inside_out(base: Any, rays: Float64, hits: Any, moved: float) -> Mask:
+    """(pixels,) where rays hit the truth from behind, or clearly nearer to the mesh than it has been moved."""
+    t = hits["t_hit"].numpy().astype(np.float64)
+    points = rays[:, :3] + np.where(np.isfinite(t), t, 0)[:, None] * rays[:, 3:]
+    from_behind = (hits["primitive_normals"].numpy() * rays[:, 3:]).sum(axis=1) > 0
+    return from_behind | (base.compute_distance(points.astype(np.float32)).numpy() < 0.9 * moved)
+
+
 def _grown(mask: Mask) -> Mask:
     """A mask and all that is within two pixels of it."""
     padded, (height, width) = np.pad(mask, 2), mask.shape
@@ -188,11 +206,12 @@ def lines(names: list[str], **options: Any) -> Iterator[list[str]]:
             continue
         for depth in DEPTHS:
             found = measure(mesh, depth, **options)
-            carved, iou, bare, holes, spurs, dark = astuple(found)
+            carved, iou, bare, holes, spurs, inside_out, dark = astuple(found)
             shares = [f"{carved:.2f}", f"{iou:.3f}", f"{bare:.3f}"]
-            yield [name, f"{depth:g}", *shares, f"{holes}", f"{spurs}", f"{dark:.2%}"]
+            yield [name, f"{depth:g}", *shares, f"{holes}", f"{inside_out}", f"{spurs}", f"{dark:.2%}"]
 
 
 if __name__ == "__main__":
-    head = ["mesh", "depth", "carved share", "IoU", "IoU of the bare mesh", "holes, px", "spurs, px", "false shadow"]
+    head = ["mesh", "depth", "carved share", "IoU", "IoU of the bare mesh", "holes, px", "inside out", "spurs, px"]
+    head += ["false shadow"]
     print(table(head, list(lines(sys.argv[1:] or list(MESHES)))))

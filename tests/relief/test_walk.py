@@ -79,11 +79,14 @@ def test_outlines_are_the_displaced_meshs(name, depth):
 @pytest.mark.parametrize("depth", [0.01, 0.04])
 @pytest.mark.parametrize("name", SCANNED)
 def test_no_outline_of_a_scanned_mesh_is_worse_than_the_bare_meshs(name, depth):
+    """And nothing is empty two pixels inside of it but where the truth is inside out, nor covered as far outside."""
     shared("meshes")
     mesh = SCANS[name]()
     assert isinstance(mesh, ibr.Mesh)
     found = measure(mesh, depth)
     assert found.iou > found.bare_iou
+    assert found.holes - found.inside_out <= 8
+    assert found.spurs <= 8
     low, high = SCANNED[name]
     assert low <= found.carved <= high
 
