@@ -80,8 +80,8 @@ class ReliefSurface(HeightMapped):
         How deep a ray is. "approximate": below the quadric, along the normal where it entered (equation 7). "exact":
         below the mesh itself, whose normals turn from corner to corner, so that outlines, heights and normals are those
         of the displaced mesh at any depth, on creased and coarse meshes, too; at 1.4 to 1.7 times the time where the
-        mesh bends or has edges. "perpendicular": to the quadric, at right angles to the ray (equation 6), which is more than the
-        depth where a ray runs into the surface; of the linear search alone, as no bounds hold for it.
+        mesh bends or has edges. "perpendicular": to the quadric, at right angles to the ray (equation 6), which is more
+        than the depth where a ray runs into the surface; of the linear search alone, as no bounds hold for it.
     search : {"safe", "linear"}
         "safe" steps over nothing, by bounds of the heights; "linear" is the paper's: even steps, then halvings.
     steps, halvings : int
