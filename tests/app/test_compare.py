@@ -115,7 +115,9 @@ def test_depth(pairs: Pairs, truth: str):
 def test_depth_that_nothing_has_in_common(pairs: Pairs):
     np.save(pairs.folder / "none.npy", np.full_like(pairs.depths, np.nan))
     words = ("depth", "none.npy", "--depth", "--depth-scale", 1000, "--depth-scale-b", 1)
-    found = pairs.figures(*words)["mean"]
+    result = pairs.run(*words, "--json")
+    assert result.exit_code == 3
+    found = json.loads(result.stdout)["mean"]
     assert found["rmse"] is None and found["covered_b"] == 0 and found["covered_a"] == pytest.approx(7 / 8)
 
 

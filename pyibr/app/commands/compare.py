@@ -15,6 +15,7 @@ import typer
 from numpy.typing import NDArray
 
 from pyibr.app.commands.beside import read_ahead
+from pyibr.app.commands.command import EMPTY
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
 from pyibr.app.commands.progress import with_progress
@@ -111,6 +112,8 @@ def compare(
         typer.echo(json.dumps(for_json))
     else:
         _tell(figures | {"mean": means, "each": each})
+    if means.get("covered_both") == 0:
+        raise typer.Exit(EMPTY)
 
 
 def _given(path: Path | None) -> list[Path]:

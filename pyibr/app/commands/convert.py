@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,21 +12,14 @@ import typer
 
 import pyibr as ibr
 from pyibr.app.commands.beside import Behind, read_ahead
+from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.command import tell_written
-from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
 from pyibr.app.commands.progress import with_progress
+from pyibr.app.commands.reading import Inputs, Reading
 from pyibr.app.commands.series import depths_in
-from pyibr.app.commands.sources import InputOptions, Losses, open_sources
-from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
-from pyibr.app.options import (
-    CameraFile,
-    DeviceName,
-    ExposureOption,
-    StoredDepth,
-    Take,
-    device_of,
-)
+from pyibr.app.commands.views import DepthRange
+from pyibr.app.options import DeviceName, StoredDepth, device_of
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_exists
@@ -39,10 +33,11 @@ from pyibr.meshes.files import check_mesh_file, is_mesh_file
 _MILLIMETRES = 1000.0
 _OF_INTEGERS = (".png", ".mkv")
 
-_Source = Annotated[
-    Path,
+_Sources = Annotated[
+    list[Path],
     typer.Argument(
-        metavar="SOURCE", help="Cameras of any kind; depth: an image, a folder, a video; a recording; or a mesh"
+        metavar="SOURCE",
+        help="Cameras of any kind; depth: an image, a folder, a video; a recording, also as COLOR DEPTH; or a mesh",
     ),
 ]
 _Output = Annotated[
@@ -56,7 +51,7 @@ _Output = Annotated[
 
 
 def convert(
-    source: _Source,
+    sources: _Sources,
     output: _Output,
     form: Annotated[
         CameraForm | None, typer.Option("--as", help="Cameras' form; default: pyibr's JSON, of a folder COLMAP's text")
@@ -64,38 +59,39 @@ def convert(
     size: Annotated[
         tuple[int, int] | None, typer.Option(metavar="W H", help="Of the pictures, where a calibration tells none")
     ] = None,
-    camera: CameraFile = None,
     to_scale: Annotated[
         float | None,
         typer.Option(help="Stored units per scene unit of what is written; default: of integers as read, or 1000"),
     ] = None,
     to_kind: Annotated[DepthKind, typer.Option(help="The kind of depth that is written")] = "z",
-    take: Take = None,
     *,
+    reading: Reading,
+    lens: LensOptions,
     stored: StoredDepth,
-    exposure: ExposureOption = 0.0,
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
     """Convert cameras, depth, a recording or a mesh to another format, which the output's name tells."""
-    check_exists(source)
-    suffix = output.suffix.lower()
-    if to_scale is None and suffix in _OF_INTEGERS:
-        to_scale = stored.depth_scale
+    for path in sources:
+        check_exists(path)
+    source, suffix = sources[0], output.suffix.lower()
+    is_recording = len(sources) > 1 or (may_be_recording(source) and find_recording(source) is not None)
     if is_mesh_file(source):
         _convert_mesh(source, output)
-    elif form is not None or suffix == ".json":
+    elif form is None and is_recording and not suffix:
+        with device_of(device):
+            _convert_recording(Inputs(sources, reading, lens, stored), sources, output, to_scale or _MILLIMETRES)
+    elif len(sources) > 1:
+        raise ArgumentError("--output", "a folder, for a recording of COLOR and DEPTH", str(output))
+    elif form is not None or suffix in ("", ".json"):
         _convert_cameras(source, output, form or _form_of(output), size)
-    elif suffix:
-        if to_scale is None and suffix in _OF_INTEGERS:
-            raise ArgumentError("--to-scale", f"stored units per scene unit, for the integers of {output}", "none")
-        _convert_depth(source, output, camera, stored, stored._replace(depth_scale=to_scale, depth_kind=to_kind), video)
-    elif may_be_recording(source) and find_recording(source) is not None:
-        options = InputOptions([source], [] if camera is None else [camera], [], [], take)
-        with device_of(device), Exposure(exposure) as exposed:
-            _convert_recording(options, output, stored, to_scale or _MILLIMETRES, exposed)
     else:
-        _convert_cameras(source, output, "colmap", size)
+        of_integers = suffix in _OF_INTEGERS
+        scale = stored.depth_scale if to_scale is None and of_integers else to_scale
+        if scale is None and of_integers:
+            raise ArgumentError("--to-scale", f"stored units per scene unit, for the integers of {output}", "none")
+        camera = next(iter(reading.camera or ()), None)
+        _convert_depth(source, output, camera, stored, stored._replace(depth_scale=scale, depth_kind=to_kind), video)
 
 
 def _convert_mesh(source: Path, output: Path) -> None:
@@ -107,6 +103,8 @@ def _convert_mesh(source: Path, output: Path) -> None:
 
 
 def _form_of(output: Path) -> CameraForm:
+    if not output.suffix:
+        return "colmap"
     return "nerfstudio" if output.name.lower().startswith("transforms") else "pyibr"
 
 
@@ -153,27 +151,23 @@ def _convert_depth(
     outputs.tell((shape[1], shape[0]), "frames", "it has no depth", seen)
 
 
-def _convert_recording(
-    options: InputOptions, output: Path, stored: StoredDepth, scale: float, exposure: Exposure
-) -> None:
+def _convert_recording(inputs: Inputs, sources: Sequence[Path], output: Path, scale: float) -> None:
     """Pictures, their depth in the pictures' cameras, and transforms.json, which pyibr and nerfstudio read."""
-    (source,), is_still = open_sources(options)
-    folder = options.inputs[0].resolve()
-    if folder in (output.resolve(), *output.resolve().parents):
+    if any(path.resolve() in (output.resolve(), *output.resolve().parents) for path in sources):
         raise ArgumentError("--output", "a place outside of the recording that is read", str(output))
-    shots, losses, seen = source.shots, Losses(recorded=not is_still), DepthRange()
-    names = [(f"color/{shot.number:06d}.png", f"depth/{shot.number:06d}.png") for shot in shots]
-    check_outputs({**options.read([source])}, {"--output": [output / name for pair in names for name in pair]})
-    how = DepthOptions(stored, None, None, None, steady=False, recorded=not is_still, seen=seen)
-    entries = list[dict[str, Any]]()
-    views = zip(names, views_of(source, how, losses, exposure), strict=True)
+    check_outputs(inputs.files, {"--output": [output / "transforms.json"]})
+    entries, shares = list[dict[str, Any]](), list[float]()
     with Behind(in_order=False) as behind:
-        for (color, depth), view in with_progress(read_ahead(views), len(shots), "Converting"):
-            if view is not None:
+        for place, views in with_progress(read_ahead(inputs.frames()), inputs.count, "Converting"):
+            for view in views:
+                number = len(entries) if inputs.numbers is None else inputs.numbers[place]
+                color, depth = f"color/{number:06d}.png", f"depth/{number:06d}.png"
                 behind.add(functools.partial(ibr.write_color, output / color, view.shown_color))
                 known = np.where(view.valid, view.depth, np.float32(np.nan))
                 behind.add(functools.partial(ibr.write_depth, output / depth, known, depth_scale=scale))
                 entries.append({"file_path": color, "depth_file_path": depth, **nerf_frame(view.camera)})
-    losses.tell(some=bool(entries))
+                shares.append(float(view.valid.mean()))
     write_frames(output, entries, 1 / scale)
-    tell_written([output], f"{len(entries)} frames; {seen}", frames=len(entries))
+    covered = float(np.mean(shares))
+    words = f"{len(entries)} frames, {covered:.1%} covered; {inputs.seen}"
+    tell_written([output], words, frames=len(entries), size=inputs.size, covered=covered)
