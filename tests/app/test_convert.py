@@ -15,6 +15,7 @@ from pyibr.app.cli import app
 from pyibr.app.commands.convert import convert as command
 from pyibr.io import read_cameras
 from pyibr.io.depth_frames import DepthFrames
+from tests.app.test_recordings import Recorded
 from tests.data import shared
 from tests.io.layouts import SPECIMENS
 
@@ -191,3 +192,15 @@ def test_examples_of_the_help_run(folder: Path, example: str, monkeypatch: pytes
         ibr.write_video("depth.mkv", [counts, counts], 30, bits=16)
     result = runner.invoke(cli.app, ["convert", *example.split()])
     assert result.exit_code == 0, result.output
+
+
+def test_pictures_and_depth_of_two_places(tmp_path: Path):
+    recorded = Recorded(tmp_path)
+    words = ("--depth-scale", 1000, "--camera", "camera.json", "--poses", "poses.txt", "--take", "1:")
+    assert "3 frames" in convert(tmp_path, "rgb", "depth", *words, "-o", "out")
+    for view, other in zip(ibr.load(tmp_path / "out"), recorded.views()[1:], strict=True):
+        np.testing.assert_array_equal(view.color, other.color)
+        np.testing.assert_array_equal(view.depth, other.depth)
+        np.testing.assert_allclose(view.camera.world_from_camera, other.camera.world_from_camera, atol=1e-12)
+    assert {file.name for file in (tmp_path / "out/color").iterdir()} == {f"{k:06d}.png" for k in (1, 2, 3)}
+    assert "--output: expected a folder" in convert(tmp_path, "rgb", "depth", *words, "-o", "out.json", status=2)
