@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.app.batch import batch
-from pyibr.app.batch.job import Job
+from pyibr.app.batch import _results, batch
+from pyibr.app.batch.job import Job, Task
 from pyibr.app.batch.manifest import Manifest
 from pyibr.app.batch.work import COMMANDS, run_task
 from tests.processes import run_within
@@ -187,3 +187,29 @@ def test_results_go_to_any_file_system(tmp_path: Path):
     files = fsspec.filesystem("memory")
     files.pipe_file("/batches/out/0.png", files.cat_file("/batches/out/0.png")[::-1])
     assert Manifest(output).has(task, verify=False) and not Manifest(output).has(task, verify=True)
+
+
+class Lost(list[Any]):
+    """Dask with a scheduler that is lost between the end of a task and the question for its result."""
+
+    key, status, CancelledError = "one", "finished", RuntimeError
+
+    def nthreads(self) -> dict[str, int]:
+        return {}
+
+    def submit(self, *_: object, **__: object) -> Lost:
+        return self
+
+    def as_completed(self, futures: list[Any], raise_errors: bool) -> Lost:
+        self.extend(futures)
+        return self
+
+    def result(self) -> None:
+        raise ConnectionResetError
+
+
+def test_a_result_that_went_with_its_scheduler_is_none():
+    dask, task = Lost(), Task("0007", {}, "")
+    assert list(_results(dask, dask, Job("warp {a} -o {out}", {"a": "*.png"}, "."), {"0007": task}, 0)) == [
+        ("0007", None)
+    ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -172,16 +172,17 @@ def _results(dask: Any, client: Any, job: Job, tasks: Mapping[str, Task], retrie
         return [future]
 
     most = max(_WAITING_MIN, _WAITING_EACH * len(client.nthreads()))
-    running = dask.as_completed([one for _ in range(most) for one in submit()], with_results=True, raise_errors=False)
-    for future, result in running:
-        name = names.pop(future.key)
-        if future.status == "finished":
-            yield name, result
-        elif future.status == "error":
+    # Asked for results, too, it would for ever wait for one that a scheduler took along.
+    running = dask.as_completed([one for _ in range(most) for one in submit()], raise_errors=False)
+    for future in running:
+        name, result = names.pop(future.key), None
+        if future.status == "error":
             error = future.exception()
-            yield name, f"{error or type(error).__name__}"
-        else:
-            is_lost = True
-            yield name, None
+            result = f"{error or type(error).__name__}"
+        elif future.status == "finished":
+            with suppress(OSError, dask.CancelledError):
+                result = future.result()
+        is_lost |= result is None
+        yield name, result
         for further in submit():
             running.add(further)
