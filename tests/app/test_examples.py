@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app import cli
+from pyibr.app.batch.work import COMMANDS
 from pyibr.capture import models, object_views
 from pyibr.capture.frusta import Frustum, save_frusta, save_set
 from pyibr.io.video_writing import VideoWriter
@@ -72,6 +73,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     (place / "cameras.json").write_text(json.dumps(cameras))
     return place
+
+
+def test_each_command_that_writes_files_runs_in_batches():
+    names = {command.__name__.rstrip("_") for command in cli._EXAMPLES}  # pyright: ignore[reportPrivateUsage]
+    assert names - {"batch", "doctor", *PAGES} == set(COMMANDS)
 
 
 @pytest.mark.thorough
