@@ -73,7 +73,7 @@ INLINED ToLight to_light(Light light, Vector p)
  * normal lies before all of its own plane's texels (docs/theory/shadows.md). SHADOW_BIAS is for surfaces that are no
  * planes, and for rounding; the shadow's bias for things that their maps hold only to their slices' spacing.
  */
-INLINED floatl visibility(Vector p, Vector normal SHADOW_PARAMETERS)
+OUTLINED floatl visibility(Vector p, Vector normal SHADOW_PARAMETERS)
 {
     const float middle = 0.5f * (shadow.size - 1), safe = SHADOW_BIAS * fmax(shadow.texel_x, shadow.texel_y);
     floatl visible = 1.0f;

@@ -28,7 +28,7 @@ INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
 }
 
 /* Writes that of a block's samples of a row: -INFINITY where it is no more than noise explains. */
-INLINED void measure_block(Grid grid, int first, int y, float noise_0, float noise_1, float noise_2, global float *out)
+OUTLINED void measure_block(Grid grid, int first, int y, float noise_0, float noise_1, float noise_2, global float *out)
 {
     floatl front = -INFINITY, back = -INFINITY;
     for (int x = first; x < min(first + PROMINENCE_BLOCK, grid.width); x += LANES) {

@@ -78,7 +78,7 @@ INLINED PixelBox box_of(PixelMap map, Quarters at, intl wanted)
     return box;
 }
 
-INLINED void draw_quarters(PixelMap map, Quarters at, intl wanted, int sides, global float *margin_hits)
+OUTLINED void draw_quarters(PixelMap map, Quarters at, intl wanted, int sides, global float *margin_hits)
 {
     const float *S = map.src_from_dst;
     const PixelBox box = box_of(map, at, wanted);
