@@ -48,8 +48,9 @@ fuzz: .venv/.ready  ## what test-all leaves out, 37,000 random calls, and 5,000 
 test-arm: .venv/.ready  ## the wheel on a Debian for ARM, emulated, and its pictures beside this machine's (as root)
 	@$(RUN) -m tools.arm $(ARGS)
 
-test-devices: .venv/.ready  ## every kernel by the compilers of GPUs that are not here (ARGS="warp" for some)
-	@$(RUN) -m tools.device_compile $(ARGS)
+test-devices: .venv/.cpu  ## every kernel by the compilers of GPUs that are not here, and by PoCL, Intel's runtime and rusticl
+	@$(RUN) -m tools.device_compile
+	@$(RUN) -m tools.devices $(ARGS)
 
 check: .venv/.ready  ## lint, format, types and who imports whom
 	@$(RUN) -m ruff check .
