@@ -156,8 +156,10 @@ def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, **options: Any) -> O
         inside_out = _inside_out(base, rays, hits, (1 - HEIGHT) * relief.scale).reshape(size, size)
         counts += holes.sum(), (ours & ~_grown(true)).sum(), (holes & inside_out).sum()
         rows.append((*counts, (dark & is_lit).sum(), (told & true & ours).sum()))
-    carved, should, both, either, bare_both, bare_either, *pixels, dark, told = np.sum(rows, axis=0, dtype=float)
-    return Outline(carved / should, both / either, bare_both / bare_either, *map(int, pixels), dark / told)
+    sums = np.sum(rows, axis=0, dtype=float)
+    carved, should, both, either, bare_both, bare_either, empty, spurs, inside_out, dark, told = sums
+    pixels = int(empty), int(spurs), int(inside_out)
+    return Outline(carved / should, both / either, bare_both / bare_either, *pixels, dark / told)
 
 
 def _rays(camera: ibr.Camera) -> Float64:
