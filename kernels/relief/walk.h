@@ -39,7 +39,7 @@ typedef struct {
 typedef struct {
     floatl area[3], slope[3], bend[3];
     floatl sign; /* 1 if the ray sinks, or -1 */
-} Sides;
+} SideAreas;
 
 /* Where a ray crosses a section: the weights of its second and its third corner, and how far that is from the entry */
 typedef struct {
@@ -114,9 +114,9 @@ INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
 #define TWICE_AREA(a, b) ((a).x * (b).y - (a).y * (b).x)
 
 /* The sides at a depth */
-INLINED Sides sides_at(const MeshPrism *p, floatl depth)
+INLINED SideAreas sides_at(const MeshPrism *p, floatl depth)
 {
-    Sides sides;
+    SideAreas sides;
     UNROLLED
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
@@ -136,7 +136,7 @@ INLINED Sides sides_at(const MeshPrism *p, floatl depth)
 }
 
 /* Where a ray crosses the section x on from a depth; side: the one on which it is, -1: none */
-INLINED Crossing crossing_at(const MeshPrism *p, const Sides *sides, floatl depth, floatl x, intl side)
+INLINED Crossing crossing_at(const MeshPrism *p, const SideAreas *sides, floatl depth, floatl x, intl side)
 {
     const floatl there = depth + sides->sign * x;
     Crossing at = {0.0f, 0.0f, 0.0f};
@@ -170,7 +170,7 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
 }
 
 /* Finds by which side rays leave their prisms. Returns by how much the depth changes until then. */
-INLINED floatl find_side(MeshWalk *walk, const Sides *sides)
+INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 {
     const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to bottom, or mesh */
     floatl x = max_lanes(rest, (floatl)0.0f);
@@ -200,7 +200,7 @@ INLINED floatl way_out(floatl depth, floatl slope, floatl bend, intl *at_bottom)
 }
 
 /* Sets out the last legs of rays that are beyond a border: weights change as they did, and depths as normals turn. */
-INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const Sides *sides, const Crossing *at, float scale,
+INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *sides, const Crossing *at, float scale,
                        ReliefRay *ray)
 {
     const intl which = walk->is_beyond;
@@ -237,7 +237,7 @@ static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, Relief
     if (is_first)
         walk->level = level_on(relief, &p, walk->pixel_size);
     const floatl depth = walk->depth;
-    const Sides sides = sides_at(&p, depth);
+    const SideAreas sides = sides_at(&p, depth);
     const Crossing at = crossing_at(&p, &sides, depth, (floatl)0.0f, walk->side);
     const floatl x = find_side(walk, &sides), deeper = sides.sign * x;
     const Crossing between = crossing_at(&p, &sides, depth, 0.5f * x, (intl)-1),
