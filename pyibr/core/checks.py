@@ -288,12 +288,12 @@ _PIXELS_MAX = 1 << 29  # kernels number samples and colour bytes in 32 bits
 _SIDE_MAX = 1 << 20  # float32 tells places to a sixteenth of a pixel, and the rasteriser's bins have 16 bits
 
 
-def check_pixels(argument: str, size: tuple[int, int]) -> None:
+def check_pixels(argument: str, size: tuple[int, int], side_max: int = _SIDE_MAX) -> None:
     """Raise ArgumentError if an image, (width, height), has more pixels, or a longer side, than kernels can number."""
     if size[0] * size[1] > _PIXELS_MAX:
         raise ArgumentError(argument, f"at most {_PIXELS_MAX} pixels", f"{size[0]} x {size[1]}")
-    if max(size) > _SIDE_MAX:
-        raise ArgumentError(argument, f"at most {_SIDE_MAX} pixels a side", f"{size[0]} x {size[1]}")
+    if max(size) > side_max:
+        raise ArgumentError(argument, f"at most {side_max} pixels a side", f"{size[0]} x {size[1]}")
 
 
 _LENGTH_RANGE = (1e-8, 1e9)
@@ -315,7 +315,7 @@ def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | 
     for image in maps:
         if image is None:
             continue
-        check_pixels("uv", (image.shape[1], image.shape[0]))
+        check_pixels("uv", (image.shape[1], image.shape[0]), _PIXELS_MAX)
         farthest = np.maximum(np.abs(uv).max(axis=0) * tiles, 1) * (image.shape[1], image.shape[0])
         if (farthest > _TEXELS_MAX).any():
             size = f"{image.shape[1]}x{image.shape[0]}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import math
 import mmap
 import weakref
@@ -221,6 +222,7 @@ def _within_room(session: Session, size: int, make: Callable[[], _Made]) -> _Mad
         if not is_shortage(error):
             raise
     session.wait()  # what is in flight keeps its memory
+    gc.collect()  # and errors keep that of the calls that they ended
     session.memory_pool.clear()
     room, most = session.room, session.context.devices[0].max_mem_alloc_size
     there = f"{_mib(room.taken)} of {_mib(room.total)} are taken, one piece has {_mib(most)} at most"

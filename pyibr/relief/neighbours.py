@@ -9,6 +9,7 @@ from pyibr.core.checks import Float64
 from pyibr.meshes.normals import place_of, summed
 
 _LEAST_TURN = 0.05  # of the greatest eigenvalue of normals' squares: by less they differ at random
+_LEAST_AREA = 1e-6  # of a triangle's longest side's square: with less it is a line
 _LONGEST = 2.0  # of a mitre: that of normals 120 degrees apart
 
 
@@ -18,13 +19,17 @@ def place_and_way(vertices: Float64, normals: Float64) -> NDArray[np.int64]:
     return np.unique(kinds, axis=0, return_inverse=True)[1].reshape(-1)
 
 
-def mitred(vertices: Float64, normals: Float64) -> Float64:
+def mitred(vertices: Float64, normals: Float64, faces: NDArray[np.int32]) -> Float64:
     """(N, 3) the normals; at hard edges what is 1 along all of a place's, so that surfaces moved by it still meet.
 
-    Of normals more than 120 degrees apart it is shorter.
+    Of normals more than 120 degrees apart it is shorter. Only those of triangles with an area count.
     """
     place = place_of(vertices.astype(np.float32))
-    _, first = np.unique(place_and_way(vertices, normals), return_index=True)
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    across, longest = np.cross(b - a, c - a), np.maximum(((b - a) ** 2).sum(axis=1), ((c - a) ** 2).sum(axis=1))
+    shown = np.unique(faces[np.linalg.norm(across, axis=1) > _LEAST_AREA * longest])
+    _, first = np.unique(place_and_way(vertices, normals)[shown], return_index=True)
+    first = shown[first]
     owner, ways, count = place[first], normals[first], int(place.max()) + 1
     several = np.bincount(owner, minlength=count) > 1
     squares = np.stack([summed(owner, ways * ways[:, [axis]], count)[several] for axis in range(3)], axis=1)

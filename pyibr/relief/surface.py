@@ -211,7 +211,7 @@ class ReliefSurface(HeightMapped):
     @cached_property
     def offsets(self) -> NDArray[np.float64]:
         """(N, 3) from below the drawn vertices, at the relief's bottom, to these."""
-        return self.scale * mitred(self.drawn.vertices.astype(np.float64), self.frames.normals)
+        return self.scale * mitred(self.drawn.vertices.astype(np.float64), self.frames.normals, self.drawn.faces)
 
     @cached_property
     def prism_rows(self) -> NDArray[np.float32]:

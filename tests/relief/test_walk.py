@@ -129,8 +129,10 @@ def test_neighbours_end_at_borders():
 def test_sides_of_a_box_sink_as_one():
     """By 1 each, so that they still meet at its edges; of a sheet folded to 150 degrees by less."""
     solid = facets(box((2, 2, 2)), with_normals=True)
-    np.testing.assert_allclose(mitred(solid.vertices, solid.normals), solid.vertices, atol=1e-12)
+    np.testing.assert_allclose(mitred(solid.vertices, solid.normals, solid.faces), solid.vertices, atol=1e-12)
     turn = np.radians(150)
     normals = np.array([[0, 0, 1], [0, np.sin(turn), np.cos(turn)]])
-    made = mitred(np.zeros((2, 3)), normals)
-    np.testing.assert_allclose(made, normals.mean(axis=0) * 2 / np.linalg.norm(normals.mean(axis=0)) * np.ones((2, 1)))
+    fold = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [1, 0, 0], [0, 0, 1.0]])
+    made = mitred(fold, normals.repeat(3, axis=0), np.arange(6, dtype=np.int32).reshape(2, 3))
+    middle = normals.mean(axis=0) * 2 / np.linalg.norm(normals.mean(axis=0))
+    np.testing.assert_allclose(made[[0, 1, 3, 4]], middle * np.ones((4, 1)))

