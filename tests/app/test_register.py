@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app.cli import app
+from pyibr.app.commands.cameras import depth_camera_in
 from pyibr.io.video import Video
 from pyibr.io.video_writing import VideoWriter
 from tests.app.test_recordings import COUNT, SCALE, SIZE, Recorded, assert_one_line, succeeded
@@ -47,6 +49,15 @@ class Pair(Recorded):
 @pytest.fixture
 def pair(tmp_path: Path) -> Pair:
     return Pair(tmp_path)
+
+
+def test_of_several_cameras_that_of_the_depths_size_is_taken(tmp_path: Path):
+    kinds = {"wide": (20, 10), "narrow": (13, 7)}
+    rig = {name: {"width": w, "height": h, "fx": w, "fy": w, "cx": 6, "cy": 3} for name, (w, h) in kinds.items()}
+    (tmp_path / "rig.json").write_text(json.dumps(rig))
+    for name in ("d.png", "d.npy", "d.pfm"):
+        ibr.write_depth(tmp_path / name, np.ones((7, 13), np.float32), depth_scale=1)
+        assert depth_camera_in(tmp_path / "rig.json", tmp_path / name).size == (13, 7)
 
 
 assert_refused = partial(assert_one_line, progress="Registering")

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
 
 from pyibr.app.options import Focal35mm, Fov, print_note, printable_text
 from pyibr.core.calibrations import listed
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.io import read_cameras
+from pyibr.io import read_cameras, read_color, read_depth
 from pyibr.io.exif import focal_35mm_of
 from pyibr.io.layouts import recording_in
-from pyibr.io.recordings import size_of
+from pyibr.io.recordings import PLAIN, Stored, size_of
 
 _FOV = 60.0  # degrees of the longer side, where nothing is known
 
@@ -56,14 +59,19 @@ class LensOptions(NamedTuple):
         return self.camera_of(recording.colors[0], file, recording.size)
 
 
-def camera_in(file: Path, picture: Path) -> Camera:
-    """The camera of a file: of several that of the picture's name, or the one of its size."""
+def camera_in(file: Path, picture: Path, read: Callable[[Path], NDArray[Any]] = read_color) -> Camera:
+    """The camera of a file: of several that of the picture's name, or the one of its size, by what reads it."""
     found: dict[str, Camera] = {}
     with suppress(ArgumentError):  # it does not tell the size
         found = read_cameras(file)
     if len(found) != 1:
-        found = read_cameras(file, size=size_of(picture))
+        found = read_cameras(file, size=size_of(picture, read))
     own = [camera for name, camera in found.items() if len(found) == 1 or name in (picture.name, picture.stem)]
     if not own:
         raise FileFormatError(f"{file}: expected one camera, as {file}#NAME; got {listed(found)}")
     return own[0]
+
+
+def depth_camera_in(file: Path, depth: Path, stored: Stored = PLAIN) -> Camera:
+    """The camera of a file: of several the one of the depth's size."""
+    return camera_in(file, depth, stored.depth or (lambda path: read_depth(path, depth_scale=1)))

@@ -96,7 +96,7 @@ def _opened(options: InputOptions, color: Path | None, stored: StoredDepth) -> t
             raise ArgumentError("--camera", "the camera of the distances, or --fov", "none")
         options = options._replace(lens=_ANY)
 
-    def alone(first: Path) -> tuple[Camera, None]:
+    def alone(first: Path, _: Stored) -> tuple[Camera, None]:
         how: DepthReading = {**stored.how, "depth_kind": "relative" if stored.depth_kind == "relative" else "z"}
         frames = frames_in(first, options.channel)
         values = ibr.read_depth(first, **how) if frames is None else frames.read_one(0, None, how)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.beside import read_ahead
+from pyibr.app.commands.cameras import depth_camera_in
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
@@ -70,7 +71,9 @@ def register(
     if seen_out is not None and color is None:
         raise ArgumentError("--seen-out", "--color with it", "none")
     inputs = InputOptions([depth], [color_camera], [depth_camera], [], take, channel=stored.how.get("channel"))
-    source, is_still = open_depths(inputs, color, lambda _: (Camera.load(color_camera), Camera.load(depth_camera)))
+    source, is_still = open_depths(
+        inputs, color, lambda first, how: (Camera.load(color_camera), depth_camera_in(depth_camera, first, how))
+    )
     numbers = None if is_still else [shot.number for shot in source.shots]
     files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
     outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, stored, numbers, VideoOptions(), source.video)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from numpy.typing import NDArray
 
-from pyibr.app.commands.cameras import LensOptions
+from pyibr.app.commands.cameras import LensOptions, depth_camera_in
 from pyibr.app.options import print_note, printable_text
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
@@ -24,6 +24,7 @@ from pyibr.io.recordings import (
     PLAIN,
     Recording,
     Shot,
+    Stored,
     are_placed,
     cameras_of,
     check_numbers,
@@ -149,11 +150,12 @@ def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
 
 
 def open_depths(
-    options: InputOptions, color: Path | None, alone: Callable[[Path], tuple[Camera, Camera | None]]
+    options: InputOptions, color: Path | None, alone: Callable[[Path, Stored], tuple[Camera, Camera | None]]
 ) -> tuple[Source, bool]:
     """Frames of depth, with pictures if `color` or a recording has them, and whether it is a single frame.
 
-    alone: of depth without pictures, by its first file, their cameras: the picture's, and the depth's if another.
+    alone: of depth without pictures, by its first file and how that is stored, the cameras: the picture's, and the
+    depth's if it is another.
     """
     (depth,), take = options.inputs, options.take
     is_recording = color in (None, depth) and may_be_recording(depth) and find_recording(depth) is not None
@@ -167,11 +169,9 @@ def open_depths(
     if not found.depths:
         raise FileFormatError(f"{depth}: no file of depth in it")
     is_still = not depth.is_dir() and frames is None
-    cameras = alone(found.depths[0])
-    shots = [
-        Shot(None, found.depths[k], *cameras, found.stored[k] if found.stored else PLAIN, k)
-        for k in _taken(take, len(found.depths), is_still)
-    ]
+    stored = found.stored or [PLAIN] * len(found.depths)
+    cameras = alone(found.depths[0], stored[0])
+    shots = [Shot(None, found.depths[k], *cameras, stored[k], k) for k in _taken(take, len(found.depths), is_still)]
     return Source(shots, None), is_still
 
 
@@ -278,7 +278,9 @@ def _shots(
                 raise ArgumentError("--fov, --focal-35mm", "a single picture, or a recording", got)
             recording = with_camera(recording, lens.camera_of(first, file, recording.size))
         cameras = cameras_of(recording, camera_files, next(iter(pose_files), None), shared=not are_stills)
-    shots = shots_of(recording, cameras, Camera.load(depth_camera_files[0]) if depth_camera_files else None)
+    stored = recording.stored[0] if recording.stored else PLAIN
+    of_depth = [depth_camera_in(path, recording.depths[0], stored) for path in depth_camera_files]
+    shots = shots_of(recording, cameras, next(iter(of_depth), None))
     found = [shot for place in taken if (shot := shots[place]) is not None]
     why = "no usable pose" if recording.times is None else "no pose of its time"
     _note_left_out(len(taken) - len(found), why, recording.colors)
