@@ -48,12 +48,18 @@ class _NoSizeError(ArgumentError):
     """The file does not tell the images' size, and nobody else has."""
 
 
+def file_and_name(path: str | PathLike[str]) -> tuple[Path, str | None]:
+    """Return the file, and the name of the one camera that is asked for (`FILE#NAME`)."""
+    file = checked_path(path)
+    if "#" not in str(path) or file.exists():
+        return file, None
+    whole, _, name = str(path).rpartition("#")
+    return Path(whole), name
+
+
 def read_calibration(path: str | PathLike[str]) -> tuple[Path, str | None, object]:
-    """Return the file, the name of the one camera that is asked for (`FILE#NAME`), and what it holds."""
-    file, name = checked_path(path), None
-    if "#" in str(path) and not file.exists():
-        whole, _, name = str(path).rpartition("#")
-        file = Path(whole)
+    """Return the file, the name of the one camera that is asked for, and what it holds."""
+    file, name = file_and_name(path)
     return file, name, read_tree(file)
 
 

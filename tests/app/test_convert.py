@@ -54,6 +54,12 @@ def test_a_calibration_becomes_json(folder: Path):
     (folder / "K.txt").write_text("50 0 30\n0 51 18\n0 0 1\n")
     assert "camera.json: 1 camera, as pyibr" in convert(folder, "K.txt", "--size", 61, 37, "-o", "out/camera.json")
     assert ibr.Camera.load(folder / "out/camera.json") == CAMERA
+    one = {"width": 61, "height": 37, "fx": 50, "fy": 51, "cx": 30, "cy": 18}
+    (folder / "rig.json").write_text(json.dumps({"left": one | {"fx": 40}, "right": one}))
+    assert "one.json: 1 camera, as pyibr" in convert(folder, f"{folder}/rig.json#right", "-o", "one.json")
+    assert ibr.Camera.load(folder / "one.json") == CAMERA
+    said = convert(folder, f"{folder}/rig.json#right", "-o", "rig.json", status=2)
+    assert "--output: expected a file of its own" in said
 
 
 @pytest.mark.parametrize(

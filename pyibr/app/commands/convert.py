@@ -20,6 +20,7 @@ from pyibr.app.commands.reading import Inputs, Reading
 from pyibr.app.commands.series import depths_in
 from pyibr.app.commands.views import DepthRange
 from pyibr.app.options import DeviceName, StoredDepth, device_of
+from pyibr.core.calibrations import file_and_name
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_exists
@@ -73,7 +74,7 @@ def convert(
 ) -> None:
     """Convert cameras, depth, a recording or a mesh to another format, which the output's name tells."""
     for path in sources:
-        check_exists(path)
+        check_exists(file_and_name(path)[0])
     source, suffix = sources[0], output.suffix.lower()
     is_recording = len(sources) > 1 or (may_be_recording(source) and find_recording(source) is not None)
     if is_mesh_file(source):
@@ -113,7 +114,8 @@ def _convert_cameras(source: Path, output: Path, form: CameraForm, size: tuple[i
         raise ArgumentError("--output", "a folder, for a COLMAP model", str(output))
     if form != "colmap" and output.suffix.lower() != ".json":
         raise ArgumentError("--output", f"a file that ends in .json, as {form}", str(output))
-    check_outputs({"SOURCE": [source]}, {"--output": [output / "cameras.txt" if form == "colmap" else output]})
+    read = [file_and_name(source)[0]]
+    check_outputs({"SOURCE": read}, {"--output": [output / "cameras.txt" if form == "colmap" else output]})
     cameras = _cameras_in(source, size)
     write_cameras(output, cameras, form)
     tell_written([output], f"{len(cameras)} {'camera' if len(cameras) == 1 else 'cameras'}, as {form}")
