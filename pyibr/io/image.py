@@ -28,11 +28,16 @@ def read_color(path: str | PathLike[str]) -> NDArray[Any]:
         return decoded(source.read_bytes())
 
 
-def read_mask(path: str | PathLike[str]) -> NDArray[np.bool_]:
-    """(H, W) where the file's first image is opaque by half or more; of one without alpha, where it is not black."""
+def read_mask(path: str | PathLike[str], *, of_alpha: bool = False) -> NDArray[np.bool_]:
+    """(H, W) where the file's first image is opaque by half or more; of one without alpha, where it is not black.
+
+    of_alpha: FileFormatError where there is none.
+    """
     with reading(path, "mask") as source, opened(source.read_bytes()) as picture:
         if picture.mode in ("RGBA", "LA", "PA") or "transparency" in picture.info:
             return np.asarray(picture.convert("RGBA"))[..., 3] >= 128
+        if of_alpha:
+            raise FileFormatError(f"{source}: expected a picture with alpha, or masks beside it, got {picture.mode}")
         values: NDArray[Any] = np.atleast_3d(np.asarray(picture.convert("RGB") if picture.mode == "P" else picture))
         return (values > 0).max(axis=2)
 
@@ -81,9 +86,11 @@ def opened(data: bytes) -> Image:
 def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
     """Return the stored (H, W): floats, or integers of an unknown unit, 0 where there is none."""
     stored = read_color(path)
+    if stored.shape[2:] == (3,) and (stored == stored[..., :1]).all():  # gray that is stored as colours
+        stored = stored[..., 0]
     if stored.ndim != 2 or stored.dtype.kind not in "uif":
         expected = "gray of 8 or 16 bits, or floats, for depth"
-        raise FileFormatError(f"{path}: expected {expected}, got {describe(stored)}: alpha or a palette is none")
+        raise FileFormatError(f"{path}: expected {expected}, got {describe(stored)}: colours or alpha are none")
     return stored
 
 

@@ -106,5 +106,8 @@ def test_mistakes_are_told_in_a_line(folder: Path, tmp_path: Path):
     assert_one_line(run("object", folder, "--resolution", 0, "-o", mesh), "--resolution", "got int 0")
     assert_one_line(run("object", folder, "-o", tmp_path / "a.txt"), "a.txt")
     assert_one_line(run("hull", tmp_path, "-o", picture), "no picture in it")
+    ibr.write_color(tmp_path / "pictures/0.png", np.full((3, 4, 3), 9, np.uint8))
+    words = "pictures/0.png", "expected a picture with alpha, or masks beside it, got RGB"
+    assert_one_line(run("hull", tmp_path / "pictures", "--camera", folder, "-o", picture), *words)
     assert_one_line(run("hull", folder, folder, "-o", folder / "0.color.png"), "0.color.png", "VIEWS's too")
     assert not mesh.exists() and not picture.exists()

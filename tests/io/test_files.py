@@ -419,6 +419,13 @@ def test_pickles_are_not_opened(tmp_path: Path):
         ibr.read_depth(tmp_path / "d.npy")
 
 
+def test_gray_that_is_stored_as_colors_is_depth(tmp_path: Path):
+    levels = np.arange(7 * 13, dtype=np.uint8).reshape(13, 7)
+    ibr.write_color(tmp_path / "d.png", levels[..., None].repeat(3, 2))
+    found = ibr.read_depth(tmp_path / "d.png", depth_scale=4)
+    np.testing.assert_array_equal(found, np.where(levels > 0, levels / np.float32(4), np.float32(np.nan)))
+
+
 def test_color_is_no_depth_and_8_bit_is_no_16_bit(tmp_path: Path):
     ibr.write_color(tmp_path / "c.png", color_of((7, 13)))
     ibr.write_mask(tmp_path / "m.png", np.ones((13, 7), bool))

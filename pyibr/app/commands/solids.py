@@ -126,5 +126,5 @@ def _silhouettes(
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that not all is opaque is what the mask says
                 shown = ibr.read_color(color)
-            made.append(Silhouette(shown, read_mask(mask), posed(own, pose)))
+            made.append(Silhouette(shown, read_mask(mask, of_alpha=masks is None), posed(own, pose)))
     return made
