@@ -227,7 +227,7 @@ class DepthMesh(Immutable):
         tree = self.tree
         if count is None:
             if max_error is None:
-                raise ArgumentError("max_error", "a number >= 0, or a count", "neither")
+                raise ArgumentError("max_error", "a number >= 0, or `count` instead", "neither")
             bound = checked_tolerance("max_error", max_error)
             with tree.cells.session.call():
                 return self._mesh_of(*_triangles_of(tree, active_within(tree, bound)))

@@ -18,7 +18,7 @@ from pyibr.capture.stereo import SUFFIXES, Layout, StereoRig, SyntheticView, dep
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
 
-_LAYOUT = "Side by side (sbs) or top and bottom (tb), full or half; for red and cyan glasses dubois or gray"
+_LAYOUT = "Side by side (sbs) or top and bottom (tb), full or half; or an anaglyph: dubois, gray"
 _Divergence = Annotated[float, typer.Option(help="Per cent of the width: how much farther the nearest shifts")]
 _Convergence = Annotated[float, typer.Option(help="What is in the screen's plane: 0, the farthest, to 1, the nearest")]
 _Synthetic = Annotated[SyntheticView, typer.Option(help="Eyes that are beside the camera; another one is at it")]

@@ -94,5 +94,5 @@ class Targets:
         """Tell, once, of a move that is no move, or leads far out of the scene."""
         distance, is_new = self._depth_of(views), not self._is_compared
         self._is_compared = True
-        if is_new and distance is not None and move > 0 and not 1e-3 <= move / distance <= 10:
+        if is_new and distance is not None and move > 0 and not 1e-3 <= move / distance <= 2:
             print_note(f"--move: by {move:.3g}, where the depth is {distance:.3g} (median): are they of one unit?")
