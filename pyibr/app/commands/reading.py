@@ -44,7 +44,8 @@ _Cameras = Annotated[
     ),
 ]
 _DepthCameras = Annotated[
-    list[Path] | None, typer.Option(help="The depth's camera, if it is not registered to the colours: JSON")
+    list[Path] | None,
+    typer.Option(metavar="FILE[#NAME]", help="The depth's camera, if it is not registered to the colours"),
 ]
 _Poses = Annotated[
     list[Path] | None,

@@ -50,8 +50,12 @@ _Pictures = Annotated[
 
 def register(
     depth: DepthFiles,
-    depth_camera: Annotated[Path, typer.Option(help="The camera of the depth: JSON")],
-    color_camera: Annotated[Path, typer.Option(help="The camera of the colours, in the same world: JSON")],
+    depth_camera: Annotated[
+        Path, typer.Option(metavar="FILE[#NAME]", help="The camera of the depth: a calibration of any kind")
+    ],
+    color_camera: Annotated[
+        Path, typer.Option(metavar="FILE[#NAME]", help="The camera of the colours, in the same world")
+    ],
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="The registered depth; with --color, the colours; of several OUT_0000"),
