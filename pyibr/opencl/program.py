@@ -38,8 +38,11 @@ _NO_DENORMALS = "-cl-denorms-are-zero"
 """They mean nothing in any kernel, and CPUs take a hundred cycles for one. Binaries do not hold this option."""
 
 _SIGNATURE_FORMAT = "constant"  # part of entries' names: what they tell of arguments beyond names and types
-_OPTIONS = ["-cl-std=CL1.2", _NO_DENORMALS, "-cl-kernel-arg-info", *os.environ.get("PYIBR_BUILD_OPTIONS", "").split()]
-"""Those that every program is built with; tests add ``-Werror``, which no user's compiler is to stumble over."""
+_OPTIONS = ["-cl-std=CL1.2", _NO_DENORMALS, "-cl-kernel-arg-info"]
+"""Those that every program is built with."""
+
+VARIABLE = "PYIBR_BUILD_OPTIONS"
+"""Further ones: tests' ``-Werror``, which no user's compiler is to stumble over."""
 
 _log = logging.getLogger("pyibr")
 _LONG = 0.3  # seconds of building: of one program if its device's compiler starts with it, else of several
@@ -153,7 +156,8 @@ def _build(session: Session, file: str | Path, defines: Mapping[str, int]) -> li
     device = found_devices()[session.device.index]
     runtime = runtime_of(device)
     defined = (f"-D{define}={value}" for define, value in sorted(named.items()))
-    options = [*_OPTIONS, *_rounding(session), *runtime.options(device), *defined]
+    further = os.environ.get(VARIABLE, "").split()
+    options = [*_OPTIONS, *further, *_rounding(session), *runtime.options(device), *defined]
     entry = Entry("programs", Path(file).stem, "\0".join([source, *options, device.key, _SIGNATURE_FORMAT]))
     loaded = _load(session, entry.read())
     if loaded is None:

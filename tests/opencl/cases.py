@@ -29,6 +29,7 @@ from pyibr.opencl.headers import kernels_folder
 from pyibr.opencl.launch import Struct
 from pyibr.opencl.watch import Watch, watching
 from pyibr.picture.drawable import as_drawable
+from pyibr.picture.surface import surface_of
 from pyibr.picture.unseen import MarkedUnseen
 from pyibr.warp import blending
 from tests import scenes
@@ -194,6 +195,17 @@ def _lenses(setting: Setting) -> Cases:
             ways: tuple[dict[str, Any], ...] = ({}, {"classes": True, "fill": "smooth"}, {"samples": 4})
             for way in (*ways, {"interpolation": "nearest", "fill": "background"}):
                 yield f"lens {size} to {camera.size} {way}", partial(ibr.warp, view, bent, **way)
+
+
+def _bounds(setting: Setting) -> Cases:
+    """Those of a surface's windows, which GPUs alone ask for."""
+    for size in ((1, 1), (17, 33))[: setting.choose(1, 2, 2)]:
+        view = setting.view(scenes.smooth, size, "perspective")
+        yield f"bounds {size}", partial(_bounds_of, view)
+
+
+def _bounds_of(view: DepthImage) -> NDArray[Any]:
+    return surface_of(view, None).bounds.to_host()
 
 
 def _registrations(setting: Setting) -> Cases:
@@ -475,7 +487,7 @@ def _cleanings(setting: Setting) -> Cases:
 
 FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
     "lib": (_registrations, _splats),
-    "picture": (_lenses, _registrations, _relit, _marked),
+    "picture": (_lenses, _bounds, _registrations, _relit, _marked),
     "cleaning": (_cleanings,),
     "warp": (_warps, _lenses, _registrations),
     "raster": (_meshes, _sorted),
