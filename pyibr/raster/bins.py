@@ -47,8 +47,9 @@ class Bins:
     culled: int
 
 
-def _defines() -> dict[str, int]:
-    return {"BIN": current().profile.bin}
+def _defines(corners: int) -> dict[str, int]:
+    # In which direction a prism is sliced is decided in each bin, and is to be the same on every device.
+    return {"BIN": current().profile.bin if corners == 3 else int(constant("lib/screen.h", "BIN"))}
 
 
 def project(target: Target, vertices: DeviceArray, near: float, corners: int = 3) -> DeviceArray:
@@ -60,7 +61,7 @@ def project(target: Target, vertices: DeviceArray, near: float, corners: int = 3
     origin = target.camera.center.astype(np.float32)  # the same for all things: no cracks between neighbours
     projected = empty((count, 4), np.float32)
     launch(
-        kernel("raster/bins.cl", "project", CORNERS=corners, **_defines()),
+        kernel("raster/bins.cl", "project", CORNERS=corners, **_defines(corners)),
         (count,),
         vertices=vertices,
         projected=projected,
@@ -81,8 +82,8 @@ def bin_primitives(
     Each bin's are in the order of their numbers or, with `sort`, from front to back. Of triangles, those that only show
     another of their `sides` are left out.
     """
-    profile, defines = current().profile, _defines()
     count, each = corners.shape
+    profile, defines = current().profile, _defines(each)
     columns, rows = (-(-size // defines["BIN"]) for size in target.camera.size)
     bins = columns * rows
     chunk = max(-(-count // min(profile.chunks, max(_COUNTS_MAX // bins, 1))), 1)

@@ -172,9 +172,9 @@ def test_few_seconds_of_launches_wait_in_the_queue():
     session, ahead = current(), list[float]()
     start = launch._start
 
-    def seen(kernel: Any, offset: Any, size: Any, arguments: Any) -> Any:
+    def seen(kernel: Any, offset: Any, size: Any, arguments: Any, **how: Any) -> Any:
         ahead.append(session.in_flight.seconds + math.prod(size) * kernel.cost.seconds_per_item)
-        return start(kernel, offset, size, arguments)
+        return start(kernel, offset, size, arguments, **how)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(launch, "_start", seen)

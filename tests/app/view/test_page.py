@@ -213,7 +213,7 @@ def test_in_a_narrow_window_the_controls_are_closed_below_the_picture_until_they
     opens.wait_for()
     assert 600 - tab.page.get_by_text("pyibr view").bounding_box()["y"] < 130  # as high as three lines
     assert not method.is_visible()
-    assert tab.page.get_by_text("warp 390x600").first.is_visible()  # the first line of what it says
+    tab.page.get_by_text("warp 390x600").first.wait_for()  # the first line of what it says
     opens.click()
     method.wait_for()
     tab.page.set_viewport_size({"width": 400 + PANEL, "height": 300})
