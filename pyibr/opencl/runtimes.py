@@ -306,9 +306,10 @@ def _safe_kernels() -> dict[str, str]:
 def _optimized_once(found: Found) -> list[str]:
     """PoCL optimizes a program, and then each kernel with all that it calls, which is enough: half of a build's time.
 
-    It looks at options between spaces, and clang at what tabs part there; so do the releases that were read.
+    It looks at options between spaces, and clang at what tabs part there; so do the releases that were read. From LLVM
+    18 on a pass ends the process if it has not done all at once, and so it may where none has gone before.
     """
-    was_read = found.kind == "cpu" and re.search(r"PoCL [3-7]\.", found.version)
+    was_read = found.kind == "cpu" and re.search(r"PoCL [3-7]\..*LLVM 1[4-7]\.", found.version)
     return ["-DBY_KERNEL\t-disable-llvm-passes"] if was_read else []
 
 

@@ -131,10 +131,15 @@ def test_what_a_further_runtime_needs_is_one_object(intel: Path, monkeypatch: py
 
 @pytest.mark.parametrize(
     ("kind", "version", "told"),
-    [("cpu", "PoCL 3.1+debian", 1), ("cpu", "PoCL 6.0", 1), ("cpu", "PoCL 8.0", 0), ("gpu", "PoCL 6.0", 0)],
+    [
+        ("cpu", "PoCL 3.1, LLVM 15", 1),
+        ("cpu", "PoCL 6.0, LLVM 19", 0),
+        ("cpu", "PoCL 8.0, LLVM 17", 0),
+        ("gpu", "PoCL 3.1, LLVM 15", 0),
+    ],
 )
 def test_releases_of_pocl_that_were_read_optimize_each_kernel_alone(kind: runtimes.Kind, version: str, told: int):
-    version = f"OpenCL 3.0 {version}  Linux"
+    version = f"OpenCL 3.0 {version}.0.6, SLEEF"
     device = runtimes.Found(0, "Portable Computing Language", "it", "its maker", version, "", kind, "key", None)  # pyright: ignore[reportArgumentType]
     assert len(runtimes.runtime_of(device).options(device)) == told
 
