@@ -47,9 +47,12 @@ INLINED floatl samples_from(Image image, int x, int y)
     return n;
 }
 
-/* What the next two samples on a side of `a`, or the next one, foretell of the change from it to the other side */
-INLINED floatl slope_of(floatl a, floatl next, floatl after)
+/* What the next two samples on a side of `a`, or the next one, foretell of the change from it to the other side; 0 where
+ * nothing is known. (A choice of the result instead is more than Debian 13's LLVM compiles for one lane.) */
+INLINED floatl slope_of(intl known, floatl a, floatl next, floatl after)
 {
+    next = select_lanes(known, next, a);
+    after = select_lanes(known, after, (floatl)NO_SURFACE);
     return select_lanes(after > NO_SURFACE, 0.5f * (a - after), a - next);
 }
 
@@ -73,8 +76,8 @@ INLINED Slopes slopes_beside(Image image, int x, int y, int dx, int dy)
     Slopes slopes;
     slopes.has_before = (a > NO_SURFACE) & (before_1 > NO_SURFACE);
     slopes.has_after = (b > NO_SURFACE) & (after_1 > NO_SURFACE);
-    slopes.before = select_lanes(slopes.has_before, slope_of(a, before_1, before_2), (floatl)0.0f);
-    slopes.after = select_lanes(slopes.has_after, -slope_of(b, after_1, after_2), (floatl)0.0f);
+    slopes.before = slope_of(slopes.has_before, a, before_1, before_2);
+    slopes.after = -slope_of(slopes.has_after, b, after_1, after_2);
     return slopes;
 }
 

@@ -177,7 +177,7 @@ def _rounding(session: Session) -> list[str]:
     import pyopencl as cl
 
     able = session.context.devices[0].single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT
-    return ["-cl-fp32-correctly-rounded-divide-sqrt"] if able and session.profile.lanes == 1 else []
+    return ["-cl-fp32-correctly-rounded-divide-sqrt"] if able and session.device.kind != "cpu" else []
 
 
 def _compiled(session: Session, file: str | Path, source: str, options: list[str]) -> cl.Program:
