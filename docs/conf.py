@@ -23,7 +23,7 @@ suppress_warnings = ["config.cache"]
 html_theme = "furo"
 html_title = f"pyibr {release}"
 html_static_path = ["_static"]
-html_css_files = ["tables.css"]
+html_css_files = ["tables.css", "code.css"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings name types with their shapes
