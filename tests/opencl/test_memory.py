@@ -18,6 +18,7 @@ from pyibr.opencl import memory
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.memory_pool import rounded
 from pyibr.picture.clear import clear
+from tests.one_lane import one_lane
 from tests.opencl.everything import calls
 
 SMALL, LARGE = (100, 100), (1500, 1001)  # below and above a huge page
@@ -35,6 +36,31 @@ def test_memory_is_not_handed_out_while_a_view_of_it_lives(shape):
         other.fill(-1.0)
         other.to_host()
     assert (corner == 3.0).all()
+
+
+@pytest.mark.parametrize("room", [1 << 29, 100_000], ids=["pinned", "ordinary, where too much is held"])
+def test_copies_are_not_handed_out_while_a_view_of_them_lives(monkeypatch, room):
+    with one_lane():
+        pinned = current().pinned
+        current().pinned_pool.clear()
+        gc.collect()
+        monkeypatch.setattr(pinned, "total", pinned.taken + room)
+        before = pinned.taken
+        array = memory.empty(SMALL, np.float32)
+        array.fill(3.0)
+        corner = array.to_host()[5:, 7:][::2]
+        gc.collect()
+        others = [memory.empty(SMALL, np.float32) for _ in range(4)]
+        for number, other in enumerate(others):
+            other.fill(-1.0 - number)
+        copies = [other.to_host() for other in others]
+        assert (corner == 3.0).all()
+        assert [copy.flat[0] for copy in copies] == [-1.0, -2.0, -3.0, -4.0]
+        assert 0 < pinned.taken - before <= room
+        kept = pinned.taken
+        del corner, copies
+        gc.collect()
+        assert (memory.empty(SMALL, np.uint32).to_host().shape, pinned.taken) == (SMALL, kept), "it is used again"
 
 
 def test_memory_is_handed_out_again():

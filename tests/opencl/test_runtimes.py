@@ -101,6 +101,8 @@ def test_the_loaders_own_variables_are_respected(intel: Path, monkeypatch: pytes
         assert os.environ["OCL_ICD_VENDORS"] == "/somewhere"
     (problem,) = runtimes.problems()
     assert str(intel) in problem.what and problem.remedy == "unset OCL_ICD_VENDORS"
+    monkeypatch.setenv("OCL_ICD_VENDORS", str(intel))
+    assert runtimes.problems() == [], "it hides no library that it names"
 
 
 def test_what_intels_runtime_lacks_is_named(intel: Path):

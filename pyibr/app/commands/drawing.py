@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.beside import read_ahead
-from pyibr.app.commands.outputs import Outputs
+from pyibr.app.commands.outputs import Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.reading import Inputs
-from pyibr.app.options import printable_text
+from pyibr.app.options import StoredDepth, printable_text
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage, Frame
 from pyibr.warp.view import WarpOptions
@@ -48,10 +48,15 @@ def _black(camera: Camera, dtype: np.dtype[Any]) -> Frame:
     return Frame(np.zeros((*shape, 3), dtype), np.full(shape, np.nan, np.float32), np.zeros(shape, np.bool_), camera)
 
 
-def in_folder(output: Path, source: Path, suffix: str, inputs: Inputs) -> Path:
-    """The file to write: in a folder, the source's name with a suffix that tells displays what it is."""
+def picture_outputs(
+    inputs: Inputs, sources: Sequence[Path], output: Path, suffix: str, stored: StoredDepth, video: VideoOptions
+) -> Outputs:
+    """What is written of each frame; in a folder, the source's name with a suffix that tells displays what it is."""
     kind = ".png" if inputs.numbers is None else ".mp4"
-    return output / f"{source.stem}{suffix}{kind}" if output.is_dir() else output
+    main = output / f"{sources[0].stem}{suffix}{kind}" if output.is_dir() else output
+    outputs = Outputs({"--output": (main, "color")}, stored, inputs.numbers, video, inputs.film)
+    outputs.check(inputs.files, sources)
+    return outputs
 
 
 def write_pictures(

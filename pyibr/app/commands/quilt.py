@@ -11,8 +11,8 @@ import numpy as np
 import typer
 
 from pyibr.app.commands.cameras import LensOptions
-from pyibr.app.commands.drawing import OutputOrFolder, in_folder, write_pictures
-from pyibr.app.commands.outputs import Outputs, VideoOptions
+from pyibr.app.commands.drawing import OutputOrFolder, picture_outputs, write_pictures
+from pyibr.app.commands.outputs import VideoOptions
 from pyibr.app.commands.reading import Inputs, Reading, Sources
 from pyibr.app.options import DeviceName, FillOption, Samples, StoredDepth, device_of, fill_of
 from pyibr.capture.quilt import QuiltRig, suffix_of, tiled
@@ -47,9 +47,7 @@ def quilt(
     """Draw an image with depth, or each frame of a recording, as a quilt for displays of many views."""
     rig = QuiltRig(grid, size, cone, focus)
     inputs = Inputs(sources, reading, lens, stored)
-    main = in_folder(output, sources[0], suffix_of(grid, size or inputs.size), inputs)
-    outputs = Outputs({"--output": (main, "color")}, stored, inputs.numbers, video, inputs.film)
-    outputs.check(inputs.files, sources)
+    outputs = picture_outputs(inputs, sources, output, suffix_of(grid, size or inputs.size), stored, video)
 
     def beside(views: Sequence[DepthImage]) -> list[Camera]:
         nonlocal rig

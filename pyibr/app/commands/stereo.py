@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from pyibr.app.commands.cameras import LensOptions
-from pyibr.app.commands.drawing import OutputOrFolder, in_folder, write_pictures
-from pyibr.app.commands.outputs import Outputs, VideoOptions
+from pyibr.app.commands.drawing import OutputOrFolder, picture_outputs, write_pictures
+from pyibr.app.commands.outputs import VideoOptions
 from pyibr.app.commands.reading import Inputs, Reading, Sources
 from pyibr.app.options import DeviceName, FillOption, Samples, StoredDepth, device_of, fill_of
 from pyibr.capture.stereo import SUFFIXES, Layout, StereoRig, SyntheticView, depth_range_of, joined
@@ -48,9 +48,7 @@ def stereo(
     """Draw an image with depth, or each frame of a recording, for two eyes."""
     rig = StereoRig(divergence, convergence, synthetic_view, depth_range)
     inputs = Inputs(sources, reading, lens, stored)
-    main = in_folder(output, sources[0], SUFFIXES[layout], inputs)
-    outputs = Outputs({"--output": (main, "color")}, stored, inputs.numbers, video, inputs.film)
-    outputs.check(inputs.files, sources)
+    outputs = picture_outputs(inputs, sources, output, SUFFIXES[layout], stored, video)
 
     def eyes(views: Sequence[DepthImage]) -> list[Camera]:
         nonlocal rig
