@@ -51,7 +51,7 @@ def _black(camera: Camera, dtype: np.dtype[Any]) -> Frame:
 def picture_outputs(
     inputs: Inputs, sources: Sequence[Path], output: Path, suffix: str, stored: StoredDepth, video: VideoOptions
 ) -> Outputs:
-    """What is written of each frame; in a folder, the source's name with a suffix that tells displays what it is."""
+    """A frame's parts that are written; in a folder, the source's name with a suffix that tells displays what it is."""
     kind = ".png" if inputs.numbers is None else ".mp4"
     main = output / f"{sources[0].stem}{suffix}{kind}" if output.is_dir() else output
     outputs = Outputs({"--output": (main, "color")}, stored, inputs.numbers, video, inputs.film)
