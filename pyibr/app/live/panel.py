@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
+from pyibr.core.errors import Error, FileFormatError
+
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from viser import GuiApi
 
 _BAR = 8, 180  # pixels from the upper left corner, and its width
@@ -13,6 +18,19 @@ _BAR = 8, 180  # pixels from the upper left corner, and its width
 def set_theme(gui: GuiApi, dark: bool = False) -> None:
     """Make a page light or dark; nothing of it can be shared through servers on the internet."""
     gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
+
+
+def told(error: Exception) -> str:
+    """An error's own words; with its type, if it is not one of ours."""
+    return str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
+
+
+def uploaded(file: Any) -> object:
+    """Data of a JSON file that a user has uploaded."""
+    try:
+        return json.loads(file.content.decode("utf-8"))
+    except ValueError:
+        raise FileFormatError(f"{file.name}: not a readable JSON file") from None
 
 
 class Panel:
@@ -30,6 +48,7 @@ class Panel:
 
     def __init__(self, gui: GuiApi) -> None:
         self.gui = gui
+        self._picture = self._answer = ""
         gui.main_panel.float(x=_BAR[0], y=_BAR[0], width=_BAR[1])
         gui.main_panel.minimize()
         self._line = gui.add_markdown("")
@@ -53,5 +72,23 @@ class Panel:
             set_theme(self.gui, dark.value)
 
     def say(self, text: str) -> None:
-        """Say something instead."""
+        """Say something else of the picture."""
+        self._picture = text
+        self._show()
+
+    def answer(self, text: str) -> None:
+        """Say what came of what a user asked for: before what is said of pictures, until something else is asked."""
+        self._answer = text
+        self._show()
+
+    def attempt(self, act: Callable[[], object]) -> None:
+        """Do what a user asked for, or say what is wrong with it."""
+        self.answer("")
+        try:
+            act()
+        except (Error, OSError) as error:
+            self.answer(f"**Not done:** {told(error)}")
+
+    def _show(self) -> None:
+        text = "\n\n".join(filter(None, (self._answer, self._picture)))
         self._text.content, self._line.content = text, text.split("\n")[0]

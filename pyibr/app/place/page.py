@@ -14,7 +14,7 @@ import numpy as np
 
 from pyibr.app.live.page_space import PageSpace
 from pyibr.app.live.pages import Pages
-from pyibr.app.live.panel import Panel
+from pyibr.app.live.panel import Panel, told, uploaded
 from pyibr.app.live.stream import Picture, SentPicture
 from pyibr.app.place.brush import SHEET, Brush
 from pyibr.app.place.captures import Captures
@@ -28,7 +28,7 @@ from pyibr.capture.frusta import Frustum, frusta_of
 from pyibr.capture.proposal import propose_frusta
 from pyibr.capture.sets import parse_set
 from pyibr.core.camera import Camera
-from pyibr.core.errors import ArgumentError, Error, FileFormatError
+from pyibr.core.errors import ArgumentError, Error
 from pyibr.core.files import checked_path
 from pyibr.images import Frame
 from pyibr.images.depth_image import Side
@@ -138,8 +138,7 @@ class PlacePage:
 
     def tell_error(self, error: Exception) -> None:
         """Say what is wrong."""
-        text = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
-        self.panel.say(f"**Not done:** {text}")
+        self.panel.say(f"**Not done:** {told(error)}")
 
     def _draw_marked(self, things: Any, camera: Camera, style: Style) -> Frame:
         state = self.placement.state
@@ -207,12 +206,12 @@ class PlacePage:
         def turned(_: Any) -> None:
             with self.placement.lock:
                 if not self._quiet:
-                    self._try(act)
+                    self.panel.attempt(act)
 
         handle.on_update(turned)
 
     def _choose(self, number: int) -> None:
-        self._try(lambda: self.placement.choose(number))  # it may be gone since the click
+        self.panel.attempt(lambda: self.placement.choose(number))  # it may be gone since the click
 
     def _open(self) -> None:
         self.placement.open(self._across.value, self._down.value, self._far.value or math.inf)
@@ -222,7 +221,9 @@ class PlacePage:
         cameras = [one.stream.camera for one in self._browsers if client is not None and one.stream.client == client]
         if cameras and cameras[0] is not None:
             camera = cameras[0]
-            self._try(lambda: self.placement.add(self.pages.call(lambda: self._before(camera), self.panel.say)))
+            self.panel.attempt(
+                lambda: self.placement.add(self.pages.call(lambda: self._before(camera), self.panel.say))
+            )
 
     def _before(self, camera: Camera) -> Frustum:
         frame = render(self.captures.surface.mesh, camera.resized((65, 49)))
@@ -246,7 +247,7 @@ class PlacePage:
             propose = gui.add_button("Propose")
             self._side: Any = gui.add_dropdown("Side", get_args(Side))
 
-        propose.on_click(lambda _: self._try(self.propose))
+        propose.on_click(lambda _: self.panel.attempt(self.propose))
         self._when_turned(self._side, lambda: self.placement.look_from(cast("Side", self._side.value)))
 
     def propose(self) -> None:
@@ -323,16 +324,16 @@ class PlacePage:
             save, load = gui.add_button("Save the set"), gui.add_button("Open the set")
             send = gui.add_button("Download the frusta")
             take = gui.add_upload_button("Upload frusta", mime_type="application/json")
-        save.on_click(lambda _: self._try(self.save))
-        load.on_click(lambda _: self._try(lambda: self.placement.load(self._named_folder())))
+        save.on_click(lambda _: self.panel.attempt(self.save))
+        load.on_click(lambda _: self.panel.attempt(lambda: self.placement.load(self._named_folder())))
         send.on_click(lambda event: self._send(event.client))
-        take.on_upload(lambda _: self._try(lambda: self._take(take.value.name, take.value.content)))
+        take.on_upload(lambda _: self.panel.attempt(lambda: self._take(take.value)))
 
     def save(self) -> None:
         """Write the set into the folder that the page names."""
         folder, state = self._named_folder(), self.placement.state
         self.placement.save(folder, self.pages.call(lambda: self.captures.views(state.frusta), self.panel.say))
-        self.panel.say(f"**Saved** {len(state.frusta)} frusta to {folder}")
+        self.panel.answer(f"**Saved** {len(state.frusta)} frusta to {folder}")
 
     def _named_folder(self) -> Path:
         """The folder that the page names, shown as the whole path that it is."""
@@ -347,20 +348,9 @@ class PlacePage:
                 "frusta.json", (json.dumps(data, indent=1) + "\n").encode(), save_immediately=True
             )
 
-    def _take(self, name: str, content: bytes) -> None:
-        try:
-            data: object = json.loads(content.decode("utf-8"))
-        except ValueError:
-            raise FileFormatError(f"{name}: not a readable JSON file") from None
-        entries, about = parse_set(data, Path(name))
-        self.placement.take(frusta_of(entries, name), about)
-
-    def _try(self, act: Callable[[], object]) -> None:
-        """Do something, or say what is wrong with it."""
-        try:
-            act()
-        except (Error, OSError) as error:
-            self.tell_error(error)
+    def _take(self, file: Any) -> None:
+        entries, about = parse_set(uploaded(file), Path(file.name))
+        self.placement.take(frusta_of(entries, file.name), about)
 
 
 class BrowserPage:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pyibr.app.live.page_space import fov_of
-from pyibr.app.live.panel import Panel
+from pyibr.app.live.panel import Panel, told, uploaded
 from pyibr.app.live.stream import Picture, SentPicture, Stream
 from pyibr.app.view.controls import LABELS, Controls
 from pyibr.app.view.overlays import legend, view_color
@@ -20,7 +20,7 @@ from pyibr.app.view.painting import kernel_seconds, paint
 from pyibr.app.view.paths import CameraPath
 from pyibr.app.view.scene import Scene
 from pyibr.core.camera import Camera
-from pyibr.core.errors import Error, FileFormatError
+from pyibr.core.errors import Error
 from pyibr.images import DepthImage
 from pyibr.images.pictures import in_bytes
 from pyibr.io.image import encoded
@@ -117,8 +117,7 @@ class ViewPage:
         self.panel.say("  \n".join(lines))
 
     def _tell_error(self, error: Exception) -> None:
-        text = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
-        self.panel.say(f"{_swatch((220, 60, 60), 'not drawn')}: {text}")
+        self.panel.say(f"{_swatch((220, 60, 60), 'not drawn')}: {told(error)}")
 
     # ---- sources
 
@@ -190,9 +189,13 @@ class ViewPage:
             self.client.camera.fov = math.radians(fov.value)
 
         home.on_click(lambda _: self.go_to(self.scene.start))
-        shot.on_click(lambda _: self._send("pyibr.png", self.screenshot()))
-        save.on_click(lambda _: self._send("camera.json", _json(self._camera().to_json())))
-        load.on_upload(lambda _: self._read(load.value, lambda data, name: self.go_to(Camera.from_json(data, name))))
+        attempt = self.panel.attempt
+        shot.on_click(lambda _: attempt(lambda: self._send("pyibr.png", self.screenshot())))
+        save.on_click(lambda _: attempt(lambda: self._send("camera.json", _json(self._camera().to_json()))))
+        load.on_upload(lambda _: attempt(lambda: self._load_camera(load.value)))
+
+    def _load_camera(self, file: Any) -> None:
+        self.go_to(Camera.from_json(uploaded(file), file.name))
 
     def _camera(self) -> Camera:
         if self.stream.camera is None:
@@ -208,17 +211,6 @@ class ViewPage:
     def _send(self, name: str, content: bytes) -> None:
         self.client.send_file_download(name, content, save_immediately=True)
 
-    def _read(self, file: Any, use: Callable[[object, str], None]) -> None:
-        """Use what an uploaded file holds, or say what is wrong with it."""
-        try:
-            try:
-                data: object = json.loads(file.content.decode("utf-8"))
-            except ValueError:
-                raise FileFormatError(f"{file.name}: not a readable JSON file") from None
-            use(data, file.name)
-        except Error as error:
-            self._tell_error(error)
-
     # ---- paths
 
     def _add_path_controls(self) -> None:
@@ -231,46 +223,41 @@ class ViewPage:
             save = gui.add_button("Save path")
             load = gui.add_upload_button("Load path", mime_type="application/json")
 
-        add.on_click(lambda _: self._set_path([*self.path, self._camera()]))
+        attempt = self.panel.attempt
+        add.on_click(lambda _: attempt(lambda: self._set_path([*self.path, self._camera()])))
         clear.on_click(lambda _: self._set_path([]))
-        play.on_click(lambda _: self.play())
-        save.on_click(lambda _: self._with_path(lambda path: self._send("path.json", _json(path.to_json()))))
-        load.on_upload(lambda _: self._read(load.value, self._load_path))
+        play.on_click(lambda _: attempt(self.play))
+        save.on_click(lambda _: attempt(lambda: self._send("path.json", _json(self._timed_path().to_json()))))
+        load.on_upload(lambda _: attempt(lambda: self._load_path(load.value)))
 
     def _set_path(self, cameras: list[Camera]) -> None:
         self.path = cameras
         count = len(cameras)
         self._count.content = f"{count} camera{'s' * (count != 1)}." if count else "No cameras yet."
 
-    def _load_path(self, data: object, name: str) -> None:
-        path = CameraPath.from_json(data, name)
+    def _timed_path(self) -> CameraPath:
+        return CameraPath(self.path, self._seconds.value)
+
+    def _load_path(self, file: Any) -> None:
+        path = CameraPath.from_json(uploaded(file), file.name)
         self._seconds.value = path.seconds
         self._set_path(list(path.cameras))
-
-    def _with_path(self, use: Callable[[CameraPath], None]) -> None:
-        try:
-            use(CameraPath(self.path, self._seconds.value))
-        except Error as error:
-            self._tell_error(error)
 
     def play(self) -> None:
         """Move the page's camera along its path; a second call while it moves stops it."""
         if self._playing.is_set():
             self._playing.clear()
             return
+        path, start = self._timed_path(), time.monotonic()
         self._playing.set()
-        self._with_path(self._move_along)
-        self._playing.clear()
-
-    def _move_along(self, path: CameraPath) -> None:
-        start = time.monotonic()
         while self._playing.is_set() and not self._stops.is_set():
             passed = time.monotonic() - start
             self.go_to(path.at(passed))
             self.client.flush()
             if passed >= path.seconds:
-                return
+                break
             time.sleep(_PLAYED)
+        self._playing.clear()
 
 
 def _swatch(color: tuple[int, int, int], text: str) -> str:

@@ -94,8 +94,9 @@ def test_a_folder_at_home_is_meant_there_and_told_whole(page, tmp_path, monkeypa
     page._folder.value = "~/set"
     page.save()
     assert page._folder.value == str(tmp_path / "set")
-    assert page.panel.text == f"**Saved** 1 frusta to {tmp_path / 'set'}"
+    page.panel.say("a picture")
+    assert page.panel.text == f"**Saved** 1 frusta to {tmp_path / 'set'}\n\na picture"
     assert load_frusta(tmp_path / "set")[0] == list(page.placement.state.frusta)
     page._folder.value = "~nobody-of-that-name/set"
-    page._try(page.save)
+    page.panel.attempt(page.save)
     assert "**Not done:** folder: expected a folder" in page.panel.text
