@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pyibr.core import conventions
+from pyibr.core import conventions, rotations
 from pyibr.core.calibrations import cameras_in, chosen, listed, making, read_calibration
 from pyibr.core.camera_geometry import CameraGeometry, Projection
 from pyibr.core.camera_json import camera_entries, write_json
@@ -89,7 +89,7 @@ class Camera(CameraGeometry, Shown):
         >>> ibr.Camera.from_opencv(K, (0, 0, 0), (0, 0, 0), (640, 480), [-0.2, 0.05, 0, 0]).lens
         <Lens brown_conrady -0.2 0.05 0 0 0>
         """
-        R = conventions.rotation_from_opencv(rotation)
+        R = rotations.rotation_from_opencv(rotation)
         t = numbers("translation", np.asarray(translation).reshape(-1), (3,))
         checked_bool("fisheye", fisheye)
         lens = None if distortion is None else Lens.from_opencv(distortion, fisheye=fisheye)
@@ -99,7 +99,7 @@ class Camera(CameraGeometry, Shown):
         """Return OpenCV's (K, rvec (3,), tvec (3,)); its `distCoeffs` are `lens.to_opencv()`."""
         self._require_perspective("OpenCV")
         pose = self.camera_from_world
-        return self.K.copy(), conventions.rvec_from_rotation(pose[:3, :3]), pose[:3, 3].copy()
+        return self.K.copy(), rotations.rvec_from_rotation(pose[:3, :3]), pose[:3, 3].copy()
 
     @classmethod
     def from_opengl(
@@ -146,7 +146,7 @@ class Camera(CameraGeometry, Shown):
         size : (width, height)
         """
         K, distortion, fisheye = conventions.intrinsics_from_colmap(model, params)
-        rotation = conventions.rotation_from_quaternion(numbers("qvec", qvec, (4,)))
+        rotation = rotations.rotation_from_quaternion(numbers("qvec", qvec, (4,)))
         pose = conventions.pose_from_extrinsics(rotation, numbers("tvec", tvec, (3,)))
         return cls(K, size, pose, lens=Lens.from_opencv(distortion, fisheye=fisheye))
 
@@ -158,7 +158,7 @@ class Camera(CameraGeometry, Shown):
         self._require_perspective("COLMAP", skew=False)
         model, params = conventions.colmap_from_intrinsics(self.K, self.lens)
         pose = self.camera_from_world
-        return model, params, conventions.quaternion_from_rotation(pose[:3, :3]), pose[:3, 3].copy()
+        return model, params, rotations.quaternion_from_rotation(pose[:3, :3]), pose[:3, 3].copy()
 
     @classmethod
     def from_ros(cls, info: object, world_from_camera: ArrayLike | None = None) -> Camera:

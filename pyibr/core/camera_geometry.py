@@ -22,9 +22,9 @@ from pyibr.core.checks import (
     read_only,
     warn_if_exchanged,
 )
-from pyibr.core.conventions import rotation_from_opencv
 from pyibr.core.errors import ArgumentError
 from pyibr.core.lens import Lens
+from pyibr.core.rotations import rotation_from_opencv
 
 Projection = Literal["perspective", "orthographic"]
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64, checked_pose
-from pyibr.core.conventions import rotation_from_quaternion
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import checked_path, read_rows, reading
+from pyibr.core.rotations import rotation_from_quaternion
 from pyibr.io.cameras import read_cameras
 from pyibr.io.folders import files_in, units_of
 

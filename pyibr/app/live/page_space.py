@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pyibr.capture.standpoint import radius_of
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
-from pyibr.core.conventions import quaternion_from_rotation, rotation_from_quaternion
+from pyibr.core.rotations import quaternion_from_rotation, rotation_from_quaternion
 
 _RADIUS = 3.0  # of the scene on the page: its near plane, its keys and its depths suit scenes of about that size
 

@@ -13,8 +13,8 @@ from pyibr.app.place.model import Placement, State
 from pyibr.app.view.overlays import view_color
 from pyibr.capture.frusta import Frustum
 from pyibr.core.checks import Float64
-from pyibr.core.conventions import rotation_from_quaternion
 from pyibr.core.errors import ArgumentError
+from pyibr.core.rotations import rotation_from_quaternion
 
 if TYPE_CHECKING:
     from viser import CameraFrustumHandle, SceneApi, TransformControlsHandle

@@ -13,8 +13,8 @@ import numpy as np
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import read_json, write_json
 from pyibr.core.checks import Float64, number_from
-from pyibr.core.conventions import quaternion_from_rotation, rotation_from_quaternion
 from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.rotations import quaternion_from_rotation, rotation_from_quaternion
 
 _SECONDS_MAX = 3600.0  # seconds
 

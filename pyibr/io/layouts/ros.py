@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
-from pyibr.core.conventions import rotation_from_quaternion
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import decoding
 from pyibr.core.optional import rosbags
+from pyibr.core.rotations import rotation_from_quaternion
 from pyibr.io import image
 from pyibr.io.poses import rigid_or_none
 from pyibr.io.recordings import Recording, Stored, paired_by_time
