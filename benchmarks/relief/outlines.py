@@ -153,8 +153,8 @@ def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, **options: Any) -> O
         counts = (bare & ~ours).sum(), (bare & ~true).sum(), (ours & true).sum(), (ours | true).sum()
         counts += (bare & true).sum(), (bare | true).sum()
         holes = _shrunk(true) & ~ours
-        inside_out = _inside_out(base, rays, hits, (1 - HEIGHT) * relief.scale).reshape(size, size)
-        counts += holes.sum(), (ours & ~_grown(true)).sum(), (holes & inside_out).sum()
+        counts += holes.sum(), (ours & ~_grown(true)).sum()
+        counts += (_inside_out(base, rays, hits, (1 - HEIGHT) * relief.scale, np.flatnonzero(holes)),)
         rows.append((*counts, (dark & is_lit).sum(), (told & true & ours).sum()))
     sums = np.sum(rows, axis=0, dtype=float)
     carved, should, both, either, bare_both, bare_either, empty, spurs, inside_out, dark, told = sums
@@ -181,12 +181,12 @@ def _lit(scene: Any, rays: Float64, hits: Any, scale: float) -> Mask:
     return met & ~scene.test_occlusions(to_light).numpy()
 
 
-def _inside_out(base: Any, rays: Float64, hits: Any, moved: float) -> Mask:
-    """(pixels,) where rays hit the truth from behind, or clearly nearer to the mesh than it has been moved."""
-    t = hits["t_hit"].numpy().astype(np.float64)
-    points = rays[:, :3] + np.where(np.isfinite(t), t, 0)[:, None] * rays[:, 3:]
-    from_behind = (hits["primitive_normals"].numpy() * rays[:, 3:]).sum(axis=1) > 0
-    return from_behind | (base.compute_distance(points.astype(np.float32)).numpy() < 0.9 * moved)
+def _inside_out(base: Any, rays: Float64, hits: Any, moved: float, holes: NDArray[np.intp]) -> int:
+    """Number of holes whose rays hit the truth from behind, or clearly nearer to the mesh than it has been moved."""
+    t, ahead = hits["t_hit"].numpy()[holes, None].astype(np.float64), rays[holes, 3:]
+    from_behind = (hits["primitive_normals"].numpy()[holes] * ahead).sum(axis=1) > 0
+    points = (rays[holes, :3] + t * ahead).astype(np.float32)
+    return int((from_behind | (base.compute_distance(points).numpy() < 0.9 * moved)).sum())
 
 
 def _grown(mask: Mask) -> Mask:

@@ -15,8 +15,10 @@ _LONGEST = 2.0  # of a mitre: that of normals 120 degrees apart
 
 def place_and_way(vertices: Float64, normals: Float64) -> NDArray[np.int64]:
     """(N,) equal numbers for vertices at one place with one normal: seams of uv do not part them, hard edges do."""
-    kinds = np.column_stack([place_of(vertices.astype(np.float32)), normals.round(3)])
-    return np.unique(kinds, axis=0, return_inverse=True)[1].reshape(-1)
+    kinds = place_of(vertices.astype(np.float32))
+    for along in np.rint(1000 * normals).astype(np.int64).T:
+        kinds = 2001 * kinds + along + 1000  # of rows, NumPy sorts numbers ten times as fast
+    return np.unique(kinds, return_inverse=True)[1].reshape(-1)
 
 
 def mitred(vertices: Float64, normals: Float64, faces: NDArray[np.int32]) -> Float64:

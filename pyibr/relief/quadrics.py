@@ -179,13 +179,14 @@ def fitted_quadrics(
     first[place] = np.arange(len(vertices))  # any vertex at the place
     # Each place's neighbours, once each.
     ends = place[faces]
-    pairs = np.concatenate([ends[:, [i, j]] for i in range(3) for j in range(3) if i != j])
-    pairs = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
-    start = np.searchsorted(pairs[:, 0], np.arange(count + 1))
+    pairs = np.unique([ends[:, i] * count + ends[:, j] for i in range(3) for j in range(3) if i != j])
+    there, other = np.divmod(pairs, count)
+    there, other = there[there != other], other[there != other]
+    start = np.searchsorted(there, np.arange(count + 1))
     neighbours = np.diff(start)[place]
     owner = np.repeat(np.arange(len(vertices)), neighbours)
     offset = np.arange(len(owner)) - np.repeat(np.cumsum(neighbours) - neighbours, neighbours)
-    away = vertices[first[pairs[start[place[owner]] + offset, 1]]] - vertices[owner]
+    away = vertices[first[other[start[place[owner]] + offset]]] - vertices[owner]
 
     x_axis = unit(along_x, _any_tangent(normals))
     axes = x_axis, np.cross(normals, x_axis), normals

@@ -62,6 +62,7 @@ def hills() -> np.ndarray:
     return np.ascontiguousarray(tiled_noise(3, 5)[::2, ::2])
 
 
+@cache
 def relief(name: str, smooth: bool = False, **options: Any) -> ibr.ReliefSurface:
     surface, cells, tiles, scale, _ = BASES[name]
     return ibr.ReliefSurface(
@@ -247,7 +248,7 @@ def test_normals_of_a_map_light_walls_within():
         looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["along u"]),
         ibr.Light(direction=(0, 0, -1), ambient=0, shadow_size=0),
     )
-    upright = np.tile(np.float32([0, 0, 1]), (2, 2, 1))
+    upright = (((0.0, 0.0, 1.0),) * 2,) * 2
     flat = ibr.render(relief("plane", normal_map=upright), camera, light)
     sloping = ibr.render(relief("plane"), camera, light)
     np.testing.assert_array_equal(flat.valid, sloping.valid)
