@@ -48,12 +48,11 @@ def magnified(zoom: int, move=(0, 0, 0), size=(244, 188)) -> ibr.Camera:
     return ibr.Camera(K, size, CAMERA.moved(*move).world_from_camera)
 
 
-def compared(scene: MeshScene, frame: ibr.Frame, zoom: float) -> tuple[float, float]:
+def compared(seen: ibr.DepthImage, frame: ibr.Frame, zoom: float) -> tuple[float, float]:
     """The share of the strips' pixels that are covered, and right to 1 %, and how many samples others lie beyond.
 
     By rows or columns, whichever is more. A pixel of the strip lies up to one pixel within its border.
     """
-    seen = scene.capture(frame.camera)
     thin = seen.depth < 3
     with np.errstate(invalid="ignore"):
         drawn = frame.valid & (frame.depth < 3)
@@ -100,11 +99,12 @@ def test_wires_are_covered_and_little_more(name, wall):
     for zoom in (2, 8):
         # Samples' pixels cover what lies along rows and columns, of slanted wires so much: that is why there is `thin`.
         straight = name in ("row", "column", "dots", "a row that recedes")
+        truths = [scene.capture(magnified(zoom, move)) for move in MOVES]
         for thin, least in ((True, 0.95), (False, 0.95 if straight else 0.6)):
             covered = []
-            for move in MOVES:
-                camera, nearer = magnified(zoom, move), 2 / (2 - move[2])
-                share, beyond = compared(scene, ibr.warp(view, camera, thin=thin), zoom * nearer)
+            for move, seen in zip(MOVES, truths, strict=True):
+                frame = ibr.warp(view, seen.camera, thin=thin)
+                share, beyond = compared(seen, frame, zoom * 2 / (2 - move[2]))
                 assert beyond <= 0.5, (zoom, move, thin)
                 covered.append(share)
             assert np.mean(covered) >= least, (zoom, covered, thin)
