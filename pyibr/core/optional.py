@@ -85,6 +85,12 @@ def fsspec() -> Any:
     return _imported("fsspec", "batches need fsspec", "batch", "pip install --force-reinstall fsspec")
 
 
+def zarr() -> Any:
+    """zarr, stores of arrays in chunks, or a MissingPackageError."""
+    need = "Zarr stores need zarr and Python 3.11 or later"
+    return _imported("zarr", need, "batch", "pip install --force-reinstall zarr")
+
+
 def _imported(module: str, need: str, extra: str, remedy: str) -> Any:
     try:
         return import_module(module)

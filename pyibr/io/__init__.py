@@ -74,6 +74,7 @@ class DepthReading(TypedDict, total=False):
 
 _PathLike = str | PathLike[str]
 _COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}
+_MASK_MODULES = {".npy": "npy"}
 _DEPTH_MODULES = _COLOR_MODULES | {
     ".png": "image",
     ".tif": "image",
@@ -180,7 +181,7 @@ def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32])
 
 
 def write_mask(path: _PathLike, mask: NDArray[np.bool_]) -> None:
-    """Write an (H, W) bool mask as an 8-bit gray image: 0 and 255.
+    """Write an (H, W) bool mask as an 8-bit gray image, 0 and 255, or as NPY, as it is.
 
     Examples
     --------
@@ -193,7 +194,7 @@ def write_mask(path: _PathLike, mask: NDArray[np.bool_]) -> None:
     array = plain_array("mask", mask, "bool of shape (H, W)")
     if array.ndim != 2 or array.dtype != np.bool_ or not array.size:
         raise ArgumentError("mask", "bool of shape (H, W)", describe(mask))
-    image.write_color(path, array.astype(np.uint8) * np.uint8(255))
+    _module(path, _MASK_MODULES, "image").write_color(path, array)
 
 
 def check_output(path: _PathLike, kind: Literal["color", "depth", "mask"]) -> None:
@@ -207,7 +208,7 @@ def check_output(path: _PathLike, kind: Literal["color", "depth", "mask"]) -> No
     if kind == "depth":
         module = _module(path, _DEPTH_MODULES)
     else:
-        module = _module(path, _COLOR_MODULES if kind == "color" else {}, "image")
+        module = _module(path, _COLOR_MODULES if kind == "color" else _MASK_MODULES, "image")
     check = getattr(module, "check_output", None)
     if check is not None:
         check(path)

@@ -116,8 +116,10 @@ def check_output(path: str | PathLike[str]) -> None:
 
 
 def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
-    """Write an (H, W) or (H, W, 3) image, float as 8 bit."""
+    """Write an (H, W) or (H, W, 3) image, float and bool as 8 bit."""
     check_output(path)
+    if color.dtype == np.bool_:
+        color = color.astype(np.uint8) * np.uint8(255)
     if color.dtype.kind == "f":
         color = np.rint(np.clip(np.nan_to_num(color), 0, 1) * 255).astype(np.uint8)
     write_atomically(path, encoded(color, checked_path(path).suffix.lower()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -120,9 +121,9 @@ def test_inputs_and_outputs_by_url(cluster: Any, tmp_path: Path):
         (
             "warp {color} -o new.png",
             {"color": "*.png"},
-            "command: expected {out} and names of color, name, out in braces",
+            "command: expected {out} or {zarr}, and names of color, name, out, zarr in braces",
         ),
-        ("warp {colour} -o {out}/new.png", {"color": "*.png"}, "command: expected {out} and names of"),
+        ("warp {colour} -o {out}/new.png", {"color": "*.png"}, "command: expected {out} or {zarr}, and names of"),
         ("warp {color -o {out}/new.png", {"color": "*.png"}, "command: expected words with names in braces"),
         (
             "view {color} {out}",
@@ -187,6 +188,39 @@ def test_results_go_to_any_file_system(tmp_path: Path):
     files = fsspec.filesystem("memory")
     files.pipe_file("/batches/out/0.png", files.cat_file("/batches/out/0.png")[::-1])
     assert Manifest(output).has(task, verify=False) and not Manifest(output).has(task, verify=True)
+
+
+def test_rows_of_a_zarr_store(cluster: Any, tmp_path: Path):
+    """Arrays as the command writes them; rows stay where they are as frames come, change and are lost."""
+    zarr = pytest.importorskip("zarr")
+    inputs, output = scans(tmp_path / "in", 3), tmp_path / "out"
+    (tmp_path / "in/scan 0").rename(tmp_path / "in/scan 9")
+    files = "{zarr}/color.npy --depth-out {zarr}/depth.npy --valid-out {zarr}/valid.npy"
+    command = f"warp {{color}} {{depth}} --fov 60 --depth-scale 1000 --move 0.1 0 0 -o {files}"
+
+    def run() -> Any:
+        return batch(command, inputs, str(output), scheduler=cluster.scheduler_address, retries=0, verify=True)
+
+    assert sorted(run().done) == ["1", "2", "9"]
+    shutil.copytree(tmp_path / "in/scan 1", tmp_path / "in/scan 0")
+    ibr.write_color(tmp_path / "in/scan 2/color.png", np.zeros((*SIZE[::-1], 3), np.uint8))
+    (output / "frames.zarr/color/c/2/0/0/0").unlink()
+    (tmp_path / "in/scan 3").mkdir()
+    ibr.write_color(tmp_path / "in/scan 3/color.png", np.ones((8, 9, 3), np.uint8))
+    ibr.write_depth(tmp_path / "in/scan 3/depth.png", np.ones((8, 9), np.float32), depth_scale=1000)
+    found = run()
+    assert (sorted(found.done), found.kept) == (["0", "2", "9"], ["1"])
+    size = "(16, 24, 3) as in the store, got uint8 of shape (8, 9, 3)"
+    assert found.failed == {"3": f"color: expected uint8 of shape {size}"}
+
+    store, camera = zarr.open(output / "frames.zarr"), ibr.Camera.from_fov(SIZE, fov_x=60)
+    assert store.attrs["names"] == ["1", "2", "9", "0", "3"] and not store["valid"][4].any()
+    for row, (color, depth) in enumerate([(51, 3), (0, 4), (50, 2), (51, 3)]):
+        view = np.full((*SIZE[::-1], 3), color, np.uint8), np.full(SIZE[::-1], depth, np.float32)
+        alone = ibr.warp(ibr.DepthImage(*view, camera), camera.moved(0.1, 0, 0))
+        np.testing.assert_array_equal(store["color"][row], alone.color)
+        np.testing.assert_array_equal(store["valid"][row], alone.valid)
+        np.testing.assert_array_equal(store["depth"][row], alone.depth * np.float32(1000))
 
 
 class Lost(list[Any]):

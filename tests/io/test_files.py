@@ -213,6 +213,8 @@ def test_mask(tmp_path: Path):
     mask = depth_of((61, 37)) > 30
     ibr.write_mask(tmp_path / "mask.png", mask)
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "mask.png")), mask * np.uint8(255))
+    ibr.write_mask(tmp_path / "mask.npy", mask)
+    np.testing.assert_array_equal(np.load(tmp_path / "mask.npy"), mask, strict=True)
 
 
 def test_depth_png_is_the_one_that_others_write_and_read(tmp_path: Path):

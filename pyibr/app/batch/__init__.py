@@ -10,6 +10,7 @@ from typing import Any
 
 from pyibr.app.batch.job import Job, Task
 from pyibr.app.batch.manifest import Manifest
+from pyibr.app.batch.rows import numbered
 from pyibr.app.batch.work import COMMANDS, run_task, working_gpus
 from pyibr.core.checks import integer_from
 from pyibr.core.errors import ArgumentError, DeviceError
@@ -64,7 +65,9 @@ def batch(
     ----------
     command : str
         As on the command line, without ``pyibr``: ``"warp {color} {depth} --orbit 5 -o {out}/{name}.png"``. In braces
-        stand inputs; ``{out}``, a folder for the results; ``{name}``, what the patterns' ``*`` stand for.
+        stand inputs; ``{out}``, a folder for the results; ``{zarr}``, one whose NPY files, as ``{zarr}/depth.npy``,
+        become a row of arrays of their names in the Zarr store ``frames.zarr``; ``{name}``, what the patterns' ``*``
+        stand for.
     inputs : mapping of str to str
         Paths or URLs by name, files' or folders', of any file system that fsspec knows. Those with ``*`` make a task
         of each name; the others are the same for all.
@@ -112,6 +115,7 @@ def batch(
     if job.template[0] not in COMMANDS:
         raise ArgumentError("command", f"one of {', '.join(COMMANDS)}", repr(job.template[0]))
     tasks, lacking = job.tasks()
+    tasks = numbered(output, tasks) if job.makes_rows else tasks
     manifest, outcome = Manifest(output), Batch(failed=lacking)
     todo: dict[str, Task] = {}
     for task in tasks:

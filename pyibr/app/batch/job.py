@@ -24,6 +24,8 @@ class Task(NamedTuple):
     name: str
     inputs: dict[str, str]  # paths or URLs
     key: str  # checksum of the command and of what tells that its inputs have changed
+    row: int = 0  # in the arrays of a Zarr store,
+    rows: int = 0  # which have so many
 
 
 class Job:
@@ -44,13 +46,13 @@ class Job:
             used = {field for word in self.template for _, field, _, _ in string.Formatter().parse(word) if field}
         except ValueError as error:
             raise ArgumentError("command", f"words with names in braces ({error})", repr(command)) from None
-        known = {*inputs, "out", "name"}
-        if not used <= known or "out" not in used:
-            expected = f"{{out}} and names of {', '.join(sorted(known))} in braces"
+        known = {*inputs, "out", "zarr", "name"}
+        if not used <= known or used.isdisjoint(("out", "zarr")):
+            expected = f"{{out}} or {{zarr}}, and names of {', '.join(sorted(known))} in braces"
             raise ArgumentError("command", expected, repr(command))
         if not any("*" in url for url in inputs.values()):
             raise ArgumentError("inputs", "a pattern with *", f"{inputs}")
-        self.inputs, self.output = inputs, output
+        self.inputs, self.output, self.makes_rows = inputs, output, "zarr" in used
 
     def tasks(self) -> tuple[list[Task], dict[str, str]]:
         """The tasks in order of their names, and the names that lack an input, with the error."""

@@ -21,6 +21,7 @@ from typer.main import get_command
 import pyibr as ibr
 from pyibr.app.batch.job import Task
 from pyibr.app.batch.manifest import PART, Entry, checksum
+from pyibr.app.batch.rows import METADATA, STORE, agree, to_chunks
 from pyibr.app.commands.capture import capture
 from pyibr.app.commands.clean import clean
 from pyibr.app.commands.command import expanded
@@ -66,19 +67,26 @@ def run_task(template: Sequence[str], output: str, task: Task) -> Entry:
     place = Path(root if is_local else tempfile.gettempdir(), worker)  # stays: some file systems take long to remove it
     out = place / "out"
     out.mkdir(parents=True, exist_ok=True)
+
+    def move(path: Path, target: str) -> None:
+        files.makedirs(files._parent(target), exist_ok=True)
+        path.replace(target) if is_local else files.put_file(str(path), target)
+
     try:
         known = {name: _local(url, place / name) for name, url in task.inputs.items()}
-        run_command([word.format(**known, out=out, name=task.name) for word in template])
+        run_command([word.format(**known, out=out, zarr=out / STORE, name=task.name) for word in template])
+        if task.rows:
+            to_chunks(out / STORE, task)
+            for path in sorted(out.glob(f"{STORE}/*/{METADATA}")):
+                agree(files, path, f"{root}/{path.relative_to(out).as_posix()}", move)
         entry: Entry = {"name": task.name, "key": task.key, "files": {}}
-        made = sorted(path for path in out.rglob("*") if path.is_file())
+        made = sorted(path for path in out.rglob("*") if path.is_file() and not (task.rows and path.name == METADATA))
         if not made:
             raise Error("the command wrote nothing to {out}")
         for path in made:
             below = path.relative_to(out).as_posix()
             entry["files"][below] = path.stat().st_size, checksum(fsspec().filesystem("file"), str(path))
-            target = f"{root}/{below}"
-            files.makedirs(files._parent(target), exist_ok=True)
-            path.replace(target) if is_local else files.put_file(str(path), target)
+            move(path, f"{root}/{below}")
     finally:
         if not is_local or any(path != out for path in place.rglob("*")):
             shutil.rmtree(place)
