@@ -4,13 +4,13 @@
 
 Calls of all systems are made by PoCL and by each other CPU runtime that is here, in the CPUs' form, and in the GPUs'
 form by PoCL and by Mesa's rusticl on llvmpipe, of a Debian 13 that is put into a folder (as root on Debian or Ubuntu).
+Each launch is given what PoCL's is given: what those before it have made is replaced by what PoCL made of it.
 The outcome is written to benchmarks/results/devices.json, and printed as the table of docs/machines.md.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
 import shutil
@@ -28,8 +28,6 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.opencl import device, memory
-from pyibr.opencl.launch import Struct
-from pyibr.opencl.memory import DeviceArray
 from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.watch import Watch, watching
 from tests.one_lane import one_lane
@@ -40,41 +38,37 @@ ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "benchmarks/results/devices.json"
 TOLERANCE = 1e-5  # of a value: what other compilers' rounding comes to, as the tests of one lane allow it
 SCRATCH = {"pool", "used"}  # parts of a stack, which work-items take in any order
-RUSTICL = {"RUSTICL_ENABLE": "llvmpipe", "PYIBR_DEVICE": "rusticl"}
+RUSTICL = {"RUSTICL_ENABLE": "llvmpipe", "PYIBR_DEVICE": "rusticl", "PYIBR_BUILD_OPTIONS": "-DINLINED=static"}
+"""Its compiler loses copies of structs in loops (`pyibr.opencl.selftest`), of which inlining makes more."""
 
 
 class Launches(Watch):
-    """Keeps what each launch is given, as a checksum, and what it makes."""
+    """Keeps what each launch makes. Further ones read what it made for another, if `first` tells that."""
 
-    def __init__(self) -> None:
+    def __init__(self, first: Mapping[str, NDArray[Any]]) -> None:
         self.call = ""
         self.kept: dict[str, NDArray[Any]] = {}
+        self._first = first
         self._count: dict[str, int] = defaultdict(int)
 
     def launch(self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Any) -> None:
-        """Make a launch between two looks at its arrays."""
-        key = f"{self.call}/{kernel.name}"
-        self._count[key] += 1
-        key += f"/{self._count[key]}"
-        given = hashlib.sha256(repr(grid).encode())
-        for name in sorted(arguments):
-            given.update(_bytes_of(arguments[name]))
-        self.kept[f"{key}/"] = np.frombuffer(given.digest(), np.uint8)
+        """Make a launch, and look at its arrays."""
         enqueue(**arguments)
+        launch = f"{self.call}/{kernel.name}"
+        self._count[launch] += 1
         written = {one.name for one in kernel.arguments if one.kind == "pointer" and not one.constant}
-        written -= SCRATCH
-        for name in sorted(written):
-            self.kept[f"{key}/{name}"] = arguments[name].to_host().copy()
+        for name in sorted(written - SCRATCH):
+            key = f"{launch}/{self._count[launch]}/{name}"
+            self.kept[key] = arguments[name].to_host().copy()
+            if key in self._first:
+                memory.copy(memory.upload(self._first[key]), arguments[name])
 
 
-def _bytes_of(value: Any) -> bytes:
-    if isinstance(value, DeviceArray):
-        return value.to_host().tobytes()
-    return value.values.tobytes() if isinstance(value, Struct) else repr(float(value)).encode()
+def draw(out: Path, in_gpu_form: bool, first: Path | None) -> None:
+    """Draw all calls on the device in use, all of whose memory begins with zeros, and keep what launches make.
 
-
-def draw(out: Path, in_gpu_form: bool) -> None:
-    """Draw all calls on the device in use, all of whose memory begins with zeros, and keep the launches."""
+    first: a file of another's, which these launches go on from.
+    """
     take = memory._take
 
     def take_empty(session: device.Session, size: int) -> Any:
@@ -87,7 +81,8 @@ def draw(out: Path, in_gpu_form: bool) -> None:
 
     if in_gpu_form:  # which a CPU's test, of what the CPUs' form needs, says nothing of
         device._examine = device._examine_broken_again = lambda *_: Outcome(True)
-    with one_lane() if in_gpu_form else nullcontext(), watching(Launches()) as launches:
+    launches = Launches({} if first is None else np.load(first))
+    with one_lane() if in_gpu_form else nullcontext(), watching(launches):
         drawn = calls()
         memory._take = take_empty
         for launches.call, call in drawn.items():
@@ -99,21 +94,23 @@ def draw(out: Path, in_gpu_form: bool) -> None:
 
 @dataclass
 class Agreement:
-    """Agreement of a kernel's launches with PoCL's.
+    """Agreement of a kernel's launches with PoCL's, which are given the same.
 
     Attributes
     ----------
-    launches, same, given_same : int
-        How many there are, make the same bits, and are given the same.
+    launches, same : int
+        How many there are, and make the same bits.
     off, far : float
-        Of the latter: the share of values that differ, and of those that do by more than `TOLERANCE` of themselves.
+        The share of values that differ, and of those that do by more than `TOLERANCE` of themselves.
+    most : float
+        By which part of themselves the others differ at most.
     """
 
     launches: int = 0
     same: int = 0
-    given_same: int = 0
     off: float = 0.0
     far: float = 0.0
+    most: float = 0.0
     _values: int = field(default=0, repr=False)
 
 
@@ -121,38 +118,34 @@ def compare(base: Path, other: Path) -> dict[str, Agreement]:
     """Agreements by kernels' names."""
     found: dict[str, Agreement] = defaultdict(Agreement)
     with np.load(base) as one, np.load(other) as two:
-        launches: dict[str, list[str]] = defaultdict(list)
+        differs: dict[tuple[str, str], bool] = defaultdict(bool)
         for key in one.files:
             if key.count("/") == 3:
-                launch, name = key.rsplit("/", 1)
-                launches[launch] += [name] if name else []
-        for launch, names in launches.items():
-            agreement = found[launch.split("/")[1]]
-            agreement.launches += 1
-            pairs = [(one[key], two[key]) for name in names if (key := f"{launch}/{name}") in two.files]
-            if len(pairs) < len(names) or any(a.shape != b.shape for a, b in pairs):
-                continue
-            agreement.same += all(a.tobytes() == b.tobytes() for a, b in pairs)
-            if (one[f"{launch}/"] == two[f"{launch}/"]).all():
-                agreement.given_same += 1
-                for a, b in pairs:
-                    _add(agreement, a, b)
+                call, kernel, number, _ = key.split("/")
+                differs[kernel, f"{call}/{number}"] |= _add(found[kernel], one[key], two[key])
+    for (kernel, _), off in differs.items():
+        found[kernel].launches += 1
+        found[kernel].same += not off
     for agreement in found.values():
         agreement.off, agreement.far = (part / max(agreement._values, 1) for part in (agreement.off, agreement.far))
     return dict(sorted(found.items()))
 
 
-def _add(agreement: Agreement, a: NDArray[Any], b: NDArray[Any]) -> None:
+def _add(agreement: Agreement, a: NDArray[Any], b: NDArray[Any]) -> bool:
     differs = a.view(f"u{a.itemsize}") != b.view(f"u{b.itemsize}")
     agreement._values += differs.size
     agreement.off += int(differs.sum())
     with np.errstate(all="ignore"):
         one, two = (values[differs].astype(np.float64) for values in (a, b))
-        agreement.far += int((abs(one - two) > TOLERANCE * np.maximum(abs(one), abs(two))).sum())
+        parts = abs(one - two) / np.maximum(abs(one), abs(two))
+    near = parts <= TOLERANCE
+    agreement.far += int((~near).sum())
+    agreement.most = max(agreement.most, parts[near].max(initial=0))
+    return bool(differs.any())
 
 
 def table(found: Mapping[str, Mapping[str, Agreement]]) -> str:
-    """Kernels that make the same bits in number, and a row for each other: what differs of what was given the same."""
+    """Kernels that make the same bits in number, and a row for each other: what differs."""
     lines = [f"| kernel | {' | '.join(found)} |", f"|---|{'---|' * len(found)}"]
     whole = [[one.same == one.launches for one in each.values()] for each in found.values()]
     lines.append(f"| all launches the same | {' | '.join(f'{sum(each)} of {len(each)}' for each in whole)} |")
@@ -166,42 +159,46 @@ def table(found: Mapping[str, Mapping[str, Agreement]]) -> str:
 def _told(one: Agreement | None) -> str:
     if one is None or one.same == one.launches:
         return "" if one is None else "all"
-    rest = f"{100 * one.off:.2g} % of the values, {100 * one.far:.2g} % far" if one.off else "given other values"
-    return f"{one.same} of {one.launches}; {rest}"
+    far = f", {100 * one.far:.2g} % far" if one.far else ""
+    return f"{one.same} of {one.launches}; {100 * one.off:.2g} % of the values, by up to {one.most:.0e}{far}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draw", type=Path, help="only keep the launches of the device in use, in this file")
+    parser.add_argument("--first", type=Path, help="a file of another's launches, which these go on from")
     parser.add_argument("--gpu-form", action="store_true")
     parser.add_argument("--folder", type=Path, default=ROOT / "build/devices", help="where Debian and files are put")
     given = parser.parse_args()
     if given.draw:
-        draw(given.draw, given.gpu_form)
+        draw(given.draw, given.gpu_form, given.first)
         return
     folder = given.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     runtimes = [one for one in ibr.devices() if one.works and one.kind == "cpu"]
     runtimes.sort(key=lambda one: "PoCL" not in one.version)
-    base, in_gpu_form = (_drawn(folder, form, str(runtimes[0].index)) for form in ("", "--gpu-form"))
-    found = {one.platform: compare(base, _drawn(folder, "", str(one.index))) for one in runtimes[1:]}
+    base, in_gpu_form = (_drawn(folder, runtimes[0], *form) for form in ([], ["--gpu-form"]))
+    found = {one.platform: compare(base, _drawn(folder, one, "--first", str(base))) for one in runtimes[1:]}
     if debian.is_possible():
         system = folder / "trixie"
         debian.make_system(system, "trixie", ["mesa-opencl-icd"])
         home = debian.install(system, ROOT, "pytest")
         for part in ("tests", "tools"):
             shutil.copytree(ROOT / part, home / part, dirs_exist_ok=True)
-        debian.within(system, "v/bin/python -m tools.devices --gpu-form --draw rusticl.npz", **RUSTICL)
+        shutil.copy(in_gpu_form, home / "first.npz")
+        debian.within(
+            system, "v/bin/python -m tools.devices --gpu-form --first first.npz --draw rusticl.npz", **RUSTICL
+        )
         found["rusticl, one lane"] = compare(in_gpu_form, home / "rusticl.npz")
     print(table(found))
     kept = {name: {kernel: asdict(one) for kernel, one in each.items()} for name, each in found.items()}
     RECORD.write_text(json.dumps(kept, indent=1) + "\n")
 
 
-def _drawn(folder: Path, form: str, index: str) -> Path:
-    out = folder / f"{index}{form}.npz"
-    command = [sys.executable, "-m", "tools.devices", "--draw", str(out), *form.split()]
-    subprocess.run(command, check=True, cwd=ROOT, env=os.environ | {"PYIBR_DEVICE": index})
+def _drawn(folder: Path, device: ibr.Device, *options: str) -> Path:
+    out = folder / f"{device.index}{''.join(options[:1])}.npz"
+    command = [sys.executable, "-m", "tools.devices", "--draw", str(out), *options]
+    subprocess.run(command, check=True, cwd=ROOT, env=os.environ | {"PYIBR_DEVICE": str(device.index)})
     return out
 
 

@@ -22,9 +22,16 @@ READY = "ready to test"
 """What `main` prints first."""
 
 _SOURCE = """
+/* Three times in[i], and i. Mesa's rusticl 25 loses structs that are copied in loops which it unrolls. */
+typedef struct { uint value; } Held;
 kernel void check(global const uint *in, global uint *out, uint n) {
     const uint i = get_global_id(0);
-    if (i < n) { out[i] = in[i] * 3u + i; }
+    uint sum = i;
+    for (int k = 0; k < 3; ++k) {
+        const Held held = {in[min(i, n - 1)]}, copied = held;
+        sum += copied.value;
+    }
+    if (i < n) { out[i] = sum; }
 }
 
 #if WIDE
