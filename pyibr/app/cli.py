@@ -38,6 +38,7 @@ _OPTIONS = {
     "view": "DEPTH",
     "camera": "--camera",
     "depth_scale": "--depth-scale",
+    "depth_offset": "--depth-offset",
     "channel": "--depth-channel",
     "part": "--depth-channel",
     "cut_ratio": "--cut-ratio",

@@ -20,7 +20,9 @@ from pyibr.app.options import (
     DefaultDepthText,
     DeviceName,
     ExposureOption,
+    Holes,
     StoredDepth,
+    cleaning_of,
     device_of,
     given_of,
     printable_text,
@@ -51,6 +53,7 @@ def view(
     exposure: ExposureOption = 0.0,
     default_depth: DefaultDepthText = "none",
     clean: Clean = False,
+    holes: Holes = 8,
     height: Annotated[Path | None, typer.Option(help=HEIGHT_HELP)] = None,
     maps: MapOptions,
     start: StartCamera = None,
@@ -62,7 +65,7 @@ def view(
     """Look around in a browser, drawn live. The page can only be opened on this machine."""
     with device_of(device):
         exposed = Exposure(exposure)
-        views = Things(camera, lens, stored, default_depth, clean, exposed)
+        views = Things(camera, lens, stored, default_depth, cleaning_of(clean, holes), exposed)
         shown, of_meshes = views.read(things)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]
         given: object = shown

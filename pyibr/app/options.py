@@ -41,7 +41,7 @@ Focal35mm = Annotated[
     typer.Option("--focal-35mm", metavar="MM", help="Without a camera: the focal length, on 35 mm film"),
 ]
 Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")]
-Holes = Annotated[int, typer.Option(help="Pixels: gaps up to twice as wide are filled; 0: none")]
+Holes = Annotated[int, typer.Option(help="Pixels: cleaning fills gaps up to twice as wide; 0: none")]
 Strength = Annotated[float, typer.Option(help="How much of the noise is smoothed away, 0 to 10")]
 FarDepth = Annotated[
     float, typer.Option(help="Depth from which on there is no surface; of relative depth that of the farthest, 10")
@@ -55,6 +55,9 @@ DefaultDepthText = Annotated[
 ]
 DepthScale = Annotated[
     float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
+]
+DepthOffset = Annotated[
+    float, typer.Option(help="Stored units added before --depth-scale: Middlebury's doffs, of disparity in pixels")
 ]
 DepthKindOption = Annotated[
     DepthKind,
@@ -107,6 +110,7 @@ class StoredDepth(NamedTuple):
     far: FarDepth = math.inf
     sharpen: Sharpen = None
     depth_scale: DepthScale = None
+    depth_offset: DepthOffset = 0.0
     depth_kind: DepthKindOption = "z"
     min_confidence: MinConfidence = None
     depth_channel: DepthChannel = None
@@ -116,8 +120,15 @@ class StoredDepth(NamedTuple):
         """Arguments of `read_depth` that they tell."""
         part, _, channel = (self.depth_channel or "").rpartition(":")
         far = _FAR if self.far == math.inf else self.far
-        how = DepthReading(depth_scale=self.depth_scale, depth_kind=self.depth_kind, near=self.near, far=far)
-        return {**how, "part": part or None, "channel": channel or None}
+        return DepthReading(
+            depth_scale=self.depth_scale,
+            depth_offset=self.depth_offset,
+            depth_kind=self.depth_kind,
+            near=self.near,
+            far=far,
+            part=part or None,
+            channel=channel or None,
+        )
 
     def read(self, path: Path, camera: Camera | None) -> NDArray[np.float32]:
         """The planar depth of a file, whose camera this is; of several frames the first, which is told."""
@@ -169,6 +180,13 @@ def default_depth_of(text: str) -> float | DefaultDepth | None:
         return float(text)
     except ValueError:
         raise ArgumentError("--default-depth", "a depth > 0, farthest or none", text) from None
+
+
+def cleaning_of(clean: bool, holes: int) -> Cleaning | None:
+    """Check --clean and --holes, and return how depth is cleaned, if it is."""
+    if not clean and holes != Cleaning().holes:
+        raise ArgumentError("--holes", "--clean with it", str(holes))
+    return Cleaning(holes) if clean else None
 
 
 def fill_of(text: Literal["none", Fill]) -> Fill | None:

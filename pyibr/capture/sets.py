@@ -71,8 +71,8 @@ def load(
     sharpen : bool, optional
         Make soft edges of depth sharp (`sharpen_depth`). By default of relative depth.
     **how
-        depth_scale, depth_kind, channel, part, near and far, as `read_depth` has them, of a recording. By default scale
-        and kind are the layout's.
+        depth_scale, depth_offset, depth_kind, channel, part, near and far, as `read_depth` has them, of a recording. By
+        default scale, offset and kind are the layout's.
 
     Returns
     -------

@@ -27,11 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import describe, instance_of, one_of, plain_array, positive
+from pyibr.core.checks import describe, instance_of, one_of, plain_array
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_writable, checked_path
 from pyibr.core.shown import save_as
-from pyibr.images import depth_from_relative, depth_from_uint16, uint16_from_depth
+from pyibr.images import depth_from_relative, depth_from_uint16
 from pyibr.images.pictures import Pictured
 from pyibr.io import depth_kinds, image
 from pyibr.io.camera_files import CameraForm, write_cameras
@@ -65,6 +65,7 @@ class DepthReading(TypedDict, total=False):
     """Options of `read_depth` for what reads several files by it."""
 
     depth_scale: float | None
+    depth_offset: float
     depth_kind: DepthKind
     channel: str | None
     part: str | None
@@ -220,6 +221,7 @@ def read_depth(
     path: _PathLike,
     *,
     depth_scale: float | None = None,
+    depth_offset: float = 0.0,
     depth_kind: DepthKind = "z",
     camera: Camera | None = None,
     channel: str | None = None,
@@ -236,6 +238,9 @@ def read_depth(
     depth_scale : float
         Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets. Required for
         integers, where 0 means no depth; 1 for floats if not given.
+    depth_offset : float
+        Stored units to add before they are divided by the scale: the difference of two principal points (`doffs` of
+        Middlebury's calib.txt), of disparity in pixels.
     depth_kind : {"z", "distance", "inverse", "relative"}
         What the file holds: planar z; distances from the camera's centre along its rays; 1 / z, which disparity is
         with a scale of focal length times baseline (times the units that are stored a pixel); or what networks guess
@@ -279,7 +284,7 @@ def read_depth(
         stored = stored.reshape([length for length in stored.shape if length != 1] or stored.shape)
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
-    return depth_kinds.planar(depth_kinds.scaled(stored, depth_scale, path), depth_kind, camera, path)
+    return depth_kinds.planar(depth_kinds.scaled(stored, depth_scale, depth_offset, path), depth_kind, camera, path)
 
 
 @np.errstate(all="ignore")
@@ -288,6 +293,7 @@ def write_depth(
     depth: NDArray[np.float32] | NDArray[np.uint16],
     *,
     depth_scale: float | None = None,
+    depth_offset: float = 0.0,
     depth_kind: DepthKind = "z",
     camera: Camera | None = None,
 ) -> None:
@@ -311,13 +317,8 @@ def write_depth(
     if array.dtype == np.uint16:
         array = depth_from_uint16(array, depth_kinds.required(depth_scale, path))
     one_of("depth_kind", depth_kind, DepthKind)
-    array = depth_kinds.stored(array, depth_kind, camera, path)
-    module = _module(path, _DEPTH_MODULES)
-    if checked_path(path).suffix.lower() == ".png":
-        module.write_depth(path, uint16_from_depth(array, depth_kinds.required(depth_scale, path)))
-    else:
-        factor = 1.0 if depth_scale is None else positive("depth_scale", depth_scale)
-        module.write_depth(path, (array * factor).astype(np.float32))
+    module, whole = _module(path, _DEPTH_MODULES), checked_path(path).suffix.lower() == ".png"
+    module.write_depth(path, depth_kinds.stored(array, depth_kind, camera, path, depth_scale, depth_offset, whole))
 
 
 @save_as.register

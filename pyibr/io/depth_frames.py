@@ -89,7 +89,7 @@ class DepthFrames:
         one_of("depth_kind", kind, DepthKind)
         values = self._stored(number)
         if kind != "relative":
-            values = depth_kinds.scaled(values, how.get("depth_scale"), self.path)
+            values = depth_kinds.scaled(values, how.get("depth_scale"), how.get("depth_offset", 0.0), self.path)
         return depth_kinds.planar(values, kind, camera, self.path, how.get("near", 1.0), how.get("far", 10.0))
 
     def _stored(self, number: int) -> NDArray[Any]:

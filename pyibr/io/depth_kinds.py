@@ -8,9 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import positive
+from pyibr.core.checks import numbers, positive
 from pyibr.core.errors import ArgumentError
-from pyibr.images import depth_from_euclidean, depth_from_relative, depth_from_uint16, euclidean_from_depth
+from pyibr.images import (
+    depth_from_euclidean,
+    depth_from_relative,
+    depth_from_uint16,
+    euclidean_from_depth,
+    uint16_from_depth,
+)
 
 DepthKind = Literal["z", "distance", "inverse", "relative"]
 
@@ -28,16 +34,17 @@ def planar(
     return _inverse(values) if kind == "inverse" else depth_from_euclidean(values, _fitting(camera, values, name))
 
 
-def scaled(stored: NDArray[Any], depth_scale: float | None, name: object) -> _Values:
+def scaled(stored: NDArray[Any], depth_scale: float | None, depth_offset: float, name: object) -> _Values:
     """Values in scene units of (H, W) stored ones; integers, 0 where there is none, need a scale."""
+    shift = np.float32(_finite(depth_offset) / (depth_scale or 1))
     if stored.dtype == np.uint8 and depth_scale is None:
         expected = f"stored units per scene unit for the 8 bits of {name} (of a network's: --depth-is relative)"
         raise ArgumentError("depth_scale", expected, "none")
     if stored.dtype.kind in "ui":
-        return depth_from_uint16(stored, required(depth_scale, name))
+        return depth_from_uint16(stored, required(depth_scale, name)) + shift
     if depth_scale is None:
-        return np.ascontiguousarray(stored, np.float32)
-    return (stored / positive("depth_scale", depth_scale)).astype(np.float32)
+        return np.ascontiguousarray(stored, np.float32) + shift
+    return (stored / positive("depth_scale", depth_scale)).astype(np.float32) + shift
 
 
 def required(depth_scale: float | None, name: object) -> float:
@@ -51,11 +58,29 @@ def required(depth_scale: float | None, name: object) -> float:
     return positive("depth_scale", depth_scale)
 
 
-def stored(depth: _Values, kind: DepthKind, camera: Camera | None, name: object) -> _Values:
-    """Values that the file `name` shall hold for (H, W) planar z, which relative depth has become for good."""
-    if kind in ("z", "relative"):
-        return depth
-    return _inverse(depth) if kind == "inverse" else euclidean_from_depth(depth, _fitting(camera, depth, name))
+def stored(
+    depth: _Values,
+    kind: DepthKind,
+    camera: Camera | None,
+    name: object,
+    depth_scale: float | None,
+    depth_offset: float,
+    whole: bool,
+) -> NDArray[Any]:
+    """Numbers, whole ones or floats, that the file `name` shall hold for (H, W) planar z; of relative depth z, too."""
+    values = depth
+    if kind == "inverse":
+        values = _inverse(depth)
+    elif kind == "distance":
+        values = euclidean_from_depth(depth, _fitting(camera, depth, name))
+    offset = _finite(depth_offset)
+    if not whole:
+        return (values * positive("depth_scale", depth_scale or 1.0) - offset).astype(np.float32)
+    scale = required(depth_scale, name)
+    if offset > 0 and (lost := (values > 0) & (values <= offset / scale)).any():
+        expected = f"values above depth_offset / depth_scale = {offset / scale:g}, for the integers of {name}"
+        raise ArgumentError("depth", expected, f"{values[lost].min():g}")
+    return uint16_from_depth(values - np.float32(offset / scale), scale)
 
 
 def _inverse(values: _Values) -> _Values:
@@ -63,6 +88,10 @@ def _inverse(values: _Values) -> _Values:
     with np.errstate(over="ignore"):  # what float32 does not hold is infinite
         np.divide(1, values, out=found, where=(values > 0) & np.isfinite(values))
     return found
+
+
+def _finite(depth_offset: float) -> float:
+    return float(numbers("depth_offset", depth_offset, ()))
 
 
 def _fitting(camera: Camera | None, values: NDArray[Any], name: object) -> Camera:

@@ -41,6 +41,8 @@ class Stored:
     ----------
     scale : float, or None
         Stored units of depth per scene unit; None where the files or the caller tell.
+    offset : float
+        Stored units to add before.
     kind : {"z", "distance", "inverse"}
     color, depth, confidence : callable, optional
         Read the picture, depth in stored units (NaN where there is none) and how sure each sample is, (h, w), where
@@ -51,21 +53,23 @@ class Stored:
 
     scale: float | None = None
     kind: DepthKind = "z"
+    offset: float = 0.0
     color: Callable[[Path], NDArray[Any]] = read_color
     depth: Callable[[Path], NDArray[Any]] | None = None
     confidence: Callable[[], NDArray[Any]] | None = None
     least: float = 0.0
 
     def read_depth(self, path: Path, camera: Camera | None, how: DepthReading) -> Depth:
-        """Planar depth, as `pyibr.read_depth` gives it; a scale, and a kind other than z, replace the layout's."""
+        """Planar depth, as `pyibr.read_depth` gives it; what is told replaces the layout's, but z and 0."""
         scale, kind = how.get("depth_scale") or self.scale, how.get("depth_kind", "z")
+        offset = how.get("depth_offset") or self.offset
         kind = self.kind if kind == "z" else kind
         if self.depth is None:
-            whole: DepthReading = {**how, "depth_scale": scale, "depth_kind": kind}
+            whole: DepthReading = {**how, "depth_scale": scale, "depth_offset": offset, "depth_kind": kind}
             return read_depth(path, camera=camera, **whole)
         if chosen := how.get("channel") or how.get("part"):
             raise ArgumentError("channel", f"none for {path}, whose layout tells what is depth", repr(chosen))
-        values = self.depth(path) / np.float64(scale or 1)
+        values = (self.depth(path) + np.float64(offset)) / (scale or 1)
         return depth_kinds.planar(
             values.astype(np.float32), kind, camera, path, how.get("near", 1.0), how.get("far", 10.0)
         )

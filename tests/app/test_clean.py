@@ -97,6 +97,23 @@ def test_distances_stay_distances(delivered: Delivered):
     assert_one_line(refused, "--camera: expected the camera of the distances, or --fov")
 
 
+def test_disparity_stays_disparity_of_principal_points_apart(delivered: Delivered):
+    """As Middlebury has it: also where a layout tells it."""
+    focal, baseline, doffs = 70.0, 0.1, 4.0
+    disparity = ibr.disparity_from_depth(delivered.stored(0), focal, baseline, offset=doffs)
+    ibr.write_depth(delivered.folder / "bury/disp0.pfm", np.where(np.isfinite(disparity), disparity, np.inf))
+    ibr.write_color(delivered.folder / "bury/im0.png", delivered.colors[0])
+    calibration = f"cam0=[{focal} 0 30.5; 0 {focal} 18.5; 0 0 1]\ndoffs={doffs}\nbaseline={1000 * baseline}\n"
+    (delivered.folder / "bury/calib.txt").write_text(calibration)
+    expected = ibr.clean_depth(delivered.stored(0), delivered.colors[0]).depth
+    expected = ibr.disparity_from_depth(expected, focal, baseline, offset=doffs)
+    told = "--depth-kind", "inverse", "--depth-offset", doffs, "--color", "rgb/0.png"
+    succeeded(delivered.clean("bury/disp0.pfm", *told, scale=focal * baseline))
+    succeeded(delivered.clean("bury", scale=None, output="cleaned"))
+    for name in ("new.npy", "cleaned/disp0.pfm"):
+        np.testing.assert_allclose(ibr.read_depth(delivered.folder / name), expected, rtol=1e-5, atol=1e-5)
+
+
 def test_what_has_no_depth_is_told_by_the_status(delivered: Delivered):
     np.save(delivered.folder / "none.npy", np.zeros((38, 62), np.float32))
     result = delivered.clean("none.npy", scale=None)

@@ -249,9 +249,9 @@ def test_clean_is_steady_and_carried_along(recorded: Recorded):
         last = ibr.DepthImage(None, depth, view.camera)
         frame = ibr.warp(ibr.DepthImage(view.color, depth, view.camera), view.camera.moved(0, 0, 0.1))
         np.testing.assert_array_equal(recorded.new(number), frame.color)
-    succeeded(recorded.run("rgb/3.png", "depth/3.png", "--clean", "--move", 0, 0, 0.1))
+    succeeded(recorded.run("rgb/3.png", "depth/3.png", "--clean", "--holes", 3, "--move", 0, 0, 0.1))
     view = recorded.views()[3]
-    alone = ibr.DepthImage(view.color, ibr.clean_depth(view.depth, view.color).depth, recorded.base)
+    alone = ibr.DepthImage(view.color, ibr.clean_depth(view.depth, view.color, holes=3).depth, recorded.base)
     frame = ibr.warp(alone, recorded.base.moved(0, 0, 0.1))
     np.testing.assert_array_equal(ibr.read_color(recorded.folder / "new.png"), frame.color)
 

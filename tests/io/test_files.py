@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import warnings
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from PIL import Image
 
 import pyibr as ibr
 from pyibr.core.files import write_atomically
+from pyibr.io import image
 
 SIZES = [(7, 13), (1, 1), (61, 37)]
 DEPTH_SUFFIXES = [".png", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin"]
@@ -74,6 +76,24 @@ def test_other_kinds_of_depth_are_what_their_converters_make(tmp_path: Path, kin
     again = ibr.read_depth(file, depth_scale=scale, depth_kind=kind, camera=camera)
     slope = 9**2 if kind == "inverse" else 1  # how much depth changes with what is stored
     np.testing.assert_allclose(again, depth, rtol=1e-6, atol=1.01 * step * slope)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".npy"])
+def test_disparity_between_principal_points_apart_has_an_offset(tmp_path: Path, suffix):
+    focal, baseline, doffs, units = 500.0, 0.1, 7.25, 256  # units: stored a pixel
+    disparity = np.array([[4.0, 31.5, 0.5, 12.0]])
+    how: dict[str, Any] = {"depth_scale": units * focal * baseline, "depth_offset": units * doffs}
+    how |= {"depth_kind": "inverse"}
+    depth, file = ibr.depth_from_disparity(disparity, focal, baseline, offset=doffs), tmp_path / f"disp{suffix}"
+    depth[0, 3] = np.nan
+    ibr.write_depth(file, depth, **how)
+    stored = image.read_depth(file) if suffix == ".png" else np.load(file)
+    np.testing.assert_allclose(stored[0, :3], units * disparity[0, :3], atol=1e-3)  # float32 of 1 / z
+    np.testing.assert_allclose(ibr.read_depth(file, **how), depth, rtol=1e-6)
+    with pytest.raises(ibr.ArgumentError, match=r"^depth: expected values above depth_offset / depth_scale = 0.145"):
+        ibr.write_depth(tmp_path / "d.png", np.full((2, 2), 7.0, np.float32), **how)  # 0.11 pixels below 0
+    with pytest.raises(ibr.ArgumentError, match=r"^depth_offset: "):
+        ibr.read_depth(file, depth_offset=np.nan, depth_scale=1)
 
 
 def test_distances_need_their_camera(tmp_path: Path):

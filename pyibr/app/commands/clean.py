@@ -109,7 +109,8 @@ def _opened(options: InputOptions, color: Path | None, stored: StoredDepth) -> t
 def _as_read(stored: StoredDepth, layout: Stored) -> StoredDepth:
     """Options by which depth is written as the recording has it."""
     kind = layout.kind if stored.depth_kind == "z" else stored.depth_kind
-    return stored._replace(depth_scale=stored.depth_scale or layout.scale, depth_kind=kind)
+    scale, offset = stored.depth_scale or layout.scale, stored.depth_offset or layout.offset
+    return stored._replace(depth_scale=scale, depth_offset=offset, depth_kind=kind)
 
 
 def _cleaned(

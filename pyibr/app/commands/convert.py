@@ -92,7 +92,8 @@ def convert(
         if scale is None and of_integers:
             raise ArgumentError("--to-scale", f"stored units per scene unit, for the integers of {output}", "none")
         camera = next(iter(reading.camera or ()), None)
-        _convert_depth(source, output, camera, stored, stored._replace(depth_scale=scale, depth_kind=to_kind), video)
+        written = stored._replace(depth_scale=scale, depth_offset=0.0, depth_kind=to_kind)
+        _convert_depth(source, output, camera, stored, written, video)
 
 
 def _convert_mesh(source: Path, output: Path) -> None:

@@ -20,7 +20,9 @@ from pyibr.app.options import (
     Depth,
     DeviceName,
     ExposureOption,
+    Holes,
     StoredDepth,
+    cleaning_of,
     default_depth_of,
     device_of,
 )
@@ -42,6 +44,7 @@ def mesh(
     *,
     lens: LensOptions,
     clean: Clean = False,
+    holes: Holes = 8,
     stored: StoredDepth,
     default_depth: DefaultDepthText = "none",
     exposure: ExposureOption = 0.0,
@@ -50,11 +53,11 @@ def mesh(
     """Turn an image with depth into a textured triangle mesh, simplified within an error or to a number."""
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera] if camera else []}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
-    own = lens.camera_of(color, camera)
+    own, how = lens.camera_of(color, camera), cleaning_of(clean, holes)
     with Exposure(exposure) as exposed:
         image = exposed.read(color)
     depths = stored.read(depth, own)
-    depths = ibr.clean_depth(depths, image).depth if clean else depths
+    depths = depths if how is None else ibr.clean_depth(depths, image, **how._asdict()).depth
     view = DepthImage(image, depths, own, far=stored.empty_from, default_depth=default_depth_of(default_depth))
     with device_of(device):
         made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error, count=count)

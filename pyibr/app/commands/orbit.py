@@ -23,9 +23,11 @@ from pyibr.app.options import (
     DeviceName,
     ExposureOption,
     FillOption,
+    Holes,
     Samples,
     Size,
     StoredDepth,
+    cleaning_of,
     device_of,
     fill_of,
     printable_text,
@@ -98,6 +100,7 @@ def orbit(
     exposure: ExposureOption = 0.0,
     default_depth: DefaultDepthText = "none",
     clean: Clean = False,
+    holes: Holes = 8,
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
@@ -107,7 +110,7 @@ def orbit(
     files = [file for thing in things for file in (thing.rglob("*") if thing.is_dir() else [thing])]
     outputs.check({"THINGS": files, "--camera": [camera] if camera else []}, things)
     with device_of(device), outputs, Exposure(exposure) as exposed:
-        known, of_meshes = Things(camera, lens, stored, default_depth, clean, exposed).read(things)
+        known, of_meshes = Things(camera, lens, stored, default_depth, cleaning_of(clean, holes), exposed).read(things)
         upward = direction_of(up or ("y" if of_meshes else None))
         cameras = way.cameras(known, frames, upward)
         is_plain = any(isinstance(one, Mesh) and one.colors is None and one.texture is None for one in known)

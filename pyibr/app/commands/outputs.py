@@ -148,14 +148,20 @@ class Outputs:
             if path in self._films:
                 image = images[kind]
                 if kind == "depth":
-                    values = depth_kinds.stored(image, how.depth_kind, camera, path)
-                    image = ibr.uint16_from_depth(values, depth_kinds.required(how.depth_scale, path))
+                    image = depth_kinds.stored(
+                        image, how.depth_kind, camera, path, how.depth_scale, how.depth_offset, whole=True
+                    )
                 self._writers[path].add(image, None if self._film is None else self._time(number))
             elif kind == "color":
                 ibr.write_color(name, stored(images[kind], name))
             elif kind == "depth":
                 ibr.write_depth(
-                    name, images[kind], depth_scale=how.depth_scale, depth_kind=how.depth_kind, camera=camera
+                    name,
+                    images[kind],
+                    depth_scale=how.depth_scale,
+                    depth_offset=how.depth_offset,
+                    depth_kind=how.depth_kind,
+                    camera=camera,
                 )
             else:
                 ibr.write_mask(name, images[kind])

@@ -15,12 +15,13 @@ from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
 from pyibr.app.options import (
     Baseline,
     Clean,
-    Cleaning,
     DefaultDepthText,
     ExposureOption,
+    Holes,
     NoiseOption,
     StoredDepth,
     Take,
+    cleaning_of,
     default_depth_of,
     noise_of,
 )
@@ -61,6 +62,7 @@ class Reading(NamedTuple):
     poses: _Poses = None
     depth_camera: _DepthCameras = None
     clean: Clean = False
+    holes: Holes = 8
     noise: NoiseOption = None
     baseline: Baseline = None
     default_depth: DefaultDepthText = "none"
@@ -116,7 +118,7 @@ class Inputs:
         self._depth = DepthOptions(
             stored,
             default_depth_of(reading.default_depth),
-            Cleaning() if reading.clean else None,
+            cleaning_of(reading.clean, reading.holes),
             noise_of(reading.noise, reading.baseline),
             steady=not self.is_scene,
             recorded=not are_stills,

@@ -22,13 +22,14 @@ from pyibr.app.commands.views import Depth, DepthOptions, DepthRange, DepthReade
 from pyibr.app.options import (
     Baseline,
     Clean,
-    Cleaning,
     DepthFiles,
     DeviceName,
     ExposureOption,
+    Holes,
     NoiseOption,
     StoredDepth,
     Take,
+    cleaning_of,
     device_of,
     noise_of,
 )
@@ -63,6 +64,7 @@ def register(
     color: _Pictures = None,
     take: Take = None,
     clean: Clean = False,
+    holes: Holes = 8,
     noise: NoiseOption = None,
     baseline: Baseline = None,
     *,
@@ -87,7 +89,7 @@ def register(
     outputs.check(files_read, [depth] if color is None else [depth, color])
     losses = Losses(recorded=not is_still)
     seen = DepthRange()
-    reading = stored, None, Cleaning() if clean else None, noise_of(noise, baseline)
+    reading = stored, None, cleaning_of(clean, holes), noise_of(noise, baseline)
     depth_options = DepthOptions(*reading, steady=not is_still, recorded=not is_still, seen=seen)
     depths = DepthReader(depth_options, losses)
     pictures = None if color is None else source.colors(losses)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
-from pyibr.app.options import StoredDepth, default_depth_of, printable_text
+from pyibr.app.options import Cleaning, StoredDepth, default_depth_of, printable_text
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_exists
 from pyibr.images import DepthImage
@@ -43,11 +43,11 @@ class Things:
         lens: LensOptions,
         stored: StoredDepth,
         default_depth: str,
-        clean: bool,
+        cleaning: Cleaning | None,
         exposure: Exposure,
     ) -> None:
         self._exposure = exposure
-        self._camera, self._lens, self._stored, self._clean = camera, lens, stored, clean
+        self._camera, self._lens, self._stored, self._cleaning = camera, lens, stored, cleaning
         self._default_depth: float | DefaultDepth | None = default_depth_of(default_depth)
 
     def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
@@ -75,7 +75,8 @@ class Things:
         return things, customary
 
     def _cleaned(self, color: NDArray[Any], depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        return ibr.clean_depth(depth, color).depth if self._clean else depth
+        how = self._cleaning
+        return depth if how is None else ibr.clean_depth(depth, color, **how._asdict()).depth
 
 
 def direction_of(up: Up | None) -> tuple[float, ...] | None:

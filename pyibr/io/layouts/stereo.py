@@ -6,10 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pyibr.core.camera import Camera
-from pyibr.io import read_depth
 from pyibr.io.layouts.parts import camera_of, values_in
 from pyibr.io.recordings import Recording, Stored, size_of
 
@@ -36,16 +33,9 @@ def find_middlebury(folder: Path) -> Recording | None:
         [path for number in views if (path := _disparity(folder, number))],
         known=lambda: cameras,
         placed=steps,
-        stored=[_shifted(camera, baseline, offset) for camera in cameras],
+        stored=[Stored(float(camera.K[0, 0]) * baseline, "inverse", offset) for camera in cameras],
         is_still=True,
     )
-
-
-def _shifted(camera: Camera, baseline: float, offset: float) -> Stored:
-    def read(path: Path) -> NDArray[np.float32]:
-        return read_depth(path) + np.float32(offset)
-
-    return Stored(float(camera.K[0, 0]) * baseline, "inverse", depth=read)
 
 
 def _disparity(folder: Path, number: int) -> Path | None:
