@@ -66,6 +66,22 @@ def test_a_mesh_is_the_objects(folder: Path, views: list[ibr.DepthImage], tmp_pa
     assert f"{len(found.faces)} triangles, closed" in result.output
 
 
+@pytest.mark.parametrize("up", ["y", "-y", "z", "-x"])
+def test_a_glb_stands_upright(folder: Path, views: list[ibr.DepthImage], tmp_path: Path, up: str):
+    """What is up in the world is glTF's y there, and nothing is mirrored; without --up that is -y, as of cameras."""
+    result = run("hull", folder, "--up", up, "--resolution", 12, "-o", tmp_path / "it.glb")
+    assert result.exit_code == 0, result.output
+    expected, found = ibr.VisualHull(views).to_mesh(12), ibr.Mesh.load(tmp_path / "it.glb", axes="gltf")
+    sign = -1 if up[0] == "-" else 1
+    np.testing.assert_array_equal(found.vertices[:, 1], sign * expected.vertices[:, "xyz".index(up[-1])])
+    turned, *_ = np.linalg.lstsq(expected.vertices, found.vertices, rcond=None)
+    assert np.linalg.det(turned) == pytest.approx(1, abs=1e-4)
+    if up == "-y":
+        assert run("hull", folder, "--resolution", 12, "-o", tmp_path / "plain.glb").exit_code == 0
+        plain = ibr.Mesh.load(tmp_path / "plain.glb", axes="gltf")
+        np.testing.assert_array_equal(plain.vertices, found.vertices)
+
+
 @pytest.mark.parametrize("form", ["depth", "alpha", "masks"])
 def test_a_hull_of_depth_of_alpha_or_of_masks(form: str, folder: Path, views: list[ibr.DepthImage], tmp_path: Path):
     pictures, masks = tmp_path / "pictures", tmp_path / "masks"
@@ -103,6 +119,7 @@ def test_mistakes_are_told_in_a_line(folder: Path, tmp_path: Path):
     assert_one_line(run("object", tmp_path / "none", "-o", mesh), "no such folder")
     assert_one_line(run("object", tmp_path, "-o", mesh), "neither frusta.json nor frames")
     assert_one_line(run("object", folder, "--frames", 3, "-o", mesh), "--frames", "a picture or a video")
+    assert_one_line(run("object", folder, "--up", "y", "-o", mesh), "--up", ".glb, which says what is up")
     assert_one_line(run("object", folder, "--resolution", 0, "-o", mesh), "--resolution", "got int 0")
     assert_one_line(run("object", folder, "-o", tmp_path / "a.txt"), "a.txt")
     assert_one_line(run("hull", tmp_path, "-o", picture), "no picture in it")
