@@ -1,4 +1,4 @@
-"""The examples of `--help`, each run on files of their names."""
+"""The examples of `--help`, and those of the manual's page on the commands, each run on files of their names."""
 
 from __future__ import annotations
 
@@ -15,17 +15,23 @@ from pyibr.app import cli
 from pyibr.app.batch.work import COMMANDS
 from pyibr.capture import models, object_views
 from pyibr.capture.frusta import Frustum, save_frusta, save_set
-from pyibr.io.video_writing import VideoWriter
+from tests.test_docs import BLOCK, ROOT
 
 SIZE = (46, 34)
 PAGES = ("view", "place")  # which stay open
 OTHERS = ("batch", "doctor", "compare", "convert", "stereo", "quilt", "orbit")  # that have tests of their own
-EXAMPLES = [
+HELP = [
     f"{command.__name__.rstrip('_')} {use}"
     for command, uses in cli._EXAMPLES.items()  # pyright: ignore[reportPrivateUsage]
-    if command.__name__ not in PAGES + OTHERS
     for use in uses
 ]
+MANUAL = [
+    " ".join(line.removeprefix("pyibr ").split())
+    for kind, source in BLOCK.findall((ROOT / "docs/cli.md").read_text(encoding="utf-8"))
+    for line in source.replace("\\\n", " ").splitlines()
+    if kind == "sh"
+]
+EXAMPLES = [use for use in HELP if use.split()[0] not in PAGES + OTHERS] + [use for use in MANUAL if use not in HELP]
 
 
 @pytest.fixture(scope="module")
@@ -39,18 +45,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     color = np.dstack([5 * x, 7 * y, 0 * x + 90]).astype(np.uint8)
     for name in ("camera", "a", "b", "depth", "color", "new"):
         camera.moved(0.01, 0, 0).save(place / f"{name}.json")
-    for name in ("color", "a", "b"):
+    for name in ("color", "a", "b", "rgb/0", "rgb/1"):
         ibr.write_color(place / f"{name}.png", color)
-    for name in ("depth.png", "a_depth.npy", "b_depth.npy", "depth/0.png", "depth/1.png"):
+    for name in ("depth.png", "a_depth.npy", "b_depth.png", "b_depth.npy", "a_depth.png", "depth/0.png", "depth/1.png"):
         ibr.write_depth(place / name, depth, depth_scale=1000 if name.endswith("png") else None)
-    with VideoWriter(place / "color.mp4", 12) as video:
-        video.add(color)
-        video.add(color)
+    ibr.write_video(place / "color.mp4", [color, color], fps=12)
+    ibr.write_video(place / "depth.mkv", [ibr.uint16_from_depth(depth, 1000)] * 2, fps=12, bits=16)
     tum = place / "rgbd_dataset_freiburg1_desk"
     for number in range(2):
         ibr.write_color(tum / f"rgb/{number + 0.5}.png", np.zeros((480, 640, 3), np.uint8) + np.uint8(90))
         ibr.write_depth(tum / f"depth/{number + 0.5}.png", np.full((480, 640), 2, np.float32), depth_scale=5000)
-    (tum / "groundtruth.txt").write_text("".join(f"{number + 0.5} 0 0 0 0 0 0 1\n" for number in range(2)))
+    (tum / "groundtruth.txt").write_text("".join(f"{number + 0.5} 0.0{number} 0 0 0 0 0 1\n" for number in range(2)))
     for kind in ("rgb", "depth"):
         (tum / f"{kind}.txt").write_text("".join(f"{n + 0.5} {kind}/{n + 0.5}.png\n" for n in range(2)))
     ring = models.donut(12)
