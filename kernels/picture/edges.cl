@@ -33,18 +33,25 @@ typedef struct {
     int width, height, pitch;
 } Image;
 
+/* Those of samples x to x + LANES - 1 of a row that are there, of which the first is not */
+OUTLINED floatl samples_across(global const float *row, int x, int width)
+{
+    floatl n = NO_SURFACE;
+    for (int lane = -x; lane < min(LANES, width - x); lane++)
+        set_float_lane(n, lane, row[x + lane]);
+    return n;
+}
+
 /* Samples (x, y) to (x + LANES - 1, y) */
 INLINED floatl samples_from(Image image, int x, int y)
 {
-    floatl n = NO_SURFACE;
     if (y < 0 || y >= image.height)
-        return n;
+        return NO_SURFACE;
     global const float *row = image.nearness + (size_t)y * image.pitch;
-    if (x >= 0) /* rows have room for whole packets */
-        return select_lanes(x + lane_index < image.width, (floatl)(load_lanes(row + x)), n);
-    for (int lane = -x; lane < min(LANES, image.width - x); lane++)
-        set_float_lane(n, lane, row[x + lane]);
-    return n;
+    if (x < 0)
+        return samples_across(row, x, image.width);
+    /* Rows have room for whole packets. */
+    return select_lanes(x + lane_index < image.width, (floatl)(load_lanes(row + x)), (floatl)NO_SURFACE);
 }
 
 /* What the next two samples on a side of `a`, or the next one, foretell of the change from it to the other side; 0 where
@@ -91,7 +98,7 @@ INLINED Slopes slopes_beside(Image image, int x, int y, int dx, int dy)
 
 /* Does a surface go on straight from each of the wanted samples to the next along (dx, dy)? The lines beside them tell, too,
  * but those of diagonals. */
-INLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed, intl wanted)
+OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed, intl wanted)
 {
     const floatl d = samples_from(image, x + dx, y + dy) - samples_from(image, x, y);
     const Slopes own = slopes_beside(image, x, y, dx, dy);

@@ -263,15 +263,14 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         }
         if (any_lane(active & ((bits & TORN_ALL) != 0))) {
             extend_torn(&interval, writer, step, targets, major - line.sign, active, line, group, map);
-        } else if (count == 1 || any_lane(is_last)) {
-            const floatl nearness = from.place.nearness, change = to.place.nearness - nearness;
-            const Projection begin = project_at(targets, major + line.sign * (step.begins - 1.0f),
-                                                nearness + step.begins * change);
-            const Projection end = project_at(targets, major + line.sign * (step.ends - 1.0f),
-                                              nearness + step.ends * change);
-            extend(&interval, writer, begin, end, active, (intl)0, line, group, map);
         } else {
-            extend(&interval, writer, from.place, to.place, active, (intl)0, line, group, map);
+            Projection begin = from.place, end = to.place;
+            if (count == 1 || any_lane(is_last)) {
+                const floatl nearness = begin.nearness, change = end.nearness - nearness;
+                begin = project_at(targets, major + line.sign * (step.begins - 1.0f), nearness + step.begins * change);
+                end = project_at(targets, major + line.sign * (step.ends - 1.0f), nearness + step.ends * change);
+            }
+            extend(&interval, writer, begin, end, active, (intl)0, line, group, map);
         }
         step.from = to;
     }
