@@ -23,10 +23,11 @@ INLINED floatl nearness_from(global const float *row, int x, int width, int pers
     return select_lanes((d > NEAREST) & (d < far), DEPTH_OF(perspective, d), (floatl)NO_SURFACE);
 }
 
-INLINED void convert_row(global const float *depth, global float *nearness, global float *ranges, int src_width,
-                         int src_height, int src_pitch, int src_perspective, float far, int piece, int bridged, Cut cut)
+/* Converts the piece of row y that begins with a sample. */
+OUTLINED void convert_piece(global const float *depth, global float *nearness, global float *ranges, int first, int y,
+                            int src_width, int src_height, int src_pitch, int src_perspective, float far, int piece,
+                            int bridged, Cut cut)
 {
-    const int first = get_global_id(0) * piece, y = get_global_id(1);
     if (first >= src_width || y >= src_height)
         return;
     global const float *row = depth + (size_t)y * src_width;
@@ -56,11 +57,13 @@ kernel void to_nearness(global const float *depth, global float *nearness, globa
                         int src_height, int src_pitch, int src_perspective, float far, int piece)
 {
     const Cut none = {0.0f, 0.0f, 0.0f};
-    convert_row(depth, nearness, ranges, src_width, src_height, src_pitch, src_perspective, far, piece, 0, none);
+    convert_piece(depth, nearness, ranges, get_global_id(0) * piece, get_global_id(1), src_width, src_height, src_pitch,
+                  src_perspective, far, piece, 0, none);
 }
 
 kernel void to_bridged_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,
                                 int src_height, int src_pitch, int src_perspective, float far, int piece, Cut cut)
 {
-    convert_row(depth, nearness, ranges, src_width, src_height, src_pitch, src_perspective, far, piece, 1, cut);
+    convert_piece(depth, nearness, ranges, get_global_id(0) * piece, get_global_id(1), src_width, src_height, src_pitch,
+                  src_perspective, far, piece, 1, cut);
 }
