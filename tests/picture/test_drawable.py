@@ -325,20 +325,7 @@ def test_what_is_made_up_hides_nothing_that_another_image_sees():
         np.testing.assert_array_equal(filled.valid, ibr.warp(views, eye, fill="background").valid)
 
 
-@pytest.mark.thorough
-def test_the_pages_own_system_runs_in_the_form_for_gpus(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {"__name__": "__main__"}
-    with one_lane():
-        for line, source in blocks_of(PAGE):
-            exec(compile("\n" * line + source, str(PAGE), "exec"), names)
-
-
-@pytest.mark.thorough
-def test_the_pages_own_system_stays_within_its_arrays(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (_, kernel), (_, splats) = blocks_of(PAGE)[:2]
-    use = """
+USE = """
 camera = ibr.Camera([[9, 0, 8], [0, 9, 6], [0, 0, 1]], (17, 13))
 things = [Splats([[0, 0, 2], [0.3, 0, 2]], [[0, 1, -1], [0, 0, 1]], [[255, 0, 0], [0, 255, 0]], radius=0.5)]
 things.append(ibr.Mesh([[-1, -1, 2], [1, -1, 2], [1, 1, 3]], [[0, 2, 1]]))
@@ -346,4 +333,17 @@ for order in (things, things[::-1]):
     frame = ibr.render(order, camera, ibr.Light(direction=(0, 0.2, 1), shadow_size=16))
     assert 20 < frame.valid.sum() < 200
 """
-    check_bounds("\n".join([kernel, splats, use]))
+"""The page's own system beside a mesh."""
+
+
+@pytest.mark.thorough
+def test_the_pages_own_system_runs_in_the_form_for_gpus(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with one_lane():
+        exec("\n".join([*(source for _, source in blocks_of(PAGE)[:2]), USE]), {"__name__": "__main__"})
+
+
+@pytest.mark.thorough
+def test_the_pages_own_system_stays_within_its_arrays(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    check_bounds("\n".join([*(source for _, source in blocks_of(PAGE)[:2]), USE]))

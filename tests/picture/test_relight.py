@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -135,11 +136,23 @@ def test_a_donut_is_relit(given, projection, camera):
             assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= least, name
 
 
+@cache
+def scan(name: str) -> tuple[Truth, list[ibr.DepthImage]]:
+    """Its truth, and its views with normals."""
+    mesh = scanned(name)
+    return Truth(mesh, PERSPECTIVE), object_views(mesh, 256, normals=True)
+
+
+def scan_of(name: str, given: bool) -> tuple[Truth, list[ibr.DepthImage]]:
+    """`scan`, its normals given or not."""
+    truth, views = scan(name)
+    return truth, views if given else [ibr.DepthImage(view.color, view.depth, view.camera) for view in views]
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
 def test_a_scanned_bunny_is_relit(given):
-    mesh = scanned("bun_zipper.ply.gz")
-    truth, views = Truth(mesh, PERSPECTIVE), object_views(mesh, 256, normals=given)
+    truth, views = scan_of("bun_zipper.ply.gz", given)
     for name, least in {"depth object": 36, "depth meshes": 37, "warp": 32}.items():
         thing = MAKERS[name](views)
         for light in LIGHTS.values():
@@ -149,21 +162,15 @@ def test_a_scanned_bunny_is_relit(given):
             assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= least, name
 
 
-@pytest.fixture(scope="module")
-def dragon() -> tuple[ibr.Mesh, Truth]:
-    """871,414 triangles, whose scales are smaller than a sample of its images."""
-    mesh = scanned("dragon_vrip.ply.gz")
-    return mesh, Truth(mesh, PERSPECTIVE)
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("given", "least"), [(True, (30, 30, 30)), (False, (30, 27, 30))], ids=["given", "from depths"]
 )
-def test_a_scanned_dragon_is_relit_where_images_saw_it(given, least, dragon):
-    """Depths do not tell which way scales face that are smaller than a sample, as the lamp's highlights show."""
-    mesh, truth = dragon
-    views = object_views(mesh, 256, normals=given)
+def test_a_scanned_dragon_is_relit_where_images_saw_it(given, least):
+    """Of 871,414 triangles: depths do not tell which way scales face that are smaller than a sample, as the lamp's
+    highlights show.
+    """
+    truth, views = scan_of("dragon_vrip.ply.gz", given)
     by_images = truth.seen_by(views)
     for name in ("depth object", "depth meshes"):
         thing = MAKERS[name](views)
@@ -199,7 +206,18 @@ def test_in_shadow_too(name):
         np.testing.assert_array_equal(frame.color[others], plain.color[others])  # the floor and the card
 
 
-LENS = ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0])
+BENT = Camera(
+    PERSPECTIVE.K,
+    PERSPECTIVE.size,
+    PERSPECTIVE.world_from_camera,
+    lens=ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0]),
+)
+
+
+@cache
+def donuts() -> tuple[dict[Camera, Truth], list[ibr.DepthImage]]:
+    """Its truths, through a lens and without, and its views with normals."""
+    return {camera: Truth(donut(), camera) for camera in (BENT, PERSPECTIVE)}, object_views(donut(), 192, normals=True)
 
 
 @pytest.mark.thorough
@@ -207,13 +225,11 @@ LENS = ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0])
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_through_a_lens_and_by_several_samples(name, dtype):
     """Silhouettes are mixed with what lies behind them: they are left out."""
-    mesh = donut()
-    views = object_views(mesh, 192, normals=True)
+    truths, views = donuts()
     if dtype == np.float32:
         views = [view.in_float for view in views]
-    bent = Camera(PERSPECTIVE.K, PERSPECTIVE.size, PERSPECTIVE.world_from_camera, lens=LENS)
-    for camera, samples in ((bent, 1), (PERSPECTIVE, 4), (bent, 4)):
-        truth, light = Truth(mesh, camera), LIGHTS["lamp"]
+    for camera, samples in ((BENT, 1), (PERSPECTIVE, 4), (BENT, 4)):
+        truth, light = truths[camera], LIGHTS["lamp"]
         frame = ibr.render(
             MAKERS[name](views), camera, ibr.Light(**light, shadow_size=0, relight=True), samples=samples
         )
