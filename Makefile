@@ -2,7 +2,7 @@
 PYTHON ?= python3
 RUN := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-arm test-devices fuzz check audit bench gpu docs wheel clean
+.PHONY: help setup demo test test-all test-intel test-arm test-devices fuzz check audit bench gpu docs wheel clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
@@ -20,9 +20,9 @@ demo: .venv/.demo  ## new views of a terrain: build/demo.png
 
 # PoCL compiles each kernel once, not a second time for its work-groups' size: a third of the time, and a test holds that
 # pictures are the same.
-test test-all fuzz: export POCL_WORK_GROUP_SPECIALIZATION ?= 0
+test test-all test-intel fuzz: export POCL_WORK_GROUP_SPECIALIZATION ?= 0
 # Tests start dozens of processes, and each would compile what it imports.
-test test-all fuzz: export PYTHONDONTWRITEBYTECODE :=
+test test-all test-intel fuzz: export PYTHONDONTWRITEBYTECODE :=
 # A test on Intel's runtime wants it.
 test test-all: .venv/.ready $(if $(findstring intel,$(PYIBR_DEVICE)),.venv/.cpu)
 # Each core begins with a run of files of its own, and takes some of another's when it has done them.
@@ -33,6 +33,9 @@ test:  ## the tests, but for those that take long (ARGS="-k warp" for some of th
 
 test-all:  ## all tests: random calls, kernels within fences, browsers and recordings, too
 	@$(TESTS) -m "not product" $(ARGS)
+
+test-intel: .venv/.cpu  ## some pictures by Intel's CPU runtime, which pip installs, beside PoCL's
+	@PYIBR_DEVICE=intel $(RUN) -m pytest -q -m "not product" -k intel tests/opencl
 
 # Each day's calls are others.
 FUZZ_FIRST ?= $(shell date +%Y%m%d)00000
