@@ -204,7 +204,7 @@ def test_rows_of_a_zarr_store(cluster: Any, tmp_path: Path):
     assert sorted(run().done) == ["1", "2", "9"]
     shutil.copytree(tmp_path / "in/scan 1", tmp_path / "in/scan 0")
     ibr.write_color(tmp_path / "in/scan 2/color.png", np.zeros((*SIZE[::-1], 3), np.uint8))
-    (output / "frames.zarr/color/c/2/0/0/0").unlink()
+    (output / "frames.zarr/color/2.0.0.0").unlink()
     (tmp_path / "in/scan 3").mkdir()
     ibr.write_color(tmp_path / "in/scan 3/color.png", np.ones((8, 9, 3), np.uint8))
     ibr.write_depth(tmp_path / "in/scan 3/depth.png", np.ones((8, 9), np.float32), depth_scale=1000)

@@ -39,6 +39,7 @@ def to_chunks(folder: Path, task: Task) -> None:
             shape=(task.rows, *image.shape),
             chunks=(1, *image.shape),
             dtype=image.dtype,
+            chunk_key_encoding={"name": "v2", "separator": "."},  # one file a row, not folders within folders
             config={"write_empty_chunks": True},  # an earlier run's would stay
         )
         array[task.row] = image
