@@ -2,7 +2,7 @@
 PYTHON ?= python3
 RUN := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-intel test-arm test-devices fuzz check audit bench gpu docs wheel clean
+.PHONY: help setup demo test test-all test-intel test-arm test-devices fuzz check audit bench gpu gallery docs wheel clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
@@ -71,7 +71,13 @@ gpu: .venv/.bench  ## what a GPU is asked first: doctor, the kernels' tests, pic
 	@.venv/bin/pyibr doctor
 	@$(RUN) -m benchmarks card $(ARGS)
 
+gallery: .venv/.bench  ## every picture of the manual, from nothing: docs/images
+	@$(RUN) docs/gallery/pictures.py
+	@$(RUN) docs/gallery/pages.py
+	@sha256sum docs/gallery/*.py > docs/images/scripts.sha256
+
 docs: .venv/.docs  ## the manual: build/docs/index.html
+	@sha256sum docs/gallery/*.py | grep -vxFf docs/images/scripts.sha256 | sed 's/.* /pictures are older than their script (make gallery): /'
 	@$(RUN) -m sphinx -q -W docs build/docs
 
 wheel: .venv/.ready  ## the wheel from the source package, installed alone and beside another's OpenCV

@@ -95,6 +95,8 @@ if __name__ == "__main__":
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     if teapot := os.environ.get("PYIBR_TEAPOT"):  # a mesh file of whoever has it
         save("paper-relief-teapot.jpg", reliefs.teapot(ibr.Mesh.load(teapot)), 80)
+    else:
+        print(f"{IMAGES / 'paper-relief-teapot.jpg'} stays as it is: PYIBR_TEAPOT names no mesh of the teapot")
     save("relief-distances.jpg", reliefs.distances(), 80)
     save("relief-scenes.jpg", reliefs.scenes(), 80)
     save("relief-walk.jpg", reliefwalk.walk(), 80)
