@@ -238,7 +238,8 @@ def _steps_along(line: Nearness) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
     before, after = line[at + 1].astype(np.float64), line[at + 2].astype(np.float64)
     place, jump = np.maximum(before, after), np.abs(after - before)
-    levels = np.unique(place)
+    levels = np.sort(place)
+    levels = levels[np.diff(levels, prepend=-np.inf) > 0]  # np.unique would load numpy.ma, for longer than a warp takes
     gaps = np.diff(levels)
     # Levels that are missing leave gaps of whole steps: the least ones around are the scale's.
     if len(gaps) < _LEVELS_MIN:
