@@ -55,10 +55,13 @@ def check(thing: ibr.DepthObject, camera: Camera, truth: np.ndarray) -> None:
 
 @cache
 def truth_of(kind: str, projection: str = "perspective") -> np.ndarray:
-    """Depth of the torus' object in float64, marched by an eighth of 256 slices' distance."""
+    """Depth of the torus' object in float64, marched by half of 256 slices' distance.
+
+    What is thinner shows at a dozen of the 2300 pixels, on which no bar turns.
+    """
     views, camera = views_of_torus(kind), looking(torus(), FRONT, (110, 90), projection)
     thing = ibr.DepthObject(views, slices=256)
-    return first_depth(depth_object(views), camera, thing.box, spacing(thing) / 8)
+    return first_depth(depth_object(views), camera, thing.box, spacing(thing) / 2)
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
