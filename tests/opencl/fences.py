@@ -6,9 +6,9 @@ else the device's own, get the same.
 
 Run as a program, with a folder of kernels and 16 or 1 lanes: `cases` within fences at the start, then at the end. After
 each, in the same process, whose programs are built, cameras' numbers are poisoned, and nothing is right but that
-kernels end and keep to their arrays. Programs in 16 lanes are built without optimisation, in half the time: what kernels
-read and write is the same, and so is what they only read to no avail. Those in one lane, which Oclgrind sees so, are the
-other tests'.
+kernels end and keep to their arrays. Programs in 16 lanes are built without optimisation, in half the time: what
+kernels read and write is the same, and so is what they only read to no avail. Those in one lane, which Oclgrind sees
+so, are the other tests'.
 """
 
 from __future__ import annotations
