@@ -68,7 +68,7 @@ def test_a_mesh_is_the_objects(folder: Path, views: list[ibr.DepthImage], tmp_pa
 
 @pytest.mark.parametrize("up", ["y", "-y", "z", "-x"])
 def test_a_glb_stands_upright(folder: Path, views: list[ibr.DepthImage], tmp_path: Path, up: str):
-    """What is up in the world is glTF's y there, and nothing is mirrored; without --up that is -y, as of cameras."""
+    """Up in the world is glTF's y there, and nothing is mirrored; without --up that is -y, as of cameras."""
     result = run("hull", folder, "--up", up, "--resolution", 12, "-o", tmp_path / "it.glb")
     assert result.exit_code == 0, result.output
     expected, found = ibr.VisualHull(views).to_mesh(12), ibr.Mesh.load(tmp_path / "it.glb", axes="gltf")
