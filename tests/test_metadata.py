@@ -93,6 +93,17 @@ def test_the_conda_recipe_asks_for_what_the_wheel_does():
     needed = {{"isal": "python-isal"}.get(name, name): least for name, least in requirements(extras=False).items()}
     assert run == needed | {"python": "3.10"}
     assert f"version: {version_of(PYIBR)}" in recipe
+    (command,) = re.findall(r'^pyibr = "(.+)"$', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.M)
+    assert f"- pyibr = {command}" in recipe
+
+
+def test_the_dockerfile_asks_for_what_is_there():
+    """Nobody builds it here: what may come to differ are the Python, the extras and the commands."""
+    told, project = ((ROOT / name).read_text(encoding="utf-8") for name in ("Dockerfile", "pyproject.toml"))
+    (python, extras) = re.search(r"FROM python:([\d.]+)-.*/src\[([\w,]+)\]", told, re.S).groups()
+    assert f"Python :: {python}" in project
+    assert all(re.search(rf"^{extra} = ", project, re.M) for extra in extras.split(","))
+    assert "RUN pyibr doctor --build" in told and "--build" in (ROOT / "pyibr/app/commands/doctor.py").read_text()
 
 
 def test_licences_of_all_that_is_installed_are_told():

@@ -54,9 +54,10 @@ def environment_of(monkeypatch: pytest.MonkeyPatch, prefix: Path, text: str, lib
     return prefix / library
 
 
-@pytest.mark.parametrize("text", ["{prefix}/lib/libpocl.so.2.13", "libpocl.so.2.13"])
-def test_condas_runtimes_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str):
-    library = environment_of(monkeypatch, tmp_path, text.format(prefix=tmp_path) + "\n", "lib/libpocl.so.2.13")
+@pytest.mark.parametrize("name", ["libpocl.so.2.13", "libpocl.2.13.dylib"])  # Linux on any processor, and macOS
+@pytest.mark.parametrize("text", ["{prefix}/lib/{name}", "{name}"])
+def test_condas_runtimes_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, name: str):
+    library = environment_of(monkeypatch, tmp_path, text.format(prefix=tmp_path, name=name) + "\n", f"lib/{name}")
     assert unlisted.unlisted_runtimes() == [unlisted.Unlisted("one.icd", library)]
     # An environment may take the system's files over.
     monkeypatch.setattr(unlisted, "SYSTEM_ICDS", tmp_path / "etc/OpenCL/vendors")
