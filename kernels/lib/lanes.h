@@ -149,6 +149,7 @@ typedef struct __attribute__((packed)) {
 #endif
 
 #define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* the number of the lowest bit that is set */
+#define WITHOUT_LOWEST(bits) (LANES == 1 ? 0 : (bits) & ((bits) - 1)) /* of lane_bits: the others */
 
 /* One of up to four values: GPUs, which keep no array in registers whose index is only known at run time, choose it. */
 #if LANES == 1

@@ -124,7 +124,7 @@ kernel void find_margins(global const float *surface, global const int *starts, 
                 continue;
             floatl slope_x, slope_y;
             slopes_of(n, lower, upper, number, &slope_x, &slope_y);
-            for (; left; left &= left - 1, at++) {
+            for (; left; left = WITHOUT_LOWEST(left), at++) {
                 const int lane = LOWEST(left);
                 global float *out = margins + at;
                 out[MARGIN_X * margin_pitch] = x + lane;

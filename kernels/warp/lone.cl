@@ -192,7 +192,7 @@ OUTLINED void draw_packet(Grid grid, PixelMap map, int x, int y, int sides, glob
     const uint above = lane_bits(lone_samples(grid, map, x, y - 1, sides)), left = lone << 1;
     const uint drawn[4] = {left | above | above << 1, above | above >> 1, left, 0}; /* of the samples' cells, row by row */
     for (int cell = 0; cell < 4; cell++)
-        for (uint wanted = lone & ~drawn[cell]; wanted; wanted &= wanted - 1)
+        for (uint wanted = lone & ~CHOSEN(drawn, cell); wanted; wanted &= wanted - 1)
             draw_cell(grid, map, x + LOWEST(wanted) - 1 + (cell & 1), y - 1 + (cell >> 1), sides, hits);
 }
 

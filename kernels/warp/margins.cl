@@ -100,7 +100,7 @@ OUTLINED void draw_quarters(PixelMap map, Quarters at, intl wanted, int sides, g
             const intl before = (w_met > 0.0f) & IS_BEFORE(map.dst_perspective, met);
             const intl hit = drawn & (row <= box.bottom) & (column <= box.right) & in_quarter & in_part & before;
             const intl pixel = to_intl(row) * map.dst_pitch + to_intl(column), bits = as_intl(PACKED_HIT(met, hides));
-            for (uint left = lane_bits(hit); left; left &= left - 1) {
+            for (uint left = lane_bits(hit); left; left = WITHOUT_LOWEST(left)) {
                 const int lane = LOWEST(left);
                 put_nearest(margin_hits + int_lane(pixel, lane), int_lane(bits, lane));
             }

@@ -68,7 +68,7 @@ INLINED void enter_pixels(PictureRow row, Corners there, intl written, intl x)
     normal.g = there.at_corner * a.y + there.at_beside * b.y + there.at_below * c.y;
     normal.b = there.at_corner * a.z + there.at_beside * b.z + there.at_below * c.z;
 #endif
-    for (uint left = lane_bits(written); left; left &= left - 1) {
+    for (uint left = lane_bits(written); left; left = WITHOUT_LOWEST(left)) {
         const int at = int_lane(x, LOWEST(left));
         enter_pixel(row.gbuffer, (size_t)row.y * row.map.dst_width + at, row.depth[at], color_lane(normal, LOWEST(left)));
     }
@@ -87,7 +87,7 @@ INLINED void write_origins(PictureRow row, Pixels pixels, intl written, intl x)
         store_lanes(from, row.source_view + first);
         return;
     }
-    for (uint left = lane_bits(written); left; left &= left - 1) {
+    for (uint left = lane_bits(written); left; left = WITHOUT_LOWEST(left)) {
         const int lane = LOWEST(left), at = int_lane(x, lane);
         vstore2((float2)(float_lane(u, lane), float_lane(v, lane)), at, row.source);
         row.source_view[at] = int_lane(from, lane);
@@ -99,7 +99,7 @@ INLINED void write_origins(PictureRow row, Pixels pixels, intl written, intl x)
 INLINED void write_hidden(PictureRow row, floatl hits, intl x, int high_x)
 {
 #if ORIGINS == 2
-    for (uint left = lane_bits(IS_HIT(hits) & !IS_VISIBLE_HIT(hits) & (x < high_x)); left; left &= left - 1)
+    for (uint left = lane_bits(IS_HIT(hits) & !IS_VISIBLE_HIT(hits) & (x < high_x)); left; left = WITHOUT_LOWEST(left))
         row.classes[int_lane(x, LOWEST(left))] = CLASS_HIDDEN;
 #endif
 }
@@ -179,7 +179,7 @@ OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits,
 {
     int to_trace[(STRIP + 1) * LANES], count = 0;
     for (int p = 0; p < packets; p++)
-        for (uint left = lane_bits(pixels[p].traced); left; left &= left - 1)
+        for (uint left = lane_bits(pixels[p].traced); left; left = WITHOUT_LOWEST(left))
             to_trace[count++] = p * LANES + LOWEST(left);
     for (int first = 0; first < count; first += LANES) {
         const intl wanted = first + lane_index < count;
@@ -225,7 +225,8 @@ OUTLINED int write_strip(PictureRow row, Pixels *pixels, int strip_x, int high_x
             const floatl margin = load_lanes(margins + x0);
             const intl on_margin = margin > pixels[p].n;
             write_hidden(row, margin, x, high_x);
-            for (uint left = lane_bits(on_margin & IS_VISIBLE_HIT(margin) & (x < high_x)); left; left &= left - 1)
+            uint left = lane_bits(on_margin & IS_VISIBLE_HIT(margin) & (x < high_x));
+            for (; left; left = WITHOUT_LOWEST(left))
                 on_margins[count++] = x0 + LOWEST(left);
             pixels[p].n = select_lanes(on_margin, (floatl)EMPTY, pixels[p].n);
         }
@@ -281,7 +282,7 @@ kernel void resolve(global const float *surface, global const float *hits, globa
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
     if (y >= high_y || strip_x >= high_x)
         return;
-    const int packets = min(STRIP, (high_x - strip_x + LANES - 1) / LANES);
+    const int packets = STRIP == 1 ? 1 : min(STRIP, (high_x - strip_x + LANES - 1) / LANES); /* GPUs: always 1 */
     const size_t first = (size_t)y * map.dst_width;
     const PictureRow row = {GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT),
                             map,

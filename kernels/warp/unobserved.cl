@@ -53,7 +53,7 @@ INLINED void show_pixels(global channel *color, global const float *depth, globa
     const intl nearest_u = to_intl(select_lanes(inside, u + 0.5f, (floatl)0.0f)),
                nearest_v = to_intl(select_lanes(inside, v + 0.5f, (floatl)0.0f));
     const intl sample = nearest_v * map->src_pitch + nearest_u;
-    for (uint left = lane_bits(inside); left; left &= left - 1) {
+    for (uint left = lane_bits(inside); left; left = WITHOUT_LOWEST(left)) {
         const int i = LOWEST(left);
         if (nearness[int_lane(sample, i)] > NO_SURFACE)
             continue;
