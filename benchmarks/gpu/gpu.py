@@ -94,7 +94,9 @@ def cases(plan: Plan) -> Iterator[Case]:
         yield Case(parameters, functools.partial(_prepare, name, size, small, parameters))
 
 
-def _prepare(name: str, size: Size, small: Size, parameters: dict[str, Parameter]) -> Work | Skip:
+def _prepare(name: str, size: Size, small: Size | None, parameters: dict[str, Parameter]) -> Work | Skip:
+    if small is None:
+        return Skip(f"instructions of {name}", "a simulator would take hours")
     if shutil.which("oclgrind") is None:
         return Skip("instructions on GPUs", "oclgrind is not installed")
     if isinstance(work := CALLS[name](small), Skip):
