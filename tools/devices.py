@@ -159,8 +159,9 @@ def table(found: Mapping[str, Mapping[str, Agreement]]) -> str:
 def _told(one: Agreement | None) -> str:
     if one is None or one.same == one.launches:
         return "" if one is None else "all"
+    most = f", by up to {one.most:.0e}" if one.most else ""
     far = f", {100 * one.far:.2g} % far" if one.far else ""
-    return f"{one.same} of {one.launches}; {100 * one.off:.2g} % of the values, by up to {one.most:.0e}{far}"
+    return f"{one.same} of {one.launches}; {100 * one.off:.2g} % of the values{most}{far}"
 
 
 def main() -> None:
