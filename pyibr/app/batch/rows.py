@@ -47,13 +47,14 @@ def to_chunks(folder: Path, task: Task) -> None:
 
 
 def agree(files: Any, mine: Path, target: str, move: Callable[[Path, str], object]) -> None:
-    """The first task's metadata of an array are moved to the store; all others' have to be the same."""
+    """Take the first task's metadata of an array to the store; all others' have to be the same."""
+    own = json.loads(mine.read_bytes())
     if not files.exists(target):
         with distributed().Lock(target):
             if not files.exists(target):
                 move(mine, target)
-                return
-    first, own = (json.loads(text) for text in (files.cat_file(target), mine.read_bytes()))
+    mine.unlink(missing_ok=True)
+    first = json.loads(files.cat_file(target))
     if first != own:
         expected, got = (f"{one['data_type']} of shape {tuple(one['shape'][1:])}" for one in (first, own))
         raise Error(f"{mine.parent.name}: expected {expected} as in the store, got {got}")

@@ -80,7 +80,7 @@ def run_task(template: Sequence[str], output: str, task: Task) -> Entry:
             for path in sorted(out.glob(f"{STORE}/*/{METADATA}")):
                 agree(files, path, f"{root}/{path.relative_to(out).as_posix()}", move)
         entry: Entry = {"name": task.name, "key": task.key, "files": {}}
-        made = sorted(path for path in out.rglob("*") if path.is_file() and not (task.rows and path.name == METADATA))
+        made = sorted(path for path in out.rglob("*") if path.is_file())
         if not made:
             raise Error("the command wrote nothing to {out}")
         for path in made:
