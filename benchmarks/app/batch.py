@@ -29,6 +29,10 @@ FRAMES, SIZE = 500, (320, 240)
 ONE_CORE = {"POCL_MAX_PTHREAD_COUNT": "1", "POCL_CPU_MAX_CU_COUNT": "1", "POCL_AFFINITY": "0"}
 _COMMAND = "warp {color} {depth} --camera {camera} --depth-scale 1000 --fill background --orbit 5 -o {out}/{name}.png"
 
+_ROWS = _COMMAND.replace(
+    "{out}/{name}.png", "{zarr}/color.npy --depth-out {zarr}/depth.npy --valid-out {zarr}/valid.npy"
+)
+
 
 def write_scans(folder: Path) -> dict[str, str]:
     """Frames of waves that move, and the inputs of the job that they are."""
@@ -157,6 +161,8 @@ def main() -> None:
             print(f"{workers} workers: {1e3 * by_workers[workers]:.1f} ms a frame, the first after {first:.1f} s")
         one, two = by_workers.values()
         print(f"overhead: {1e3 * (one - single):.1f} ms a frame; two workers {one / two:.2f} x")
+        stored, _ = timed(functools.partial(batch, _ROWS, inputs, str(outputs / "rows"), workers=1))
+        print(f"1 worker, into a Zarr store: {1e3 * stored:.1f} ms a frame")
         start = time.perf_counter()
         kept = batch(_COMMAND, inputs, str(outputs / "2"), workers=2)
         print(f"a second run: {len(kept.done)} done, {len(kept.kept)} kept, {time.perf_counter() - start:.1f} s")
