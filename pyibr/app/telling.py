@@ -1,4 +1,4 @@
-"""Messages of the library: that kernels are being built, which takes seconds and happens once, and its warnings."""
+"""Messages of the library: that kernels are being built, which takes seconds, and its warnings."""
 
 from __future__ import annotations
 

@@ -208,7 +208,7 @@ def _tell(seconds: float) -> None:
     global _spent
     before, _spent = _spent, _spent + seconds
     if before < _LONG <= _spent:
-        _log.info("kernels are being built for this device, once for each kind of work; that takes some seconds")
+        _log.info("kernels are being built for this device; `pyibr doctor --build` does so beforehand, for good")
 
 
 def _kernel_of(

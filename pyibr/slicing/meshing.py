@@ -98,7 +98,7 @@ def mesh_of(thing: Solid, resolution: int) -> Mesh:
         inside.ravel()[some] = contains(thing, places(some))
         if time.monotonic() - told > _SILENT_MAX:
             told = time.monotonic()
-            _log.info("a mesh is being made: %.0f %% of its grid are known", 100 * (first + len(some)) / len(inner))
+            _log.info("a mesh is being made: %.0f %% of its grid is known", 100 * (first + len(some)) / len(inner))
     if not inside.any():
         raise ArgumentError(
             "resolution", "one that is fine enough for the object", f"{resolution}, whose points miss it"
