@@ -116,7 +116,9 @@ def _writer(
 def _upright(mesh: Mesh, up: Up) -> Mesh:
     """The mesh turned so that y is up: its axes in their order, each one further if need be."""
     vertices = np.roll(mesh.vertices, 1 - "xyz".index(up[-1]), axis=1)
-    return Mesh(vertices * np.float32([1, -1, -1]) if up[0] == "-" else vertices, mesh.faces, colors=mesh.colors)
+    return Mesh(
+        vertices * np.array((1, -1, -1), np.float32) if up[0] == "-" else vertices, mesh.faces, colors=mesh.colors
+    )
 
 
 def _ball_of(solid: DepthObject | VisualHull) -> tuple[Float64, float]:
