@@ -275,13 +275,14 @@ def _screens(setting: Setting) -> list[ibr.Camera]:
 
 def _meshes(setting: Setting) -> Cases:
     corners, faces, uv = _square()
-    for texture_size in ((5, 3), (1, 1), (1, 5), (5, 1))[: setting.choose(1, 4, 4)]:
+    for number, texture_size in enumerate(((5, 3), (1, 1), (1, 5), (5, 1))[: setting.choose(1, 4, 4)]):
         texture = setting.noise(*texture_size)
+        lights = _lights(setting)[: 1 if number else None]  # what they change reads no texture
         first = ibr.Mesh(corners, faces, uv=uv, texture=texture)
         second = ibr.Mesh(corners, faces, colors=np.asarray(setting.noise(4, 1)[0]))
         plain = ibr.Mesh([[-9, -9, 5], [9, -9, 5], [0, 9, 5]], [[0, 1, 2]])
         for camera in _screens(setting):
-            for light in _lights(setting):
+            for light in lights:
                 name = f"meshes, texture {texture_size}, {camera.size}, {light}"
                 yield name, partial(_draw, setting, [first, second, plain], camera, light)
                 yield f"{name}, filtered", partial(_draw, setting, [first], camera, light, 3)
