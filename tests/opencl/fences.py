@@ -6,9 +6,8 @@ else the device's own, get the same.
 
 Run as a program, with a folder of kernels and 16 or 1 lanes: `cases` within fences at the start, then at the end. After
 each, in the same process, whose programs are built, cameras' numbers are poisoned, and nothing is right but that
-kernels end and keep to their arrays. Programs in 16 lanes are built without optimisation, in half the time: what
-kernels read and write is the same, and so is what they only read to no avail. Those in one lane, which Oclgrind sees
-so, are the other tests'.
+kernels end and keep to their arrays. Programs are built without optimisation, in half the time: what kernels read and
+write is the same, and so is what they only read to no avail.
 """
 
 from __future__ import annotations
@@ -95,8 +94,7 @@ def raise_fences(where: Where) -> None:
 if __name__ == "__main__":
     folder, lanes = sys.argv[1:]
     current()  # what chooses a device has buffers of its own
-    if lanes == "16":
-        program._OPTIONS.append("-cl-opt-disable")
+    program._OPTIONS.append("-cl-opt-disable")
     kinds = KINDS if lanes == "16" else KINDS[:1]  # Oclgrind sees one lane with the others
     with one_lane() if lanes == "1" else nullcontext():
         for seed, where in enumerate(get_args(Where)):
