@@ -24,8 +24,8 @@ INLINED Corners one_sample(Pixels *pixels, Grid grid, PixelMap map, intl x, intl
     return one;
 }
 
-/* The samples around the pixels' hits; if not `linear` the nearest, whose nearness the pixels get, too */
-INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear)
+/* The samples around the pixels' hits on triangles; if not `linear` the nearest, whose nearness the pixels get, too */
+INLINED Corners corners_of_triangles(Pixels *pixels, Grid grid, PixelMap map, int linear)
 {
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
     const floatl u = pixels->u, v = pixels->v;
@@ -70,7 +70,7 @@ INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, floatl colu
     }
 }
 
-/* The same of pixels that show margins: the margin's sample, and those beside it in the place's direction as far as
+/* The same of hits on margins: the margin's sample, and those beside it in the place's direction as far as
  * they are of one surface */
 INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int linear, floatl column, int row)
 {
@@ -94,6 +94,24 @@ INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int 
     corners.at_below = select_lanes(has_below, fabs(dv), (floatl)0.0f);
     corners.at_corner = 1.0f - corners.at_beside - corners.at_below;
     return corners;
+}
+
+/* The samples that hits are interpolated from, some of which are `on_margins` */
+INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear, intl on_margins, floatl column, int row)
+{
+    Pixels beside = *pixels;
+    Corners there = corners_of_triangles(pixels, grid, map, linear);
+    if (!any_lane(on_margins))
+        return there;
+    const Corners margins = corners_of_margins(&beside, grid, map, linear, column, row);
+    pixels->n = select_lanes(on_margins, beside.n, pixels->n);
+    there.corner = select_lanes(on_margins, margins.corner, there.corner);
+    there.beside = select_lanes(on_margins, margins.beside, there.beside);
+    there.below = select_lanes(on_margins, margins.below, there.below);
+    there.at_corner = select_lanes(on_margins, margins.at_corner, there.at_corner);
+    there.at_beside = select_lanes(on_margins, margins.at_beside, there.at_beside);
+    there.at_below = select_lanes(on_margins, margins.at_below, there.at_below);
+    return there;
 }
 
 INLINED Color interpolate_color(Corners there, PixelMap map, global const channel *src_color, int linear)

@@ -134,23 +134,6 @@ INLINED intl write_pixels(PictureRow row, Pixels pixels, Color c, int x0, int co
     return written;
 }
 
-/* Writes those of the row's pixels x that are wanted and nearer than what the picture shows. Returns which are. */
-INLINED intl write_apart(PictureRow row, Pixels pixels, Color c, intl x, intl wanted)
-{
-    const floatl z = DEPTH_OF(row.map.dst_perspective, pixels.n);
-    intl written = 0;
-    for (int lane = 0; lane < LANES; lane++) {
-        const int at = int_lane(x, lane);
-        if (!int_lane(wanted, lane) || float_lane(z, lane) >= row.depth[at])
-            continue;
-        row.depth[at] = float_lane(z, lane);
-        row.valid[at] = 1;
-        set_int_lane(written, lane, -1);
-        write_pixel(row.color + CHANNELS * at, rounded_channel(color_lane(c, lane)));
-    }
-    return written;
-}
-
 /* Prefetches the samples around the pixels' hits, which hardware does not foresee. */
 void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 {
@@ -210,54 +193,32 @@ OUTLINED void read_strip(Pixels *pixels, PictureRow row, global const float *hit
     }
 }
 
-/* Writes these pixels, but for those whose hits on the margins of the row are nearer (margins: 0, there are none). Returns
- * how many these are, and their columns. */
-OUTLINED int write_strip(PictureRow row, Pixels *pixels, int strip_x, int high_x, int packets, int hit_kind,
-                         global const float *hits, global const float *margins, int *on_margins)
+/* Writes these pixels: what they hit, or the row's margins where these are nearer (margins: 0, there are none). */
+OUTLINED void write_strip(PictureRow row, Pixels *pixels, int strip_x, int high_x, int packets, int hit_kind,
+                          global const float *hits, global const float *margins)
 {
-    int count = 0;
     for (int p = 0; p < packets; p++) {
         const int x0 = strip_x + p * LANES;
         const intl x = x0 + lane_index;
+        intl on_margins = 0;
         if (ORIGINS == 2 && hit_kind != HITS_WITHOUT_PARALLAX)
             write_hidden(row, load_lanes(hits + x0), x, high_x);
         if (margins) {
             const floatl margin = load_lanes(margins + x0);
-            const intl on_margin = margin > pixels[p].n;
             write_hidden(row, margin, x, high_x);
-            uint left = lane_bits(on_margin & IS_VISIBLE_HIT(margin) & (x < high_x));
-            for (; left; left = WITHOUT_LOWEST(left))
-                on_margins[count++] = x0 + LOWEST(left);
-            pixels[p].n = select_lanes(on_margin, (floatl)EMPTY, pixels[p].n);
+            on_margins = (margin > pixels[p].n) & IS_VISIBLE_HIT(margin) & (x < high_x);
+            pixels[p].n = max_lanes(margin, pixels[p].n);
         }
         pixels[p].n = select_lanes(IS_VISIBLE_HIT(pixels[p].n), pixels[p].n, (floatl)EMPTY);
         if (row.merge && !any_lane(IS_HIT(pixels[p].n)))
             continue;
-        if (hit_kind != HITS_OF_PIXELS)
+        if (hit_kind != HITS_OF_PIXELS || any_lane(on_margins))
             find_place(&pixels[p], row.map, to_floatl(x), row.y);
-        const Corners there = corners_at(&pixels[p], row.grid, row.map, row.linear);
+        const Corners there = corners_at(&pixels[p], row.grid, row.map, row.linear, on_margins, to_floatl(x), row.y);
         const Color c = interpolate_color(there, row.map, row.src_color, row.linear);
         pixels[p].n = select_lanes(IS_BEFORE(row.map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
         const intl written = write_pixels(row, pixels[p], c, x0, min(high_x - x0, LANES)) & (x < high_x);
         write_origins(row, pixels[p], written, x);
-        enter_pixels(row, there, written, x);
-    }
-    return count;
-}
-
-/* Writes the pixels in `columns` of the row that show margins. */
-OUTLINED void write_margins(PictureRow row, global const float *margins, const int *columns, int count)
-{
-    for (int first = 0; first < count; first += LANES) {
-        const intl wanted = first + lane_index < count;
-        const intl x = select_lanes(wanted, (intl)load_lanes(columns + first), (intl)columns[0]);
-        Pixels one;
-        one.n = (floatl)(gather(margins, x));
-        find_place(&one, row.map, to_floatl(x), row.y);
-        const Corners there = corners_of_margins(&one, row.grid, row.map, row.linear, to_floatl(x), row.y);
-        const Color c = interpolate_color(there, row.map, row.src_color, row.linear);
-        const intl written = write_apart(row, one, c, x, wanted & IS_BEFORE(row.map.dst_perspective, one.n));
-        write_origins(row, one, written, x);
         enter_pixels(row, there, written, x);
     }
 }
@@ -306,14 +267,13 @@ kernel void resolve(global const float *surface, global const float *hits, globa
     Pixels pixels[STRIP];
     read_strip(pixels, row, hits, strip_x, high_x, packets, hit_kind, neighbour_offset, density, typical, rough, sides);
     uint cells = 0;
-    int traced = 0, on_margins[(STRIP + 1) * LANES];
+    int traced = 0;
     if (hit_kind == HITS_OF_LINES)
         traced = trace_pixels(pixels, packets, hits, row.grid, map, strip_x, y, sides, neighbour_offset, density, window,
                               connected, &cells);
     const size_t pitched = (size_t)y * map.dst_pitch;
     global const float *margins = has_margins ? margin_hits + pitched : (global const float *)0;
-    const int count = write_strip(row, pixels, strip_x, high_x, packets, hit_kind, hits + pitched, margins, on_margins);
-    write_margins(row, margins, on_margins, count);
+    write_strip(row, pixels, strip_x, high_x, packets, hit_kind, hits + pitched, margins);
 #if COUNTERS
     const int across = (high_x - low_x + STRIP * LANES - 1) / (STRIP * LANES);
     const int item = get_global_id(1) * across + get_global_id(0);

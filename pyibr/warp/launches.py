@@ -157,7 +157,7 @@ def _find_candidates(
         return hits, _hits("OF_PIXELS")
     launch(
         kernel("warp/epipolar.cl", "draw_lone", **defines),
-        (-(-surface.prominence.shape[1] // profile.strip), surface.prominence.shape[0]),
+        (-(-surface.prominence.shape[1] // profile.strip), surface.prominence.shape[0] + 1),
         hits=hits,
         prominence=surface.prominence,
         least=constant("warp/lone.cl", "LONE_BY") / max(pixel_map.most_motion, 1e-30),
