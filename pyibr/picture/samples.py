@@ -55,8 +55,10 @@ class Samples:
 
     @cached_property
     def _low_and_high(self) -> tuple[float, float]:
-        """Read from the device on first use, which waits for it; raises ArgumentError if there is no nearness."""
-        ranges = self.ranges.to_host()
+        return self.low_and_high(self.ranges.to_host())  # waits for the device
+
+    def low_and_high(self, ranges: NDArray[np.float32]) -> tuple[float, float]:
+        """Least and greatest nearness by `ranges` on the host; raises ArgumentError if there is no nearness."""
         low, high = float(ranges[:, 0].min()), float(ranges[:, 1].max())
         if low > high:
             raise ArgumentError(

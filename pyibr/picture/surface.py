@@ -208,7 +208,8 @@ def make_surface(samples: Samples, size: tuple[int, int], test: EdgeTest) -> Sur
     launch(kernel("picture/begin.cl", "find_edges"), (pieces, height), piece=piece, **tests, **given)
     launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **given)
     launch(kernel("picture/begin.cl", "count_margins"), (pieces, height), counts=counts, piece=piece, **shared)
-    nearest_and_farthest, margins_of_pieces = to_host([ring, counts])  # the one wait for all that there is of a view
-    low, high = float(nearest_and_farthest[0].min()), float(nearest_and_farthest[1].max())
-    low, high = min(samples.low, low), max(samples.high, high)
+    # The one wait for all that there is of a view
+    ranges, nearest_and_farthest, margins_of_pieces = to_host([samples.ranges, ring, counts])
+    low, high = samples.low_and_high(ranges)
+    low, high = min(low, float(nearest_and_farthest[0].min())), max(high, float(nearest_and_farthest[1].max()))
     return Surface(surface, samples.color, size, low, high, margins_of_pieces, test)
