@@ -52,11 +52,15 @@ def main() -> None:
 
 
 def programs() -> list[Program]:
-    """Programs that calls of all systems need."""
+    """Programs that calls of all systems need, for colours of bytes, of floats and without any."""
     with one_lane():
         for draw in (*PICTURES, *calls().values()):
             draw()
-        return sorted({program for program, _ in cast("Iterable[tuple[Program, str]]", current().kernels)})
+        built = {program for program, _ in cast("Iterable[tuple[Program, str]]", current().kernels)}
+    others = [{"COLOR_BYTES": 4}, {"CHANNELS": 0}]
+    kinds = {(file, tuple({**dict(given), **other}.items())) for file, given in built for other in others
+             if other.keys() <= dict(given).keys()}  # fmt: skip
+    return sorted(built | kinds)
 
 
 def faults_of(program: Program, clang: str, ptxas: Path) -> list[str]:
