@@ -26,8 +26,9 @@ RELIEF_SCENES = """### Scenes
 
 Milliseconds, and frames per second in brackets. *Exact*, the default, measures below the mesh itself, the others along
 the normal (equation 7), or at right angles to the ray (equation 6). The factors are those of exact over approximate
-distances, and of equation 6 over equation 7, for which the paper reports two. The room is several reliefs with a light and its shadows, whose map is kept while the camera alone moves;
-where the light moves, all of them are drawn twice. The other scenes have no light.
+distances, and of equation 6 over equation 7, for which the paper reports two. The room is several reliefs with a light
+and its shadows, whose map is kept while the camera alone moves; where the light moves, all of them are drawn twice. The
+other scenes have no light.
 """
 
 RELIEF_STEPS = """### Steps
@@ -42,9 +43,10 @@ The torus, cast at by Embree, two triangles a texel, and drawn by pyibr's own ra
 into several. Memory is that of vertices, triangles and maps, without colours; beside the build, by how much the
 process grew with it. IoU and the depth's error (the median, of the relief's depth) are against what Embree sees.
 
-A mesh is nearer to the truth in depth and outline, and takes many times the memory: its cost grows with its triangles, a
-relief's with the picture's pixels. A coarse one costs less than exact distances, and more than the linear search. A relief needs no cutting, so that other tiles, scales and maps are
-there at once, and far away its maps are filtered, where a mesh's triangles become smaller than pixels.
+A mesh is nearer to the truth in depth and outline, and takes many times the memory: its cost grows with its triangles,
+a relief's with the picture's pixels. A coarse one costs less than exact distances, and more than the linear search. A
+relief needs no cutting, so that other tiles, scales and maps are there at once, and far away its maps are filtered,
+where a mesh's triangles become smaller than pixels.
 """
 
 
