@@ -248,7 +248,11 @@ class _Film:
         self._container.mux(self._stream.encode(frame))
 
     def close(self) -> None:
-        self._container.mux(self._stream.encode())
+        packets = self._stream.encode()
+        if self._stream.codec_context.name == "libx265" and len(packets) < 3:
+            for packet in packets:  # of so short a film it leaves this unset
+                packet.dts = packet.pts
+        self._container.mux(packets)
         self._container.close()
         self._stack.close()
 

@@ -132,7 +132,7 @@ def test_what_has_no_depth_is_told_by_the_status(delivered: Delivered):
         (("depth/0.png", "--depth-channel", "z"), ("--depth-channel",)),
         (("rgb/0.png",), ("rgb/0.png",)),
         (("cameras",), ("cameras: no file of depth in it",)),
-        (("depth/0.png", "--invented-out", "new.npy"), ("new.npy: no image format",)),
+        (("depth/0.png", "--invented-out", "new.pfm"), ("new.pfm: no image format",)),
         (("depth/0.png", "--fov", "200"), ("--fov",)),
         (("depth/0.png", "--device", "none such"), ("none such",)),
     ],

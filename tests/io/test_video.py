@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import ctypes
 import subprocess
 import sys
 from fractions import Fraction
@@ -82,6 +83,19 @@ def test_moving_pictures(tmp_path: Path, suffix: str):
             shown.append((np.asarray(image.convert("RGB"))[5, 5].astype(int), image.info["duration"]))
     np.testing.assert_allclose([color for color, _ in shown], [frame[5, 5] for frame in FRAMES], atol=12)
     assert sum(duration for _, duration in shown) == pytest.approx(7000 / 30, abs=10)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="glibc's mallopt")
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_short_films_whatever_memory_holds(tmp_path: Path, count: int):
+    mallopt, perturb = ctypes.CDLL(None).mallopt, -6
+    mallopt(perturb, 90)  # what is allocated holds this byte's complement
+    try:
+        frames = [np.full((36, 64, 3), 40 * number, np.uint8) for number in range(count)]
+        video = Video(written(tmp_path / "v.mkv", frames, codec="h265"))
+    finally:
+        mallopt(perturb, 0)
+    assert len(video) == count
 
 
 @pytest.mark.parametrize(("codec", "bits"), [("h264", 10), ("h265", 12), ("ffv1", 16)])

@@ -11,7 +11,7 @@ import pytest
 from pyibr.core.errors import ArgumentError, BuildError
 from pyibr.images import PixelClass
 from pyibr.opencl.device import current
-from pyibr.opencl.headers import SCALARS, constant, kernels_folder, struct
+from pyibr.opencl.headers import SCALARS, constant, expanded, kernels_folder, struct, structs
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import empty, upload
 from pyibr.opencl.program import Kernel, kernel
@@ -189,7 +189,7 @@ def _whole(file: str) -> str:
 @pytest.mark.parametrize("file", [file for file in FILES if _readable(file)])
 def test_every_struct_lies_as_the_compiler_lays_it(folder, file, monkeypatch):
     monkeypatch.setenv("PYIBR_BINARIES", "never")
-    kinds = {name: struct(file, name) for name in _readable(file)}
+    kinds = structs(file, expanded(file), _readable(file), {"LANES": current().profile.lanes})
     texts, expected = list[str](), list[int]()
     for name, kind in kinds.items():
         texts += [f"sizeof({name})", *(f"(int)(uintptr_t)&(({name} *)0)->{member}" for member in kind.names)]
