@@ -109,17 +109,26 @@ OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed,
     return straight | FOLLOWS_MEAN(d, before, has_before, allowed) | FOLLOWS_MEAN(d, after, has_after, allowed);
 }
 
-/* Is each of LANES samples torn apart from its neighbour at (dx, dy)? per_pixel: the test's, in that direction */
-INLINED intl torn_along(Image image, int x, int y, int dx, int dy, float per_pixel, Cut cut, EdgeTest test)
+/* May samples a and b be torn apart? The Cut tells by itself that they are. Else, they may be if their change is that of no
+ * surface which faces the camera, or if one is missing. per_pixel: the test's, in the direction from the one to the other */
+INLINED intl may_be_torn(floatl a, floatl b, float per_pixel, Cut cut, EdgeTest test)
 {
-    const floatl a = samples_from(image, x, y), b = samples_from(image, x + dx, y + dy);
     const floatl near = max_lanes(a, b), far = min_lanes(a, b);
-    const intl missing = far <= NO_SURFACE;
     if (!test.straight)
         return IS_OPEN(cut, near, far);
+    return (near - far > (test.perspective ? per_pixel * far : (floatl)per_pixel)) | (far <= NO_SURFACE);
+}
+
+/* Is each of LANES samples a, which are (x, y) to (x + LANES - 1, y), torn apart from its neighbour b at (dx, dy), of those
+ * that `may` be? */
+INLINED intl torn_along(Image image, int x, int y, int dx, int dy, floatl a, floatl b, intl may, Cut cut, EdgeTest test)
+{
+    if (!test.straight)
+        return may;
+    const floatl near = max_lanes(a, b), far = min_lanes(a, b);
+    const intl missing = far <= NO_SURFACE;
     const floatl noise = test.noise[0] + near * (test.noise[1] + near * test.noise[2]);
-    const floatl facing = test.perspective ? per_pixel * far : (floatl)per_pixel;
-    intl apart = (!missing) & (near - far > max_lanes(facing, noise));
+    intl apart = (!missing) & may & (near - far > noise);
     if (test.both)
         apart = apart & IS_OPEN(cut, near, far);
     if (!any_lane(apart))
@@ -132,22 +141,46 @@ INLINED intl torn_along(Image image, int x, int y, int dx, int dy, float per_pix
 
 #define LEAST_BEYOND 1e-3f /* of the border's nearness: the ring's is at least that */
 
+/* Packets of samples, of those to their right and of those below them, and which of them may be torn apart */
+typedef struct {
+    floatl here, right, below;
+    intl may_right, may_below, may_across;
+} Packet;
+
+/* TORN_... bits of the packet of samples x0 to x0 + LANES - 1 of a row */
+INLINED intl torn_bits(const Packet *n, Image image, int x0, int y, Cut cut, EdgeTest test)
+{
+    const intl solid = n->here > NO_SURFACE, last = x0 + lane_index == image.width - 1;
+    const int is_bottom = y + 1 == image.height;
+    const intl below = is_bottom ? !solid : torn_along(image, x0, y, 0, 1, n->here, n->below, n->may_below, cut, test);
+    const intl right =
+        select_lanes(last, !solid, torn_along(image, x0, y, 1, 0, n->here, n->right, n->may_right, cut, test));
+    /* The diagonal from the right neighbour to the one below; of the last ones a neighbour is in the ring. */
+    intl diagonal =
+        is_bottom ? right : torn_along(image, x0 + 1, y, -1, 1, n->right, n->below, n->may_across, cut, test);
+    diagonal = select_lanes(last, below, diagonal);
+    return select_lanes(right, (intl)TORN_RIGHT, (intl)0) | select_lanes(below, (intl)TORN_BELOW, (intl)0) |
+           select_lanes(diagonal, (intl)TORN_DIAGONAL, (intl)0);
+}
+
 /* Writes the surface's samples `first` to `end` - 1 of a row. */
 OUTLINED void mark_row(Image image, int first, int end, int y, Cut cut, EdgeTest test, global float *row)
 {
-    const int width = image.width, height = image.height;
     for (int x0 = first; x0 < end; x0 += LANES) {
-        const floatl n = samples_from(image, x0, y);
-        const intl solid = n > NO_SURFACE, last = x0 + lane_index == width - 1;
-        const intl below = y + 1 < height ? torn_along(image, x0, y, 0, 1, test.per_pixel[1], cut, test) : !solid;
-        const intl right = select_lanes(last, !solid, torn_along(image, x0, y, 1, 0, test.per_pixel[0], cut, test));
-        /* The diagonal from the right neighbour to the one below; of the last ones a neighbour is in the ring. */
-        intl diagonal = y + 1 < height ? torn_along(image, x0 + 1, y, -1, 1, test.per_pixel[2], cut, test) : right;
-        diagonal = select_lanes(last, below, diagonal);
-        const intl bits = select_lanes(right, (intl)TORN_RIGHT, (intl)0) | select_lanes(below, (intl)TORN_BELOW, (intl)0) |
-                          select_lanes(diagonal, (intl)TORN_DIAGONAL, (intl)0);
+        Packet n;
+        n.here = samples_from(image, x0, y);
+        n.right = samples_from(image, x0 + 1, y);
+        n.below = samples_from(image, x0, y + 1);
+        n.may_right = may_be_torn(n.here, n.right, test.per_pixel[0], cut, test);
+        n.may_below = may_be_torn(n.here, n.below, test.per_pixel[1], cut, test);
+        n.may_across = may_be_torn(n.right, n.below, test.per_pixel[2], cut, test);
+        intl bits = 0;
+        if (any_lane(n.may_right | n.may_below | n.may_across)) /* most are not */
+            bits = torn_bits(&n, image, x0, y, cut, test);
         /* A missing sample's bits to the right and below keep it NO_SURFACE. */
-        const floatl marked = as_floatl(select_lanes(solid, NEAREST_WITH_BITS(as_intl(n), bits), ((intl)as_int(NO_SURFACE) & ~TORN_ALL) | bits));
+        const intl of_missing = ((intl)as_int(NO_SURFACE) & ~TORN_ALL) | bits;
+        const floatl marked =
+            as_floatl(select_lanes(n.here > NO_SURFACE, NEAREST_WITH_BITS(as_intl(n.here), bits), of_missing));
         store_lanes(marked, row + x0); /* there is room for whole packets */
     }
 }

@@ -4,9 +4,10 @@
  * surface with the sample, and towards those that are torn off it stays: a slope from the other side would amplify its
  * noise, and of round things it would stick out.
  *
- * surface: picture/edges.cl. counts: (pieces,) quarters that a piece's samples have. starts: (pieces,) the column of
- * a piece's first one in `margins`, lib/margins.h.
- * Work-item: `piece` samples of a row, a multiple of LANES or all. Cost: O(samples). Determinism: each piece on its own.
+ * surface: picture/edges.cl. count: of the quarters that there are, 0 before. margins: (MARGIN_PLANES, capacity),
+ * lib/margins.h; where there are more than that, it holds no more, and they are to be found once more with room for them.
+ * Work-item: `piece` samples of a row, a multiple of LANES or all; it counts its quarters and takes as many columns.
+ * Cost: O(samples). Determinism: the same quarters, in any order.
  */
 #include "lib/lanes.h"
 #include "lib/margins.h"
@@ -83,40 +84,29 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, floatl *slo
     }
 }
 
-#define PIECE_OF(first, y) ((y) * ((width + piece - 1) / piece) + (first) / piece)
-
-kernel void count_margins(global const float *surface, global int *counts, int width, int height, int pitch,
-                          int piece)
+/* How many quarters the samples `first` to `end` - 1 of a row have */
+OUTLINED int count_quarters(Grid grid, int first, int end, int y)
 {
-    const int first = get_global_id(0) * piece, y = get_global_id(1);
-    if (first >= width || y >= height)
-        return;
-    const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
     int count = 0;
-    for (int x = first; x < min(first + piece, width); x += LANES) {
-        const Around n = around_of(grid.nearness + (size_t)y * pitch + x, pitch);
+    for (int x = first; x < end; x += LANES) {
+        const Around n = around_of(grid.nearness + (size_t)y * grid.pitch + x, grid.pitch);
         if (!any_edge(n))
             continue;
-        const Parts parts = parts_of(n, x + lane_index < width);
+        const Parts parts = parts_of(n, x + lane_index < grid.width);
         for (int number = 0; number < 4; number++)
             count += popcount(lane_bits(parts.lower[number] | parts.upper[number]));
     }
-    counts[PIECE_OF(first, y)] = count;
+    return count;
 }
 
-kernel void find_margins(global const float *surface, global const int *starts, global float *margins, int width,
-                         int height, int pitch, int piece, int margin_pitch)
+/* Writes these, from column `at` on. */
+OUTLINED void write_quarters(Grid grid, int first, int end, int y, global float *margins, int at, int capacity)
 {
-    const int first = get_global_id(0) * piece, y = get_global_id(1);
-    if (first >= width || y >= height)
-        return;
-    const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
-    int at = starts[PIECE_OF(first, y)];
-    for (int x = first; x < min(first + piece, width); x += LANES) {
-        const Around n = around_of(grid.nearness + (size_t)y * pitch + x, pitch);
+    for (int x = first; x < end; x += LANES) {
+        const Around n = around_of(grid.nearness + (size_t)y * grid.pitch + x, grid.pitch);
         if (!any_edge(n))
             continue;
-        const Parts parts = parts_of(n, x + lane_index < width);
+        const Parts parts = parts_of(n, x + lane_index < grid.width);
         for (int number = 0; number < 4; number++) {
             const intl lower = parts.lower[number], upper = parts.upper[number];
             uint left = lane_bits(lower | upper);
@@ -127,14 +117,29 @@ kernel void find_margins(global const float *surface, global const int *starts, 
             for (; left; left = WITHOUT_LOWEST(left), at++) {
                 const int lane = LOWEST(left);
                 global float *out = margins + at;
-                out[MARGIN_X * margin_pitch] = x + lane;
-                out[MARGIN_Y * margin_pitch] = y;
-                out[MARGIN_NEARNESS * margin_pitch] = float_lane(n.here, lane);
-                out[MARGIN_SLOPE_X * margin_pitch] = float_lane(slope_x, lane);
-                out[MARGIN_SLOPE_Y * margin_pitch] = float_lane(slope_y, lane);
+                out[MARGIN_X * capacity] = x + lane;
+                out[MARGIN_Y * capacity] = y;
+                out[MARGIN_NEARNESS * capacity] = float_lane(n.here, lane);
+                out[MARGIN_SLOPE_X * capacity] = float_lane(slope_x, lane);
+                out[MARGIN_SLOPE_Y * capacity] = float_lane(slope_y, lane);
                 const int in_lower = int_lane(lower, lane) ? IN_LOWER : 0, in_upper = int_lane(upper, lane) ? IN_UPPER : 0;
-                out[MARGIN_BITS * margin_pitch] = as_float(number | in_lower | in_upper);
+                out[MARGIN_BITS * capacity] = as_float(number | in_lower | in_upper);
             }
         }
     }
+}
+
+kernel void find_margins(global const float *surface, global float *margins, global int *count, int width, int height,
+                         int pitch, int piece, int capacity)
+{
+    const int first = get_global_id(0) * piece, y = get_global_id(1);
+    if (first >= width || y >= height)
+        return;
+    const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
+    const int end = min(first + piece, width), own = count_quarters(grid, first, end, y);
+    if (!own)
+        return;
+    const int at = atomic_add((volatile global int *)count, own);
+    if (at + own <= capacity)
+        write_quarters(grid, first, end, y, margins, at, capacity);
 }

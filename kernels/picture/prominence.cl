@@ -27,21 +27,26 @@ INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
     *back = max_lanes(row_high, column_high) - n.here;
 }
 
-/* Writes that of a block's samples of a row: -INFINITY where it is no more than noise explains. */
-OUTLINED void measure_block(Grid grid, int first, int y, float noise_0, float noise_1, float noise_2, global float *out)
+/* Writes that of a row's blocks `first` to `end` - 1: -INFINITY where it is no more than noise explains. */
+OUTLINED void measure_blocks(Grid grid, int first, int end, int y, float noise_0, float noise_1, float noise_2,
+                             global float *out)
 {
-    floatl front = -INFINITY, back = -INFINITY;
-    for (int x = first; x < min(first + PROMINENCE_BLOCK, grid.width); x += LANES) {
-        const Neighbours n = with_neighbours(grid, x, y);
-        floatl front_here, back_here;
-        stand_out(n, &front_here, &back_here);
-        const intl solid = (n.here > NO_SURFACE) & (x + lane_index < grid.width);
-        const floatl noise = noise_0 + n.here * (noise_1 + n.here * noise_2);
-        front = select_lanes(solid & (front_here > noise), max_lanes(front_here, front), front);
-        back = select_lanes(solid & (back_here > noise), max_lanes(back_here, back), back);
+    for (int block = first; block < end; block++) {
+        const int from = block * PROMINENCE_BLOCK;
+        floatl front = -INFINITY, back = -INFINITY;
+        for (int x = from; x < min(from + PROMINENCE_BLOCK, grid.width); x += LANES) {
+            const Neighbours n = with_neighbours(grid, x, y);
+            floatl front_here, back_here;
+            stand_out(n, &front_here, &back_here);
+            const intl solid = (n.here > NO_SURFACE) & (x + lane_index < grid.width);
+            const floatl noise = noise_0 + n.here * (noise_1 + n.here * noise_2);
+            front = select_lanes(solid & (front_here > noise), max_lanes(front_here, front), front);
+            back = select_lanes(solid & (back_here > noise), max_lanes(back_here, back), back);
+        }
+        const int any = any_lane(max_lanes(front, back) > -INFINITY); /* mostly none */
+        out[2 * block] = any ? -least_lane(-front) : -INFINITY;
+        out[2 * block + 1] = any ? -least_lane(-back) : -INFINITY;
     }
-    out[0] = -least_lane(-front);
-    out[1] = -least_lane(-back);
 }
 
 kernel void measure_prominence(global const float *surface, global float *prominence, int width, int height, int pitch,
@@ -52,7 +57,6 @@ kernel void measure_prominence(global const float *surface, global float *promin
     if (y >= height)
         return;
     const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
-    for (int block = first; block < min(first + STRIP, blocks); block++)
-        measure_block(grid, block * PROMINENCE_BLOCK, y, noise_0, noise_1, noise_2,
-                      prominence + 2 * ((size_t)y * blocks + block));
+    measure_blocks(grid, first, min(first + STRIP, blocks), y, noise_0, noise_1, noise_2,
+                   prominence + 2 * (size_t)y * blocks);
 }

@@ -193,6 +193,11 @@ class DepthImage(Immutable, Pictured):
         return self._noise.deviation
 
     @property
+    def depth_noise(self) -> DepthNoise:
+        """The depth's noise, which images of the same depth in other colours share."""
+        return self._noise
+
+    @property
     def sure_noise(self) -> tuple[float, float, float]:
         """(a, b, c) of `noise`, or zeros if what was found may be the shape of a smooth surface."""
         return self._noise.deviation if self._noise.is_random else (0.0, 0.0, 0.0)

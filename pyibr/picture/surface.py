@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,15 +13,17 @@ from numpy.typing import NDArray
 
 from pyibr.core.pixelspace import pitch
 from pyibr.images import DepthImage
+from pyibr.images.noise import DepthNoise
 from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
+from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, to_host
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import Samples, cut_of, samples_of
 
 _STEEPEST = 8.0  # depth over width: a surface that recedes by less from sample to sample faces the camera
+_SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # mostly there are fewer margins; else they are found once more
 _DEVIATIONS = 4.0 * math.sqrt(2)  # of a sample's noise, by which neighbours may differ
 
 
@@ -36,10 +40,12 @@ class Surface:
         Of the image: an image of one pixel has colours of two.
     low, high : float
         Least and greatest nearness.
-    margins_of_pieces : (pieces,) int32
-        How many margins the samples of each part of a row have.
+    margins : Margins
+        What no triangle covers of the pixels of samples beside edges.
     test : EdgeTest
         It told the edges.
+    noise : callable
+        Returns (a, b, c): neighbours of nearness n may differ by a + b n + c n^2 by noise alone. Found on first use.
     """
 
     nearness: DeviceArray
@@ -47,19 +53,20 @@ class Surface:
     size: tuple[int, int]
     low: float
     high: float
-    margins_of_pieces: NDArray[np.int32]
+    margins: Margins
     test: EdgeTest
+    noise: Callable[[], tuple[float, float, float]]
 
     @cached_property
     def prominence(self) -> DeviceArray:
         """(H, ceil(W / 16), 2) float32: by how much of nearness a sample of 16 stands out most, inf if it is torn off.
 
-        As seen from the front, and from the back; -inf if the test takes it for noise.
+        As seen from the front, and from the back; -inf if noise explains it.
         """
         width, height = self.size
         block, strip = int(constant("lib/prominence.h", "PROMINENCE_BLOCK")), current().profile.strip
         prominence = empty((height, -(-width // block), 2), np.float32)
-        noise_0, noise_1, noise_2 = self.test.straight["noise"].tolist()
+        noise_0, noise_1, noise_2 = self.noise()
         launch(
             kernel("picture/begin.cl", "measure_prominence"),
             (-(-prominence.shape[1] // strip), height),
@@ -92,30 +99,6 @@ class Surface:
         )
         return bounds
 
-    @cached_property
-    def margins(self) -> Margins:
-        """Margins: what no triangle covers of the pixels of samples beside edges."""
-        width, height = self.size
-        of_pieces, (piece, pieces) = self.margins_of_pieces, current().profile.pieces(width)
-        starts, count = np.cumsum(of_pieces, dtype=np.int32) - of_pieces, int(of_pieces.sum())
-        # Packets at the end read beyond the last one.
-        planes = int(constant("lib/margins.h", "MARGIN_PLANES"))
-        quarters = empty((planes, count + current().profile.lanes), np.float32)
-        if count:
-            launch(
-                kernel("picture/begin.cl", "find_margins"),
-                (pieces, height),
-                starts=upload(starts),
-                piece=piece,
-                margins=quarters,
-                margin_pitch=quarters.shape[1],
-                surface=self.nearness,
-                width=width,
-                height=height,
-                pitch=self.nearness.shape[1],
-            )
-        return Margins(quarters, count)
-
 
 @dataclass(frozen=True)
 class Margins:
@@ -123,13 +106,19 @@ class Margins:
 
     Attributes
     ----------
-    quarters : DeviceArray (MARGIN_PLANES, count or more) float32
+    quarters : DeviceArray (MARGIN_PLANES, capacity) float32
         kernels/lib/margins.h.
-    count : int
+    found : (1,) int32
+        How many there are, once the session has been waited for.
     """
 
     quarters: DeviceArray
-    count: int
+    found: NDArray[np.int32]
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return int(self.found[0])
 
 
 @dataclass(frozen=True)
@@ -168,7 +157,7 @@ def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = Fals
             test = test_by_cut(cut_of(view.camera, None if connected else cut_ratio))
         else:
             test = straightness_test(view)
-        return make_surface(samples, view.camera.size, test)
+        return make_surface(samples, view, test)
 
     return cached_on_device(view, "surface", made, "connected" if connected else cut_ratio)
 
@@ -180,10 +169,9 @@ def straightness_test(view: DepthImage, torn_by: NDArray[np.void] | None = None)
     """
     cut, values = cut_of(view.camera, 1.0), np.zeros((), struct("picture/edges.cl", "EdgeTest"))
     perspective = view.camera.projection == "perspective"
-    a, b, c = (_DEVIATIONS * noise + step for noise, step in zip(view.noise, view.steps, strict=True))
     across, down = 1 / view.camera.K[0, 0], 1 / view.camera.K[1, 1]
     values["straight"], values["perspective"] = True, perspective
-    values["noise"] = (a, b, c) if perspective else (c, -b, a)
+    values["noise"] = _noise_between(view.depth_noise, perspective)
     values["per_pixel"] = _STEEPEST * np.array([across, down, math.hypot(across, down)])
     cut["far_scale" if perspective else "least"] += values["per_pixel"][2]
     values["both"] = torn_by is not None
@@ -195,21 +183,60 @@ def test_by_cut(cut: NDArray[np.void]) -> EdgeTest:
     return EdgeTest(cut, np.zeros((), struct("picture/edges.cl", "EdgeTest")))
 
 
-def make_surface(samples: Samples, size: tuple[int, int], test: EdgeTest) -> Surface:
-    """The surface of samples of an image of that size."""
-    width, height = size
+def _noise_between(noise: DepthNoise, perspective: bool, sure: bool = False) -> tuple[float, float, float]:
+    """What neighbours may differ by, as `Surface.noise` returns it: noise, and a step of the scale.
+
+    sure: only if it is noise for sure.
+    """
+    if sure and not noise.is_random:
+        return 0.0, 0.0, 0.0
+    a, b, c = (_DEVIATIONS * each + step for each, step in zip(noise.deviation, noise.steps, strict=True))
+    return (a, b, c) if perspective else (c, -b, a)
+
+
+def make_surface(samples: Samples, view: DepthImage, test: EdgeTest) -> Surface:
+    """The surface of samples of an image."""
+    size = width, height = view.camera.size
     surface = empty((height + 2, pitch(width)), np.float32)
     ring = empty((2, 2 * (width + 2) + 2 * height), np.float32)
     piece, pieces = current().profile.pieces(width)
-    counts = empty((pieces * height,), np.int32)
     shared = {"surface": surface, "width": width, "height": height, "pitch": surface.shape[1]}
     given = {"nearness": samples.nearness, **shared}
     tests = {"cut": Struct("Cut", test.cut), "test": Struct("EdgeTest", test.straight)}
     launch(kernel("picture/begin.cl", "find_edges"), (pieces, height), piece=piece, **tests, **given)
     launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **given)
-    launch(kernel("picture/begin.cl", "count_margins"), (pieces, height), counts=counts, piece=piece, **shared)
+    margins = _find_margins(surface, size, max(math.prod(size) // _SAMPLES_OF_A_MARGIN, _MARGINS_MIN))
     # The one wait for all that there is of a view
-    ranges, nearest_and_farthest, margins_of_pieces = to_host([samples.ranges, ring, counts])
+    ranges, nearest_and_farthest = to_host([samples.ranges, ring])
+    if margins.count > margins.quarters.shape[1]:
+        margins = _find_margins(surface, size, margins.count)
+        surface.session.wait()
     low, high = samples.low_and_high(ranges)
     low, high = min(low, float(nearest_and_farthest[0].min())), max(high, float(nearest_and_farthest[1].max()))
-    return Surface(surface, samples.color, size, low, high, margins_of_pieces, test)
+    # Whose edges noise does not tell, that may be shapes that none of them is.
+    sure = not bool(test.straight["straight"])
+    noise = functools.partial(_noise_between, view.depth_noise, samples.perspective, sure)
+    return Surface(surface, samples.color, size, low, high, margins, test, noise)
+
+
+def _find_margins(surface: DeviceArray, size: tuple[int, int], capacity: int) -> Margins:
+    """Begin to find the margins; no more than `capacity` are written."""
+    (width, height), lanes = size, current().profile.lanes
+    piece, pieces = current().profile.pieces(width)
+    # Packets at the end read beyond the last one.
+    quarters = empty((int(constant("lib/margins.h", "MARGIN_PLANES")), capacity + lanes), np.float32)
+    count = empty((1,), np.int32)
+    count.fill(0)
+    launch(
+        kernel("picture/begin.cl", "find_margins"),
+        (pieces, height),
+        surface=surface,
+        margins=quarters,
+        count=count,
+        width=width,
+        height=height,
+        pitch=surface.shape[1],
+        piece=piece,
+        capacity=quarters.shape[1],
+    )
+    return Margins(quarters, begin_to_host([count])[0])
