@@ -36,10 +36,10 @@ INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, E
     return select_lanes(IS_HIT(hit) & isfinite_lanes(place), place, (floatl)INFINITY);
 }
 
-/* Traces the rays of the pixels x of row y through the windows around their candidates. Hits,
- * as trace has them. */
-INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap map, intl x, int y, intl wanted, int sides,
-                                int neighbour_offset, float density, float window, int connected, uint *cells)
+/* Traces the rays of the pixels x of row y through the windows around their candidates, wider ones in a second attempt.
+ * Hits, as trace has them. */
+INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap map, intl x, int y, intl wanted, int is_second,
+                                int sides, int neighbour_offset, float density, float window, uint *cells)
 {
     const Rays rays = rays_of(map, to_floatl(x), y);
     const Epipolar epipolar = epipolar_of(rays, grid);
@@ -62,22 +62,13 @@ INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap ma
     } else {
         SORT_FIVE
     }
-    floatl found = EMPTY;
-    intl active = wanted & (places[0] < INFINITY);
-    for (int attempt = 0; attempt < 2; attempt++) {
-        Windows windows;
-        windows.radius = (attempt ? WIDE_WINDOW : window) * density;
-        windows.from = places[0] - windows.radius;
-        const intl rest = meets | (attempt ? beside : (intl)0);
-        windows.to = places[0] + select_lanes(rest, (floatl)(FOLLOWED * density), (floatl)windows.radius);
-        for (int i = 1; i < CANDIDATES; i++)
-            windows.next[i - 1] = places[i];
-        found = select_lanes(active, trace(grid, rays, epipolar, windows, sides, active, cells), found);
-        /* A window of a connected surface that begins behind it meets its back: once more, in wider windows. */
-        active = active & !IS_VISIBLE_HIT(found) & ((intl)(connected ? -1 : 0) | (found > EMPTY));
-        if (!any_lane(active))
-            break;
-    }
-    return found;
+    Windows windows;
+    windows.radius = (is_second ? WIDE_WINDOW : window) * density;
+    windows.from = places[0] - windows.radius;
+    const intl rest = meets | (is_second ? beside : (intl)0);
+    windows.to = places[0] + select_lanes(rest, (floatl)(FOLLOWED * density), (floatl)windows.radius);
+    for (int i = 1; i < CANDIDATES; i++)
+        windows.next[i - 1] = places[i];
+    return trace(grid, rays, epipolar, windows, sides, wanted & (places[0] < INFINITY), cells);
 }
 #endif

@@ -164,13 +164,22 @@ OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits,
     for (int p = 0; p < packets; p++)
         for (uint left = lane_bits(pixels[p].traced); left; left = WITHOUT_LOWEST(left))
             to_trace[count++] = p * LANES + LOWEST(left);
-    for (int first = 0; first < count; first += LANES) {
-        const intl wanted = first + lane_index < count;
-        const intl x = strip_x + select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0);
-        const floatl n = trace_candidates(hits, grid, map, x, y, wanted, sides, neighbour_offset, density, window,
-                                          connected, cells);
-        for (int i = 0; i < min(count - first, LANES); i++)
-            set_float_lane(pixels[to_trace[first + i] / LANES].n, to_trace[first + i] % LANES, float_lane(n, i));
+    int now = count;
+    for (int is_second = 0; is_second < 2; is_second++) {
+        int again = 0;
+        for (int first = 0; first < now; first += LANES) {
+            const intl wanted = first + lane_index < now;
+            const intl pixel = select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0);
+            const floatl n = trace_candidates(hits, grid, map, strip_x + pixel, y, wanted, is_second, sides,
+                                              neighbour_offset, density, window, cells);
+            for (int i = 0; i < min(now - first, LANES); i++)
+                set_float_lane(pixels[int_lane(pixel, i) / LANES].n, int_lane(pixel, i) % LANES, float_lane(n, i));
+            /* A window of a connected surface that begins behind it meets its back: once more, in wider windows. */
+            const intl misses = wanted & !IS_VISIBLE_HIT(n) & ((intl)(connected ? -1 : 0) | (n > EMPTY));
+            for (uint left = lane_bits(misses); left; left = WITHOUT_LOWEST(left))
+                to_trace[again++] = int_lane(pixel, LOWEST(left));
+        }
+        now = again;
     }
     return count;
 }
