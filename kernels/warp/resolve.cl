@@ -156,32 +156,34 @@ void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 #endif
 }
 
-/* Traces the pixels of packets of a row that have no hit yet, in full packets. Returns how many they are. */
+/* Traces the pixels of packets of a row that have no hit yet, in full packets; those that are still to be `traced` then,
+ * once more in wider windows. Returns how many they are. */
 OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits, Grid grid, PixelMap map, int strip_x,
                          int y, int sides, int neighbour_offset, float density, float window, int connected, uint *cells)
 {
-    int to_trace[(STRIP + 1) * LANES], count = 0;
-    for (int p = 0; p < packets; p++)
-        for (uint left = lane_bits(pixels[p].traced); left; left = WITHOUT_LOWEST(left))
-            to_trace[count++] = p * LANES + LOWEST(left);
-    int now = count;
+    int traced = 0;
+    ROLLED
     for (int is_second = 0; is_second < 2; is_second++) {
-        int again = 0;
-        for (int first = 0; first < now; first += LANES) {
-            const intl wanted = first + lane_index < now;
-            const intl pixel = select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0);
-            const floatl n = trace_candidates(hits, grid, map, strip_x + pixel, y, wanted, is_second, sides,
-                                              neighbour_offset, density, window, cells);
-            for (int i = 0; i < min(now - first, LANES); i++)
-                set_float_lane(pixels[int_lane(pixel, i) / LANES].n, int_lane(pixel, i) % LANES, float_lane(n, i));
-            /* A window of a connected surface that begins behind it meets its back: once more, in wider windows. */
-            const intl misses = wanted & !IS_VISIBLE_HIT(n) & ((intl)(connected ? -1 : 0) | (n > EMPTY));
-            for (uint left = lane_bits(misses); left; left = WITHOUT_LOWEST(left))
-                to_trace[again++] = int_lane(pixel, LOWEST(left));
+        int to_trace[(STRIP + 1) * LANES], count = 0;
+        for (int p = 0; p < packets; p++)
+            for (uint left = lane_bits(pixels[p].traced); left; left = WITHOUT_LOWEST(left))
+                to_trace[count++] = p * LANES + LOWEST(left);
+        for (int first = 0; first < count; first += LANES) {
+            const intl wanted = first + lane_index < count;
+            const intl x = strip_x + select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0);
+            const floatl n = trace_candidates(hits, grid, map, x, y, wanted, is_second, sides, neighbour_offset,
+                                              density, window, cells);
+            /* A window of a connected surface that begins behind it meets its back. */
+            const intl misses = !IS_VISIBLE_HIT(n) & ((intl)(connected ? -1 : 0) | (n > EMPTY));
+            for (int i = 0; i < min(count - first, LANES); i++) {
+                const int p = to_trace[first + i] / LANES, lane = to_trace[first + i] % LANES;
+                set_float_lane(pixels[p].n, lane, float_lane(n, i));
+                set_int_lane(pixels[p].traced, lane, int_lane(misses, i));
+            }
         }
-        now = again;
+        traced += is_second ? 0 : count;
     }
-    return count;
+    return traced;
 }
 
 /* Reads the hits of packets of a row from strip_x to high_x, and intersects the pixels' own rays there. */
