@@ -184,7 +184,7 @@ def test_by_cut(cut: NDArray[np.void]) -> EdgeTest:
 
 
 def _noise_between(noise: DepthNoise, perspective: bool, sure: bool = False) -> tuple[float, float, float]:
-    """What neighbours may differ by, as `Surface.noise` returns it: noise, and a step of the scale.
+    """Difference of neighbours that noise and a step of the scale explain, as `Surface.noise` returns it.
 
     sure: only if it is noise for sure.
     """
