@@ -117,7 +117,7 @@ class Margins:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of them."""
         return int(self.found[0])
 
 
