@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,13 +46,17 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
     ArgumentError
         If a name is missing or unknown, or a value's type is not what the source declares; a struct's members included.
     """
-    if watches:
-        watches[-1].launch(kernel, grid, arguments, functools.partial(_enqueue, kernel, grid))
-    else:
-        _enqueue(kernel, grid, **arguments)
+    if not watches:
+        _enqueue(kernel, grid, arguments)
+        return
+
+    def enqueue(**given: Any) -> None:
+        _enqueue(kernel, grid, given)
+
+    watches[-1].launch(kernel, grid, arguments, enqueue)
 
 
-def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Struct | float) -> None:
+def _enqueue(kernel: Kernel, grid: tuple[int, ...], arguments: dict[str, Any]) -> None:
     if kernel.names != arguments.keys():
         missing, unknown = sorted(kernel.names - set(arguments)), sorted(set(arguments) - kernel.names)
         raise ArgumentError(
@@ -66,10 +69,12 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | S
     if not expected <= UNSPLIT_SECONDS:
         _in_pieces(kernel, grid, arguments)
         return
-    if session.in_flight.seconds + expected > QUEUED_SECONDS_MAX:
+    in_flight = session.in_flight
+    if in_flight.seconds + expected > QUEUED_SECONDS_MAX:
         session.wait()
         session.calls.let_others()
-    session.in_flight.add(kernel.cost, items, _start(kernel, (0,) * len(grid), grid, arguments, whole=True))
+    in_flight.used.append(arguments)
+    in_flight.add(kernel.cost, items, _start(kernel, (0,) * len(grid), grid, arguments, whole=True))
 
 
 def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, Any]) -> None:
@@ -81,6 +86,7 @@ def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, An
     while done < items:
         offset, size = piece_of(grid, done, kernel.cost.piece_after(count, took, bool(session.calls.others)))
         session.calls.let_others()
+        session.in_flight.used.append(arguments)
         piece = _start(kernel, offset, size, arguments)
         session.wait()
         count, took = math.prod(size), seconds_of(piece)
@@ -96,16 +102,16 @@ def _start(
     import pyopencl as cl
 
     session, local = kernel.session, None
-    group = (*session.profile.group, 1)
+    group = session.profile.group
     if group == (1, 1, 1):
         # Runtimes for CPUs compile a kernel anew for launches with an offset: all have one, if only in a direction that
         # no kernel knows of.
-        offset, size, local = offset + (1,) * (3 - len(size)), size + (1,) * (3 - len(size)), group
+        beyond = group[len(size) :]
+        offset, size, local = offset + beyond, size + beyond, group
     elif whole:  # some work-items more, so that all groups are whole; what is beyond a piece is the next one's
         local = group[: len(size)]
         size = tuple(-(-items // side) * side for items, side in zip(size, local, strict=True))
-    packed = [_PACK[one.kind](kernel, one, arguments[one.name]) for one in kernel.arguments]
-    session.in_flight.used.append(arguments)
+    packed = _packed(kernel, arguments)
     try:
         with kernel.lock:  # another thread may launch it, too
             kernel.handle.set_args(*packed)
@@ -114,6 +120,23 @@ def _start(
         used = sum(value.nbytes for value in arguments.values() if isinstance(value, DeviceArray))
         what = f"the {used / 2**20:.0f} MiB that {kernel.name}() reads and writes"
         raise OutOfMemoryError(f"not enough memory on {session.device} for {what}") from error
+
+
+def _packed(kernel: Kernel, arguments: Mapping[str, Any]) -> list[Any]:
+    """The arguments as pyopencl takes them. What is of the very types that the source declares needs no second look."""
+    packed: list[Any] = []
+    for name, kind, dtype, argument in kernel.plan:
+        value = arguments[name]
+        of = value.__class__
+        if kind is of:
+            packed.append(value)
+        elif of is DeviceArray and value.dtype is dtype and (argument.constant or not value.is_input):
+            packed.append(value.buffer)
+        elif of is Struct and value.values.dtype is dtype and value.name == argument.type:
+            packed.append(value.values)
+        else:
+            packed.append(_PACK[argument.kind](kernel, argument, value))
+    return packed
 
 
 def _pointer(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:

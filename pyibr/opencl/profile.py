@@ -15,8 +15,8 @@ class DeviceProfile:
     """Neighbours that a work-item computes at once (``LANES``): compilers for CPUs leave scalar what branches."""
     in_place: bool
     """Whether kernels use the host's memory: a CPU's is the same, a GPU's own is much faster."""
-    group: tuple[int, int]
-    """Work-items of a work-group along a row and across rows: a CPU's are large enough to stand alone."""
+    group: tuple[int, int, int]
+    """Work-items of a work-group along a row, across rows, and beyond: a CPU's are large enough to stand alone."""
     bin: int
     """Side of a bin of the rasteriser in pixels: a CPU's work-item sets up what is there once, a GPU's for a pixel."""
     chunks: int
@@ -58,7 +58,7 @@ class DeviceProfile:
 CPU = DeviceProfile(
     lanes=16,
     in_place=True,
-    group=(1, 1),
+    group=(1, 1, 1),
     bin=32,
     chunks=32,
     drawers=64,
@@ -72,7 +72,7 @@ CPU = DeviceProfile(
 GPU = DeviceProfile(
     lanes=1,
     in_place=False,
-    group=(32, 4),
+    group=(32, 4, 1),
     bin=16,
     chunks=1024,
     drawers=1 << 17,

@@ -83,6 +83,16 @@ class Kernel:
         """Of the arguments."""
         return frozenset(argument.name for argument in self.arguments)
 
+    @cached_property
+    def plan(self) -> tuple[tuple[str, type | None, np.dtype[Any], Argument], ...]:
+        """Name, Python's type of a number, dtype, and all that is known: of each argument, in order."""
+        kinds = [_number_type(argument) for argument in self.arguments]
+        return tuple((one.name, kind, one.dtype, one) for one, kind in zip(self.arguments, kinds, strict=True))
+
+
+def _number_type(argument: Argument) -> type | None:
+    return None if argument.kind != "number" else float if argument.type == "float" else int
+
 
 def kernel(file: str | Path, name: str, **defines: int) -> Kernel:
     """The kernel ``name`` of a file, built for the current device once per set of defines.
@@ -113,8 +123,9 @@ def kernel(file: str | Path, name: str, **defines: int) -> Kernel:
 def _found(file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
     session = current()
     own = _own(file)
-    whole = (file if own is None else (own, _time_of(own)), tuple(sorted(defines.items())))
-    if (whole, name) not in session.kernels:
+    whole = (file if own is None else (own, _time_of(own)), tuple(sorted(defines.items())) if defines else ())
+    found = session.kernels.get((whole, name))
+    if found is None:
         with session.building:
             if (whole, name) in session.kernels:
                 return session.kernels[whole, name]
@@ -124,7 +135,8 @@ def _found(file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
                     "name", f"a kernel of {display_name(own or str(file))}: {', '.join(sorted(built))}", repr(name)
                 )
             session.kernels.update({(whole, other): kernel for other, kernel in built.items()})
-    return session.kernels[whole, name]
+        found = session.kernels[whole, name]
+    return found
 
 
 def _own(file: str | Path) -> Path | None:
