@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -19,7 +19,12 @@ _GAP = 1e-3  # seconds between looks at calls that are awaited
 class _Call:
     number: int  # calls that began later have greater ones
     in_flight: InFlight
-    ended: threading.Event = field(default_factory=threading.Event)
+    going_on: threading.Lock = field(default_factory=threading.Lock)  # held until it has ended
+
+    def wait(self, seconds: float) -> None:
+        """Until it has ended, for so long at most."""
+        if self.going_on.acquire(timeout=seconds):
+            self.going_on.release()
 
 
 class Calls:
@@ -37,20 +42,27 @@ class Calls:
         return [call for thread, call in list(self._running.items()) if thread != me]
 
     @contextmanager
-    def one(self, in_flight: InFlight) -> Generator[None, None, None]:
-        """Be in a call of this thread, which has that in flight; one within another is a part of that."""
+    def one(self, in_flight: InFlight, wait: Callable[[], None]) -> Generator[None, None, None]:
+        """Be in a call of this thread, which has that in flight; one within another is a part of that.
+
+        If it fails, it is waited for: it may not have asked for its results.
+        """
         me = threading.get_ident()
-        if me in self._running:
-            yield
-            return
+        within = me in self._running
         try:
-            with self._gate:
-                self._running[me] = _Call(next(self._numbers), in_flight)
+            if not within:
+                call = _Call(next(self._numbers), in_flight)
+                call.going_on.acquire()
+                with self._gate:
+                    self._running[me] = call
             yield
+        except BaseException:
+            wait()
+            raise
         finally:
-            ended = self._running.pop(me, None)
+            ended = None if within else self._running.pop(me, None)
             if ended is not None:
-                ended.ended.set()
+                ended.going_on.release()
 
     def let_others(self) -> None:
         """Let calls that began after this thread's and wait for the device end first: once, and only short ones."""
@@ -59,7 +71,7 @@ class Calls:
             return
         for other in self.others:
             if other.number > mine.number and other.in_flight.used:
-                other.ended.wait(_AHEAD_SECONDS)
+                other.wait(_AHEAD_SECONDS)
                 mine.number = max(mine.number, other.number)
 
     def stop(self, end: float) -> threading.RLock | None:

@@ -14,7 +14,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Generator, Hashable
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -33,7 +33,7 @@ from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import Doubted, forget, probe
 from pyibr.opencl.profile import DeviceProfile, profile_of
 from pyibr.opencl.runtimes import Found, found_devices, new_context
-from pyibr.opencl.shortage import telling_shortage
+from pyibr.opencl.shortage import tell_shortage
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
@@ -105,15 +105,9 @@ class Session:
         """The device's memory."""
         return self.__dict__.setdefault("room", Room(self.context.devices[0].global_mem_size))
 
-    @contextmanager
-    def call(self) -> Generator[None, None, None]:
+    def call(self) -> AbstractContextManager[None]:
         """Be in a call of this thread, which is awaited if it fails: it may not have asked for its results."""
-        with self.calls.one(self.in_flight):
-            try:
-                yield
-            except BaseException:
-                self.wait()
-                raise
+        return self.calls.one(self.in_flight, self.wait)
 
     def wait(self) -> None:
         """Until all that is in the queues now is done. Other threads run meanwhile; Ctrl-C counts afterwards."""
@@ -122,8 +116,9 @@ class Session:
         if watches:
             watches[-1].wait()
         start = time.perf_counter()
-        for queue in dict.fromkeys((self.queue, self.copies)):
-            cl.enqueue_marker(queue).wait()
+        cl.enqueue_marker(self.queue).wait()
+        if self.copies is not self.queue:
+            cl.enqueue_marker(self.copies).wait()
         self.in_flight.finish(time.perf_counter() - start)
 
 
@@ -260,12 +255,15 @@ def current() -> Session:
     ArgumentError
         ``$PYIBR_DEVICE`` matches nothing.
     """
+    chosen = _chosen.get()
+    session = None if chosen is None or _forked else _sessions.get(chosen.index)
+    if session is not None:  # as amid a call
+        return session
     if _forked:  # the runtime's threads stayed behind: its next kernel would wait for them for ever
         raise DeviceError(
             "OpenCL was in use when this process was forked and does not survive that; "
             "start worker processes with multiprocessing.get_context('spawn')"
         )
-    chosen = _chosen.get()
     if chosen is not None:
         return _session(chosen)
     return _default_session(os.environ.get(VARIABLE, ""))
@@ -277,10 +275,16 @@ def one_call() -> Generator[Session, None, None]:
 
     Memory that is short is an OutOfMemoryError, whatever ran out of it.
     """
-    session = current()
-    # `current` need not look at the environment each time.
-    with session.call(), _choosing(session.device), telling_shortage(session.device):
-        yield session
+    session, before = current(), _chosen.get()
+    with session.call():
+        try:
+            _chosen.set(session.device)  # `current` need not look at the environment each time
+            yield session
+        except Exception as error:
+            tell_shortage(error, session.device)
+            raise
+        finally:
+            _chosen.set(before)
 
 
 def explain() -> tuple[Device, str]:

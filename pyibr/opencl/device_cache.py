@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Hashable
-from contextlib import suppress
 from typing import Any, TypeVar
 
 from pyibr.core.checks import Immutable
@@ -28,9 +27,13 @@ def cached_on_device(
 
     Where a name has several, each has a `key`, and so many of the `latest` stay. Threads wait for one that makes it.
     """
-    cache = thing.device_cache.setdefault(current(), DeviceCache())
-    with suppress(KeyError):
-        return cache[name, key]
+    caches, session = thing.device_cache, current()
+    cache = caches.get(session)
+    if cache is None:
+        cache = caches.setdefault(session, DeviceCache())  # another thread may have made it
+    known = cache.get((name, key))
+    if known is not None:
+        return known
     with cache.making:
         if (name, key) not in cache:
             made = make()

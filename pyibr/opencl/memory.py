@@ -6,7 +6,6 @@ import contextlib
 import gc
 import math
 import mmap
-import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -14,8 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from pyibr.opencl.device import Session, current
-from pyibr.opencl.memory_pool import Block, MemoryPool, rounded
-from pyibr.opencl.shortage import is_shortage, telling_shortage
+from pyibr.opencl.memory_pool import Block, MemoryPool, rounded, when_gone
+from pyibr.opencl.shortage import is_shortage, tell_shortage
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
@@ -173,16 +172,16 @@ def _copied(
 ) -> DeviceArray:
     """An array in a block of the device's own memory."""
     array = DeviceArray(block.buffer, shape, dtype, into, session, is_input=is_input)
-    weakref.finalize(array, _give_back, session.memory_pool, block).atexit = False
+    when_gone(array, _give_back, session.memory_pool, block)
     return array
 
 
 def _lying_in(block: Block, pool: MemoryPool, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     """An array in a block's pages, which go back to the pool once nobody refers to them."""
     # Views of an array keep alive the one that is made of the pages themselves.
-    pages = np.frombuffer(cast("mmap.mmap", block.pages), np.uint8)
-    weakref.finalize(pages, _give_back, pool, block).atexit = False
-    return pages[block.start : block.start + math.prod(shape) * dtype.itemsize].view(dtype).reshape(shape)
+    pages = np.frombuffer(block.pages, dtype, math.prod(shape), block.start)
+    when_gone(pages, _give_back, pool, block)
+    return pages.reshape(shape)
 
 
 def _copied_fast(array: DeviceArray) -> NDArray[Any]:
@@ -226,8 +225,11 @@ def _within_room(session: Session, size: int, make: Callable[[], _Made]) -> _Mad
     session.memory_pool.clear()
     room, most = session.room, session.context.devices[0].max_mem_alloc_size
     there = f"{_mib(room.taken)} of {_mib(room.total)} are taken, one piece has {_mib(most)} at most"
-    with telling_shortage(session.device, f"{_mib(size)} more: {there}"):
+    try:
         return made()
+    except Exception as error:
+        tell_shortage(error, session.device, f"{_mib(size)} more: {there}")
+        raise
 
 
 def _mib(size: int) -> str:

@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Generator
-from contextlib import contextmanager
 
 from pyibr.core.errors import Error, OutOfMemoryError
 
 
-@contextmanager
-def telling_shortage(device: object, needed: str | None = None) -> Generator[None, None, None]:
-    """Turn what NumPy, the system and OpenCL raise for want of memory into OutOfMemoryError.
+def tell_shortage(error: Exception, device: object, needed: str | None = None) -> None:
+    """Raise OutOfMemoryError if that is what an error of NumPy's, the system's or OpenCL's is.
 
     Parameters
     ----------
+    error : Exception
     device : object
         Whose name the message holds.
     needed : str, optional
         For what; else it is what the error says.
     """
-    try:
-        yield
-    except Error:
-        raise
-    except Exception as error:
-        if not is_shortage(error):
-            raise
+    if not isinstance(error, Error) and is_shortage(error):
         what = f" for {needed}" if needed else f": {error}" if str(error) else ""
         raise OutOfMemoryError(f"not enough memory on {device}{what}") from error
 

@@ -448,28 +448,31 @@ def test_a_call_that_began_later_goes_first_once():
     ongoing, flying = device_calls.Calls(), in_flight.InFlight()
     begun, end, waited = threading.Event(), threading.Event(), list[object]()
 
+    def not_awaited() -> None:
+        raise AssertionError
+
     def later() -> None:
-        with ongoing.one(flying):
+        with ongoing.one(flying, not_awaited):
             begun.set()
             ongoing.let_others()
             end.wait()
 
     thread = threading.Thread(target=later)
-    with pytest.MonkeyPatch.context() as patch, ongoing.one(in_flight.InFlight()):
+    with pytest.MonkeyPatch.context() as patch, ongoing.one(in_flight.InFlight(), not_awaited):
         thread.start()
         begun.wait()
         (call,) = ongoing.others
-        patch.setattr(call.ended, "wait", waited.append)
+        patch.setattr(call, "wait", waited.append)
         ongoing.let_others()
         assert not waited, "it has nothing in flight"
         flying.used.append("an array")
         for _ in range(3):
-            with ongoing.one(in_flight.InFlight()):  # a part of the same call
+            with ongoing.one(in_flight.InFlight(), not_awaited):  # a part of the same call
                 ongoing.let_others()
         assert waited == [device_calls._AHEAD_SECONDS]
         end.set()
         thread.join()
-        assert not ongoing.others and call.ended.is_set()
+        assert not ongoing.others and not call.going_on.locked()
     ongoing.let_others()  # of no call at all
 
 

@@ -16,7 +16,7 @@ import pyibr as ibr
 from pyibr.core.checks import Immutable
 from pyibr.opencl import memory
 from pyibr.opencl.device import current, one_call
-from pyibr.opencl.memory_pool import rounded
+from pyibr.opencl.memory_pool import rounded, when_gone
 from pyibr.picture.clear import clear
 from tests.one_lane import one_lane
 from tests.opencl.everything import calls
@@ -61,6 +61,20 @@ def test_copies_are_not_handed_out_while_a_view_of_them_lives(monkeypatch, room)
         del corner, copies
         gc.collect()
         assert (memory.empty(SMALL, np.uint32).to_host().shape, pinned.taken) == (SMALL, kept), "it is used again"
+
+
+def test_a_call_is_made_once_its_owner_is_gone():
+    """Of equal owners, and of arrays, which have no hash: each on its own."""
+    owners, gone = [np.zeros(3) for _ in range(5)], list[tuple[int, str]]()
+    views = [owner[1:] for owner in owners]
+    for number, owner in enumerate(owners):
+        when_gone(owner, lambda *told: gone.append(told), number, "a")
+        when_gone(owner, lambda *told: gone.append(told), number, "b")
+    del owner, owners
+    assert not gone, "views keep them"
+    for number in (3, 0, 4):
+        views[number] = np.zeros(2)
+    assert sorted(gone) == [(number, kind) for number in (0, 3, 4) for kind in "ab"]
 
 
 def test_memory_is_handed_out_again():
