@@ -37,6 +37,7 @@ _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
 )
 """Which of the three kinds of noise there are: (7, 3) bool, the fewest first."""
+_CHOSEN_PAIRS = _CHOICES[:, :, None] & _CHOICES[:, None, :]
 
 
 class DepthNoise:
@@ -121,7 +122,11 @@ def _line_of(depth: Depth, far: float, count_max: int) -> Nearness:
         divide="ignore", over="ignore", invalid="ignore"
     ):  # of depths so near that float32 holds no nearness
         near = np.float32(1) / line
-    near[~((line > 0) & (line < far) & (near < np.inf))] = np.nan
+    known = near > 0
+    known &= near < np.inf
+    if far < np.inf:
+        known &= line < far
+    np.copyto(near, np.nan, where=np.logical_not(known, out=known))
     return near
 
 
@@ -161,41 +166,45 @@ def _changes(line: Nearness, step: int, count_max: int) -> tuple[Nearness, Nearn
     here = line[step:-step]
     with np.errstate(over="ignore", invalid="ignore"):
         change = np.abs(line[: -2 * step] - 2 * here + line[2 * step :])
-    known = np.flatnonzero(np.isfinite(change))
+    known = np.isfinite(change).nonzero()[0]
     if len(known) > count_max:
-        known = known[(_spread(count_max) * len(known)).astype(np.intp)]
+        known = known[_spread(count_max, len(known))]
     return here[known], change[known]
 
 
-@functools.cache
-def _spread(count: int) -> Float64:
-    """Places in [0, 1) at no regular distance, which might be that of what is seen."""
-    return np.mod(np.arange(count, dtype=np.float64) * _GOLDEN, 1.0)
+@functools.lru_cache(maxsize=8)
+def _spread(count: int, total: int) -> NDArray[np.intp]:
+    """So many of a total number, at no regular distance, which might be that of what is seen."""
+    return (np.mod(np.arange(count, dtype=np.float64) * _GOLDEN, 1.0) * total).astype(np.intp)
 
 
 def _growing(values: Nearness) -> NDArray[np.intp]:
-    """The order of values > 0, of equal ones as they come: sorting whole numbers is several times as fast."""
-    keys = values.view(np.uint32).astype(np.uint64) << np.uint64(32) | np.arange(len(values), dtype=np.uint64)
-    keys.sort()
-    return (keys & np.uint64(0xFFFFFFFF)).astype(np.intp)
+    """The order of values > 0, of equal ones as they come: by halves, which NumPy sorts by their digits."""
+    bits = values.view(np.uint32)
+    by_low = bits.astype(np.uint16).argsort(kind="stable")
+    return by_low[(bits >> 16).astype(np.uint16)[by_low].argsort(kind="stable")]
 
 
 def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, float]:
     """(a, b, c), none negative: deviations (n,) at depths z (n,) are about a z^2 + b z + c; zeros do not count."""
-    if not deviations.any():
+    counts = deviations > 0
+    number = np.count_nonzero(counts)
+    if not number:
         return 0.0, 0.0, 0.0
-    z, in_depth = depths[deviations > 0], deviations[deviations > 0]
-    terms = np.column_stack([z * z, z, np.ones_like(z)]) / in_depth[:, None]
+    z, in_depth = (depths, deviations) if number == len(counts) else (depths[counts], deviations[counts])
+    terms = np.empty((number, 3))
+    terms[:, 0], terms[:, 1], terms[:, 2] = z * z, z, 1.0
+    terms /= in_depth[:, None]
     # Least squares of each choice of terms, by normal equations in which the others' are the identity's
-    sizes = np.sqrt((terms * terms).sum(axis=0))
-    products = (terms.T @ terms) / np.outer(sizes, sizes)
-    systems = np.where(_CHOICES[:, :, None] & _CHOICES[:, None, :], products, 0.0)
-    systems[:, range(3), range(3)] = 1.0 + _RIDGE
-    sums = np.where(_CHOICES, terms.sum(axis=0) / sizes, 0.0)
+    sizes = np.sqrt(np.add.reduce(terms * terms, axis=0))
+    systems = np.where(_CHOSEN_PAIRS, (terms.T @ terms) / (sizes[:, None] * sizes), 0.0)
+    systems.reshape(-1, 9)[:, ::4] = 1.0 + _RIDGE
+    sums = np.where(_CHOICES, np.add.reduce(terms, axis=0) / sizes, 0.0)
     found = np.where(_CHOICES, np.linalg.solve(systems, sums[:, :, None])[:, :, 0] / sizes, 0.0)
-    off = np.abs(found @ terms.T - 1).sum(axis=1).round(6)  # of equally good ones the fewest
-    best = found[np.argmin(np.where((found >= 0).all(axis=1), off, np.inf))]
-    a, b, c = np.minimum(best, _NOISE_MAX).tolist()
+    off = np.add.reduce(np.abs(found @ terms.T - 1), axis=1).round(6)  # of equally good ones the fewest
+    choices = found.tolist()
+    ranks = [by if min(choice) >= 0 else math.inf for by, choice in zip(off.tolist(), choices, strict=True)]
+    a, b, c = (min(term, _NOISE_MAX) for term in choices[ranks.index(min(ranks))])
     return a, b, c
 
 
