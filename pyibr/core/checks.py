@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Iterable
 from functools import cached_property
-from typing import Any, TypeVar, cast, get_args
+from typing import Any, ClassVar, TypeVar, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -77,6 +77,8 @@ def _is_masked(value: object) -> bool:
 
 def fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
     """Tell whether an array is of `shape`, in which None fits any length."""
+    if array.shape == shape:
+        return True
     return array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
 
 
@@ -235,8 +237,9 @@ def cut_ratio_from(value: float) -> float:
 
 def one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
     """Raise ArgumentError unless `value` is one of a Literal's strings."""
-    if not isinstance(value, str) or value not in get_args(choices):
-        expected = ", ".join(f'"{choice}"' for choice in get_args(choices))
+    known = choices.__args__  # as `typing.get_args` has them, which takes longer than all the rest
+    if not isinstance(value, str) or value not in known:
+        expected = ", ".join(f'"{choice}"' for choice in known)
         raise ArgumentError(argument, f"one of {expected}{also}", describe(value))
 
 
@@ -345,7 +348,14 @@ class Immutable:
                     array.flags.writeable = False
             self.__dict__[name] = value
 
+    _computed: ClassVar[frozenset[str]] = frozenset({"device_cache"})  # what it has by properties
+
+    def __init_subclass__(cls, **options: object) -> None:
+        super().__init_subclass__(**options)
+        properties = property, cached_property
+        cls._computed = frozenset(name for name in dir(cls) if isinstance(getattr(cls, name, None), properties))
+
     def __setattr__(self, name: str, value: object) -> None:
-        if name in self.__dict__ or isinstance(getattr(type(self), name, None), (property, cached_property)):
+        if name in self.__dict__ or name in self._computed:
             raise AttributeError(f"{type(self).__name__}.{name} cannot be changed: make a new one")
         super().__setattr__(name, value)

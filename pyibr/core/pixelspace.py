@@ -70,9 +70,9 @@ def pixel_size(camera: Camera, point: Float64) -> float:
     return (abs(z) if camera.projection == "perspective" else 1.0) / float(min(camera.K[0, 0], camera.K[1, 1]))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CameraPair:
-    """The map between two cameras, as far as it does not depend on the source's samples.
+    """The map between two cameras, as far as it does not depend on the source's samples; by `camera_pair`.
 
     Attributes
     ----------

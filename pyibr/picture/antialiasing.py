@@ -25,6 +25,8 @@ def checked_side(samples: int) -> int:
     ArgumentError
         Unless `samples` is a square, 1 to 64.
     """
+    if samples.__class__ is int and samples in _SIDES:
+        return _SIDES[samples]
     expected = f"{', '.join(map(str, _SIDES))} samples a pixel"
     count = integer_from("samples", samples, 1, max(_SIDES), expected)
     if count not in _SIDES:

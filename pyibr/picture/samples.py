@@ -22,6 +22,8 @@ from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
+_LARGEST = float(np.finfo(np.float32).max)
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -87,8 +89,7 @@ def cut_of(camera: Camera, ratio: float | None, noise: tuple[float, float] = (0.
     far_scale, least = ratio + noise[0], noise[1]
     if camera.projection == "orthographic":  # depths have no origin: what the camera sees gives the scale
         far_scale, least = 1.0, least + (ratio - 1.0) * longer_side(camera)
-    largest = float(np.finfo(np.float32).max)
-    values["near_scale"], values["far_scale"], values["least"] = 1.0, min(far_scale, largest), min(least, largest)
+    values["near_scale"], values["far_scale"], values["least"] = 1.0, min(far_scale, _LARGEST), min(least, _LARGEST)
     return values
 
 
