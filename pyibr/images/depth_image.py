@@ -123,8 +123,8 @@ class DepthImage(Immutable, Pictured):
         shape = camera.height, camera.width
         self.camera = camera
         limit = positive_or_infinite("far", far, "a depth > 0")
-        none = np.empty((*shape, 0), np.uint8)
-        self.color = locked(none if color is None else checked_colors("color", color, (*shape, 3)))
+        given_color = np.empty((*shape, 0), np.uint8) if color is None else checked_colors("color", color, (*shape, 3))
+        self.color = locked(given_color)
         given = checked_depth(depth, shape)
         self.depth = locked(given if default_depth is None else _backed(given, limit, default_depth))
         self.far = limit if default_depth is None else math.inf
@@ -358,5 +358,7 @@ def checked_depth(depth: object, shape: tuple[int | None, ...], argument: str = 
     if not fits(array, shape) or 0 in array.shape or array.dtype.kind != "f":
         hint = " (depth_from_uint16 converts integers with a scale)" if array.dtype.kind in "iu" else ""
         raise ArgumentError(argument, expected, describe(array if isinstance(depth, np.ndarray) else depth) + hint)
+    if array.dtype == np.float32:
+        return array
     with np.errstate(over="ignore"):  # what float32 does not hold is infinite
-        return array.astype(np.float32, copy=False)
+        return array.astype(np.float32)

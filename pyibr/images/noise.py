@@ -28,6 +28,7 @@ _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
 _LEVELS_MIN = 12  # one step; and so many levels
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
 _GOLDEN = 0.6180339887498949
+_OF_MIDDLE = 1.4826 / math.sqrt(6)  # a standard deviation by the middle of 1, -2, 1 times normal noise
 _SHAPE = 2.0  # times as large over two samples as over one: of noise 1, of a curve 4
 _NOISE_MIN = 5e-4  # a part of the nearness: smaller differences may be of a scale's steps, or of shapes
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
@@ -143,8 +144,7 @@ def _noise_along(line: Nearness, count_max: int) -> tuple[Float64, Float64]:
     each = count // ranges  # few are left over: the nearest ones
     order = _growing(all_places)[: ranges * each].reshape(ranges, each)
     place, change = all_places[order], changes[order]
-    # 1.4826 and 6: of 1, -2, 1 times normal noise
-    middles = np.partition(change, each // 2, axis=1)[:, each // 2].astype(np.float64) * (1.4826 / np.sqrt(6))
+    middles = np.partition(change, each // 2, axis=1)[:, each // 2].astype(np.float64) * _OF_MIDDLE
     some = place[:, :: _OF_LEVEL // 2]  # where these differ too often, all do
     for part in np.flatnonzero(np.count_nonzero(some[:, 1:] != some[:, :-1], axis=1) < each / _OF_LEVEL):
         steps = np.diff(place[part])
@@ -242,10 +242,14 @@ def _steps_along(line: Nearness) -> tuple[float, float, float]:
     level = line[1:] == line[:-1]
     if np.count_nonzero(level) < _STAIRS_MIN:
         return 0.0, 0.0, 0.0
+    change = ~level[1:-1]
+    at = (level[:-2] & change & level[2:]).nonzero()[0]  # known ones: what is not equals nothing
+    if len(at) < _STAIRS_MIN:
+        return 0.0, 0.0, 0.0
     known = line == line
-    change = known[1:-2] & known[2:-1] & ~level[1:-1]
-    at = np.flatnonzero(level[:-2] & change & level[2:])
-    if len(at) < max(_STAIRS_MIN, _STAIRS * np.count_nonzero(change)):
+    change &= known[1:-2]
+    change &= known[2:-1]
+    if len(at) < _STAIRS * np.count_nonzero(change):
         return 0.0, 0.0, 0.0
     before, after = line[at + 1].astype(np.float64), line[at + 2].astype(np.float64)
     place, jump = np.maximum(before, after), np.abs(after - before)
