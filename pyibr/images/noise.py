@@ -146,7 +146,8 @@ def _noise_along(line: Nearness, count_max: int) -> tuple[Float64, Float64]:
     place, change = all_places[order], changes[order]
     middles = np.partition(change, each // 2, axis=1)[:, each // 2].astype(np.float64) * _OF_MIDDLE
     some = place[:, :: _OF_LEVEL // 2]  # where these differ too often, all do
-    for part in np.flatnonzero(np.count_nonzero(some[:, 1:] != some[:, :-1], axis=1) < each / _OF_LEVEL):
+    changes_of_some = np.add.reduce(some[:, 1:] != some[:, :-1], axis=1)
+    for part in (changes_of_some < each / _OF_LEVEL).nonzero()[0]:
         steps = np.diff(place[part])
         steps = np.sort(steps[steps > 0])
         levels = 1 + len(steps)
