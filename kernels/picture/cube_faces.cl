@@ -3,12 +3,13 @@
  * Nearness (affine on a plane) and colour are interpolated between the four pixels around, if these show one surface;
  * at the edges of surfaces, beside holes, and if `linear` is 0, they are the nearest pixel's. Four pixels show one
  * surface if all show something, and every step between neighbours is small or as large as the next one beside it: a
- * slope is no edge, however steep. places: (3, height, pitch) u and v in the face, NaN for pixels that are none of its
- * own, and depth in the lens's frame over depth in the picture's. face_depth, face_color, face_valid: (face_height,
- * face_width), depth NaN where there is nothing. depth, color, valid: (height, width); pixels of other faces stay, or
- * with `first` are emptied. ORIGINS: where pixels come from, CLASSES: what they are, and GUESSES: which of them show
- * guessed surface, is carried over, too; pixels without a ray are `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on
- * its own.
+ * slope is no edge, however steep. With `filled` holes show something, too, but what was seen is read as if they did
+ * not. places: (3, height, pitch) u and v in the face, NaN for pixels that are none of its own, and depth in the
+ * lens's frame over depth in the picture's. face_depth, face_color, face_valid: (face_height, face_width), depth NaN
+ * where there is nothing. depth, color, valid: (height, width); pixels of other faces stay, or with `first` are
+ * emptied. ORIGINS: where pixels come from, CLASSES: what they are, and GUESSES: which of them show guessed surface,
+ * is carried over, too; pixels without a ray are `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels).
+ * Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
@@ -41,12 +42,15 @@ typedef struct {
     Color color;
 } Reading;
 
-/* Nearness at columns and rows that may lie beyond the border; NaN: nothing. */
-INLINED floatl face_nearness(Face face, intl column, intl row)
+/* Nearness at columns and rows that may lie beyond the border; NaN: nothing, or a filled hole where what was `seen` is
+ * wanted. */
+INLINED floatl face_nearness(Face face, intl seen, intl column, intl row)
 {
-    const intl inside = (column >= 0) & (column < face.width) & (row >= 0) & (row < face.height);
-    const floatl z = (floatl)(gather(face.depth, select_lanes(inside, row * face.width + column, (intl)0)));
-    return select_lanes(inside, 1.0f / z, (floatl)NAN);
+    intl known = (column >= 0) & (column < face.width) & (row >= 0) & (row < face.height);
+    const intl at = select_lanes(known, row * face.width + column, (intl)0);
+    if (any_lane(seen))
+        known = known & (!seen | (to_intl((WIDE(uchar))(gather(face.valid, at))) != 0));
+    return select_lanes(known, 1.0f / (floatl)(gather(face.depth, at)), (floatl)NAN);
 }
 
 /* Is the step from b to c small, or as large as that from a to b, or from c to d? NaN is none of these. */
@@ -56,7 +60,7 @@ INLINED intl is_on_slope(floatl a, floatl b, floatl c, floatl d)
     return (fabs(step) <= small) | (fabs(b - a - step) <= small) | (fabs(d - c - step) <= small);
 }
 
-INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, int linear)
+INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, int linear, int filled)
 {
     Reading read;
     read.own = u_own == u_own;
@@ -65,9 +69,15 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     const floatl upper = min_lanes(floor_lanes(v), (floatl)max(face.height - 2, 0));
     const floatl fx = u - left, fy = v - upper;
     const intl x = to_intl(left), up = to_intl(upper);
+    const intl near_right = fx >= 0.5f, near_below = fy >= 0.5f;
+    read.nearest = (up + select_lanes(near_below, (intl)1, (intl)0)) * face.width + x +
+                   select_lanes(near_right, (intl)1, (intl)0);
+    intl seen = 0;
+    if (filled)
+        seen = to_intl((WIDE(uchar))(gather(face.valid, read.nearest))) != 0;
     floatl n[4];
     for (int i = 0; i < 4; i++)
-        n[i] = face_nearness(face, x + (i & 1), up + (i >> 1));
+        n[i] = face_nearness(face, seen, x + (i & 1), up + (i >> 1));
     const floatl low = min_lanes(min_lanes(n[0], n[1]), min_lanes(n[2], n[3])),
                  high = max_lanes(max_lanes(n[0], n[1]), max_lanes(n[2], n[3]));
     const intl all_there = read.own & isfinite_lanes(n[0] + n[1] + n[2] + n[3]) & (intl)(linear ? -1 : 0);
@@ -75,17 +85,16 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     if (any_lane(all_there & !read.whole)) {
         intl on = all_there;
         for (int i = 0; i < 2; i++) {
-            const floatl before = face_nearness(face, x - 1, up + i), after = face_nearness(face, x + 2, up + i);
+            const floatl before = face_nearness(face, seen, x - 1, up + i);
+            const floatl after = face_nearness(face, seen, x + 2, up + i);
             on = on & is_on_slope(before, n[2 * i], n[2 * i + 1], after);
-            const floatl above = face_nearness(face, x + i, up - 1), under = face_nearness(face, x + i, up + 2);
+            const floatl above = face_nearness(face, seen, x + i, up - 1);
+            const floatl under = face_nearness(face, seen, x + i, up + 2);
             on = on & is_on_slope(above, n[i], n[2 + i], under);
         }
         read.whole = read.whole | on;
     }
     tap_weights(fx, fy, read.weights);
-    const intl near_right = fx >= 0.5f, near_below = fy >= 0.5f;
-    read.nearest = (up + select_lanes(near_below, (intl)1, (intl)0)) * face.width + x +
-                   select_lanes(near_right, (intl)1, (intl)0);
     const floatl n_nearest = select_lanes(near_below, select_lanes(near_right, n[3], n[2]),
                                           select_lanes(near_right, n[1], n[0]));
     floatl between = 0.0f;
@@ -198,7 +207,8 @@ INLINED void copy_guesses(const Reading *read, Face face, int count, global cons
 
 kernel void join_faces(global const float *places, global const float *face_depth, global const channel *face_color,
                        global const uchar *face_valid, int face_width, int face_height, int width, int height,
-                       int pitch, int first, int linear, global float *depth, global channel *color, global uchar *valid
+                       int pitch, int first, int linear, int filled, global float *depth, global channel *color,
+                       global uchar *valid
 #if ORIGINS
                        ,
                        global const float *face_source, global const int *face_source_view, global float *source,
@@ -222,7 +232,7 @@ kernel void join_faces(global const float *places, global const float *face_dept
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < width; x0 += LANES, packet++) {
         global const float *place = places + (size_t)y * pitch + x0;
         const Reading read = read_face(face, load_lanes(place), load_lanes(place + plane),
-                                       load_lanes(place + 2 * plane), linear);
+                                       load_lanes(place + 2 * plane), linear, filled);
         const size_t at = (size_t)y * width + x0;
         const int count = min(LANES, width - x0);
         write_packet(&read, face, count, first, depth + at, color + CHANNELS * at, valid + at);

@@ -77,6 +77,7 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
             pitch=pitch(camera.width),
             first=number == 0,
             linear=all(target.mixable for target in targets),
+            filled=int(whole.filled),
             **whole.outputs(),
             **told,
         )

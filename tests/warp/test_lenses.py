@@ -199,6 +199,22 @@ def alone_again(views: list[ibr.DepthImage], camera: ibr.Camera) -> np.ndarray:
     return ibr.warp(views, camera, fill="background").color
 
 
+@pytest.mark.parametrize(
+    ("samples", "lens", "fill"), [(1, "barrel", "background"), (4, "fisheye", "background"), (1, "fisheye", "inpaint")]
+)
+def test_what_was_seen_stays_as_it_was_seen_where_holes_are_filled(samples, lens, fill):
+    view = scenes.stepped(SOURCE)
+    camera = target(view, lens, POSES["aside"])
+    bare, frame = (ibr.warp(view, camera, fill=way, samples=samples) for way in (None, fill))
+    seen = bare.valid
+    np.testing.assert_array_equal(frame.valid, seen)
+    np.testing.assert_array_equal(frame.depth[seen], bare.depth[seen])
+    whole = seen if bare.alpha is None else bare.alpha == 1
+    np.testing.assert_array_equal(frame.color[whole], bare.color[whole])
+    filled = ~seen & np.isfinite(frame.depth)
+    assert filled.mean() > 0.01
+
+
 def test_float_colors_through_lenses():
     view = with_lens(scenes.smooth(SOURCE), "barrel")
     in_float = ibr.DepthImage((view.color / np.float32(255)).astype(np.float32), view.depth, view.camera)
