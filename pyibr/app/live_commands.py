@@ -15,16 +15,19 @@ from pyibr.app.commands.heights import HEIGHT_HELP, MapOptions
 from pyibr.app.commands.things import StartCamera, ThingFiles, Things, UpOption, direction_of
 from pyibr.app.live.pages import Pages
 from pyibr.app.options import (
+    Baseline,
     CameraFile,
     Clean,
     DefaultDepthText,
     DeviceName,
     ExposureOption,
     Holes,
+    NoiseOption,
     StoredDepth,
     cleaning_of,
     device_of,
     given_of,
+    noise_of,
     printable_text,
 )
 from pyibr.app.place import place as place_page
@@ -54,6 +57,8 @@ def view(
     default_depth: DefaultDepthText = "none",
     clean: Clean = False,
     holes: Holes = 8,
+    noise: NoiseOption = None,
+    baseline: Baseline = None,
     height: Annotated[Path | None, typer.Option(help=HEIGHT_HELP)] = None,
     maps: MapOptions,
     start: StartCamera = None,
@@ -65,7 +70,8 @@ def view(
     """Look around in a browser, drawn live. The page can only be opened on this machine."""
     with device_of(device):
         exposed = Exposure(exposure)
-        views = Things(camera, lens, stored, default_depth, cleaning_of(clean, holes), exposed)
+        how = cleaning_of(clean, holes), noise_of(noise, baseline)
+        views = Things(camera, lens, stored, default_depth, *how, exposed)
         shown, of_meshes = views.read(things)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]
         given: object = shown

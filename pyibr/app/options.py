@@ -204,6 +204,11 @@ def noise_of(pixels: float | None, baseline: float | None) -> tuple[float, float
     return None if pixels is None or baseline is None else (pixels, baseline)
 
 
+def deviation_of(noise: tuple[float, float] | None, camera: Camera) -> float | None:
+    """The noise of a camera's depth, as `DepthImage` takes it, by what `noise_of` returns."""
+    return None if noise is None else ibr.disparity_noise(noise[0], float(camera.K[0, 0]), noise[1])
+
+
 def printable_text(text: object, lines: bool = False) -> str:
     """Names of files as terminals can show them: those that are no text, too, and what would steer the terminal.
 

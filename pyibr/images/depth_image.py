@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,6 @@ from pyibr.core.checks import (
     fits,
     instance_of,
     locked,
-    numbers,
     one_of,
     plain_array,
     positive,
@@ -33,7 +31,7 @@ from pyibr.core.checks import (
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import rays_of
-from pyibr.images.noise import DepthNoise, fitted_noise
+from pyibr.images.noise import DepthNoise, Noise, checked_noise
 from pyibr.images.pictures import Pictured
 
 Color = NDArray[np.uint8] | NDArray[np.float32]
@@ -42,10 +40,6 @@ Side = Literal["front", "back", "both"]
 """Which side of a depth image's surface: the one that faces its camera, the other, or either."""
 DefaultDepth = Literal["farthest"]
 
-Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
-"""How noisy depth is, as `DepthImage` takes it."""
-
-_NOISE_PLACES = 16  # depths at which a function of noise is looked at
 _UNIT = 1e-3  # squares of lengths may be off by that: they are normals in float32, or rounded ones
 _LEAST_NEAR = 1e-3  # of a sample's nearness: how far its surface may go on, half a pixel beside it
 _EVEN = 0.005  # of the nearness, by which neighbours differ that nothing tears
@@ -76,7 +70,7 @@ class DepthImage(Immutable, Pictured):
         The depth's noise. A number: the standard deviation of 1 / depth, as of stereo and structured light
         (`disparity_noise`); of an orthographic camera, that of the depth. Three: at depth z it is a z^2 + b z + c. Or a
         function of depths, (n,) float64 to (n,). By default it is found from the samples. It tells depth edges from
-        noise, and how much views count that are blended.
+        noise, and how much views count that are blended; `clean_depth` takes the same.
 
     Attributes
     ----------
@@ -125,12 +119,13 @@ class DepthImage(Immutable, Pictured):
         limit = positive_or_infinite("far", far, "a depth > 0")
         given_color = np.empty((*shape, 0), np.uint8) if color is None else checked_colors("color", color, (*shape, 3))
         self.color = locked(given_color)
-        given = checked_depth(depth, shape)
-        self.depth = locked(given if default_depth is None else _backed(given, limit, default_depth))
+        stored = checked_depth(depth, shape)
+        self.depth = locked(stored if default_depth is None else _backed(stored, limit, default_depth))
         self.far = limit if default_depth is None else math.inf
         self.normals = None if normals is None else locked(_checked_normals(normals, camera))
         if not isinstance(noise, DepthNoise):  # else another image's, of the same depth
-            noise = DepthNoise(self.depth, self.far, None if noise is None else _checked_noise(noise, self))
+            given = None if noise is None else checked_noise(noise, self.depth, self.far, camera.projection)
+            noise = DepthNoise(self.depth, self.far, given)
         self._noise = noise
 
     def __reduce__(self) -> tuple[partial[DepthImage], tuple[object, ...]]:
@@ -303,27 +298,6 @@ def _backed(depth: Depth, far: float, default_depth: float | DefaultDepth) -> De
         if not 0 < behind < np.inf:
             raise ArgumentError("default_depth", "a depth that float32 holds", describe(default_depth))
     return np.where(valid, depth, behind)
-
-
-def _checked_noise(noise: object, view: DepthImage) -> tuple[float, float, float]:
-    """The noise of a view's depth as `DepthImage.noise` has it."""
-    expected = "a number >= 0, three of them or a function of depth"
-    if not callable(noise):
-        given = numbers("noise", noise, () if np.ndim(noise) == 0 else (3,))  # pyright: ignore[reportArgumentType]
-        if not (given >= 0).all():
-            raise ArgumentError("noise", expected, describe(noise))
-        if given.ndim:
-            a, b, c = given.tolist()
-            return a, b, c
-        return (float(given), 0.0, 0.0) if view.camera.projection == "perspective" else (0.0, 0.0, float(given))
-    valid = view.depth[view.valid]
-    ends = (float(valid.min()), float(valid.max())) if len(valid) else (1.0, 1.0)
-    z: Float64 = np.linspace(*ends, _NOISE_PLACES)
-    deviations: Float64 = np.asarray(cast("Callable[[Float64], Float64]", noise)(z), np.float64)
-    if deviations.shape != z.shape or not (np.isfinite(deviations) & (deviations >= 0)).all():
-        expected = f"a function of ({_NOISE_PLACES},) depths that returns as many numbers >= 0"
-        raise ArgumentError("noise", expected, describe(deviations))
-    return fitted_noise(z, deviations)
 
 
 def _checked_normals(normals: object, camera: Camera) -> NDArray[np.float32]:

@@ -5,15 +5,24 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from collections.abc import Callable
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import Float64, number_from, positive
+from pyibr.core.camera import Projection
+from pyibr.core.checks import Float64, describe, number_from, numbers, positive
+from pyibr.core.errors import ArgumentError
 
 Depth = NDArray[np.float32]
 Nearness = NDArray[np.float32]
+
+Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
+"""How noisy depth is, as `DepthImage` and `clean_depth` take it."""
+
+_PLACES = 16  # depths at which a function of noise is looked at
 
 _RANGES, _SAMPLES_MIN = 12, 50  # noise is looked up for as many ranges of depth, each from so many samples at least
 _SAMPLES_MAX = 80_000  # samples that are looked at: medians of more are no surer
@@ -209,6 +218,32 @@ def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, fl
     ranks = [by if min(choice) >= 0 else math.inf for by, choice in zip(off.tolist(), choices, strict=True)]
     a, b, c = (min(term, _NOISE_MAX) for term in choices[ranks.index(min(ranks))])
     return a, b, c
+
+
+def checked_noise(
+    noise: object, depth: Depth, far: float = np.inf, projection: Projection = "perspective"
+) -> tuple[float, float, float]:
+    """Return (a, b, c) of the noise of depth as users give it, or raise ArgumentError.
+
+    depth, far: the samples, whose range tells where a function is looked at. projection: of a number, what it is of.
+    """
+    expected = "a number >= 0, three of them or a function of depth"
+    if not callable(noise):
+        given = numbers("noise", noise, () if np.ndim(noise) == 0 else (3,))  # pyright: ignore[reportArgumentType]
+        if not (given >= 0).all():
+            raise ArgumentError("noise", expected, describe(noise))
+        if given.ndim:
+            a, b, c = given.tolist()
+            return a, b, c
+        return (float(given), 0.0, 0.0) if projection == "perspective" else (0.0, 0.0, float(given))
+    valid = depth[(depth > 0) & (depth < far)]
+    ends = (float(valid.min()), float(valid.max())) if len(valid) else (1.0, 1.0)
+    z: Float64 = np.linspace(*ends, _PLACES)
+    deviations: Float64 = np.asarray(cast("Callable[[Float64], Float64]", noise)(z), np.float64)
+    if deviations.shape != z.shape or not (np.isfinite(deviations) & (deviations >= 0)).all():
+        expected = f"a function of ({_PLACES},) depths that returns as many numbers >= 0"
+        raise ArgumentError("noise", expected, describe(deviations))
+    return fitted_noise(z, deviations)
 
 
 def disparity_noise(pixels: float, focal: float, baseline: float) -> float:

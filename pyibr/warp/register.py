@@ -15,7 +15,8 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import PixelMap, camera_pair, pitch
 from pyibr.core.undistortion import undistorted_face
 from pyibr.images import DepthImage
-from pyibr.images.depth_image import Color, Noise, checked_depth
+from pyibr.images.depth_image import Color, checked_depth
+from pyibr.images.noise import Noise
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch

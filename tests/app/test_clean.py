@@ -97,6 +97,17 @@ def test_distances_stay_distances(delivered: Delivered):
     assert_one_line(refused, "--camera: expected the camera of the distances, or --fov")
 
 
+def test_noise_of_disparity_is_told_by_pixels_and_baseline(delivered: Delivered):
+    told, camera = ("--noise", 0.5, "--baseline", 0.1), ("--camera", "camera.json")
+    succeeded(delivered.clean("depth/0.png", *told, *camera))
+    noise = ibr.disparity_noise(0.5, delivered.base.K[0, 0], 0.1)
+    expected = ibr.clean_depth(delivered.stored(0), noise=noise).depth
+    np.testing.assert_allclose(delivered.written("new.npy"), expected, rtol=1e-6)
+    assert not np.allclose(expected, ibr.clean_depth(delivered.stored(0)).depth, rtol=1e-4)
+    assert_one_line(delivered.clean("depth/0.png", *told), "--camera: expected the camera of the focal length")
+    assert_one_line(delivered.clean("depth/0.png", "--noise", 0.5), "--baseline: expected a number > 0 together with")
+
+
 def test_disparity_stays_disparity_of_principal_points_apart(delivered: Delivered):
     """As Middlebury has it: also where a layout tells it."""
     focal, baseline, doffs = 70.0, 0.1, 4.0

@@ -90,6 +90,9 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     assert things[0].far == 9
     with_noise = shown("color.png", "depth.npy", "--camera", "camera.json", "--clean")[0]
     assert [type(thing) for thing in with_noise] == [ibr.DepthImage]
+    told = shown("color.png", "depth.npy", "room", "--camera", "camera.json", "--noise", 2, "--baseline", 0.1)[0]
+    noise = (ibr.disparity_noise(2, ibr.Camera.load(folder / "camera.json").K[0, 0], 0.1), 0, 0)
+    assert [thing.noise for thing in told] == [noise] * 3
     ibr.write_video(folder / "color.mkv", np.full((3, 37, 61, 3), 90, np.uint8), 30)
     ibr.write_video(folder / "depth.mkv", np.full((3, 37, 61), 1500, np.uint16), 30, bits=16)
     (first,), *_ = shown("color.mkv", "depth.mkv", "--depth-scale", 1000, "--fov", 60)  # of frames without places

@@ -51,6 +51,31 @@ def test_noise_is_smoothed_and_edges_stay(kind):
     np.testing.assert_array_equal(cleaned.invented[~measured], True)
 
 
+@pytest.mark.parametrize("kind", ["disparity", "flight"])
+def test_given_noise_is_as_good_as_what_is_found_and_tells_how_much_is_smoothed(kind):
+    truth = room()
+    noisy = with_noise(truth, np.random.default_rng(1), kind)
+    one = ibr.disparity_noise(0.3, FOCAL, BASELINE) if kind == "disparity" else (0.0, 0.0, 0.006)
+    a, b, c = (one, 0.0, 0.0) if isinstance(one, float) else one
+
+    def off(**given) -> float:
+        return float(np.abs(ibr.clean_depth(noisy, **given).depth / truth - 1).mean())
+
+    assert off(noise=one) == pytest.approx(off(), rel=0.1)
+    np.testing.assert_array_equal(
+        ibr.clean_depth(noisy, noise=one).depth, ibr.clean_depth(noisy, noise=(a, b, c)).depth
+    )
+    assert off(noise=lambda z: (a * z + b) * z + c) == pytest.approx(off(noise=one), rel=1e-3)
+    assert off(noise=(0.3 * a, 0.3 * b, 0.3 * c)) > 1.2 * off(noise=one)
+
+
+def test_without_noise_no_shape_is_taken_for_it():
+    y, x = np.mgrid[:120, :160]
+    ripples = (2 + 0.01 * np.sin(2.1 * x + 1.3 * y)).astype(np.float32)
+    np.testing.assert_allclose(ibr.clean_depth(ripples, noise=0.0).depth, ripples, rtol=3.3 * 5e-4)
+    assert np.abs(ibr.clean_depth(ripples).depth - ripples).mean() > 0.003
+
+
 def test_what_has_no_noise_stays():
     truth = room()
     cleaned = ibr.clean_depth(truth)
@@ -300,6 +325,8 @@ def test_a_real_camera_at_rest_is_steady():
     [
         ({"depth": np.zeros((3, 4), np.uint16)}, "depth: expected float32"),
         ({"holes": -1}, "holes: expected a whole number from 0 to 1000"),
+        ({"noise": -1.0}, "noise: expected a number >= 0"),
+        ({"noise": lambda z: z[:2]}, "noise: expected a function of"),
         ({"strength": np.nan}, "strength: expected a number from 0 to 10"),
         ({"color": np.zeros((4, 3, 3), np.uint8)}, "color: expected uint8"),
         ({"before": np.ones((4, 3), np.float32)}, r"before: expected float32 of shape \(3, 4\)"),

@@ -20,14 +20,17 @@ from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.sources import InputOptions, Losses, Source, open_depths
 from pyibr.app.commands.views import Depth, DepthOptions, DepthRange, DepthReader
 from pyibr.app.options import (
+    Baseline,
     CameraFile,
     Cleaning,
     DepthFiles,
     DeviceName,
     ExposureOption,
+    NoiseOption,
     StoredDepth,
     Take,
     device_of,
+    noise_of,
 )
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
@@ -53,6 +56,8 @@ def clean(
     lens: LensOptions,
     take: Take = None,
     cleaning: Cleaning,
+    noise: NoiseOption = None,
+    baseline: Baseline = None,
     stored: StoredDepth,
     exposure: ExposureOption = 0.0,
     invented_out: Annotated[
@@ -62,7 +67,8 @@ def clean(
 ) -> None:
     """Take flying pixels, speckle, small holes and noise out of depth; of a recording each frame by the last one."""
     given = InputOptions([depth], [camera] if camera else [], [], [], take, lens, stored.how.get("channel"))
-    source, is_still = _opened(given, color, stored)
+    told = noise_of(noise, baseline)
+    source, is_still = _opened(given, color, stored, "the focal length that --noise is of" if told else None)
     own = {shot.number: shot.depth.name for shot in source.shots} if output.is_dir() or not output.suffix else None
     if own is not None and len({*own.values()}) < len(own):
         raise ArgumentError("--output", f"a name to number, or .mkv, for the frames of {depth}", str(output))
@@ -75,7 +81,7 @@ def clean(
     outputs = Outputs(files, written, numbers, VideoOptions(), None, own)
     outputs.check({**source.files(), "--camera": [camera] if camera else []}, [depth, *([color] if color else [])])
     losses, seen = Losses(recorded=not is_still), DepthRange()
-    reader = DepthReader(DepthOptions(stored, None, cleaning, None, not is_still, not is_still, seen), losses)
+    reader = DepthReader(DepthOptions(stored, None, cleaning, told, not is_still, not is_still, seen), losses)
     size = 0, 0
     with device_of(device), outputs, Exposure(exposure) as exposed:
         frames = read_ahead(_cleaned(source, reader, losses, exposed, stored.empty_from))
@@ -87,13 +93,17 @@ def clean(
     outputs.tell(size, "frames", "there is no depth in it", seen)
 
 
-def _opened(options: InputOptions, color: Path | None, stored: StoredDepth) -> tuple[Source, bool]:
-    """The frames, and whether there is a single one; where nothing tells a camera and none is needed, of any."""
+def _opened(options: InputOptions, color: Path | None, stored: StoredDepth, needed: str | None) -> tuple[Source, bool]:
+    """The frames, and whether there is a single one; where nothing tells a camera and none is needed, of any.
+
+    needed: for what there must be one, but for distances.
+    """
     (place,), camera = options.inputs, next(iter(options.cameras), None)
     recording = find_recording(place) if color is None and may_be_recording(place) else None
     if options.lens == LensOptions() and not (camera or (recording and (recording.cameras or recording.known))):
-        if stored.depth_kind == "distance":
-            raise ArgumentError("--camera", "the camera of the distances, or --fov", "none")
+        needed = "the distances" if stored.depth_kind == "distance" else needed
+        if needed is not None:
+            raise ArgumentError("--camera", f"the camera of {needed}, or --fov", "none")
         options = options._replace(lens=_ANY)
 
     def alone(first: Path, _: Stored) -> tuple[Camera, None]:

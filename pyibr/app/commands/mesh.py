@@ -13,6 +13,7 @@ from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import check_outputs
 from pyibr.app.options import (
+    Baseline,
     CameraFile,
     Clean,
     Color,
@@ -21,10 +22,13 @@ from pyibr.app.options import (
     DeviceName,
     ExposureOption,
     Holes,
+    NoiseOption,
     StoredDepth,
     cleaning_of,
     default_depth_of,
+    deviation_of,
     device_of,
+    noise_of,
 )
 from pyibr.depthmesh.segmentation import Segmentation, Test
 from pyibr.images import DepthImage
@@ -45,6 +49,8 @@ def mesh(
     lens: LensOptions,
     clean: Clean = False,
     holes: Holes = 8,
+    noise: NoiseOption = None,
+    baseline: Baseline = None,
     stored: StoredDepth,
     default_depth: DefaultDepthText = "none",
     exposure: ExposureOption = 0.0,
@@ -57,8 +63,11 @@ def mesh(
     with Exposure(exposure) as exposed:
         image = exposed.read(color)
     depths = stored.read(depth, own)
-    depths = depths if how is None else ibr.clean_depth(depths, image, **how._asdict()).depth
-    view = DepthImage(image, depths, own, far=stored.empty_from, default_depth=default_depth_of(default_depth))
+    told = deviation_of(noise_of(noise, baseline), own)
+    if how is not None:
+        depths, told = ibr.clean_depth(depths, image, noise=told, **how._asdict()).depth, None
+    behind = default_depth_of(default_depth)
+    view = DepthImage(image, depths, own, far=stored.empty_from, default_depth=behind, noise=told)
     with device_of(device):
         made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error, count=count)
     made.save(output)

@@ -17,6 +17,7 @@ from pyibr.app.commands.outputs import Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.things import StartCamera, ThingFiles, Things, UpOption, direction_of
 from pyibr.app.options import (
+    Baseline,
     CameraFile,
     Clean,
     DefaultDepthText,
@@ -24,12 +25,14 @@ from pyibr.app.options import (
     ExposureOption,
     FillOption,
     Holes,
+    NoiseOption,
     Samples,
     Size,
     StoredDepth,
     cleaning_of,
     device_of,
     fill_of,
+    noise_of,
     printable_text,
 )
 from pyibr.app.view.paths import CameraPath
@@ -101,6 +104,8 @@ def orbit(
     default_depth: DefaultDepthText = "none",
     clean: Clean = False,
     holes: Holes = 8,
+    noise: NoiseOption = None,
+    baseline: Baseline = None,
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
@@ -110,7 +115,8 @@ def orbit(
     files = [file for thing in things for file in (thing.rglob("*") if thing.is_dir() else [thing])]
     outputs.check({"THINGS": files, "--camera": [camera] if camera else []}, things)
     with device_of(device), outputs, Exposure(exposure) as exposed:
-        known, of_meshes = Things(camera, lens, stored, default_depth, cleaning_of(clean, holes), exposed).read(things)
+        reading = cleaning_of(clean, holes), noise_of(noise, baseline)
+        known, of_meshes = Things(camera, lens, stored, default_depth, *reading, exposed).read(things)
         upward = direction_of(up or ("y" if of_meshes else None))
         cameras = way.cameras(known, frames, upward)
         is_plain = any(isinstance(one, Mesh) and one.colors is None and one.texture is None for one in known)

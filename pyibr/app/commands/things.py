@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
-from pyibr.app.options import Cleaning, StoredDepth, default_depth_of, printable_text
+from pyibr.app.options import Cleaning, StoredDepth, default_depth_of, deviation_of, printable_text
+from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_exists
 from pyibr.images import DepthImage
@@ -44,10 +45,12 @@ class Things:
         stored: StoredDepth,
         default_depth: str,
         cleaning: Cleaning | None,
+        noise: tuple[float, float] | None,
         exposure: Exposure,
     ) -> None:
         self._exposure = exposure
         self._camera, self._lens, self._stored, self._cleaning = camera, lens, stored, cleaning
+        self._noise = noise
         self._default_depth: float | DefaultDepth | None = default_depth_of(default_depth)
 
     def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
@@ -60,8 +63,9 @@ class Things:
             check_exists(name)
             if may_be_recording(name):
                 for view in self._stored.load(name, self._lens.camera_of_folder(name, self._camera)):
-                    depth = self._cleaned(view.color, view.depth)
-                    things.append(DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals))
+                    depth, told = self._cleaned(view.color, view.depth, view.camera)
+                    made = DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals, noise=told)
+                    things.append(made)
             elif is_mesh_file(name):
                 things.append(Mesh.load(name))
             elif not rest:
@@ -69,14 +73,19 @@ class Things:
             else:
                 color = self._exposure.read(name)
                 own, far = self._lens.camera_of(name, self._camera), self._stored.empty_from
-                depth = self._cleaned(color, self._stored.read(rest.pop(0), own))
-                things.append(DepthImage(color, depth, own, far=far, default_depth=self._default_depth))
+                depth, told = self._cleaned(color, self._stored.read(rest.pop(0), own), own)
+                things.append(DepthImage(color, depth, own, far=far, default_depth=self._default_depth, noise=told))
             customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
         return things, customary
 
-    def _cleaned(self, color: NDArray[Any], depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        how = self._cleaning
-        return depth if how is None else ibr.clean_depth(depth, color, **how._asdict()).depth
+    def _cleaned(
+        self, color: NDArray[Any], depth: NDArray[np.float32], camera: Camera
+    ) -> tuple[NDArray[np.float32], float | None]:
+        """The depth, and its noise if that is told; what is left of it by cleaning is found."""
+        how, told = self._cleaning, deviation_of(self._noise, camera)
+        return (
+            (depth, told) if how is None else (ibr.clean_depth(depth, color, noise=told, **how._asdict()).depth, None)
+        )
 
 
 def direction_of(up: Up | None) -> tuple[float, ...] | None:

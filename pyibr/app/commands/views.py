@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.sources import Losses, Source
-from pyibr.app.options import Cleaning, StoredDepth
+from pyibr.app.options import Cleaning, StoredDepth, deviation_of
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
@@ -86,7 +86,8 @@ class DepthReader:
         before = _carried(self._last, camera) if self._last is not None and self._options.steady else None
         with self.naming(shot):
             guide = color if shot.depth_camera is None else None
-            depth, self.invented = ibr.clean_depth(depth, guide, before=before, **how._asdict())
+            told = deviation_of(self._options.noise, camera)
+            depth, self.invented = ibr.clean_depth(depth, guide, before=before, noise=told, **how._asdict())
             if np.isfinite(depth).any():
                 self._last = DepthImage(None, depth, camera)
         return depth
@@ -104,11 +105,8 @@ class DepthReader:
         return ibr.register(depth, shot.depth_camera, shot.camera, noise=self.noise_of(shot))
 
     def noise_of(self, shot: Shot) -> float | None:
-        """The noise of the frame's depth, as `DepthImage` takes it; what is cleaned, or not told, has found its own."""
-        if self._options.noise is None or self._options.clean:
-            return None
-        pixels, baseline = self._options.noise
-        return ibr.disparity_noise(pixels, float((shot.depth_camera or shot.camera).K[0, 0]), baseline)
+        """The noise of the frame's depth, as `DepthImage` takes it; what is left of it by cleaning is found."""
+        return None if self._options.clean else deviation_of(self._options.noise, shot.depth_camera or shot.camera)
 
     def naming(self, shot: Shot) -> AbstractContextManager[None]:
         """Errors name the frame of a recording."""
