@@ -40,6 +40,8 @@ _GOLDEN = 0.6180339887498949
 _OF_MIDDLE = 1.4826 / math.sqrt(6)  # a standard deviation by the middle of 1, -2, 1 times normal noise
 _SHAPE = 2.0  # times as large over two samples as over one: of noise 1, of a curve 4
 _NOISE_MIN = 5e-4  # a part of the nearness: smaller differences may be of a scale's steps, or of shapes
+_ROUNDING = 1e-6  # of the nearness: of single precision, no noise
+_ROUNDS, _CLOSE = 3, 0.02  # of fits, of which each heeds less what is off by more than that in the one before
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
 _ROWS = 5  # times as many lie in the lines that they are taken from
 _APART = 2  # samples between lines, which are none
@@ -48,6 +50,7 @@ _CHOICES = np.array(
 )
 """Which of the three kinds of noise there are: (7, 3) bool, the fewest first."""
 _CHOSEN_PAIRS = _CHOICES[:, :, None] & _CHOICES[:, None, :]
+_OTHERS = np.eye(3) * np.where(_CHOICES, _RIDGE, 1.0)[:, None]
 
 
 class DepthNoise:
@@ -75,6 +78,7 @@ class DepthNoise:
         if self.given is not None:
             return self.given
         at, deviations = _noise_along(self._line, _ENOUGH)
+        deviations[deviations < _ROUNDING * at] = 0.0
         return fitted_noise(1 / at, deviations / at**2)
 
     @cached_property
@@ -207,14 +211,21 @@ def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, fl
     terms = np.empty((number, 3))
     terms[:, 0], terms[:, 1], terms[:, 2] = z * z, z, 1.0
     terms /= in_depth[:, None]
-    # Least squares of each choice of terms, by normal equations in which the others' are the identity's
-    sizes = np.sqrt(np.add.reduce(terms * terms, axis=0))
-    systems = np.where(_CHOSEN_PAIRS, (terms.T @ terms) / (sizes[:, None] * sizes), 0.0)
-    systems.reshape(-1, 9)[:, ::4] = 1.0 + _RIDGE
-    sums = np.where(_CHOICES, np.add.reduce(terms, axis=0) / sizes, 0.0)
-    found = np.where(_CHOICES, np.linalg.solve(systems, sums[:, :, None])[:, :, 0] / sizes, 0.0)
-    off = np.add.reduce(np.abs(found @ terms.T - 1), axis=1).round(6)  # of equally good ones the fewest
-    choices = found.tolist()
+    # Least differences of each choice of terms, by weighted squares: what is far off, as a sky whose noise is cut off
+    # at no nearness, tells nothing. In normal equations the terms that are not of a choice are the identity's.
+    sizes: Float64 = np.sqrt(np.add.reduce(terms * terms, axis=0))
+    scaled = terms / sizes
+    found: Float64 = np.zeros((len(_CHOICES), 3))
+    differences: Float64 = np.zeros((len(_CHOICES), number))
+    for _ in range(_ROUNDS):
+        weights = 1 / np.maximum(differences, _CLOSE)
+        weights /= np.maximum.reduce(weights, axis=1, keepdims=True)
+        systems = (scaled.T @ (weights[:, :, None] * scaled)) * _CHOSEN_PAIRS + _OTHERS
+        sums: Float64 = (weights @ scaled) * _CHOICES
+        found = cast("Float64", np.linalg.solve(systems, sums[:, :, None])[:, :, 0])
+        differences = np.abs(found @ scaled.T - 1)
+    off = np.add.reduce(differences, axis=1).round(6)  # of equally good ones the fewest
+    choices = (found / sizes).tolist()
     ranks = [by if min(choice) >= 0 else math.inf for by, choice in zip(off.tolist(), choices, strict=True)]
     a, b, c = (min(term, _NOISE_MAX) for term in choices[ranks.index(min(ranks))])
     return a, b, c

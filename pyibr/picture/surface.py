@@ -24,6 +24,7 @@ from pyibr.picture.samples import Samples, cut_of, samples_of
 
 _STEEPEST = 8.0  # depth over width: a surface that recedes by less from sample to sample faces the camera
 _SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # mostly there are fewer margins; else they are found once more
+_STEPS = 1.01  # of a scale's steps neighbours may differ: a surface's change by one is rounded
 _DEVIATIONS = 4.0 * math.sqrt(2)  # of a sample's noise, by which neighbours may differ
 
 
@@ -190,7 +191,7 @@ def _noise_between(noise: DepthNoise, perspective: bool, sure: bool = False) -> 
     """
     if sure and not noise.is_random:
         return 0.0, 0.0, 0.0
-    a, b, c = (_DEVIATIONS * each + step for each, step in zip(noise.deviation, noise.steps, strict=True))
+    a, b, c = (_DEVIATIONS * each + _STEPS * step for each, step in zip(noise.deviation, noise.steps, strict=True))
     return (a, b, c) if perspective else (c, -b, a)
 
 

@@ -183,12 +183,12 @@ def test_a_floor_that_recedes_is_one_surface(height, turned):
 
 
 @pytest.mark.parametrize("pixels", [0.1, 0.3])
-@pytest.mark.parametrize("given", [False, True])
-def test_noise_tears_no_floor(pixels, given):
-    """As far as where the disparity's noise is an eighth of it."""
-    truth = floor(1.5, 0.1)
+@pytest.mark.parametrize(("given", "height", "turned"), [(True, 1.5, 0.1), (False, 1.5, 0.1), (False, 0.3, 0.0)])
+def test_noise_tears_no_floor(pixels, given, height, turned):
+    """As far as where the disparity's noise is an eighth of it; the sky's is cut off where it gives no depth."""
+    truth = floor(height, turned)
     deviation = ibr.disparity_noise(pixels, F, F_B / F)
-    near = 1 / truth + np.random.default_rng(0).normal(0, deviation, truth.shape)
+    near = np.nan_to_num(1 / truth) + np.random.default_rng(0).normal(0, deviation, truth.shape)
     with np.errstate(divide="ignore"):
         depth = np.where(near > 0, 1 / near, np.nan)
     view = image(depth, noise=deviation) if given else image(depth)
@@ -196,13 +196,17 @@ def test_noise_tears_no_floor(pixels, given):
     assert share_empty(view, truth, F_B / (8 * pixels)) < 1e-3
 
 
-def test_steps_of_a_scale_tear_no_floor():
-    truth = floor(1.5, 0.1)
-    steps = np.rint(F_B / truth * 8)
+@pytest.mark.parametrize("per_pixel", [4, 8, 16])
+@pytest.mark.parametrize(("height", "turned"), [(0.8, 0.0), (0.8, 0.3), (1.5, 0.1), (1.5, 0.3), (3.0, 0.0), (3.0, 0.3)])
+def test_steps_of_a_scale_tear_no_floor(per_pixel, height, turned):
+    truth = floor(height, turned)
+    steps = np.rint(F_B / truth * per_pixel)
     with np.errstate(divide="ignore"):
-        depth = np.where(steps > 0, 8 * F_B / steps, np.nan)
-    assert image(depth).steps == pytest.approx((1 / (8 * F_B), 0, 0), rel=1e-3)
-    assert share_empty(image(depth), truth, 40.0) == 0
+        depth = np.where(steps > 0, per_pixel * F_B / steps, np.nan)
+    view = image(depth)
+    if any(view.steps):  # else they are found as noise, where a step lies between most neighbours
+        assert view.steps == pytest.approx((1 / (per_pixel * F_B), 0, 0), rel=1e-3)
+    assert share_empty(view, truth, 40.0 * 8 / max(per_pixel, 8)) == 0
 
 
 def before_wall(distance: float, step: float) -> Array:
