@@ -14,6 +14,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import check_pixels
 from pyibr.images.frame import Frame
 from pyibr.opencl.memory import DeviceArray
+from pyibr.opencl.shortage import telling_shortage
 from pyibr.picture.antialiasing import averaged, checked_side, finer
 from pyibr.picture.cube_faces import cube_face_cameras, joined_faces
 from pyibr.picture.target import Target
@@ -33,13 +34,16 @@ class PictureParts:
     ------
     ArgumentError
         If `samples` is none of its choices, or a part has more pixels than pictures may have.
+    OutOfMemoryError
+        If the machine has not the memory for the rays of a lens.
     """
 
     def __init__(self, camera: Camera, samples: int) -> None:
         self._camera, self._side = camera, checked_side(samples)
         check_pixels("camera", camera.size)
         self._fine = finer(camera, self._side)
-        self._cameras = cube_face_cameras(self._fine)
+        with telling_shortage("this machine"):
+            self._cameras = cube_face_cameras(self._fine)
         for part in self._cameras:
             check_pixels("camera", part.size)
 

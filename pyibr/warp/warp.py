@@ -16,6 +16,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import origins_in_lens
 from pyibr.images import DepthImage, Frame
 from pyibr.opencl.device import one_call
+from pyibr.opencl.shortage import telling_shortage
 from pyibr.picture.bands import Begin, frames_in_memory
 from pyibr.picture.picture import PictureParts
 from pyibr.picture.target import Target
@@ -130,7 +131,9 @@ def warp(
             raise ArgumentError(name, "False with several samples a pixel, which may differ", "True")
     asked["origins"] |= asked["classes"]
     outs = _checked_out(out, camera, cameras, thing.views)
-    for view in thing.sources:
+    with telling_shortage("this machine"):
+        sources = thing.sources
+    for view in sources:
         check_pixels("views", view.camera.size)
 
     def draw(target: Target) -> None:
@@ -145,8 +148,9 @@ def warp(
 
     with one_call() as session:
         made = frames_in_memory(session, cameras, outs, begin, in_bands=thing.fill is None)
-    for frame in made:
-        _through_lenses(frame, thing.views)
+    with telling_shortage("this machine"):
+        for frame in made:
+            _through_lenses(frame, thing.views)
     _tell_empty(made, isinstance(camera, Camera))
     return made[0] if isinstance(camera, Camera) else made
 

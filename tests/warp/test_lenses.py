@@ -215,6 +215,21 @@ def test_what_was_seen_stays_as_it_was_seen_where_holes_are_filled(samples, lens
     assert filled.mean() > 0.01
 
 
+@pytest.mark.parametrize("seen_by", ["source", "target"])
+def test_lenses_whose_rays_find_no_memory_say_so(monkeypatch, seen_by):
+    def refuse(*_: object, **__: object) -> None:
+        raise MemoryError("Unable to allocate 488 MiB")
+
+    view = scenes.smooth((23, 17))
+    lens = ibr.Camera(view.camera.K, (23, 17), lens=LENSES["fisheye"])
+    monkeypatch.setattr("pyibr.core.undistortion._rays", refuse)
+    with pytest.raises(ibr.OutOfMemoryError, match=r"not enough memory on .*488 MiB"):
+        if seen_by == "source":
+            ibr.warp(ibr.DepthImage(view.color, view.depth, lens), view.camera)
+        else:
+            ibr.warp(view, lens)
+
+
 def test_float_colors_through_lenses():
     view = with_lens(scenes.smooth(SOURCE), "barrel")
     in_float = ibr.DepthImage((view.color / np.float32(255)).astype(np.float32), view.depth, view.camera)
