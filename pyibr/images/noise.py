@@ -26,7 +26,9 @@ _PLACES = 16  # depths at which a function of noise is looked at
 
 _RANGES, _SAMPLES_MIN = 12, 50  # noise is looked up for as many ranges of depth, each from so many samples at least
 _SAMPLES_MAX = 80_000  # samples that are looked at: medians of more are no surer
-_LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
+_LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps, if
+_OF_STAIRS = 0.02  # such a part of the samples is level to one side alone,
+_OFF_MULTIPLE, _FEW = 0.1, 0.04  # or values lie several steps apart, but for few; else rows have a depth each
 _STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
 _ENOUGH = 10 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together: noise is found to 2 % then
 _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
@@ -40,7 +42,7 @@ _GOLDEN = 0.6180339887498949
 _OF_MIDDLE = 1.4826 / math.sqrt(6)  # a standard deviation by the middle of 1, -2, 1 times normal noise
 _SHAPE = 2.0  # times as large over two samples as over one: of noise 1, of a curve 4
 _NOISE_MIN = 5e-4  # a part of the nearness: smaller differences may be of a scale's steps, or of shapes
-_ROUNDING = 1e-6  # of the nearness: of single precision, no noise
+_ROUNDING = 2e-7  # of the nearness: of single precision, no noise
 _ROUNDS, _CLOSE = 3, 0.02  # of fits, of which each heeds less what is off by more than that in the one before
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
 _ROWS = 5  # times as many lie in the lines that they are taken from
@@ -146,10 +148,13 @@ def _line_of(depth: Depth, far: float, count_max: int) -> Nearness:
 
 def _noise_along(line: Nearness, count_max: int) -> tuple[Float64, Float64]:
     """Noise of a line, as `noise_by_nearness` returns it."""
-    all_places, changes = _changes(line, 1, count_max)
+    starts, all_places, changes = _changes(line, 1, count_max)
+    steps_between = np.array(1)
     if len(all_places) < min(10 * _RANGES * _SAMPLES_MIN, count_max):
         more = _changes(line, 2, count_max)
-        all_places, changes = np.concatenate([all_places, more[0]]), np.concatenate([changes, more[1]])
+        steps_between = np.repeat([1, 2], [len(all_places), len(more[0])])
+        starts = np.concatenate([starts, more[0]])
+        all_places, changes = np.concatenate([all_places, more[1]]), np.concatenate([changes, more[2]])
     count = len(all_places)
     if count < _SAMPLES_MIN:
         return np.empty(0), np.empty(0)
@@ -162,30 +167,47 @@ def _noise_along(line: Nearness, count_max: int) -> tuple[Float64, Float64]:
     changes_of_some = np.add.reduce(some[:, 1:] != some[:, :-1], axis=1)
     for part in (changes_of_some < each / _OF_LEVEL).nonzero()[0]:
         steps = np.diff(place[part])
-        steps = np.sort(steps[steps > 0])
-        levels = 1 + len(steps)
-        if levels >= _LEVELS and each >= _OF_LEVEL * levels:
-            step = float(steps[-(levels // 2)])  # the middle one
-            middles[part] = max(middles[part], 0.5 * step if step < _STEP_MAX * place[part, 0] else 0.0)
+        at = steps.nonzero()[0]
+        levels = 1 + len(at)
+        if levels < _LEVELS or each < _OF_LEVEL * levels:
+            continue
+        start, between = starts[order[part]], np.broadcast_to(steps_between, count)[order[part]]
+        stairs = (line[start] == place[part]) != (line[start + 2 * between] == place[part])
+        if np.count_nonzero(stairs) < _OF_STAIRS * each and not _are_multiples(steps[at], place[part, at]):
+            continue
+        step = float(np.sort(steps[at])[-(levels // 2)])  # the middle one
+        middles[part] = max(middles[part], 0.5 * step if step < _STEP_MAX * place[part, 0] else 0.0)
     return place[:, each // 2].astype(np.float64), middles
+
+
+def _are_multiples(steps: Nearness, place: Nearness) -> bool:
+    """Tell whether steps of nearness, or those of depth that they are, are one and several times the same."""
+    with np.errstate(all="ignore"):  # of the nearest and the farthest depths that float32 holds
+        several = [steps, steps / (place * place)]
+        several = [each / each.min() for each in several]
+    for times in several:
+        off = np.abs(times - np.rint(times)) > _OFF_MULTIPLE
+        if np.count_nonzero(off) <= _FEW * len(off) and np.count_nonzero(times > 1.5) > _FEW * len(off):
+            return True
+    return False
 
 
 def _typical_change(line: Nearness, step: int) -> float:
     """The middle second difference of nearness along a line, as a part of it; 0 if too few samples are known."""
-    place, change = _changes(line, step, _ENOUGH)
+    _, place, change = _changes(line, step, _ENOUGH)
     with np.errstate(over="ignore"):  # of nearness that float32 hardly holds
         return float(np.median(change / place)) if len(place) >= _SAMPLES_MIN else 0.0
 
 
-def _changes(line: Nearness, step: int, count_max: int) -> tuple[Nearness, Nearness]:
-    """The nearness of a line, and its second difference along it; of some `count_max` samples."""
+def _changes(line: Nearness, step: int, count_max: int) -> tuple[NDArray[np.intp], Nearness, Nearness]:
+    """Of some `count_max` samples: places of those before them, nearness, and its second difference along the line."""
     here = line[step:-step]
     with np.errstate(over="ignore", invalid="ignore"):
         change = np.abs(line[: -2 * step] - 2 * here + line[2 * step :])
     known = np.isfinite(change).nonzero()[0]
     if len(known) > count_max:
         known = known[_spread(count_max, len(known))]
-    return here[known], change[known]
+    return known, here[known], change[known]
 
 
 @functools.lru_cache(maxsize=8)

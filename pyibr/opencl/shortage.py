@@ -3,8 +3,20 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Generator
+from contextlib import contextmanager
 
 from pyibr.core.errors import Error, OutOfMemoryError
+
+
+@contextmanager
+def telling_shortage(device: object) -> Generator[None, None, None]:
+    """Within, memory that is short is told by `tell_shortage`."""
+    try:
+        yield
+    except Exception as error:
+        tell_shortage(error, device)
+        raise
 
 
 def tell_shortage(error: Exception, device: object, needed: str | None = None) -> None:

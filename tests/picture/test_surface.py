@@ -197,7 +197,9 @@ def test_noise_tears_no_floor(pixels, given, height, turned):
 
 
 @pytest.mark.parametrize("per_pixel", [4, 8, 16])
-@pytest.mark.parametrize(("height", "turned"), [(0.8, 0.0), (0.8, 0.3), (1.5, 0.1), (1.5, 0.3), (3.0, 0.0), (3.0, 0.3)])
+@pytest.mark.parametrize(
+    ("height", "turned"), [(0.3, 0.0), (0.8, 0.0), (0.8, 0.3), (1.5, 0.1), (1.5, 0.3), (3.0, 0.0), (3.0, 0.3)]
+)
 def test_steps_of_a_scale_tear_no_floor(per_pixel, height, turned):
     truth = floor(height, turned)
     steps = np.rint(F_B / truth * per_pixel)
@@ -221,6 +223,16 @@ def test_a_box_before_a_wall_is_torn_off(distance, step):
     moved = 0.2 * distance * F / (distance - step) - 0.2 * F  # pixels that the box has moved against the wall
     empty = ~frame.valid[200:280, 60:380]
     np.testing.assert_allclose(empty.sum(axis=1), moved, atol=1)  # whole pixels
+
+
+@pytest.mark.parametrize("height", [0.3, 1.5])
+def test_a_level_cameras_floor_is_no_coarse_scale(height):
+    """Its rows have a depth each: they do not glue a box to the wall behind it."""
+    depth = np.minimum(np.nan_to_num(floor(height), nan=np.inf), 10.0)
+    depth[60:220, 240:400] = 9.7
+    view = image(depth)
+    assert view.noise == (0, 0, 0)
+    assert edges_of(view).right[60:220, [239, 399]].all()
 
 
 @pytest.mark.parametrize("pixels", [0.1, 0.3])
