@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import pyibr as ibr
-from pyibr.app.cli import app
 from pyibr.capture import capture, models, object_views
 from pyibr.capture.frusta import Frustum, Stroke, save_frusta
+from tests.app import commands
 
-runner = CliRunner()
-
-
-def run(*words: object):
-    return runner.invoke(app, ["capture", *(str(word) for word in words)])
+run = partial(commands.run, "capture")
 
 
 @pytest.fixture

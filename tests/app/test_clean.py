@@ -6,15 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import pyibr as ibr
-from pyibr.app.cli import app
 from pyibr.io.depth_frames import DepthFrames
-from tests.app.test_cli import assert_one_line
-from tests.app.test_recordings import COUNT, SCALE, Recorded, succeeded
-
-runner = CliRunner()
+from tests.app.commands import assert_one_line, places, run, succeeded
+from tests.app.recorded import COUNT, SCALE, Recorded
 
 
 class Delivered(Recorded):
@@ -22,9 +18,8 @@ class Delivered(Recorded):
 
     def clean(self, *words: object, output: object = "new.npy", scale: object = SCALE):
         """Words that name a file of the folder are its paths."""
-        places = [str(self.folder / str(word)) if (self.folder / str(word)).exists() else str(word) for word in words]
         given = [*(["--depth-scale", scale] if scale else []), "-o", self.folder / str(output)]
-        return runner.invoke(app, ["clean", *places, *map(str, given)])
+        return run("clean", *places(self.folder, words), *given)
 
     def stored(self, number: int) -> np.ndarray:
         return ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE)

@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app import cli
-from pyibr.app.cli import app
 from pyibr.app.commands.compare import compare
 from pyibr.images import metrics
-
-runner = CliRunner()
+from tests.app.commands import places, run
 
 COUNT, HEIGHT, WIDTH = 3, 24, 32
 
@@ -44,8 +41,7 @@ class Pairs:
         self.mask = mask
 
     def run(self, *words: object):
-        places = [str(self.folder / str(word)) if (self.folder / str(word)).exists() else str(word) for word in words]
-        return runner.invoke(app, ["compare", *places])
+        return run("compare", *places(self.folder, words))
 
     def figures(self, *words: object) -> dict[str, Any]:
         result = self.run(*words, "--json")
@@ -194,5 +190,5 @@ def test_examples_of_the_help_run(pairs: Pairs, example: str, monkeypatch: pytes
         ibr.write_video(f"{name}.mp4", colors, 30)
         counts = [ibr.uint16_from_depth(depth, 1000) for depth in depths]
         ibr.write_video("depth.mkv" if name == "truth" else "new_depth.mkv", counts, 30, bits=16)
-    result = runner.invoke(cli.app, ["compare", *example.split()])
+    result = run("compare", *example.split())
     assert result.exit_code == 0, result.output

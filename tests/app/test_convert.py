@@ -7,19 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app import cli
-from pyibr.app.cli import app
 from pyibr.app.commands.convert import convert as command
 from pyibr.io import read_cameras
 from pyibr.io.depth_frames import DepthFrames
-from tests.app.test_recordings import Recorded
+from tests.app.commands import run
+from tests.app.recorded import Recorded
 from tests.data import shared
 from tests.io.layouts import SPECIMENS
-
-runner = CliRunner()
 
 SIZE = (61, 37)
 CAMERA = ibr.Camera([[50, 0, 30], [0, 51, 18], [0, 0, 1]], SIZE)
@@ -38,11 +35,11 @@ def folder(tmp_path: Path) -> Path:
 
 def convert(folder: Path, *words: object, status: int = 0) -> str:
     """Words that name a file of the folder, or come after -o, are its paths."""
-    places = [
+    named = [
         str(folder / str(word)) if (folder / str(word)).exists() or before == "-o" else str(word)
         for before, word in zip(("", *words), words, strict=False)
     ]
-    result = runner.invoke(app, ["convert", *places])
+    result = run("convert", *named)
     assert result.exit_code == status and "Traceback" not in result.output, result.output
     return result.stdout if status == 0 else result.stderr.strip().splitlines()[-1]
 
@@ -196,7 +193,7 @@ def test_examples_of_the_help_run(folder: Path, example: str, monkeypatch: pytes
         pytest.importorskip("av", reason="needs PyAV, of the extra video")
         pytest.importorskip("OpenEXR", reason="needs OpenEXR, of the extra exr")
         ibr.write_video("depth.mkv", [counts, counts], 30, bits=16)
-    result = runner.invoke(cli.app, ["convert", *example.split()])
+    result = run("convert", *example.split())
     assert result.exit_code == 0, result.output
 
 

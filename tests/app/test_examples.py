@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app import cli
 from pyibr.app.batch.work import COMMANDS
 from pyibr.capture import models, object_views
 from pyibr.capture.frusta import Frustum, save_frusta, save_set
+from tests.app.commands import run
 from tests.test_docs import BLOCK, ROOT
 
 SIZE = (46, 34)
@@ -89,5 +89,5 @@ def test_each_command_that_writes_files_runs_in_batches():
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_an_example_runs(folder: Path, monkeypatch: pytest.MonkeyPatch, example: str):
     monkeypatch.chdir(folder)
-    result = CliRunner().invoke(cli.app, shlex.split(example))
+    result = run(*shlex.split(example))
     assert result.exit_code == 0, result.output

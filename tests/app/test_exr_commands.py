@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import pyibr as ibr
-from pyibr.app.cli import app
+from tests.app import commands
 
 exr = pytest.importorskip("OpenEXR")
 
@@ -26,12 +25,12 @@ def run(tmp_path: Path):
     exr.File({"compression": exr.ZIP_COMPRESSION}, channels).write(str(tmp_path / "v.exr"))
     ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], SIZE).save(tmp_path / "c.json")
 
-    def runner(output: str, *words: str, command: tuple[str, ...] = ("warp", "--move", "0", "0", "0")):
-        files = [str(tmp_path / name) for name in ("v.exr", "v.exr", "c.json", output)]
-        arguments = [command[0], *files[:2], "--camera", files[2], "-o", files[3], *command[1:], *words]
-        return CliRunner().invoke(app, arguments), tmp_path / output
+    def ran(output: str, *words: str, command: tuple[str, ...] = ("warp", "--move", "0", "0", "0")):
+        files = [tmp_path / name for name in ("v.exr", "v.exr", "c.json", output)]
+        arguments = [*files[:2], "--camera", files[2], "-o", files[3], *command[1:], *words]
+        return commands.run(command[0], *arguments), tmp_path / output
 
-    return runner
+    return ran
 
 
 @pytest.mark.parametrize(("stops", "half", "clipped"), [("0", 188, True), ("-2", 99, False)])

@@ -10,19 +10,16 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
 import pyibr as ibr
-from pyibr.app.cli import app
 from pyibr.app.live.pages import Pages
 from pyibr.capture import models
 from pyibr.capture.coverage import surface_of, unseen_share
 from pyibr.capture.frusta import load_frusta, save_frusta
 from pyibr.io import write_relief_map
-from tests.app.test_cli import assert_one_line
+from tests.app import commands
+from tests.app.commands import assert_one_line, places
 from tests.io.layouts import SPECIMENS
-
-runner = CliRunner()
 
 
 @pytest.fixture
@@ -60,7 +57,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list:
 
 
 def run(folder: Path, *words: object):
-    return runner.invoke(app, [str(folder / word) if (folder / str(word)).exists() else str(word) for word in words])
+    return commands.run(*places(folder, words))
 
 
 def test_each_kind_of_thing_is_shown(folder, seen):

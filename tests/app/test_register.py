@@ -8,17 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import pyibr as ibr
-from pyibr.app.cli import app
 from pyibr.app.commands.cameras import depth_camera_in
 from pyibr.io.video import Video
 from pyibr.io.video_writing import VideoWriter
-from tests.app.test_recordings import COUNT, SCALE, SIZE, Recorded, assert_one_line, succeeded
+from tests.app.commands import assert_one_line, places, run, succeeded
+from tests.app.recorded import COUNT, SCALE, SIZE, Recorded
 
 COLORS = ibr.Camera([[60, 0, 34], [0, 60, 22], [0, 0, 1]], (72, 44)).moved(0.05, 0.01, 0)
-runner = CliRunner()
 
 
 class Pair(Recorded):
@@ -34,10 +32,9 @@ class Pair(Recorded):
             ibr.write_color(folder / f"rgb/{number}.png", picture)
 
     def register(self, *words: object, output: str = "new.png", color_camera: str = "colors.json"):
-        places = [str(self.folder / str(word)) if (self.folder / str(word)).exists() else str(word) for word in words]
         cameras = ["--depth-camera", f"{self.folder}/camera.json", "--color-camera", f"{self.folder}/{color_camera}"]
         ends = ["--depth-scale", str(SCALE), "-o", str(self.folder / output)]
-        return runner.invoke(app, ["register", *places, *cameras, *ends])
+        return run("register", *places(self.folder, words), *cameras, *ends)
 
     def depth(self, number: int) -> np.ndarray:
         return ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE)

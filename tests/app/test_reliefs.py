@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import pyibr as ibr
-from pyibr.app.cli import app
+from tests.app import commands
 
-runner = CliRunner()
 CAMERA = ibr.Camera.look_at((0.5, -0.6, 1.4), (0.5, 0.5, 0), (0, 0, 1), (41, 33), fov_y=50)
 
 
@@ -31,8 +29,7 @@ def folder(tmp_path: Path) -> Path:
 
 def run(folder: Path, command: str, *words: object, output: str = "new.png"):
     """Words that name a file of the folder are its paths."""
-    places = [str(folder / str(word)) if (folder / str(word)).exists() else str(word) for word in words]
-    return runner.invoke(app, [command, *places, "-o", str(folder / output)])
+    return commands.run(command, *commands.places(folder, words), "-o", folder / output)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app import cli
@@ -16,13 +15,10 @@ from pyibr.app.view.paths import CameraPath
 from pyibr.capture import models
 from pyibr.capture.rigs import framed
 from pyibr.capture.stereo import depth_range_of
-from tests.app.test_cli import Scene, assert_one_line, scene
-from tests.app.test_recordings import COUNT, SCALE, Recorded
-from tests.app.test_recordings import SIZE as RECORDED
-
-__all__ = ["scene"]
-
-runner = CliRunner()
+from tests.app.commands import assert_one_line, run
+from tests.app.plane import Scene
+from tests.app.recorded import COUNT, SCALE, Recorded
+from tests.app.recorded import SIZE as RECORDED
 
 
 def test_a_picture_is_that_of_the_library(scene: Scene):
@@ -67,7 +63,7 @@ def test_a_film_has_one_range_of_depth(tmp_path: Path):
         "-o",
         tmp_path / "new.mkv",
     ]
-    result = runner.invoke(cli.app, [str(word) for word in ("stereo", tmp_path / "rgb", tmp_path / "depth", *words)])
+    result = run("stereo", tmp_path / "rgb", tmp_path / "depth", *words)
     assert result.exit_code == 0, result.output
     assert "1 of 4 pictures are empty" in result.stderr
     frames, views = list(ibr.Video(tmp_path / "new.mkv")), made.views()[1:]
@@ -123,7 +119,7 @@ def test_a_mesh_without_colours_is_lit(tmp_path: Path):
     ridge = [[-1, 1, -1], [1, 1, -1], [-1, -1, 0], [1, -1, 0], [-1, 1, 1], [1, 1, 1]]
     ibr.Mesh(ridge, [[0, 1, 2], [3, 2, 1], [2, 3, 4], [5, 4, 3]]).save(tmp_path / "roof.ply")
     words = ["orbit", tmp_path / "roof.ply", "--frames", 2, "--size", 40, 30, "--up", "-y", "-o", tmp_path / "a.png"]
-    assert runner.invoke(cli.app, [str(word) for word in words]).exit_code == 0
+    assert run(*words).exit_code == 0
     for number in range(2):
         color = ibr.read_color(tmp_path / f"a_{number:04d}.png")[..., 0]
         assert color.max() > 2 * 0.3 * 200
@@ -138,5 +134,5 @@ def test_examples_of_help_run(command: str, scene: Scene, monkeypatch: pytest.Mo
         ibr.write_depth(f"depth/{number}.png", scene.depth[:36, :60], depth_scale=1000)
     models.donut(8).save("dragon.ply")
     for use in next(uses for made, uses in cli._EXAMPLES.items() if made.__name__ == command):
-        result = runner.invoke(cli.app, [command, *shlex.split(use)])
+        result = run(command, *shlex.split(use))
         assert result.exit_code == 0, result.output

@@ -7,18 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
 import pyibr as ibr
-from pyibr.app.cli import app
 from pyibr.capture import models, object_views
-from tests.app.test_cli import assert_one_line
-
-runner = CliRunner()
-
-
-def run(*words: object):
-    return runner.invoke(app, [str(word) for word in words])
+from tests.app.commands import assert_one_line, run
 
 
 @pytest.fixture(scope="module")

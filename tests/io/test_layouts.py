@@ -22,7 +22,8 @@ import pyibr as ibr
 from pyibr.io.layouts import LAYOUTS, recording_in
 from pyibr.io.recordings import are_placed, cameras_of, shots_of
 from tests.io.damages import damaged, quick_folder
-from tests.io.layouts import GL, NORMAL, OFFSET, SPECIMENS
+from tests.io.layouts import SPECIMENS
+from tests.io.layouts.wall import GL, NORMAL, OFFSET
 
 PICTURES = (".png", ".jpg", ".ppm", ".pgm")  # whose readers are damaged elsewhere
 

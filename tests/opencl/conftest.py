@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pyibr.opencl import cache, headers, probe
+from pyibr.opencl import cache, device, headers, probe
 from pyibr.opencl.device import current
 
 
@@ -22,6 +22,17 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.F
     monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("PYIBR_BINARIES", "now")
     return tmp_path / "cache"
+
+
+@pytest.fixture
+def nothing_open(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """As in a process that has opened no device yet."""
+    device._default_session.cache_clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(device, "_sessions", {})
+        patch.setattr(device, "_failed_here", {})
+        yield
+    device._default_session.cache_clear()
 
 
 @pytest.fixture

@@ -1,0 +1,35 @@
+"""Commands run in this process, and what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from typer.testing import CliRunner, Result
+
+from pyibr.app.cli import app
+
+
+def run(*words: object, **how: Any) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in words], **how)
+
+
+def places(folder: Path, words: Iterable[object]) -> list[str]:
+    """Words, of which those that name a file of the folder are its paths."""
+    return [str(folder / str(word)) if (folder / str(word)).exists() else str(word) for word in words]
+
+
+def succeeded(result: Result) -> str:
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def assert_one_line(result: Result, *words: str, progress: str | None = None) -> None:
+    """A mistake is told in one line, below nothing but a bar of that name."""
+    assert result.exit_code == 2, result.output
+    *above, line = result.stderr.strip().splitlines()
+    assert line.startswith("pyibr: "), result.stderr
+    assert not above or (progress is not None and all(progress in one for one in above)), result.stderr
+    for word in words:
+        assert word in line, result.stderr

@@ -1,0 +1,55 @@
+"""A recording of a few frames in files, for tests of commands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import pyibr as ibr
+from tests.app.commands import places, run
+
+SIZE = (62, 38)
+COUNT = 4
+SCALE = 1000
+
+
+class Recorded:
+    """A wall and a box before it, in files: a camera that goes to the right by 2 cm a frame."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.base = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], SIZE)
+        self.cameras = [self.base.moved(0.02 * number, 0, 0) for number in range(COUNT)]
+        rng = np.random.default_rng(0)
+        self.colors = [rng.integers(0, 256, (*SIZE[::-1], 3), dtype=np.uint8) for _ in range(COUNT)]
+        self.depths: list[np.ndarray] = []
+        for number in range(COUNT):
+            depth = np.full(SIZE[::-1], 2, np.float32) + rng.integers(-9, 10, SIZE[::-1]).astype(np.float32) / SCALE
+            depth[10:25, 20 - number : 40 - number] = 1
+            depth[rng.random(depth.shape) < 0.05] = np.nan
+            self.depths.append(depth)
+            ibr.write_color(folder / f"rgb/{number}.png", self.colors[number])
+            ibr.write_depth(folder / f"depth/{number}.png", depth, depth_scale=SCALE)
+            self.cameras[number].save(folder / f"cameras/{number}.json")
+        self.base.save(folder / "camera.json")
+        rows = [" ".join(map(str, camera.world_from_camera[:3].ravel())) for camera in self.cameras]
+        (folder / "poses.txt").write_text("\n".join(rows))
+
+    def views(self) -> list[ibr.DepthImage]:
+        read = [ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE) for number in range(COUNT)]
+        return [ibr.DepthImage(*frame) for frame in zip(self.colors, read, self.cameras, strict=True)]
+
+    def views_but(self, lost: int) -> list[ibr.DepthImage]:
+        """The views of the frames that can be read."""
+        read = [number for number in range(COUNT) if number != lost]
+        depths = [ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE) for number in read]
+        return [ibr.DepthImage(self.colors[k], z, self.cameras[k]) for k, z in zip(read, depths, strict=True)]
+
+    def run(self, *words: object, camera: object = "camera.json", output: object = "new.png"):
+        """Words that name a file of the folder are its paths."""
+        where = ["--camera", self.folder / str(camera)] if camera else []
+        return run("warp", *places(self.folder, words), *where, "--depth-scale", SCALE, "-o", self.folder / str(output))
+
+    def new(self, number: int) -> np.ndarray:
+        return ibr.read_color(self.folder / f"new_{number:04d}.png")

@@ -1,0 +1,143 @@
+"""Cameras of photos and files, depth of other kinds and sizes, and scales, as commands take them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import pyibr as ibr
+from tests.app.commands import assert_one_line, run
+from tests.app.plane import SIZE, Scene
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("clean", [(), ("--clean",)])
+def test_depth_of_another_size_wants_its_own_camera(scene: Scene, clean: tuple[str, ...]):
+    """As phones deliver it: depth of fewer samples than the picture has pixels, of the same view."""
+    ibr.write_depth(scene.folder / "small.npy", np.full((19, 31), 2, np.float32))
+    words = ("--move", "0.2", "0", "0", "-o", scene.folder / "new.png", *clean)
+    result = scene.run(*words, depth="small.npy", scale=None)
+    assert_one_line(result, "depth: expected 61x37 samples", "--depth-camera with its own camera", "got 31x19")
+    scene.camera.resized((31, 19)).save(scene.folder / "small.json")
+    result = scene.run(*words, "--depth-camera", scene.folder / "small.json", depth="small.npy", scale=None)
+    assert result.exit_code == 0, result.output
+    new = ibr.read_color(scene.folder / "new.png").astype(int)
+    # The plane is known 30 and 18 of the small depth's pixels wide and high: of its picture, all but the margins.
+    assert (np.abs(new[2:-2, 2:-8] - scene.color[2:-2, 7:-3]) <= 1).all()
+
+
+@pytest.mark.parametrize("kind", ["distance", "inverse"])
+def test_depth_may_be_stored_in_other_kinds(scene: Scene, kind: str):
+    """The same picture, and depth out as it came in."""
+    move, new, out = ("--move", "0.2", "0", "0.1"), scene.folder / "new.png", scene.folder / "out.npy"
+    assert scene.run(*move, "-o", new, "--depth-out", out).exit_code == 0
+    expected, depth = ibr.read_color(new), ibr.read_depth(out, depth_scale=1000)
+    target = scene.camera.moved(0.2, 0, 0.1)
+    ibr.write_depth(scene.folder / "other.npy", scene.depth, depth_scale=1000, depth_kind=kind, camera=scene.camera)
+    result = scene.run(*move, "-o", new, "--depth-out", out, "--depth-kind", kind, depth="other.npy")
+    assert result.exit_code == 0, result.output
+    assert (np.abs(ibr.read_color(new).astype(int) - expected) <= 1).all()
+    np.testing.assert_allclose(ibr.read_depth(out, depth_scale=1000, depth_kind=kind, camera=target), depth, rtol=1e-5)
+    mesh = scene.folder / "new.ply"
+    words = ("--max-error", "0.001", "-o", mesh, "--depth-kind", kind)
+    assert scene.run(*words, depth="other.npy", command="mesh").exit_code == 0
+    np.testing.assert_allclose(ibr.Mesh.load(mesh).vertices[:, 2], 2, rtol=1e-5)
+    words = ("--depth-camera", scene.folder / "camera.json", "--color-camera", scene.folder / "camera.json", "-o", out)
+    words = ("register", scene.folder / "other.npy", "--depth-scale", 1000, "--depth-kind", kind, *words)
+    assert run(*words).exit_code == 0
+    np.testing.assert_allclose(ibr.read_depth(out), ibr.read_depth(scene.folder / "other.npy"), rtol=1e-5)
+
+
+def test_cameras_of_files_have_their_lenses(scene: Scene):
+    lens = ibr.Lens("brown_conrady", [-0.2, 0.05, 0, 0])
+    ibr.Camera(scene.camera.K, SIZE, lens=lens).save(scene.folder / "bent.json")
+    new, depth = scene.folder / "new.png", scene.folder / "depth_new.npy"
+    result = scene.run("--move", "0.2", "0", "0.1", "-o", new, "--depth-out", depth, camera="bent.json")
+    assert result.exit_code == 0, result.output
+    view = ibr.DepthImage(scene.color, scene.depth, ibr.Camera.load(scene.folder / "bent.json"))
+    frame = ibr.warp(view, view.camera.moved(0.2, 0, 0.1))
+    np.testing.assert_array_equal(ibr.read_color(new), frame.color)
+    np.testing.assert_allclose(ibr.read_depth(depth, depth_scale=1000)[frame.valid], 1.9, rtol=1e-6)
+    result = scene.run("--to", scene.folder / "camera.json", "-o", new, camera="bent.json")
+    assert result.exit_code == 0, result.output
+    result = scene.run("--max-error", "0.01", "-o", scene.folder / "new.ply", camera="bent.json", command="mesh")
+    assert result.exit_code == 0, result.output
+
+
+def test_a_photo_without_a_camera_gets_one_that_is_told(scene, tmp_path):
+    words = ["warp", scene.folder / "color.png", scene.folder / "depth.npy", "--move", 0.2, 0, 0, "-o"]
+    photo = tmp_path / "photo.jpg"
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 26
+    Image.fromarray(scene.color).save(photo, exif=exif)
+    of_plane = tmp_path / "plane.jpg"
+    exif = Image.Exif()  # 4 mm on a sensor of 100 pixels a millimetre, of which a half was left
+    exif.get_ifd(0x8769).update({0x920A: 4.0, 0xA20E: 1000.0, 0xA210: 3, 0xA002: 2 * SIZE[0]})
+    Image.fromarray(scene.color).save(of_plane, exif=exif)
+    cases = (
+        ([], ibr.Camera.from_fov(SIZE, fov_x=60), "taken to be 60 degrees across; --camera, --fov or --focal-35mm"),
+        (["--fov", 90], ibr.Camera.from_fov(SIZE, fov_x=90), ""),
+        (["--focal-35mm", 50], ibr.Camera.from_fov(SIZE, focal_35mm=50), ""),
+        ([photo], ibr.Camera.from_fov(SIZE, focal_35mm=26), "its EXIF data tell of a lens of 26 mm"),
+        ([of_plane], ibr.Camera([[200, 0, 30], [0, 200, 18], [0, 0, 1]], SIZE), "its EXIF data tell of a lens of"),
+    )
+    for given, camera, told in cases:
+        pictures = [word for word in given if isinstance(word, Path)]
+        options = [word for word in given if not isinstance(word, Path)]
+        new = tmp_path / "new.npy"
+        line = [words[0], *(pictures or words[1:2]), *words[2:], tmp_path / "new.png", "--depth-out", new, *options]
+        result = run(*line)
+        assert result.exit_code == 0, result.output
+        assert told in result.stderr and (told or not result.stderr)
+        expected = ibr.warp(ibr.DepthImage(None, scene.depth, camera), camera.moved(0.2, 0, 0)).depth
+        np.testing.assert_allclose(ibr.read_depth(new), expected, rtol=1e-5)  # float32's rounding of the focal length
+    result = scene.run("--fov", 50, "--move", 0, 0, 0, "-o", tmp_path / "new.png")
+    assert_one_line(result, "--fov: expected none beside --camera")
+
+
+def test_relative_depth_is_sharpened_and_lies_between_near_and_far(scene, tmp_path):
+    x = np.arange(SIZE[0])
+    level = np.tile(np.interp(x, [27, 33], [200, 20]), (SIZE[1], 1))
+    new = tmp_path / "new.npy"
+    for values, suffix in ((level.astype(np.uint8), "png"), ((257 * level).astype(np.uint16), "png"), (level, "npy")):
+        file = tmp_path / f"level.{suffix}"
+        np.save(file, values) if suffix == "npy" else Image.fromarray(values).save(file)
+        line = ["--depth-is", "relative", "--near", 2, "--move", 0, 0, 0, "-o", tmp_path / "n.png", "--depth-out", new]
+        result = scene.run(*line, "--far", 8, depth=file, scale=None)
+        assert result.exit_code == 0, result.output
+        assert "depth from 2 to 8" in result.stdout
+        depth = ibr.read_depth(new)
+        assert set(np.unique(depth.round(3))) == {2, 8}  # no ramp is left
+        result = scene.run(*line, "--no-sharpen", depth=file, scale=None)
+        assert "depth from 2 to 10" in result.stdout and len(np.unique(ibr.read_depth(new).round(3))) > 4
+
+
+def test_what_is_out_of_scale_is_told(scene, tmp_path):
+    for move, is_told in ((1e-3, True), (0.1, False), (21, True)):
+        result = scene.run("--move", move, 0, 0, "-o", tmp_path / "n.png")
+        assert (result.exit_code == 0 and "depth from 2 to 2" in result.stdout) or move > 20
+        assert ("--move: by" in result.stderr) == is_told
+    scene.camera.resized((122, 74)).save(tmp_path / "large.json")
+    result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / "n.png", camera="large.json")
+    assert_one_line(result, "--camera: expected that of 61x37 pixels", "Camera.resized", "one of 122x74")
+
+
+def test_warnings_are_told_in_a_line(scene, tmp_path):
+    (tmp_path / "K.txt").write_text("30 0 50\n0 18 50\n0 0 1\n")
+    result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / "n.png", camera="K.txt")
+    assert "pyibr: K: fx, fy = 30, 18 and cx, cy = 50, 50 look exchanged" in result.stderr
+    assert "Warning" not in result.stderr
+
+
+def test_a_camera_of_a_file_is_named_behind_it(scene, tmp_path):
+    data = {"left": scene.camera.to_json(), "right": scene.camera.moved(0.1, 0, 0).to_json()}
+    (tmp_path / "rig.json").write_text(json.dumps(data))
+    for name in ("left", "right"):
+        result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / f"{name}.png", camera=f"rig.json#{name}")
+        assert result.exit_code == 0, result.output
+    result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / "n.png", camera="rig.json")
+    assert_one_line(result, "expected one camera, as ", "rig.json#NAME; got left, right")

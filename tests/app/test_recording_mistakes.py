@@ -1,0 +1,228 @@
+"""Recordings that lack or break something: what is left out and told, what is refused, and what is never lost."""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.io.video_writing import VideoWriter
+from tests.app.commands import assert_one_line, succeeded
+from tests.app.recorded import COUNT, SCALE, SIZE, Recorded
+
+assert_refused = partial(assert_one_line, progress="Warping")
+
+
+def test_frames_without_depth_or_pose_of_their_time_are_left_out_and_told(recorded: Recorded):
+    """As in the TUM data sets: lists with times, and a trajectory of its own times."""
+    listed = {"rgb": [f"{k}.00 rgb/{k}.png" for k in range(4)], "depth": [f"{k}.01 depth/{k}.png" for k in (0, 2, 3)]}
+    for name, lines in listed.items():
+        (recorded.folder / f"{name}.txt").write_text("# a list\n" + "\n".join(lines))
+    poses = [f"{k}.005 {0.02 * k} 0 0 0 0 0 1" for k in (1, 2, 3)]
+    (recorded.folder / "groundtruth.txt").write_text("\n".join(poses))
+    result = recorded.run(recorded.folder, "--move", 0.1, 0, 0)
+    assert "2 views" in succeeded(result)
+    assert re.search("1 picture of .*rgb: no depth of its time; left out", result.stderr)
+    assert re.search("1 picture of .*rgb: no pose of its time; left out", result.stderr)
+    for number, view in enumerate(recorded.views()[2:], start=2):  # their numbers
+        np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera.moved(0.1, 0, 0)).color)
+
+
+@pytest.mark.parametrize("words", [["--camera", "cameras"], ["--camera", "camera.json", "--poses", "poses.txt"]])
+def test_lost_frames_are_left_out_and_told(recorded: Recorded, words):
+    """Cameras by the pictures' names, or poses in the order of all frames that there were."""
+    views = recorded.views()
+    (recorded.folder / "depth/1.png").unlink()
+    result = recorded.run("rgb", "depth", "--move", 0.1, 0, 0, *words, camera=None)
+    assert "3 views" in succeeded(result)
+    assert re.search("1 file of .*rgb and .*depth, 1.png: no partner by name or number; left out", result.stderr)
+    for number, view in zip((0, 2, 3), (views[0], *views[2:]), strict=True):  # their numbers
+        np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera.moved(0.1, 0, 0)).color)
+
+
+def test_frames_without_any_depth_are_black_and_told(recorded: Recorded):
+    for number in (0, 2):
+        ibr.write_depth(
+            recorded.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), depth_scale=SCALE
+        )
+    asked = ("--clean", "--default-depth", "farthest", "--orbit", 3, "--fill", "background")
+    result = recorded.run("rgb", "depth", *asked)
+    succeeded(result)
+    assert "2 of 4 views are empty" in result.stderr
+    assert not recorded.new(0).any() and not recorded.new(2).any()
+    assert recorded.new(1).any() and recorded.new(3).any()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("rgb", "--move", 0, 0, 0), ("rgb: neither frusta.json nor frames", "files with color and depth")),
+        (("rgb/0.png", "--move", 0, 0, 0), ("expected COLOR and DEPTH", "0.png")),
+        (("rgb/0.png", "depth/0.png", "rgb/1.png", "--move", 0, 0, 0), ("COLOR and DEPTH", "3 paths")),
+        (("rgb", "depth/0.png", "--move", 0, 0, 0), ("DEPTH: expected a folder",)),
+        (("rgb/0.png", "depth", "--move", 0, 0, 0), ("depth: expected a file, got a folder",)),
+        (("rgb", "depth", "rgb/0.png", "depth/0.png", "--move", 0, 0, 0), ("all recordings, or all single",)),
+        (("rgb/0.png", "depth/0.png") * 2 + ("--move", 0, 0, 0), ("camera.json: expected a camera for each",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--frames", 3), ("--frames: expected 1 for a recording",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--take", "7:9"), ("--take: expected some of the 4 frames",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--take", "x"), ("--take: expected START:STOP",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--take", "3:0:-1"), ("--take: expected START:STOP",)),
+        (("rgb/0.png", "depth/0.png", "--move", 0, 0, 0, "--take", "0:1"), ("--take", "single pictures")),
+        (("rgb", "depth", "--move", 0, 0, 0, "--fps", 20), ("--fps: expected a video",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--poses", "none.txt"), ("none.txt: no such file",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--poses", "three.txt"), ("three.txt: expected a pose for each",)),
+        (("rgb", "depth", "--to", "three.json"), ("--to: expected one camera, or one for each of the 4", "3")),
+        (("rgb", "depth", "--to", "camera.json", "--camera", "three.json"), ("three.json: expected a camera",)),
+        (("torn.mp4", "depth", "--move", 0, 0, 0), ("torn.mp4: not a readable video file",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--depth-camera", "none.json"), ("none.json: no such file",)),
+        (("none", "depth", "--move", 0, 0, 0), ("none: no such file",)),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_in_one_line(recorded: Recorded, words, said):
+    (recorded.folder / "torn.mp4").write_bytes(b"words " * 99)
+    listed = [json.loads((recorded.folder / f"cameras/{number}.json").read_text()) for number in range(3)]
+    (recorded.folder / "three.json").write_text(json.dumps(listed))
+    lines = (recorded.folder / "poses.txt").read_text().splitlines()
+    (recorded.folder / "three.txt").write_text("\n".join(lines[:3]))
+    camera = None if "--camera" in words else "camera.json"
+    assert_refused(recorded.run(*words, camera=camera), *said)
+    assert not list(recorded.folder.glob("new*"))
+
+
+def test_frames_that_lack_a_file_are_named(recorded: Recorded):
+    move = ("--move", 0, 0, 0)
+    assert_refused(recorded.run("rgb", "depth", *move, camera=None), "--camera: expected a file", "none for", "0.png")
+    for number in (1, 2, 3):
+        (recorded.folder / f"depth/{number}.png").rename(recorded.folder / f"depth/{number + 3}.png")
+    assert_refused(recorded.run("rgb", "depth", *move), "1.png without depth")
+    for number in (1, 2, 3):
+        (recorded.folder / f"depth/{number + 3}.png").rename(recorded.folder / f"depth/{number}.png")
+
+
+@pytest.mark.parametrize("words", [("rgb", "depth"), ("rgb", "depth", "--together"), ("rgb", "depth", "--clean")])
+def test_frames_that_cannot_be_read_are_left_out_and_told(recorded: Recorded, words):
+    whole = (recorded.folder / "depth/1.png").read_bytes()
+    (recorded.folder / "depth/1.png").write_bytes(whole[:90])
+    result = recorded.run(*words, "--poses", "poses.txt", "--to", "cameras")
+    succeeded(result)
+    assert re.search("1 file cannot be used; left out: .*depth/1.png: not a readable image file", result.stderr)
+    if words == ("rgb", "depth"):
+        assert "3 views" in result.stdout and not (recorded.folder / "new_0001.png").exists()
+        for number, view in zip((0, 2, 3), recorded.views_but(1), strict=True):
+            np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera).color)
+    (recorded.folder / "rgb/3.png").write_bytes(b"torn")
+    result = recorded.run(*words, "--poses", "poses.txt", "--move", 0, 0, 0)
+    succeeded(result)
+    assert "2 files cannot be used; left out: " in result.stderr
+
+
+def test_of_several_recordings_those_that_can_be_read_are_shown(recorded: Recorded):
+    ibr.write_depth(recorded.folder / "other/1.png", recorded.depths[1], depth_scale=SCALE)
+    for number in (0, 2, 3):
+        (recorded.folder / f"other/{number}.png").write_bytes(b"torn")
+    sources = ("rgb", "depth", "rgb", "other", "--camera", "cameras/0.json", "--camera", "cameras/3.json")
+    succeeded(recorded.run(*sources, "--to", "cameras", camera=None))
+    for number, view in enumerate(recorded.views()):
+        views = [ibr.DepthImage(view.color, view.depth, recorded.cameras[0])]
+        if number == 1:
+            views.append(ibr.DepthImage(view.color, view.depth, recorded.cameras[3]))
+        expected = ibr.warp(views if number == 1 else views[0], recorded.cameras[number])
+        np.testing.assert_array_equal(recorded.new(number), expected.color)
+
+
+def test_a_recording_of_which_nothing_can_be_read(recorded: Recorded):
+    for number in range(COUNT):
+        (recorded.folder / f"depth/{number}.png").write_bytes(b"torn")
+    for words in (("--move", 0, 0, 0), ("--together", "--poses", "poses.txt", "--orbit", 5)):
+        for output in ("n.mp4", "new.png"):
+            if output == "new.png" or "--together" not in words:
+                assert_refused(recorded.run("rgb", "depth", *words, output=output), "depth/0.png: not a readable")
+                assert not (recorded.folder / output).exists()
+
+
+def test_a_frame_of_another_size_is_left_out_and_named(recorded: Recorded):
+    ibr.write_color(recorded.folder / "rgb/2.png", recorded.colors[2][:20])
+    for words in ((), ("--clean",)):
+        result = recorded.run("rgb", "depth", "--move", 0, 0, 0, *words)
+        assert "3 views" in succeeded(result) and not (recorded.folder / "new_0002.png").exists()
+        assert re.search("1 file cannot be used; left out: .*rgb/2.png with .*color: expected", result.stderr)
+    for number in range(COUNT):
+        ibr.write_color(recorded.folder / f"rgb/{number}.png", recorded.colors[number][:20])
+    assert_refused(recorded.run("rgb", "depth", "--move", 0, 0, 0), "rgb/0.png with", "color: expected", "(38, 62, 3)")
+
+
+def test_no_output_lies_within_a_recording(recorded: Recorded):
+    for words, output in (
+        (("rgb", "depth"), "depth/n.png"),
+        ((recorded.folder,), "rgb/n.png"),
+        ((recorded.folder,), "o/n.png"),
+    ):
+        result = recorded.run(*words, "--move", 0, 0, 0, output=output)
+        assert_refused(result, "--output: expected a place outside of the recording", output)
+        assert not list(recorded.folder.rglob("n*.png"))
+
+
+def test_all_frames_together_need_poses(recorded: Recorded):
+    assert_refused(recorded.run("rgb", "depth", "--together", "--orbit", 5), "--together: expected frames whose places")
+
+
+def test_a_video_of_another_length(recorded: Recorded):
+    with VideoWriter(recorded.folder / "color.mkv", 12) as video:
+        for color in recorded.colors[:3]:
+            video.add(color)
+    result = recorded.run("color.mkv", "depth", "--move", 0, 0, 0)
+    assert_refused(result, "depth: expected a depth for each of the 3 frames of colour, got 4 of depth")
+
+
+def test_no_output_is_a_frame_that_is_read(recorded: Recorded):
+    for number in range(COUNT):
+        (recorded.folder / f"rgb/{number}.png").rename(recorded.folder / f"rgb/new_{number:04d}.png")
+    before = (recorded.folder / "rgb/new_0002.png").read_bytes()
+    assert_refused(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="rgb/new.png"), "which is COLOR's too")
+    assert (recorded.folder / "rgb/new_0002.png").read_bytes() == before
+
+
+def write_model(folder: Path, names: list[str]) -> None:
+    """A COLMAP model in the binary form: images side by side, by one camera."""
+    folder.mkdir(parents=True)
+    (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 1, 1, *SIZE, 50, 50, 30.5, 18.5))
+    heads = [struct.pack("<i7di", 1, 1, 0, 0, 0, 0.01 * k, 0, 0, 1) for k in range(len(names))]
+    images = [head + name.encode() + struct.pack("<xQ", 0) for head, name in zip(heads, names, strict=True)]
+    (folder / "images.bin").write_bytes(struct.pack("<Q", len(names)) + b"".join(images))
+
+
+@pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
+def test_no_output_is_a_file_of_a_model_that_is_read(recorded: Recorded, name: str):
+    """A COLMAP model is named by its folder, or found in a recording; its files have the suffix of COLMAP's depth."""
+    write_model(recorded.folder / "one", ["0.png"])
+    write_model(recorded.folder / "work/sparse/0", [f"{number}.png" for number in range(COUNT)])
+    for number in range(COUNT):
+        ibr.write_color(recorded.folder / f"work/images/{number}.png", recorded.colors[number])
+        ibr.write_depth(recorded.folder / f"work/stereo/depth_maps/{number}.png.geometric.bin", recorded.depths[number])
+    cases = [
+        ("one", ("rgb/0.png", "depth/0.png", "--to", "one"), "camera.json", "--to's too"),
+        ("one", ("rgb/0.png", "depth/0.png", "--orbit", 5), "one", "--camera's too"),
+        ("work/sparse/0", ("work", "--together", "--orbit", 5), None, "the recording's too"),
+    ]
+    for model, words, camera, said in cases:
+        file = recorded.folder / model / name
+        before = file.read_bytes()
+        for place in (file, recorded.folder / "rgb" / ".." / model / name):
+            result = recorded.run(*words, "--depth-out", place, camera=camera)
+            assert_refused(result, "--depth-out: expected a file of its own, got", said)
+        assert file.read_bytes() == before
+        free = file.with_name("new.bin") if words[0] != "work" else recorded.folder / "new.bin"
+        succeeded(recorded.run(*words, "--depth-out", free, camera=camera))
+
+
+def test_a_video_that_fails_leaves_nothing(recorded: Recorded):
+    for number in range(COUNT):
+        ibr.write_depth(recorded.folder / f"depth/{number}.png", recorded.depths[number][:20], depth_scale=SCALE)
+    assert_refused(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="n.mp4"), "depth")
+    assert not (recorded.folder / "n.mp4").exists()

@@ -1,0 +1,178 @@
+"""Pictures in every format: round trips, and as other programs write them."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import pyibr as ibr
+from tests.io.arrays import SIZES, color_of, depth_of
+
+EXACT_SUFFIXES = [".png", ".tif", ".bmp", ".npy", ".npz", ".ppm"]
+LOSSLESS = {"webp": {"lossless": True}}
+FLOAT_SUFFIXES = [".npy", ".npz", ".pfm", ".exr"]
+pytestmark = pytest.mark.usefixtures("openexr_if_asked")
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("suffix", EXACT_SUFFIXES)
+def test_color_round_trip(tmp_path: Path, suffix, size):
+    color, file = color_of(size), tmp_path / f"color{suffix}"
+    ibr.write_color(file, color)
+    again = ibr.read_color(file)
+    assert again.dtype == np.uint8
+    np.testing.assert_array_equal(again, color)
+
+
+@pytest.mark.parametrize("suffix", FLOAT_SUFFIXES)
+def test_float_color_round_trip(tmp_path: Path, suffix):
+    color, file = color_of((61, 37)).astype(np.float32) / 100, tmp_path / f"color{suffix}"
+    ibr.write_color(file, color)
+    again = ibr.read_color(file)
+    assert again.dtype == np.float32
+    np.testing.assert_array_equal(again, color)
+
+
+@pytest.mark.parametrize("suffix", [".pfm", ".exr"])
+def test_bytes_in_a_float_format_are_divided_by_255(tmp_path: Path, suffix):
+    color, file = color_of((7, 13)), tmp_path / f"color{suffix}"
+    ibr.write_color(file, color)
+    np.testing.assert_allclose(ibr.read_color(file) * 255, color, atol=1e-4)
+
+
+def test_float_color_in_a_byte_format_is_rounded_and_clipped(tmp_path: Path):
+    color = np.array([[[-1, 0.499 / 255, 0.501 / 255], [1, 7, np.nan]]], np.float32)
+    ibr.write_color(tmp_path / "c.png", color)
+    assert ibr.read_color(tmp_path / "c.png").tolist() == [[[0, 0, 1], [255, 255, 0]]]
+
+
+def test_jpeg_is_close(tmp_path: Path):
+    y, x = np.mgrid[:37, :61]
+    color = np.dstack([x * 4, y * 6, x + y]).astype(np.uint8)
+    ibr.write_color(tmp_path / "c.jpg", color)
+    assert np.abs(ibr.read_color(tmp_path / "c.jpg").astype(int) - color).mean() < 2
+
+
+def test_gray_and_bits_become_rgb(tmp_path: Path):
+    gray = color_of((7, 13))[..., 0]
+    Image.fromarray(gray).save(tmp_path / "gray.png")
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / "gray.png"), np.dstack([gray] * 3))
+    Image.fromarray(gray.astype(np.uint16) * 257).save(tmp_path / "gray16.png")
+    np.testing.assert_allclose(ibr.read_color(tmp_path / "gray16.png"), np.dstack([gray / 255] * 3), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["rgba.png", "palette.png", "key.png", "gray.tif", "array.npy", "float.npy"])
+def test_transparency_is_told_once_a_folder_and_only_where_there_is_any(tmp_path: Path, kind):
+    color, alpha = color_of((13, 7)), np.full((7, 13), 255, np.uint8)
+    color[:3], alpha[:3] = (0, 0, 255), 128
+
+    def write(name: str, alpha: np.ndarray) -> None:
+        rgba = np.dstack([color, alpha])
+        options = {"transparency": (0, 0, 255) if (alpha < 255).any() else (9, 8, 7)} if kind == "key.png" else {}
+        if kind.endswith(".npy"):
+            np.save(tmp_path / name, rgba if kind == "array.npy" else (rgba / 255).astype(np.float32))
+            return
+        picture = Image.fromarray(color if options else rgba)
+        picture = picture.quantize() if kind == "palette.png" else picture.convert("LA") if "gray" in kind else picture
+        picture.save(tmp_path / name, **options)
+
+    for number in range(3):
+        write(f"{number}{kind}", alpha)
+    with pytest.warns(UserWarning, match="transparency is left out") as told:
+        for number in range(3):
+            assert ibr.read_color(tmp_path / f"{number}{kind}").shape == (7, 13, 3)
+    assert {str(one.message).split(":")[0] for one in told} == {str(tmp_path / f"*{Path(kind).suffix}")}
+    write(kind, np.full((7, 13), 255, np.uint8))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert ibr.read_color(tmp_path / kind).shape == (7, 13, 3)
+
+
+def stored_as(mode: str) -> tuple[Image.Image, np.ndarray]:
+    """A picture of Pillow's, and what reading it as a colour image gives."""
+    color, gray = color_of((7, 13)), color_of((7, 13))[..., 0]
+    if mode == "1":
+        return Image.fromarray(gray > 100), np.dstack([(gray > 100) * np.uint8(255)] * 3)
+    if mode == "P":
+        few = Image.fromarray(color // 64 * 64).quantize(256)
+        return few, np.asarray(few.convert("RGB"))
+    if mode == "LA":
+        return Image.fromarray(np.dstack([gray, 255 - gray])), np.dstack([gray] * 3)
+    printed = Image.fromarray(color).convert(mode)  # of other colours
+    return printed, np.asarray(printed.convert("RGB"))
+
+
+@pytest.mark.filterwarnings("ignore:.*transparency")
+@pytest.mark.parametrize(
+    ("mode", "suffix"),
+    [("1", "png"), ("P", "png"), ("P", "gif"), ("LA", "png"), ("LA", "tif"), ("CMYK", "tif"), ("LAB", "tif")],
+)
+def test_pictures_of_every_mode_become_rgb(tmp_path: Path, mode, suffix):
+    picture, expected = stored_as(mode)
+    picture.save(tmp_path / f"a.{suffix}")
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / f"a.{suffix}"), expected)
+
+
+@pytest.mark.parametrize("suffix", ["gif", "png", "tif", "webp"])
+def test_of_several_images_the_first_is_read(tmp_path: Path, suffix):
+    first, other = (np.full((13, 7, 3), value, np.uint8) for value in (0, 255))
+    Image.fromarray(first).save(
+        tmp_path / f"a.{suffix}", save_all=True, append_images=[Image.fromarray(other)], **LOSSLESS.get(suffix, {})
+    )
+    with Image.open(tmp_path / f"a.{suffix}") as written:
+        assert written.n_frames == 2
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / f"a.{suffix}"), first)
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png"])
+def test_a_turned_picture_is_read_as_it_is_stored(tmp_path: Path, suffix):
+    """Cameras' matrices are of the stored pixels, whichever way a viewer turns them."""
+    turned = Image.Exif()
+    turned[0x0112] = 6
+    Image.fromarray(np.full((13, 7, 3), 100, np.uint8)).save(tmp_path / f"a.{suffix}", exif=turned)
+    with Image.open(tmp_path / f"a.{suffix}") as written:
+        assert written.getexif()[0x0112] == 6
+    assert ibr.read_color(tmp_path / f"a.{suffix}").shape == (13, 7, 3)
+
+
+def test_mask(tmp_path: Path):
+    mask = depth_of((61, 37)) > 30
+    ibr.write_mask(tmp_path / "mask.png", mask)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "mask.png")), mask * np.uint8(255))
+    ibr.write_mask(tmp_path / "mask.npy", mask)
+    np.testing.assert_array_equal(np.load(tmp_path / "mask.npy"), mask, strict=True)
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "P", "CMYK", "YCbCr", "LAB"])
+def test_colors_are_those_of_the_picture_however_they_are_stored(tmp_path: Path, mode):
+    """Printers' inks, taken for red, green and blue, are a negative."""
+    color = np.zeros((13, 7, 3), np.uint8)
+    color[:6], color[6:, :3], color[6:, 3:] = (255, 128, 0), (255, 255, 255), (30, 60, 200)
+    name = "c.png" if mode in ("RGB", "RGBA", "P") else "c.tif"
+    if mode == "LAB":
+        cms = pytest.importorskip("PIL.ImageCms")
+        lab = cms.buildTransformFromOpenProfiles(cms.createProfile("sRGB"), cms.createProfile("LAB"), "RGB", "LAB")
+        cms.applyTransform(Image.fromarray(color), lab).save(tmp_path / name)
+    else:
+        picture = Image.fromarray(color)
+        (picture.quantize(8) if mode == "P" else picture.convert(mode)).save(tmp_path / name)
+    # Files round YCbCr and L*a*b*, too: the first to 2 levels of a channel, a unit of a* and b* is up to 8 of orange.
+    read = ibr.read_color(tmp_path / name).astype(int)
+    assert np.abs(read - color).max() <= {"YCbCr": 3, "LAB": 8}.get(mode, 0)
+
+
+def test_a_printers_jpeg_is_no_negative(tmp_path: Path):
+    color = np.full((16, 16, 3), (250, 200, 40), np.uint8)
+    Image.fromarray(color).convert("CMYK").save(tmp_path / "c.jpg", quality=95)
+    assert np.abs(ibr.read_color(tmp_path / "c.jpg").astype(int) - color).max() <= 4  # levels, as of any JPEG
+
+
+def test_floats_of_any_size_are_written(tmp_path: Path):
+    color = np.full((3, 4, 3), 0.5)
+    for dtype in (np.float16, np.float32, np.float64):
+        ibr.write_color(tmp_path / "c.png", color.astype(dtype))
+        assert (ibr.read_color(tmp_path / "c.png") == 128).all()

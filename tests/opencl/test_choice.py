@@ -1,0 +1,175 @@
+"""Choice of a device by the rule and by name, and what is said where none works."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pyibr.core.errors import ArgumentError, DeviceError
+from pyibr.opencl import runtimes
+from pyibr.opencl.choice import choose, select
+from pyibr.opencl.outcome import Outcome
+from pyibr.opencl.runtimes import Found, remedy_for
+
+BROKEN = Outcome(False, "every build fails: unknown target CPU 'generic'")
+
+
+def found(index: int, name: str, kind: runtimes.Kind, version: str = "OpenCL 3.0 PoCL 3.0-rc2") -> Found:
+    handle: Any = None  # what the rules never look at
+    platform = "Portable Computing Language"
+    return Found(index, platform, name, "The maker", version, f"driver {index}", kind, f"key{index}", handle)
+
+
+class Examiner:
+    """Outcomes and times of pictures written down beforehand, and a record of who was asked."""
+
+    def __init__(self, **known: Outcome | float) -> None:
+        self.known = known
+        self.asked: list[str] = []
+        self.timed: list[str] = []
+
+    def __call__(self, entry: Found) -> Outcome:
+        self.asked.append(entry.name)
+        known = self.known[entry.name]
+        return known if isinstance(known, Outcome) else Outcome(True)
+
+    def picture_time(self, entry: Found) -> float:
+        self.timed.append(entry.name)
+        known = self.known[entry.name]
+        assert isinstance(known, float)
+        return known
+
+
+def chosen(listed: list[Found], examiner: Examiner) -> str:
+    return choose(listed, examiner, examiner.picture_time).name
+
+
+def test_the_first_gpu_that_works_comes_before_any_cpu():
+    listed = [
+        found(0, "cpu", "cpu"),
+        found(1, "bad", "gpu"),
+        found(2, "good", "gpu"),
+        found(3, "next", "gpu"),
+    ]
+    examiner = Examiner(cpu=1.0, bad=BROKEN, good=9.0, next=5.0)
+    assert chosen(listed, examiner) == "good"
+    assert examiner.asked == ["bad", "good"] and not examiner.timed, "no more is examined than the choice needs"
+
+
+def test_the_fastest_cpu_runtime_is_chosen_where_no_gpu_works():
+    listed = [
+        found(0, "bad", "gpu"),
+        found(1, "slow", "cpu"),
+        found(2, "quick", "cpu"),
+        found(3, "broken", "cpu"),
+    ]
+    examiner = Examiner(bad=BROKEN, slow=2.0, quick=1.0, broken=BROKEN)
+    assert chosen(listed, examiner) == "quick"
+    assert examiner.timed == ["slow", "quick"]
+
+
+def test_a_single_runtime_is_not_measured():
+    examiner = Examiner(only=1.0, broken=BROKEN)
+    assert chosen([found(0, "broken", "cpu"), found(1, "only", "cpu")], examiner) == "only"
+    assert not examiner.timed
+
+
+@pytest.mark.parametrize("seconds", [1.0, math.inf])
+def test_equal_runtimes_are_taken_in_their_order(seconds: float):
+    assert chosen([found(0, "a", "cpu"), found(1, "b", "cpu")], Examiner(a=seconds, b=seconds)) == "a"
+
+
+def test_an_accelerator_is_the_last_resort():
+    listed = [found(0, "emulator", "accelerator"), found(1, "cpu", "cpu")]
+    assert chosen(listed, Examiner(emulator=1.0, cpu=9.0)) == "cpu"
+    assert chosen(listed, Examiner(emulator=1.0, cpu=BROKEN)) == "emulator"
+
+
+@pytest.mark.parametrize(("selector", "index"), [(1, 1), ("1", 1), ("EPYC", 1), ("gpu", 0), ("pocl 6", 1)])
+def test_select(selector: int | str, index: int):
+    listed = [found(0, "Radeon", "gpu"), found(1, "pthread-AMD EPYC", "cpu", "OpenCL 3.0 PoCL 6.0+debian")]
+    examiner = Examiner(**{"Radeon": 1.0, "pthread-AMD EPYC": 1.0})
+    assert select(listed, examiner, selector, "device").index == index
+
+
+def test_of_several_that_match_the_first_that_works_is_taken():
+    listed = [found(0, "one", "cpu"), found(1, "two", "cpu")]
+    assert select(listed, Examiner(one=BROKEN, two=1.0), "portable", "device").name == "two"
+
+
+def test_names_of_platforms_come_before_those_of_processors(caplog: pytest.LogCaptureFixture):
+    """PoCL calls its device on a processor of Intel's by the processor's name."""
+    pocl = found(0, "pthread-Intel(R) Xeon(R)", "cpu", "OpenCL 3.0 PoCL 6.0+debian")
+    intel = dataclasses.replace(found(1, "Intel(R) Xeon(R)", "cpu", "OpenCL 3.1 LINUX"), platform="Intel(R) OpenCL")
+    examiner = Examiner(**{pocl.name: 1.0, intel.name: 1.0})
+    with caplog.at_level("INFO", "pyibr"):
+        assert select([pocl, intel], examiner, "intel", "device").platform == intel.platform
+        assert select([pocl, intel], examiner, "PoCL", "device").index == 0
+    assert not caplog.messages
+    with caplog.at_level("INFO", "pyibr"):
+        assert select([pocl, intel], examiner, "xeon", "device").index == 0
+        assert select([pocl], examiner, "intel", "device").index == 0
+    (said,) = caplog.messages
+    assert said.startswith("device='xeon' is 0 = ") and "it fits 1 = Intel(R) OpenCL: Intel(R) Xeon(R), too" in said
+
+
+@pytest.mark.parametrize("selector", ["radeon", 7, -1, "", "  "])
+def test_a_name_that_matches_nothing(selector: int | str):
+    with pytest.raises(ArgumentError, match=r"\$PYIBR_DEVICE: expected .*0 = Portable.*: one.*, got ") as caught:
+        select([found(0, "one", "cpu")], Examiner(one=1.0), selector, "$PYIBR_DEVICE")
+    assert repr(selector) in str(caught.value)
+
+
+def test_a_named_device_that_does_not_work_is_not_replaced():
+    with pytest.raises(DeviceError, match="asked for by device='one'") as caught:
+        select(
+            [found(0, "one", "cpu"), found(1, "two", "cpu")],
+            Examiner(one=BROKEN, two=1.0),
+            "one",
+            "device",
+        )
+    assert BROKEN.reason in str(caught.value)
+    assert "to mend it: " in str(caught.value)
+
+
+def debian(monkeypatch: pytest.MonkeyPatch, root: bool = False) -> None:
+    release = {"ID": "ubuntu", "ID_LIKE": "debian"}
+    monkeypatch.setattr(runtimes.platform, "freedesktop_os_release", lambda: release)
+    monkeypatch.setattr(runtimes.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(runtimes.os, "geteuid", lambda: 0 if root else 1000)
+
+
+def test_the_error_tells_what_was_found_why_it_failed_and_what_mends_it(monkeypatch: pytest.MonkeyPatch):
+    debian(monkeypatch)
+    with pytest.raises(DeviceError) as caught:
+        chosen([found(0, "pthread", "cpu")], Examiner(pthread=BROKEN))
+    text = str(caught.value)
+    assert "Portable Computing Language: pthread (cpu, driver driver 0)" in text
+    assert "unknown target CPU 'generic'" in text
+    assert "sudo apt install pocl-opencl-icd" in text
+    assert "pip install intel-opencl-rt intel-cmplr-lib-rt" in text
+
+
+def test_the_error_where_there_is_no_device_at_all(monkeypatch: pytest.MonkeyPatch):
+    debian(monkeypatch, root=True)
+    for ask in (lambda: chosen([], Examiner()), lambda: select([], Examiner(), "gpu", "device")):
+        with pytest.raises(DeviceError, match="no OpenCL device was found") as caught:
+            ask()
+        assert "  apt install pocl-opencl-icd" in str(caught.value), "root needs no sudo"
+
+
+def test_remedies_fit_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    debian(monkeypatch)
+    monkeypatch.setattr(runtimes, "SYSTEM_ICDS", tmp_path)
+    pocl = found(0, "PoCL", "cpu")  # of version "driver 0"
+    monkeypatch.setattr(runtimes, "version_of", {"pocl-binary-distribution": "driver"}.get)
+    assert remedy_for(pocl) == "sudo apt install pocl-opencl-icd ocl-icd-libopencl1"
+    (tmp_path / "pocl.icd").touch()
+    assert remedy_for(pocl) == "pip uninstall pocl-binary-distribution"
+    monkeypatch.setattr(runtimes, "version_of", lambda wheel: None)
+    assert remedy_for(pocl) == "pip install intel-opencl-rt intel-cmplr-lib-rt"
+    assert "The maker" in remedy_for(found(0, "card", "gpu"))
