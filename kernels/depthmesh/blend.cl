@@ -1,11 +1,11 @@
 /* Depth meshes of several views, blended per pixel (Pajarola, Sainz & Meng 2003, sections 4.3 to 4.5).
  *
- * The depth pass finds the nearest surface of each mesh that a region's pixels see. In the colour pass those that lie
- * within epsilon behind the nearest of all give their colours, weighted and normalised at once. Holes of the views that
- * are drawn show the meshes of the other views, which are coarser; and surface that no view saw, but that must be
- * there, is closed (closing.h). Views fade towards the ends of their surfaces, so that where one ends the others have
- * all weight already. BLEND_QUALITY: weights of positions times quality, per pixel (the paper's);
- * BLEND_POSITION: of positions alone; BLEND_NEAREST: the front mesh's colour.
+ * The depth pass (mesh_layers.h) finds the nearest surface of each mesh that a region's pixels see. In the colour pass
+ * those that lie within epsilon behind the nearest of all give their colours, weighted and normalised at once. Holes of
+ * the views that are drawn show the meshes of the other views, which are coarser; and surface that no view saw, but that
+ * must be there, is closed (closing.h). Views fade towards the ends of their surfaces, so that where one ends the others
+ * have all weight already. BLEND_QUALITY: weights of positions times quality, per pixel (the paper's); BLEND_POSITION:
+ * of positions alone; BLEND_NEAREST: the front mesh's colour.
  *
  * Deviations from the paper: views fade; of each mesh the nearest surface alone is blended, so surfaces that it hides
  * itself are left out, within epsilon, too; textures are projected, not stretched over triangles, and read within the
@@ -19,25 +19,20 @@
  * the target that a scene unit takes at depth 1 of both. colors: RGBA bytes; A: of a view's finest level 255
  * times how much each sample counts (feather_at), of others 255 times the part that has samples.
  * weights: (meshes,) positional, > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_...
- * layer_nearness, layer_owner: (others + views, items, pixels of a region) what a region's pixels see of each mesh,
- * between the two passes: for all meshes, that is more than private memory holds. If CLOSED BY_RAYS, of all
- * `view_count` views what closing.h calls FreeSpace: view_sizes are its sizes. depth, color, valid: the picture, whose
- * pixels stay where they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED. guesses: (height,
- * width) gets the depth of what is closed, with GUESSES.
+ * layer_nearness, layer_owner: (others + views, items, pixels of a region) what mesh_layers.h leaves. If CLOSED
+ * BY_RAYS, of all `view_count` views what closing.h calls FreeSpace: view_sizes are its sizes. depth, color, valid: the picture,
+ * whose pixels stay where they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with
+ * OCCUPIED. guesses: (height, width) gets the depth of what is closed, with GUESSES.
  * Work-item: the regions (raster/region.h) of every `items`-th number, of `items` work-items. Cost: O(list + pixels *
  * meshes).
  * Determinism: list order, then the meshes'.
  */
 #include "depthmesh/closing.h"
+#include "depthmesh/mesh_layers.h"
 #include "lib/color.h"
 #include "lib/taps.h"
 #include "raster/nearest.h"
 
-#ifndef CLOSED
-#define CLOSED 0 /* BY_RAYS: surface that no view saw is closed (closing.h). BY_SHEETS: others show as they are */
-#endif
-#define BY_RAYS 1
-#define BY_SHEETS 2
 #define BLEND_QUALITY 0
 #define BLEND_POSITION 1
 #define BLEND_NEAREST 2
@@ -49,27 +44,6 @@
 #endif
 #define LEVEL_BIAS 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
 #define FACTOR_MIN 1e-3f /* so that what is seen edge-on, or at its end, by all views still has a colour */
-
-/* Numbers of meshes of each kind, in their order. Sheets, of the triangles that segmentation took out, and backs, of
- * meshes whose backs are drawn, tell of surface that no view saw. Others, of views that are not drawn, show in
- * holes. */
-typedef struct {
-    int sheets, backs, others, views;
-} MeshCounts;
-
-/* The first place in the list, whose numbers ascend, at which they are not below `number` */
-int lower_bound(BinList listed, int number)
-{
-    int first = listed.first, last = listed.last;
-    while (first < last) {
-        const int middle = (first + last) / 2;
-        if (listed.list[middle] < number)
-            first = middle + 1;
-        else
-            last = middle;
-    }
-    return first;
-}
 
 /* Adds the colour at the pixel (x, y) of a view, from one of its levels: on the finest interpolated within the cell's
  * triangle, on a coarser one bilinearly, texels weighted by the part of them that has samples. */
@@ -112,95 +86,6 @@ floatl feather_at(global const uint *colors, global const int *size, floatl x, f
     for (int k = 0; k < 4; k++)
         alpha[k] = to_floatl(texels_at(colors, size[2] + taps.at[k]) >> 24 & 255);
     return bilinear(taps, alpha[0], alpha[1], alpha[2], alpha[3]) * (1.0f / 255);
-}
-
-/* Draws the meshes [first, last) of a bin's list together into the region at (x, y), where they are nearer than
- * `so_far`, nearness by block. */
-INLINED void draw_range(const Context *context, Region *region, BinList listed, global const int *firsts, int first, int last,
-                int x, int y, const floatl *so_far)
-{
-    BinList range = listed;
-    range.first = lower_bound(range, firsts[first]);
-    range.last = lower_bound(range, firsts[last]);
-    begin_region(region, x, y);
-    for (int block = 0; block < BLOCKS; block++) {
-        region->nearness[block] = so_far[block];
-        region->farthest[block] = least_lane(so_far[block]);
-    }
-    draw_list(context, region, range);
-}
-
-/* What a region's pixels see of each mesh by itself, in the work-item's part of global memory */
-typedef struct {
-    global float *nearness;
-    global int *owner; /* triangle, -1: none */
-    size_t next;       /* from a mesh's pixels to the next mesh's */
-} MeshLayers;
-
-/* Nearness of the nearest that a region's pixels see of the meshes of each kind */
-typedef struct {
-    floatl views[BLOCKS];
-#if CLOSED
-    floatl others[BLOCKS];
-#endif
-#if CLOSED == BY_RAYS
-    floatl sheets[BLOCKS], backs[BLOCKS];
-#endif
-} Fronts;
-
-/* Draws each of the meshes [first, last) by itself, into its layer, where it is nearer than `so_far`; front: nearness
- * of the nearest of them all */
-INLINED void draw_layers(const Context *context, Region *region, const MeshLayers *layers, BinList listed,
-                 global const int *firsts, int first, int last, int x, int y, const floatl *so_far, floatl *front)
-{
-    for (int block = 0; block < BLOCKS; block++)
-        front[block] = so_far[block];
-    for (int mesh = first; mesh < last; mesh++) {
-        draw_range(context, region, listed, firsts, mesh, mesh + 1, x, y, so_far);
-        for (int block = 0; block < BLOCKS; block++) {
-            const size_t at = mesh * layers->next + LANES * block;
-            store_lanes(region->nearness[block], layers->nearness + at);
-            store_lanes(region->owner[block], layers->owner + at);
-            front[block] = max_lanes(region->nearness[block], front[block]);
-        }
-    }
-}
-
-/* The depth pass: what the pixels of the region at (x, y) see of each mesh. Returns whether there are holes in the
- * meshes of the views that are drawn: only then are the others' drawn, and the sheets. */
-OUTLINED int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, BinList listed,
-                global const int *firsts, int x, int y, Fronts *fronts)
-{
-    const int unseen = counts.sheets + counts.backs, meshes = counts.others + counts.views;
-    Region region;
-    floatl so_far[BLOCKS]; /* nothing; and beside holes, what no mesh is nearer than */
-    for (int block = 0; block < BLOCKS; block++)
-        so_far[block] = EMPTY;
-    draw_layers(context, &region, layers, listed, firsts + unseen, counts.others, meshes, x, y, so_far, fronts->views);
-    intl holes = (intl)0;
-#if CLOSED == BY_RAYS
-    draw_range(context, &region, listed, firsts, counts.sheets, unseen, x, y, fronts->views);
-    for (int block = 0; block < BLOCKS; block++)
-        fronts->backs[block] = select_lanes(region.owner[block] >= 0, region.nearness[block], (floatl)EMPTY);
-#endif
-#if CLOSED
-    for (int block = 0; block < BLOCKS; block++) {
-        const intl hole = fronts->views[block] == EMPTY;
-        so_far[block] = select_lanes(hole, (floatl)EMPTY, (floatl)INFINITY);
-        holes = holes | hole;
-    }
-    if (any_lane(holes)) {
-        draw_layers(context, &region, layers, listed, firsts + unseen, 0, counts.others, x, y, so_far, fronts->others);
-#if CLOSED == BY_RAYS
-        for (int block = 0; block < BLOCKS; block++)
-            so_far[block] = select_lanes(fronts->others[block] == EMPTY, (floatl)EMPTY, (floatl)INFINITY);
-        draw_range(context, &region, listed, firsts, 0, counts.sheets, x, y, so_far);
-        for (int block = 0; block < BLOCKS; block++)
-            fronts->sheets[block] = region.nearness[block];
-#endif
-    }
-#endif
-    return any_lane(holes);
 }
 
 /* What the meshes' colours are read from and weighted by; arrays as described at the top */
