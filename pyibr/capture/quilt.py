@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.capture.rigs import RenderOptions, Things, depths_seen, drawn, first_camera, framed, gathered, stepped
+from pyibr.capture.rigs import RenderOptions, Things, framed, frames_of, stepped
 from pyibr.core.camera import Camera
 from pyibr.core.checks import checked_size, number_from, positive
 from pyibr.core.errors import ArgumentError
@@ -77,11 +77,7 @@ def quilt(
     >>> ibr.quilt(view, grid=(3, 2)).shape
     (128, 144, 3)
     """
-    known, rig = gathered(things, fill), QuiltRig(grid, size, cone, focus)
-    middle = first_camera(known, camera)
-    if focus is None:
-        rig = replace(rig, focus=float(np.median(depths_seen(known, middle))))
-    frames = drawn(known, rig.cameras(middle), **how)
+    frames = frames_of(QuiltRig(grid, size, cone, focus), things, camera, fill, how)
     return tiled([frame.color for frame in frames], grid)
 
 
@@ -108,6 +104,12 @@ class QuiltRig:
         number_from("cone", self.cone, 1e-3, 179.0, "degrees > 0, up to 179")
         if self.focus is not None:
             positive("focus", self.focus, "a depth > 0")
+
+    def fitted(self, depths: Callable[[], NDArray[np.float32]]) -> QuiltRig:
+        """The focus is given, or the median of the depths."""
+        if self.focus is not None or not len(there := depths()):
+            return self
+        return replace(self, focus=float(np.median(there)))
 
     def cameras(self, camera: Camera) -> list[Camera]:
         """From left to right, without lenses; without a focus all are in one place."""

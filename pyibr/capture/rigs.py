@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, TypedDict
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,25 @@ class RenderOptions(TypedDict, total=False):
     background: ArrayLike
     samples: int
     anisotropy: int
+
+
+class Rig(Protocol):
+    """Cameras beside one, which may depend on how far things are."""
+
+    def fitted(self, depths: Callable[[], NDArray[np.float32]]) -> Rig:
+        """The rig for things at these depths, (N,), which are asked for only where it needs them; of none itself."""
+        ...
+
+    def cameras(self, camera: Camera) -> list[Camera]:
+        """Its cameras beside this one, without lenses."""
+        ...
+
+
+def frames_of(rig: Rig, things: Things, camera: Camera | None, fill: Fill | None, how: RenderOptions) -> list[Frame]:
+    """A frame of things for each camera of a rig beside `camera`, or beside the first depth image's."""
+    known = gathered(things, fill)
+    middle = first_camera(known, camera)
+    return drawn(known, rig.fitted(lambda: depths_seen(known, middle)).cameras(middle), **how)
 
 
 def gathered(things: Things, fill: Fill | None) -> list[Thing]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.capture.rigs import RenderOptions, Things, depths_seen, drawn, first_camera, gathered, stepped
+from pyibr.capture.rigs import RenderOptions, Things, frames_of, stepped
 from pyibr.core.camera import Camera
 from pyibr.core.checks import number_from, numbers, one_of
 from pyibr.core.errors import ArgumentError
@@ -111,12 +111,8 @@ def stereo(
     (48, 128, 3)
     """
     one_of("layout", layout, Layout)
-    known = gathered(things, fill)
-    middle = first_camera(known, camera)
     rig = StereoRig(divergence, convergence, synthetic_view, depth_range)
-    if depth_range is None:
-        rig = replace(rig, depth_range=depth_range_of(depths_seen(known, middle)))
-    return joined([eye.color for eye in drawn(known, rig.cameras(middle), **how)], layout)
+    return joined([eye.color for eye in frames_of(rig, things, camera, fill, how)], layout)
 
 
 @dataclass(frozen=True)
@@ -135,6 +131,12 @@ class StereoRig:
         near, far = numbers("depth_range", self.depth_range or (1, 1), (2,)).tolist()
         if not 0 < near <= far:
             raise ArgumentError("depth_range", "near > 0 and a far that is no less", f"{near:g} and {far:g}")
+
+    def fitted(self, depths: Callable[[], NDArray[np.float32]]) -> StereoRig:
+        """The range is given, or that of the depths."""
+        if self.depth_range is not None or not len(there := depths()):
+            return self
+        return replace(self, depth_range=depth_range_of(there))
 
     def cameras(self, camera: Camera) -> list[Camera]:
         """The left and the right eye's, without a lens; without a range of depth both are the camera."""

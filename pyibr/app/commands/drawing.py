@@ -17,6 +17,7 @@ from pyibr.app.commands.outputs import Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.reading import Inputs
 from pyibr.app.options import StoredDepth, printable_text
+from pyibr.capture.rigs import Rig
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage, Frame
 from pyibr.warp.view import WarpOptions
@@ -62,19 +63,21 @@ def picture_outputs(
 def write_pictures(
     inputs: Inputs,
     outputs: Outputs,
-    cameras_of: Callable[[Sequence[DepthImage]], Sequence[Camera]],
+    rig: Rig,
     joined: Callable[[Sequence[NDArray[Any]]], NDArray[Any]],
     samples: int,
     how: WarpOptions,
 ) -> None:
-    """Write a picture of each frame: that of the frame's views by several cameras, joined; and say so.
+    """Write a picture of each frame: that of the frame's views by a rig's cameras, joined; and say so.
 
-    cameras_of: those of a frame. joined: makes one picture of the cameras'.
+    rig: fitted to the first frame that has depth. joined: makes one picture of the cameras'.
     """
     size = 0, 0
     with outputs:
         for place, views in with_progress(read_ahead(inputs.frames()), inputs.count, "Drawing"):
-            made = drawn_views(views, cameras_of(views), samples, how)
+            first = views[0]
+            rig = rig.fitted(lambda first=first: first.depth[first.valid])
+            made = drawn_views(views, rig.cameras(first.camera), samples, how)
             picture = joined([one.color for one in made])
             covered = float(np.mean([one.valid.mean() for one in made]))
             outputs.write({"color": picture}, inputs.numbers[place] if inputs.numbers else 0, covered, made[0].camera)

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from dataclasses import replace
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from pyibr.app.commands.cameras import LensOptions
@@ -16,8 +13,6 @@ from pyibr.app.commands.outputs import VideoOptions
 from pyibr.app.commands.reading import Inputs, Reading, Sources
 from pyibr.app.options import DeviceName, FillOption, Samples, StoredDepth, device_of, fill_of
 from pyibr.capture.quilt import QuiltRig, suffix_of, tiled
-from pyibr.core.camera import Camera
-from pyibr.images import DepthImage
 
 _Grid = Annotated[tuple[int, int], typer.Option(metavar="COLUMNS ROWS", help="Views beside and above each other")]
 _Size = Annotated[
@@ -48,13 +43,5 @@ def quilt(
     rig = QuiltRig(grid, size, cone, focus)
     inputs = Inputs(sources, reading, lens, stored)
     outputs = picture_outputs(inputs, sources, output, suffix_of(grid, size or inputs.size), stored, video)
-
-    def beside(views: Sequence[DepthImage]) -> list[Camera]:
-        nonlocal rig
-        first = views[0]
-        if rig.focus is None and first.valid.any():
-            rig = replace(rig, focus=float(np.median(first.depth[first.valid])))
-        return rig.cameras(first.camera)
-
     with device_of(device):
-        write_pictures(inputs, outputs, beside, functools.partial(tiled, grid=grid), samples, {"fill": fill_of(fill)})
+        write_pictures(inputs, outputs, rig, functools.partial(tiled, grid=grid), samples, {"fill": fill_of(fill)})

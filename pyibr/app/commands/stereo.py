@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from dataclasses import replace
 from typing import Annotated
 
 import typer
@@ -14,9 +12,7 @@ from pyibr.app.commands.drawing import OutputOrFolder, picture_outputs, write_pi
 from pyibr.app.commands.outputs import VideoOptions
 from pyibr.app.commands.reading import Inputs, Reading, Sources
 from pyibr.app.options import DeviceName, FillOption, Samples, StoredDepth, device_of, fill_of
-from pyibr.capture.stereo import SUFFIXES, Layout, StereoRig, SyntheticView, depth_range_of, joined
-from pyibr.core.camera import Camera
-from pyibr.images import DepthImage
+from pyibr.capture.stereo import SUFFIXES, Layout, StereoRig, SyntheticView, joined
 
 _LAYOUT = "Side by side (sbs) or top and bottom (tb), full or half; or an anaglyph: dubois, gray"
 _Divergence = Annotated[float, typer.Option(help="Per cent of the width: how much farther the nearest shifts")]
@@ -49,15 +45,5 @@ def stereo(
     rig = StereoRig(divergence, convergence, synthetic_view, depth_range)
     inputs = Inputs(sources, reading, lens, stored)
     outputs = picture_outputs(inputs, sources, output, SUFFIXES[layout], stored, video)
-
-    def eyes(views: Sequence[DepthImage]) -> list[Camera]:
-        nonlocal rig
-        first = views[0]
-        if rig.depth_range is None and first.valid.any():
-            rig = replace(rig, depth_range=depth_range_of(first.depth[first.valid]))
-        return rig.cameras(first.camera)
-
     with device_of(device):
-        write_pictures(
-            inputs, outputs, eyes, functools.partial(joined, layout=layout), samples, {"fill": fill_of(fill)}
-        )
+        write_pictures(inputs, outputs, rig, functools.partial(joined, layout=layout), samples, {"fill": fill_of(fill)})
