@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -29,66 +31,9 @@ def opencv(user: str, *names: str) -> Any:
     return cv2
 
 
-def pyav() -> Any:
-    """PyAV, FFmpeg's libraries, or a MissingPackageError."""
-    return _imported("av", "videos need PyAV", "video", "pip install --force-reinstall av")
-
-
-def openexr() -> Any:
-    """OpenEXR, or a MissingPackageError."""
-    return _imported("OpenEXR", "EXR files need OpenEXR", "exr", "pip install --force-reinstall OpenEXR")
-
-
-def h5py() -> Any:
-    """h5py, or a MissingPackageError."""
-    return _imported("h5py", "HDF5 files need h5py", "hdf5", "pip install --force-reinstall h5py")
-
-
-def scikit_image() -> Any:
-    """scikit-image's metrics, or a MissingPackageError."""
-    remedy = "pip install --force-reinstall scikit-image"
-    return _imported("skimage.metrics", "SSIM needs scikit-image", "metrics", remedy)
-
-
-def flip_evaluator() -> Any:
-    """flip-evaluator, or a MissingPackageError."""
-    return _imported(
-        "flip_evaluator", "FLIP needs flip-evaluator", "metrics", "pip install --force-reinstall flip-evaluator"
-    )
-
-
-def lzfse() -> Any:
-    """lzfse, Apple's way of packing, or a MissingPackageError."""
-    return _imported("lzfse", "depth in .r3d files needs lzfse", "r3d", "pip install --force-reinstall lzfse")
-
-
-def rosbags() -> tuple[Any, Any]:
-    """rosbags' readers and its types of messages, or a MissingPackageError."""
-    remedy = "pip install --force-reinstall rosbags"
-    names = ("rosbags.highlevel", "rosbags.typesys")
-    highlevel, typesys = (_imported(name, "ROS bags need rosbags", "ros", remedy) for name in names)
-    return highlevel, typesys
-
-
-def viser() -> Any:
-    """viser, which serves pages, or a MissingPackageError."""
-    return _imported("viser", "pages in the browser need viser", "view", "pip install --force-reinstall viser")
-
-
-def distributed() -> Any:
-    """Dask's distributed, or a MissingPackageError."""
-    return _imported("distributed", "batches need Dask", "batch", "pip install --force-reinstall distributed")
-
-
-def fsspec() -> Any:
-    """fsspec, which knows file systems by their URLs, or a MissingPackageError."""
-    return _imported("fsspec", "batches need fsspec", "batch", "pip install --force-reinstall fsspec")
-
-
-def zarr() -> Any:
-    """zarr, stores of arrays in chunks, or a MissingPackageError."""
-    need = "Zarr stores need zarr and Python 3.11 or later"
-    return _imported("zarr", need, "batch", "pip install --force-reinstall zarr")
+def _package(module: str, need: str, extra: str, wheel: str = "") -> Callable[[], Any]:
+    """A function that returns a package, or raises MissingPackageError; wheel: its name for pip, if it is another."""
+    return partial(_imported, module, need, extra, f"pip install --force-reinstall {wheel or module}")
 
 
 def _imported(module: str, need: str, extra: str, remedy: str) -> Any:
@@ -98,3 +43,17 @@ def _imported(module: str, need: str, extra: str, remedy: str) -> Any:
         if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
             raise MissingPackageError(f"{need}: pip install 'pyibr-opencl[{extra}]'") from None
         raise MissingPackageError(f"{need}, which is installed but cannot be imported ({error}); {remedy}") from error
+
+
+pyav = _package("av", "videos need PyAV", "video")
+openexr = _package("OpenEXR", "EXR files need OpenEXR", "exr")
+h5py = _package("h5py", "HDF5 files need h5py", "hdf5")
+scikit_image = _package("skimage.metrics", "SSIM needs scikit-image", "metrics", "scikit-image")
+flip_evaluator = _package("flip_evaluator", "FLIP needs flip-evaluator", "metrics", "flip-evaluator")
+lzfse = _package("lzfse", "depth in .r3d files needs lzfse", "r3d")
+rosbags = _package("rosbags.highlevel", "ROS bags need rosbags", "ros", "rosbags")
+rosbags_types = _package("rosbags.typesys", "ROS bags need rosbags", "ros", "rosbags")
+viser = _package("viser", "pages in the browser need viser", "view")
+distributed = _package("distributed", "batches need Dask", "batch")
+fsspec = _package("fsspec", "batches need fsspec", "batch")
+zarr = _package("zarr", "Zarr stores need zarr and Python 3.11 or later", "batch")

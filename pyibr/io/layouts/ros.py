@@ -16,7 +16,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import decoding
-from pyibr.core.optional import rosbags
+from pyibr.core.optional import rosbags, rosbags_types
 from pyibr.core.rotations import rotation_from_quaternion
 from pyibr.io import image
 from pyibr.io.poses import rigid_or_none
@@ -97,15 +97,15 @@ def find_bag(folder: Path) -> Recording | None:
 
 @contextmanager
 def _opened(path: Path) -> Generator[Any, None, None]:
-    highlevel, _ = rosbags()
-    with decoding(path, "ROS bag"), highlevel.AnyReader([path], default_typestore=_store()) as reader:
+    readers = rosbags()
+    with decoding(path, "ROS bag"), readers.AnyReader([path], default_typestore=_store()) as reader:
         yield reader
 
 
 @cache
 def _store() -> Any:
     """Types of messages for bags that do not hold them."""
-    _, typesys = rosbags()
+    typesys = rosbags_types()
     return typesys.get_typestore(typesys.Stores.LATEST)
 
 
