@@ -1,9 +1,9 @@
 /* Soft edges made sharp: each sample of a ramp between two surfaces goes to the nearer one, as it goes on from its side.
  *
  * Networks guess depth whose edges are ramps, several pixels wide. A ramp is looked for along rows, columns and
- * diagonals: a run of samples that rise or fall together, as far as they do by RAMP_RISE of what they do at its steepest.
+ * diagonals: a run of samples that all rise, or all fall, by at least RAMP_RISE of the steepest step among them.
  * Its tails belong to it, too: the surface of each side is the line through two samples farther out, by shares of the
- * ramp's length. Where the two lines, continued to a sample, are apart by APART of the nearness, there is an edge. Of
+ * ramp's length. Where the two lines, continued to a sample, differ by APART of the nearness, there is an edge. Of
  * the four directions the steepest counts. A slope that does not end within RAMP_REACH is a surface's.
  *
  * nearness: a plane (plane.h) of 1 / depth, 0 for none. sharp: (height, width) nearness of samples that change, 0 of

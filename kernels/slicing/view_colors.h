@@ -3,9 +3,10 @@
 /* The colours of an object: of the views that see the points where rays meet it, blended by how close the views'
  * directions are to the ray's.
  *
- * A view sees a point if its own surface is met there, a little before the object's, which begins where the last of all
- * views' volumes does. Of its own surface samples tell where they show it, not the creases between them. It counts the less, the farther its samples around lie from the point in depth: a view says
- * little of a surface along its direction, which lies between a near sample and a far one, unless no other sees it.
+ * A view sees a point if the ray meets the view's own surface there, or a little before: the object's begins where the
+ * last of all views' volumes does. The view's own surface is that of its samples, without the creases between them. The
+ * farther the samples around a point lie from it in depth, the less the view counts: between a near sample and a far
+ * one it says little of a surface that it sees aslant, unless no other view sees it.
  */
 #include "lib/color.h"
 #include "lib/gbuffer.h"

@@ -117,7 +117,7 @@ class StoredDepth(NamedTuple):
 
     @property
     def how(self) -> DepthReading:
-        """Arguments of `read_depth` that they tell."""
+        """The arguments of `read_depth` that these options stand for."""
         part, _, channel = (self.depth_channel or "").rpartition(":")
         far = _FAR if self.far == math.inf else self.far
         return DepthReading(

@@ -259,7 +259,7 @@ def _in_parts(function: Callable[[Float64], Float64], points: Float64) -> Float6
 
 
 def _value_and_slope(coefficients: Float64, at: Float64) -> tuple[Float64, Float64]:
-    """Of the polynomial with these coefficients, the constant one first."""
+    """Value and slope of the polynomial with these coefficients, the constant one first."""
     value, slope = np.full_like(at, coefficients[-1]), np.zeros_like(at)
     for coefficient in coefficients[-2::-1]:
         slope = slope * at + value

@@ -235,7 +235,7 @@ class PixelMap:
 
 
 def _pixels_from_pixels(one: Camera, other: Camera) -> Float64:
-    """(4, 4) from the other's pixel space to the one's. Rounding alone is made 0: special positions stay so."""
+    """(4, 4) from the other's pixel space to the one's; what may be mere rounding is 0: parallel cameras stay so."""
     pose = one.camera_from_world @ other.world_from_camera
     turn, step = pose[:3, :3], pose[:3, 3]
     turn[np.abs(turn) < _ROUNDING] = 0.0
@@ -247,5 +247,5 @@ def _pixels_from_pixels(one: Camera, other: Camera) -> Float64:
 
 
 def _middle_of(values: Float64) -> float:
-    """The upper median; NumPy's own imports all of its masked arrays first."""
+    """The upper median, without NumPy's own, which imports masked arrays on first use."""
     return float(np.sort(values)[len(values) // 2])

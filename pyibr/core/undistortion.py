@@ -152,7 +152,7 @@ def _undistorted(camera: Camera) -> Camera:
 
 
 def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: Float64 | None = None) -> Camera:
-    """Around the positions (H, W, 2) of some of a camera's pixels on the plane z = 1 of a frame turned from its own."""
+    """A pinhole whose image holds all `rays` that are its own: (H, W, 2), where they pass z = 1 of a turned frame."""
     at = np.where(own[..., None], rays * np.diag(camera.K)[:2], np.nan)
     steps = [np.hypot(*np.moveaxis(np.diff(at, axis=axis), 2, 0)) for axis in (0, 1)]
     least = min((float(np.nanmin(step)) for step in steps if np.isfinite(step).any()), default=1.0)

@@ -375,7 +375,7 @@ def _depth_differences(depth: Image, truth: Image, valid: Mask | None) -> Float6
 
 
 def _counting(argument: str, mask: Mask | None, shape: tuple[int, ...]) -> Mask:
-    """The mask of pixels that count: all of them if it is None, and never none of them."""
+    """The mask of pixels that count, all if it is None; ArgumentError if none does."""
     counts = np.ones(shape, np.bool_) if mask is None else _checked_mask(argument, mask, shape)
     if not counts.any():
         raise ArgumentError(argument, "a pixel that counts", "none")

@@ -108,10 +108,10 @@ class DepthNoise:
 def noise_by_nearness(depth: Depth, far: float = np.inf, count_max: int = _SAMPLES_MAX) -> tuple[Float64, Float64]:
     """Noise of (H, W) depth in which there is none where it is not finite, <= 0 or >= `far`.
 
-    Second differences along rows and columns are free of the surface's slope, and their median of its edges. Where
-    every other sample is missing, those two apart are taken. About `count_max` samples are looked at.
-    Cameras that tell depth in coarse steps show no such differences on most pixels: noise is half a step at least, as
-    what lies between two is now the one, now the other.
+    It is taken from second differences along rows and columns, which the surface's slope leaves alone, and from their
+    median, which its edges leave alone. Where every other sample is missing, neighbours are two apart. About
+    `count_max` samples are looked at. Cameras that tell depth in coarse steps show no difference on most pixels: their
+    noise is half a step at least, as a depth between two steps is rounded now to the one, now to the other.
 
     Returns
     -------
@@ -200,7 +200,7 @@ def _typical_change(line: Nearness, step: int) -> float:
 
 
 def _changes(line: Nearness, step: int, count_max: int) -> tuple[NDArray[np.intp], Nearness, Nearness]:
-    """Of some `count_max` samples: places of those before them, nearness, and its second difference along the line."""
+    """Nearness along a line and its second differences, of some `count_max` samples; first, where those before them lie."""
     here = line[step:-step]
     with np.errstate(over="ignore", invalid="ignore"):
         change = np.abs(line[: -2 * step] - 2 * here + line[2 * step :])

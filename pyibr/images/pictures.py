@@ -1,4 +1,4 @@
-"""Pictures of what is none yet: depth as colours, an image beside its depth, a camera; and whence a box is seen."""
+"""Pictures to look at: depth as colours, an image beside its depth, a camera's frustum; a camera that sees a box."""
 
 from __future__ import annotations
 

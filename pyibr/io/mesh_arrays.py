@@ -40,7 +40,7 @@ class MeshArrays:
 
 
 def whole(values: NDArray[Any]) -> NDArray[np.int64]:
-    """Numbers that must be integers, as such."""
+    """Return integers that are stored as other numbers; ValueError if one is none."""
     with np.errstate(invalid="ignore"):
         integers = values.astype(np.int64)
     if (integers != values).any():

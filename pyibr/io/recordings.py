@@ -75,7 +75,7 @@ class Stored:
         )
 
     def sure(self, depth: Depth, least: float | None) -> tuple[Depth, float]:
-        """Depth without the samples less sure than `least` (None: the layout's), and the share of depth that went."""
+        """Depth without the samples of a confidence below `least` (None: the layout's), and the share of these."""
         if self.confidence is None:
             return depth, 0.0
         known = self.confidence()

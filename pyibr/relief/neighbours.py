@@ -22,9 +22,10 @@ def place_and_way(vertices: Float64, normals: Float64) -> NDArray[np.int64]:
 
 
 def mitred(vertices: Float64, normals: Float64, faces: NDArray[np.int32]) -> Float64:
-    """(N, 3) the normals; at hard edges what is 1 along all of a place's, so that surfaces moved by it still meet.
+    """(N, 3) normals, mitred at hard edges: surfaces that are moved along them still meet there.
 
-    Of normals more than 120 degrees apart it is shorter. Only those of triangles with an area count.
+    A mitred one is 1 along each normal of its place; of normals more than 120 degrees apart it is shorter. Only those
+    of triangles with an area count.
     """
     place = place_of(vertices.astype(np.float32))
     a, b, c = vertices[faces].swapaxes(0, 1)
@@ -43,12 +44,10 @@ def mitred(vertices: Float64, normals: Float64, faces: NDArray[np.int32]) -> Flo
 
 
 def sides_beside(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(M, 3) sides, 3 * triangle + corner opposite, that are one with those of each triangle, across seams of uv, too.
+    """For each side of each triangle, the side of the neighbour across it: (M, 3) 3 * triangle + opposite corner.
 
-    -1 at borders.
-
-    Triangles with two corners at one place, as at the poles of a globe, are left out: those at both of their sides are
-    neighbours.
+    -1 at borders. Seams of uv part no neighbours. Triangles with two corners at one place, as at the poles of a globe,
+    are left out: those at both of their sides are neighbours.
 
     Parameters
     ----------

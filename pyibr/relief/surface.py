@@ -205,7 +205,7 @@ class ReliefSurface(HeightMapped):
 
     @cached_property
     def beside(self) -> NDArray[np.int32]:
-        """(M, 3) sides that are one with those of the drawn triangles."""
+        """(M, 3) for each side of the drawn triangles the neighbouring triangle's side there; see `sides_beside`."""
         return sides_beside(self.drawn.vertices.astype(np.float64), self.drawn.faces)
 
     @cached_property
@@ -239,8 +239,8 @@ class ReliefSurface(HeightMapped):
 
         Returns
         -------
-        Place or None
-            None if it is not, or the camera is orthographic.
+        InteriorPoint or None
+            None if it is outside, or the camera is orthographic.
         """
         eye, (low, high) = camera.center, self.bounds
         if camera.projection == "orthographic" or (eye < low).any() or (eye > high).any():
@@ -295,8 +295,8 @@ def draw_relief(
     target : Target
     surface : ReliefSurface
     lit : Lighting, optional
-    counts : DeviceArray (H, W, 2) int32, optional
-        Gains the searches of each pixel, and their steps: halvings and what the safe search does in a cell included.
+    counters : DeviceArray (H, W, 2) int32, optional
+        To which each pixel's searches are added, and their steps, with halvings and the safe search's within cells.
     places : DeviceArray (H, W, 2) float32, optional
         Becomes u and v in the tile, for a target that is blank.
     """

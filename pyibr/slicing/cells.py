@@ -47,7 +47,7 @@ def maps_of(views: Sequence[DepthImage], box: Box, missing_is_empty: bool) -> De
 
 
 def reach_of(view: DepthImage) -> float:
-    """The nearness by which the surface of a view may be nearer than the nearest of four samples."""
+    """By how much nearness the surface of a view may lie before the nearest of the four samples around it."""
     nearest = 1 / depth_extent_of(view).least if view.camera.projection == "perspective" else 1.0
     return 1.001 * constant(_KERNELS, "RISE_MAX") * _per_sample(view) * nearest
 

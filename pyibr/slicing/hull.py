@@ -98,9 +98,9 @@ class VisualHull(MeshableSolid):
         return joined(self.masks)
 
     def with_views(self, views: Sequence[Silhouette | DepthImage]) -> VisualHull:
-        """The same of other views, for animations; see `DepthObject.with_views`.
+        """Return the same hull of other views, for animations; see `DepthObject.with_views`.
 
-        Where an outline changes, all are asked again where the hull's sides lie; while only colours change, they stay.
+        Where an outline changes, the hull's sides are found again by all views; while only colours change, they stay.
 
         Examples
         --------

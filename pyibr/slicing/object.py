@@ -109,7 +109,7 @@ class DepthObject(MeshableSolid):
         draw_in_light(target, self, lighting, normals=True)
 
     def with_views(self, views: Sequence[DepthImage]) -> DepthObject:
-        """The same of other views, for animations; what is known of those that it keeps is shared.
+        """Return the same object of other views, for animations; what is known of views that stay is shared.
 
         Parameters
         ----------

@@ -90,7 +90,7 @@ class Solid(Immutable):
         return [words_of(view) for view in self.views]
 
     def with_known(self, values: list[_Known], views: Sequence[Any], make: Callable[[Any], _Known]) -> list[_Known]:
-        """Make something of each view; for those of this solid it is among `values` already."""
+        """A value for each of some views: made of it, or, of views that this solid has, too, taken from `values`."""
         known = {id(view): value for view, value in zip(self.views, values, strict=True)}
         return [known[id(view)] if id(view) in known else make(view) for view in views]
 

@@ -32,7 +32,7 @@ _RUN = 64  # pixels whose holes' lines a work-item of behind_runs follows at a t
 
 
 def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelMap]], how: Fill) -> None:
-    """Holes are filled, from the views and what is in the picture by now."""
+    """Fill holes, from the views and what is in the picture by now."""
     target.filled = True
     if how == "inpaint":
         inpaint(target)
@@ -93,22 +93,22 @@ def _same_surface(camera: Camera, noise: tuple[float, float, float]) -> Struct:
 
 
 def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
-    """Storeys of cells up to a single one, and down again into the holes; None: all pixels beside them count alike."""
+    """Fill holes from a pyramid of cells: means up to a single one, and down again; None: all pixels weigh the same."""
     tile, planes, inner = (
         _of_holes("TILE"),
         *(int(constant("warp/fill.cl", name)) for name in ("PLANES", "INNER_CELLS")),
     )
-    storeys: list[dict[str, Any]] = []
+    pyramid: list[dict[str, Any]] = []  # of each level of tiles its arrays, fine to coarse
     width, height = target.camera.size
-    while width > 1 or height > 1 or not storeys:
+    while width > 1 or height > 1 or not pyramid:
         down, across = -(-height // tile), -(-width // tile)
-        cells, levels = empty((planes, down, across), np.float32), empty((down * across + 1, planes, inner), np.float32)
-        storeys.append({"width": width, "height": height, "inner": levels, "cells": cells})
+        cells, within = empty((planes, down, across), np.float32), empty((down * across + 1, planes, inner), np.float32)
+        pyramid.append({"width": width, "height": height, "inner": within, "cells": cells})
         width, height = across, down
 
     profile = current().profile
     strip = max(profile.run // tile, 1)
-    _, down, across = storeys[0]["cells"].shape
+    _, down, across = pyramid[0]["cells"].shape
     strips = -(-across // strip), down
     defines = {**target.color_defines, "HAS_BEHIND": int(behind is not None)}
     perspective = int(target.camera.projection == "perspective")
@@ -116,21 +116,21 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
     image = {"behind": told, "pitch": told.shape[2], "perspective": perspective, "strip": strip, **target.outputs()}
     names = ("push_pixels", "push_cells", "pull_cells", "pull_pixels")
     push, push_cells, pull_cells, pull = (kernel("warp/fill.cl", name, **defines) for name in names)
-    for number, storey in enumerate(storeys):
-        _, down, across = storey["cells"].shape
+    for number, tiles in enumerate(pyramid):
+        _, down, across = tiles["cells"].shape
         first_level = across * tile // 2, down * tile // 2
         of_depths = {"perspective": perspective, "level": number * (tile.bit_length() - 1)}
         if number == 0:
-            launch(push, profile.grid(strips, first_level), **image, **storey)
+            launch(push, profile.grid(strips, first_level), **image, **tiles)
         else:
             grid = profile.grid((across, down), first_level)
-            launch(push_cells, grid, base=storeys[number - 1]["cells"], **of_depths, **storey)
+            launch(push_cells, grid, base=pyramid[number - 1]["cells"], **of_depths, **tiles)
         if profile.lanes == 1:
-            launch(kernel("warp/fill.cl", "push_levels", **defines), (across, down), **of_depths, **storey)
-    for lower, upper in reversed(list(itertools.pairwise(storeys))):
+            launch(kernel("warp/fill.cl", "push_levels", **defines), (across, down), **of_depths, **tiles)
+    for lower, upper in reversed(list(itertools.pairwise(pyramid))):
         grid = profile.grid(upper["cells"].shape[:0:-1], lower["cells"].shape[:0:-1])
         launch(pull_cells, grid, base=lower["cells"], **upper)
-    launch(pull, profile.grid(strips, target.camera.size), **image, **storeys[0])
+    launch(pull, profile.grid(strips, target.camera.size), **image, **pyramid[0])
 
 
 def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> None:

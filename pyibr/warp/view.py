@@ -302,7 +302,7 @@ def _(thing: DepthImage) -> WarpedView:
 
 
 def _placed(view: DepthImage, target: Target) -> tuple[Samples, PixelMap]:
-    """A view's samples, in what the target shows of them, and its map into the target."""
+    """A view's samples, in the colours or normals that the target shows, and its map into the target."""
     samples = samples_of(_shown(view, target))
     return samples, PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
 

@@ -225,7 +225,7 @@ def _pushed(cells: Array, told: bool | None, side: int) -> Array:
 
 
 def _pulled(base: Array, told: bool | None, side: int) -> Array:
-    """(H, W, 4): cells (H, W, 5), `side` pixels wide, values times weights and weights, filled from storeys above."""
+    """(H, W, 4): cells (H, W, 5), `side` pixels wide, values times weights and weights, filled from coarser levels."""
     height, width = base.shape[:2]
     levels = [np.pad(base, ((0, -height % TILE), (0, -width % TILE), (0, 0)))]
     for number in range(4):

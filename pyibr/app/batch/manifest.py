@@ -60,7 +60,7 @@ class Manifest:
         )
 
     def add(self, entry: Entry) -> None:
-        """A task is done."""
+        """Note that a task is done."""
         self._new.append(entry)
         if time.monotonic() - self._written > _SECONDS:
             self.flush()

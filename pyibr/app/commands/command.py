@@ -60,7 +60,7 @@ def tell_written(
 
 @contextmanager
 def _reporting(as_json: bool) -> Generator[None, None, None]:
-    """While it is open, what is told of files is kept, and printed as one JSON object in the end; or told at once."""
+    """Within it, what is told of files is collected and printed as one JSON object at the end; or else told at once."""
     start, report = time.monotonic(), dict[str, Any]()
     token = _report.set(report if as_json else None)
     try:

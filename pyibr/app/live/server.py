@@ -56,7 +56,7 @@ def start_server(port: int, title: str) -> ViserServer:
 
 
 def stop_server(server: ViserServer) -> None:
-    """End it; its pages say that the connection is lost."""
+    """End the server; its pages say that the connection is lost."""
     with _quiet():
         server.stop()
 

@@ -34,7 +34,7 @@ def class_colors(frame: Frame) -> Image:
 
 
 def view_colors(frame: Frame, background: tuple[int, int, int]) -> Image:
-    """A colour for each view that pixels come from, as dark and light as the picture; its own ones if none is told."""
+    """The picture with a hue for each view that pixels come from; in its own colours where no view is told."""
     if frame.view is None:
         return in_bytes(frame.color)
     made = np.empty((*frame.depth.shape, 3), np.uint8)

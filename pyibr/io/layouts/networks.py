@@ -156,7 +156,7 @@ def _pictures(file: Path, name: str) -> Callable[[int], NDArray[Any]]:
 
 
 def _layers(stack: NDArray[Any], file: Path) -> NDArray[np.float32]:
-    """(N, H, W) of such, or with axes of length 1 before or behind."""
+    """A stack of depth maps as (N, H, W): axes of length 1 before and behind are dropped."""
     shape = list(stack.shape)
     while len(shape) > 3 and 1 in (shape[0], shape[-1]):
         del shape[0 if shape[0] == 1 else -1]

@@ -130,9 +130,9 @@ def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
 
 
 def write_frames(folder: Path, frames: Sequence[_Entry], unit: float) -> None:
-    """Write transforms.json of frames, of which each names its files beside what `nerf_frame` tells.
+    """Write transforms.json: of each frame what `nerf_frame` tells, and the names of its files.
 
-    unit: scene units of a stored one of depth.
+    unit: scene units in a stored unit of depth.
     """
     model = frames[0]["camera_model"] if frames else "OPENCV"
     write_json(folder / _FILES[0], {"camera_model": model, **dict.fromkeys(_UNITS, unit), "frames": list(frames)})
