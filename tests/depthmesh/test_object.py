@@ -83,12 +83,6 @@ def test_the_views_order_changes_nothing(blend):
         assert (off <= 1).mean() >= (0.999 if blend == "nearest" else 1)
 
 
-def test_two_runs_give_the_same_bits():
-    thing, camera = ibr.DepthMeshObject(six()), target()
-    same_bits(ibr.render(thing, camera), ibr.render(thing, camera))
-    same_bits(ibr.render(thing, camera), ibr.render(ibr.DepthMeshObject(six()), camera))
-
-
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_the_full_grid_up_to_the_pictures_border(projection):
     """Triangles that the picture cuts off at its border are as fine as those it shows."""

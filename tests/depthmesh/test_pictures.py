@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import permutations
-
 import numpy as np
 import pytest
 
@@ -17,28 +15,7 @@ from tests import scenes
 from tests.depthmesh.views import PROJECTIONS, SIZE, six, target
 from tests.embree import embree
 from tests.shadowed import AMBIENT, CAMERAS, agreement, ball, box, joined, plane
-from tests.slicing.solids import torus, views_of_torus
-
-
-@pytest.mark.parametrize("projection", PROJECTIONS)
-def test_one_depth_buffer_with_other_things(projection):
-    wall = ibr.Mesh(
-        [[-3, -3, 0.3], [3, -3, -0.4], [3, 3, 0.2], [-3, 3, 0.9]],
-        [[0, 1, 2], [0, 2, 3]],
-        colors=np.full((4, 3), 9, np.uint8),
-    )
-    things = [ibr.DepthMeshObject(six()), wall, ibr.DepthMesh(views_of_torus("perspective")[5])]
-    camera = target(projection=projection)
-    alone = [ibr.render(one, camera) for one in things]
-    nearest = np.min([np.where(one.valid, one.depth, np.inf) for one in alone], axis=0)
-    for order in permutations(things):
-        frame = ibr.render(order, camera)
-        np.testing.assert_array_equal(np.where(frame.valid, frame.depth, np.inf), nearest)
-        for one in alone:
-            mine = one.valid & (one.depth == nearest)
-            assert mine.sum() > 20
-            unique = mine & (np.sum([a.valid & (a.depth == nearest) for a in alone], axis=0) == 1)
-            np.testing.assert_array_equal(frame.color[unique], one.color[unique])
+from tests.slicing.solids import torus
 
 
 @pytest.mark.thorough

@@ -221,13 +221,6 @@ def test_from_afar_means_are_read_and_bounds_hold():
     assert np.median(np.abs(frame.depth - mean.depth)[both]) <= 0.01
 
 
-def test_two_runs_give_the_same_bits():
-    thing, camera = ibr.ReliefSurface(grid(torus, 48, 24), bricks(), WHITE, 0.05, tiles=(8, 4)), around("torus")
-    first, second = ibr.render(thing, camera), ibr.render(thing, camera)
-    np.testing.assert_array_equal(first.depth, second.depth)
-    np.testing.assert_array_equal(first.color, second.color)
-
-
 def test_two_coincident_cylinders_show_what_lies_farther_out():
     """Of two materials on one cylinder each shows where it is the higher one."""
     other = tiled_noise(4, 3)
@@ -246,21 +239,3 @@ def test_two_coincident_cylinders_show_what_lies_farther_out():
     agrees = (frame.color[..., 0] > 100) == (truths[0] < truths[1])
     assert agrees[inside].mean() >= 0.98, agrees[inside].mean()
     assert 0.2 <= (truths[0] < truths[1])[inside].mean() <= 0.8
-
-
-def test_one_depth_buffer_with_other_things():
-    base, camera = grid(torus, 48, 24), around("torus")
-    relief = ibr.ReliefSurface(base, bricks(), WHITE, 0.08, tiles=(8, 4))
-    low, high = np.array([-2, -2, -0.01]), np.array([2, 2, -0.01])
-    sheet = ibr.Mesh(
-        [[low[0], low[1], low[2]], [high[0], low[1], low[2]], [high[0], high[1], low[2]], [low[0], high[1], low[2]]],
-        [[0, 1, 2], [0, 2, 3]],
-        colors=np.zeros((4, 3), np.uint8),
-    )
-    alone = ibr.render(relief, camera)
-    plain = ibr.render(sheet, camera)
-    for things in ([relief, sheet], [sheet, relief]):
-        both = ibr.render(things, camera)
-        nearest = np.fmin(alone.depth, plain.depth)
-        np.testing.assert_allclose(both.depth[both.valid], nearest[both.valid], rtol=1e-6)
-        np.testing.assert_array_equal(both.valid, alone.valid | plain.valid)

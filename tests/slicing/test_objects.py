@@ -211,13 +211,6 @@ def test_the_number_of_views_builds_nothing():
     assert after[0] == after[-1] > 0
 
 
-def test_two_runs_give_the_same_bits():
-    views, camera = views_of_torus("nine, anywhere"), looking(torus(), FRONT, (90, 70))
-    one, two = (ibr.render(ibr.DepthObject(views, slices=64), camera) for _ in range(2))
-    np.testing.assert_array_equal(one.depth, two.depth)
-    np.testing.assert_array_equal(one.color, two.color)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_order_of_views_changes_nothing(kind):
     views, camera = views_of_torus(kind), looking(torus(), FRONT, (90, 70))
@@ -304,17 +297,6 @@ def test_one_depth_buffer_with_other_things(slicing, halvings):
         assert (nearest == alone[0].depth).any()
         assert (nearest == alone[1].depth).any()
         assert (nearest == alone[2].depth).any()
-
-
-@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-def test_of_what_is_equally_far_the_first_stays(projection):
-    views = views_of_torus("orthographic")
-    dark, light = (
-        ibr.DepthObject([ibr.DepthImage(np.full_like(v.color, gray), v.depth, v.camera) for v in views], slices=64)
-        for gray in (50, 200)
-    )
-    frame = ibr.render([dark, light], looking(torus(), FRONT, (90, 70), projection))
-    assert (frame.color[frame.valid] == 50).all()
 
 
 def test_tests_are_counted():
