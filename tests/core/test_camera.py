@@ -227,11 +227,6 @@ def test_bad_arguments_are_named(changed, argument, words):
     assert "\n" not in str(caught.value)
 
 
-def test_a_pose_rounded_to_float32_is_accepted():
-    pose = random_camera(3).world_from_camera.astype(np.float32)
-    assert ibr.Camera(GOOD_K, (61, 37), pose).world_from_camera.dtype == np.float64
-
-
 @pytest.mark.parametrize(
     ("changed", "argument"),
     [

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.capture import models, object_views
 from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from tests import scenes
@@ -326,31 +325,6 @@ def test_a_mesh_drawn_as_a_mesh_is_the_depth_mesh_drawn():
         both = one.valid & other.valid
         assert both.mean() > 0.3
         np.testing.assert_allclose(one.depth[both], other.depth[both], rtol=1e-4)
-
-
-def test_open3d_and_files(tmp_path):
-    thing = ibr.DepthMesh(object_views(models.donut(), 48)[4])
-    mesh = thing.simplify(0.01)
-    other = mesh.to_open3d()
-    assert len(other.triangle.indices) == len(mesh.faces)
-    np.testing.assert_array_equal(other.vertex["quality"].numpy()[:, 0], mesh.attributes["quality"])
-    mesh.save(tmp_path / "thing.glb")
-    back = ibr.Mesh.load(tmp_path / "thing.glb")
-    assert len(back.faces) == len(mesh.faces)
-    np.testing.assert_allclose(sorted_places(back), sorted_places(mesh), atol=1e-6)
-    np.testing.assert_array_equal(back.texture, mesh.texture)
-    plain = ibr.Mesh(mesh.vertices, mesh.faces, normals=mesh.normals, attributes=mesh.attributes)
-    plain.save(tmp_path / "thing.ply")
-    back = ibr.Mesh.load(tmp_path / "thing.ply")
-    np.testing.assert_array_equal(back.faces, mesh.faces)
-    np.testing.assert_array_equal(back.vertices, mesh.vertices)
-    np.testing.assert_allclose(back.normals, mesh.normals, atol=1e-6)
-
-
-def sorted_places(mesh: ibr.Mesh) -> np.ndarray:
-    """Of all triangles' corners, whatever order a file keeps vertices in."""
-    corner = mesh.vertices[mesh.faces].reshape(-1, 3)
-    return corner[np.lexsort(np.round(corner, 4).T)]
 
 
 # --- strips -------------------------------------------------------------------------------------------

@@ -58,33 +58,6 @@ def test_normals_of_what_has_no_area():
     np.testing.assert_array_equal(mesh.smooth_normals, np.tile([0, 0, 1], (2, 1)))
 
 
-@pytest.mark.parametrize("suffix", [".obj", ".glb"])
-def test_files_with_texture(suffix, tmp_path):
-    made = ibr.Mesh(CORNERS, FACES, uv=UV, texture=texture())
-    made.save(tmp_path / f"square{suffix}")
-    read = ibr.Mesh.load(tmp_path / f"square{suffix}")
-    np.testing.assert_array_equal(read.texture, made.texture)
-    np.testing.assert_allclose(read.uv[read.faces], made.uv[made.faces], atol=1e-6)
-    np.testing.assert_allclose(read.vertices[read.faces], made.vertices[made.faces], atol=1e-6)
-
-
-@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb", ".stl", ".off"])
-def test_files_without_texture(suffix, tmp_path):
-    made = ibr.Mesh(CORNERS, FACES)
-    made.save(tmp_path / f"square{suffix}")
-    read = ibr.Mesh.load(tmp_path / f"square{suffix}")
-    np.testing.assert_allclose(read.vertices[read.faces], made.vertices[made.faces], atol=1e-6)
-
-
-def test_vertex_colours_and_normals_in_ply(tmp_path):
-    colors = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [9, 8, 7]], np.uint8)
-    made = ibr.Mesh(CORNERS, FACES, normals=np.tile([0, 0, 1.0], (4, 1)), colors=colors)
-    made.save(tmp_path / "square.ply")
-    read = ibr.Mesh.load(tmp_path / "square.ply")
-    np.testing.assert_array_equal(read.colors, colors)
-    np.testing.assert_array_equal(read.normals, made.normals)
-
-
 def test_packed_files(tmp_path):
     ibr.Mesh(CORNERS, FACES).save(tmp_path / "square.ply")
     (tmp_path / "square.ply.gz").write_bytes(gzip.compress((tmp_path / "square.ply").read_bytes()))
