@@ -29,7 +29,8 @@ from pyibr.opencl.device import Session, current
 from pyibr.opencl.memory_pool import Block
 from pyibr.raster import bins
 from tests.one_lane import one_lane
-from tests.opencl.cases import KINDS, Launches, Poisoned, Setting, check_all_ran, run_all
+from tests.opencl.cases import check_all_ran, run_all
+from tests.opencl.setting import KINDS, Launches, Poisoned, Setting
 
 Where = Literal["start", "end"]
 
