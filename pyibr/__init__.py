@@ -47,13 +47,13 @@ from pyibr.picture.drawable import Drawable
 from pyibr.picture.light import Light
 from pyibr.picture.render import render
 from pyibr.picture.undistort import undistorted
-from pyibr.warp import (
+from pyibr.warp import (  # `warp` takes its package's place as an attribute
     RegisteredColor,
     WarpedView,
     register,
     register_color,
     warp,
-)  # `warp` takes its package's place as an attribute
+)
 
 import_module("pyibr.raster")  # it draws meshes, which know nothing of it
 

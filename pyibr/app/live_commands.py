@@ -12,7 +12,7 @@ import pyibr as ibr
 from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.heights import HEIGHT_HELP, MapOptions
-from pyibr.app.commands.things import StartCamera, ThingFiles, Things, UpOption, direction_of
+from pyibr.app.commands.things import StartCamera, ThingFiles, Things, UpOption, customary_up, direction_of
 from pyibr.app.live.pages import Pages
 from pyibr.app.options import (
     Baseline,
@@ -112,8 +112,7 @@ def place(
         raise ArgumentError("--output", "a folder for the set, with --no-page", "none")
     with device_of(device):
         known = Mesh.load(mesh)
-        customary = None if mesh.name.lower().endswith((".glb", ".gltf")) else "y"
-        upward = direction_of(up or customary) or (0.0, -1.0, 0.0)
+        upward = direction_of(up or customary_up(mesh)) or (0.0, -1.0, 0.0)
         given, about = ([], {}) if frusta is None else load_frusta(frusta)
         part = part_of(about, frusta or "") if within is None else np.sort(np.reshape(within, (2, 3)), axis=0)
         surface = surface_of(known, within=part)

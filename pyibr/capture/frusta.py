@@ -19,14 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from pyibr.capture.sets import SetEntry, entry_json, read_set, write_set
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import write_json
-from pyibr.core.checks import (
-    Float64,
-    checked_box,
-    describe,
-    instance_of,
-    number_from,
-    positive_or_infinite,
-)
+from pyibr.core.checks import Float64, checked_box, describe, instance_of, number_from, positive_or_infinite
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
 from pyibr.picture.light import Light

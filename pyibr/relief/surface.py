@@ -14,12 +14,7 @@ from pyibr.core.checks import instance_of, integer_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import check_no_lens
 from pyibr.meshes.height_mapped import HeightMapped
-from pyibr.meshes.heights import (
-    Float32,
-    Wrap,
-    Wraps,
-    height_at,
-)
+from pyibr.meshes.heights import Float32, Wrap, Wraps, height_at
 from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
@@ -36,14 +31,7 @@ from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_argu
 from pyibr.relief.interior import Interior, InteriorPoint
 from pyibr.relief.levels import HeightLevels, height_levels
 from pyibr.relief.neighbours import mitred, sides_beside
-from pyibr.relief.quadrics import (
-    VertexFrames,
-    is_flat,
-    juts_out,
-    split_at_edges,
-    split_at_mirrors,
-    vertex_frames,
-)
+from pyibr.relief.quadrics import VertexFrames, is_flat, juts_out, split_at_edges, split_at_mirrors, vertex_frames
 
 Silhouette = Literal["quadric", "none"]
 Distance = Literal["approximate", "exact", "perpendicular"]

@@ -18,19 +18,7 @@ from tests.embree import embree
 from tests.one_lane import one_lane
 from tests.reference.heights import bilinear_height
 from tests.relief.solids import Carved, grid, torus
-from tests.shadowed import (
-    AMBIENT,
-    CAMERAS,
-    LIGHTS,
-    SCENES,
-    agreement,
-    ball,
-    box,
-    hilly,
-    joined,
-    light_of,
-    plane,
-)
+from tests.shadowed import AMBIENT, CAMERAS, LIGHTS, SCENES, agreement, ball, box, hilly, joined, light_of, plane
 from tests.truth import triangulate
 
 

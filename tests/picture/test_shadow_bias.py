@@ -11,13 +11,7 @@ from pyibr.core.camera import Camera
 from pyibr.picture.shadow import light_cameras
 from tests.displaced import square
 from tests.embree import embree
-from tests.shadowed import (
-    box,
-    edges,
-    first_hits,
-    plane,
-    shares,
-)
+from tests.shadowed import box, edges, first_hits, plane, shares
 
 
 def sun(elevation: float, turn: float) -> tuple[float, float, float]:

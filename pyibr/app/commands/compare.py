@@ -175,12 +175,10 @@ def _of_depth(truth: _Image, depth: _Image, counted: _Mask | None) -> _Figures:
         return {"rmse": math.nan, "median_error": math.nan, "relative_error": math.nan, **found}
     rmse, median = (one(depth, truth, valid=counted) for one in (metrics.depth_rmse, metrics.median_depth_error))
     with np.errstate(all="ignore"):
-        share = metrics.median_depth_error(depth / truth, np.ones_like(truth), valid=_both(counted, known[0]))
+        share = metrics.median_depth_error(
+            depth / truth, np.ones_like(truth), valid=known[0] if counted is None else counted & known[0]
+        )
     return {"rmse": rmse, "median_error": median, "relative_error": share, **found}
-
-
-def _both(counted: _Mask | None, known: _Mask) -> _Mask:
-    return known if counted is None else counted & known
 
 
 def _color_errors(a: _Image, b: _Image) -> tuple[NDArray[np.float32], _Mask, _Mask]:

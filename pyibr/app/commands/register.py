@@ -123,18 +123,12 @@ def _registered(
 ) -> tuple[dict[Kind, NDArray[Any]], NDArray[np.bool_]]:
     """Register a frame: the images to write, and the pixels that are covered."""
     with depths.naming(shot):
-        return _made(depths, shot, depth, picture)
-
-
-def _made(
-    depths: DepthReader, shot: Shot, depth: Depth, picture: Color | None
-) -> tuple[dict[Kind, NDArray[Any]], NDArray[np.bool_]]:
-    if picture is None:
-        made = depths.registered(shot, depth)
-        return {"depth": made}, np.isfinite(made)
-    if depths.is_blank(depth):
-        seen = np.zeros(depth.shape, np.bool_)
-        return {"color": np.zeros((*depth.shape, 3), picture.dtype), "mask": seen}, seen
-    noise = depths.noise_of(shot)
-    found = ibr.register_color(depth, shot.depth_camera or shot.camera, shot.camera, picture, noise=noise)
-    return {"color": found.color, "mask": found.seen}, found.seen
+        if picture is None:
+            made = depths.registered(shot, depth)
+            return {"depth": made}, np.isfinite(made)
+        if depths.is_blank(depth):
+            seen = np.zeros(depth.shape, np.bool_)
+            return {"color": np.zeros((*depth.shape, 3), picture.dtype), "mask": seen}, seen
+        noise = depths.noise_of(shot)
+        found = ibr.register_color(depth, shot.depth_camera or shot.camera, shot.camera, picture, noise=noise)
+        return {"color": found.color, "mask": found.seen}, found.seen

@@ -12,6 +12,7 @@ import typer
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.heights import HEIGHT_HELP, MapOptions
 from pyibr.app.commands.outputs import VideoOptions
+from pyibr.app.commands.things import customary_up
 from pyibr.app.commands.turntable import Turntable, TurntableOptions
 from pyibr.app.options import DeviceName, ExposureOption, device_of
 from pyibr.core.camera import Camera
@@ -126,5 +127,4 @@ def _draw(
     points = base.vertices.astype(np.float64)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     ball = middle, float(np.linalg.norm(points - middle, axis=1).max()) + surface.scale
-    up = None if mesh.name.lower().endswith((".glb", ".gltf")) else "y"
-    table.draw(surface, ball, up=up, light=shading.light_before, anisotropy=shading.anisotropy)
+    table.draw(surface, ball, up=customary_up(mesh), light=shading.light_before, anisotropy=shading.anisotropy)

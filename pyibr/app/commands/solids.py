@@ -15,12 +15,7 @@ from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.outputs import VideoOptions, check_outputs
 from pyibr.app.commands.things import Up
 from pyibr.app.commands.turntable import Turntable, TurntableOptions
-from pyibr.app.options import (
-    DeviceName,
-    StoredDepth,
-    device_of,
-    given_of,
-)
+from pyibr.app.options import DeviceName, StoredDepth, device_of, given_of
 from pyibr.capture.sets import SET_FILE
 from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError

@@ -75,7 +75,7 @@ class Things:
                 own, far = self._lens.camera_of(name, self._camera), self._stored.empty_from
                 depth, told = self._cleaned(color, self._stored.read(rest.pop(0), own), own)
                 things.append(DepthImage(color, depth, own, far=far, default_depth=self._default_depth, noise=told))
-            customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
+            customary &= is_mesh_file(name) and customary_up(name) is not None
         return things, customary
 
     def _cleaned(
@@ -86,6 +86,11 @@ class Things:
         return (
             (depth, told) if how is None else (ibr.clean_depth(depth, color, noise=told, **how._asdict()).depth, None)
         )
+
+
+def customary_up(mesh: Path) -> Up | None:
+    """The direction that is up in a mesh's file by custom; None of GLB and GLTF, which say it."""
+    return None if mesh.name.lower().endswith((".glb", ".gltf")) else "y"
 
 
 def direction_of(up: Up | None) -> tuple[float, ...] | None:

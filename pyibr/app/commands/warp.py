@@ -18,15 +18,7 @@ from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.reading import Inputs, Reading, Sources
 from pyibr.app.commands.targets import Job, Move, Targets
-from pyibr.app.options import (
-    DeviceName,
-    FillOption,
-    Samples,
-    StoredDepth,
-    device_of,
-    fill_of,
-    printable_text,
-)
+from pyibr.app.options import DeviceName, FillOption, Samples, StoredDepth, device_of, fill_of, printable_text
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Side

@@ -11,14 +11,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.app.view.methods import methods_of
-from pyibr.app.view.overlays import (
-    CLASS_COLORS,
-    class_colors,
-    difference,
-    legend,
-    view_color,
-    view_colors,
-)
+from pyibr.app.view.overlays import CLASS_COLORS, class_colors, difference, legend, view_color, view_colors
 from pyibr.app.view.painting import kernel_seconds, paint
 from pyibr.app.view.parameters import parameters_of, with_parameters
 from pyibr.app.view.scene import scene_of
