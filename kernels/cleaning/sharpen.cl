@@ -1,4 +1,5 @@
-/* Soft edges made sharp: each sample of a ramp between two surfaces goes to the nearer one, as it goes on from its side.
+/* Soft edges made sharp: each sample of a ramp between two surfaces goes to the nearer one, as it goes on from its
+ * side.
  *
  * Networks guess depth whose edges are ramps, several pixels wide. A ramp is looked for along rows, columns and
  * diagonals: a run of samples that all rise, or all fall, by at least RAMP_RISE of the steepest step among them.
@@ -7,8 +8,8 @@
  * the four directions the steepest counts. A slope that does not end within RAMP_REACH is a surface's.
  *
  * nearness: a plane (plane.h) of 1 / depth, 0 for none. sharp: (height, width) nearness of samples that change, 0 of
- * others. Work-item: `strip` packets of a row. Cost: O(pixels * RAMP_REACH). Determinism: each pixel from a plane that is
- * finished.
+ * others. Work-item: `strip` packets of a row. Cost: O(pixels * RAMP_REACH). Determinism: each pixel from a plane that
+ * is finished.
  */
 #include "cleaning/plane.h"
 

@@ -2,10 +2,10 @@
  *
  * The depth pass (mesh_layers.h) finds the nearest surface of each mesh that a region's pixels see. In the colour pass
  * those that lie within epsilon behind the nearest of all give their colours, weighted and normalised at once. Holes of
- * the views that are drawn show the meshes of the other views, which are coarser; and surface that no view saw, but that
- * must be there, is closed (closing.h). Views fade towards the ends of their surfaces, so that where one ends the others
- * have all weight already. BLEND_QUALITY: weights of positions times quality, per pixel (the paper's); BLEND_POSITION:
- * of positions alone; BLEND_NEAREST: the front mesh's colour.
+ * the views that are drawn show the meshes of the other views, which are coarser; and surface that no view saw, but
+ * that must be there, is closed (closing.h). Views fade towards the ends of their surfaces, so that where one ends the
+ * others have all weight already. BLEND_QUALITY: weights of positions times quality, per pixel (the paper's);
+ * BLEND_POSITION: of positions alone; BLEND_NEAREST: the front mesh's colour.
  *
  * Deviations from the paper: views fade; of each mesh the nearest surface alone is blended, so surfaces that it hides
  * itself are left out, within epsilon, too; textures are projected, not stretched over triangles, and read within the
@@ -16,16 +16,14 @@
  * firsts: (meshes + 1,) each mesh's first triangle. Of others and views: sources: (meshes, 4) number of its view, of
  * the first and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and
  * start in colors, each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of
- * the target that a scene unit takes at depth 1 of both. colors: RGBA bytes; A: of a view's finest level 255
- * times how much each sample counts (feather_at), of others 255 times the part that has samples.
- * weights: (meshes,) positional, > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_...
- * layer_nearness, layer_owner: (others + views, items, pixels of a region) what mesh_layers.h leaves. If CLOSED
- * BY_RAYS, of all `view_count` views what closing.h calls FreeSpace: view_sizes are its sizes. depth, color, valid: the picture,
- * whose pixels stay where they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with
- * OCCUPIED. guesses: (height, width) gets the depth of what is closed, with GUESSES.
- * Work-item: the regions (raster/region.h) of every `items`-th number, of `items` work-items. Cost: O(list + pixels *
- * meshes).
- * Determinism: list order, then the meshes'.
+ * the target that a scene unit takes at depth 1 of both. colors: RGBA bytes; A: of a view's finest level 255 times how
+ * much each sample counts (feather_at), of others 255 times the part that has samples. weights: (meshes,) positional,
+ * > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_... layer_nearness, layer_owner: (others +
+ * views, items, pixels of a region) what mesh_layers.h leaves. If CLOSED BY_RAYS, of all `view_count` views what
+ * closing.h calls FreeSpace: view_sizes are its sizes. depth, color, valid: the picture, whose pixels stay where they
+ * are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED. guesses: (height, width)
+ * gets the depth of what is closed, with GUESSES. Work-item: the regions (raster/region.h) of every `items`-th number,
+ * of `items` work-items. Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
 #include "depthmesh/closing.h"
 #include "depthmesh/mesh_layers.h"

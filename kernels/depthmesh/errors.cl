@@ -10,12 +10,12 @@
  * triangle of which only a part is drawn has CUT_ERROR times its own length as an error, since all of it is lost unless
  * it is split: edges and segmentation stay at any tolerance that is of use.
  *
- * nearness, placed: (height, pitch), samples.cl; nearness without its noise (smooth.cl). Of each vertex, (side + 1, row): states, states.cl; errors in scene
- * units, -1 where nothing is drawn; radii of the bounding spheres, which hold triangles as they are drawn; depths of
- * their centres, which are a child's where there is no sample. Work-item: a row of vertices of step 1, most of all, one
- * after the other (`find_finest_midpoints`, which also writes what is true of vertices that no cell belongs to,
- * `find_finest_centers`), of a coarser step (`find_errors`), all rows of all coarser steps (`find_coarse_errors`).
- * Cost: O(vertices). Determinism: maxima of children in a fixed order.
+ * nearness, placed: (height, pitch), samples.cl; nearness without its noise (smooth.cl). Of each vertex, (side + 1,
+ * row): states, states.cl; errors in scene units, -1 where nothing is drawn; radii of the bounding spheres, which hold
+ * triangles as they are drawn; depths of their centres, which are a child's where there is no sample. Work-item: a row
+ * of vertices of step 1, most of all, one after the other (`find_finest_midpoints`, which also writes what is true of
+ * vertices that no cell belongs to, `find_finest_centers`), of a coarser step (`find_errors`), all rows of all coarser
+ * steps (`find_coarse_errors`). Cost: O(vertices). Determinism: maxima of children in a fixed order.
  */
 #include "depthmesh/tree.h"
 
@@ -108,10 +108,10 @@ INLINED floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax
     return select_lanes(known & (off > ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z))), off, (floatl)0.0f);
 }
 
-/* The own errors of centres p, of nearness n, of blocks with these edges; corner: nearness, row by row. Where blocks are
- * `squeezed`, p lies off their diagonal in the image, too, and the error is the distance from the planes on its sides,
- * but those through a corner without a sample: surfaces with and without p differ most at p, or by a part of that where
- * the diagonal crosses an edge from p to a corner. */
+/* The own errors of centres p, of nearness n, of blocks with these edges; corner: nearness, row by row. Where blocks
+ * are `squeezed`, p lies off their diagonal in the image, too, and the error is the distance from the planes on its
+ * sides, but those through a corner without a sample: surfaces with and without p differ most at p, or by a part of
+ * that where the diagonal crosses an edge from p to a corner. */
 floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl right, intl top, intl bottom,
                     const floatl corner[4], intl main, intl squeezed)
 {

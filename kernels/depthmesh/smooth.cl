@@ -1,8 +1,8 @@
 /* Samples without their noise, for the quadtree's errors: what noise alone would split is none of a surface.
  *
  * Each sample's nearness goes towards the means of pairs that lie opposite each other around it, so planes stay as they
- * are, whatever their slope. Pairs whose mean is off by more than PAIR_REACH deviations of the noise lie on other surfaces,
- * and those that are off by less weigh less.
+ * are, whatever their slope. Pairs whose mean is off by more than PAIR_REACH deviations of the noise lie on other
+ * surfaces, and those that are off by less weigh less.
  *
  * nearness, smoothed: (height, pitch), picture/nearness.cl. Work-item: a row. Cost: O(samples), 48 each. Determinism:
  * every sample on its own.

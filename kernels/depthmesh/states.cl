@@ -1,8 +1,8 @@
 /* The states of the quadtree's triangles, fine to coarse: whether all, some or none of the cells within each are drawn
  * (Pajarola, Sainz & Meng 2003, section 3.3: segmentation carried up by boolean rules).
  *
- * A triangle's state is the union of its two halves' states; those are sides of the vertex's children. In a block
- * that is squeezed into the image (tree.h) the diagonal does not pass the centre: there each side has the union of both.
+ * A triangle's state is the union of its two halves' states; those are sides of the vertex's children. In a block that
+ * is squeezed into the image (tree.h) the diagonal does not pass the centre: there each side has the union of both.
  *
  * cells: samples.cl. states: (side + 1, row) of each vertex, both sides' (tree.h).
  * Work-item: a row of vertices, of which those of step 1 are found and of others 0 is written

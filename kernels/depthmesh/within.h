@@ -1,6 +1,7 @@
 #ifndef DEPTHMESH_WITHIN_H
 #define DEPTHMESH_WITHIN_H
-/* The samples of a row that lie within one triangle of the quadtree as it is drawn: its outermost edges are the image's.
+/* The samples of a row that lie within one triangle of the quadtree as it is drawn: its outermost edges are the
+ * image's.
  */
 #include "depthmesh/tree.h"
 

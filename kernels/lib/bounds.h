@@ -1,10 +1,10 @@
 #ifndef LIB_BOUNDS_H
 #define LIB_BOUNDS_H
-/* How near and how far a surface is within windows of its cells: what passes a window before or behind all of its samples
- * need not look at them.
+/* How near and how far a surface is within windows of its cells: what passes a window before or behind all of its
+ * samples need not look at them.
  *
- * Window (x, y) has 2 BOUNDS_STEP cells on a side, from column BOUNDS_STEP * x - 1 and row BOUNDS_STEP * y - 1 on, the ring's
- * first ones. They overlap, so that the one that a line's first cell tells holds BOUNDS_STEP steps along it.
+ * Window (x, y) has 2 BOUNDS_STEP cells on a side, from column BOUNDS_STEP * x - 1 and row BOUNDS_STEP * y - 1 on, the
+ * ring's first ones. They overlap, so that the one that a line's first cell tells holds BOUNDS_STEP steps along it.
  */
 #include "lib/surface.h"
 

@@ -3,8 +3,8 @@
 /* OpenCL's built-in functions of inner loops, inlined, with the same bits.
  *
  * PoCL 6 leaves them calls, around which all registers are saved, for twice the time (CONTRIBUTING.md shows why).
- * Comparisons, bits and packed structs are an instruction or two everywhere. Only Clang knows C functions of one name for
- * several types; other compilers keep the built-ins, and so does the form of one lane.
+ * Comparisons, bits and packed structs are an instruction or two everywhere. Only Clang knows C functions of one name
+ * for several types; other compilers keep the built-ins, and so does the form of one lane.
  */
 #ifdef __clang__
 

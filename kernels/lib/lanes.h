@@ -19,7 +19,8 @@
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 
-/* Packets of a row, or as many of what else lies there, that a work-item goes through: starting one takes longer than most */
+/* Packets of a row, or as many of what else lies there, that a work-item goes through: starting one takes longer than
+ * most */
 #if LANES == 16
 #include "lib/builtins.h"
 #define STRIP 32
@@ -27,7 +28,8 @@
 #define STRIP 1
 #endif
 
-/* A function whose arguments and results stay in registers: vectors, and on GPUs structs, go through memory otherwise. */
+/* A function whose arguments and results stay in registers: vectors, and on GPUs structs, go through memory
+ * otherwise. */
 #ifndef INLINED /* a simulator may want calls */
 #define INLINED static inline __attribute__((always_inline))
 #endif

@@ -2,9 +2,9 @@
 #define LIB_LIGHT_H
 /* One light: Lambert's law, highlights (Blinn 1977), shadows by maps (Williams 1978).
  *
- * SHADOWED: the kernel has SHADOW_PARAMETERS. shadow_maps: (maps * size, size) depth images as the light sees the scene,
- * one below the other; NaN where there is nothing. shadow_views: (maps, SHADOW_VIEW), of each map 16 numbers from the
- * world to its pixel space, row by row, and 4 to planar depth in it.
+ * SHADOWED: the kernel has SHADOW_PARAMETERS. shadow_maps: (maps * size, size) depth images as the light sees the
+ * scene, one below the other; NaN where there is nothing. shadow_views: (maps, SHADOW_VIEW), of each map 16 numbers
+ * from the world to its pixel space, row by row, and 4 to planar depth in it.
  */
 #include "lib/color.h"
 #include "lib/taps.h"

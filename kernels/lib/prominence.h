@@ -31,8 +31,8 @@ INLINED Neighbours with_neighbours(Grid grid, int x, int y)
     return n;
 }
 
-/* What lies on a side of samples, within two of them: the least and the greatest nearness, (-INFINITY, INFINITY) if they
- * are torn from it; and by how much it changes itself */
+/* What lies on a side of samples, within two of them: the least and the greatest nearness, (-INFINITY, INFINITY) if
+ * they are torn from it; and by how much it changes itself */
 typedef struct {
     floatl low, high, change;
 } Side;
@@ -61,8 +61,8 @@ INLINED Sides sides_of(Neighbours n)
     return all;
 }
 
-/* By how much of nearness samples stand out between two sides, as seen from the front or from the back: INFINITY if they
- * are torn from both */
+/* By how much of nearness samples stand out between two sides, as seen from the front or from the back: INFINITY if
+ * they are torn from both */
 #define PROMINENCE(here, a, b, back)                                                                           \
     ((back) ? min_lanes((a).high, (b).high) - (here) : (here) - max_lanes((a).low, (b).low))
 #endif

@@ -7,9 +7,10 @@
  * surface) if one of its corners is no surface, or if two of its corners' depths are torn apart. An edge is there if
  * its own two samples are, whatever becomes of the triangles beside it: that is what a ray sees that runs along it.
  *
- * A sample is as large as the pixel that measured it: surfaces have a ring of further samples around the image's own, which are those of columns
- * and rows -1 and `width` and `height`, and end at the edges of the image's pixels, half way to them (picture/edges.cl).
- * At edges they have margins (lib/margins.h). Which neighbours are torn apart stands in the samples' last bits.
+ * A sample is as large as the pixel that measured it: surfaces have a ring of further samples around the image's own,
+ * which are those of columns and rows -1 and `width` and `height`, and end at the edges of the image's pixels, half way
+ * to them (picture/edges.cl). At edges they have margins (lib/margins.h). Which neighbours are torn apart stands in the
+ * samples' last bits.
  */
 #include "lib/pixelspace.h"
 

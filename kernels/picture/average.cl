@@ -6,8 +6,8 @@
  * not valid: their colours count, as what shows beside the things; their depths do where a pixel has no other sample.
  * sample_depth, sample_color, sample_valid: (side * height, side * width), depth NaN, colour and valid 0 where nothing
  * shows. depth, color: (height, width); valid: whether any sample is; alpha: the share of the samples that are valid.
- * GUESSES: sample_guesses: depths of guessed surface; guesses: the pixels' depths where any sample shows such, else NaN.
- * Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
+ * GUESSES: sample_guesses: depths of guessed surface; guesses: the pixels' depths where any sample shows such, else
+ * NaN. Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/surface.h"

@@ -1,8 +1,8 @@
 /* How near and how far a surface is within windows of its cells (lib/bounds.h).
  *
- * surface: picture/edges.cl. bounds: (down, across, 2) least and greatest nearness of each window's samples, of those that
- * are there; (FLT_MAX, -FLT_MAX) if none is. What is interpolated between them is within, too.
- * Work-item: STRIP windows of a row. Cost: O(samples). Determinism: each window on its own.
+ * surface: picture/edges.cl. bounds: (down, across, 2) least and greatest nearness of each window's samples, of those
+ * that are there; (FLT_MAX, -FLT_MAX) if none is. What is interpolated between them is within, too. Work-item: STRIP
+ * windows of a row. Cost: O(samples). Determinism: each window on its own.
  */
 #include "lib/bounds.h"
 #include "lib/lanes.h"

@@ -2,8 +2,9 @@
  *
  * `bound_primitives` bounds each primitive; `count_bins` counts them, per chunk of primitives and bin; `total_bins` and
  * `total_rows` sum up each bin and each row of bins; `start_bins` turns the counts of a bin into places; `fill_bins`
- * writes the primitives' numbers. A bin's list is in the order of the primitives, since each chunk fills its own part: no
- * atomics, reproducible. `sort_bins` puts each list from front to back, for fragment programs that cost more than that.
+ * writes the primitives' numbers. A bin's list is in the order of the primitives, since each chunk fills its own part:
+ * no atomics, reproducible. `sort_bins` puts each list from front to back, for fragment programs that cost more than
+ * that.
  *
  * corners: (primitives, CORNERS) vertices of each. projected: (vertices, 4), see project.cl. boxes: (primitives, 4)
  * first and last bin in x and y; empty (first > last) if it cannot be seen. counts: (chunks, bins), 0 at first. totals:

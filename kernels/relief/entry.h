@@ -117,8 +117,8 @@ floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters
     return select_lanes(enters, texels_2, (floatl)1.0f);
 }
 
-/* The level of the heights that is read: on curved surfaces, where rays may come out again, none whose heights are off by
- * more than a pixel, which would move outlines */
+/* The level of the heights that is read: on curved surfaces, where rays may come out again, none whose heights are off
+ * by more than a pixel, which would move outlines */
 INLINED intl finest_level(const Relief *relief, intl level, floatl size, intl is_curved)
 {
     for (int l = 1; l < relief->level_count && any_lane(level >= l); l++) {

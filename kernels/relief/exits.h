@@ -7,8 +7,8 @@
 #define BOTTOM_TOLERANCE 1e-3f /* of the depth: by how much a ray that grazes the bottom may miss it */
 
 /* A ray is below the mesh until it leaves that by a back, `distance` after its entry, where its depth falls by `slope`
- * per scene unit. Its depth between is estimated by the cubic with the depths and slopes of both ends. Returns where the
- * cubic first reaches the bottom, or else is deepest, in t, and how deep it is there. */
+ * per scene unit. Its depth between is estimated by the cubic with the depths and slopes of both ends. Returns where
+ * the cubic first reaches the bottom, or else is deepest, in t, and how deep it is there. */
 INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope, floatl *t)
 {
     floatl depth = 0.0f, before = 0.0f;

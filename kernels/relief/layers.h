@@ -134,8 +134,8 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
 }
 #endif
 
-/* Searches a layer: from the first entries by their quadrics, and then along the rays that have escaped by the mesh.
- * In a light's map these are left out: a hit that is guessed too near would shade what is lit. Returns whether there are
+/* Searches a layer: from the first entries by their quadrics, and then along the rays that have escaped by the mesh. In
+ * a light's map these are left out: a hit that is guessed too near would shade what is lit. Returns whether there are
  * further entries. */
 static int search_layer(const Context *context, Region *region, BinList listed)
 {

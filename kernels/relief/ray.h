@@ -6,8 +6,8 @@
  * u + du t, v + dv t.
  *
  * DISTANCE is how its depth is measured. APPROXIMATE: how far its point P lies below the quadric, along z (equation 7).
- * PERPENDICULAR: the paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and
- * normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and
+ * PERPENDICULAR: the paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray
+ * and normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and
  * normal. EXACT: below the mesh itself (walk.h), leg by leg, each of which starts at a depth.
  */
 #include "lib/lanes.h"

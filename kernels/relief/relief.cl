@@ -4,8 +4,8 @@
  * followed in texture space (search.h) until it meets the relief, or comes out again beside a silhouette. It may then
  * enter elsewhere (layers.h).
  *
- * An eye below the mesh, within the relief, has no entries around it. Then, WITHIN, rays walk from the eye, which is below
- * `eye_triangle`, to where they leave the mesh.
+ * An eye below the mesh, within the relief, has no entries around it. Then, WITHIN, rays walk from the eye, which is
+ * below `eye_triangle`, to where they leave the mesh.
  *
  * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
  * searched once more, by what the mesh itself says (exits.h); the tile sizes are gradients of u and v,

@@ -3,21 +3,22 @@
 /* A ray's walk through a relief, below the mesh's own triangles.
  *
  * Below a triangle whose corners lie at P and the relief's bottom N below them a point is X = P - h N, with P and N
- * interpolated by the same weights, and h its depth, 1 at the bottom. That is a prism; together they fill the relief without
- * gaps. A ray is followed from prism to prism, a leg in each, up to where it leaves that at the bottom, at the mesh, or by a
- * side.
+ * interpolated by the same weights, and h its depth, 1 at the bottom. That is a prism; together they fill the relief
+ * without gaps. A ray is followed from prism to prism, a leg in each, up to where it leaves that at the bottom, at the
+ * mesh, or by a side.
  *
- * At each depth a prism has one section, a triangle, which a ray crosses once. So within a prism its depth tells a ray's
- * place: seen along the ray, the section's sides and the ray's point span areas whose shares are the weights, each a
- * polynomial of degree two in the depth; by a side the ray leaves where that one's area is 0. It sinks where it meets
- * sections from the front, and rises where from behind. Neighbours have their side's area in common, and so no ray is lost.
+ * At each depth a prism has one section, a triangle, which a ray crosses once. So within a prism its depth tells a
+ * ray's place: seen along the ray, the section's sides and the ray's point span areas whose shares are the weights,
+ * each a polynomial of degree two in the depth; by a side the ray leaves where that one's area is 0. It sinks where it
+ * meets sections from the front, and rises where from behind. Neighbours have their side's area in common, and so no
+ * ray is lost.
  *
- * Below centres of curvature prisms are inside out, and overlap others. Depths go on steadily there, too, as the ray runs
- * backwards, and so it comes out on the other side of a sharp bend.
+ * Below centres of curvature prisms are inside out, and overlap others. Depths go on steadily there, too, as the ray
+ * runs backwards, and so it comes out on the other side of a sharp bend.
  *
  * prisms: (triangles, PRISM_FLOATS) P, N, u and v of each corner; then, as integers, the side opposite to each in the
- * triangle beside it, 3 * triangle + corner; -1: none, at borders. Beyond these u and v change as they did, and the depth as
- * normals turn.
+ * triangle beside it, 3 * triangle + corner; -1: none, at borders. Beyond these u and v change as they did, and the
+ * depth as normals turn.
  */
 #include "relief/entry.h"
 
@@ -34,8 +35,8 @@ typedef struct {
     intl beside[3];
 } MeshPrism;
 
-/* Twice the areas of a section's sides and the ray's point, by the corners opposite: area + slope x + bend x^2, where x is by
- * how much the depth has changed as the ray goes on */
+/* Twice the areas of a section's sides and the ray's point, by the corners opposite: area + slope x + bend x^2, where x
+ * is by how much the depth has changed as the ray goes on */
 typedef struct {
     floatl area[3], slope[3], bend[3];
     floatl sign; /* 1 if the ray sinks, or -1 */
@@ -229,8 +230,8 @@ INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *side
     ray->at_bottom = select_lanes(which, at_bottom, ray->at_bottom);
 }
 
-/* Sets out a walk's next leg, and the ray that is searched along it: its depth is the parabola that is right at both ends
- * and half-way between their depths. u and v bend little in a prism. */
+/* Sets out a walk's next leg, and the ray that is searched along it: its depth is the parabola that is right at both
+ * ends and half-way between their depths. u and v bend little in a prism. */
 static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, ReliefRay *ray)
 {
     const MeshPrism p = prism_of(relief, walk->triangle, walk->from, walk->direction);

@@ -11,8 +11,8 @@
  *   h (c + second c1 + third c2) = z
  *
  * The first two give the shares for a height; put into the third they make a cubic in h, whose coefficients are linear
- * in x, y and z, hence along a ray. So the depth at which a ray meets a height is explicit, and the height at a depth is
- * found by Newton's steps from c + x c1 + y c2 for the bracket, which is exact if corners' ways are parallel.
+ * in x, y and z, hence along a ray. So the depth at which a ray meets a height is explicit, and the height at a depth
+ * is found by Newton's steps from c + x c1 + y c2 for the bracket, which is exact if corners' ways are parallel.
  */
 #include "slicing/prisms.h"
 

@@ -16,15 +16,14 @@
  * corners: (triangles, 6) of projected, three of the base and those above them. points: (2 vertices, 3) world, of the
  * base and above it. uv: (vertices, 2) u, v (times tiles). frames: (triangles, 3, 3) the slicing directions a (normal),
  * b, c: unit length. tilts: (triangles, 3, 3) of each corner the way to the one above it, in the triangle's sides and
- * in a times the displacement. ends: (triangles,) 1: at a border of the surface. heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by
- * lib/footprint.h, as normal_map. gradients: (triangles, 2, 3) of u and v on the base, in the world, times tiles. normals: (vertices
- * of the base, 3). spacing: of the slices, in the world. slices: of direction a, over the displacement; by_view: as in
- * the volume's middle. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are the shares of a
- * triangle's second and third corner. Work-item: a region (raster/region.h): with LANES 16 a bin, in
- * blocks of 4 x 4 pixels, one to a lane; with LANES 1 a pixel, which sets up all prisms of its bin's list by itself
- * and walks the slices of those that it meets. Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list +
- * ...).
- * Determinism: list order.
+ * in a times the displacement. ends: (triangles,) 1: at a border of the surface. heights: (map_height, map_width),
+ * lib/heights.h. colors: lib/texture.h, read by lib/footprint.h, as normal_map. gradients: (triangles, 2, 3) of u and v
+ * on the base, in the world, times tiles. normals: (vertices of the base, 3). spacing: of the slices, in the world.
+ * slices: of direction a, over the displacement; by_view: as in the volume's middle. counters: (height, width) alpha
+ * tests, with COUNTERS. The region's u and v are the shares of a triangle's second and third corner. Work-item: a
+ * region (raster/region.h): with LANES 16 a bin, in blocks of 4 x 4 pixels, one to a lane; with LANES 1 a pixel, which
+ * sets up all prisms of its bin's list by itself and walks the slices of those that it meets. Cost: O(list + pixels *
+ * slices met), with LANES 1 O(pixels * list + ...). Determinism: list order.
  */
 #define KEEPS_UV 1
 #include "lib/footprint.h"
@@ -80,8 +79,8 @@ INLINED intl test_at(const Context *context, const Prism *t, const Region *regio
     return possible;
 }
 
-/* Bisects the interval from the depth `before`, whose points do not pass, to the hits that have `passed`. extended: from
- * which depths on points may also lie beside the prism */
+/* Bisects the interval from the depth `before`, whose points do not pass, to the hits that have `passed`. extended:
+ * from which depths on points may also lie beside the prism */
 void refine_slice_hit(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
                       SliceHit *hit, int halvings, floatl before, intl passed, floatl extended)
 {

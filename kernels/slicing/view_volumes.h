@@ -174,8 +174,8 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
 }
 #endif
 
-/* Views whose rays are held, the first in order: most points fail there. Those of others are found anew, and on GPUs all:
- * an array that is indexed would lie in the device's memory. */
+/* Views whose rays are held, the first in order: most points fail there. Those of others are found anew, and on GPUs
+ * all: an array that is indexed would lie in the device's memory. */
 #define RAYS_HELD (LANES == 1 ? 0 : 6)
 
 /* Rays as the views see them */

@@ -200,7 +200,7 @@ def _typical_change(line: Nearness, step: int) -> float:
 
 
 def _changes(line: Nearness, step: int, count_max: int) -> tuple[NDArray[np.intp], Nearness, Nearness]:
-    """Nearness along a line and its second differences, of some `count_max` samples; first, where those before them lie."""
+    """Nearness along a line and its second differences, of some `count_max` samples; first, where those before lie."""
     here = line[step:-step]
     with np.errstate(over="ignore", invalid="ignore"):
         change = np.abs(line[: -2 * step] - 2 * here + line[2 * step :])
