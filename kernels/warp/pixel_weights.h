@@ -43,6 +43,8 @@ void show_rim(global channel *color, global const float *depth, global const uch
         if (u < 0 || v < 0 || u >= width || v >= height || !valid[at])
             continue;
         const float part = FOREGROUND(depth[at], told[0], falloff);
+        if (part == 0.0f)
+            continue;
         sum += part * (float4)(color[3 * at], color[3 * at + 1], color[3 * at + 2], 1.0f);
         most = fmax(most, part);
     }

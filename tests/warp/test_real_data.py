@@ -6,6 +6,7 @@ The data is not part of the project: the folder is named by ``$PYIBR_DATA``, or 
 from __future__ import annotations
 
 import itertools
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -14,9 +15,11 @@ import pytest
 from PIL import Image
 
 import pyibr as ibr
+from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
 from pyibr.images import metrics
 from tests.data import shared
+from tests.slicing.solids import looking
 
 pytestmark = pytest.mark.thorough
 
@@ -112,6 +115,22 @@ def test_filled_holes_of_the_room_look_like_what_was_hidden(source, target):
     assert error < (0.6 if 50 not in (source, target) else 1.025) * inpainted
 
 
+def foreground_iou(view: ibr.DepthImage, truth: ibr.DepthImage) -> float:
+    """How alike what stands before depth edges is, around these: in a warped view, and in the real one."""
+    frame = ibr.warp(view, truth.camera)
+    depth, around = truth.known_depth, np.ones((13, 13))
+    nearest, farthest = cv2.erode(np.nan_to_num(depth, nan=1e9), around), cv2.dilate(np.nan_to_num(depth), around)
+    beside = (farthest > 1.15 * depth) | (nearest < depth / 1.15)
+    own, seen = (beside & (z < 1.07 * nearest) for z in (depth, frame.depth))
+    return float((own & seen).sum() / (own | seen).sum())
+
+
+@pytest.mark.parametrize(("source", "target"), [(0, 4), (3, 1)])
+def test_foregrounds_are_as_large_as_they_are(source, target):
+    # By samples alone, half a pixel smaller on each side, 0.92.
+    assert foreground_iou(room(source), room(target)) > 0.94
+
+
 # --- photographs with disparity ----------------------------------------------------------------------
 
 
@@ -175,9 +194,44 @@ def test_holes_of_a_stereo_pair_are_what_the_left_camera_did_not_see(name):
 
 @pytest.mark.parametrize(
     ("load", "name", "most"),
-    [(pair, "cones", 24.5), (pair, "teddy", 18.5), (motorcycle, "", 22.5)],
+    [(pair, "cones", 24.0), (pair, "teddy", 18.05), (motorcycle, "", 21.3)],
     ids=["cones", "teddy", "motorcycle"],
 )
 def test_filled_holes_of_photographs_look_like_what_was_hidden(load, name, most):
     error, inpainted = filled_error(*(load(name) if name else load()))
     assert error <= min(most, inpainted)
+
+
+# --- a scanned dragon --------------------------------------------------------------------------------
+
+
+@cache
+def dragon(size: int) -> tuple[MeshScene, list[ibr.DepthImage]]:
+    """The scan of 47,794 triangles, and six perspective images of it."""
+    scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip_res3.ply.gz")))
+    return scene, object_views(scene, size, projection="perspective")
+
+
+def test_alpha_at_silhouettes_is_what_they_cover():
+    scene, views = dragon(256)
+    extent = float(np.linalg.norm(np.ptp(scene.vertices, axis=0)))
+    for view in views[:3]:
+        for move in ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.2, 0.1, 0.1)):
+            camera = view.camera.moved(*(extent * np.array(move)))
+            frame = ibr.warp(view, camera, samples=16)
+            truth = scene.capture(camera.resized((1024, 1024))).valid.reshape(256, 4, 256, 4).mean(axis=(1, 3))
+            assert frame.alpha is not None
+            more = float((frame.alpha - truth).clip(0).sum() / truth.sum())
+            assert more <= 0.01  # the samples' stairs along the silhouette
+            if not any(move):
+                assert abs(float((frame.alpha - truth).sum())) <= 2e-3 * truth.sum()
+
+
+def test_blended_views_show_no_sheets_at_silhouettes():
+    scene, views = dragon(256)
+    quality = []
+    for direction in np.random.default_rng(5).normal(size=(6, 3)):
+        camera = looking(scene, direction, (256, 256), near=1.6)
+        truth, frame = scene.capture(camera), ibr.warp(views, camera)
+        quality.append(metrics.psnr(frame.color, truth.color, valid=frame.valid & truth.valid))
+    assert np.mean(quality) >= 34  # with sheets 30.6; the depth meshes of the same views 32
