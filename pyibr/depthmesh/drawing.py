@@ -15,7 +15,7 @@ from pyibr.core.pixelspace import camera_pair, pixel_size
 from pyibr.depthmesh.closing import Closing
 from pyibr.depthmesh.far_sides import ViewMesh
 from pyibr.depthmesh.levels import feathers_of, view_colors
-from pyibr.depthmesh.triangulation import project_points, triangles_for
+from pyibr.depthmesh.triangulation import projected_triangles
 from pyibr.depthmesh.viewpoints import DrawnViews
 from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.device import current
@@ -46,6 +46,8 @@ class Blending:
         Of the views to the target's, in 1 / scene units: their weights.
     epsilon : float
         Scene units by which surfaces that are the same may lie behind the front one.
+    share : float
+        Of the tolerance that each mesh has: of two surfaces that are the same either may be off.
     closing : Closing, optional
         What shows through holes.
     gains : (views, 3) float64, optional
@@ -56,11 +58,12 @@ class Blending:
     drawn: DrawnViews
     closeness: Float64
     epsilon: float
+    share: float = 0.5
     closing: Closing | None = None
     gains: Float64 | None = None
 
 
-ONE_VIEW = Blending("quality", DrawnViews([0]), np.ones(1), 0.0)
+ONE_VIEW = Blending("quality", DrawnViews([0]), np.ones(1), 0.0, share=1.0)
 
 
 def draw_depth_meshes(
@@ -72,8 +75,8 @@ def draw_depth_meshes(
     tolerance: float,
     reuse: float,
     blending: Blending = ONE_VIEW,
+    lighting: Lighting | None = None,
     occupancy: DeviceArray | None = None,
-    entry: Entry = NO_ENTRY,
 ) -> None:
     """Draw the mesh of a view, or those of several, blended, into the target.
 
@@ -87,15 +90,15 @@ def draw_depth_meshes(
     bounds : (low, high)
         In the world.
     tolerance : float
-        Pixels by which each mesh may lie off its surface.
+        Pixels by which what is drawn may lie off the surface.
     reuse : float
         Of `pyibr.depthmesh.selection.Selection`.
     blending : Blending
+    lighting : Lighting, optional
     occupancy : DeviceArray (H, W) uint32, optional
         Gets bit k set where view k gave colour.
-    entry : Entry
-        Of a picture in a light.
     """
+    entry = _entry(target, lighting, [mesh.view for mesh in meshes], tolerance, bounds)
     camera, closing, drawn = target.camera, blending.closing, blending.drawn
     near, defines, more = target.near(bounds), target.color_defines | entry.defines, dict[str, Any](entry.arguments)
     colored = [*drawn.others, *drawn.chosen]
@@ -110,8 +113,9 @@ def draw_depth_meshes(
             maps = np.array([pair.src_from_dst for pair in pairs.values()], np.float32)
             more |= closing.arguments | {"from_target": upload(maps.reshape(-1, 16))}
     trees = [meshes[number].tree for number in drawn.chosen]
-    triangles = triangles_for(thing, trees, camera, tolerance, underlay, 0.0 if target.from_light else reuse)
-    projected = project_points(triangles, [pairs[number] for number in listed])
+    allowed, reuse = blending.share * tolerance, 0.0 if target.from_light else reuse
+    seen_by = [pairs[number] for number in listed]
+    triangles, projected = projected_triangles(thing, trees, camera, seen_by, allowed, underlay, reuse)
     sides = "both" if target.from_light else "front"  # backs have no colours, but cast shadows
     bins = bin_primitives(target, triangles.corners, projected, near, sides)
     more |= _color_arguments(thing, meshes, blending, colored, camera, entry.normals)
@@ -178,7 +182,7 @@ def _color_arguments(
     return arguments
 
 
-def entry_of_meshes(
+def _entry(
     target: Target, lighting: Lighting | None, views: Sequence[DepthImage], tolerance: float, bounds: Bounds
 ) -> Entry:
     """Enter the meshes of views among what is lit afterwards; a light sees other triangles, and the views' noise."""

@@ -23,7 +23,7 @@ from pyibr.core.checks import (
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import covering_camera
-from pyibr.depthmesh.drawing import draw_depth_meshes, entry_of_meshes
+from pyibr.depthmesh.drawing import draw_depth_meshes
 from pyibr.depthmesh.merging import merged
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import REUSE_MAX, active_within, select_for
@@ -132,9 +132,8 @@ class DepthMesh(Immutable):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the triangles in the view's colours, which hold their light, unless a light relights them."""
-        bounds = self.bounds
-        entry = entry_of_meshes(target, lighting, [self.view], self.tolerance, bounds)
-        draw_depth_meshes(target, self, [self], bounds, tolerance=self.tolerance, reuse=self.reuse, entry=entry)
+        bounds, tolerance = self.bounds, self.tolerance
+        draw_depth_meshes(target, self, [self], bounds, tolerance=tolerance, reuse=self.reuse, lighting=lighting)
 
     @property
     def tree(self) -> Tree:

@@ -14,7 +14,7 @@ from pyibr.core.checks import Float64, Immutable, checked_bool, describe, instan
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import check_no_lens, covering_camera
 from pyibr.depthmesh.closing import Closed, closing_of
-from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, entry_of_meshes
+from pyibr.depthmesh.drawing import Blending, draw_depth_meshes
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import REUSE_MAX
@@ -24,7 +24,6 @@ from pyibr.images.exposure import exposure_gains
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.memory import DeviceArray, empty
-from pyibr.picture.deferred import NO_ENTRY, Entry
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 
@@ -171,10 +170,9 @@ class DepthMeshObject(Immutable):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the blended meshes in their views' colours, which hold their light, unless a light relights them."""
-        views, bounds = [mesh.view for mesh in self.meshes], self.bounds
-        self._blend(target, entry_of_meshes(target, lighting, views, self.tolerance, bounds))
+        self._blend(target, lighting)
 
-    def _blend(self, target: Target, entry: Entry = NO_ENTRY, occupancy: DeviceArray | None = None) -> None:
+    def _blend(self, target: Target, lighting: Lighting | None, occupancy: DeviceArray | None = None) -> None:
         viewpoints, closing = self._viewpoints, None
         closeness, order = viewpoints.ranked(target.camera, self.choose == "facing")
         drawn = viewpoints.drawn(target.camera, order, self.blended, self.closed)
@@ -184,12 +182,12 @@ class DepthMeshObject(Immutable):
             target,
             self,
             self.meshes,
-            self.bounds,
-            tolerance=0.5 * self.tolerance,
+            viewpoints.bounds,
+            tolerance=self.tolerance,
             reuse=self.reuse,
-            blending=Blending(self.blend, drawn, closeness, self.epsilon, closing, self._gains),
+            blending=Blending(self.blend, drawn, closeness, self.epsilon, closing=closing, gains=self._gains),
+            lighting=lighting,
             occupancy=occupancy,
-            entry=entry,
         )
 
     @cached_property
@@ -233,7 +231,7 @@ class DepthMeshObject(Immutable):
         with one_call():
             found = empty((camera.height, camera.width), np.uint32)
             found.fill(0)
-            self._blend(Target(camera, np.dtype(np.uint8)), occupancy=found)
+            self._blend(Target(camera, np.dtype(np.uint8)), None, found)
             return np.array(found.to_host())
 
 

@@ -112,7 +112,7 @@ def pixels_of(points: NDArray[np.float32], view: DepthImage) -> NDArray[np.int64
     return np.clip(np.rint(np.stack([x * scale, y * scale], -1)), 0, last).astype(np.int64)
 
 
-def project_points(triangles: Triangles, pairs: Sequence[CameraPair]) -> DeviceArray:
+def _projected(triangles: Triangles, pairs: Sequence[CameraPair]) -> DeviceArray:
     """(P, 4) the triangles' points in a target's pixel space, by the pairs of each mesh's camera and the target."""
     maps = np.array([pair.dst_from_src for pair in pairs], np.float32)
     for pair, one in zip(pairs, maps, strict=True):
@@ -145,12 +145,19 @@ class _CachedTriangles:
         return same and before is self.before and self.selection.holds_for(camera)
 
 
-def triangles_for(
-    thing: Immutable, trees: list[Tree], camera: Camera, tolerance: float, before: Triangles | None, reuse: float
-) -> Triangles:
-    """The triangles that a thing's trees have for a camera, after those of `before`: those drawn last, if they hold.
+def projected_triangles(
+    thing: Immutable,
+    trees: list[Tree],
+    camera: Camera,
+    pairs: Sequence[CameraPair],
+    tolerance: float,
+    before: Triangles | None,
+    reuse: float,
+) -> tuple[Triangles, DeviceArray]:
+    """The triangles of a thing's trees for a camera, after those of `before`, and their points in its pixel space.
 
-    `tolerance` and `reuse` are those of `Selection`; with `reuse` 0, triangles are listed each time.
+    Triangles that were drawn last are taken again, if they hold. `pairs` are each mesh's and the camera's. `tolerance`
+    and `reuse` are those of `Selection`; with `reuse` 0, triangles are listed each time.
     """
     latest = cached_on_device(thing, "latest triangles", list[_CachedTriangles]) if reuse else []
     # Another thread may draw the thing for another camera: what is found is put there whole.
@@ -159,4 +166,4 @@ def triangles_for(
         selection = select_for(trees, camera, tolerance, reuse)
         found = _CachedTriangles(trees, before, selection, list_triangles(trees, selection.active, before, rated=True))
         latest[:] = [found]
-    return found.triangles
+    return found.triangles, _projected(found.triangles, pairs)
