@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Generator
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +19,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.headers import kernels_folder
 from pyibr.opencl.in_flight import KernelCost, piece_of
 from pyibr.opencl.memory import empty
-from pyibr.opencl.watch import Watch, watching
+from pyibr.opencl.watch import Traffic, Watch, watching
 from tests import scenes
 from tests.one_lane import one_lane
 from tests.opencl.everything import calls, same
@@ -102,24 +102,13 @@ def test_short_launches_stay_whole():
     try:
         for cost, _ in kept:
             cost.seconds_per_item = 0.0  # as on the quickest of devices
-        launches: Counter[str] = Counter()
-        with pieces() as started, watching(_Counted(launches)):
+        with pieces() as started, watching(Traffic()) as seen:
             ibr.warp(view, camera)
+        launches = Counter(name for what, name, _ in seen.of if what == "launch")
         assert started == launches and set(launches.values()) == {1}
     finally:
         for cost, item in kept:
             cost.seconds_per_item = item
-
-
-class _Counted(Watch):
-    def __init__(self, launches: Counter[str]) -> None:
-        self.launches = launches
-
-    def launch(
-        self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
-    ) -> None:
-        self.launches[kernel.name] += 1
-        enqueue(**arguments)
 
 
 def test_a_launch_of_nothing_tells_no_pace():

@@ -12,7 +12,7 @@ import pytest
 import pyibr as ibr
 from pyibr.capture import models, object_views
 from pyibr.core.camera import Camera
-from pyibr.opencl.watch import Watch, watching
+from pyibr.opencl.watch import Traffic, watching
 from tests import scenes
 
 CAMERA = Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
@@ -121,29 +121,15 @@ def test_the_dtype_is_float_if_a_depth_images_is():
     np.testing.assert_allclose(frame.color[2, 2], 90 / 255, atol=1e-6)
 
 
-class Notes(Watch):
-    """Names of the kernels that are launched, and bytes that are uploaded."""
-
-    def __init__(self) -> None:
-        self.launched, self.uploaded = [], []
-
-    def launch(self, kernel, grid, arguments, enqueue) -> None:
-        self.launched.append(kernel.name)
-        enqueue(**arguments)
-
-    def upload(self, nbytes) -> None:
-        self.uploaded.append(nbytes)
-
-
 def test_views_of_both_dtypes_are_uploaded_once():
     things = [view(5, np.float32), view(4)]
     first = ibr.render(things, CAMERA)
-    with watching(Notes()) as notes:
+    with watching(Traffic()) as traffic:
         second = ibr.render(things, CAMERA)
     np.testing.assert_array_equal(second.color, first.color)
-    assert notes.launched
-    assert "to_nearness" not in notes.launched  # what is done with an image first
-    assert sum(notes.uploaded) < things[1].depth.nbytes
+    assert traffic.count("launch")
+    assert "to_nearness" not in {name for _, name, _ in traffic.of}  # what is done with an image first
+    assert traffic.total("upload") < things[1].depth.nbytes
 
 
 def test_objects_of_both_dtypes_are_made_once():

@@ -10,7 +10,7 @@ from pyibr.capture import models
 from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou
 from pyibr.opencl import device
-from pyibr.opencl.watch import Watch, watching
+from pyibr.opencl.watch import Traffic, watching
 from tests.one_lane import one_lane
 from tests.slicing.solids import looking, torus, views_of_torus
 
@@ -54,24 +54,17 @@ def test_a_work_item_is_a_pixel_in_one_lane_and_a_bin_or_a_block_in_sixteen():
     """As kernels/slicing/surface.cl and object.cl say."""
     camera = Camera.look_at((0, 1, 4), (0, 0, 0), (0, 1, 0), (101, 77), fov_y=45)
     surface = ibr.SlicedSurface(models.donut(6), np.ones((2, 2), np.float32), np.zeros((2, 2, 3), np.uint8), 0.1)
-    thing, grids = ibr.DepthObject(views_of_torus("four"), slices=16), {}
+    thing = ibr.DepthObject(views_of_torus("four"), slices=16)
 
-    class Grids(Watch):
-        def launch(self, kernel, grid, arguments, enqueue) -> None:
-            grids[kernel.name] = tuple(grid)
-            enqueue(**arguments)
+    def items() -> dict[str, int]:
+        with watching(Traffic()) as seen:
+            for made in (surface, thing):
+                ibr.render(made, camera)
+        return {name: count for _, name, count in seen.of}
 
-    with watching(Grids()):
-        check_grids(surface, thing, camera, grids)
-
-
-def check_grids(surface, thing, camera, grids) -> None:
-    lanes = device.current().profile.lanes
-    for made in (surface, thing):
-        ibr.render(made, camera)
-    if lanes == 16:
-        assert (grids["draw_surface"], grids["draw_object"]) == ((4, 3), (26, 20))  # of 32 x 32, and of 4 x 4
+    if device.current().profile.lanes == 16:
+        wide = items()
+        assert (wide["draw_surface"], wide["draw_object"]) == (4 * 3, 26 * 20)  # of 32 x 32, and of 4 x 4
     with one_lane():
-        for made in (surface, thing):
-            ibr.render(made, camera)
-    assert grids["draw_surface"] == grids["draw_object"] == (101, 77)
+        one = items()
+    assert one["draw_surface"] == one["draw_object"] == 101 * 77

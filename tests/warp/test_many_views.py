@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import nullcontext
 from itertools import pairwise
 
@@ -13,7 +14,7 @@ from pyibr.images import exposure
 from pyibr.opencl import memory
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant
-from pyibr.opencl.watch import Watch, watching
+from pyibr.opencl.watch import Traffic, watching
 from pyibr.picture.surface import surface_of
 from pyibr.warp import blending
 from tests import scenes
@@ -28,19 +29,6 @@ STEPS = int(constant("warp/view_edges.cl", "STEPS"))
 def lanes(request):
     with one_lane() if request.param == 1 else nullcontext():
         yield
-
-
-class Counted(Watch):
-    """Counts launches by kernel, and the work-items of all."""
-
-    def __init__(self) -> None:
-        self.launches: dict[str, int] = {}
-        self.items = 0
-
-    def launch(self, kernel, grid, arguments, enqueue) -> None:
-        self.launches[kernel.name] = self.launches.get(kernel.name, 0) + 1
-        self.items += int(np.prod(grid))
-        enqueue(**arguments)
 
 
 def several(count: int, size=SIZE, apart: float = 0.02) -> list[ibr.DepthImage]:
@@ -139,12 +127,13 @@ def test_work_is_linear_in_the_views(monkeypatch):
     target = scenes.source_camera(SIZE).moved(0.05, 0.02, 0.1)
     for count in (5, 20, 40):
         views, compared = several(count, apart=0.005), 0
-        with watching(Counted()) as seen:
+        with watching(Traffic()) as seen:
             ibr.warp(views, target)
         assert compared <= 9 * count
+        launches = Counter(name for _, name, _ in seen.of)
         for name in ("epipolar_sweep", "resolve", "weigh_layer"):
-            assert seen.launches[name] == 2 * count - 2, "but for the two that are held in the end"
-        assert seen.launches["blend_layers"] == -(-count // 2)
+            assert launches[name] == 2 * count - 2, "but for the two that are held in the end"
+        assert launches["blend_layers"] == -(-count // 2)
 
 
 def test_memory_does_not_grow_with_the_views(monkeypatch):
@@ -190,9 +179,9 @@ def test_views_that_cannot_show_are_not_drawn():
     left = camera.world_from_camera @ scenes.pose(yaw=-120)
     beside = ibr.DepthImage(here.color, here.depth, ibr.Camera(camera.K, SIZE, left))
     for others in ([aside], [behind], [beside], [aside, behind, beside]):
-        with watching(Counted()) as seen:
+        with watching(Traffic()) as seen:
             frame = ibr.warp([here, *others], camera.moved(0.1, 0.05, 0.1))
-        assert seen.launches["weigh_layer"] == 1
+        assert [name for _, name, _ in seen.of].count("weigh_layer") == 1
         alone = ibr.warp(here, camera.moved(0.1, 0.05, 0.1))
         np.testing.assert_array_equal(frame.valid, alone.valid)
     with pytest.warns(UserWarning, match="sees nothing"):
