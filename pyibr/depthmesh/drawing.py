@@ -113,9 +113,8 @@ def draw_depth_meshes(
             maps = np.array([pair.src_from_dst for pair in pairs.values()], np.float32)
             more |= closing.arguments | {"from_target": upload(maps.reshape(-1, 16))}
     trees = [meshes[number].tree for number in drawn.chosen]
-    allowed, reuse = blending.share * tolerance, 0.0 if target.from_light else reuse
-    seen_by = [pairs[number] for number in listed]
-    triangles, projected = projected_triangles(thing, trees, camera, seen_by, allowed, underlay, reuse)
+    how = blending.share * tolerance, underlay, 0.0 if target.from_light else reuse
+    triangles, projected = projected_triangles(thing, trees, camera, [pairs[number] for number in listed], *how)
     sides = "both" if target.from_light else "front"  # backs have no colours, but cast shadows
     bins = bin_primitives(target, triangles.corners, projected, near, sides)
     more |= _color_arguments(thing, meshes, blending, colored, camera, entry.normals)
