@@ -31,7 +31,7 @@ _waiting: set[_Last] = set()
 def when_gone(owner: object, call: Callable[..., object], *arguments: Any) -> None:
     """Make a call once nobody refers to its owner any more, but not when the process ends.
 
-    It is `weakref.finalize`, in a fifth of the time: a picture asks for it some thirty times.
+    It is `weakref.finalize`, in a third of the time: a picture asks for it some thirty times.
     """
     last = _Last(owner, _make_call)
     last.call, last.arguments = call, arguments
