@@ -30,7 +30,7 @@ _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many t
 _OF_STAIRS = 0.02  # such a part of the samples is level to one side alone,
 _OFF_MULTIPLE, _FEW = 0.1, 0.04  # or values lie several steps apart, but for few; else rows have a depth each
 _STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 10 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together: noise is found to 2 % then
+_ENOUGH = 4 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together: noise is found to 3 % then
 _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
     50,
     0.3,
