@@ -116,7 +116,7 @@ def test_filled_holes_of_the_room_look_like_what_was_hidden(source, target):
 
 
 def foreground_iou(view: ibr.DepthImage, truth: ibr.DepthImage) -> float:
-    """How alike what stands before depth edges is, around these: in a warped view, and in the real one."""
+    """Intersection over union of what stands before depth edges, around these, in a warped view and in the real one."""
     frame = ibr.warp(view, truth.camera)
     depth, around = truth.known_depth, np.ones((13, 13))
     nearest, farthest = cv2.erode(np.nan_to_num(depth, nan=1e9), around), cv2.dilate(np.nan_to_num(depth), around)
