@@ -12,12 +12,14 @@ import numpy as np
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, Immutable
 from pyibr.core.pixelspace import camera_pair, pixel_size
-from pyibr.depthmesh.closing import Closing
+from pyibr.depthmesh.closing import Closed, Closing
 from pyibr.depthmesh.far_sides import ViewMesh
 from pyibr.depthmesh.levels import feathers_of, view_colors
+from pyibr.depthmesh.selection import CHUNK
 from pyibr.depthmesh.triangulation import projected_triangles
 from pyibr.depthmesh.viewpoints import DrawnViews
 from pyibr.images.depth_image import DepthImage
+from pyibr.opencl.ahead import build_ahead
 from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
@@ -28,7 +30,7 @@ from pyibr.picture.deferred import NO_ENTRY, Entry, entry_for
 from pyibr.picture.normals import noise_bias, showing_normals
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
-from pyibr.raster.bins import bin_primitives
+from pyibr.raster.bins import bin_defines, bin_primitives
 
 Bounds = tuple[Float64, Float64]
 
@@ -66,6 +68,20 @@ class Blending:
 ONE_VIEW = Blending("quality", DrawnViews([0]), np.ones(1), 0.0, share=1.0)
 
 
+def build_ahead_of_meshes(target: Target, closed: Closed, *, is_lit: bool) -> None:
+    """Have the programs built that drawing several views' meshes needs, in their order, beside this process.
+
+    In a light, but for the one that draws: it depends on what the light is to find.
+    """
+    build_ahead("picture/begin.cl", "to_nearness")
+    build_ahead("depthmesh/tree.cl", "segment")
+    if closed:
+        build_ahead("depthmesh/simplify.cl", "refine", CHUNK=CHUNK)
+    build_ahead("raster/bins.cl", "bound_primitives", CORNERS=3, **bin_defines(3))
+    if not is_lit:
+        build_ahead("depthmesh/blend.cl", "draw_meshes", compiled=True, **_defines_of(target, closed, NO_ENTRY))
+
+
 def draw_depth_meshes(
     target: Target,
     thing: Immutable,
@@ -100,15 +116,14 @@ def draw_depth_meshes(
     """
     entry = _entry(target, lighting, [mesh.view for mesh in meshes], tolerance, bounds)
     camera, closing, drawn = target.camera, blending.closing, blending.drawn
-    near, defines, more = target.near(bounds), target.color_defines | entry.defines, dict[str, Any](entry.arguments)
+    near, more = target.near(bounds), dict[str, Any](entry.arguments)
     colored = [*drawn.others, *drawn.chosen]
     listed = [*drawn.sheets, *drawn.around, *colored]
     seen = listed if closing is None else range(len(meshes))  # free space is what any view has seen
     pairs = {number: camera_pair(meshes[number].view.camera, camera) for number in seen}
-    underlay = None
+    underlay, closed = None, False
     if closing is not None:
-        underlay = closing.underlay(drawn)
-        defines["CLOSED"] = int(constant("depthmesh/blend.cl", "BY_RAYS" if closing.arguments else "BY_SHEETS"))
+        underlay, closed = closing.underlay(drawn), bool(closing.arguments) or "sheets"
         if closing.arguments:
             maps = np.array([pair.src_from_dst for pair in pairs.values()], np.float32)
             more |= closing.arguments | {"from_target": upload(maps.reshape(-1, 16))}
@@ -118,8 +133,8 @@ def draw_depth_meshes(
     sides = "both" if target.from_light else "front"  # backs have no colours, but cast shadows
     bins = bin_primitives(target, triangles.corners, projected, near, sides)
     more |= _color_arguments(thing, meshes, blending, colored, camera, entry.normals)
-    if closing is not None and not target.from_light:
-        defines["GUESSES"] = 1
+    defines = _defines_of(target, closed, entry)
+    if "GUESSES" in defines:
         more["guesses"] = target.made_guesses()
     if occupancy is not None:
         defines["OCCUPIED"] = 1
@@ -128,7 +143,7 @@ def draw_depth_meshes(
     layers = len(colored), items, bins.region**2
     counts = tuple(map(len, (drawn.sheets, drawn.around, drawn.others, drawn.chosen)))
     launch(
-        kernel("depthmesh/blend.cl", "draw_meshes", **bins.defines, **defines),
+        kernel("depthmesh/blend.cl", "draw_meshes", **defines),
         (items,),
         corners=triangles.corners,
         points=triangles.points,
@@ -146,6 +161,15 @@ def draw_depth_meshes(
         **more,
     )
     target.blank = False
+
+
+def _defines_of(target: Target, closed: Closed, entry: Entry) -> dict[str, int]:
+    """Defines of the kernel that draws: how holes are closed, and what is told of pixels."""
+    defines = bin_defines(3) | target.color_defines | entry.defines
+    if closed:
+        defines["CLOSED"] = int(constant("depthmesh/blend.cl", "BY_SHEETS" if closed == "sheets" else "BY_RAYS"))
+        defines |= {} if target.from_light else {"GUESSES": 1}
+    return defines
 
 
 def _color_arguments(

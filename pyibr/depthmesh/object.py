@@ -14,7 +14,7 @@ from pyibr.core.checks import Float64, Immutable, checked_bool, describe, instan
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import check_no_lens, covering_camera
 from pyibr.depthmesh.closing import Closed, closing_of
-from pyibr.depthmesh.drawing import Blending, draw_depth_meshes
+from pyibr.depthmesh.drawing import Blending, build_ahead_of_meshes, draw_depth_meshes
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import REUSE_MAX
@@ -173,6 +173,7 @@ class DepthMeshObject(Immutable):
         self._blend(target, lighting)
 
     def _blend(self, target: Target, lighting: Lighting | None, occupancy: DeviceArray | None = None) -> None:
+        build_ahead_of_meshes(target, self.closed, is_lit=lighting is not None)
         viewpoints, closing = self._viewpoints, None
         closeness, order = viewpoints.ranked(target.camera, self.choose == "facing")
         drawn = viewpoints.drawn(target.camera, order, self.blended, self.closed)

@@ -21,7 +21,7 @@ from pyibr.opencl.program import kernel
 REUSE_MAX = 0.5
 
 _SHARES = 16  # along a tree's side, that simplification is shared out in
-_CHUNK = 64  # numbers of vertices that a work-item of kernels/depthmesh/simplify.cl takes memory for at once
+CHUNK = 64  # numbers of vertices that a work-item of kernels/depthmesh/simplify.cl takes memory for at once
 _ROUNDING = 0.999  # of the room that single precision leaves
 
 
@@ -106,19 +106,19 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
     coarse = max(tree.side // _SHARES, 1)
     grid = (tree.side // coarse + 1,) * 2
     # Enough for all vertices at once and a chunk that is not full for each work-item.
-    chunks = int(np.prod(active.shape)) // (_CHUNK - 2) + int(np.prod(grid)) + 1
+    chunks = int(np.prod(active.shape)) // (CHUNK - 2) + int(np.prod(grid)) + 1
     shared: dict[str, Any] = {
         "nearness": tree.nearness,
         "placed": tree.placed,
         "states": tree.states,
         "active": active,
-        "pool": empty((chunks, _CHUNK), np.int32),
+        "pool": empty((chunks, CHUNK), np.int32),
         "used": empty((1,), np.int32),
         "layout": tree.layout,
         "max_error": max_error,
         "coarse": coarse,
     }
-    launch(kernel("depthmesh/simplify.cl", "refine_coarse", CHUNK=_CHUNK), (1,), **shared)
+    launch(kernel("depthmesh/simplify.cl", "refine_coarse", CHUNK=CHUNK), (1,), **shared)
     if coarse > 1:
-        launch(kernel("depthmesh/simplify.cl", "refine", CHUNK=_CHUNK), grid, **shared)
+        launch(kernel("depthmesh/simplify.cl", "refine", CHUNK=CHUNK), grid, **shared)
     return active

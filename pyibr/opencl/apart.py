@@ -7,8 +7,12 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO, cast
 
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError
@@ -16,6 +20,7 @@ from pyibr.opencl.unlisted import LOADER_VARIABLES
 
 VARIABLE = "PYIBR_TIMEOUT"
 _TIMEOUT = 90.0  # seconds, unless the environment says otherwise: emulated machines start slowly
+_ENDING = 5.0  # seconds until a process that was killed is gone
 
 _CODE = """
 import importlib, site, sys
@@ -41,8 +46,112 @@ class Ended:
         return self.lines[-1] if self.lines else ""
 
 
-def run_apart(module: str, *arguments: str, task: str) -> Ended | None:
+class Apart:
+    """A process that runs a module's `main`. A thread reads what it prints, and sees it off when it ends.
+
+    Attributes
+    ----------
+    lines : list of str
+        What it has printed so far.
+    """
+
+    def __init__(self, command: list[str], environment: dict[str, str]) -> None:
+        import subprocess  # most processes need none
+
+        self.lines: list[str] = []
+        self._messages: list[str] = []
+        self._changed = threading.Condition()
+        self._status: int | None = None
+        self._timeout = timeout()
+        pipe = subprocess.PIPE
+        # Without buffers there are no locks, which a thread must not hold as Python ends.
+        self._process = subprocess.Popen(
+            command,
+            cwd=Path(sys.executable).anchor,
+            env=environment,
+            stdin=pipe,
+            stdout=pipe,
+            stderr=pipe,
+            bufsize=0,
+        )
+        self._thread = threading.Thread(target=self._read, name="pyibr apart", daemon=True)
+        self._thread.start()
+
+    @property
+    def has_ended(self) -> bool:
+        """Tell whether it has."""
+        return self._status is not None
+
+    def wait(self, until: Callable[[], bool] = lambda: False) -> bool:
+        """Wait until its lines are as wanted, or it has ended; False, and it is killed, if that takes too long."""
+        with self._changed:
+            if self._changed.wait_for(lambda: self._status is not None or until(), self._timeout):
+                return True
+        self.kill()
+        return False
+
+    def send(self, line: str) -> None:
+        """Give it a line to read; one that has ended reads none."""
+        with suppress(OSError, ValueError):  # ValueError: closed
+            cast("BinaryIO", self._process.stdin).write(f"{line}\n".encode())
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
+        self._thread.join(_ENDING)
+
+    def ended(self, task: str) -> Ended:
+        """Result, once it has ended; `task` is what it was to do."""
+        status = self._status or 0
+        if status < 0:
+            return Ended(self.lines, status, f"the runtime crashed on {task} (signal {-status})")
+        last = next((line for line in reversed(self._messages) if line.strip()), "no message")
+        return Ended(self.lines, status, f"the runtime ended the process (status {status}) on {task}: {last}")
+
+    def _read(self) -> None:
+        process = self._process
+        given, printed, said = (cast("BinaryIO", pipe) for pipe in (process.stdin, process.stdout, process.stderr))
+        with given, printed, said:
+            beside = threading.Thread(target=self._note, args=(said, self._messages), daemon=True)
+            beside.start()
+            self._note(printed, self.lines)
+            beside.join()
+            status = process.wait()
+        with self._changed:
+            self._status = status
+            self._changed.notify_all()
+
+    def _note(self, pipe: BinaryIO, lines: list[str]) -> None:
+        for line in pipe:
+            with self._changed:
+                lines.append(line.decode(errors="replace").rstrip("\r\n"))
+                self._changed.notify_all()
+
+
+def start_apart(module: str, *arguments: str) -> Apart | None:
     """Run a module's `main` in a process of its own; None where no Python can be started.
+
+    Parameters
+    ----------
+    module : str
+        Its full name.
+    *arguments : str
+        Those of `main`.
+    """
+    if not _may_start_python():
+        return None
+    command = [sys.executable, "-I", "-c", _CODE, module, str(len(arguments)), *arguments, *_folders()]
+    # It starts in the root folder, from which relative paths lead elsewhere.
+    paths = {name: os.environ.get(name, "") for name in LOADER_VARIABLES}
+    absolute = {name: str(Path(path).absolute()) for name, path in paths.items() if os.access(path, os.F_OK)}
+    try:
+        return Apart(command, os.environ | absolute)
+    except OSError:
+        return None
+
+
+def run_apart(module: str, *arguments: str, task: str) -> Ended | None:
+    """The same, to its end; None where no Python can be started.
 
     Parameters
     ----------
@@ -53,39 +162,19 @@ def run_apart(module: str, *arguments: str, task: str) -> Ended | None:
     task : str
         What it does with a runtime, for the fault: "a tiny kernel".
     """
-    import subprocess  # most processes need none
-
-    if not _may_start_python():
+    process = start_apart(module, *arguments)
+    if process is None:
         return None
-    command = [sys.executable, "-I", "-c", _CODE, module, str(len(arguments)), *arguments, *_folders()]
-    timeout = _timeout()
-    # It starts in the root folder, from which relative paths lead elsewhere.
-    paths = {name: os.environ.get(name, "") for name in LOADER_VARIABLES}
-    absolute = {name: str(Path(path).absolute()) for name, path in paths.items() if os.access(path, os.F_OK)}
-    try:
-        done = subprocess.run(
-            command,
-            cwd=Path(sys.executable).anchor,
-            env=os.environ | absolute,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=timeout,
-        )
-    except subprocess.TimeoutExpired:
-        return Ended([], 0, f"{task} did not end within {timeout:g} s")
-    except OSError:
-        return None
-    if done.returncode < 0:
-        fault = f"the runtime crashed on {task} (signal {-done.returncode})"
-    else:
-        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-        fault = f"the runtime ended the process (status {done.returncode}) on {task}: {last}"
-    return Ended(done.stdout.splitlines(), done.returncode, fault)
+    return process.ended(task) if process.wait() else too_slow(task)
 
 
-def _timeout() -> float:
+def too_slow(task: str) -> Ended:
+    """Result of a process that was killed, since it took too long."""
+    return Ended([], 0, f"{task} did not end within {timeout():g} s")
+
+
+def timeout() -> float:
+    """Seconds that such a process may take."""
     given = os.environ.get(VARIABLE)
     if not given:
         return _TIMEOUT

@@ -67,8 +67,10 @@ class Session:
         The same of memory on the host that the device copies to by itself.
     pinned : Room
         How much of that frames may hold: the system can move none of it.
-    building : threading.RLock
-        Held while a program is built or loaded; others' calls go on with what there is.
+    building : dict of threading.RLock
+        Held while a program is built or loaded, each by one; others' calls go on with what there is.
+    ahead : set
+        Programs that `build_ahead` was asked for.
     calls : Calls
         Those in progress.
     flights : dict of int to InFlight
@@ -83,7 +85,8 @@ class Session:
     memory_pool: MemoryPool = field(default_factory=MemoryPool, repr=False)
     pinned_pool: MemoryPool = field(default_factory=MemoryPool, repr=False)
     pinned: Room = field(default_factory=lambda: Room(1 << 29), repr=False)
-    building: threading.RLock = field(default_factory=threading.RLock, repr=False)
+    building: dict[Hashable, threading.RLock] = field(default_factory=dict["Hashable", threading.RLock], repr=False)
+    ahead: set[Hashable] = field(default_factory=set["Hashable"], repr=False)
     calls: Calls = field(default_factory=Calls, repr=False)
     flights: defaultdict[int, InFlight] = field(default_factory=lambda: defaultdict(InFlight), repr=False)
 

@@ -56,15 +56,16 @@ def expanded(file: str | Path) -> str:
             return ""
         seen.add(path)
         try:
-            text = path.read_text(encoding="utf-8")
+            text = _own_text(path) if folders == [kernels] else path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError):
             raise ArgumentError("file", "a file of text in UTF-8 that can be read", str(path)) from None
 
         def included(match: re.Match[str]) -> str:
             name = match.group(1)
             for number, folder in enumerate(folders):
-                if (folder / name).is_file():
-                    inside = text_of(folder / name, folders[number:])
+                path_of_it = folder / name
+                if path_of_it in seen or path_of_it.is_file():
+                    inside = text_of(path_of_it, folders[number:])
                     if not isinstance(file, Path):
                         return inside
                     line = text.count("\n", 0, match.end()) + 2  # for compilers, who name lines in their logs
@@ -79,6 +80,12 @@ def expanded(file: str | Path) -> str:
     if not (kernels / file).is_file():
         raise ArgumentError("file", f"one below {kernels}, or the absolute path of one of your own", describe(file))
     return text_of(kernels / file, [kernels])
+
+
+@functools.cache
+def _own_text(path: Path) -> str:
+    """Text of a file that lies among pyibr's kernels."""
+    return path.read_text(encoding="utf-8")
 
 
 @functools.cache

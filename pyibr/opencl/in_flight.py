@@ -15,6 +15,7 @@ QUEUED_SECONDS_MAX = 0.04  # seconds of launches that may wait in the queue
 PIECE_SECONDS = 0.06  # seconds that a piece of a launch is meant to take
 SHARED_PIECE_SECONDS = 0.02  # the same while other threads are in calls
 _GROWTH = 4  # at most, from piece to piece: what comes next may take longer
+_SHORT, _GROWTH_OF_SHORT = 0.0005, 32  # seconds of a piece, and growth after it: the next is no long one, even so
 _FORGETTING = 0.9  # of what is known, by each launch: the same kernel may have much to do in every tenth
 _UNEXPECTED = 4  # times as long as expected: what was expected is wrong
 
@@ -41,7 +42,8 @@ class KernelCost:
         if not items:
             return max(int(UNSPLIT_SECONDS / self.seconds_per_item), 1)
         slowest = max(seconds / items, self.seconds_per_item if math.isfinite(self.seconds_per_item) else 0.0)
-        return max(int(min((SHARED_PIECE_SECONDS if shared else PIECE_SECONDS) / slowest, _GROWTH * items)), 1)
+        growth = _GROWTH if seconds > _SHORT else _GROWTH_OF_SHORT
+        return max(int(min((SHARED_PIECE_SECONDS if shared else PIECE_SECONDS) / slowest, growth * items)), 1)
 
 
 class InFlight:

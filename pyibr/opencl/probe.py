@@ -1,6 +1,7 @@
 """Find out whether a device works, and how fast it is, and remember it on disk.
 
-A broken runtime may not only fail but crash or hang, so its test (`selftest`) runs in a process of its own.
+A broken runtime may not only fail but crash or hang, so its test (`selftest`) runs in a process of its own. One that
+works then builds what the first picture needs (`builder`), if what it builds is kept where this process finds it.
 """
 
 from __future__ import annotations
@@ -8,14 +9,16 @@ from __future__ import annotations
 from typing import Literal
 
 from pyibr.opencl import selftest
-from pyibr.opencl.apart import run_apart
+from pyibr.opencl.apart import start_apart, too_slow
+from pyibr.opencl.builder import keep_builder
 from pyibr.opencl.cache import Entry
 from pyibr.opencl.outcome import Outcome
-from pyibr.opencl.runtimes import Found
+from pyibr.opencl.runtimes import Found, runtime_of
 
 Doubted = Literal["nothing", "broken", "all"]
 """Which outcomes of earlier processes are not believed."""
 
+_TASK = "a tiny kernel"
 _tested: dict[str, Outcome] = {}  # by this process, by the devices' keys
 
 
@@ -39,6 +42,11 @@ def probe(found: Found, measure: bool = False, doubted: Doubted = "nothing") -> 
     return outcome
 
 
+def remember(found: Found, outcome: Outcome) -> None:
+    """Take it that the device was tested with this outcome, in this process alone."""
+    _tested[found.key] = outcome
+
+
 def forget(found: Found) -> None:
     """Forget what is known of this device, so that it is probed again."""
     _tested.pop(found.key, None)
@@ -57,7 +65,25 @@ def _kept(found: Found, doubted: Doubted) -> Outcome | None:
 
 def _test_apart(found: Found, measure: bool) -> Outcome:
     """Tested by a process of its own; by this one where no Python can be started that has the packages."""
-    ended = run_apart("pyibr.opencl.selftest", found.key, "speed" if measure else "works", task="a tiny kernel")
-    if ended is None or (selftest.READY not in ended.lines and ended.status > 0):
+    builds = not measure and runtime_of(found).keeps_kernels()
+    module, what = ("build_server", "builds") if builds else ("selftest", "speed" if measure else "works")
+    process = start_apart(f"pyibr.opencl.{module}", found.key, what)
+    if process is None:
         return selftest.test(found.handle, measure)
-    return Outcome.from_json(ended.result) or Outcome(False, ended.fault)
+    in_time = process.wait(lambda: _outcome_in(process.lines) is not None)
+    outcome = _outcome_in(process.lines)
+    if outcome is not None and outcome.works and builds:
+        keep_builder(process, found.key)
+    elif in_time:
+        process.wait()
+    if outcome is not None:
+        return outcome
+    ended = process.ended(_TASK) if in_time else too_slow(_TASK)
+    if selftest.READY not in ended.lines and ended.status > 0:
+        return selftest.test(found.handle, measure)
+    return Outcome(False, ended.fault)
+
+
+def _outcome_in(lines: list[str]) -> Outcome | None:
+    """That which a test has printed last."""
+    return Outcome.from_json(lines[-1]) if lines else None

@@ -21,6 +21,7 @@ import numpy as np
 
 from pyibr.core.errors import ArgumentError, BuildError
 from pyibr.opencl.binaries import keep_binary
+from pyibr.opencl.builder import builder_of
 from pyibr.opencl.cache import Entry
 from pyibr.opencl.device import Session, current
 from pyibr.opencl.headers import SCALARS, display_name, expanded, structs
@@ -47,6 +48,7 @@ VARIABLE = "PYIBR_BUILD_OPTIONS"
 _log = logging.getLogger("pyibr")
 _LONG = 0.3  # seconds of building: of one program if its device's compiler starts with it, else of several
 _spent = 0.0  # seconds that this process has built
+_filtering = threading.Lock()  # of warnings, which is the process's
 _building: ContextVar[Callable[[str], object]] = ContextVar("building", default=lambda _: None)
 
 
@@ -126,10 +128,10 @@ def _found(file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
     whole = (file if own is None else (own, _time_of(own)), tuple(sorted(defines.items())) if defines else ())
     found = session.kernels.get((whole, name))
     if found is None:
-        with session.building:
+        with session.building.setdefault(whole, threading.RLock()):
             if (whole, name) in session.kernels:
                 return session.kernels[whole, name]
-            built = {kernel.name: kernel for kernel in _build(session, str(file) if own is None else own, defines)}
+            built = {one.name: one for one in _build(session, str(file) if own is None else own, name, defines)}
             if name not in built:
                 raise ArgumentError(
                     "name", f"a kernel of {display_name(own or str(file))}: {', '.join(sorted(built))}", repr(name)
@@ -160,7 +162,7 @@ def _time_of(own: Path) -> int:
         raise ArgumentError("file", "a file of kernels", f"{own}: {reason}") from None
 
 
-def _build(session: Session, file: str | Path, defines: Mapping[str, int]) -> list[Kernel]:
+def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, int]) -> list[Kernel]:
     """All kernels of a file, since they are one program."""
     named = {"LANES": session.profile.lanes, **defines}
     source = expanded(file)
@@ -173,7 +175,10 @@ def _build(session: Session, file: str | Path, defines: Mapping[str, int]) -> li
     entry = Entry("programs", Path(file).stem, "\0".join([source, *options, device.key, _SIGNATURE_FORMAT]))
     loaded = _load(session, entry.read())
     if loaded is None:
-        program = _compiled(session, file, source, options)
+        with _told(file):
+            if (builder := builder_of(device.key)) is not None:
+                builder.wait(file, name, named)
+            program = _compiled(session, file, source, options)
         signatures = {str(handle.function_name): _signature(handle) for handle in program.all_kernels()}
         head = json.dumps(signatures).encode() + b"\n"
         keep_binary(program, entry, head, runtime.compiles_for_binaries, session.calls)
@@ -195,14 +200,10 @@ def _rounding(session: Session) -> list[str]:
 def _compiled(session: Session, file: str | Path, source: str, options: list[str]) -> cl.Program:
     import pyopencl as cl
 
-    start = time.perf_counter()
-    _building.get()(f"kernels are being built for this device, once: {display_name(file)}")
     try:
         return _quietly_built(cl.Program(session.context, source), options)
     except cl.RuntimeError as error:
         raise BuildError(f"{display_name(file)} failed to build with {' '.join(options)}:\n{error}") from error
-    finally:
-        _tell(time.perf_counter() - start)
 
 
 @contextmanager
@@ -215,10 +216,16 @@ def telling_builds(tell: Callable[[str], object]) -> Generator[None, None, None]
         _building.reset(token)
 
 
-def _tell(seconds: float) -> None:
-    """Say once why the first picture takes its time: whoever has waited that long waits for more."""
+@contextmanager
+def _told(file: str | Path) -> Generator[None, None, None]:
+    """Say that a program is being built, and once why the first picture takes its time."""
     global _spent
-    before, _spent = _spent, _spent + seconds
+    start = time.perf_counter()
+    _building.get()(f"kernels are being built for this device, once: {display_name(file)}")
+    try:
+        yield
+    finally:
+        before, _spent = _spent, _spent + time.perf_counter() - start
     if before < _LONG <= _spent:
         _log.info("kernels are being built for this device; `pyibr doctor --build` does so beforehand, for good")
 
@@ -247,7 +254,7 @@ def _quietly_built(program: cl.Program, options: list[str]) -> cl.Program:
     """Built without pyopencl's own cache, and without its warning that a compiler said something."""
     import pyopencl as cl
 
-    with warnings.catch_warnings():
+    with _filtering, warnings.catch_warnings():
         warnings.simplefilter("ignore", cl.CompilerWarning)
         return program.build(options=options, cache_dir=cast("str", False))  # its stubs forget False
 

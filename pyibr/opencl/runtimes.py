@@ -99,7 +99,9 @@ class Runtime:
     options: Callable[[Found], list[str]] = lambda _: []
     """Those that programs for a device of its own are built with, beside others."""
     compiles_for_binaries: bool = False
-    """Whether it compiles all kernels once more to hand out a binary. What it has compiled, it keeps on disk itself."""
+    """Whether it compiles all kernels once more to hand out a binary."""
+    keeps_kernels: Callable[[], bool] = lambda: False
+    """Tells whether it keeps what it has compiled on disk itself, where other processes find it."""
     stem: str = ""
     """What the name of its library begins with."""
     needs: tuple[str, ...] = ()
@@ -291,14 +293,22 @@ def _kernels_of_pocl() -> Path | None:
     return None
 
 
+def _shares_kernels() -> bool:
+    """Tell whether PoCL's folder is one that it can write and that nobody else can."""
+    folder = _kernels_of_pocl()
+    if folder is None or distrust(folder) is not None:
+        return False
+    nearest = next((place for place in (folder, *folder.parents) if os.access(place, os.F_OK)), folder)
+    with suppress(OSError):
+        Path(tempfile.mkdtemp(dir=nearest)).rmdir()
+        return True
+    return False
+
+
 def _safe_kernels() -> dict[str, str]:
     """PoCL lists no device where it cannot write its folder, and loads what lies there: then a private one serves."""
-    folder = _kernels_of_pocl()
-    if folder is not None and distrust(folder) is None:
-        nearest = next((place for place in (folder, *folder.parents) if os.access(place, os.F_OK)), folder)
-        with suppress(OSError):
-            Path(tempfile.mkdtemp(dir=nearest)).rmdir()
-            return {}
+    if _shares_kernels():
+        return {}
     private = temporary_folder(_until_exit)
     return {} if private is None else {"POCL_CACHE_DIR": str(private)}
 
@@ -340,6 +350,7 @@ _POCL = Runtime(
     environment=lambda: {**_pinned_threads(), **_safe_kernels()},
     options=_optimized_once,
     compiles_for_binaries=True,
+    keeps_kernels=lambda: os.environ.get("POCL_KERNEL_CACHE") != "0" and _shares_kernels(),
 )
 _POCL_WHEEL = replace(_POCL, name="PoCL's wheel", mend=_mend_pocl_wheel, install=str, wheel="pocl-binary-distribution")
 _WINDOWS = os.name == "nt"

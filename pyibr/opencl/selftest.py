@@ -63,7 +63,7 @@ kernel void multiply_add(global float16 *out, float slope) {
 """
 
 
-def test(device: cl.Device, measure: bool) -> Outcome:
+def test(device: cl.Device, measure: bool, context: cl.Context | None = None) -> Outcome:
     """Build and run the kernels here, in this process.
 
     Parameters
@@ -72,11 +72,13 @@ def test(device: cl.Device, measure: bool) -> Outcome:
         The device.
     measure : bool
         Also measure its speed, in under a second.
+    context : pyopencl.Context, optional
+        Its context, if there is one: PoCL's compiler starts anew in another.
     """
     import pyopencl as cl
 
     try:
-        context = new_context(device)
+        context = context or new_context(device)
         queue = cl.CommandQueue(context)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a compiler's remarks

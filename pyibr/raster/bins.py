@@ -32,8 +32,6 @@ class Bins:
         Work-items of kernels that draw the bins.
     region : int
         Pixels along the side of what one of them draws.
-    defines : dict
-        Of these kernels.
     arguments : dict
         What they take: `list`, numbers of primitives, bin by bin; `starts`, where each bin's part begins; the view.
     culled : int
@@ -42,12 +40,12 @@ class Bins:
 
     grid: tuple[int, int]
     region: int
-    defines: dict[str, int]
     arguments: dict[str, Any]
     culled: int
 
 
-def _defines(corners: int) -> dict[str, int]:
+def bin_defines(corners: int) -> dict[str, int]:
+    """The defines of kernels that draw bins of primitives with so many corners."""
     # In which direction a prism is sliced is decided in each bin, and is to be the same on every device.
     return {"BIN": current().profile.bin if corners == 3 else int(constant("lib/screen.h", "BIN"))}
 
@@ -61,7 +59,7 @@ def project(target: Target, vertices: DeviceArray, near: float, corners: int = 3
     origin = target.camera.center.astype(np.float32)  # the same for all things: no cracks between neighbours
     projected = empty((count, 4), np.float32)
     launch(
-        kernel("raster/bins.cl", "project", CORNERS=corners, **_defines(corners)),
+        kernel("raster/bins.cl", "project", CORNERS=corners, **bin_defines(corners)),
         (count,),
         vertices=vertices,
         projected=projected,
@@ -83,7 +81,7 @@ def bin_primitives(
     another of their `sides` are left out.
     """
     count, each = corners.shape
-    profile, defines = current().profile, _defines(each)
+    profile, defines = current().profile, bin_defines(each)
     columns, rows = (-(-size // defines["BIN"]) for size in target.camera.size)
     bins = columns * rows
     chunk = max(-(-count // min(profile.chunks, max(_COUNTS_MAX // bins, 1))), 1)
@@ -119,4 +117,4 @@ def bin_primitives(
         run("sort_bins", bins, corners=corners, projected=projected, keys=keys, list=found, starts=starts, bins=bins)
     arguments = {"list": found, "starts": starts, "bins_x": columns, **view}
     region = 1 if profile.lanes == 1 else defines["BIN"]
-    return Bins(profile.grid((columns, rows), target.camera.size), region, defines, arguments, culled)
+    return Bins(profile.grid((columns, rows), target.camera.size), region, arguments, culled)

@@ -13,6 +13,7 @@ from pyibr.images.pictures import camera_before, in_bytes
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.normals import areas, pieces_of
 from pyibr.meshes.textures import texture_pyramid
+from pyibr.opencl.ahead import build_ahead
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
@@ -22,7 +23,7 @@ from pyibr.picture.light import light_for
 from pyibr.picture.render import render
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
-from pyibr.raster.bins import bin_primitives, project
+from pyibr.raster.bins import bin_defines, bin_primitives, project
 
 _GREY = (0.8, 0.8, 0.8)  # of a mesh without texture and colours
 _DOWN, _PAPER = np.array([0.0, 1.0, 0.0]), (255, 255, 255)
@@ -41,8 +42,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
     near = target.near(mesh.bounds)
     buffers = cached_on_device(mesh, "buffers", lambda: _buffers(mesh))
     projected = project(target, buffers["vertices"], near)
-    bins = bin_primitives(target, buffers["faces"], projected, near, mesh.sides)
-    defines: dict[str, int] = {}
+    defines: dict[str, int] = bin_defines(3) | target.color_defines
     more: dict[str, Any] = {}
     if "texels" in buffers:
         defines["TEXTURED"] = 1
@@ -59,8 +59,10 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         more |= {**cached_on_device(mesh, "normals", lambda: _normals(mesh)), **lit.arguments()}
         if lit.maps is not None:
             more["vertices"] = buffers["vertices"]
+    build_ahead("raster/mesh.cl", "draw_mesh", compiled=True, **defines)
+    bins = bin_primitives(target, buffers["faces"], projected, near, mesh.sides)
     launch(
-        kernel("raster/mesh.cl", "draw_mesh", **bins.defines, **target.color_defines, **defines),
+        kernel("raster/mesh.cl", "draw_mesh", **defines),
         bins.grid,
         faces=buffers["faces"],
         culled=bins.culled,

@@ -16,6 +16,7 @@ from pyibr.core.undistortion import check_no_lens
 from pyibr.meshes.height_mapped import HeightMapped
 from pyibr.meshes.heights import Float32, Wrap, Wraps, height_at
 from pyibr.meshes.mesh import Mesh
+from pyibr.opencl.ahead import build_ahead
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant
@@ -26,7 +27,7 @@ from pyibr.picture.clear import clear
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.wrap import wrap_defines
-from pyibr.raster.bins import bin_primitives, project
+from pyibr.raster.bins import bin_defines, bin_primitives, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
 from pyibr.relief.interior import Interior, InteriorPoint
 from pyibr.relief.levels import HeightLevels, height_levels
@@ -294,8 +295,8 @@ def draw_relief(
     bends = surface.bends or place is not None
     faces, projected = buffers["faces"], project(target, buffers["points"], near)
     backs = target.from_light or (bends and surface.distance != "exact")  # where rays come out
-    bins = bin_primitives(target, faces, projected, near, "both" if backs else "front")
-    defines = _defines_of(surface, walks=target.from_light or place is not None) | target.filter_defines
+    defines = bin_defines(3) | target.color_defines | target.filter_defines
+    defines |= _defines_of(surface, walks=target.from_light or place is not None)
     more: dict[str, Any] = dict(target.filter_arguments)
     if lit is not None:
         defines |= lit.defines
@@ -313,8 +314,10 @@ def draw_relief(
     if places is not None:
         defines["UV_WRITTEN"] = 1
         more["uvs"] = places
+    build_ahead("relief/relief.cl", "draw_relief", compiled=True, **defines)
+    bins = bin_primitives(target, faces, projected, near, "both" if backs else "front")
     launch(
-        kernel("relief/relief.cl", "draw_relief", **bins.defines, **target.color_defines, **defines),
+        kernel("relief/relief.cl", "draw_relief", **defines),
         bins.grid,
         faces=faces,
         **{name: buffers[name] for name in _READ},

@@ -14,6 +14,7 @@ from pyibr.core.pixelspace import pixel_size
 from pyibr.meshes.height_mapped import HeightMapped, Heights
 from pyibr.meshes.heights import Wrap, Wraps, checked_height, height_pairs
 from pyibr.meshes.mesh import Mesh
+from pyibr.opencl.ahead import build_ahead
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import launch
@@ -22,7 +23,7 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.wrap import wrap_defines
-from pyibr.raster.bins import bin_primitives, project
+from pyibr.raster.bins import bin_defines, bin_primitives, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
 from pyibr.slicing.prisms import Volume, extruded
 from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_slices, slices_text
@@ -167,9 +168,8 @@ def draw_surface(
     }
     near = target.near(surface.volume.bounds)
     projected = project(target, buffers["points"], near, corners=6)
-    bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
     slices = _slices_in(surface, target.camera)
-    defines = target.filter_defines | wrap_defines(surface.wrap)
+    defines = bin_defines(6) | target.color_defines | target.filter_defines | wrap_defines(surface.wrap)
     more: dict[str, Any] = dict(target.filter_arguments)
     if lit is not None:
         defines |= lit.defines
@@ -183,8 +183,10 @@ def draw_surface(
     if counters is not None:
         defines["COUNTERS"] = 1
         more["counters"] = counters
+    build_ahead("slicing/surface.cl", "draw_surface", compiled=True, **defines)
+    bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
     launch(
-        kernel("slicing/surface.cl", "draw_surface", **bins.defines, **target.color_defines, **defines),
+        kernel("slicing/surface.cl", "draw_surface", **defines),
         bins.grid,
         **{name: buffers[name] for name in _READ},
         spacing=surface.scale / slices,

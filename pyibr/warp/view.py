@@ -29,6 +29,7 @@ from pyibr.picture.shadow import Lighting
 from pyibr.picture.surface import Surface, surface_of
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import Interpolation, undistorted
+from pyibr.warp.ahead import build_ahead_of_warp
 from pyibr.warp.blending import Blend, Layer, blend
 from pyibr.warp.filling import Fill, fill_holes
 from pyibr.warp.launches import Options, classify, draw_thin, forward_warp, inverse_warp
@@ -269,6 +270,7 @@ class WarpedView(Immutable):
         if self.method == "forward" and not target.from_light:
             forward_warp(*_placed(view, target), target, self.splat, entry)
             return
+        build_ahead_of_warp(camera_pair(view.camera, target.camera), target, options, entry)
         surface, pixel_map = self._surface_of(view, target)
         inverse_warp(surface, pixel_map, target, options, number, entry, in_reach=in_reach)
         if self.thin:

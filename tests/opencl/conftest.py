@@ -53,5 +53,5 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def _forget_headers() -> None:
-    for read in (headers.struct, headers.constant, headers._source):
+    for read in (headers.struct, headers.constant, headers._source, headers._own_text):
         read.cache_clear()

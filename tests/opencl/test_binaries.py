@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -166,17 +167,23 @@ def test_a_file_is_built_once_for_all_its_kernels(own_cache: Path, monkeypatch: 
 
 
 def test_users_are_told_once_that_kernels_are_built(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch):
+    def build(seconds: float) -> None:
+        times = iter((0.0, seconds))
+        monkeypatch.setattr(program, "time", SimpleNamespace(perf_counter=lambda: next(times)))
+        with program._told("warp/resolve.cl"):
+            pass
+
     monkeypatch.setattr(program, "_spent", 0.0)
     said: list[str] = []
     with caplog.at_level(logging.INFO, logger="pyibr"), telling(said.append):
-        program._tell(program._LONG / 2)
+        build(program._LONG / 2)
         assert not said
-        program._tell(program._LONG)
-        program._tell(program._LONG)
+        build(program._LONG)
+        build(program._LONG)
     assert said == [record.getMessage() for record in caplog.records] and len(said) == 1
     assert "doctor --build" in said[0]
     program._spent = 0.0
-    program._tell(9.0)
+    build(9.0)
     assert len(said) == 1, "whoever listens no more is told no more"
 
 

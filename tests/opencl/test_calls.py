@@ -326,7 +326,7 @@ def test_host_work_keeps_nobody_waiting():
     begun, end = threading.Event(), threading.Event()
 
     def work() -> None:
-        with session.call(), session.building:
+        with session.call(), session.building.setdefault(None, threading.RLock()):
             begun.set()
             end.wait(60)
 

@@ -1,0 +1,125 @@
+"""Tests a device in a process of its own, which then builds programs for the one that asked (`builder`)."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from collections import deque
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from pyibr.core.errors import DeviceError
+from pyibr.opencl import selftest
+from pyibr.opencl.binaries import VARIABLE
+from pyibr.opencl.device import current, use_device
+from pyibr.opencl.outcome import Outcome
+from pyibr.opencl.probe import remember
+from pyibr.opencl.program import Argument, Kernel, kernel
+from pyibr.opencl.runtimes import found_devices
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+_IDLE = 5.0  # seconds without a request, after which nobody draws a first picture
+_ZEROS = np.zeros(1 << 17)  # what buffers hold of kernels that are compiled
+
+
+class _Request(NamedTuple):
+    answer: str
+    file: str
+    name: str
+    defines: dict[str, int]
+    compiled: bool
+
+
+class _Requests:
+    """Those that the standard input has, as they come."""
+
+    def __init__(self) -> None:
+        self._programs, self._kernels = deque[_Request](), deque[_Request]()
+        self._changed = threading.Condition()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def next(self) -> _Request | None:
+        """The next one, programs before kernels; None if none comes for a while."""
+        with self._changed:
+            if not self._changed.wait_for(lambda: len(self._programs) + len(self._kernels) > 0, _IDLE):
+                return None
+            return (self._programs or self._kernels).popleft()
+
+    def _read(self) -> None:
+        for line in sys.stdin:
+            request = _Request(*json.loads(line))
+            with self._changed:
+                if request.compiled:
+                    self._kernels.append(request)
+                    request = request._replace(answer="", compiled=False)
+                self._programs.append(request)
+                self._changed.notify()
+        os._exit(0)  # whoever asked is gone
+
+
+def main(key: str, _: str) -> None:
+    """Print that this process could start, and the outcome for the device with that key as JSON; then build."""
+    os.environ[VARIABLE] = "never"
+    os.environ.setdefault("POCL_AFFINITY", "0")  # so that it compiles on a processor that is idle
+    everything = found_devices()
+    print("\n" + selftest.READY, flush=True)
+    found = next((found for found in everything if found.key == key), None)
+    if found is None:
+        sys.exit("another process does not find this device")
+    remember(found, Outcome(True))  # so that it is opened, and tested as it is
+    with use_device(found.index):
+        outcome = selftest.test(found.handle, measure=False, context=_context())
+        print("\n" + outcome.to_json(), flush=True)
+        if outcome.works:
+            _serve()
+
+
+def _context() -> cl.Context | None:
+    try:
+        return current().context
+    except DeviceError:  # it cannot be opened, which its test tells
+        return None
+
+
+def _serve() -> None:
+    requests, memory = _Requests(), zeros()
+    while (request := requests.next()) is not None:
+        built = kernel(request.file, request.name, **request.defines)
+        if request.compiled:
+            compile_for_launches(built, memory)
+        if request.answer:
+            print(f"\n{request.answer}", flush=True)
+    os._exit(0)
+
+
+def zeros() -> cl.Buffer:
+    """Memory of zeros on the current device."""
+    import pyopencl as cl
+
+    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+    return cl.Buffer(current().context, flags, hostbuf=_ZEROS)
+
+
+def compile_for_launches(built: Kernel, memory: cl.Buffer) -> None:
+    """Have a kernel compiled by a launch of a single work-item that has nothing to do: all sizes are 0.
+
+    PoCL compiles a kernel for a work-group's size as it is launched with it, and in no other way. All arrays are the
+    same `memory` of zeros, which stays as it is.
+    """
+    import pyopencl as cl
+
+    session = built.session
+
+    def nothing(argument: Argument) -> Any:
+        if argument.kind == "pointer":
+            return memory
+        return np.zeros((), argument.dtype)[()] if argument.kind == "struct" else 0
+
+    built.handle.set_args(*map(nothing, built.arguments))
+    cl.enqueue_nd_range_kernel(session.queue, built.handle, (1, 1, 1), (1, 1, 1), (0, 0, 1))
+    session.wait()

@@ -1,0 +1,201 @@
+"""Programs built ahead: those that pictures need, by a process that harms nothing, whether it lives or not."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pytest
+
+import pyibr as ibr
+from pyibr.opencl import ahead, builder
+from pyibr.opencl.build_server import compile_for_launches, zeros
+from pyibr.opencl.device import current
+from pyibr.opencl.program import kernel
+from pyibr.opencl.runtimes import found_devices, runtime_of
+from tests import scenes
+from tests.processes import with_path
+
+SIZE = (61, 37)
+CAMERA = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), SIZE, fov_y=45)
+LIGHT = ibr.Light(direction=(-1, -1, -1), shadow_size=64)
+PLATE = ibr.Mesh([[x, y, 0] for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], [[0, 1, 2], [0, 2, 3]], uv=np.eye(4)[:, :2])
+HEIGHT, COLOR = np.linspace(0, 1, 80, dtype=np.float32).reshape(8, 10), np.full((8, 10, 3), 200, np.uint8)
+
+
+def view() -> ibr.DepthImage:
+    known = scenes.stepped(SIZE)
+    return ibr.DepthImage(known.color, known.depth, known.camera)
+
+
+def warped(x: float, y: float, **options: Any) -> Callable[[], ibr.Frame]:
+    def draw() -> ibr.Frame:
+        one = view()
+        return ibr.warp(one, one.camera.moved(x, y, 0), **options)
+
+    return draw
+
+
+def rendered(make: Callable[[], Any], light: ibr.Light | None = None) -> Callable[[], ibr.Frame]:
+    return lambda: ibr.render(make(), CAMERA, light)
+
+
+DRAWN: dict[str, Callable[[], ibr.Frame]] = {
+    "lines": warped(0.2, 0.1),
+    "rows": warped(0.2, 0),
+    "connected": warped(0.2, 0.1, edges="connect"),
+    "search": warped(0.2, 0.1, method="search"),
+    "lit": lambda: ibr.render(view(), view().camera.moved(0.2, 0.1, 0), LIGHT),
+    "mesh": rendered(lambda: PLATE),
+    "lit mesh": rendered(lambda: PLATE, LIGHT),
+    "slices": rendered(lambda: ibr.SlicedSurface(PLATE, HEIGHT, COLOR, 0.1)),
+    "relief": rendered(lambda: ibr.ReliefSurface(PLATE, HEIGHT, COLOR, 0.1)),
+    "lit relief": rendered(lambda: ibr.ReliefSurface(PLATE, HEIGHT, COLOR, 0.1), LIGHT),
+    "depth meshes": rendered(lambda: ibr.DepthMeshObject([view(), view()])),
+    "sheets": rendered(lambda: ibr.DepthMeshObject([view(), view()], closed="sheets")),
+    "open": rendered(lambda: ibr.DepthMeshObject([view(), view()], closed=False)),
+}
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str, bool, dict[str, int]]]:
+    """All that is asked for from now on; nothing is done of it."""
+    found: list[tuple[str, str, bool, dict[str, int]]] = []
+
+    class Noted:
+        def ask(self, file: str, name: str, defines: dict[str, int], *, compiled: bool) -> None:
+            found.append((file, name, compiled, {key: value for key, value in defines.items() if key != "LANES"}))
+
+    monkeypatch.setattr(ahead, "builder_of", lambda _: Noted())
+    monkeypatch.setattr(ahead._thread, "do", lambda _: None)
+    current().ahead.clear()
+    return found
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_what_is_asked_for_ahead_is_what_the_picture_needs(name: str, asked: list[Any]):
+    session = current()
+    kept = dict(session.kernels)
+    session.kernels.clear()
+    try:
+        DRAWN[name]()
+        assert asked
+        for file, kernel_name, _, defines in asked:
+            assert ((file, tuple(sorted(defines.items()))), kernel_name) in session.kernels
+    finally:
+        session.kernels.update(kept)
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_kernel_compiled_ahead_does_nothing(name: str, asked: list[Any]):
+    DRAWN[name]()
+    memory, session = zeros(), current()
+    for file, kernel_name, compiled, defines in asked:
+        if compiled:
+            compile_for_launches(kernel(file, kernel_name, **defines), memory)
+    found = np.empty(memory.size, np.uint8)
+    cl.enqueue_copy(session.queue, found, memory)
+    assert not found.any()
+
+
+def test_a_program_is_asked_for_once(asked: list[Any]):
+    for _ in range(3):
+        warped(0.2, 0.1)()
+    assert len(asked) == len({file for file, *_ in asked}) == 3
+
+
+# --- the process that builds ----------------------------------------------------------------------
+
+PICTURE = f"""
+import os, sys, zlib
+import numpy as np, pyibr as ibr
+from pyibr.opencl import builder, device
+y, x = np.mgrid[:{SIZE[1]}, :{SIZE[0]}]
+camera = ibr.Camera([[60, 0, 30], [0, 60, 18], [0, 0, 1]], {SIZE})
+depth = np.where(np.hypot(x - 30, y - 18) < 9, 2, 4).astype(np.float32)
+view = ibr.DepthImage(np.dstack([x, y, x + y]).astype(np.uint8), depth, camera)
+device.current()
+process = builder.builders[0]._process if builder.builders else None
+print("builder", process._process.pid if process else None)
+HERE
+frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2))
+print("built", len([line for line in process.lines if line.startswith(builder.BUILT)]) if process else None)
+print("sum", zlib.crc32(frame.color.tobytes() + frame.depth.tobytes()))
+"""
+
+pocl = pytest.mark.skipif(
+    not runtime_of(found_devices()[current().device.index]).keeps_kernels(), reason="for PoCL, with a cache of its own"
+)
+
+
+def draw(folder: Path, here: str = "", **variables: str) -> dict[str, str]:
+    """Lines of a process with these caches, by their first word."""
+    caches = {"PYIBR_CACHE": str(folder / "pyibr"), "POCL_CACHE_DIR": str(folder / "pocl"), "PYIBR_BINARIES": "never"}
+    environment = with_path(**(caches | variables))
+    command = [sys.executable, "-W", "error", "-X", "dev", "-c", PICTURE.replace("HERE", here)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    return dict(line.split(" ", 1) for line in done.stdout.splitlines())
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pocl
+def test_the_first_picture_is_built_beside_and_the_same(tmp_path: Path):
+    beside = draw(tmp_path / "beside")
+    assert int(beside["built"]) >= 2  # the last one may be waited for by its kernel alone
+    assert not is_alive(int(beside["builder"]))
+    alone = draw(tmp_path / "alone", POCL_KERNEL_CACHE="0")
+    assert alone["builder"] == "None"
+    again = draw(tmp_path / "beside")
+    assert again["builder"] == "None", "the device's test is known"
+    assert beside["sum"] == alone["sum"] == again["sum"]
+
+
+@pocl
+@pytest.mark.parametrize("when", ["before", "after it was asked"])
+def test_a_builder_that_dies_is_not_missed(when: str, tmp_path: Path):
+    kill = f"os.kill(process._process.pid, {int(signal.SIGKILL)})"
+    if when != "before":
+        kill = f"ask = builder.Builder.ask\ndef dying(*given, **more):\n    {kill}\n    return ask(*given, **more)\n"
+        kill += "builder.Builder.ask = dying"
+    said = draw(tmp_path, kill)
+    assert said["built"] == "0" and int(said["sum"])
+
+
+@pocl
+def test_a_builder_without_work_ends(tmp_path: Path):
+    said = draw(
+        tmp_path,
+        "import time\nend = time.monotonic() + 60\nwhile builder.builders[0].has_ended is False: "
+        "time.sleep(0.1); assert time.monotonic() < end\nassert builder.builder_of(builder.builders[0].key) is None",
+    )
+    assert said["built"] == "0" and int(said["sum"])
+
+
+def test_what_fails_ahead_is_told_where_it_is_needed():
+    ahead._thread.do(lambda: 1 / 0)
+    end = time.monotonic() + 60
+    while ahead._thread._works:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    done: list[int] = []
+    ahead._thread.do(lambda: done.append(1))
+    while ahead._thread._works:
+        time.sleep(0.01)
+    assert done == [1]
+    assert builder.builder_of("of no device") is None
