@@ -77,7 +77,7 @@ def build_ahead_of_meshes(target: Target, closed: Closed, *, is_lit: bool) -> No
     build_ahead("depthmesh/tree.cl", "segment")
     if closed:
         build_ahead("depthmesh/simplify.cl", "refine", CHUNK=CHUNK)
-    build_ahead("raster/bins.cl", "bound_primitives", CORNERS=3, **bin_defines(3))
+    build_ahead("raster/bins.cl", "bound_primitives", compiled=False, CORNERS=3, **bin_defines(3))
     if not is_lit:
         build_ahead("depthmesh/blend.cl", "draw_meshes", compiled=True, **_defines_of(target, closed, NO_ENTRY))
 

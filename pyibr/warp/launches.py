@@ -13,6 +13,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import CameraPair, PixelMap, Rectangle, pitch
 from pyibr.images.depth_image import Side
+from pyibr.opencl.ahead import build_ahead
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
@@ -86,8 +87,7 @@ def inverse_warp(
         return
     shared = _shared(surface, pixel_map, options)
     hits, hit_kind = _find_candidates(surface, pixel_map, target, options, shared)
-    origins = len(target.origins) and 1 + (target.classes is not None)
-    defines = {"ORIGINS": origins, **target.color_defines, **entry.defines}
+    defines = _defines_of(target, entry)
     margin_hits = _draw_margins(surface, pixel_map, target, shared, defines)
     found = {**shared, "hits": hits, "hit_kind": hit_kind, "has_margins": margin_hits is not None}
     found["margin_hits"] = hits if margin_hits is None else margin_hits
@@ -135,12 +135,7 @@ def _find_candidates(
             **shared,
         )
         return hits, _hits("OF_PIXELS")
-    # Lines that are the pixels' own must be exact, and connected surfaces have crests that no line may miss. Elsewhere
-    # lines tell where to look.
-    on_samples = aligned and pixel_map.pair.off_samples < constant("lib/surface.h", "ON_SAMPLES")
-    exact = not (on_samples if aligned else not options.connected)
-    segments: dict[str, int] = {"SEGMENT": profile.segment} if profile.segment else {}
-    defines = {"ALIGNED": int(aligned), "EDGES": int(exact), **segments}
+    defines = _defines_of_sweep(pixel_map.pair, options)
     launch(
         kernel("warp/epipolar.cl", "epipolar_sweep", **defines),
         (packets,),
@@ -150,7 +145,7 @@ def _find_candidates(
         packet_count=packets,
         nearest=surface.high,
         farthest=surface.low,
-        **({"bounds": surface.bounds} if segments else {}),
+        **({"bounds": surface.bounds} if profile.segment else {}),
         **shared,
     )
     if aligned:
@@ -164,6 +159,31 @@ def _find_candidates(
         **shared,
     )
     return hits, _hits("OF_LINES")
+
+
+def _defines_of_sweep(pair: CameraPair, options: Options) -> dict[str, int]:
+    """The defines of kernels/warp/epipolar.cl.
+
+    Lines that are the pixels' own must be exact, and connected surfaces have crests that no line may miss. Elsewhere
+    lines tell where to look.
+    """
+    on_samples = pair.aligned and pair.off_samples < constant("lib/surface.h", "ON_SAMPLES")
+    exact, segment = not (on_samples if pair.aligned else not options.connected), current().profile.segment
+    return {"ALIGNED": int(pair.aligned), "EDGES": int(exact), **({"SEGMENT": segment} if segment else {})}
+
+
+def _defines_of(target: Target, entry: Entry) -> dict[str, int]:
+    """The defines of kernels/warp/resolve.cl."""
+    origins = len(target.origins) and 1 + (target.classes is not None)
+    return {"ORIGINS": origins, **target.color_defines, **entry.defines}
+
+
+def build_ahead_of_warp(pair: CameraPair, target: Target, options: Options, entry: Entry) -> None:
+    """Have the programs built that `inverse_warp` needs, in their order, beside this process."""
+    build_ahead("picture/begin.cl", "find_edges")
+    if not options.search:
+        build_ahead("warp/epipolar.cl", "epipolar_sweep", compiled=False, **_defines_of_sweep(pair, options))
+    build_ahead("warp/resolve.cl", "resolve", compiled=True, **_defines_of(target, entry))
 
 
 def _draw_margins(

@@ -29,10 +29,9 @@ from pyibr.picture.shadow import Lighting
 from pyibr.picture.surface import Surface, surface_of
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import Interpolation, undistorted
-from pyibr.warp.ahead import build_ahead_of_warp
 from pyibr.warp.blending import Blend, Layer, blend
 from pyibr.warp.filling import Fill, fill_holes
-from pyibr.warp.launches import Options, classify, draw_thin, forward_warp, inverse_warp
+from pyibr.warp.launches import Options, build_ahead_of_warp, classify, draw_thin, forward_warp, inverse_warp
 
 if TYPE_CHECKING:
     pass
