@@ -3,7 +3,8 @@
  *
  * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST_ORTHOGONALITY is the paper's: seen
  * edge-on (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth
- * range is taken relative to the view's extent. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if
+ * range is taken relative to the view's extent; beyond the paper, a surface that goes on straight is none, as a floor far
+ * away, by TEST_CONNECTEDNESS. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if
  * it is short, or either of its samples continues the line to the other's far side, in nearness, where planes are
  * straight. TEST_DISPARITY: nearness within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps
  * everything. Beyond the papers: in all tests, differences that the sensor's noise explains are no step (`noise`).
@@ -23,6 +24,7 @@
 #define TEST_CONNECTEDNESS 1
 #define TEST_DISPARITY 2
 #define TEST_NONE 3
+#define STRAIGHT 0.1f /* of the gap: what goes on straighter is no rubber sheet by orthogonality, either */
 
 typedef struct {
     int test;          /* which one finds rubber sheets, as the file's head says */
@@ -96,6 +98,9 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
     const int y = get_global_id(0);
     if (y >= layout.height - 1)
         return;
+    Segmentation straight = rule;
+    if (rule.test == TEST_ORTHOGONALITY)
+        straight.gap *= STRAIGHT;
     global const float *upper = nearness + (size_t)y * layout.pitch, *lower = upper + layout.pitch;
     for (int first = 0; first < layout.width - 1; first += LANES) {
         const floatl n[4] = {load_lanes(upper + first), load_lanes(upper + first + 1), load_lanes(lower + first),
@@ -114,16 +119,18 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
         const floatl na = select_lanes(main, n[3], n[2]), nb = select_lanes(main, n[0], n[1]);
         intl upper_drawn = IS_SAMPLE(n[0]) & IS_SAMPLE(n[1]) & IS_SAMPLE(na);
         intl lower_drawn = IS_SAMPLE(n[2]) & IS_SAMPLE(n[3]) & IS_SAMPLE(nb);
-        upper_drawn = upper_drawn & !bridges(&layout, &rule, p[0], p[1], a, n[0], n[1], na);
-        lower_drawn = lower_drawn & !bridges(&layout, &rule, p[2], p[3], b, n[2], n[3], nb);
-        if (rule.test == TEST_CONNECTEDNESS) {
-            const intl row = (intl)y, left = is_connected(&layout, &rule, nearness, x, row, 0, 1);
-            const intl right = is_connected(&layout, &rule, nearness, x + 1, row, 0, 1);
-            upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) &
-                          select_lanes(main, right, left);
-            lower_drawn = lower_drawn & is_connected(&layout, &rule, nearness, x, row + 1, 1, 0) &
-                          select_lanes(main, left, right);
+        const intl all = (intl)(rule.test == TEST_CONNECTEDNESS ? -1 : 0);
+        const intl upper_bridges = all | bridges(&layout, &rule, p[0], p[1], a, n[0], n[1], na);
+        const intl lower_bridges = all | bridges(&layout, &rule, p[2], p[3], b, n[2], n[3], nb);
+        intl upper_on = 0, lower_on = 0;
+        if (rule.test <= TEST_CONNECTEDNESS && any_lane((upper_drawn & upper_bridges) | (lower_drawn & lower_bridges))) {
+            const intl row = (intl)y, left = is_connected(&layout, &straight, nearness, x, row, 0, 1);
+            const intl right = is_connected(&layout, &straight, nearness, x + 1, row, 0, 1);
+            upper_on = is_connected(&layout, &straight, nearness, x, row, 1, 0) & select_lanes(main, right, left);
+            lower_on = is_connected(&layout, &straight, nearness, x, row + 1, 1, 0) & select_lanes(main, left, right);
         }
+        upper_drawn = upper_drawn & (upper_on | !upper_bridges);
+        lower_drawn = lower_drawn & (lower_on | !lower_bridges);
         const intl state = select_lanes(upper_drawn, (intl)DRAWN, (intl)UNDRAWN) |
                            select_lanes(lower_drawn, (intl)(DRAWN << 2), (intl)(UNDRAWN << 2));
         store_bytes(to_ucharl(select_lanes(x < layout.width - 1, state, (intl)0)),

@@ -27,9 +27,9 @@ class Segmentation:
     ----------
     test : {"orthogonality", "connectedness", "disparity", "none"}
         "orthogonality": a triangle is none of a surface if it is seen edge-on and long in depth (equations 3 and 4 of
-        the paper). "connectedness": if a sample at an edge's end continues the line on the edge's other side neither
-        way (after Mark, McMillan & Bishop 1997). "disparity": if its corners' disparities differ too much (after
-        Oliveira & Bishop 1998). "none": nothing is taken out.
+        the paper), unless it goes on straight, as by "connectedness". "connectedness": if a sample at an edge's end
+        continues the line on the edge's other side neither way (after Mark, McMillan & Bishop 1997). "disparity": if
+        its corners' disparities differ too much (after Oliveira & Bishop 1998). "none": nothing is taken out.
     angle : float
         omega, degrees in (0, 90): "orthogonality" takes triangles that lines of sight meet at less than that.
     depth_range : float

@@ -194,3 +194,21 @@ def test_what_is_left_in_a_room_is_below_the_thresholds(test):
     assert len(large) > 2000 and len(surface) > 100_000
     assert (~drawn)[tuple(large.T)].mean() >= 0.99
     assert (~drawn)[tuple(surface.T)].mean() < 0.005
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("height", [0.3, 1.5])
+def test_floors_that_recede_are_whole_and_small_steps_are_none(height, turned):
+    camera = ibr.Camera([[525, 0, 319.5], [0, 525, 239.5], [0, 0, 1]], (640, 480))
+    below = np.arange(480)[:, None] - 239.5 + turned * (np.arange(640) - 320)
+    depth = np.where(below > 0, height * 525 / np.maximum(below, 1e-9), np.inf)
+    view = ibr.DepthImage(None, np.where(depth < 200, depth, np.nan).astype(np.float32), camera)
+    frame = ibr.render(ibr.DepthMesh(view), camera.moved(0.1, 0, 0.3))
+    inside = depth < 100
+    inside[:, :60] = inside[:, -60:] = inside[-60:] = False
+    assert (~frame.valid)[inside].mean() < 1e-3
+    depth = np.minimum(depth, 10.0)
+    depth[60:200, 240:400] = 9.7  # a box before a wall
+    there = camera.moved(2, 0, 0)  # which moves it by 3 pixels against the wall
+    frame = ibr.render(ibr.DepthMesh(ibr.DepthImage(None, depth.astype(np.float32), camera)), there)
+    assert ((~frame.valid[80:180, :400]).sum(axis=1) >= 3).all()

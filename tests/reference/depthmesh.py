@@ -380,9 +380,8 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         sine = abs(normal @ sight) / np.linalg.norm(normal) / np.linalg.norm(sight)
         z = [p[2], q[2], r[2]]
         scale = np.mean(z) if perspective else extent
-        return sine < np.sin(np.radians(rule.angle)) and np.ptp(z) > max(
-            rule.depth_range * scale, explained(float(np.mean(z)))
-        )
+        is_long = np.ptp(z) > max(rule.depth_range * scale, explained(float(np.mean(z))))
+        return sine < np.sin(np.radians(rule.angle)) and is_long and connectedness(corners)
 
     def nearness(corner: Corner) -> float:
         z = depth[corner[::-1]]
@@ -402,7 +401,8 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
                 other = nearness(a) - nearness(end) if sign > 0 else nearness(end) - nearness(b)
                 off.append(abs(change - other))
         scale = max(abs(nearness(a)), abs(nearness(b))) if perspective else extent
-        return min(off) <= max(rule.gap * scale, explained_nearness(max(nearness(a), nearness(b))))
+        gap = rule.gap * (0.1 if rule.test == "orthogonality" else 1.0)
+        return min(off) <= max(gap * scale, explained_nearness(max(nearness(a), nearness(b))))
 
     def connectedness(corners: list[Corner]) -> bool:
         sides = [(a, b) for a in corners for b in corners if a < b and (a[0] == b[0] or a[1] == b[1])]
