@@ -149,7 +149,7 @@ def _line_of(depth: Depth, far: float, count_max: int) -> Nearness:
 def _noise_along(line: Nearness, count_max: int) -> tuple[Float64, Float64]:
     """Noise of a line, as `noise_by_nearness` returns it."""
     starts, all_places, changes = _changes(line, 1, count_max)
-    steps_between = np.array(1)
+    steps_between: NDArray[np.intp] | int = 1
     if len(all_places) < min(10 * _RANGES * _SAMPLES_MIN, count_max):
         more = _changes(line, 2, count_max)
         steps_between = np.repeat([1, 2], [len(all_places), len(more[0])])
@@ -165,29 +165,40 @@ def _noise_along(line: Nearness, count_max: int) -> tuple[Float64, Float64]:
     middles = np.partition(change, each // 2, axis=1)[:, each // 2].astype(np.float64) * _OF_MIDDLE
     some = place[:, :: _OF_LEVEL // 2]  # where these differ too often, all do
     changes_of_some = np.add.reduce(some[:, 1:] != some[:, :-1], axis=1)
-    for part in (changes_of_some < each / _OF_LEVEL).nonzero()[0]:
-        steps = np.diff(place[part])
-        at = steps.nonzero()[0]
-        levels = 1 + len(at)
-        if levels < _LEVELS or each < _OF_LEVEL * levels:
-            continue
-        start, between = starts[order[part]], np.broadcast_to(steps_between, count)[order[part]]
-        stairs = (line[start] == place[part]) != (line[start + 2 * between] == place[part])
-        if np.count_nonzero(stairs) < _OF_STAIRS * each and not _are_multiples(steps[at], place[part, at]):
-            continue
-        step = float(np.sort(steps[at])[-(levels // 2)])  # the middle one
-        middles[part] = max(middles[part], 0.5 * step if step < _STEP_MAX * place[part, 0] else 0.0)
+    on_levels: list[int] = (changes_of_some < each / _OF_LEVEL).nonzero()[0].tolist()
+    if on_levels:
+        before, after = (line[starts + at] == all_places for at in (0, 2 * steps_between))
+        stairs: list[int] = np.add.reduce((before != after)[order], axis=1).tolist()
+        for part in on_levels:
+            step = _step_of(place[part], stairs[part])
+            middles[part] = max(middles[part], 0.5 * step if step < _STEP_MAX * place[part, 0] else 0.0)
     return place[:, each // 2].astype(np.float64), middles
 
 
-def _are_multiples(steps: Nearness, place: Nearness) -> bool:
+def _step_of(place: Nearness, stairs: int) -> float:
+    """The middle step of the scale that a range of nearness, growing, is told on; 0 if it is on none.
+
+    `stairs`: how many of the samples are level to one side alone.
+    """
+    rises = place[1:] - place[:-1]
+    at = rises.nonzero()[0]
+    levels = 1 + len(at)
+    if levels < _LEVELS or len(place) < _OF_LEVEL * levels:
+        return 0.0
+    steps: list[float] = rises[at].tolist()
+    if stairs < _OF_STAIRS * len(place) and not _are_multiples(steps, place[at].tolist()):
+        return 0.0
+    return sorted(steps)[-(levels // 2)]
+
+
+def _are_multiples(steps: list[float], place: list[float]) -> bool:
     """Tell whether steps of nearness, or those of depth that they are, are one and several times the same."""
-    with np.errstate(all="ignore"):  # of the nearest and the farthest depths that float32 holds
-        several = [steps, steps / (place * place)]
-        several = [each / each.min() for each in several]
-    for times in several:
-        off = np.abs(times - np.rint(times)) > _OFF_MULTIPLE
-        if np.count_nonzero(off) <= _FEW * len(off) and np.count_nonzero(times > 1.5) > _FEW * len(off):
+    in_depth = [step / (near * near) for step, near in zip(steps, place, strict=True)]
+    for each in (steps, in_depth):  # some twenty: NumPy would take longer
+        least = min(each)
+        times = [step / least for step in each]
+        off = sum(abs(time - round(time)) > _OFF_MULTIPLE for time in times)
+        if off <= _FEW * len(times) and sum(time > 1.5 for time in times) > _FEW * len(times):
             return True
     return False
 
@@ -237,12 +248,13 @@ def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, fl
     # at no nearness, tells nothing. In normal equations the terms that are not of a choice are the identity's.
     sizes: Float64 = np.sqrt(np.add.reduce(terms * terms, axis=0))
     scaled = terms / sizes
+    products = (scaled[:, :, None] * scaled[:, None, :]).reshape(number, 9)
     found: Float64 = np.zeros((len(_CHOICES), 3))
     differences: Float64 = np.zeros((len(_CHOICES), number))
     for _ in range(_ROUNDS):
         weights = 1 / np.maximum(differences, _CLOSE)
         weights /= np.maximum.reduce(weights, axis=1, keepdims=True)
-        systems = (scaled.T @ (weights[:, :, None] * scaled)) * _CHOSEN_PAIRS + _OTHERS
+        systems = (weights @ products).reshape(-1, 3, 3) * _CHOSEN_PAIRS + _OTHERS
         sums: Float64 = (weights @ scaled) * _CHOICES
         found = cast("Float64", np.linalg.solve(systems, sums[:, :, None])[:, :, 0])
         differences = np.abs(found @ scaled.T - 1)
