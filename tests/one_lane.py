@@ -23,7 +23,7 @@ from tests.processes import said_under_oclgrind
 def _of_one_lane(session: device.Session, **changed: Any) -> device.Session:
     # Of the sizes of work-groups that it may choose, PoCL compiles each anew.
     own = {"kernels": {}, "memory_pool": MemoryPool(), "flights": defaultdict(InFlight)}
-    return dataclasses.replace(session, profile=dataclasses.replace(GPU, **{"group": (1, 1), **changed}), **own)
+    return dataclasses.replace(session, profile=dataclasses.replace(GPU, **{"group": (1, 1, 1), **changed}), **own)
 
 
 @contextmanager
