@@ -30,7 +30,7 @@ _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many t
 _OF_STAIRS = 0.02  # such a part of the samples is level to one side alone,
 _OFF_MULTIPLE, _FEW = 0.1, 0.04  # or values lie several steps apart, but for few; else rows have a depth each
 _STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 4 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together: noise is found to 3 % then
+_ENOUGH = 10 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together: noise is found to 2 % then
 _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
     50,
     0.3,
@@ -195,10 +195,9 @@ def _are_multiples(steps: list[float], place: list[float]) -> bool:
     """Tell whether steps of nearness, or those of depth that they are, are one and several times the same."""
     in_depth = [step / (near * near) for step, near in zip(steps, place, strict=True)]
     for each in (steps, in_depth):  # some twenty: NumPy would take longer
-        least = min(each)
-        times = [step / least for step in each]
-        off = sum(abs(time - round(time)) > _OFF_MULTIPLE for time in times)
-        if off <= _FEW * len(times) and sum(time > 1.5 for time in times) > _FEW * len(times):
+        least, few = min(each), _FEW * len(each)
+        off = [step for step in each if _OFF_MULTIPLE < step / least % 1.0 < 1.0 - _OFF_MULTIPLE]
+        if len(off) <= few and len([step for step in each if step > 1.5 * least]) > few:
             return True
     return False
 

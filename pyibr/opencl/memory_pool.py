@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import functools
 import threading
 import weakref
@@ -26,6 +27,7 @@ class _Last(weakref.ref[Any]):
 
 
 _waiting: set[_Last] = set()
+atexit.register(_waiting.clear)  # after that, nobody is told: modules are taken apart
 
 
 def when_gone(owner: object, call: Callable[..., object], *arguments: Any) -> None:

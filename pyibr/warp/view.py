@@ -285,10 +285,12 @@ class WarpedView(Immutable):
         low, high = self.bounds
         middle = 0.5 * (low + high)
         noise, apart = noise_bias(self.sources, target.camera, middle)
-        if self.interpolation == "linear":
+        if self.interpolation == "linear" and self.method != "forward":
             return noise, apart
-        pixel = pixel_size(target.camera, middle)
         sample = max(pixel_size(view.camera, middle) for view in self.sources)
+        if self.interpolation == "linear":  # squares that lie as deep as their samples
+            return sample + noise, apart
+        pixel = pixel_size(target.camera, middle)
         steps = math.ceil(min(4 * max(sample / pixel, 1), NEIGHBOUR_OFFSET_MAX)) if pixel > 0 else NEIGHBOUR_OFFSET_MAX
         return sample + noise, max(apart, steps)
 
