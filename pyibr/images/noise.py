@@ -20,7 +20,7 @@ Depth = NDArray[np.float32]
 Nearness = NDArray[np.float32]
 
 Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
-"""How noisy depth is, as `DepthImage` and `clean_depth` take it."""
+"""Noise of depth, as `DepthImage` and `clean_depth` take it."""
 
 _PLACES = 16  # depths at which a function of noise is looked at
 

@@ -99,7 +99,7 @@ class Runtime:
     options: Callable[[Found], list[str]] = lambda _: []
     """Those that programs for a device of its own are built with, beside others."""
     compiles_for_binaries: bool = False
-    """Whether it compiles all kernels once more to hand out a binary."""
+    """True of one that compiles all kernels once more to hand out a binary."""
     keeps_kernels: Callable[[], bool] = lambda: False
     """Tells whether it keeps what it has compiled on disk itself, where other processes find it."""
     stem: str = ""

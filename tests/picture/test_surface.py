@@ -286,3 +286,19 @@ def test_real_rooms_are_torn_at_their_depth_edges_alone():
             share = float((torn.right[:, :-1] & valid).sum() / valid.sum())
             # Depth edges are lines: some samples a row.
             assert 5e-4 < share < 0.02, (kind, file.name, share)
+
+
+@pytest.mark.parametrize("lanes", LANES)
+def test_all_margins_are_found_where_every_sample_is_torn_off(lanes: str):
+    """They are more than there is room for at first: each quarter of each pixel, but for the border's, once."""
+    lanes_of: AbstractContextManager[Any] = LANES[lanes]()
+    height, width = 40, 50
+    depth = 3.0 + np.indices((height, width)).sum(axis=0) % 3
+    camera = ibr.Camera([[F, 0, 24.5], [0, F, 19.5], [0, 0, 1]], (width, height))
+    with lanes_of, one_call():
+        margins = surface_of(image(depth, camera), 1.05).margins
+        quarters = margins.quarters.to_host()[:, : margins.count]
+    x, y, bits = (quarters[int(constant("lib/margins.h", f"MARGIN_{name}"))] for name in ("X", "Y", "BITS"))
+    found = {*zip(x.tolist(), y.tolist(), (np.ascontiguousarray(bits).view(np.int32) & 3).tolist(), strict=True)}
+    within = {(x, y, bits) for x in range(1, width - 1) for y in range(1, height - 1) for bits in range(4)}
+    assert margins.count == len(found) and found >= within
