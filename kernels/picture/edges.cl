@@ -69,6 +69,16 @@ INLINED floatl slope_of(intl known, floatl a, floatl next, floatl after)
 #define FOLLOWS(d, slope, allowed)                                                                             \
     (fabs((d) - (slope)) <= (allowed) + RISE * max_lanes(fabs(slope) - (allowed), (floatl)0.0f))
 
+#ifndef R1
+#define R1 0.1f
+#endif
+/* Does it, growing by little? */
+#define KEEPS(d, slope, allowed) \
+    (FOLLOWS(d, slope, allowed) & (fabs(d) <= fabs(slope) + (allowed) + R1 * max_lanes(fabs(slope) - (allowed), (floatl)0.0f)))
+/* Is the far side steep, too, or does it end? */
+#define STEEP(d, slope, has, allowed) \
+    ((!(has)) | (select_lanes((d) > 0.0f, slope, -(slope)) * (1.0f + RISE) >= fabs(d) - (allowed)))
+
 /* What samples before and after a pair foretell of its change, where they are known; else 0 */
 typedef struct {
     floatl before, after;
@@ -92,7 +102,7 @@ INLINED Slopes slopes_beside(Image image, int x, int y, int dx, int dy)
 /* Does a change d follow the mean of three lines' slopes, of those that are known? */
 #define FOLLOWS_MEAN(d, side, has_side, allowed)                                                               \
     ((one.has_side | own.has_side | other.has_side) &                                                          \
-     FOLLOWS(d, (one.side + own.side + other.side) /                                                           \
+     KEEPS(d, (one.side + own.side + other.side) /                                                           \
                     max_lanes(ONE_IF(one.has_side) + ONE_IF(own.has_side) + ONE_IF(other.has_side), (floatl)1.0f), \
              allowed))
 
@@ -102,7 +112,10 @@ OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed,
 {
     const floatl d = samples_from(image, x + dx, y + dy) - samples_from(image, x, y);
     const Slopes own = slopes_beside(image, x, y, dx, dy);
-    const intl straight = (own.has_before & FOLLOWS(d, own.before, allowed)) | (own.has_after & FOLLOWS(d, own.after, allowed));
+    const intl straight = (own.has_before & FOLLOWS(d, own.before, allowed) &
+                           (KEEPS(d, own.before, allowed) | STEEP(d, own.after, own.has_after, allowed))) |
+                          (own.has_after & FOLLOWS(d, own.after, allowed) &
+                           (KEEPS(d, own.after, allowed) | STEEP(d, own.before, own.has_before, allowed)));
     if ((dx && dy) || !any_lane(wanted & !straight))
         return straight;
     const Slopes one = slopes_beside(image, x - dy, y - dx, dx, dy), other = slopes_beside(image, x + dy, y + dx, dx, dy);

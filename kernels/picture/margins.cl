@@ -82,6 +82,12 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, floatl *slo
         *slope_x = select_lanes(beside_upper, n.below - n.below_left, select_lanes(beside_lower, left, *slope_x));
         *slope_y = select_lanes(beside_upper, down, select_lanes(beside_lower, n.below_left - n.left, *slope_y));
     }
+#ifndef STEEP_M
+#define STEEP_M 0.02f
+#endif
+    const floatl most = STEEP_M * fabs(n.here);
+    *slope_x = clamp_lanes(*slope_x, -most, most);
+    *slope_y = clamp_lanes(*slope_y, -most, most);
 }
 
 /* How many quarters the samples `first` to `end` - 1 of a row have */

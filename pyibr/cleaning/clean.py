@@ -11,7 +11,7 @@ from pyibr.cleaning.scale import Scale, scale_of
 from pyibr.cleaning.stages import Image, Placed
 from pyibr.core.checks import Float64, checked_colors, integer_from, number_from
 from pyibr.images.depth_image import Color, Depth, checked_depth
-from pyibr.images.noise import Noise, checked_noise, noise_by_nearness
+from pyibr.images.noise import DepthNoise, Noise, checked_noise
 from pyibr.opencl.device import one_call
 
 Mask = NDArray[np.bool_]
@@ -125,13 +125,13 @@ def clean_depth(
         image = Image(width, height)
         placed, last = image.place(measured), None if known is None else image.place(known)
         image.place_colors(colors)
-        found = noise_by_nearness(measured, count_max=_SAMPLES) if told is None else None  # while the device works
+        told = told or DepthNoise(measured).deviation  # while the device works
         if placed.is_empty:
             return CleanedDepth(np.full_like(measured, np.nan), np.zeros(measured.shape, np.bool_))
         last = None if last is None or last.is_empty else last
         seen = [placed] if last is None else [placed, last]
         nearest, farthest = min(one.nearest for one in seen), max(one.farthest for one in seen)
-        at, deviations = found or _noise_at(told or _NONE, nearest, farthest)
+        at, deviations = _noise_at(told, nearest, farthest)
         apart = scale_of(nearest, farthest, at, _APART * deviations, _LEAST_APART)
         _settle(image, placed, last, apart, reach)
         alike = scale_of(nearest, farthest, at, deviations, _NOISE_MIN)

@@ -84,7 +84,7 @@ class Tree:
     @cached_property
     def smoothed(self) -> DeviceArray:
         """(H, pitch) nearness of the samples without their noise, for errors."""
-        if not any(self.view.sure_noise):
+        if not any(self.view.noise):
             return self.nearness
         found = empty(self.nearness.shape, np.float32)
         arguments = {"nearness": self.nearness, "smoothed": found, "layout": self.layout}
@@ -211,7 +211,7 @@ def _layout(view: DepthImage, side: int, row: int) -> np.ndarray[Any, np.dtype[n
     values, camera = np.zeros((), struct("depthmesh/tree.h", "Layout")), view.camera
     values["ray"] = np.linalg.inv(camera.K)[:2].ravel()
     values["footprint"] = 1.0 / min(camera.K[0, 0], camera.K[1, 1])
-    values["noise"] = np.minimum(view.sure_noise, NOISE_MAX)
+    values["noise"] = np.minimum(view.noise, NOISE_MAX)
     values["perspective"] = camera.projection == "perspective"
     values["width"], values["height"] = camera.size
     values["pitch"], values["side"], values["row"] = pitch(camera.width), side, row

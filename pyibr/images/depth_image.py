@@ -193,11 +193,6 @@ class DepthImage(Immutable, Pictured):
         return self._noise
 
     @property
-    def sure_noise(self) -> tuple[float, float, float]:
-        """(a, b, c) of `noise`, or zeros if what was found may be the shape of a smooth surface."""
-        return self._noise.deviation if self._noise.is_random else (0.0, 0.0, 0.0)
-
-    @property
     def steps(self) -> tuple[float, float, float]:
         """(a, b, c): at depth z its values lie a z^2 + b z + c apart, if its scale has steps. Found on first use."""
         return self._noise.steps

@@ -22,31 +22,27 @@ Nearness = NDArray[np.float32]
 Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
 """Noise of depth, as `DepthImage` and `clean_depth` take it."""
 
-_PLACES = 16  # depths at which a function of noise is looked at
-
-_RANGES, _SAMPLES_MIN = 12, 50  # noise is looked up for as many ranges of depth, each from so many samples at least
-_SAMPLES_MAX = 80_000  # samples that are looked at: medians of more are no surer
-_LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps, if
-_OF_STAIRS = 0.02  # such a part of the samples is level to one side alone,
-_OFF_MULTIPLE, _FEW = 0.1, 0.04  # or values lie several steps apart, but for few; else rows have a depth each
-_STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 10 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together: noise is found to 2 % then
-_STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
-    50,
-    0.3,
-    0.6,
-)  # of a scale: changes amid level samples, also as a part of all, and of
-_LEVELS_MIN = 12  # one step; and so many levels
+_PLACES = 16  # depths at which a function of noise is sampled
+_CELLS = 8_000  # sampled cells: their median is known to 2 %
+_CELLS_MIN = 50  # the median of fewer is off by over 15 %
+_KNOWN = 0.1  # share of known cells: with fewer, every other sample is missing
+_GOLDEN = 0.6180339887498949  # rows at its multiples follow no period of the picture
+_MANTISSA = 23  # bits of a float32
+_ROUNDING = 2.0**-21  # of the nearness: a cell's difference of rounded samples
+_EDGE = 0.1  # of the nearness: neighbours that differ more are an edge
+_CELL = 2.0  # deviation of a cell's difference, by the deviation of its four samples
+_SHARES = np.array([0.5, 0.25])
+_BY_SHARE = np.array([1 / 0.67449, 1.4 / 0.31864])  # deviations by normal noise's quantiles; edges raise the median more
+_SHAPE = 9.0  # squared ratio of differences, two samples apart over one: noise has 1, curves 16
+_FALL = 1.15  # nearer samples have no more noise than farther ones, but for chance
+_CHANCE = 4.0  # standard deviations, over the root of the cells, of an estimate from few
+_STEP_MAX = 0.25  # of the nearness: larger differences are edges
+_LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
+_STAIRS = 0.1  # of a scale's changes lie beside equal samples, at least
+_ONE_STEP = 0.6  # of these are of one step, at least: edges have any size
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
-_GOLDEN = 0.6180339887498949
-_OF_MIDDLE = 1.4826 / math.sqrt(6)  # a standard deviation by the middle of 1, -2, 1 times normal noise
-_SHAPE = 2.0  # times as large over two samples as over one: of noise 1, of a curve 4
-_NOISE_MIN = 5e-4  # a part of the nearness: smaller differences may be of a scale's steps, or of shapes
-_ROUNDING = 2e-7  # of the nearness: of single precision, no noise
 _ROUNDS, _CLOSE = 3, 0.02  # of fits, of which each heeds less what is off by more than that in the one before
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
-_ROWS = 5  # times as many lie in the lines that they are taken from
-_APART = 2  # samples between lines, which are none
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
 )
@@ -55,13 +51,28 @@ _CHOSEN_PAIRS = _CHOICES[:, :, None] & _CHOICES[:, None, :]
 _OTHERS = np.eye(3) * np.where(_CHOICES, _RIDGE, 1.0)[:, None]
 
 
+def _octaves(values: Nearness, parts: int) -> NDArray[np.int32]:
+    """Parts of an octave, 2^parts to each, in which positive float32 numbers lie."""
+    return values.view(np.int32) >> (_MANTISSA - parts)
+
+
+def _middles(octaves: NDArray[np.int32], parts: int) -> Float64:
+    """Middles of parts of an octave."""
+    return ((2 * octaves + 1) << (_MANTISSA - parts - 1)).view(np.float32).astype(np.float64)
+
+
+_QUARTERS, _EIGHTHS = 2, 3  # of an octave: ranges of nearness, and of differences as a part of it
+_LEAST, _GREATEST = _octaves(np.array([_ROUNDING, 1.0], np.float32), _EIGHTHS).tolist()
+_SIZES = np.append(0.0, _middles(np.arange(_LEAST, _GREATEST + 1, dtype=np.int32), _EIGHTHS))
+
+
 class DepthNoise:
     """Noise of an image's depth, and the steps of its scale: each found on first use, or given.
 
     Parameters
     ----------
     depth : (H, W) float32
-        There is none where it is not finite, <= 0 or >= `far`.
+        Not finite, <= 0 or >= `far` is no sample.
     far : float
     given : (a, b, c), optional
         The deviation, if it is known.
@@ -75,162 +86,145 @@ class DepthNoise:
     def deviation(self) -> tuple[float, float, float]:
         """(a, b, c), none negative: at depth z the noise has a standard deviation of about a z^2 + b z + c.
 
-        Stereo and structured light have the first kind, time of flight the others.
+        Stereo and structured light have the first kind, time of flight the others. A scale's noise is at least half a
+        step, since depths between two levels are rounded to either.
         """
         if self.given is not None:
             return self.given
-        at, deviations = _noise_along(self._line, _ENOUGH)
-        deviations[deviations < _ROUNDING * at] = 0.0
-        return fitted_noise(1 / at, deviations / at**2)
-
-    @cached_property
-    def is_random(self) -> bool:
-        """True of what is noise for sure: given, or second differences do not grow with the distance, as shapes' do."""
-        if self.given is not None:
-            return any(self.given)
-        near, far = (_typical_change(self._line, step) for step in (1, 2))
-        return near > _NOISE_MIN and far < _SHAPE * near
+        random = _random_noise(self._blocks)
+        a, b, c = (max(noise, 0.5 * step) for noise, step in zip(random, self.steps, strict=True))
+        return a, b, c
 
     @cached_property
     def steps(self) -> tuple[float, float, float]:
-        """(a, b, c), none negative: at depth z the values that a coarse scale has lie about a z^2 + b z + c apart.
+        """(a, b, c), none negative: at depth z, levels of a coarse scale lie about a z^2 + b z + c apart.
 
-        Disparity has steps of the first kind, depth in whole units of the last. On a scale, surfaces are stairs:
-        neighbours differ where those before and after them do not, by as much as values that are next to each other.
+        Disparity has steps of the first kind, depth in whole units of the last.
         """
-        return _steps_along(self._line)
+        return _scale_steps(self._blocks)
 
     @cached_property
-    def _line(self) -> Nearness:
-        return _line_of(self._depth, self._far, _ENOUGH)
+    def _blocks(self) -> Nearness:
+        return _sampled_blocks(self._depth, self._far)
 
 
-def noise_by_nearness(depth: Depth, far: float = np.inf, count_max: int = _SAMPLES_MAX) -> tuple[Float64, Float64]:
-    """Noise of (H, W) depth in which there is none where it is not finite, <= 0 or >= `far`.
+def _sampled_blocks(depth: Depth, far: float) -> Nearness:
+    """(n, 3, W) nearness of some rows and the two below each; NaN where there is no sample.
 
-    It is taken from second differences along rows and columns, which the surface's slope leaves alone, and from their
-    median, which its edges leave alone. Where every other sample is missing, neighbours are two apart. About
-    `count_max` samples are looked at. Cameras that tell depth in coarse steps show no difference on most pixels: their
-    noise is half a step at least, as a depth between two steps is rounded now to the one, now to the other.
-
-    Returns
-    -------
-    (k,) float64, (k,) float64
-        Nearness (1 / depth), growing, and the standard deviation of the nearness there; k = 0 if too little is known.
+    Rows and columns are two apart where every other sample is missing.
     """
-    return _noise_along(_line_of(depth, far, count_max), count_max)
+    blocks = np.empty((0, 3, 0), np.float32)
+    for gap in (1, 2):
+        sparse = depth[::gap, ::gap]
+        height, width = sparse.shape
+        total = max(height - 2, 0)
+        count = min(-(-_CELLS // max(width - 1, 1)), total)
+        rows = np.arange(total) if count == total else (np.arange(count) * _GOLDEN % 1 * total).astype(np.intp)
+        z = sparse[rows[:, None] + np.arange(3)]
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            blocks = np.float32(1) / z
+        blocks[~((blocks > 0) & (blocks < np.inf) & (z < far))] = np.nan
+        known = np.count_nonzero(np.isfinite(blocks[:, 0, :-1] + blocks[:, 0, 1:] + blocks[:, 1, 1:]))
+        if known >= _KNOWN * count * (width - 1):
+            break
+    return blocks
 
 
-def _line_of(depth: Depth, far: float, count_max: int) -> Nearness:
-    """The nearness of some rows, and of some columns, one after the other, of several times `count_max` samples.
+def _random_noise(blocks: Nearness) -> tuple[float, float, float]:
+    """(a, b, c) of noise by cells of 2 x 2 samples.
 
-    NaN where there is none, and between them.
+    The difference of a cell's two differences is 0 on planes, and along edges that follow rows or columns. So most
+    cells of thin things tell their noise, too.
     """
-    apart = max(2 * depth.size // min(_ROWS * count_max, _SAMPLES_MAX), 1)
-    parts = [depth[::apart], depth.T[::apart]]
-    line = np.zeros(sum(len(part) * (part.shape[1] + _APART) for part in parts), np.float32)
-    start = 0
-    for part in parts:
-        width = part.shape[1] + _APART
-        line[start : start + len(part) * width].reshape(-1, width)[:, :-_APART] = part
-        start += len(part) * width
-    with np.errstate(
-        divide="ignore", over="ignore", invalid="ignore"
-    ):  # of depths so near that float32 holds no nearness
-        near = np.float32(1) / line
-    known = near > 0
-    known &= near < np.inf
-    if far < np.inf:
-        known &= line < far
-    np.copyto(near, np.nan, where=np.logical_not(known, out=known))
-    return near
+    near, change, is_level = _cells(blocks[:, 0], blocks[:, 1], 1)
+    if len(near) < _CELLS_MIN:
+        return 0.0, 0.0, 0.0
+    first, one = _histogram(near, change)
+    _, two = _histogram(*_cells(blocks[:, 0], blocks[:, 2], 2)[:2], (first, first + len(one) - 1))
+    # Equal samples, as a sky's, tell nothing about the noise of others.
+    levels = np.bincount(_octaves(near[is_level], _QUARTERS) - first, minlength=len(one))
+    total = one.sum(axis=1)
+    told = (total >= _CELLS_MIN) & (levels < 0.25 * total)
+    z, total = _ranges_of(one, first)[told], total[told]
+    near_by, far_by = _deviations(one[told]) * z, _deviations(two[told]) * z
+    # Curves do not count: their differences grow with the square of the distance.
+    deviations = np.sqrt(np.maximum(_SHAPE * near_by**2 - far_by**2, 0.0) / (_SHAPE - 1.0))
+    if total[deviations == 0.0].sum() >= 0.5 * total.sum():
+        return 0.0, 0.0, 0.0
+    most = np.minimum.accumulate(near_by * (_FALL + _CHANCE / np.sqrt(total)))
+    deviations[1:] = np.minimum(deviations[1:], most[:-1])
+    return fitted_noise(z, deviations)
 
 
-def _noise_along(line: Nearness, count_max: int) -> tuple[Float64, Float64]:
-    """Noise of a line, as `noise_by_nearness` returns it."""
-    starts, all_places, changes = _changes(line, 1, count_max)
-    steps_between: NDArray[np.intp] | int = 1
-    if len(all_places) < min(10 * _RANGES * _SAMPLES_MIN, count_max):
-        more = _changes(line, 2, count_max)
-        steps_between = np.repeat([1, 2], [len(all_places), len(more[0])])
-        starts = np.concatenate([starts, more[0]])
-        all_places, changes = np.concatenate([all_places, more[1]]), np.concatenate([changes, more[2]])
-    count = len(all_places)
-    if count < _SAMPLES_MIN:
-        return np.empty(0), np.empty(0)
-    ranges = min(_RANGES, count // _SAMPLES_MIN)
-    each = count // ranges  # few are left over: the nearest ones
-    order = _growing(all_places)[: ranges * each].reshape(ranges, each)
-    place, change = all_places[order], changes[order]
-    middles = np.partition(change, each // 2, axis=1)[:, each // 2].astype(np.float64) * _OF_MIDDLE
-    some = place[:, :: _OF_LEVEL // 2]  # where these differ too often, all do
-    changes_of_some = np.add.reduce(some[:, 1:] != some[:, :-1], axis=1)
-    on_levels: list[int] = (changes_of_some < each / _OF_LEVEL).nonzero()[0].tolist()
-    if on_levels:
-        before, after = (line[starts + at] == all_places for at in (0, 2 * steps_between))
-        stairs: list[int] = np.add.reduce((before != after)[order], axis=1).tolist()
-        for part in on_levels:
-            step = _step_of(place[part], stairs[part])
-            middles[part] = max(middles[part], 0.5 * step if step < _STEP_MAX * place[part, 0] else 0.0)
-    return place[:, each // 2].astype(np.float64), middles
+def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearness, NDArray[np.bool_]]:
+    """Cells between two rows: mean nearness, difference of the two differences, and whether all samples are equal.
 
-
-def _step_of(place: Nearness, stairs: int) -> float:
-    """The middle step of the scale that a range of nearness, growing, is told on; 0 if it is on none.
-
-    `stairs`: how many of the samples are level to one side alone.
+    Cells that lie on an edge are left out, unless most cells differ as much.
     """
-    rises = place[1:] - place[:-1]
-    at = rises.nonzero()[0]
-    levels = 1 + len(at)
-    if levels < _LEVELS or len(place) < _OF_LEVEL * levels:
-        return 0.0
-    steps: list[float] = rises[at].tolist()
-    if stairs < _OF_STAIRS * len(place) and not _are_multiples(steps, place[at].tolist()):
-        return 0.0
-    return sorted(steps)[-(levels // 2)]
+    above, below, left = upper[:, gap:] - upper[:, :-gap], lower[:, gap:] - lower[:, :-gap], lower - upper
+    near = np.float32(0.25) * (upper[:, gap:] + upper[:, :-gap] + lower[:, gap:] + lower[:, :-gap])
+    largest = np.maximum(np.maximum(np.abs(above), np.abs(below)), np.abs(left[:, gap:]))
+    known, smooth = np.isfinite(near), largest < _EDGE * near
+    if 2 * np.count_nonzero(smooth) > np.count_nonzero(known):
+        known &= smooth
+    return near[known], np.abs(above - below)[known], largest[known] == 0.0
 
 
-def _are_multiples(steps: list[float], place: list[float]) -> bool:
-    """Tell whether steps of nearness, or those of depth that they are, are one and several times the same."""
-    in_depth = [step / (near * near) for step, near in zip(steps, place, strict=True)]
-    for each in (steps, in_depth):  # some twenty: NumPy would take longer
-        least, few = min(each), _FEW * len(each)
-        off = [step for step in each if _OFF_MULTIPLE < step / least % 1.0 < 1.0 - _OFF_MULTIPLE]
-        if len(off) <= few and len([step for step in each if step > 1.5 * least]) > few:
-            return True
-    return False
+def _histogram(near: Nearness, change: Nearness, ends: tuple[int, int] | None = None) -> tuple[int, NDArray[np.intp]]:
+    """First range of nearness, and counts by range and by size of the change; `ends`: first and last range."""
+    row, column = _octaves(near, _QUARTERS), _octaves(change / near, _EIGHTHS)
+    first, last = ends or (int(row.min()), int(row.max()))
+    shape = last - first + 1, len(_SIZES)
+    at = (np.clip(row, first, last) - first) * shape[1] + np.clip(column, _LEAST - 1, _GREATEST) - (_LEAST - 1)
+    return first, np.bincount(at, minlength=shape[0] * shape[1]).reshape(shape)
 
 
-def _typical_change(line: Nearness, step: int) -> float:
-    """The middle second difference of nearness along a line, as a part of it; 0 if too few samples are known."""
-    _, place, change = _changes(line, step, _ENOUGH)
-    with np.errstate(over="ignore"):  # of nearness that float32 hardly holds
-        return float(np.median(change / place)) if len(place) >= _SAMPLES_MIN else 0.0
+def _ranges_of(counts: NDArray[np.intp], first: int) -> Float64:
+    """Depths in the middle of a histogram's ranges."""
+    return 1 / _middles(np.arange(first, first + len(counts), dtype=np.int32), _QUARTERS)
 
 
-def _changes(line: Nearness, step: int, count_max: int) -> tuple[NDArray[np.intp], Nearness, Nearness]:
-    """Nearness along a line and its second differences, of some `count_max` samples; first, where those before lie."""
-    here = line[step:-step]
-    with np.errstate(over="ignore", invalid="ignore"):
-        change = np.abs(line[: -2 * step] - 2 * here + line[2 * step :])
-    known = np.isfinite(change).nonzero()[0]
-    if len(known) > count_max:
-        known = known[_spread(count_max, len(known))]
-    return known, here[known], change[known]
+def _quantiles(row: NDArray[np.intp], shares: Float64) -> Float64:
+    """Sizes below which lie such shares of a histogram's row."""
+    filled = row.nonzero()[0]
+    counts = row[filled]
+    below = counts.cumsum() - 0.5 * counts * (filled > 0)  # rounding's are all 0
+    return np.interp(shares * counts.sum(), below, _SIZES[filled])
 
 
-@functools.lru_cache(maxsize=8)
-def _spread(count: int, total: int) -> NDArray[np.intp]:
-    """So many of a total number, at no regular distance, which might be that of what is seen."""
-    return (np.mod(np.arange(count, dtype=np.float64) * _GOLDEN, 1.0) * total).astype(np.intp)
+def _deviations(counts: NDArray[np.intp]) -> Float64:
+    """Standard deviations of a histogram's ranges, as a part of the nearness."""
+    least = [(_quantiles(row, _SHARES) * _BY_SHARE).min() if row.any() else 0.0 for row in counts]
+    return np.array(least) / _CELL
 
 
-def _growing(values: Nearness) -> NDArray[np.intp]:
-    """The order of values > 0, of equal ones as they come: by halves, which NumPy sorts by their digits."""
-    bits = values.view(np.uint32)
-    by_low = bits.astype(np.uint16).argsort(kind="stable")
-    return by_low[(bits >> 16).astype(np.uint16)[by_low].argsort(kind="stable")]
+def _scale_steps(blocks: Nearness) -> tuple[float, float, float]:
+    """(a, b, c) of a scale's steps.
+
+    On a scale surfaces are stairs: samples equal one neighbour and differ from the other, mostly by one step.
+    """
+    none = 0.0, 0.0, 0.0
+    along = blocks[:, 0]
+    rows = [along[:, :-2], along[:, 1:-1], along[:, 2:]], [blocks[:, i] for i in range(3)]
+    before, here, after = (np.concatenate([one.ravel(), other.ravel()]) for one, other in zip(*rows, strict=True))
+    one, other = np.abs(here - before), np.abs(after - here)
+    jump = np.maximum(one, other)
+    is_change = (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
+    is_stair = is_change & (np.minimum(one, other) == 0)
+    place, jump = here[is_stair], jump[is_stair]
+    if len(place) <= _STAIRS * np.count_nonzero(is_change):
+        return none
+    levels = np.sort(place)  # np.unique would load numpy.ma, which takes longer than a warp
+    if np.count_nonzero(levels[1:] > levels[:-1]) < _LEVELS_MIN:
+        return none
+    first, counts = _histogram(place, jump)
+    told = counts.sum(axis=1) >= _LEVELS_MIN
+    if not told.any():
+        return none
+    z = _ranges_of(counts, first)[told]
+    a, b, c = fitted_noise(z, np.array([_quantiles(row, _SHARES[1:])[0] for row in counts[told]]) * z)
+    expected = a + (b + c * place) * place
+    return (a, b, c) if np.mean(np.abs(jump / expected - 1) < 0.5) > _ONE_STEP else none
 
 
 def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, float]:
@@ -315,35 +309,3 @@ def disparity_noise(pixels: float, focal: float, baseline: float) -> float:
     """
     deviation = number_from("pixels", pixels, 0.0, math.inf, "a number of pixels >= 0")
     return deviation / (positive("focal", focal) * positive("baseline", baseline))
-
-
-def _steps_along(line: Nearness) -> tuple[float, float, float]:
-    """Steps of the scale of a line, as `DepthNoise.steps` has them."""
-    level = line[1:] == line[:-1]
-    if np.count_nonzero(level) < _STAIRS_MIN:
-        return 0.0, 0.0, 0.0
-    change = ~level[1:-1]
-    at = (level[:-2] & change & level[2:]).nonzero()[0]  # known ones: what is not equals nothing
-    if len(at) < _STAIRS_MIN:
-        return 0.0, 0.0, 0.0
-    known = line == line
-    change &= known[1:-2]
-    change &= known[2:-1]
-    if len(at) < _STAIRS * np.count_nonzero(change):
-        return 0.0, 0.0, 0.0
-    before, after = line[at + 1].astype(np.float64), line[at + 2].astype(np.float64)
-    place, jump = np.maximum(before, after), np.abs(after - before)
-    levels = np.sort(place)
-    levels = levels[np.diff(levels, prepend=-np.inf) > 0]  # np.unique would load numpy.ma, for longer than a warp takes
-    gaps = np.diff(levels)
-    # Levels that are missing leave gaps of whole steps: the least ones around are the scale's.
-    if len(gaps) < _LEVELS_MIN:
-        return 0.0, 0.0, 0.0
-    count = len(gaps) - _LEVELS + 1
-    steps: Float64 = np.stack([gaps[i : i + count] for i in range(_LEVELS)]).min(axis=0)
-    at = levels[_LEVELS // 2 : _LEVELS // 2 + count]
-    # A scale's jumps are mostly of one step, surfaces' of any size.
-    expected: Float64 = np.interp(place, at, steps)
-    if np.mean(np.abs(jump / expected - 1) < 0.5) < _OF_ONE_STEP:
-        return 0.0, 0.0, 0.0
-    return fitted_noise(1 / at, steps / at**2)

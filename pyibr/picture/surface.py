@@ -24,7 +24,7 @@ from pyibr.picture.samples import Samples, cut_of, samples_of
 
 _STEEPEST = 8.0  # depth over width: a surface that recedes by less from sample to sample faces the camera
 _SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # mostly there are fewer margins; else they are found once more
-_STEPS = 1.01  # of a scale's steps neighbours may differ: a surface's change by one is rounded
+_STEEP = 0.05  # of the nearness: with few samples, most edges change less than the steepest surface
 _DEVIATIONS = 4.0 * math.sqrt(2)  # of a sample's noise, by which neighbours may differ
 
 
@@ -174,6 +174,8 @@ def straightness_test(view: DepthImage, torn_by: NDArray[np.void] | None = None)
     values["straight"], values["perspective"] = True, perspective
     values["noise"] = _noise_between(view.depth_noise, perspective)
     values["per_pixel"] = _STEEPEST * np.array([across, down, math.hypot(across, down)])
+    if perspective:
+        values["per_pixel"] = np.minimum(values["per_pixel"], _STEEP)
     cut["far_scale" if perspective else "least"] += values["per_pixel"][2]
     values["both"] = torn_by is not None
     return EdgeTest(cut if torn_by is None else torn_by, values)
@@ -184,14 +186,9 @@ def test_by_cut(cut: NDArray[np.void]) -> EdgeTest:
     return EdgeTest(cut, np.zeros((), struct("picture/edges.cl", "EdgeTest")))
 
 
-def _noise_between(noise: DepthNoise, perspective: bool, sure: bool = False) -> tuple[float, float, float]:
-    """Difference of neighbours that noise and a step of the scale explain, as `Surface.noise` returns it.
-
-    sure: only if it is noise for sure.
-    """
-    if sure and not noise.is_random:
-        return 0.0, 0.0, 0.0
-    a, b, c = (_DEVIATIONS * each + _STEPS * step for each, step in zip(noise.deviation, noise.steps, strict=True))
+def _noise_between(noise: DepthNoise, perspective: bool) -> tuple[float, float, float]:
+    """Difference of neighbours that noise explains, as `Surface.noise` returns it."""
+    a, b, c = (_DEVIATIONS * each for each in noise.deviation)
     return (a, b, c) if perspective else (c, -b, a)
 
 
@@ -214,9 +211,7 @@ def make_surface(samples: Samples, view: DepthImage, test: EdgeTest) -> Surface:
         surface.session.wait()
     low, high = samples.low_and_high(ranges)
     low, high = min(low, float(nearest_and_farthest[0].min())), max(high, float(nearest_and_farthest[1].max()))
-    # Whose edges noise does not tell, that may be shapes that none of them is.
-    sure = not bool(test.straight["straight"])
-    noise = functools.partial(_noise_between, view.depth_noise, samples.perspective, sure)
+    noise = functools.partial(_noise_between, view.depth_noise, samples.perspective)
     return Surface(surface, samples.color, size, low, high, margins, test, noise)
 
 
