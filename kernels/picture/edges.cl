@@ -60,7 +60,9 @@ INLINED floatl slope_of(intl known, floatl a, floatl next, floatl after)
 {
     next = select_lanes(known, next, a);
     after = select_lanes(known, after, (floatl)NO_SURFACE);
-    return select_lanes(after > NO_SURFACE, 0.5f * (a - after), a - next);
+    const floatl first = a - next, mean = 0.5f * (a - after);
+    const floatl both = select_lanes(first * mean > 0.0f, select_lanes(fabs(first) < fabs(mean), first, mean), (floatl)0.0f);
+    return select_lanes(after > NO_SURFACE, both, first);
 }
 
 #define RISE 0.95f /* of a slope: by so much it may change to the next pair of samples */
@@ -72,16 +74,26 @@ INLINED floatl slope_of(intl known, floatl a, floatl next, floatl after)
 #ifndef R1
 #define R1 0.1f
 #endif
+#ifndef STEEPF
+#define STEEPF 3.0f
+#endif
+#ifndef RUN3
+#define RUN3 1
+#endif
+#ifndef STEEP1
+#define STEEP1 2
+#endif
+#define ALONG(d, slope) select_lanes((d) > 0.0f, slope, -(slope))
 /* Does it, growing by little? */
 #define KEEPS(d, slope, allowed) \
     (FOLLOWS(d, slope, allowed) & (fabs(d) <= fabs(slope) + (allowed) + R1 * max_lanes(fabs(slope) - (allowed), (floatl)0.0f)))
 /* Is the far side steep, too, or does it end? */
-#define STEEP(d, slope, has, allowed) \
-    ((!(has)) | (select_lanes((d) > 0.0f, slope, -(slope)) * (1.0f + RISE) >= fabs(d) - (allowed)))
+#define STEEP(d, slope, first, has, allowed) \
+    ((!(has)) | ((STEEP1 == 2 ? ALONG(d, first) : STEEP1 ? max_lanes(ALONG(d, slope), ALONG(d, first)) : ALONG(d, slope)) * STEEPF >= fabs(d) - (allowed)))
 
 /* What samples before and after a pair foretell of its change, where they are known; else 0 */
 typedef struct {
-    floatl before, after;
+    floatl before, after, before1, after1;
     intl has_before, has_after;
 } Slopes;
 
@@ -93,6 +105,7 @@ INLINED Slopes slopes_beside(Image image, int x, int y, int dx, int dy)
     Slopes slopes;
     slopes.has_before = (a > NO_SURFACE) & (before_1 > NO_SURFACE);
     slopes.has_after = (b > NO_SURFACE) & (after_1 > NO_SURFACE);
+    slopes.before1 = a - before_1; slopes.after1 = after_1 - b;
     slopes.before = slope_of(slopes.has_before, a, before_1, before_2);
     slopes.after = -slope_of(slopes.has_after, b, after_1, after_2);
     return slopes;
@@ -112,10 +125,15 @@ OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed,
 {
     const floatl d = samples_from(image, x + dx, y + dy) - samples_from(image, x, y);
     const Slopes own = slopes_beside(image, x, y, dx, dy);
-    const intl straight = (own.has_before & FOLLOWS(d, own.before, allowed) &
-                           (KEEPS(d, own.before, allowed) | STEEP(d, own.after, own.has_after, allowed))) |
+    intl straight = (own.has_before & FOLLOWS(d, own.before, allowed) &
+                           (KEEPS(d, own.before, allowed) | STEEP(d, own.after, own.after1, own.has_after, allowed))) |
                           (own.has_after & FOLLOWS(d, own.after, allowed) &
-                           (KEEPS(d, own.after, allowed) | STEEP(d, own.before, own.has_before, allowed)));
+                           (KEEPS(d, own.after, allowed) | STEEP(d, own.before, own.before1, own.has_before, allowed)));
+    if (RUN3) {
+        const floatl b1 = ALONG(d, own.before1), a1 = ALONG(d, own.after1), most = max_lanes(b1, a1);
+        straight |= own.has_before & own.has_after & (min_lanes(b1, a1) * STEEPF >= fabs(d) - allowed) &
+                    (fabs(d) <= allowed + (1.0f + R1) * max_lanes(most - allowed, (floatl)0.0f));
+    }
     if ((dx && dy) || !any_lane(wanted & !straight))
         return straight;
     const Slopes one = slopes_beside(image, x - dy, y - dx, dx, dy), other = slopes_beside(image, x + dy, y + dx, dx, dy);

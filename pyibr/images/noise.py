@@ -38,8 +38,9 @@ _FALL = 1.15  # nearer samples have no more noise than farther ones, but for cha
 _CHANCE = 4.0  # standard deviations, over the root of the cells, of an estimate from few
 _STEP_MAX = 0.25  # of the nearness: larger differences are edges
 _LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
-_STAIRS = 0.1  # of a scale's changes lie beside equal samples, at least
+_STAIRS = 0.01  # of a scale's changes lie beside equal samples, at least: few on steep surfaces
 _ONE_STEP = 0.6  # of these are of one step, at least: edges have any size
+_GAP = 0.5  # steps between a scale's levels, at least
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
 _ROUNDS, _CLOSE = 3, 0.02  # of fits, of which each heeds less what is off by more than that in the one before
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
@@ -215,7 +216,8 @@ def _scale_steps(blocks: Nearness) -> tuple[float, float, float]:
     if len(place) <= _STAIRS * np.count_nonzero(is_change):
         return none
     levels = np.sort(place)  # np.unique would load numpy.ma, which takes longer than a warp
-    if np.count_nonzero(levels[1:] > levels[:-1]) < _LEVELS_MIN:
+    levels = levels[np.diff(levels, prepend=0.0) > 0]
+    if len(levels) < _LEVELS_MIN:
         return none
     first, counts = _histogram(place, jump)
     told = counts.sum(axis=1) >= _LEVELS_MIN
@@ -223,8 +225,9 @@ def _scale_steps(blocks: Nearness) -> tuple[float, float, float]:
         return none
     z = _ranges_of(counts, first)[told]
     a, b, c = fitted_noise(z, np.array([_quantiles(row, _SHARES[1:])[0] for row in counts[told]]) * z)
-    expected = a + (b + c * place) * place
-    return (a, b, c) if np.mean(np.abs(jump / expected - 1) < 0.5) > _ONE_STEP else none
+    is_one_step = np.abs(jump / (a + (b + c * place) * place) - 1) < 0.5
+    gaps = np.diff(levels) / (a + (b + c * levels[1:]) * levels[1:])
+    return (a, b, c) if np.mean(is_one_step) > _ONE_STEP and np.median(gaps) > _GAP else none
 
 
 def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, float]:
