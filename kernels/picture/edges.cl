@@ -1,10 +1,12 @@
 /* The surface of a depth image: its samples, which of them are torn apart, and half a pixel more at its border.
  *
  * Two neighbours are one surface if it faces the camera (their difference of nearness is that of no steep slope), or if
- * it goes on: the next two samples on one side or the other foretell the neighbour's nearness. The slope may nearly double
- * from them to the neighbour, as where a surface bends away from the camera; but of one sample between two surfaces, at one
- * side or the other it more than doubles. What noise and the steps of a scale explain is no edge; the mean of three
- * lines beside each other foretells with less noise. Or, by number, depths of a greater ratio are torn apart (Cut).
+ * it goes on: the slope on one side foretells their rise. From one side alone the slope may grow by a tenth. It may grow
+ * more if the other side is steep in the same direction, or has no sample: a surface that bends away is steep on both sides
+ * or ends, and a step from its limb to another surface is steep on one. A sample between two surfaces, half of each, goes
+ * on to neither: two of three samples agree on half of its rise. What noise and the steps of a scale explain is no edge;
+ * the mean of three lines beside each other foretells with less noise. Or, by number, depths of a greater ratio are torn
+ * apart (Cut).
  *
  * A sample covers its pixel: beyond the outermost samples lies a ring of further ones, each on the straight line through
  * the two within, so that the surface can be followed up to the edges of the picture's pixels (lib/surface.h), where it
@@ -54,90 +56,81 @@ INLINED floatl samples_from(Image image, int x, int y)
     return select_lanes(x + lane_index < image.width, (floatl)(load_lanes(row + x)), (floatl)NO_SURFACE);
 }
 
-/* What the next two samples on a side of `a`, or the next one, foretell of the change from it to the other side; 0 where
- * nothing is known. (A choice of the result instead is more than Debian 13's LLVM compiles for one lane.) */
-INLINED floatl slope_of(intl known, floatl a, floatl next, floatl after)
+/* How steep the surface is on one side of a pair, in the direction in which the pair rises: by the nearest two samples,
+ * and by what the nearest three agree on, which is nothing if one of them lies between two surfaces; 0 if unknown */
+typedef struct {
+    floatl nearest, agreed;
+    intl known;
+} Slope;
+
+#define KEEP 0.1f   /* growth of a slope from one side alone: an edge is steeper than what leads to it */
+#define BEND 0.6f   /* growth if the other side is steep, too, or ends: a sphere's last slopes grow by less than half */
+#define STEEP 4.0f  /* a pair is at most so many times as steep as a side that bends to it */
+#define LEAST 0.05f /* of a slope: a pair that rises by less is a step beside a greater one */
+
+/* The side whose samples, from the pair on, are `a`, `next` and `after`. (A choice of the result instead is more than
+ * Debian 13's LLVM compiles for one lane.) */
+INLINED Slope slope_of(floatl a, floatl next, floatl after, floatl sign)
 {
-    next = select_lanes(known, next, a);
-    after = select_lanes(known, after, (floatl)NO_SURFACE);
-    const floatl first = a - next, mean = 0.5f * (a - after);
-    const floatl both = select_lanes(first * mean > 0.0f, select_lanes(fabs(first) < fabs(mean), first, mean), (floatl)0.0f);
-    return select_lanes(after > NO_SURFACE, both, first);
+    Slope side;
+    side.known = (a > NO_SURFACE) & (next > NO_SURFACE);
+    next = select_lanes(side.known, next, a);
+    after = select_lanes(side.known & (after > NO_SURFACE), after, next - (a - next));
+    side.nearest = sign * (a - next);
+    side.agreed = max_lanes(min_lanes(side.nearest, sign * 0.5f * (a - after)), (floatl)0.0f);
+    return side;
 }
 
-#define RISE 0.95f /* of a slope: by so much it may change to the next pair of samples */
-
-/* May a change d follow a slope? */
-#define FOLLOWS(d, slope, allowed)                                                                             \
-    (fabs((d) - (slope)) <= (allowed) + RISE * max_lanes(fabs(slope) - (allowed), (floatl)0.0f))
-
-#ifndef R1
-#define R1 0.1f
-#endif
-#ifndef STEEPF
-#define STEEPF 3.0f
-#endif
-#ifndef RUN3
-#define RUN3 1
-#endif
-#ifndef STEEP1
-#define STEEP1 2
-#endif
-#define ALONG(d, slope) select_lanes((d) > 0.0f, slope, -(slope))
-/* Does it, growing by little? */
-#define KEEPS(d, slope, allowed) \
-    (FOLLOWS(d, slope, allowed) & (fabs(d) <= fabs(slope) + (allowed) + R1 * max_lanes(fabs(slope) - (allowed), (floatl)0.0f)))
-/* Is the far side steep, too, or does it end? */
-#define STEEP(d, slope, first, has, allowed) \
-    ((!(has)) | ((STEEP1 == 2 ? ALONG(d, first) : STEEP1 ? max_lanes(ALONG(d, slope), ALONG(d, first)) : ALONG(d, slope)) * STEEPF >= fabs(d) - (allowed)))
-
-/* What samples before and after a pair foretell of its change, where they are known; else 0 */
+/* Sides of the pairs from samples x to x + LANES - 1 of a row to those at (dx, dy) */
 typedef struct {
-    floatl before, after, before1, after1;
-    intl has_before, has_after;
-} Slopes;
+    Slope before, after;
+} Pairs;
 
-INLINED Slopes slopes_beside(Image image, int x, int y, int dx, int dy)
+INLINED Pairs pairs_at(Image image, int x, int y, int dx, int dy, floatl sign)
 {
-    const floatl before_2 = samples_from(image, x - 2 * dx, y - 2 * dy), before_1 = samples_from(image, x - dx, y - dy);
     const floatl a = samples_from(image, x, y), b = samples_from(image, x + dx, y + dy);
-    const floatl after_1 = samples_from(image, x + 2 * dx, y + 2 * dy), after_2 = samples_from(image, x + 3 * dx, y + 3 * dy);
-    Slopes slopes;
-    slopes.has_before = (a > NO_SURFACE) & (before_1 > NO_SURFACE);
-    slopes.has_after = (b > NO_SURFACE) & (after_1 > NO_SURFACE);
-    slopes.before1 = a - before_1; slopes.after1 = after_1 - b;
-    slopes.before = slope_of(slopes.has_before, a, before_1, before_2);
-    slopes.after = -slope_of(slopes.has_after, b, after_1, after_2);
-    return slopes;
+    Pairs pairs;
+    pairs.before = slope_of(a, samples_from(image, x - dx, y - dy), samples_from(image, x - 2 * dx, y - 2 * dy), sign);
+    pairs.after = slope_of(b, samples_from(image, x + 2 * dx, y + 2 * dy), samples_from(image, x + 3 * dx, y + 3 * dy), -sign);
+    return pairs;
+}
+
+/* Does a rise follow a slope that may change by a part of itself? */
+INLINED intl follows(floatl rise, floatl slope, floatl change, floatl allowed)
+{
+    const floatl sure = max_lanes(slope - allowed, (floatl)0.0f);
+    return (rise <= slope + allowed + change * sure) & (rise >= LEAST * sure);
+}
+
+/* Does a rise go on from one side, by what the other side shows? */
+INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
+{
+    const intl bends = (STEEP * other.nearest >= rise - allowed) | !other.known;
+    const floatl change = select_lanes(bends, (floatl)BEND, (floatl)KEEP);
+    return side.known & follows(rise, select_lanes(bends, side.nearest, side.agreed), change, allowed);
 }
 
 #define ONE_IF(mask) select_lanes(mask, (floatl)1.0f, (floatl)0.0f)
-/* Does a change d follow the mean of three lines' slopes, of those that are known? */
-#define FOLLOWS_MEAN(d, side, has_side, allowed)                                                               \
-    ((one.has_side | own.has_side | other.has_side) &                                                          \
-     KEEPS(d, (one.side + own.side + other.side) /                                                           \
-                    max_lanes(ONE_IF(one.has_side) + ONE_IF(own.has_side) + ONE_IF(other.has_side), (floatl)1.0f), \
-             allowed))
+/* Does a rise follow the mean slope on one side of three lines, where it is known? */
+#define FOLLOWS_MEAN(rise, side, allowed)                                                                      \
+    ((one.side.known | own.side.known | other.side.known) &                                                    \
+     follows(rise, (one.side.agreed + own.side.agreed + other.side.agreed) /                                   \
+                       max_lanes(ONE_IF(one.side.known) + ONE_IF(own.side.known) + ONE_IF(other.side.known),   \
+                                 (floatl)1.0f),                                                                \
+             KEEP, allowed))
 
-/* Does a surface go on straight from each of the wanted samples to the next along (dx, dy)? The lines beside them tell, too,
- * but those of diagonals. */
+/* Does a surface go on from each of the wanted samples to the next along (dx, dy)? The lines beside them tell, too, but
+ * those of diagonals. */
 OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed, intl wanted)
 {
-    const floatl d = samples_from(image, x + dx, y + dy) - samples_from(image, x, y);
-    const Slopes own = slopes_beside(image, x, y, dx, dy);
-    intl straight = (own.has_before & FOLLOWS(d, own.before, allowed) &
-                           (KEEPS(d, own.before, allowed) | STEEP(d, own.after, own.after1, own.has_after, allowed))) |
-                          (own.has_after & FOLLOWS(d, own.after, allowed) &
-                           (KEEPS(d, own.after, allowed) | STEEP(d, own.before, own.before1, own.has_before, allowed)));
-    if (RUN3) {
-        const floatl b1 = ALONG(d, own.before1), a1 = ALONG(d, own.after1), most = max_lanes(b1, a1);
-        straight |= own.has_before & own.has_after & (min_lanes(b1, a1) * STEEPF >= fabs(d) - allowed) &
-                    (fabs(d) <= allowed + (1.0f + R1) * max_lanes(most - allowed, (floatl)0.0f));
-    }
-    if ((dx && dy) || !any_lane(wanted & !straight))
-        return straight;
-    const Slopes one = slopes_beside(image, x - dy, y - dx, dx, dy), other = slopes_beside(image, x + dy, y + dx, dx, dy);
-    return straight | FOLLOWS_MEAN(d, before, has_before, allowed) | FOLLOWS_MEAN(d, after, has_after, allowed);
+    const floatl change = samples_from(image, x + dx, y + dy) - samples_from(image, x, y), rise = fabs(change);
+    const floatl sign = select_lanes(change < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    const Pairs own = pairs_at(image, x, y, dx, dy, sign);
+    const intl alone = goes_on_from(rise, own.before, own.after, allowed) | goes_on_from(rise, own.after, own.before, allowed);
+    if ((dx && dy) || !any_lane(wanted & !alone))
+        return alone;
+    const Pairs one = pairs_at(image, x - dy, y - dx, dx, dy, sign), other = pairs_at(image, x + dy, y + dx, dx, dy, sign);
+    return alone | FOLLOWS_MEAN(rise, before, allowed) | FOLLOWS_MEAN(rise, after, allowed);
 }
 
 /* May samples a and b be torn apart? The Cut tells by itself that they are. Else, they may be if their change is that of no

@@ -18,8 +18,9 @@ from pyibr.images import DepthImage
 Array = NDArray[Any]
 
 STEEPEST = 8.0
-DEVIATIONS = 4.0 * np.sqrt(2.0)
-RISE = np.float32(0.95)
+STEEP_MAX = 0.025
+DEVIATIONS = 3.5 * np.sqrt(2.0)
+KEEP, BEND, STEEP, LEAST = (np.float32(number) for number in (0.1, 0.6, 4.0, 0.05))
 LEAST_BEYOND = 1e-3
 
 
@@ -83,31 +84,44 @@ def _shifted(image: Array, by: int) -> Array:
 def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bool) -> Array:
     """Samples that are torn from the next one in their row.
 
-    A surface goes on if two samples on one side foretell the change to the next by their slope, which may nearly
-    double; or if it faces the camera. `beside`: the slopes' mean over three rows may foretell it, too.
+    A surface goes on if its slope on one side foretells the rise to the next sample, or if it faces the camera.
+    `beside`: the slopes' mean over three rows may foretell it, too.
     """
     perspective = view.camera.projection == "perspective"
     change, high, low = _shifted(near, 1) - near, np.fmax(near, _shifted(near, 1)), np.fmin(near, _shifted(near, 1))
-    a, b, c = (np.float32(DEVIATIONS * noise + step) for noise, step in zip(view.noise, view.steps, strict=True))
+    a, b, c = (np.float32(DEVIATIONS * noise) for noise in view.noise)
     constant, linear, square = (a, b, c) if perspective else (c, -b, a)
     noise = constant + high * (linear + high * square)
-    facing = np.float32(STEEPEST * per_pixel) * (low if perspective else np.ones_like(low))
-    goes_on = np.abs(change) <= np.fmax(facing, noise)
-    for side in (-1, 1):
-        one, two = _shifted(change, side), _shifted(change, 2 * side)
-        slope = np.where(np.isfinite(two), np.float32(0.5) * (one + two), one)
-        slopes = [slope]
-        if beside:
-            rows = np.stack(
-                [np.pad(slope, ((1, 1), (0, 0)), constant_values=np.nan)[i : i + len(slope)] for i in range(3)]
-            )
+    facing = np.float32(min(STEEPEST * per_pixel, STEEP_MAX) if perspective else STEEPEST * per_pixel)
+    rise, sign = np.abs(change), np.where(change < 0, np.float32(-1), np.float32(1))
+    goes_on = rise <= np.fmax(facing * (low if perspective else np.ones_like(low)), noise)
+    before, after = (_slopes(change, sign, side) for side in (-1, 1))
+    for (nearest, agreed), (other, _) in ((before, after), (after, before)):
+        bends = np.isnan(other) | (STEEP * other >= rise - noise)
+        slope = np.where(bends, nearest, agreed)
+        goes_on |= _follows(rise, slope, np.where(bends, BEND, KEEP), noise)
+    if beside:
+        for side in (-1, 1):
+            rows = np.stack([_slopes(np.roll(change, row, 0), sign, side)[1] for row in (-1, 0, 1)])
+            rows[0, -1] = rows[2, 0] = np.nan  # beyond the image
             count = np.isfinite(rows).sum(axis=0)
-            slopes.append((np.nansum(rows, axis=0) / np.maximum(count, 1)).astype(np.float32))
-            slopes[1][count == 0] = np.nan
-        for foretold in slopes:
-            with np.errstate(invalid="ignore"):
-                goes_on |= np.abs(change - foretold) <= noise + RISE * np.fmax(np.abs(foretold) - noise, 0)
+            mean = np.nansum(rows, axis=0).astype(np.float32) / np.fmax(count, 1).astype(np.float32)
+            goes_on |= (count > 0) & _follows(rise, mean, KEEP, noise)
     return ~(goes_on & np.isfinite(change))
+
+
+def _slopes(change: Array, sign: Array, side: int) -> tuple[Array, Array]:
+    """Slopes on a side of pairs, in the direction of their rise: to the nearest sample, and as three samples agree."""
+    one, two = sign * _shifted(change, side), sign * _shifted(change, 2 * side)
+    mean = np.where(np.isfinite(two), np.float32(0.5) * (one + two), one)
+    return one, np.where(np.isfinite(one), np.fmax(np.fmin(one, mean), np.float32(0)), np.float32(np.nan))
+
+
+def _follows(rise: Array, slope: Array, growth: Any, noise: Array) -> Array:
+    """Tell whether a rise goes on along a slope that may grow by a part of itself."""
+    with np.errstate(invalid="ignore"):
+        sure = np.fmax(slope - noise, 0)
+        return (rise <= slope + noise + growth * sure) & (rise >= LEAST * sure)
 
 
 def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
