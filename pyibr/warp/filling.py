@@ -32,7 +32,10 @@ _RUN = 64  # pixels whose holes' lines a work-item of behind_runs follows at a t
 
 
 def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelMap]], how: Fill) -> None:
-    """Fill holes, from the views and what is in the picture by now."""
+    """Fill holes, from the views and what is in the picture by now.
+
+    The nearest view counts most; of equally near ones the first.
+    """
     target.filled = True
     if how == "inpaint":
         inpaint(target)

@@ -109,8 +109,8 @@ class WarpedView(Immutable):
         target's, and less near their holes and depth edges. At steep steps, where cells may be rubber sheets between
         two surfaces, views count only where no other saw better. Depths are blended, too. Exposures are matched:
         where views show one surface their colours agree, and the exposure in the middle stays. The gains are found once
-        for all views and are the same in every picture. The order of the views changes nothing. "nearest": each pixel
-        is of the view that shows it nearest.
+        for all views and are the same in every picture. "nearest": each pixel is of the view that shows it nearest.
+        The order of the views changes nothing either way.
 
     Attributes
     ----------
@@ -210,7 +210,8 @@ class WarpedView(Immutable):
     def finish(self, target: Target) -> None:
         """Fill holes, if that is asked for, from the views and what all things have drawn."""
         if self.fill is not None:
-            fill_holes(target, [(view, *_placed(view, target)) for view in self.sources], self.fill)
+            views = [self.sources[number] for number in self._order]
+            fill_holes(target, [(view, *_placed(view, target)) for view in views], self.fill)
 
     @cached_property
     def _options(self) -> Options:
@@ -232,7 +233,7 @@ class WarpedView(Immutable):
 
     @cached_property
     def _order(self) -> list[int]:
-        """The views' numbers in the order in which they are blended, however they are listed."""
+        """The views' numbers in the order in which they are drawn, however they are listed."""
         return order_of(self.sources)
 
     @cached_property
@@ -255,8 +256,8 @@ class WarpedView(Immutable):
         self._draw_surface(layer.number, own, self._options, entry, in_reach=not self.thin)
 
     def _draw_surfaces(self, target: Target, options: Options, entry: Entry = NO_ENTRY) -> None:
-        """Draw all views into the target, where the nearest stays."""
-        for number in range(len(self.sources)):
+        """Draw all views into the target, where the nearest stays; of equally near ones the first by their order."""
+        for number in self._order:
             self._draw_surface(number, target, options, entry)
 
     def _draw_surface(

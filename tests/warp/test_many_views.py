@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from contextlib import nullcontext
-from itertools import pairwise
+from itertools import pairwise, permutations
 
 import numpy as np
 import pytest
@@ -70,6 +70,38 @@ def test_the_order_of_views_changes_no_bit():
         assert other.view is not None and other.source is not None
         np.testing.assert_array_equal(first.view[first.valid], order[other.view[other.valid]])
         np.testing.assert_array_equal(first.source[first.valid], other.source[other.valid])
+
+
+def cross_of_views() -> tuple[list[ibr.DepthImage], ibr.Camera]:
+    """Four views, equally far from the camera in their middle, with samples and depths missing."""
+    middle = scenes.source_camera(SIZE)
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    rng = np.random.default_rng(3)
+    views = list[ibr.DepthImage]()
+    for aside, down in ((-0.25, 0), (0.25, 0), (0, 0.25), (0, -0.25)):
+        depth = np.where(np.hypot(x - 30, y - 18) < 9, np.float32(2), np.float32(4))
+        depth[rng.random(depth.shape) < 0.1] = np.nan
+        color = rng.integers(1, 256, (*depth.shape, 3), np.uint8)
+        views.append(ibr.DepthImage(color, depth, middle.moved(aside, down, 0)))
+    return views, middle
+
+
+@pytest.mark.parametrize("method", ["epipolar", "forward"])
+@pytest.mark.parametrize("blend", ["quality", "nearest"])
+@pytest.mark.parametrize("fill", ["background", None])
+def test_the_order_of_views_that_are_equally_near_changes_no_bit(method, blend, fill):
+    """They see the same depths, too, and their colours without depth fill the same holes."""
+    views, camera = cross_of_views()
+    told = method != "forward"
+    first = ibr.warp(views, camera, method=method, blend=blend, fill=fill, classes=told)
+    assert not first.valid.all()
+    for order in list(permutations(range(len(views))))[::5]:
+        frame = ibr.warp([views[k] for k in order], camera, method=method, blend=blend, fill=fill, classes=told)
+        same(first, frame)
+        if told:
+            np.testing.assert_array_equal(first.classes, frame.classes)
+            np.testing.assert_array_equal(first.source, frame.source)
+            np.testing.assert_array_equal(first.view[first.valid], np.array(order)[frame.view[frame.valid]])
 
 
 def test_two_views_as_far_apart_as_one_surface_may_be_are_so_in_either_order():
