@@ -5,7 +5,9 @@
  * The surface of lib/surface.h ends at its last samples: what is one sample wide has no triangles, or single ones. A
  * sample is thin if no cell around it is whole. It is a square of one sample's side that is swept, straight, to each
  * neighbour that it is not torn from (a ribbon), or that stays where it is if there is none (a dot); to a neighbour
- * that is not thin, up to the middle of that one. A ribbon is a plane: its nearness changes along it alone. Wires that
+ * that is not thin, up to the middle of that one. What other samples saw stays theirs: in the pixel of another sample a
+ * ribbon keeps clear of that sample's place. So a view from its own camera is its image. A ribbon is a plane: its
+ * nearness changes along it alone, and is both samples' own at their places. Wires that
  * run aslant are seen as runs along rows (or columns) with steps of one sample between them; the middles of the squares
  * lie half a sample towards the next run where a run ends, and less the nearer to its middle: on the straight line, if
  * the wire is one. A middle reads up to 4 RUN_MAX samples.
@@ -19,14 +21,16 @@
 #define RUN_MAX 32 /* samples of a run to either side that are looked at: it is straight to a sixtieth if it is longer */
 #define NEIGHBOURS 9     /* from a sample, by rows to each neighbour, */
 #define SELF 4   /* and to itself */
+#define CLEARANCE 0.05f /* samples: more than cameras move by rounding, and less than is seen */
 
 /* A ribbon from the middle of one sample to that of another. */
 typedef struct {
     float x, y;        /* the first middle */
     float dx, dy;      /* to the second one; 0 of a dot */
     float n, gu, gv;   /* nearness at the first middle, and its change */
+    float part, part_u, part_v; /* of the way between the samples: 0 at the first one, 1 at the second; as nearness */
     int ends;          /* at the second middle, without half a square beyond */
-    int from, to;      /* the samples' numbers, y * width + x */
+    int2 from, to;     /* the samples */
 } Ribbon;
 
 float sample_at(Grid grid, int x, int y)
@@ -107,21 +111,39 @@ int is_linked(Grid grid, int x, int y, int dx, int dy)
 
 Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
 {
-    const int there_x = x + neighbour % 3 - 1, there_y = y + neighbour / 3 - 1;
+    const int2 from = (int2)(x, y), to = from + (int2)(neighbour % 3 - 1, neighbour / 3 - 1);
     const float2 middle = middle_of(grid, x, y);
-    Ribbon ribbon = {middle.x, middle.y, 0.0f, 0.0f, sample_at(grid, x, y), 0.0f, 0.0f, 0, y * grid.width + x, 0};
-    ribbon.to = there_y * grid.width + there_x;
+    Ribbon ribbon = {middle.x, middle.y, 0.0f, 0.0f, sample_at(grid, x, y), 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0, from, to};
     if (neighbour == SELF)
         return ribbon;
-    ribbon.ends = !is_thin(grid, there_x, there_y);
-    const float2 there = ribbon.ends ? (float2)(there_x, there_y) : middle_of(grid, there_x, there_y);
-    ribbon.dx = there.x - middle.x;
-    ribbon.dy = there.y - middle.y;
-    const float squared = ribbon.dx * ribbon.dx + ribbon.dy * ribbon.dy;
-    const float slope = squared > 1e-6f ? (sample_at(grid, there_x, there_y) - ribbon.n) / squared : 0.0f;
-    ribbon.gu = slope * ribbon.dx;
-    ribbon.gv = slope * ribbon.dy;
+    ribbon.ends = !is_thin(grid, to.x, to.y);
+    const float2 way = convert_float2(to - from);
+    const float2 swept = (ribbon.ends ? convert_float2(to) : middle_of(grid, to.x, to.y)) - middle;
+    ribbon.dx = swept.x;
+    ribbon.dy = swept.y;
+    /* Along the sweep, unless the samples lie side by side on it */
+    const float2 along = dot(swept, way) > 0.25f ? swept : way, per_way = along / dot(along, way);
+    const float rise = sample_at(grid, to.x, to.y) - ribbon.n;
+    ribbon.part = dot(middle - convert_float2(from), per_way);
+    ribbon.part_u = per_way.x;
+    ribbon.part_v = per_way.y;
+    ribbon.n += rise * ribbon.part;
+    ribbon.gu = rise * per_way.x;
+    ribbon.gv = rise * per_way.y;
     return ribbon;
+}
+
+/* Does another sample than a ribbon's two have the pixel around a point, and the ribbon's line pass that sample no
+ * closer than it passes the point? p: from the first middle. */
+int belongs_to_another(Ribbon ribbon, float2 p)
+{
+    const float2 middle = (float2)(ribbon.x, ribbon.y), sample = rint(middle + p);
+    const int2 at = convert_int2(sample);
+    if (all(at == ribbon.from) || all(at == ribbon.to))
+        return 0;
+    const float2 across = (float2)(-ribbon.dy, ribbon.dx), other = sample - middle;
+    const float side = dot(other, across) < 0.0f ? -1.0f : 1.0f;
+    return side * dot(p - other, across) > -CLEARANCE * length(across);
 }
 
 /* Does thin sample (x, y) own the ribbon to a neighbour? Of two thin samples the first does. */

@@ -21,8 +21,9 @@
 #endif
 #define RIBBON_WIDTH_MAX 256 /* target pixels: a ribbon's box is drawn no wider, as of one right before the target */
 #define NO_RIBBON 0xFFFFFFFFu
-#define END_BIAS 1024u /* of the least differences of nearness: the half squares beyond a ribbon's middles are behind what
+#define END_BIAS 1024u /* of the least differences of nearness: the half squares beyond a ribbon's samples are behind what
                            goes on there in the same plane, whose colours run on */
+#define NEARER 1e-6f /* of the depth: rounding. At its samples a ribbon is as near as the surface, which is shown there */
 
 /* Narrows [*low, *high], the part of a ribbon's sweep in which its square holds a point, by one axis: p is the point's
  * distance from the first middle, d the sweep's length. */
@@ -38,7 +39,7 @@ void narrow_sweep(float p, float d, float *low, float *high)
 }
 
 /* The target's nearness where a pixel's ray meets a ribbon, or EMPTY; part: where along it, below 0 or above 1 beyond
- * its middles. */
+ * its samples. */
 float intersect_ribbon(Ribbon ribbon, PixelMap map, int sides, int column, int row, float *part)
 {
     const float *S = map.src_from_dst;
@@ -52,8 +53,8 @@ float intersect_ribbon(Ribbon ribbon, PixelMap map, int sides, int column, int r
     float low = 0.0f, high = 1.0f;
     narrow_sweep(p.x, ribbon.dx, &low, &high);
     narrow_sweep(p.y, ribbon.dy, &low, &high);
-    *part = (p.x * ribbon.dx + p.y * ribbon.dy) / fmax(ribbon.dx * ribbon.dx + ribbon.dy * ribbon.dy, 1e-6f);
-    const int is_on = low <= high && !(ribbon.ends && *part > 1.0f) && w_met > 0.0f;
+    *part = ribbon.part + ribbon.part_u * p.x + ribbon.part_v * p.y;
+    const int is_on = low <= high && !(ribbon.ends && *part > 1.0f) && w_met > 0.0f && !belongs_to_another(ribbon, p);
     const int shows = (per_unit > 0.0f && (sides & SHOWS_FRONT)) || (per_unit < 0.0f && (sides & SHOWS_BACK));
     return is_on && shows && IS_BEFORE(map.dst_perspective, met) ? met : EMPTY;
 }
@@ -175,24 +176,24 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
     const int sample = number / NEIGHBOURS;
     const Ribbon ribbon = ribbon_of(grid, sample % grid.width, sample / grid.width, number % NEIGHBOURS);
     float part, met = intersect_ribbon(ribbon, map, sides, x, y, &part);
-    const int nearest = part > 0.5f ? ribbon.to : ribbon.from, sx = nearest % grid.width, sy = nearest / grid.width;
+    const int2 nearest = part > 0.5f ? ribbon.to : ribbon.from;
     part = clamp(part, 0.0f, 1.0f);
     if (!linear) {
         part = part > 0.5f;
-        const float q = sample_at(grid, sx, sy), w = MAP_ROW(D, 2, sx, sy, q);
-        met = w > 0.0f ? MAP_ROW(D, 3, sx, sy, q) / w : met;
+        const float q = sample_at(grid, nearest.x, nearest.y), w = MAP_ROW(D, 2, nearest.x, nearest.y, q);
+        met = w > 0.0f ? MAP_ROW(D, 3, nearest.x, nearest.y, q) / w : met;
     }
     const float z = DEPTH_OF(map.dst_perspective, met);
-    if (!IS_HIT(met) || !IS_BEFORE(map.dst_perspective, met) || (*valid && z >= *depth))
+    if (!IS_HIT(met) || !IS_BEFORE(map.dst_perspective, met) || (*valid && z >= *depth - NEARER * fabs(*depth)))
         return 0;
     *depth = z;
     *valid = 1;
-    mix_colors(src_color, ribbon.from, ribbon.to, part, color);
+    *ends = (int2)(ribbon.from.y, ribbon.to.y) * grid.width + (int2)(ribbon.from.x, ribbon.to.x);
+    mix_colors(src_color, ends->x, ends->y, part, color);
 #if ORIGINS
-    vstore2((float2)(sx, sy), 0, source); /* the nearest sample: beside a wire is another thing */
+    vstore2(convert_float2(nearest), 0, source); /* the nearest sample: beside a wire is another thing */
     *source_view = view;
 #endif
-    *ends = (int2)(ribbon.from, ribbon.to);
     *along = part;
     return 1;
 }
