@@ -165,6 +165,96 @@ def test_a_bar_on_a_block_leaves_no_gap_and_does_not_widen_the_block():
     np.testing.assert_array_equal(frame.valid, plain.valid | bar)
 
 
+def crossing_wires(projection: str, behind: float, dtype: type = np.uint8) -> ibr.DepthImage:
+    """Wires of many slopes, some of which recede or cross, stairs, dots, a block and missing samples."""
+    width, height = SIZE[0], 37
+    y, x = np.mgrid[:height, :width].astype(float)
+    rng = np.random.default_rng(1)
+    depth = np.full((height, width), behind)
+    for off, near in (
+        (x - 5 - 0.3 * y, 2.0),
+        (x - 20 - 0.7 * y, 1.9 + 0.01 * y),
+        (x + y - 58, 2.5),
+        (x - y - 22, 1.5),
+        (y - 30 + 0.2 * x, 2.2),
+    ):
+        depth = np.where(np.abs(off) < 0.5, near, depth)
+    step = np.arange(20)
+    depth[9 + step // 2, 34 + (step + 1) // 2] = 2 + 0.004 * step
+    depth[3:9, 30:34] = 2.0
+    depth[rng.random(depth.shape) < 0.01] = 1.7
+    depth[20:23, 2:6] = np.nan
+    color = rng.integers(1, 256, (height, width, 3), np.uint8)
+    if dtype is np.float32:
+        color = color / np.float32(255)
+    camera = ibr.Camera([[55, 0, 30.3], [0, 55, 17.8], [0, 0, 1]], (width, height), projection=projection)
+    return ibr.DepthImage(color, depth.astype(np.float32), camera)
+
+
+@pytest.mark.parametrize("method", ["epipolar", "search"])
+@pytest.mark.parametrize("sample", ["linear", "nearest"])
+@pytest.mark.parametrize("cut_ratio", [1.05, None], ids=["cut", "connect"])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.filterwarnings("ignore:warp")
+def test_a_view_from_its_own_camera_is_its_image(method, sample, cut_ratio, projection):
+    options = {"method": method, "interpolation": sample, "edges": "cut" if cut_ratio else "connect"}
+    for behind, dtype in ((4.0, np.uint8), (np.nan, np.uint8), (np.nan, np.float32)):
+        view = crossing_wires(projection, behind, dtype)
+        for side, fill, blend in (
+            ("front", None, "quality"),
+            ("both", "background", "nearest"),
+            ("back", "smooth", "quality"),
+        ):
+            more = {**options, "cut_ratio": cut_ratio, "side": side, "fill": fill, "blend": blend}
+            plain, frame = (ibr.warp(view, view.camera, thin=thin, **more) for thin in (False, True))
+            for name in ("color", "depth", "valid"):
+                np.testing.assert_array_equal(getattr(plain, name), getattr(frame, name))
+            if side == "back":
+                continue
+            np.testing.assert_array_equal(frame.valid, view.valid)
+            np.testing.assert_array_max_ulp(frame.depth[view.valid], view.depth[view.valid], KEPT_ULP)
+            atol = 0 if dtype is np.uint8 else 4 * 2**-24  # four roundings of weights
+            np.testing.assert_allclose(frame.color[view.valid], view.color[view.valid], rtol=0, atol=atol)
+
+
+@pytest.mark.parametrize("behind", [4.0, np.nan])
+@pytest.mark.parametrize("zoom", [1, 2, 3])
+@pytest.mark.parametrize("aside", [0, 1e-6, 1e-3, 0.03])
+def test_rays_through_samples_show_them(behind, zoom, aside):
+    """So do those that pass them by a hair: the picture of a camera that moves changes as things in it move."""
+    view = crossing_wires("perspective", behind)
+    K = np.diag([zoom, zoom, 1.0]) @ view.camera.K
+    for way in ((1, 0), (0, 1), (-0.7, 0.7)):
+        K[:2, 2] = zoom * (view.camera.K[:2, 2] + aside * np.array(way))
+        size = zoom * SIZE[0], zoom * 37
+        frame = ibr.warp(view, ibr.Camera(K, size), thin=True, cut_ratio=1.05)
+        plain = ibr.warp(view, ibr.Camera(K, size), cut_ratio=1.05)
+        at = np.s_[::zoom, ::zoom]
+        np.testing.assert_array_equal(frame.valid[at], plain.valid[at])
+        np.testing.assert_array_equal(frame.depth[at] < 3, view.depth < 3)
+        seen = plain.valid[at]
+        # Depths along wires change by at most 5 % from sample to sample, or they are cut.
+        np.testing.assert_allclose(frame.depth[at][seen], plain.depth[at][seen], rtol=0.05 * aside + 1e-6)
+        if zoom > 1:  # and between samples wires are wider than their samples' pixels
+            assert (frame.depth < 3).sum() >= (plain.depth < 3).sum()
+
+
+@pytest.mark.parametrize("slope", [0.3, 0.7, 1.0])
+def test_wires_widen_where_the_target_looks_between_samples(slope):
+    """Each row shows one pixel of the wire or two, and one pixel where rays meet samples."""
+    y, x = np.mgrid[:37, :61].astype(float)
+    wire = np.abs(x - 12.13 - slope * y) < 0.5
+    camera = ibr.Camera([[55, 0, 30], [0, 55, 18], [0, 0, 1]], (61, 37))
+    view = ibr.DepthImage(None, np.where(wire, np.float32(2), np.float32(4)), camera)
+    for aside in np.linspace(0, 1, 11):
+        moved = ibr.Camera([[55, 0, 30 + aside], [0, 55, 18], [0, 0, 1]], (61, 37))
+        rows = (ibr.warp(view, moved, thin=True, cut_ratio=1.05).depth < 3).sum(axis=1)
+        assert (rows >= 1).all()
+        assert (rows <= 2).all()
+        if aside in (0, 1):
+            assert (rows == 1).all()
+
+
 def test_nearer_things_hide_thin_ones_and_are_hidden_by_them():
     scene = strips(strip((20, 23), 0, 25), strip((34, 14), 0, 31, (1.5, 1.5)))
     view = scene.capture(CAMERA)
