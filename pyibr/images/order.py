@@ -15,6 +15,8 @@ def order_of(views: Sequence[DepthImage]) -> list[int]:
 
     By their cameras; views of one camera by what they hold. Only views that are the same in all keep their places.
     """
+    if len(views) < 2:  # most pictures are of one view
+        return list(range(len(views)))
     cameras = [_camera_key(view) for view in views]
     count = Counter(cameras)
     keys = [(key, _content_key(view) if count[key] > 1 else b"") for key, view in zip(cameras, views, strict=True)]
