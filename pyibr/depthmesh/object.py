@@ -151,7 +151,7 @@ class DepthMeshObject(Immutable):
 
     @cached_property
     def _viewpoints(self) -> Viewpoints:
-        return Viewpoints([mesh.view.camera for mesh in self.meshes], self._boxes)
+        return Viewpoints([mesh.view for mesh in self.meshes], self._boxes)
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:

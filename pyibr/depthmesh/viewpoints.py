@@ -11,6 +11,8 @@ import numpy as np
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import frustum
+from pyibr.images.depth_image import DepthImage
+from pyibr.images.order import ranks_of
 
 _OPPOSITE = 1e-3  # that views which look the opposite way still count for
 
@@ -46,13 +48,13 @@ class Viewpoints:
 
     Parameters
     ----------
-    cameras : sequence of Camera
-        Of the views.
+    views : sequence of DepthImage
     boxes : (views, 2, 3) float64
         Low and high of each view's surface in the world.
     """
 
-    def __init__(self, cameras: Sequence[Camera], boxes: Float64) -> None:
+    def __init__(self, views: Sequence[DepthImage], boxes: Float64) -> None:
+        cameras, self._ranks = [view.camera for view in views], ranks_of(views)
         self.bounds = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
         self.extent = float((self.bounds[1] - self.bounds[0]).max())
         self._boxes = boxes
@@ -84,7 +86,7 @@ class Viewpoints:
             Closeness: inverse distances of the viewpoints from the camera's, in 1 / scene units. Of viewpoints that are
             one, those that look the same way are closest; views of what the camera does not see have next to none.
         list of int
-            The views' numbers, those first that are to be drawn.
+            The views' numbers, those first that are to be drawn; ties are broken by `order_of`.
         """
         ahead = camera.forward
         cosines = np.array([forward @ ahead for forward in self._forwards])
@@ -97,20 +99,22 @@ class Viewpoints:
         inside = np.asarray(np.einsum("vpc,pc->vp", farthest, planes[:, :3]) + planes[:, 3]) >= 0
         closeness = closeness * np.where(inside.all(axis=1), 1.0, 1e-9)
         worth = closeness * (1 + _OPPOSITE + cosines) if facing else closeness
-        return closeness, np.argsort(-worth, kind="stable").tolist()
+        return closeness, np.lexsort((self._ranks, -worth)).tolist()
 
     def drawn(self, camera: Camera, order: list[int], count: int, closed: Literal["sheets"] | bool) -> DrawnViews:
         """Choose the views that are drawn: the first `count` of them and, to close their holes, more."""
-        chosen = sorted(order[:count])
+        rank = self._ranks.tolist().__getitem__
+        chosen = sorted(order[:count], key=rank)  # sums in this order are the same, to the bit
         if not closed:
             return DrawnViews(chosen)
         if closed == "sheets":
             return DrawnViews(chosen, chosen)
-        others = sorted(order[count : 2 * count])
+        others = sorted(order[count : 2 * count], key=rank)
         # A camera may see the back of what it is not before, along the view's direction.
         forward, center = camera.forward, camera.center
         if camera.projection == "orthographic":
             backs = [number for number in chosen if forward @ self._forwards[number] <= 0]
         else:
             backs = [number for number in chosen if center @ self._forwards[number] >= self._nearest[number]]
-        return DrawnViews(chosen, others, sorted({*others, *order[-count:], *backs}), [*chosen, *others])
+        around = sorted({*others, *order[-count:], *backs}, key=rank)
+        return DrawnViews(chosen, others, around, [*chosen, *others])

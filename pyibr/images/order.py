@@ -7,10 +7,16 @@ from collections import Counter
 from collections.abc import Sequence
 from weakref import WeakKeyDictionary
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pyibr.images.depth_image import DepthImage
+from pyibr.images.silhouette import Silhouette
+
+View = DepthImage | Silhouette
 
 
-def order_of(views: Sequence[DepthImage]) -> list[int]:
+def order_of(views: Sequence[View]) -> list[int]:
     """The views' numbers, in an order that is the same however the views are listed: sums in it are, to the bit.
 
     By their cameras; views of one camera by what they hold. Only views that are the same in all keep their places.
@@ -23,19 +29,27 @@ def order_of(views: Sequence[DepthImage]) -> list[int]:
     return sorted(range(len(views)), key=keys.__getitem__)
 
 
-def _camera_key(view: DepthImage) -> bytes:
+def ranks_of(views: Sequence[View]) -> NDArray[np.intp]:
+    """(views,) the views' places in that order: they break ties between views."""
+    return np.argsort(order_of(views))
+
+
+def _camera_key(view: View) -> bytes:
     camera = view.camera
     kind = repr((camera.size, camera.projection)).encode()
     return b"".join([(camera.world_from_camera + 0.0).tobytes(), camera.K.tobytes(), kind])  # 0 is -0
 
 
-_contents: WeakKeyDictionary[DepthImage, bytes] = WeakKeyDictionary()
+_contents: WeakKeyDictionary[View, bytes] = WeakKeyDictionary()
 
 
-def _content_key(view: DepthImage) -> bytes:
+def _content_key(view: View) -> bytes:
     if view not in _contents:
-        digest = hashlib.blake2b(repr(view.far).encode())
-        for array in (view.depth, view.color):
+        digest = hashlib.blake2b()
+        seen = view.valid if isinstance(view, Silhouette) else view.depth
+        for array in (seen, view.color):
             digest.update(array.data if array.size else b"")
+        if isinstance(view, DepthImage):
+            digest.update(repr(view.far).encode())
         _contents[view] = digest.digest()
     return _contents[view]

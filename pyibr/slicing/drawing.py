@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import pixel_size
+from pyibr.images.order import ranks_of
 from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
@@ -51,8 +52,8 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
         entry = entry.with_arrays(normals=cached_on_device(thing, "normals", lambda: _normals_of(thing)))
     box, camera = thing.box, target.camera
     directions = np.array([_direction(view.camera, box) for view in thing.views])
-    cosines = directions @ _direction(camera, box)
-    order = np.argsort(-cosines, kind="stable")
+    cosines = (directions * _direction(camera, box)).sum(axis=1)  # by each view alone, to the bit
+    order = np.lexsort((ranks_of(thing.views), -cosines))
     # Of views with one outline, the closest to the target's is tested, and colours.
     _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
     order = order[np.sort(closest)]

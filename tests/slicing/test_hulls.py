@@ -144,6 +144,18 @@ def test_the_order_of_views_and_a_second_run_change_nothing():
     np.testing.assert_allclose(turned.depth, frame.depth, rtol=1e-5)  # sums of another order, in the box
 
 
+def test_the_order_of_views_that_are_equally_close_changes_no_colour():
+    rng = np.random.default_rng(2)
+    views = [
+        ibr.Silhouette(rng.integers(60, 256, (*one.valid.shape, 3), np.uint8), one.valid, one.camera)
+        for one in disk_views(50)
+    ]
+    camera = Camera.look_at((4, 0, 4), (0, 0, 0), (0, 1, 0), (61, 37), fov_y=40)
+    frame, turned = (ibr.render(ibr.VisualHull(some, slices=64), camera) for some in (views, views[::-1]))
+    assert frame.valid.sum() > 200
+    np.testing.assert_array_equal(frame.color, turned.color)
+
+
 @pytest.mark.parametrize("size", [(1, 1), (7, 13), (61, 37)])
 def test_any_size(size):
     hull = ibr.VisualHull(disk_views(50), slices=64)
