@@ -67,8 +67,15 @@ INLINED int any_edge(Around n)
                     (as_intl(n.above_right) & TORN_BELOW) | (as_intl(n.below_left) & TORN_RIGHT));
 }
 
-/* The slopes of the packet's quarters of a number */
-INLINED void slopes_of(Around n, intl lower, intl upper, int number, floatl *slope_x, floatl *slope_y)
+/* Change of nearness, from column to column and from row to row, on the steepest surface that faces the camera: a part of
+ * the nearness in perspective */
+typedef struct {
+    float x, y;
+    int perspective;
+} Steepest;
+
+/* The slopes of the packet's quarters of a number. At a limb they are limited: beyond it a surface does not go on. */
+INLINED void slopes_of(Around n, intl lower, intl upper, int number, Steepest steepest, floatl *slope_x, floatl *slope_y)
 {
     const floatl left = n.here - n.left, right = n.right - n.here, up = n.here - n.above, down = n.below - n.here;
     const intl beside_upper = lower & !upper, beside_lower = upper & !lower; /* the triangle that is there */
@@ -82,12 +89,10 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, floatl *slo
         *slope_x = select_lanes(beside_upper, n.below - n.below_left, select_lanes(beside_lower, left, *slope_x));
         *slope_y = select_lanes(beside_upper, down, select_lanes(beside_lower, n.below_left - n.left, *slope_y));
     }
-#ifndef STEEP_M
-#define STEEP_M 0.02f
-#endif
-    const floatl most = STEEP_M * fabs(n.here);
-    *slope_x = clamp_lanes(*slope_x, -most, most);
-    *slope_y = clamp_lanes(*slope_y, -most, most);
+    const floatl scale = steepest.perspective ? n.here : (floatl)1.0f;
+    const floatl most_x = steepest.x * scale, most_y = steepest.y * scale;
+    *slope_x = clamp_lanes(*slope_x, -most_x, most_x);
+    *slope_y = clamp_lanes(*slope_y, -most_y, most_y);
 }
 
 /* How many quarters the samples `first` to `end` - 1 of a row have */
@@ -106,7 +111,8 @@ OUTLINED int count_quarters(Grid grid, int first, int end, int y)
 }
 
 /* Writes these, from column `at` on. */
-OUTLINED void write_quarters(Grid grid, int first, int end, int y, global float *margins, int at, int capacity)
+OUTLINED void write_quarters(Grid grid, int first, int end, int y, Steepest steepest, global float *margins, int at,
+                             int capacity)
 {
     for (int x = first; x < end; x += LANES) {
         const Around n = around_of(grid.nearness + (size_t)y * grid.pitch + x, grid.pitch);
@@ -119,7 +125,7 @@ OUTLINED void write_quarters(Grid grid, int first, int end, int y, global float 
             if (!left)
                 continue;
             floatl slope_x, slope_y;
-            slopes_of(n, lower, upper, number, &slope_x, &slope_y);
+            slopes_of(n, lower, upper, number, steepest, &slope_x, &slope_y);
             for (; left; left = WITHOUT_LOWEST(left), at++) {
                 const int lane = LOWEST(left);
                 global float *out = margins + at;
@@ -136,7 +142,7 @@ OUTLINED void write_quarters(Grid grid, int first, int end, int y, global float 
 }
 
 kernel void find_margins(global const float *surface, global float *margins, global int *count, int width, int height,
-                         int pitch, int piece, int capacity)
+                         int pitch, int piece, int capacity, Steepest steepest)
 {
     const int first = get_global_id(0) * piece, y = get_global_id(1);
     if (first >= width || y >= height)
@@ -147,5 +153,5 @@ kernel void find_margins(global const float *surface, global float *margins, glo
         return;
     const int at = atomic_add((volatile global int *)count, own);
     if (at + own <= capacity)
-        write_quarters(grid, first, end, y, margins, at, capacity);
+        write_quarters(grid, first, end, y, steepest, margins, at, capacity);
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Callable
@@ -10,7 +9,7 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.camera import Projection
 from pyibr.core.checks import Float64, describe, number_from, numbers, positive
@@ -32,7 +31,9 @@ _ROUNDING = 2.0**-21  # of the nearness: a cell's difference of rounded samples
 _EDGE = 0.1  # of the nearness: neighbours that differ more are an edge
 _CELL = 2.0  # deviation of a cell's difference, by the deviation of its four samples
 _SHARES = np.array([0.5, 0.25])
-_BY_SHARE = np.array([1 / 0.67449, 1.4 / 0.31864])  # deviations by normal noise's quantiles; edges raise the median more
+_BY_SHARE = np.array(
+    [1 / 0.67449, 1.4 / 0.31864]
+)  # deviations by normal noise's quantiles; edges raise the median more
 _SHAPE = 9.0  # squared ratio of differences, two samples apart over one: noise has 1, curves 16
 _FALL = 1.15  # nearer samples have no more noise than farther ones, but for chance
 _CHANCE = 4.0  # standard deviations, over the root of the cells, of an estimate from few
@@ -154,7 +155,7 @@ def _random_noise(blocks: Nearness) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
     most = np.minimum.accumulate(near_by * (_FALL + _CHANCE / np.sqrt(total)))
     deviations[1:] = np.minimum(deviations[1:], most[:-1])
-    return fitted_noise(z, deviations)
+    return fitted_noise(z, deviations, total)
 
 
 def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearness, NDArray[np.bool_]]:
@@ -224,19 +225,24 @@ def _scale_steps(blocks: Nearness) -> tuple[float, float, float]:
     if not told.any():
         return none
     z = _ranges_of(counts, first)[told]
-    a, b, c = fitted_noise(z, np.array([_quantiles(row, _SHARES[1:])[0] for row in counts[told]]) * z)
+    steps = np.array([_quantiles(row, _SHARES[1:])[0] for row in counts[told]]) * z
+    a, b, c = fitted_noise(z, steps, counts[told].sum(axis=1))
     is_one_step = np.abs(jump / (a + (b + c * place) * place) - 1) < 0.5
     gaps = np.diff(levels) / (a + (b + c * levels[1:]) * levels[1:])
     return (a, b, c) if np.mean(is_one_step) > _ONE_STEP and np.median(gaps) > _GAP else none
 
 
-def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, float]:
-    """(a, b, c), none negative: deviations (n,) at depths z (n,) are about a z^2 + b z + c; zeros do not count."""
-    counts = deviations > 0
-    number = np.count_nonzero(counts)
+def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) -> tuple[float, float, float]:
+    """(a, b, c), none negative: deviations (n,) at depths z (n,) are about a z^2 + b z + c; zeros do not count.
+
+    counts: how many samples tell each.
+    """
+    known = deviations > 0
+    number = np.count_nonzero(known)
     if not number:
         return 0.0, 0.0, 0.0
-    z, in_depth = (depths, deviations) if number == len(counts) else (depths[counts], deviations[counts])
+    z, in_depth, shares = depths[known], deviations[known], np.broadcast_to(counts, known.shape)[known]
+    shares = shares / shares.max()
     terms = np.empty((number, 3))
     terms[:, 0], terms[:, 1], terms[:, 2] = z * z, z, 1.0
     terms /= in_depth[:, None]
@@ -248,13 +254,13 @@ def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, fl
     found: Float64 = np.zeros((len(_CHOICES), 3))
     differences: Float64 = np.zeros((len(_CHOICES), number))
     for _ in range(_ROUNDS):
-        weights = 1 / np.maximum(differences, _CLOSE)
+        weights = shares / np.maximum(differences, _CLOSE)
         weights /= np.maximum.reduce(weights, axis=1, keepdims=True)
         systems = (weights @ products).reshape(-1, 3, 3) * _CHOSEN_PAIRS + _OTHERS
         sums: Float64 = (weights @ scaled) * _CHOICES
         found = cast("Float64", np.linalg.solve(systems, sums[:, :, None])[:, :, 0])
         differences = np.abs(found @ scaled.T - 1)
-    off = np.add.reduce(differences, axis=1).round(6)  # of equally good ones the fewest
+    off = (differences @ shares).round(6)  # of equally good ones the fewest
     choices = (found / sizes).tolist()
     ranks = [by if min(choice) >= 0 else math.inf for by, choice in zip(off.tolist(), choices, strict=True)]
     a, b, c = (min(term, _NOISE_MAX) for term in choices[ranks.index(min(ranks))])

@@ -11,6 +11,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import pitch
 from pyibr.images import DepthImage
 from pyibr.images.noise import DepthNoise
@@ -24,8 +26,8 @@ from pyibr.picture.samples import Samples, cut_of, samples_of
 
 _STEEPEST = 8.0  # depth over width: a surface that recedes by less from sample to sample faces the camera
 _SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # mostly there are fewer margins; else they are found once more
-_STEEP = 0.025  # of the nearness: with few samples, most edges change less than the steepest surface
-_DEVIATIONS = 3.5 * math.sqrt(2)  # of a sample's noise, by which neighbours may differ
+_STEEP = 0.025  # of the nearness: with few samples a surface may be steeper, but edges are as small
+_DEVIATIONS = 3.5 * math.sqrt(2)  # of a sample's noise: neighbours differ more in one pair of two thousand
 
 
 @dataclass(frozen=True)
@@ -170,15 +172,22 @@ def straightness_test(view: DepthImage, torn_by: NDArray[np.void] | None = None)
     """
     cut, values = cut_of(view.camera, 1.0), np.zeros((), struct("picture/edges.cl", "EdgeTest"))
     perspective = view.camera.projection == "perspective"
-    across, down = 1 / view.camera.K[0, 0], 1 / view.camera.K[1, 1]
     values["straight"], values["perspective"] = True, perspective
     values["noise"] = _noise_between(view.depth_noise, perspective)
-    values["per_pixel"] = _STEEPEST * np.array([across, down, math.hypot(across, down)])
-    if perspective:
-        values["per_pixel"] = np.minimum(values["per_pixel"], _STEEP)
+    values["per_pixel"] = _steepest(view.camera)
     cut["far_scale" if perspective else "least"] += values["per_pixel"][2]
     values["both"] = torn_by is not None
     return EdgeTest(cut if torn_by is None else torn_by, values)
+
+
+def _steepest(camera: Camera) -> Float64:
+    """Change of nearness along rows, columns and diagonals, on the steepest surface that faces the camera.
+
+    A part of the nearness in perspective.
+    """
+    across, down = 1 / camera.K[0, 0], 1 / camera.K[1, 1]
+    change = _STEEPEST * np.array([across, down, math.hypot(across, down)])
+    return np.minimum(change, _STEEP) if camera.projection == "perspective" else change
 
 
 def test_by_cut(cut: NDArray[np.void]) -> EdgeTest:
@@ -203,11 +212,11 @@ def make_surface(samples: Samples, view: DepthImage, test: EdgeTest) -> Surface:
     tests = {"cut": Struct("Cut", test.cut), "test": Struct("EdgeTest", test.straight)}
     launch(kernel("picture/begin.cl", "find_edges"), (pieces, height), piece=piece, **tests, **given)
     launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **given)
-    margins = _find_margins(surface, size, max(math.prod(size) // _SAMPLES_OF_A_MARGIN, _MARGINS_MIN))
+    margins = _find_margins(surface, view.camera, max(math.prod(size) // _SAMPLES_OF_A_MARGIN, _MARGINS_MIN))
     # The one wait for all that there is of a view
     ranges, nearest_and_farthest = to_host([samples.ranges, ring])
     if margins.count > margins.quarters.shape[1]:
-        margins = _find_margins(surface, size, margins.count)
+        margins = _find_margins(surface, view.camera, margins.count)
         surface.session.wait()
     low, high = samples.low_and_high(ranges)
     low, high = min(low, float(nearest_and_farthest[0].min())), max(high, float(nearest_and_farthest[1].max()))
@@ -215,14 +224,17 @@ def make_surface(samples: Samples, view: DepthImage, test: EdgeTest) -> Surface:
     return Surface(surface, samples.color, size, low, high, margins, test, noise)
 
 
-def _find_margins(surface: DeviceArray, size: tuple[int, int], capacity: int) -> Margins:
+def _find_margins(surface: DeviceArray, camera: Camera, capacity: int) -> Margins:
     """Begin to find the margins; no more than `capacity` are written."""
-    (width, height), lanes = size, current().profile.lanes
+    (width, height), lanes = camera.size, current().profile.lanes
     piece, pieces = current().profile.pieces(width)
     # Packets at the end read beyond the last one.
     quarters = empty((int(constant("lib/margins.h", "MARGIN_PLANES")), capacity + lanes), np.float32)
     count = empty((1,), np.int32)
     count.fill(0)
+    steepest = np.zeros((), struct("picture/margins.cl", "Steepest"))
+    steepest["x"], steepest["y"], _ = _steepest(camera)
+    steepest["perspective"] = camera.projection == "perspective"
     launch(
         kernel("picture/begin.cl", "find_margins"),
         (pieces, height),
@@ -234,5 +246,6 @@ def _find_margins(surface: DeviceArray, size: tuple[int, int], capacity: int) ->
         pitch=surface.shape[1],
         piece=piece,
         capacity=quarters.shape[1],
+        steepest=Struct("Steepest", steepest),
     )
     return Margins(quarters, begin_to_host([count])[0])

@@ -92,14 +92,14 @@ def test_shapes_are_no_noise():
     """Second differences that grow with the distance are a surface's: of such views no triangle changes."""
     for depth in (corner_of_a_room(), 4 + 0.3 * np.sin(np.arange(SIZE[0]) / 3) + np.zeros(SIZE[::-1])):
         view, sure = view_of(depth), view_of(depth, noise=0)
-        assert not any(view.sure_noise)
+        assert not any(view.noise)
         for tolerance in (0.3, 1):
             counts = [
                 len(ibr.DepthMesh(each).triangulate(view.camera, tolerance=tolerance).faces) for each in (view, sure)
             ]
             assert counts[0] == counts[1]
     for view in object_views(models.donut(), 128):
-        assert not any(view.sure_noise)
+        assert not any(view.noise)
 
 
 def test_all_samples_are_vertices_of_noisy_views_too():

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.images.noise import DepthNoise, _growing
+from pyibr.images.noise import DepthNoise
 
 Array = NDArray[Any]
 SIZE = (160, 120)
@@ -95,10 +95,3 @@ def test_what_has_no_scale_has_no_steps():
         np.ones((1, 1)),
     ):
         assert DepthNoise(depth.astype(np.float32)).steps == (0, 0, 0)
-
-
-@pytest.mark.parametrize("levels", [1, 7, 1 << 22])
-def test_depths_are_put_in_order_and_equal_ones_stay_as_they_come(levels):
-    rng = np.random.default_rng(levels)
-    values = np.exp(rng.integers(0, levels, 5003) * (80.0 / levels) - 40.0).astype(np.float32)
-    assert (_growing(values) == np.argsort(values, kind="stable")).all()

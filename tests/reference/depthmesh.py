@@ -196,7 +196,7 @@ class Tree:
         )
         vertex.error = below
         if any(state & DRAWN for state in vertex.states.values()):
-            noise = float(np.polyval(self.view.sure_noise, vertex.depth))
+            noise = float(np.polyval(self.view.noise, vertex.depth))
             errors = max(self.own_error(corner) - UNSEEN * noise, 0.0), max(below, 0.0)
             vertex.error = max(errors) if self.largest else sum(errors)
             if UNDRAWN | DRAWN in vertex.states.values():
@@ -332,12 +332,12 @@ def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
 
 def smoothed(view: DepthImage) -> np.ndarray:
     """(H, W) float64 depth without its noise: by means of pairs of samples that lie opposite each other, in 1 / z."""
-    if not any(view.sure_noise):
+    if not any(view.noise):
         return view.depth.astype(np.float64)
     perspective = view.camera.projection == "perspective"
     depth = np.where(view.valid, view.depth, np.nan).astype(np.float64)
     near = 1 / depth if perspective else -depth
-    reach = REACH * np.polyval(view.sure_noise, depth) * (near**2 if perspective else 1)
+    reach = REACH * np.polyval(view.noise, depth) * (near**2 if perspective else 1)
     wide = np.pad(near, RADIUS, constant_values=np.nan)
     total, weights = np.zeros(near.shape), np.ones(near.shape)
     for dy in range(RADIUS + 1):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.images import DepthImage
-from tests.reference.edges import Edges
+from tests.reference.edges import STEEP_MAX, STEEPEST, Edges
 
 Array = NDArray[Any]
 
@@ -88,6 +88,14 @@ class Margins:
         return at.reshape(-1, 2), near.ravel(), colors.reshape(-1, count), np.arange(3 * len(numbers)).reshape(-1, 3)
 
 
+def steepest_margins(view: DepthImage, q: Array) -> tuple[Array, Array]:
+    """Slopes of nearness along rows and columns on the steepest surface that faces the camera."""
+    fx, fy = view.camera.K[0, 0], view.camera.K[1, 1]
+    if view.camera.projection == "orthographic":
+        return STEEPEST / fx * np.ones_like(q), STEEPEST / fy * np.ones_like(q)
+    return min(STEEPEST / fx, STEEP_MAX) * q, min(STEEPEST / fy, STEEP_MAX) * q
+
+
 def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
     """Of a view and its surface within a ring, as `with_ring` has them."""
     height, width = view.depth.shape
@@ -140,6 +148,8 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
             planes = ()
         for where, pu, pv in planes:
             gu, gv = np.where(where, pu, gu), np.where(where, pv, gv)
+        most_x, most_y = steepest_margins(view, q)
+        gu, gv = np.clip(gu, -most_x, most_x), np.clip(gv, -most_y, most_y)
         y, x = np.nonzero((low | high) & ~np.isnan(q))
         own = at(image, 0, 0)
         change_x = np.where(torn_to[tx, 0][..., None], 0.0, (at(image, tx, 0) - own) * tx)
