@@ -30,6 +30,7 @@ _MANTISSA = 23  # bits of a float32
 _ROUNDING = 2.0**-21  # of the nearness: a cell's difference of rounded samples
 _EDGE = 0.1  # of the nearness: neighbours that differ more are an edge
 _CELL = 2.0  # deviation of a cell's difference, by the deviation of its four samples
+_SMOOTH = 0.8  # share of a range's cells: with more edges, the cells between them are a choice
 _SHARES = np.array([0.5, 0.25])
 _BY_SHARE = np.array(
     [1 / 0.67449, 1.4 / 0.31864]
@@ -42,6 +43,7 @@ _LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
 _STAIRS = 0.01  # of a scale's changes lie beside equal samples, at least: few on steep surfaces
 _ONE_STEP = 0.6  # of these are of one step, at least: edges have any size
 _GAP = 0.5  # steps between a scale's levels, at least
+_NEAREST = 1e37  # of nearness: sums of four are still within single precision
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
 _ROUNDS, _CLOSE = 3, 0.02  # of fits, of which each heeds less what is off by more than that in the one before
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
@@ -93,7 +95,7 @@ class DepthNoise:
         """
         if self.given is not None:
             return self.given
-        random = _random_noise(self._blocks)
+        random = _random_noise(self._strips)
         a, b, c = (max(noise, 0.5 * step) for noise, step in zip(random, self.steps, strict=True))
         return a, b, c
 
@@ -103,50 +105,61 @@ class DepthNoise:
 
         Disparity has steps of the first kind, depth in whole units of the last.
         """
-        return _scale_steps(self._blocks)
+        return _scale_steps(self._strips)
 
     @cached_property
-    def _blocks(self) -> Nearness:
-        return _sampled_blocks(self._depth, self._far)
+    def _strips(self) -> Nearness:
+        return _sampled_strips(self._depth, self._far)
 
 
-def _sampled_blocks(depth: Depth, far: float) -> Nearness:
-    """(n, 3, W) nearness of some rows and the two below each; NaN where there is no sample.
+def _sampled_strips(depth: Depth, far: float) -> Nearness:
+    """(3, n) nearness of some strips of three rows and of three columns, one after the other.
 
-    Rows and columns are two apart where every other sample is missing.
+    NaN where there is no sample, and between strips. Lines are two apart where every other sample is missing.
     """
-    blocks = np.empty((0, 3, 0), np.float32)
+    near = np.empty((3, 0), np.float32)
     for gap in (1, 2):
         sparse = depth[::gap, ::gap]
-        height, width = sparse.shape
-        total = max(height - 2, 0)
-        count = min(-(-_CELLS // max(width - 1, 1)), total)
-        rows = np.arange(total) if count == total else (np.arange(count) * _GOLDEN % 1 * total).astype(np.intp)
-        z = sparse[rows[:, None] + np.arange(3)]
+        parts = [_strips_of(side) for side in (sparse, sparse.T)]
+        z = np.concatenate(parts, axis=1)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            blocks = np.float32(1) / z
-        blocks[~((blocks > 0) & (blocks < np.inf) & (z < far))] = np.nan
-        known = np.count_nonzero(np.isfinite(blocks[:, 0, :-1] + blocks[:, 0, 1:] + blocks[:, 1, 1:]))
-        if known >= _KNOWN * count * (width - 1):
+            near = np.float32(1) / z
+        near[~((near > 0) & (near < _NEAREST) & (z < far))] = np.nan
+        known = np.isfinite(near[0]) & np.isfinite(near[1])
+        if np.count_nonzero(known[1:] & known[:-1]) >= _KNOWN * near.shape[1]:
             break
-    return blocks
+    return near
 
 
-def _random_noise(blocks: Nearness) -> tuple[float, float, float]:
+def _strips_of(depth: Depth) -> Depth:
+    """(3, n) some strips of three rows, each with two NaN behind it."""
+    height, width = depth.shape
+    total = max(height - 2, 0)
+    count = min(-(-_CELLS // (2 * max(width, 1))), total)
+    rows = np.arange(total) if count == total else (np.arange(count) * _GOLDEN % 1 * total).astype(np.intp)
+    strips = np.full((3, count, width + 2), np.nan, np.float32)
+    strips[:, :, :width] = depth[rows + np.arange(3)[:, None]]
+    return strips.reshape(3, -1)
+
+
+def _random_noise(strips: Nearness) -> tuple[float, float, float]:
     """(a, b, c) of noise by cells of 2 x 2 samples.
 
     The difference of a cell's two differences is 0 on planes, and along edges that follow rows or columns. So most
     cells of thin things tell their noise, too.
     """
-    near, change, is_level = _cells(blocks[:, 0], blocks[:, 1], 1)
+    near, change, largest = _cells(strips[0], strips[1], 1)
     if len(near) < _CELLS_MIN:
         return 0.0, 0.0, 0.0
-    first, one = _histogram(near, change)
-    _, two = _histogram(*_cells(blocks[:, 0], blocks[:, 2], 2)[:2], (first, first + len(one) - 1))
-    # Equal samples, as a sky's, tell nothing about the noise of others.
-    levels = np.bincount(_octaves(near[is_level], _QUARTERS) - first, minlength=len(one))
-    total = one.sum(axis=1)
-    told = (total >= _CELLS_MIN) & (levels < 0.25 * total)
+    smooth = largest < _EDGE * near
+    if 2 * np.count_nonzero(smooth) < len(near):  # most cells: their noise is as large
+        smooth[:] = True
+    first, one = _histogram(near[smooth], change[smooth])
+    _, two = _histogram(*_cells(strips[0], strips[2], 2)[:2], (first, first + len(one) - 1))
+    # Equal samples, as a sky's, tell nothing about the noise of others; nor do ranges with many edges.
+    total, every = one.sum(axis=1), _count(near, first, len(one))
+    levels = _count(near[largest == 0.0], first, len(one))
+    told = (total >= _CELLS_MIN) & (total >= _SMOOTH * every) & (levels < 0.25 * total)
     z, total = _ranges_of(one, first)[told], total[told]
     near_by, far_by = _deviations(one[told]) * z, _deviations(two[told]) * z
     # Curves do not count: their differences grow with the square of the distance.
@@ -158,18 +171,18 @@ def _random_noise(blocks: Nearness) -> tuple[float, float, float]:
     return fitted_noise(z, deviations, total)
 
 
-def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearness, NDArray[np.bool_]]:
-    """Cells between two rows: mean nearness, difference of the two differences, and whether all samples are equal.
+def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearness, Nearness]:
+    """Known cells between two lines: mean nearness, difference of the two differences, largest difference of samples."""
+    above, below, left = upper[gap:] - upper[:-gap], lower[gap:] - lower[:-gap], (lower - upper)[gap:]
+    near = np.float32(0.25) * (upper[gap:] + upper[:-gap] + lower[gap:] + lower[:-gap])
+    known = np.isfinite(near)
+    near, above, below, left = near[known], above[known], below[known], left[known]
+    return near, np.abs(above - below), np.maximum(np.maximum(np.abs(above), np.abs(below)), np.abs(left))
 
-    Cells that lie on an edge are left out, unless most cells differ as much.
-    """
-    above, below, left = upper[:, gap:] - upper[:, :-gap], lower[:, gap:] - lower[:, :-gap], lower - upper
-    near = np.float32(0.25) * (upper[:, gap:] + upper[:, :-gap] + lower[:, gap:] + lower[:, :-gap])
-    largest = np.maximum(np.maximum(np.abs(above), np.abs(below)), np.abs(left[:, gap:]))
-    known, smooth = np.isfinite(near), largest < _EDGE * near
-    if 2 * np.count_nonzero(smooth) > np.count_nonzero(known):
-        known &= smooth
-    return near[known], np.abs(above - below)[known], largest[known] == 0.0
+
+def _count(near: Nearness, first: int, ranges: int) -> NDArray[np.intp]:
+    """Count samples by range of nearness."""
+    return np.bincount(np.clip(_octaves(near, _QUARTERS) - first, 0, ranges - 1), minlength=ranges)
 
 
 def _histogram(near: Nearness, change: Nearness, ends: tuple[int, int] | None = None) -> tuple[int, NDArray[np.intp]]:
@@ -200,15 +213,14 @@ def _deviations(counts: NDArray[np.intp]) -> Float64:
     return np.array(least) / _CELL
 
 
-def _scale_steps(blocks: Nearness) -> tuple[float, float, float]:
+def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     """(a, b, c) of a scale's steps.
 
     On a scale surfaces are stairs: samples equal one neighbour and differ from the other, mostly by one step.
     """
     none = 0.0, 0.0, 0.0
-    along = blocks[:, 0]
-    rows = [along[:, :-2], along[:, 1:-1], along[:, 2:]], [blocks[:, i] for i in range(3)]
-    before, here, after = (np.concatenate([one.ravel(), other.ravel()]) for one, other in zip(*rows, strict=True))
+    lines = [strips[0, :-2], strips[0, 1:-1], strips[0, 2:]]
+    before, here, after = (np.concatenate(pair) for pair in zip(lines, strips, strict=True))
     one, other = np.abs(here - before), np.abs(after - here)
     jump = np.maximum(one, other)
     is_change = (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
@@ -227,9 +239,13 @@ def _scale_steps(blocks: Nearness) -> tuple[float, float, float]:
     z = _ranges_of(counts, first)[told]
     steps = np.array([_quantiles(row, _SHARES[1:])[0] for row in counts[told]]) * z
     a, b, c = fitted_noise(z, steps, counts[told].sum(axis=1))
-    is_one_step = np.abs(jump / (a + (b + c * place) * place) - 1) < 0.5
+    ratios = jump / (a + (b + c * place) * place)
+    is_one_step = np.abs(ratios - 1) < 0.5
     gaps = np.diff(levels) / (a + (b + c * levels[1:]) * levels[1:])
-    return (a, b, c) if np.mean(is_one_step) > _ONE_STEP and np.median(gaps) > _GAP else none
+    if np.mean(is_one_step) < _ONE_STEP or np.median(gaps) < _GAP:
+        return none
+    exact = float(np.median(ratios[is_one_step]))
+    return a * exact, b * exact, c * exact
 
 
 def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) -> tuple[float, float, float]:
