@@ -66,6 +66,7 @@ typedef struct {
 #define KEEP 0.1f   /* growth of a slope from one side alone: an edge is steeper than what leads to it */
 #define BEND 0.6f   /* growth if the other side is steep, too, or ends: a sphere's last slopes grow by less than half */
 #define STEEP 4.0f  /* a pair is at most so many times as steep as a side that bends to it */
+#define SAME 2.05f  /* times what both sides agree on: a sample less, as where a slope is rounded to steps */
 #define LEAST 0.05f /* of a slope: a pair that rises by less is a step beside a greater one */
 
 /* The side whose samples, from the pair on, are `a`, `next` and `after`. (A choice of the result instead is more than
@@ -126,7 +127,9 @@ OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed,
     const floatl change = samples_from(image, x + dx, y + dy) - samples_from(image, x, y), rise = fabs(change);
     const floatl sign = select_lanes(change < 0.0f, (floatl)-1.0f, (floatl)1.0f);
     const Pairs own = pairs_at(image, x, y, dx, dy, sign);
-    const intl alone = goes_on_from(rise, own.before, own.after, allowed) | goes_on_from(rise, own.after, own.before, allowed);
+    const floatl both = min_lanes(own.before.agreed, own.after.agreed);
+    const intl alone = goes_on_from(rise, own.before, own.after, allowed) |
+                       goes_on_from(rise, own.after, own.before, allowed) | (rise <= allowed + SAME * both);
     if ((dx && dy) || !any_lane(wanted & !alone))
         return alone;
     const Pairs one = pairs_at(image, x - dy, y - dx, dx, dy, sign), other = pairs_at(image, x + dy, y + dx, dx, dy, sign);

@@ -40,12 +40,12 @@ _FALL = 1.15  # nearer samples have no more noise than farther ones, but for cha
 _CHANCE = 4.0  # standard deviations, over the root of the cells, of an estimate from few
 _STEP_MAX = 0.25  # of the nearness: larger differences are edges
 _LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
-_STAIRS = 0.01  # of a scale's changes lie beside equal samples, at least: few on steep surfaces
 _ONE_STEP = 0.6  # of these are of one step, at least: edges have any size
 _GAP = 0.5  # steps between a scale's levels, at least
 _NEAREST = 1e37  # of nearness: sums of four are still within single precision
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
 _ROUNDS, _CLOSE = 3, 0.02  # of fits, of which each heeds less what is off by more than that in the one before
+_SIMPLER = 0.01  # by so much a fit must be closer to have one more term
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
@@ -219,15 +219,15 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     On a scale surfaces are stairs: samples equal one neighbour and differ from the other, mostly by one step.
     """
     none = 0.0, 0.0, 0.0
-    lines = [strips[0, :-2], strips[0, 1:-1], strips[0, 2:]]
-    before, here, after = (np.concatenate(pair) for pair in zip(lines, strips, strict=True))
-    one, other = np.abs(here - before), np.abs(after - here)
-    jump = np.maximum(one, other)
-    is_change = (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
-    is_stair = is_change & (np.minimum(one, other) == 0)
+    lines = [strips[0, :-2], strips[0, 1:-1], strips[0, 2:], strips[1, 1:-1]]
+    across = [*strips, np.roll(strips[1], 1)]
+    before, here, after, beside = (np.concatenate(pair) for pair in zip(lines, across, strict=True))
+    one, other = here - before, after - here
+    jump, least = np.abs(one - other), np.minimum(np.abs(one), np.abs(other))
+    # Or, on the floor below a level camera, each row lies whole steps beyond the last one.
+    is_stair = (least == 0) | ((here == beside) & (one * other > 0) & (jump > 0.4 * least) & (jump < 1.5 * least))
+    is_stair &= (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
     place, jump = here[is_stair], jump[is_stair]
-    if len(place) <= _STAIRS * np.count_nonzero(is_change):
-        return none
     levels = np.sort(place)  # np.unique would load numpy.ma, which takes longer than a warp
     levels = levels[np.diff(levels, prepend=0.0) > 0]
     if len(levels) < _LEVELS_MIN:
@@ -276,7 +276,7 @@ def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) 
         sums: Float64 = (weights @ scaled) * _CHOICES
         found = cast("Float64", np.linalg.solve(systems, sums[:, :, None])[:, :, 0])
         differences = np.abs(found @ scaled.T - 1)
-    off = (differences @ shares).round(6)  # of equally good ones the fewest
+    off = differences @ shares / shares.sum() + _SIMPLER * _CHOICES.sum(axis=1)
     choices = (found / sizes).tolist()
     ranks = [by if min(choice) >= 0 else math.inf for by, choice in zip(off.tolist(), choices, strict=True)]
     a, b, c = (min(term, _NOISE_MAX) for term in choices[ranks.index(min(ranks))])

@@ -19,8 +19,8 @@ Array = NDArray[Any]
 
 STEEPEST = 8.0
 STEEP_MAX = 0.025
-DEVIATIONS = 3.5 * np.sqrt(2.0)
-KEEP, BEND, STEEP, LEAST = (np.float32(number) for number in (0.1, 0.6, 4.0, 0.05))
+DEVIATIONS = 4.0 * np.sqrt(2.0)
+KEEP, BEND, STEEP, SAME, LEAST = (np.float32(number) for number in (0.1, 0.6, 4.0, 2.05, 0.05))
 LEAST_BEYOND = 1e-3
 
 
@@ -100,6 +100,8 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
         bends = np.isnan(other) | (STEEP * other >= rise - noise)
         slope = np.where(bends, nearest, agreed)
         goes_on |= _follows(rise, slope, np.where(bends, BEND, KEEP), noise)
+    with np.errstate(invalid="ignore"):
+        goes_on |= rise <= noise + SAME * np.nan_to_num(np.minimum(before[1], after[1]))
     if beside:
         for side in (-1, 1):
             rows = np.stack([_slopes(np.roll(change, row, 0), sign, side)[1] for row in (-1, 0, 1)])
