@@ -16,11 +16,9 @@ from pyibr.opencl.device import one_call
 
 Mask = NDArray[np.bool_]
 
-_SAMPLES = 20_000  # that tell the noise: of a range of depth it is right to 3 %
 _NOISE_MIN = 5e-4  # of the depth: what is less is none
 _GIVEN = 64  # places of nearness at which noise that was given is looked at
 _NOISE_MAX = 1e30  # of nearness: the scales stay finite
-_NONE = 0.0, 0.0, 0.0
 _APART, _LEAST_APART = 5.0, 0.02  # deviations, and a share of depth: two surfaces are at least that far apart
 
 

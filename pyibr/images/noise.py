@@ -41,7 +41,10 @@ _CHANCE = 4.0  # standard deviations, over the root of the cells, of an estimate
 _STEP_MAX = 0.25  # of the nearness: larger differences are edges
 _LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
 _ONE_STEP = 0.6  # of these are of one step, at least: edges have any size
-_GAP = 0.5  # steps between a scale's levels, at least
+_WHOLE = 0.02  # steps by which float32 rounds few of them, at most
+_MOSTLY = 0.9
+_STAIRS = 0.01  # of a scale's changes, at least: few on steep surfaces
+_OFF = 0.2  # steps by which changes, and gaps between levels, are off whole ones: two scales may be mixed
 _NEAREST = 1e37  # of nearness: sums of four are still within single precision
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
 _ROUNDS, _CLOSE = 3, 0.02  # of fits, of which each heeds less what is off by more than that in the one before
@@ -160,7 +163,7 @@ def _random_noise(strips: Nearness) -> tuple[float, float, float]:
     total, every = one.sum(axis=1), _count(near, first, len(one))
     levels = _count(near[largest == 0.0], first, len(one))
     told = (total >= _CELLS_MIN) & (total >= _SMOOTH * every) & (levels < 0.25 * total)
-    z, total = _ranges_of(one, first)[told], total[told]
+    z, total = _depths(near[smooth], first, len(one))[told], total[told]
     near_by, far_by = _deviations(one[told]) * z, _deviations(two[told]) * z
     # Curves do not count: their differences grow with the square of the distance.
     deviations = np.sqrt(np.maximum(_SHAPE * near_by**2 - far_by**2, 0.0) / (_SHAPE - 1.0))
@@ -185,6 +188,13 @@ def _count(near: Nearness, first: int, ranges: int) -> NDArray[np.intp]:
     return np.bincount(np.clip(_octaves(near, _QUARTERS) - first, 0, ranges - 1), minlength=ranges)
 
 
+def _depths(near: Nearness, first: int, ranges: int) -> Float64:
+    """Depths of ranges of nearness, by the mean of their samples."""
+    at = np.clip(_octaves(near, _QUARTERS) - first, 0, ranges - 1)
+    sums, counts = np.bincount(at, near, minlength=ranges), np.bincount(at, minlength=ranges)
+    return np.divide(counts, sums, out=np.ones(ranges), where=counts > 0)
+
+
 def _histogram(near: Nearness, change: Nearness, ends: tuple[int, int] | None = None) -> tuple[int, NDArray[np.intp]]:
     """First range of nearness, and counts by range and by size of the change; `ends`: first and last range."""
     row, column = _octaves(near, _QUARTERS), _octaves(change / near, _EIGHTHS)
@@ -192,11 +202,6 @@ def _histogram(near: Nearness, change: Nearness, ends: tuple[int, int] | None = 
     shape = last - first + 1, len(_SIZES)
     at = (np.clip(row, first, last) - first) * shape[1] + np.clip(column, _LEAST - 1, _GREATEST) - (_LEAST - 1)
     return first, np.bincount(at, minlength=shape[0] * shape[1]).reshape(shape)
-
-
-def _ranges_of(counts: NDArray[np.intp], first: int) -> Float64:
-    """Depths in the middle of a histogram's ranges."""
-    return 1 / _middles(np.arange(first, first + len(counts), dtype=np.int32), _QUARTERS)
 
 
 def _quantiles(row: NDArray[np.intp], shares: Float64) -> Float64:
@@ -224,10 +229,15 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     before, here, after, beside = (np.concatenate(pair) for pair in zip(lines, across, strict=True))
     one, other = here - before, after - here
     jump, least = np.abs(one - other), np.minimum(np.abs(one), np.abs(other))
-    # Or, on the floor below a level camera, each row lies whole steps beyond the last one.
-    is_stair = (least == 0) | ((here == beside) & (one * other > 0) & (jump > 0.4 * least) & (jump < 1.5 * least))
-    is_stair &= (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
+    is_change = (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
+    is_stair = is_change & (least == 0)
+    # On the floor below a level camera no samples of a column are equal, and each row lies whole steps beyond the last.
+    steep = (is_change & (here == beside) & (one * other > 0)).nonzero()[0]
+    whole = np.abs(least[steep] / jump[steep] - np.rint(least[steep] / jump[steep])) < _WHOLE
+    is_stair[steep] = np.mean(whole) > _MOSTLY if len(steep) else False
     place, jump = here[is_stair], jump[is_stair]
+    if len(place) <= _STAIRS * np.count_nonzero(is_change):
+        return none
     levels = np.sort(place)  # np.unique would load numpy.ma, which takes longer than a warp
     levels = levels[np.diff(levels, prepend=0.0) > 0]
     if len(levels) < _LEVELS_MIN:
@@ -236,13 +246,14 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     told = counts.sum(axis=1) >= _LEVELS_MIN
     if not told.any():
         return none
-    z = _ranges_of(counts, first)[told]
+    z = _depths(place, first, len(counts))[told]
     steps = np.array([_quantiles(row, _SHARES[1:])[0] for row in counts[told]]) * z
     a, b, c = fitted_noise(z, steps, counts[told].sum(axis=1))
     ratios = jump / (a + (b + c * place) * place)
-    is_one_step = np.abs(ratios - 1) < 0.5
+    is_one_step = np.abs(ratios - 1) < _OFF
     gaps = np.diff(levels) / (a + (b + c * levels[1:]) * levels[1:])
-    if np.mean(is_one_step) < _ONE_STEP or np.median(gaps) < _GAP:
+    is_whole = (gaps > _OFF) & (np.abs(gaps - np.rint(gaps)) < _OFF)
+    if np.mean(is_one_step) < _ONE_STEP or np.mean(is_whole) < _ONE_STEP:
         return none
     exact = float(np.median(ratios[is_one_step]))
     return a * exact, b * exact, c * exact

@@ -15,7 +15,7 @@ from pyibr.cleaning import CleanedDepth
 from pyibr.core.checks import Float64
 from pyibr.core.optional import opencv
 from pyibr.images.depth_image import Color, Depth
-from pyibr.images.noise import noise_by_nearness
+from pyibr.images.noise import DepthNoise
 
 Mask = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
@@ -51,8 +51,10 @@ def clean_depth(
     if not valid.any():
         return CleanedDepth(measured, valid)
 
-    at, noise = noise_by_nearness(measured)
     seen = [measured] if known is None else [measured, known]
+    at = 1 / np.geomspace(max(map(np.nanmax, seen)), min(map(np.nanmin, seen)), 64)
+    a, b, c = DepthNoise(measured).deviation
+    noise = a + (b + c * at) * at
     apart, alike = _Scale(seen, at, _APART * noise, _LEAST_APART), _Scale(seen, at, noise, _NOISE_MIN)
     kept = valid & ~_flying_pixels(apart.of(measured))
     seeds, sown = kept, measured
