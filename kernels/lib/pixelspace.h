@@ -8,7 +8,8 @@
  * pixel space to another's is one 4x4 matrix (McMillan's warp equation with depth; Schaufler & Priglinger
  * 1999, equation 2). The last column of that matrix is the epipole: the image of the other camera's centre.
  */
-#define NO_SURFACE -1e37f /* nearness of a sample that is no surface */
+#define NO_SURFACE -1e37f /* nearness of a sample that is no surface, */
+#define FREE_RAY -2e37f   /* and of one whose ray is known to meet nothing */
 #define EMPTY -3e38f      /* nearness of a pixel that no ray has settled */
 #define BLOCKED -2e38f    /* nearness of a pixel whose ray met the hidden side of the surface */
 #define IS_HIT(nearness) ((nearness) > -1e38f)

@@ -1,8 +1,8 @@
 /* Depth to nearness: the sweep and the searches read 1/z (perspective) or -z (orthographic), never z.
  *
  * One work-item converts `piece` samples of a row, a multiple of LANES or all, and notes their range, which bounds what
- * the view can reach. depth: (src_height, src_width) planar z; not finite, <= NEAREST or >= far is no surface. nearness:
- * (src_height, src_pitch), a pitch that is no power of two, because columns are read too. ranges: (pieces, 2) least and
+ * the view can reach. depth: (src_height, src_width) planar z; NaN or <= NEAREST is no surface, nor is >= far or infinite:
+ * that is FREE_RAY, which is less than NO_SURFACE. nearness: (src_height, src_pitch), a pitch that is no power of two, because columns are read too. ranges: (pieces, 2) least and
  * greatest nearness of each piece, (inf, -inf) where it has no surface. to_bridged_nearness: single samples that are
  * missing amid a surface, through which the background would show, are interpolated between their neighbours to the left
  * and the right, or above and below, where these are one surface. O(n^2), one pass. Determinism: every sample from depths
@@ -20,7 +20,8 @@ INLINED floatl nearness_from(global const float *row, int x, int width, int pers
     else
         for (int lane = max(-x, 0); lane < min(LANES, width - x); lane++)
             set_float_lane(d, lane, row[x + lane]);
-    return select_lanes((d > NEAREST) & (d < far), DEPTH_OF(perspective, d), (floatl)NO_SURFACE);
+    const floatl none = select_lanes(d >= far, (floatl)FREE_RAY, (floatl)NO_SURFACE);
+    return select_lanes((d > NEAREST) & (d < far), DEPTH_OF(perspective, d), none);
 }
 
 /* Converts the piece of row y that begins with a sample. */

@@ -16,26 +16,6 @@
 #include "warp/view_edges.h"
 
 #define STEP -1.0f
-#define STEEP 11.0f    /* a surface at less than 5 degrees to its rays goes so many times as far back as aside */
-#define STEP_MIN 0.01f /* of the depth: less is no step */
-
-/* unit: a depth, where the view's have no origin; else 0 */
-typedef struct {
-    int width, height, pitch;
-    int perspective;
-    float density; /* pixels a unit of what is at depth 1 (perspective) or anywhere, along both axes: fx * fy */
-    float noise_2, noise_1, noise_0;
-    float unit;
-} EdgeView;
-
-/* By how much neighbours' depths differ on one surface, the nearer one's being z */
-INLINED floatl step_allowed(EdgeView view, floatl z)
-{
-    const floatl noise = EDGE_DEVIATIONS * ((view.noise_2 * z + view.noise_1) * z + view.noise_0);
-    const floatl sample = (view.perspective ? z : (floatl)1.0f) * rsqrt(view.density);
-    const floatl least = STEP_MIN * (view.unit > 0.0f ? (floatl)view.unit : z);
-    return max_lanes(noise, max_lanes(STEEP * sample, least));
-}
 
 kernel void mark_edges(global const float *surface, global float *marks, EdgeView view, int mark_pitch)
 {

@@ -201,8 +201,10 @@ def _noise_between(noise: DepthNoise, perspective: bool) -> tuple[float, float, 
     return (a, b, c) if perspective else (c, -b, a)
 
 
-def make_surface(samples: Samples, view: DepthImage, test: EdgeTest) -> Surface:
-    """The surface of samples of an image."""
+def make_surface(
+    samples: Samples, view: DepthImage, test: EdgeTest, tear: Callable[[DeviceArray], None] | None = None
+) -> Surface:
+    """The surface of samples of an image; `tear` launches what tears more of its `nearness` than the test does."""
     size = width, height = view.camera.size
     surface = empty((height + 2, pitch(width)), np.float32)
     ring = empty((2, 2 * (width + 2) + 2 * height), np.float32)
@@ -211,6 +213,8 @@ def make_surface(samples: Samples, view: DepthImage, test: EdgeTest) -> Surface:
     given = {"nearness": samples.nearness, **shared}
     tests = {"cut": Struct("Cut", test.cut), "test": Struct("EdgeTest", test.straight)}
     launch(kernel("picture/begin.cl", "find_edges"), (pieces, height), piece=piece, **tests, **given)
+    if tear is not None:
+        tear(surface)
     launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **given)
     margins = _find_margins(surface, view.camera, max(math.prod(size) // _SAMPLES_OF_A_MARGIN, _MARGINS_MIN))
     # The one wait for all that there is of a view

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
+from weakref import ref
 
 import numpy as np
 
@@ -27,7 +28,7 @@ Blend = Literal["quality", "nearest"]
 _HELD_BYTES = 1 << 26  # of layers that are held at once; the views of all others are drawn twice
 _HELD_MIN = 6  # layers that are held in any case
 _CUTS_MAX = 4  # distances to edges that a view keeps, by where it is cut
-_NOISE_MAX = 1e18  # scene units: its products with depths are still within single precision
+NOISE_MAX = 1e18  # scene units: its products with depths are still within single precision
 
 
 @dataclass(frozen=True)
@@ -183,18 +184,23 @@ class _Blending:
 
 def edges_of(view: DepthImage, surface: Surface) -> DeviceArray:
     """(H * W + 1,) uint16 distances of the view's samples to its edges (kernels/warp/view_edges.cl), found once."""
-    key = surface.test.cut.tobytes() + surface.test.straight.tobytes()
-    return cached_on_device(view, "edges", lambda: _found_edges(view, surface), key, _CUTS_MAX)
+    return cached_on_device(view, "edges", lambda: _found_edges(view, surface), ref(surface.nearness), _CUTS_MAX)
 
 
-def _found_edges(view: DepthImage, surface: Surface) -> DeviceArray:
-    camera, profile = view.camera, current().profile
+def edge_view(view: DepthImage) -> Struct:
+    """The kernels' struct EdgeView, which tells steps of a view's surface."""
+    camera = view.camera
     values = np.zeros((), struct("warp/view_edges.cl", "EdgeView"))
     values["width"], values["height"], values["pitch"] = *camera.size, pitch(camera.width)
     values["perspective"] = camera.projection == "perspective"
     values["density"] = camera.K[0, 0] * camera.K[1, 1]
-    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(view.noise, _NOISE_MAX)
+    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(view.noise, NOISE_MAX)
     values["unit"] = longer_side(camera) if camera.projection == "orthographic" else 0.0
+    return Struct("EdgeView", values)
+
+
+def _found_edges(view: DepthImage, surface: Surface) -> DeviceArray:
+    camera, profile = view.camera, current().profile
     margins = 2 * int(constant("warp/view_edges.cl", "FEATHER"))
     mark_pitch = pitch(camera.width + margins)
     size = {"width": camera.width, "height": camera.height, "mark_pitch": mark_pitch}
@@ -205,7 +211,7 @@ def _found_edges(view: DepthImage, surface: Surface) -> DeviceArray:
         profile.packets(camera.width + margins, camera.height),
         surface=surface.nearness,
         marks=marks,
-        view=Struct("EdgeView", values),
+        view=edge_view(view),
         mark_pitch=mark_pitch,
     )
     grid = profile.packets(*camera.size)
@@ -239,7 +245,7 @@ def _blended_view(layer: Layer) -> np.ndarray[Any, np.dtype[np.void]]:
     """A record of the kernels' struct BlendedView."""
     values = np.zeros((), struct("warp/blend.cl", "BlendedView"))
     values["red"], values["green"], values["blue"] = layer.gains
-    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(layer.view.noise, _NOISE_MAX)
+    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(layer.view.noise, NOISE_MAX)
     values["number"] = layer.number
     return values
 

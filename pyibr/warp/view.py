@@ -32,6 +32,7 @@ from pyibr.picture.undistort import Interpolation, undistorted
 from pyibr.warp.blending import Blend, Layer, blend
 from pyibr.warp.filling import Fill, fill_holes
 from pyibr.warp.launches import Options, build_ahead_of_warp, classify, draw_thin, forward_warp, inverse_warp
+from pyibr.warp.looked_through import surfaces_of
 
 if TYPE_CHECKING:
     pass
@@ -204,8 +205,8 @@ class WarpedView(Immutable):
             target.classes.fill(PixelClass.OUTSIDE)
         self._draw_views(target, lighting)
         if target.classes is not None:
-            for view in self.sources:
-                classify(*self._surface_of(view, target), target)
+            for number in range(len(self.sources)):
+                classify(*self._surface_of(number, target), target)
 
     def finish(self, target: Target) -> None:
         """Fill holes, if that is asked for, from the views and what all things have drawn."""
@@ -244,7 +245,7 @@ class WarpedView(Immutable):
     def _layer(self, number: int, target: Target) -> Layer:
         """A view's part in the target."""
         view = self.sources[number]
-        surface, pixel_map = self._surface_of(view, target)
+        surface, pixel_map = self._surface_of(number, target)
         gains = self._gains[number] if target.color.shape[2] else np.ones(3)
         whole = self.thin or self.method == "forward"  # they draw beyond the surface
         area = Rectangle(0, target.camera.width, 0, target.camera.height) if whole else pixel_map.reach
@@ -271,15 +272,25 @@ class WarpedView(Immutable):
             forward_warp(*_placed(view, target), target, self.splat, entry)
             return
         build_ahead_of_warp(camera_pair(view.camera, target.camera), target, options, entry)
-        surface, pixel_map = self._surface_of(view, target)
+        surface, pixel_map = self._surface_of(number, target)
         inverse_warp(surface, pixel_map, target, options, number, entry, in_reach=in_reach)
         if self.thin:
             draw_thin(surface, pixel_map, target, options, number, entry)
 
-    def _surface_of(self, view: DepthImage, target: Target) -> tuple[Surface, PixelMap]:
+    def _surface_of(self, number: int, target: Target) -> tuple[Surface, PixelMap]:
         """A view's surface, in what the target shows of it, and its map into the target."""
-        surface = surface_of(_shown(view, target), self.cut_ratio, self.edges == "connect")
+        view = self.sources[number]
+        if len(self.sources) == 1 or self.edges == "connect" or self.method == "forward":
+            surface = surface_of(_shown(view, target), self.cut_ratio, self.edges == "connect")
+        else:
+            shown_as = min(target.color.shape[2], 1), target.color.dtype
+            surface = cached_on_device(self, "surfaces", lambda: self._surfaces(target), shown_as)[number]
         return surface, PixelMap(camera_pair(view.camera, target.camera), surface.low, surface.high)
+
+    def _surfaces(self, target: Target) -> dict[int, Surface]:
+        """By number, what of the views' surfaces no other view has looked through."""
+        views = [_shown(self.sources[number], target) for number in self._order]
+        return dict(zip(self._order, surfaces_of(views, self.cut_ratio), strict=True))
 
     def _bias(self, target: Target) -> tuple[float, int]:
         """Scene units by which samples lie off the surface, and pixels over which its slope shows; for a light."""

@@ -1,0 +1,276 @@
+/* What of a view's surface other views have looked through: its margins, and bridges that may be rubber sheets.
+ *
+ * A view extends its surface by half a sample at edges (lib/margins.h), and it bridges steep steps that seem to go on
+ * (step_allowed). Neither was seen. A ray of another view that passes such a place and goes on shows that nothing is
+ * there. So places of the surface are listed as points, each view looks at the points of all others, and what was looked
+ * through is dropped.
+ *
+ * A point's depth is known within its noise, and on a margin within what the surface's slope tells. So a point is a piece
+ * of its view's ray, of which both ends and the middle must be looked through by one view. The nearest ray of that view
+ * must pass within half of a sample of the point's own view: coarse views do not tell of details. It must meet its
+ * surface farther away than noise and a part of a sample explain, or be known to meet nothing.
+ *
+ * points: (POINT_PLANES, pitch), a point a column; a view's columns lie side by side. seen: (pitch,) 1 if another view has
+ * looked through it. surface: picture/edges.cl; nearness: picture/nearness.cl, of the same pitch.
+ * Launches: find_bridges for each view, to count them and to list them; look_through for each view; tear_bridges. Then the
+ * same with list_margins and keep_margins.
+ * Work-item: a piece of a row; STRIP * LANES columns; of tear_bridges one, of keep_margins `share` of them. Cost:
+ * O(samples + points x views). Determinism: points of a view may come in any order, which changes nothing.
+ */
+#include "lib/lanes.h"
+#include "lib/margins.h"
+#include "lib/surface.h"
+#include "lib/vectors.h"
+#include "warp/view_edges.h"
+
+#define ENDS 0   /* of the piece: two points of the world, from the set's origin, */
+#define REACH 6  /* half a sample of its view; negative: nothing looks through it */
+#define BRIDGE 7 /* an int: the place of the bridge's sample in `surface`, times 8, and its TORN_... bit */
+#define POINT_PLANES 8
+
+#define ASIDE 0.3f           /* of a sample: how far out a margin's point lies, a bit beyond its middle */
+#define OWN_DEVIATIONS 4.0f  /* of the noise, within which a point's depth is known */
+#define SEEN_DEVIATIONS 6.0f /* of the noise, that explain that a point lies before a surface; */
+#define TOLERANCE 0.2f       /* or so much of a sample does: surfaces bend between samples */
+
+/* A view of the set. noise: a standard deviation of noise_2 z z + noise_1 z + noise_0 at depth z, if it is noise for sure */
+typedef struct {
+    float pixel_from_world[16], world_from_pixel[16];
+    int width, height, pitch, perspective;
+    float sample; /* side of a pixel at depth 1 (perspective) or anywhere */
+    float noise_2, noise_1, noise_0;
+} SetView;
+
+#define NOISE_AT(view, z) (((view).noise_2 * (z) + (view).noise_1) * (z) + (view).noise_0)
+#define SAMPLE_AT(view, z) (((view).perspective ? (z) : (floatl)1.0f) * (view).sample)
+#define GRID_OF_VIEW(surface, view) GRID_OF(surface, (view).width, (view).height, (view).pitch, NO_CUT)
+#define AT(values, place) (floatl)(gather(values, place))
+
+/* A packet of points, the planes' values */
+typedef struct {
+    floatl planes[POINT_PLANES - 1];
+} Points;
+
+/* The points of pixels (x, y) between two nearnesses, and as much more as noise explains */
+INLINED Points points_between(SetView view, floatl x, floatl y, floatl n, floatl other)
+{
+    const floatl z = DEPTH_OF(view.perspective, max_lanes(n, other)), far = DEPTH_OF(view.perspective, min_lanes(n, other));
+    const floatl noise = OWN_DEVIATIONS * NOISE_AT(view, z);
+    const float *m = view.world_from_pixel;
+    Points points;
+    UNROLLED
+    for (int i = 0; i < 2; i++) {
+        const floatl deep = i ? far + noise : max_lanes(z - noise, view.perspective ? 0.5f * z : (floatl)-INFINITY);
+        const floatl at = DEPTH_OF(view.perspective, deep), inverse = 1.0f / MAP_ROW(m, 3, x, y, at);
+        UNROLLED
+        for (int axis = 0; axis < 3; axis++)
+            points.planes[ENDS + 3 * i + axis] = MAP_ROW(m, axis, x, y, at) * inverse;
+    }
+    points.planes[REACH] = 0.5f * SAMPLE_AT(view, z);
+    return points;
+}
+
+/* Counts the uncertain bridges of samples `first` to `end` - 1 of a row, and, where `points` are given, lists them from
+ * column `at` on. */
+OUTLINED int bridges_of(Grid grid, SetView view, EdgeView steps, int first, int end, int y, global float *points, int at,
+                        int point_pitch)
+{
+    int count = 0;
+    for (int x0 = first; x0 < end; x0 += LANES) {
+        global const float *own = grid.nearness + (size_t)y * grid.pitch + x0;
+        const intl x = x0 + lane_index, has_right = x + 1 < grid.width, has_below = y + 1 < grid.height ? -1 : 0;
+        const floatl here = load_lanes(own), right = load_lanes(own + 1), below = load_lanes(own + grid.pitch);
+        for (int number = 0; number < 3; number++) { /* to the right, below, and along the diagonal */
+            const floatl a = number == 2 ? right : here, b = number == 0 ? right : below;
+            const intl inside = (x < end) & (number == 1 ? (intl)-1 : has_right) & (number == 0 ? (intl)-1 : has_below);
+            const intl is_torn = (as_intl(here) & (TORN_RIGHT << number)) != 0;
+            const floatl z = DEPTH_OF(view.perspective, max_lanes(a, b)), far = DEPTH_OF(view.perspective, min_lanes(a, b));
+            uint left = lane_bits(inside & !is_torn & (far - z > step_allowed(steps, z)));
+            if (!left)
+                continue;
+            count += popcount(left);
+            if (!points)
+                continue;
+            const floatl middle = 0.5f * (a + b), aside = number == 1 ? 0.0f : 0.5f, under = number == 0 ? 0.0f : 0.5f;
+            const Points found = points_between(view, to_floatl(x) + aside, under + y, middle, middle);
+            for (; left; left = WITHOUT_LOWEST(left), at++) {
+                const int lane = LOWEST(left), place = (y + 1) * grid.pitch + 1 + x0 + lane;
+                for (int plane = 0; plane < POINT_PLANES - 1; plane++)
+                    points[plane * (size_t)point_pitch + at] = float_lane(found.planes[plane], lane);
+                points[BRIDGE * (size_t)point_pitch + at] = as_float(place * (TORN_ALL + 1) | TORN_RIGHT << number);
+            }
+        }
+    }
+    return count;
+}
+
+/* count: of the set's views, 0 before. lists: they are listed, too, from column `start` on. */
+kernel void find_bridges(global const float *surface, SetView view, EdgeView steps, global int *count, int number,
+                         int piece, int lists, global float *points, int start, int point_pitch)
+{
+    const int first = get_global_id(0) * piece, y = get_global_id(1), end = min(first + piece, view.width);
+    if (first >= view.width || y >= view.height)
+        return;
+    const Grid grid = GRID_OF_VIEW(surface, view);
+    const int own = bridges_of(grid, view, steps, first, end, y, 0, 0, 0);
+    if (!own)
+        return;
+    const int at = atomic_add((volatile global int *)(count + number), own);
+    if (lists)
+        bridges_of(grid, view, steps, first, end, y, points, start + at, point_pitch);
+}
+
+/* The slope of a line from a sample to a side, and what goes on from the other side if that is torn off, as signed
+ * changes to that side */
+INLINED floatl straight_on(floatl here, floatl before, intl is_torn, intl is_torn_before, floatl slope)
+{
+    return select_lanes(is_torn, select_lanes(is_torn_before, (floatl)0.0f, here - before), slope);
+}
+
+/* Is a cell whole, of its first sample and those to the right and below? */
+#define IS_WHOLE(first, right, below) ((!IS_LOWER_OPEN(first)) & (!IS_UPPER_OPEN(first, right, below)))
+
+/* The points of margins `first` to `first` + LANES - 1 */
+INLINED Points points_of_margins(Grid grid, SetView view, global const float *margins, size_t pitch, intl inside)
+{
+    const intl bits = as_intl(load_lanes(margins + MARGIN_BITS * pitch));
+    const intl x = select_lanes(inside, to_intl(load_lanes(margins + MARGIN_X * pitch)), (intl)0);
+    const intl y = select_lanes(inside, to_intl(load_lanes(margins + MARGIN_Y * pitch)), (intl)0);
+    const floatl slope_x = load_lanes(margins + MARGIN_SLOPE_X * pitch);
+    const floatl slope_y = load_lanes(margins + MARGIN_SLOPE_Y * pitch);
+    const intl right_side = (bits & TO_RIGHT) != 0, below_side = (bits & TO_BELOW) != 0;
+    const floatl to_x = select_lanes(right_side, (floatl)1.0f, (floatl)-1.0f);
+    const floatl to_y = select_lanes(below_side, (floatl)1.0f, (floatl)-1.0f);
+    /* Of half a quarter, the middle of the half: nearer to one of its two sides */
+    const intl half_ = ((bits & IN_LOWER) != 0) ^ ((bits & IN_UPPER) != 0);
+    const intl flat = half_ & (right_side ^ ((bits & IN_LOWER) != 0)) & (right_side ^ below_side);
+    const intl steep = half_ & !flat & (right_side ^ below_side);
+    const floatl aside_x = select_lanes(flat, (floatl)(1.15f * ASIDE), select_lanes(steep, (floatl)(0.5f * ASIDE), (floatl)ASIDE));
+    const floatl aside_y = select_lanes(steep, (floatl)(1.15f * ASIDE), select_lanes(flat, (floatl)(0.5f * ASIDE), (floatl)ASIDE));
+
+    const intl at = y * grid.pitch + x;
+    global const float *nearness = grid.nearness;
+    const floatl here = AT(nearness, at), left = AT(nearness, at - 1), right = AT(nearness, at + 1);
+    const floatl above = AT(nearness, at - grid.pitch), below = AT(nearness, at + grid.pitch);
+    const floatl above_left = AT(nearness, at - grid.pitch - 1), above_right = AT(nearness, at - grid.pitch + 1);
+    const floatl below_left = AT(nearness, at + grid.pitch - 1);
+    const intl torn_left = (as_intl(left) & TORN_RIGHT) != 0, torn_right = (as_intl(here) & TORN_RIGHT) != 0;
+    const intl torn_above = (as_intl(above) & TORN_BELOW) != 0, torn_below = (as_intl(here) & TORN_BELOW) != 0;
+    const floatl on_x = select_lanes(right_side, straight_on(here, left, torn_right, torn_left, slope_x),
+                                     straight_on(here, right, torn_left, torn_right, -slope_x));
+    const floatl on_y = select_lanes(below_side, straight_on(here, above, torn_below, torn_above, slope_y),
+                                     straight_on(here, below, torn_above, torn_below, -slope_y));
+    const floatl n = here + aside_x * to_x * slope_x + aside_y * to_y * slope_y;
+    const floatl half_as_far = select_lanes(here > 0.0f, 2.0f * here, 0.5f * here);
+    const floatl twice_as_far = select_lanes(here > 0.0f, 0.5f * here, 2.0f * here);
+    const floatl on = clamp_lanes(here + aside_x * on_x + aside_y * on_y, twice_as_far, half_as_far);
+    Points points = points_between(view, to_floatl(x) + aside_x * to_x, to_floatl(y) + aside_y * to_y,
+                                   clamp_lanes(n, twice_as_far, half_as_far), on);
+    /* Of what is one sample thin, margins are all that shows. */
+    const intl is_whole = IS_WHOLE(here, right, below) | IS_WHOLE(left, here, below_left) |
+                          IS_WHOLE(above, above_right, here) | IS_WHOLE(above_left, above, left);
+    points.planes[REACH] = select_lanes(is_whole, points.planes[REACH], (floatl)-1.0f);
+    return points;
+}
+
+/* Lists the points of a view's `count` margins from column `start` on; it may write LANES columns beyond them, which are
+ * those of views after it. */
+kernel void list_margins(global const float *surface, SetView view, global const float *margins, int count, int pitch,
+                         global float *points, int start, int point_pitch)
+{
+    const Grid grid = GRID_OF_VIEW(surface, view);
+    const int first = get_global_id(0) * STRIP * LANES;
+    for (int i = first; i < min(first + STRIP * LANES, count); i += LANES) {
+        const Points found = points_of_margins(grid, view, margins + i, pitch, i + lane_index < count);
+        for (int plane = 0; plane < POINT_PLANES - 1; plane++)
+            store_lanes(found.planes[plane], points + plane * (size_t)point_pitch + start + i);
+    }
+}
+
+/* Is a view's nearest ray within reach of points p, and does it go on behind them? */
+INLINED intl looks_beyond(Grid grid, SetView view, global const float *nearness, Vector p, floatl reach)
+{
+    const float *m = view.pixel_from_world;
+    const floatl w = POINT_ROW(m, 2, p), inverse = 1.0f / w;
+    const floatl u = POINT_ROW(m, 0, p) * inverse, v = POINT_ROW(m, 1, p) * inverse, n = POINT_ROW(m, 3, p) * inverse;
+    const intl inside = (w > 0.0f) & IS_BEFORE(view.perspective, n) & (u > -BORDER) & (v > -BORDER) &
+                        (u < grid.width - BORDER) & (v < grid.height - BORDER);
+    if (!any_lane(inside))
+        return 0;
+    const floatl x = floor_lanes(clamp_lanes(u + 0.5f, (floatl)0.0f, (floatl)(grid.width - 1)));
+    const floatl y = floor_lanes(clamp_lanes(v + 0.5f, (floatl)0.0f, (floatl)(grid.height - 1)));
+    const intl to_right = u > x, to_below = v > y, step_x = select_lanes(to_right, (intl)1, (intl)-1);
+    const intl step_y = select_lanes(to_below, (intl)grid.pitch, (intl)-grid.pitch), at = to_intl(y) * grid.pitch + to_intl(x);
+    const floatl here = AT(grid.nearness, at), beside = AT(grid.nearness, at + step_x);
+    const floatl next = AT(grid.nearness, at + step_y); /* above or below */
+    const intl torn_beside = (as_intl(select_lanes(to_right, here, beside)) & TORN_RIGHT) != 0;
+    const intl torn_next = (as_intl(select_lanes(to_below, here, next)) & TORN_BELOW) != 0;
+    const floatl off_x = fabs(u - x), off_y = fabs(v - y), none = 0.0f;
+    const floatl surface = here + select_lanes(torn_beside, none, off_x * (beside - here)) +
+                           select_lanes(torn_next, none, off_y * (next - here));
+    const floatl z = DEPTH_OF(view.perspective, n), sample = SAMPLE_AT(view, z);
+    const floatl allowed = max_lanes(TOLERANCE * sample, SEEN_DEVIATIONS * NOISE_AT(view, z));
+    const intl farther = DEPTH_OF(view.perspective, surface) > z + allowed;
+    const intl is_free = AT(nearness, at) < NO_SURFACE;
+    return inside & (max_lanes(off_x, off_y) * sample <= reach) & select_lanes(here > NO_SURFACE, farther, is_free);
+}
+
+/* A view looks at all points but its own, which are columns `own_first` to `own_end` - 1. */
+kernel void look_through(global const float *points, global uchar *seen, global const float *surface,
+                         global const float *nearness, SetView view, int count, int pitch, int own_first, int own_end)
+{
+    const Grid grid = GRID_OF_VIEW(surface, view);
+    const int first = get_global_id(0) * STRIP * LANES;
+    for (int i = first; i < min(first + STRIP * LANES, count); i += LANES) {
+        const intl column = i + lane_index;
+        const intl others = (column < count) & ((column < own_first) | (column >= own_end));
+        intl through = others & (load_bytes(seen + i) == 0);
+        const floatl reach = load_lanes(points + REACH * (size_t)pitch + i);
+        Vector ends[2];
+        for (int end = 0; end < 2; end++) {
+            global const float *from = points + (ENDS + 3 * end) * (size_t)pitch + i;
+            ends[end].x = load_lanes(from);
+            ends[end].y = load_lanes(from + pitch);
+            ends[end].z = load_lanes(from + 2 * (size_t)pitch);
+        }
+        for (int part = 0; part < 3 && any_lane(through); part++) {
+            const float b = 0.5f * part, a = 1.0f - b;
+            const Vector p = {a * ends[0].x + b * ends[1].x, a * ends[0].y + b * ends[1].y, a * ends[0].z + b * ends[1].z};
+            through = through & looks_beyond(grid, view, nearness, p, reach);
+        }
+        for (uint left = lane_bits(through); left; left = WITHOUT_LOWEST(left))
+            seen[i + LOWEST(left)] = 1;
+    }
+}
+
+/* Tears the bridges of columns `first` to `end` - 1 that were looked through. */
+kernel void tear_bridges(global const float *points, global const uchar *seen, global float *surface, int first, int end,
+                         int pitch)
+{
+    const int i = first + get_global_id(0);
+    if (i >= end || !seen[i])
+        return;
+    const int bridge = as_int(points[BRIDGE * (size_t)pitch + i]);
+    atomic_or((volatile global int *)surface + bridge / (TORN_ALL + 1), bridge & TORN_ALL);
+}
+
+/* Copies those of a view's `count` margins that were not looked through; their columns of `seen` begin with `start`.
+ * kept_count: 0 before. */
+kernel void keep_margins(global const float *margins, global const uchar *seen, global float *kept, global int *kept_count,
+                         int count, int pitch, int kept_pitch, int start, int share)
+{
+    const int first = get_global_id(0) * share, end = min(first + share, count);
+    int own = 0;
+    for (int i = first; i < end; i++)
+        own += !seen[start + i];
+    if (!own)
+        return;
+    int at = atomic_add((volatile global int *)kept_count, own);
+    for (int i = first; i < end; i++) {
+        if (seen[start + i])
+            continue;
+        for (int plane = 0; plane < MARGIN_PLANES; plane++)
+            kept[plane * (size_t)kept_pitch + at] = margins[plane * (size_t)pitch + i];
+        at++;
+    }
+}

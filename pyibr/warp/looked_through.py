@@ -1,0 +1,232 @@
+"""Surfaces of several views without what other views have looked through (kernels/warp/looked_through.cl)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from weakref import ref
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.checks import Float64
+from pyibr.images.depth_image import DepthImage
+from pyibr.opencl.device import current
+from pyibr.opencl.device_cache import cached_on_device
+from pyibr.opencl.headers import constant, struct
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.program import kernel
+from pyibr.picture.samples import Samples, samples_of
+from pyibr.picture.surface import Margins, Surface, make_surface, surface_of
+from pyibr.warp.blending import NOISE_MAX, edge_view
+
+_SETS_MAX = 2  # that the first of their views keeps
+_POINTS_MAX = 1 << 21  # that are listed at once, unless a single view has more
+_FILE = "warp/looked_through.cl"
+
+
+@dataclass(frozen=True)
+class _Member:
+    """A view of the set, as the kernels know it (struct SetView), and its surface so far."""
+
+    view: DepthImage
+    record: Struct
+    samples: Samples
+    surface: Surface
+
+
+def surfaces_of(views: Sequence[DepthImage], cut_ratio: float | None) -> list[Surface]:
+    """The surfaces of a set of views on the current device, without what other views have looked through.
+
+    They are made once for a set, and the first view keeps them. With a `cut_ratio`, as `surface_of` takes it, that
+    number alone tells bridges.
+    """
+    key = tuple(ref(view) for view in views), cut_ratio
+    return cached_on_device(views[0], "looked through", lambda: _made(views, cut_ratio), key, _SETS_MAX)
+
+
+def _made(views: Sequence[DepthImage], cut_ratio: float | None) -> list[Surface]:
+    origin = np.mean([view.camera.center for view in views], axis=0)
+    members = [_Member(view, _record(view, origin), samples_of(view), surface_of(view, cut_ratio)) for view in views]
+    if cut_ratio is None:
+        members = _without_bridges(members)
+    return _without_margins(members)
+
+
+def _record(view: DepthImage, origin: Float64) -> Struct:
+    """The kernels' struct SetView."""
+    camera, values, shift = view.camera, np.zeros((), struct(_FILE, "SetView")), np.eye(4)
+    shift[:3, 3] = origin
+    matrix = camera.pixel_matrix @ camera.camera_from_world @ shift
+    values["pixel_from_world"], values["world_from_pixel"] = matrix.ravel(), np.linalg.inv(matrix).ravel()
+    values["width"], values["height"] = camera.size
+    values["pitch"] = samples_of(view).nearness.shape[1]
+    values["perspective"] = camera.projection == "perspective"
+    values["sample"] = (camera.K[0, 0] * camera.K[1, 1]) ** -0.5
+    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(view.sure_noise, NOISE_MAX)
+    return Struct("SetView", values)
+
+
+def _without_bridges(members: list[_Member]) -> list[_Member]:
+    """The members with those uncertain bridges torn that others have looked through."""
+    counts = empty((len(members),), np.int32)
+    counts.fill(0)
+    for number, member in enumerate(members):
+        _find_bridges(member, counts, number)
+    torn = list(members)
+    for points in _batches(counts.to_host()):
+        counts.fill(0)
+        for number in points.starts:
+            _find_bridges(members[number], counts, number, points)
+        seen = points.looked_through(members)
+        for number in points.starts:
+            if seen[points.columns(number)].any():
+                torn[number] = _torn(members[number], points, number)
+    return torn
+
+
+def _without_margins(members: list[_Member]) -> list[Surface]:
+    """The members' surfaces without the margins that others have looked through."""
+    surfaces = [member.surface for member in members]
+    for points in _batches([surface.margins.count for surface in surfaces]):
+        for number in points.starts:
+            _list_margins(members[number], points, number)
+        seen = points.looked_through(members)
+        for number in points.starts:
+            left = int(np.count_nonzero(seen[points.columns(number)] == 0))
+            if left < points.counts[number]:
+                kept = _kept(surfaces[number].margins, left, points, number)
+                surfaces[number] = replace(surfaces[number], margins=kept)
+    return surfaces
+
+
+class _Points:
+    """Points of some of the members, side by side, and which of them others have looked through."""
+
+    def __init__(self, counts: dict[int, int]) -> None:
+        self.counts = counts
+        ends = np.cumsum(list(counts.values())).tolist()
+        self.starts: dict[int, int] = dict(zip(counts, [0, *ends], strict=False))
+        self.count = ends[-1]
+        self.pitch = self.count + current().profile.lanes  # packets at the end read and write beyond it
+        self.planes = empty((int(constant(_FILE, "POINT_PLANES")), self.pitch), np.float32)
+        self.seen = empty((self.pitch,), np.uint8)
+        self.seen.fill(0)
+
+    def columns(self, number: int) -> slice:
+        """The columns of a member's points."""
+        return slice(self.starts[number], self.starts[number] + self.counts[number])
+
+    def looked_through(self, members: Sequence[_Member]) -> NDArray[np.uint8]:
+        """Have all members look at the points of all others: 1 where one has looked through."""
+        for number, member in enumerate(members):
+            own = self.columns(number) if number in self.starts else slice(0, 0)
+            launch(
+                kernel(_FILE, "look_through"),
+                _packets(self.count),
+                points=self.planes,
+                seen=self.seen,
+                surface=member.surface.nearness,
+                nearness=member.samples.nearness,
+                view=member.record,
+                count=self.count,
+                pitch=self.pitch,
+                own_first=own.start,
+                own_end=own.stop,
+            )
+        return self.seen.to_host()
+
+
+def _batches(counts: Sequence[int] | NDArray[np.int32]) -> Iterator[_Points]:
+    """The points of members that have so many, as many members at once as there is room for."""
+    batch: dict[int, int] = {}
+    for number, count in enumerate(map(int, counts)):
+        if batch and sum(batch.values()) + count > _POINTS_MAX:
+            yield _Points(batch)
+            batch = {}
+        if count:
+            batch[number] = count
+    if batch:
+        yield _Points(batch)
+
+
+def _packets(count: int) -> tuple[int]:
+    """Work-items for so many columns, STRIP packets each."""
+    profile = current().profile
+    return (-(-count // (profile.strip * profile.lanes)),)
+
+
+def _find_bridges(member: _Member, counts: DeviceArray, number: int, points: _Points | None = None) -> None:
+    """Count a member's uncertain bridges, and list them as points."""
+    piece, pieces = current().profile.pieces(member.view.camera.width)
+    launch(
+        kernel(_FILE, "find_bridges"),
+        (pieces, member.view.camera.height),
+        surface=member.surface.nearness,
+        view=member.record,
+        steps=edge_view(member.view),
+        count=counts,
+        number=number,
+        piece=piece,
+        lists=points is not None,
+        points=empty((1,), np.float32) if points is None else points.planes,
+        start=0 if points is None else points.starts[number],
+        point_pitch=0 if points is None else points.pitch,
+    )
+
+
+def _torn(member: _Member, points: _Points, number: int) -> _Member:
+    """The member without its bridges that were looked through."""
+    columns = points.columns(number)
+
+    def tear(nearness: DeviceArray) -> None:
+        launch(
+            kernel(_FILE, "tear_bridges"),
+            (points.counts[number],),
+            points=points.planes,
+            seen=points.seen,
+            surface=nearness,
+            first=columns.start,
+            end=columns.stop,
+            pitch=points.pitch,
+        )
+
+    return replace(member, surface=make_surface(member.samples, member.view, member.surface.test, tear))
+
+
+def _list_margins(member: _Member, points: _Points, number: int) -> None:
+    margins = member.surface.margins
+    launch(
+        kernel(_FILE, "list_margins"),
+        _packets(margins.count),
+        surface=member.surface.nearness,
+        view=member.record,
+        margins=margins.quarters,
+        count=margins.count,
+        pitch=margins.quarters.shape[1],
+        points=points.planes,
+        start=points.starts[number],
+        point_pitch=points.pitch,
+    )
+
+
+def _kept(margins: Margins, left: int, points: _Points, number: int) -> Margins:
+    """The `left` ones of a member's margins that were not looked through."""
+    profile, planes = current().profile, margins.quarters.shape[0]
+    kept, count = empty((planes, left + profile.lanes), np.float32), empty((1,), np.int32)
+    count.fill(0)
+    launch(
+        kernel(_FILE, "keep_margins"),
+        profile.shares(margins.count),
+        margins=margins.quarters,
+        seen=points.seen,
+        kept=kept,
+        kept_count=count,
+        count=margins.count,
+        pitch=margins.quarters.shape[1],
+        kept_pitch=kept.shape[1],
+        start=points.starts[number],
+        share=profile.share,
+    )
+    return Margins(kept, np.array([left], np.int32))
