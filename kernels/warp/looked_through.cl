@@ -5,10 +5,10 @@
  * there. So places of the surface are listed as points, each view looks at the points of all others, and what was looked
  * through is dropped.
  *
- * A point's depth is known within its noise, and on a margin within what the surface's slope tells. So a point is a piece
- * of its view's ray, of which both ends and the middle must be looked through by one view. The nearest ray of that view
- * must pass within half of a sample of the point's own view: coarse views do not tell of details. It must meet its
- * surface farther away than noise and a part of a sample explain, or be known to meet nothing.
+ * A point's depth is known within its noise. So a point is a piece of its view's ray, of which both ends and the middle
+ * must be looked through by one view. The nearest ray of that view must pass within half of a sample of the point's own
+ * view: coarse views do not tell of details. It must meet its surface farther away than noise and a part of a sample
+ * explain, or be known to meet nothing. Of what is one sample thin, margins are all that shows: they stay.
  *
  * points: (POINT_PLANES, pitch), a point a column; a view's columns lie side by side. seen: (pitch,) 1 if another view has
  * looked through it. surface: picture/edges.cl; nearness: picture/nearness.cl, of the same pitch.
@@ -51,20 +51,20 @@ typedef struct {
     floatl planes[POINT_PLANES - 1];
 } Points;
 
-/* The points of pixels (x, y) between two nearnesses, and as much more as noise explains */
-INLINED Points points_between(SetView view, floatl x, floatl y, floatl n, floatl other)
+/* The points of pixels (x, y) at nearness n */
+INLINED Points points_at(SetView view, floatl x, floatl y, floatl n)
 {
-    const floatl z = DEPTH_OF(view.perspective, max_lanes(n, other)), far = DEPTH_OF(view.perspective, min_lanes(n, other));
-    const floatl noise = OWN_DEVIATIONS * NOISE_AT(view, z);
+    const floatl z = DEPTH_OF(view.perspective, n), noise = OWN_DEVIATIONS * NOISE_AT(view, z);
     const float *m = view.world_from_pixel;
     Points points;
     UNROLLED
-    for (int i = 0; i < 2; i++) {
-        const floatl deep = i ? far + noise : max_lanes(z - noise, view.perspective ? 0.5f * z : (floatl)-INFINITY);
+    for (int end = 0; end < 2; end++) {
+        const floatl nearest = view.perspective ? 0.5f * z : z - noise;
+        const floatl deep = end ? z + noise : max_lanes(z - noise, nearest);
         const floatl at = DEPTH_OF(view.perspective, deep), inverse = 1.0f / MAP_ROW(m, 3, x, y, at);
         UNROLLED
         for (int axis = 0; axis < 3; axis++)
-            points.planes[ENDS + 3 * i + axis] = MAP_ROW(m, axis, x, y, at) * inverse;
+            points.planes[ENDS + 3 * end + axis] = MAP_ROW(m, axis, x, y, at) * inverse;
     }
     points.planes[REACH] = 0.5f * SAMPLE_AT(view, z);
     return points;
@@ -92,7 +92,7 @@ OUTLINED int bridges_of(Grid grid, SetView view, EdgeView steps, int first, int 
             if (!points)
                 continue;
             const floatl middle = 0.5f * (a + b), aside = number == 1 ? 0.0f : 0.5f, under = number == 0 ? 0.0f : 0.5f;
-            const Points found = points_between(view, to_floatl(x) + aside, under + y, middle, middle);
+            const Points found = points_at(view, to_floatl(x) + aside, (floatl)(under + y), middle);
             for (; left; left = WITHOUT_LOWEST(left), at++) {
                 const int lane = LOWEST(left), place = (y + 1) * grid.pitch + 1 + x0 + lane;
                 for (int plane = 0; plane < POINT_PLANES - 1; plane++)
@@ -120,56 +120,39 @@ kernel void find_bridges(global const float *surface, SetView view, EdgeView ste
         bridges_of(grid, view, steps, first, end, y, points, start + at, point_pitch);
 }
 
-/* The slope of a line from a sample to a side, and what goes on from the other side if that is torn off, as signed
- * changes to that side */
-INLINED floatl straight_on(floatl here, floatl before, intl is_torn, intl is_torn_before, floatl slope)
-{
-    return select_lanes(is_torn, select_lanes(is_torn_before, (floatl)0.0f, here - before), slope);
-}
-
 /* Is a cell whole, of its first sample and those to the right and below? */
 #define IS_WHOLE(first, right, below) ((!IS_LOWER_OPEN(first)) & (!IS_UPPER_OPEN(first, right, below)))
 
-/* The points of margins `first` to `first` + LANES - 1 */
+/* Is each of the samples (x, y) a corner of a whole cell? What is not is one sample thin. */
+INLINED intl in_cell(Grid grid, intl x, intl y)
+{
+    const intl at = y * grid.pitch + x, above = at - grid.pitch, below = at + grid.pitch;
+    const floatl here = AT(grid.nearness, at), left = AT(grid.nearness, at - 1), right = AT(grid.nearness, at + 1);
+    const floatl up = AT(grid.nearness, above), down = AT(grid.nearness, below);
+    const floatl up_left = AT(grid.nearness, above - 1), up_right = AT(grid.nearness, above + 1);
+    const floatl down_left = AT(grid.nearness, below - 1);
+    return IS_WHOLE(here, right, down) | IS_WHOLE(left, here, down_left) | IS_WHOLE(up, up_right, here) |
+           IS_WHOLE(up_left, up, left);
+}
+
+/* The points of a packet of margins */
 INLINED Points points_of_margins(Grid grid, SetView view, global const float *margins, size_t pitch, intl inside)
 {
     const intl bits = as_intl(load_lanes(margins + MARGIN_BITS * pitch));
-    const intl x = select_lanes(inside, to_intl(load_lanes(margins + MARGIN_X * pitch)), (intl)0);
-    const intl y = select_lanes(inside, to_intl(load_lanes(margins + MARGIN_Y * pitch)), (intl)0);
-    const floatl slope_x = load_lanes(margins + MARGIN_SLOPE_X * pitch);
-    const floatl slope_y = load_lanes(margins + MARGIN_SLOPE_Y * pitch);
-    const intl right_side = (bits & TO_RIGHT) != 0, below_side = (bits & TO_BELOW) != 0;
-    const floatl to_x = select_lanes(right_side, (floatl)1.0f, (floatl)-1.0f);
-    const floatl to_y = select_lanes(below_side, (floatl)1.0f, (floatl)-1.0f);
-    /* Of half a quarter, the middle of the half: nearer to one of its two sides */
-    const intl half_ = ((bits & IN_LOWER) != 0) ^ ((bits & IN_UPPER) != 0);
-    const intl flat = half_ & (right_side ^ ((bits & IN_LOWER) != 0)) & (right_side ^ below_side);
-    const intl steep = half_ & !flat & (right_side ^ below_side);
-    const floatl aside_x = select_lanes(flat, (floatl)(1.15f * ASIDE), select_lanes(steep, (floatl)(0.5f * ASIDE), (floatl)ASIDE));
-    const floatl aside_y = select_lanes(steep, (floatl)(1.15f * ASIDE), select_lanes(flat, (floatl)(0.5f * ASIDE), (floatl)ASIDE));
-
-    const intl at = y * grid.pitch + x;
-    global const float *nearness = grid.nearness;
-    const floatl here = AT(nearness, at), left = AT(nearness, at - 1), right = AT(nearness, at + 1);
-    const floatl above = AT(nearness, at - grid.pitch), below = AT(nearness, at + grid.pitch);
-    const floatl above_left = AT(nearness, at - grid.pitch - 1), above_right = AT(nearness, at - grid.pitch + 1);
-    const floatl below_left = AT(nearness, at + grid.pitch - 1);
-    const intl torn_left = (as_intl(left) & TORN_RIGHT) != 0, torn_right = (as_intl(here) & TORN_RIGHT) != 0;
-    const intl torn_above = (as_intl(above) & TORN_BELOW) != 0, torn_below = (as_intl(here) & TORN_BELOW) != 0;
-    const floatl on_x = select_lanes(right_side, straight_on(here, left, torn_right, torn_left, slope_x),
-                                     straight_on(here, right, torn_left, torn_right, -slope_x));
-    const floatl on_y = select_lanes(below_side, straight_on(here, above, torn_below, torn_above, slope_y),
-                                     straight_on(here, below, torn_above, torn_below, -slope_y));
-    const floatl n = here + aside_x * to_x * slope_x + aside_y * to_y * slope_y;
-    const floatl half_as_far = select_lanes(here > 0.0f, 2.0f * here, 0.5f * here);
-    const floatl twice_as_far = select_lanes(here > 0.0f, 0.5f * here, 2.0f * here);
-    const floatl on = clamp_lanes(here + aside_x * on_x + aside_y * on_y, twice_as_far, half_as_far);
-    Points points = points_between(view, to_floatl(x) + aside_x * to_x, to_floatl(y) + aside_y * to_y,
-                                   clamp_lanes(n, twice_as_far, half_as_far), on);
-    /* Of what is one sample thin, margins are all that shows. */
-    const intl is_whole = IS_WHOLE(here, right, below) | IS_WHOLE(left, here, below_left) |
-                          IS_WHOLE(above, above_right, here) | IS_WHOLE(above_left, above, left);
-    points.planes[REACH] = select_lanes(is_whole, points.planes[REACH], (floatl)-1.0f);
+    const floatl x = load_lanes(margins + MARGIN_X * pitch), y = load_lanes(margins + MARGIN_Y * pitch);
+    const intl to_right = (bits & TO_RIGHT) != 0, to_below = (bits & TO_BELOW) != 0;
+    /* Half a quarter lies nearer to one of the two sides. */
+    const intl is_half = ((bits & IN_LOWER) != 0) ^ ((bits & IN_UPPER) != 0);
+    const intl is_flat = is_half & (to_right ^ ((bits & IN_LOWER) != 0)), is_high = is_half & !is_flat;
+    const floatl much = 1.15f * ASIDE, little = 0.5f * ASIDE, even = ASIDE;
+    const floatl aside_x = select_lanes(is_flat, much, select_lanes(is_high, little, even));
+    const floatl aside_y = select_lanes(is_high, much, select_lanes(is_flat, little, even));
+    const floatl dx = select_lanes(to_right, aside_x, -aside_x), dy = select_lanes(to_below, aside_y, -aside_y);
+    const floatl n = load_lanes(margins + MARGIN_NEARNESS * pitch) + dx * load_lanes(margins + MARGIN_SLOPE_X * pitch) +
+                     dy * load_lanes(margins + MARGIN_SLOPE_Y * pitch);
+    Points points = points_at(view, x + dx, y + dy, n);
+    const intl first = 0, is_shown = in_cell(grid, select_lanes(inside, to_intl(x), first), select_lanes(inside, to_intl(y), first));
+    points.planes[REACH] = select_lanes(is_shown, points.planes[REACH], (floatl)-1.0f);
     return points;
 }
 
