@@ -156,7 +156,7 @@ INLINED Points points_of_margins(Grid grid, SetView view, global const float *ma
     return points;
 }
 
-/* Lists the points of a view's `count` margins from column `start` on; it may write LANES columns beyond them, which are
+/* `surface`: before bridges were torn. Lists the points of a view's `count` margins from column `start` on; it may write LANES columns beyond them, which are
  * those of views after it. */
 kernel void list_margins(global const float *surface, SetView view, global const float *margins, int count, int pitch,
                          global float *points, int start, int point_pitch)

@@ -28,11 +28,12 @@ _FILE = "warp/looked_through.cl"
 
 @dataclass(frozen=True)
 class _Member:
-    """A view of the set, as the kernels know it (struct SetView), and its surface so far."""
+    """A view of the set, as the kernels know it (struct SetView), its own surface, and what is left of that."""
 
     view: DepthImage
     record: Struct
     samples: Samples
+    own: Surface
     surface: Surface
 
 
@@ -48,7 +49,11 @@ def surfaces_of(views: Sequence[DepthImage], cut_ratio: float | None) -> list[Su
 
 def _made(views: Sequence[DepthImage], cut_ratio: float | None) -> list[Surface]:
     origin = np.mean([view.camera.center for view in views], axis=0)
-    members = [_Member(view, _record(view, origin), samples_of(view), surface_of(view, cut_ratio)) for view in views]
+    own = [surface_of(view, cut_ratio) for view in views]
+    members = [
+        _Member(view, _record(view, origin), samples_of(view), surface, surface)
+        for view, surface in zip(views, own, strict=True)
+    ]
     if cut_ratio is None:
         members = _without_bridges(members)
     return _without_margins(members)
@@ -200,7 +205,7 @@ def _list_margins(member: _Member, points: _Points, number: int) -> None:
     launch(
         kernel(_FILE, "list_margins"),
         _packets(margins.count),
-        surface=member.surface.nearness,
+        surface=member.own.nearness,
         view=member.record,
         margins=margins.quarters,
         count=margins.count,
