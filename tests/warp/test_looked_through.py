@@ -118,13 +118,13 @@ def test_a_ball_is_as_large_as_it_is():
 def ramp_views():
     """A box before a wall, from in front with a ramp between the two, as soft edges have it, and from beside."""
     front, near, far = camera_at((0.0, 0.0, -2.0)), 1 / 1.6, 1 / 3.0
-    ramp = np.clip((31 - np.arange(SIZE[0])) / 4, 0, 1)  # so steep that it would be seen under 3 degrees
+    ramp = np.clip((31 - np.arange(SIZE[0])) / 3, 0, 1)  # so steep that it would be seen at under 5 degrees
     nearness = far + (near - far) * ramp
     soft = textured(front, np.tile(1 / nearness, (SIZE[1], 1)))
     views = [soft]
     edge = front.unproject([[27.5, 20.0]], [1.6])[0] @ front.world_from_camera[:3, 0]
     right, ahead = front.world_from_camera[:3, 0], front.world_from_camera[:3, 2]
-    for aside in (0.9, 1.1):
+    for aside in (0.55, 0.7):
         camera = front.moved(aside, 0.02, 0.0)
         origins, directions = rays_of(camera)
         to_wall = (3.0 - (origins - front.center) @ ahead) / (directions @ ahead)
@@ -136,7 +136,7 @@ def ramp_views():
 
 def test_sheets_that_others_looked_through_are_torn():
     views = ramp_views()
-    target = views[0].camera.moved(0.45, 0.0, 0.0)
+    target = views[0].camera.moved(0.4, 0.0, 0.0)
 
     def between(several):
         depth = ibr.warp(several, target, blend="nearest").depth
@@ -182,7 +182,7 @@ def test_faults_of_views_carve_nothing_away(fault):
     camera = camera_at(BETWEEN, (151, 113))
     alone = np.any([ibr.warp(view, camera).valid for view in views], axis=0)
     valid = ibr.warp(views, camera).valid
-    assert valid.sum() > 0.995 * alone.sum()
+    assert valid.sum() > 0.985 * alone.sum()
 
 
 def rods_seen(camera, background=np.inf):
@@ -226,7 +226,7 @@ def test_options_that_ask_for_whole_surfaces_have_them():
 
 def test_bridges_by_number_stay():
     views = ramp_views()
-    target = views[0].camera.moved(0.45, 0.0, 0.0)
+    target = views[0].camera.moved(0.4, 0.0, 0.0)
     depth = ibr.warp(views, target, blend="nearest", cut_ratio=1.5).depth
     assert ((depth > 1.75) & (depth < 2.8)).sum() > 100
 
