@@ -80,7 +80,9 @@ def sticking_out(views, **options):
 @pytest.mark.parametrize("projections", [("perspective",) * 3, ("orthographic", "perspective", "orthographic")])
 def test_margins_yield_where_space_is_known_to_be_empty(projections, blend):
     cameras = [camera_at(eye, projection=kind) for eye, kind in zip(EYES, projections, strict=True)]
-    before, open_before = sticking_out([textured(camera, card_at(camera, np.nan)[0]) for camera in cameras], blend=blend)
+    before, open_before = sticking_out(
+        [textured(camera, card_at(camera, np.nan)[0]) for camera in cameras], blend=blend
+    )
     for background, far in ((np.inf, np.inf), (9.0, 5.0), (5.0, np.inf)):
         views = [textured(camera, card_at(camera, background)[0], far=far) for camera in cameras]
         outside, uncovered = sticking_out(views, blend=blend)
