@@ -220,6 +220,8 @@ kernel void look_through(global const float *points, global uchar *seen, global 
             const float b = 0.5f * part, a = 1.0f - b;
             const Vector p = {a * ends[0].x + b * ends[1].x, a * ends[0].y + b * ends[1].y, a * ends[0].z + b * ends[1].z};
             through = through & looks_beyond(grid, view, nearness, p, reach);
+            if (!any_lane((ends[0].x != ends[1].x) | (ends[0].y != ends[1].y) | (ends[0].z != ends[1].z)))
+                break; /* exact depth */
         }
         for (uint left = lane_bits(through); left; left = WITHOUT_LOWEST(left))
             seen[i + LOWEST(left)] = 1;

@@ -1,7 +1,8 @@
 """An image with depth: a sampled surface.
 
 Depth in pyibr is planar: the z of a surface point in the camera's frame, in scene units. A sample whose
-depth is not finite or not > 0 is invalid: nothing is known there.
+depth is not finite or not > 0 is invalid: there is no surface. Infinite depth is known to be empty space; all else that
+is invalid is unknown.
 """
 
 from __future__ import annotations
@@ -54,12 +55,13 @@ class DepthImage(Immutable, Pictured):
     color : (H, W, 3) uint8, or float32 in [0, 1]; or None
         None: depth alone. `pyibr.warp` carries depth over then, and nothing else; in pictures such a view is white.
     depth : (H, W) float32
-        Planar z in scene units; NaN, infinite or <= 0 where there is none. Other kinds of depth are converted
+        Planar z in scene units. Infinite: the ray is known to meet nothing, so that other views' surfaces end there.
+        NaN or <= 0: unknown, which tells other views nothing. Other kinds of depth are converted
         first: `depth_from_uint16`, `depth_from_disparity`, `depth_from_euclidean`, `depth_from_mpeg`.
     camera : Camera
         Of size (W, H). With a lens, it is drawn as `pyibr.undistorted` makes it.
     far : float
-        Samples at this depth or beyond it are no surface: space is empty along their rays.
+        Samples at this depth or beyond it are no surface: space is known to be empty along their rays.
     default_depth : float or "farthest", optional
         A depth for what is no surface, as sky and windows, so that new views show its colours instead of holes; or
         "farthest": that of the farthest sample. `depth` is copied with it, and no `far` is left.

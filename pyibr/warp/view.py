@@ -80,14 +80,16 @@ class WarpedView(Immutable):
         Read the surface between the samples, or the sample nearest to where the ray meets the surface; for depth and
         colour alike.
     edges : {"cut", "connect"}
-        "cut": the surface is open at depth edges, as at the borders of objects in scenes. "connect": neighbouring
-        samples are one surface, however far apart, as in displacement maps.
+        "cut": the surface is open at depth edges, as at the borders of objects in scenes. Half a sample beside edges,
+        and steep bridges, stay only where no other view has looked through them. "connect": neighbouring samples are
+        one surface, however far apart, as in displacement maps; other views change nothing.
     cut_ratio : float, optional
         By default, neighbours are one surface if it faces the camera, or goes on straight (in 1 / depth) on one side or
         the other; and where noise explains that it does not (`DepthImage.noise`): so floors that recede are whole, and
         small steps are edges. Greater than 1: they are cut apart where their depths have a greater ratio instead.
         Depths of an orthographic view have no origin that a ratio could refer to: it is cut where they differ by more
-        than (`cut_ratio` - 1) times the longer side of what its camera sees.
+        than (`cut_ratio` - 1) times the longer side of what its camera sees. The number alone tells bridges then: other
+        views tear none.
     side : {"front", "back", "both"}
         Which side of the surface is shown: the one that faces the source's camera, the other (a solid displaced from
         a centre inside it and seen from outside), or either. A ray that meets the other side first sees a hole.

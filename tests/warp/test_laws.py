@@ -228,7 +228,7 @@ def test_several_views_are_their_frames_merged_by_depth_in_any_order(method, sam
             merged = ibr.warp(views, target, **options)
             assert not (merged.valid & ~expected.valid).any()
             is_same = (merged.valid == expected.valid) & (~merged.valid | (merged.depth == expected.depth))
-            assert is_same.mean() > 0.95
+            assert is_same.mean() > 0.9  # views that contradict one another, full of holes
             expected = merged
         for order in permutations(views):
             merged = ibr.warp(order, target, **options)
