@@ -8,7 +8,7 @@
  * A point's depth is known within its noise. So a point is a piece of its view's ray, of which both ends and the middle
  * must be looked through by one view. The nearest ray of that view must pass within half of a sample of the point's own
  * view: coarse views do not tell of details. It must meet its surface farther away than noise and a part of a sample
- * explain, or be known to meet nothing. Of what is one sample thin, margins are all that shows: they stay.
+ * explain, or be known to meet nothing. Things one sample thin show nothing but margins, so that these stay.
  *
  * points: (POINT_PLANES, pitch), a point a column; a view's columns lie side by side. seen: (pitch,) 1 if another view has
  * looked through it. surface: picture/edges.cl; nearness: picture/nearness.cl, of the same pitch.
@@ -29,8 +29,8 @@
 #define POINT_PLANES 8
 
 #define ASIDE 0.3f           /* of a sample: how far out a margin's point lies, a bit beyond its middle */
-#define OWN_DEVIATIONS 4.0f  /* of the noise, within which a point's depth is known */
-#define SEEN_DEVIATIONS 6.0f /* of the noise, that explain that a point lies before a surface; */
+#define OWN_DEVIATIONS 4.0f  /* a point's depth is known within so much of the noise */
+#define SEEN_DEVIATIONS 6.0f /* so much noise explains that a point lies before a surface; */
 #define TOLERANCE 0.2f       /* or so much of a sample does: surfaces bend between samples */
 
 /* A view of the set. noise: a standard deviation of noise_2 z z + noise_1 z + noise_0 at depth z, if it is noise for sure */
@@ -104,7 +104,7 @@ OUTLINED int bridges_of(Grid grid, SetView view, EdgeView steps, int first, int 
     return count;
 }
 
-/* count: of the set's views, 0 before. lists: they are listed, too, from column `start` on. */
+/* count: a number for each view of the set, 0 before. lists: they are listed, too, from column `start` on. */
 kernel void find_bridges(global const float *surface, SetView view, EdgeView steps, global int *count, int number,
                          int piece, int lists, global float *points, int start, int point_pitch)
 {
@@ -123,7 +123,7 @@ kernel void find_bridges(global const float *surface, SetView view, EdgeView ste
 /* Is a cell whole, of its first sample and those to the right and below? */
 #define IS_WHOLE(first, right, below) ((!IS_LOWER_OPEN(first)) & (!IS_UPPER_OPEN(first, right, below)))
 
-/* Is each of the samples (x, y) a corner of a whole cell? What is not is one sample thin. */
+/* Is each of the samples (x, y) a corner of a whole cell? Else it is one sample thin. */
 INLINED intl in_cell(Grid grid, intl x, intl y)
 {
     const intl at = y * grid.pitch + x, above = at - grid.pitch, below = at + grid.pitch;
@@ -156,8 +156,8 @@ INLINED Points points_of_margins(Grid grid, SetView view, global const float *ma
     return points;
 }
 
-/* `surface`: before bridges were torn. Lists the points of a view's `count` margins from column `start` on; it may write LANES columns beyond them, which are
- * those of views after it. */
+/* `surface`: before bridges were torn. Lists the points of a view's `count` margins from column `start` on; it may write LANES columns beyond them, which
+ * views after it write anew. */
 kernel void list_margins(global const float *surface, SetView view, global const float *margins, int count, int pitch,
                          global float *points, int start, int point_pitch)
 {
@@ -239,7 +239,7 @@ kernel void tear_bridges(global const float *points, global const uchar *seen, g
     atomic_or((volatile global int *)surface + bridge / (TORN_ALL + 1), bridge & TORN_ALL);
 }
 
-/* Copies those of a view's `count` margins that were not looked through; their columns of `seen` begin with `start`.
+/* Copies the margins of a view, `count` of them, that were not looked through; their columns of `seen` begin with `start`.
  * kept_count: 0 before. */
 kernel void keep_margins(global const float *margins, global const uchar *seen, global float *kept, global int *kept_count,
                          int count, int pitch, int kept_pitch, int start, int share)

@@ -44,7 +44,7 @@ def camera_at(eye, size=SIZE, *, projection="perspective", target=(0.0, 0.0, 0.0
 
 
 def card_at(camera, background):
-    """Depth of a card at z = 0 and of what lies around it, and where the card is."""
+    """Depth of a card at z = 0 before a background, and which pixels see the card."""
     origins, directions = rays_of(camera)
     depth = -origins[..., 2] / directions[..., 2]
     on_card = (np.abs(origins + depth[..., None] * directions) <= CARD + 1e-9).all(axis=-1)
@@ -69,7 +69,7 @@ BETWEEN = (0.05, 0.1, -2.0)
 
 
 def sticking_out(views, **options):
-    """Of a finer picture's pixels beside the card, how many are drawn, and of those on it, how many are not."""
+    """Numbers of pixels: beside the card, that a finer picture draws, and on the card, that it leaves open."""
     camera = camera_at(BETWEEN, TARGET)
     _, on_card = card_at(camera, np.inf)
     frame = ibr.warp(views, camera, **options)
@@ -86,14 +86,14 @@ def test_margins_yield_where_space_is_known_to_be_empty(projections, blend):
     for background, far in ((np.inf, np.inf), (9.0, 5.0), (5.0, np.inf)):
         views = [textured(camera, card_at(camera, background)[0], far=far) for camera in cameras]
         outside, uncovered = sticking_out(views, blend=blend)
-        # What no other view's ray passed by within half a sample stays.
+        # A margin stays if no other view's ray passed by within half a sample.
         assert outside < 0.2 * before, (background, far)
         assert uncovered - open_before < before - outside
 
 
 @pytest.mark.parametrize("background", [np.nan, 0.0, -1.0])
 def test_what_is_unknown_tells_nothing(background):
-    # Of parallel cameras, whose margins stay in the card's plane: they do not look beyond them at the card itself.
+    # Parallel cameras have margins in the card's plane: nobody sees the card itself behind them.
     camera = camera_at(BETWEEN, TARGET, target=(0.05, 0.1, 0.0))
     cameras = [camera_at((x, y, -2.0), target=(x, y, 0.0)) for x, y, _ in EYES]
     views = [textured(one, card_at(one, background)[0]) for one in cameras]
@@ -223,7 +223,7 @@ def test_options_that_ask_for_whole_surfaces_have_them():
     alone = np.any([ibr.warp(view, camera, edges="connect").valid for view in views], axis=0)
     np.testing.assert_array_equal(ibr.warp(views, camera, edges="connect").valid, alone)
     by_ratio, by_shape = (sticking_out(views, cut_ratio=ratio)[0] for ratio in (1.05, None))
-    assert by_ratio == by_shape  # of the card nothing but margins is uncertain
+    assert by_ratio == by_shape  # the card has margins, but no bridges
 
 
 def test_bridges_by_number_stay():
