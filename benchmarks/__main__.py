@@ -21,6 +21,7 @@ MODULES = {
     "peers": "warp.peers",
     "rgbd": "warp.rgbd",
     "filling": "warp.filling",
+    "edges": "warp.edges",
     "registration": "warp.registration",
     "cleaning": "cleaning.cleaning",
     "raster": "raster.raster",

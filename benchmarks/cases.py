@@ -55,6 +55,7 @@ class Plan:
     rgbd_small: Mapping[int, int]
     rgbd_steady: Mapping[Size, int]  # frames
     filling: Size
+    edges: tuple[Size, ...]
     registration: Mapping[Size, int]
     cleaning: Mapping[Size, int]
     runtimes: Mapping[Size, int]
@@ -118,6 +119,7 @@ FULL = Plan(
     rgbd_small={64: 201},
     rgbd_steady={(640, 480): 30},
     filling=(640, 480),
+    edges=((320, 240), (64, 48), (60, 45)),
     registration={(640, 480): 31, (1280, 720): 21, (1920, 1080): 11},
     cleaning={(640, 480): 31, (1280, 720): 11, (4000, 3000): 3},
     runtimes={(640, 480): 31, (1920, 1440): 11},
@@ -190,6 +192,7 @@ QUICK = Plan(
     rgbd_small={16: 3},
     rgbd_steady={(64, 48): 3},
     filling=(64, 48),
+    edges=((60, 45),),
     registration={(64, 48): 1},
     cleaning={(64, 48): 1},
     runtimes={(64, 48): 1},

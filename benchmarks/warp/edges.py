@@ -1,0 +1,84 @@
+"""Depth edges against scenes whose edges are known: smooth surface that is torn, sheets where nothing is.
+
+By the default test and by two ratios of depths, with noise of each kind, in full and in small. Nothing is timed.
+"""
+
+from __future__ import annotations
+
+import functools
+import zlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from benchmarks import scenes
+from benchmarks.cases import Plan
+from benchmarks.results import Parameter, Record
+from benchmarks.runner import Case, Work
+from benchmarks.warp.edge_noises import NOISES, noisy
+from benchmarks.warp.edge_scenes import SCENES, Scene
+from benchmarks.warp.solids import ONE_SURFACE, TWO_SURFACES
+from pyibr.opencl.headers import constant
+from pyibr.opencl.memory import to_host
+from pyibr.picture.surface import surface_of
+
+Array = NDArray[Any]
+Size = tuple[int, int]
+
+AUTOMATIC = "automatic"
+RATIOS = (1.02, 1.05)
+WAYS: dict[str, float | None] = {AUTOMATIC: None, **{f"cut_ratio={ratio:g}": ratio for ratio in RATIOS}}
+TORN, SHEETS = "torn", "sheets"
+
+
+def cases(plan: Plan) -> Iterator[Case]:
+    """One case a size and scene, all noises and ways in it."""
+    for size in plan.edges:
+        for scene in SCENES:
+            if scene.is_resolved(size[0]):
+                parameters: dict[str, Parameter] = {"size": scenes.shown(size), "scene": scene.name}
+                yield Case(parameters, functools.partial(_prepare, parameters, size, scene))
+
+
+def torn_and_sheets(view: ibr.DepthImage, cut_ratio: float | None, right: Array, below: Array) -> tuple[int, int]:
+    """Count samples that a smooth surface loses, and samples that are bridged to another surface.
+
+    Parameters
+    ----------
+    view : DepthImage
+    cut_ratio : float or None
+        As `WarpedView` takes it.
+    right, below : int8 (H, W - 1), (H - 1, W)
+        The truth, as `solids.sampled` returns it.
+    """
+    width, height = view.camera.size
+    surface = to_host([surface_of(view, cut_ratio).nearness])[0][1 : height + 1, 1 : width + 1]
+    bits = np.ascontiguousarray(surface).view(np.int32)
+    found = np.zeros((2, height, width), bool)
+    for truth, name, at in ((right, "TORN_RIGHT", np.s_[:, :-1]), (below, "TORN_BELOW", np.s_[:-1])):
+        torn = (bits[at] & int(constant("lib/surface.h", name))) != 0
+        found[0][at] |= torn & (truth == ONE_SURFACE)
+        found[1][at] |= ~torn & (truth == TWO_SURFACES)
+    return int(found[0].sum()), int(found[1].sum())
+
+
+def view_of(depth: Array, camera: ibr.Camera, scene: str, noise: str) -> ibr.DepthImage:
+    """A depth image of exact depth with noise put on it, always the same of one scene, noise and size."""
+    seed = zlib.crc32(f"{scene}, {noise}, {camera.size}".encode())
+    return ibr.DepthImage(None, noisy(depth, noise, seed), camera)
+
+
+def _prepare(parameters: dict[str, Parameter], size: Size, scene: Scene) -> Work:
+    def read() -> Iterator[Record]:
+        depth, right, below = scene.sampled(*size)
+        for noise in NOISES:
+            view = view_of(depth, scene.camera(*size), scene.name, noise)
+            for way, ratio in WAYS.items():
+                counts = torn_and_sheets(view, ratio, right, below)
+                for quantity, count in zip((TORN, SHEETS), counts, strict=True):
+                    yield Record(way, quantity, "samples", {**parameters, "noise": noise}, [count])
+
+    return Work(read=read)

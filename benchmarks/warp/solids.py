@@ -1,0 +1,293 @@
+"""Convex solids, flat sheets and smooth reliefs that rays meet exactly, and which neighbouring samples one surface joins.
+
+A ray is a position (N, 3) and a direction (N, 3) whose z is 1 in the camera's frame: its parameter is planar depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import pyibr as ibr
+
+Array = NDArray[Any]
+
+NEAREST = 0.05  # scene units: what is nearer lies behind the camera's lens
+UNJUDGED, ONE_SURFACE, TWO_SURFACES = 0, 1, 2
+_SEAM = 1e-4  # a smaller jump, as a part of depth, is what rounding and finite refinement leave at a seam
+_JUMP = 2e-3  # a jump between the two is judged in no way: nobody sees it
+_STEPS, _REFINEMENTS = 32, 5  # 32^-5 of a pixel: a sphere of 1 m at 3 m still falls by less than _SEAM there
+
+
+class Rays(NamedTuple):
+    """Rays of a camera."""
+
+    origin: Array
+    direction: Array
+
+    @classmethod
+    def of(cls, camera: ibr.Camera, u: Array, v: Array) -> Rays:
+        """Rays through the pixels (u, v)."""
+        K = camera.K
+        x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
+        zero, one = np.zeros_like(x), np.ones_like(x)
+        if camera.projection == "perspective":
+            origin, direction = np.zeros((x.size, 3)), np.stack([x, y, one], -1)
+        else:
+            origin, direction = np.stack([x, y, zero], -1), np.stack([zero, zero, one], -1)
+        turn, eye = camera.world_from_camera[:3, :3], camera.world_from_camera[:3, 3]
+        return cls(origin @ turn.T + eye, direction @ turn.T)
+
+
+class Part(Protocol):
+    """What a ray meets once as long as it meets it: its depth is continuous over the image."""
+
+    def depth(self, rays: Rays) -> Array:
+        """Planar depth (N,), infinite where a ray passes by."""
+        ...
+
+
+Thing = Sequence[Part]
+"""Parts that are one body."""
+
+
+@dataclass(frozen=True)
+class Polytope:
+    """All points p with normals p <= offsets; or, as a hollow one, all others, as seen from within."""
+
+    normals: Array
+    offsets: Array
+    hollow: bool = False
+
+    def depth(self, rays: Rays) -> Array:
+        """As `Part.depth`."""
+        enter, leave = np.full(len(rays.origin), -np.inf), np.full(len(rays.origin), np.inf)
+        for normal, offset in zip(self.normals, self.offsets, strict=True):
+            rate, distance = rays.direction @ normal, offset - rays.origin @ normal
+            with np.errstate(divide="ignore", invalid="ignore"):
+                t = distance / rate
+            enter = np.where(rate < 0, np.maximum(enter, t), enter)
+            leave = np.where(rate > 0, np.minimum(leave, t), leave)
+            leave[(rate == 0) & (distance < 0)] = -np.inf
+        if self.hollow:
+            return np.where(leave > NEAREST, leave, np.inf)
+        return np.where((enter <= leave) & (enter > NEAREST), enter, np.inf)
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball."""
+
+    center: Array
+    radius: float
+
+    def depth(self, rays: Rays) -> Array:
+        """As `Part.depth`."""
+        return _first(*_roots(rays.origin - self.center, rays.direction, self.radius))
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A cylinder from `start` to `end`, with flat or round ends."""
+
+    start: Array
+    end: Array
+    radius: float
+    round_ends: bool = False
+
+    def depth(self, rays: Rays) -> Array:
+        """As `Part.depth`."""
+        middle, reach = (self.start + self.end) / 2, np.linalg.norm(self.end - self.start) / 2 + self.radius
+        found, near = np.full(len(rays.origin), np.inf), _passing(rays, middle, float(reach))
+        found[near] = self._depth(Rays(rays.origin[near], rays.direction[near]))
+        return found
+
+    def _depth(self, rays: Rays) -> Array:
+        length = float(np.linalg.norm(self.end - self.start))
+        axis, offset = (self.end - self.start) / length, rays.origin - self.start
+        along, rate = offset @ axis, rays.direction @ axis
+        enter, leave = _roots(offset - along[:, None] * axis, rays.direction - rate[:, None] * axis, self.radius)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.stack([-along / rate, (length - along) / rate])
+        level = np.where((along >= 0) & (along <= length), np.inf, -np.inf)  # rays across the axis
+        first = np.where(rate == 0, -level, ends.min(0))
+        last = np.where(rate == 0, level, ends.max(0))
+        found = _first(np.maximum(enter, first), np.minimum(leave, last))
+        if not self.round_ends:
+            return found
+        return np.minimum(found, np.minimum(*(Ball(end, self.radius).depth(rays) for end in (self.start, self.end))))
+
+
+@dataclass(frozen=True)
+class Cone:
+    """A cone with a flat base."""
+
+    apex: Array
+    base: Array
+    radius: float
+
+    def depth(self, rays: Rays) -> Array:
+        """As `Part.depth`."""
+        height = float(np.linalg.norm(self.base - self.apex))
+        axis, slope = (self.base - self.apex) / height, self.radius / height
+        offset = rays.origin - self.apex
+        along, rate = offset @ axis, rays.direction @ axis
+        side, turn = offset - along[:, None] * axis, rays.direction - rate[:, None] * axis
+        a = (turn * turn).sum(1) - (slope * rate) ** 2
+        b = (side * turn).sum(1) - slope**2 * along * rate
+        c = (side * side).sum(1) - (slope * along) ** 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            root = np.sqrt(b * b - a * c)
+            hits = [(-b - root) / a, (-b + root) / a]
+            lid = (height - along) / rate
+            heights = [along + t * rate for t in hits]
+            on_lid = np.linalg.norm(side + lid[:, None] * turn, axis=1) <= self.radius
+            valid = [(0 <= h) & (h <= height) for h in heights]
+        return np.minimum.reduce(
+            [np.where(ok & (t > NEAREST), t, np.inf) for t, ok in zip([*hits, lid], [*valid, on_lid], strict=True)]
+        )
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A flat ellipse with the half axes `along` and `across`; or a blade, whose tip lies `along` from its foot."""
+
+    center: Array
+    along: Array
+    across: Array
+    blade: bool = False
+
+    def depth(self, rays: Rays) -> Array:
+        """As `Part.depth`."""
+        normal = np.cross(self.along, self.across)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((self.center - rays.origin) @ normal) / (rays.direction @ normal)
+            point = rays.origin + t[:, None] * rays.direction - self.center
+            a, b = (point @ axis / (axis @ axis) for axis in (self.along, self.across))
+            inside = (a >= 0) & (np.abs(b) <= 1 - a) if self.blade else a * a + b * b <= 1
+        return np.where(inside & (t > NEAREST), t, np.inf)
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Every other square of a chequer in a plane: pixels are smaller than squares."""
+
+    center: Array
+    axes: Array
+    side: float
+
+    def depth(self, rays: Rays) -> Array:
+        """As `Part.depth`; the rows of `axes` lie along the squares' sides, and on the plane's normal."""
+        along, across, normal = self.axes
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((self.center - rays.origin) @ normal) / (rays.direction @ normal)
+            point = rays.origin + t[:, None] * rays.direction - self.center
+            square = np.floor(point @ along / self.side) + np.floor(point @ across / self.side)
+        return np.where((square % 2 == 1) & (t > NEAREST), t, np.inf)
+
+
+@dataclass(frozen=True)
+class Relief:
+    """A smooth depth for each direction (x/z, y/z) of a perspective camera at rest."""
+
+    shape: Callable[[Array, Array], Array]
+
+    def depth(self, rays: Rays) -> Array:
+        """As `Part.depth`."""
+        return self.shape(*rays.direction.T[:2])
+
+
+def _passing(rays: Rays, center: Array, reach: float) -> Array:
+    """Which rays pass a point within a distance: a fast test that spares most of them the exact one."""
+    offset = center - rays.origin
+    along = np.einsum("ij,ij->i", offset, rays.direction) ** 2 / np.einsum("ij,ij->i", rays.direction, rays.direction)
+    return np.einsum("ij,ij->i", offset, offset) - along <= reach * reach * (1 + 1e-9)
+
+
+def _roots(offset: Array, direction: Array, radius: float) -> tuple[Array, Array]:
+    """Where |offset + t direction| is the radius; NaN where it is nowhere."""
+    a, b, c = (direction**2).sum(1), (offset * direction).sum(1), (offset**2).sum(1) - radius**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(b * b - a * c)
+        return (-b - root) / a, (-b + root) / a
+
+
+def _first(enter: Array, leave: Array) -> Array:
+    return np.where((enter <= leave) & (enter > NEAREST), enter, np.inf)
+
+
+def box(low: ArrayLike, high: ArrayLike, turn: Array | None = None, hollow: bool = False) -> Polytope:
+    """The box between two corners, turned about its centre by a rotation matrix."""
+    low, high = np.asarray(low, float), np.asarray(high, float)
+    normals = np.vstack([np.eye(3), -np.eye(3)]) @ (np.eye(3) if turn is None else turn.T)
+    offsets = normals @ ((low + high) / 2) + np.tile((high - low) / 2, 2)
+    return Polytope(normals, offsets, hollow)
+
+
+def cast(things: Sequence[Thing], rays: Rays) -> tuple[Array, Array]:
+    """Depth (N,), infinite where nothing is, and the index of the part, over all things."""
+    depth, part = np.full(len(rays.origin), np.inf), np.full(len(rays.origin), -1)
+    for index, one in enumerate(one for thing in things for one in thing):
+        found = one.depth(rays)
+        nearer = found < depth
+        depth, part = np.where(nearer, found, depth), np.where(nearer, index, part)
+    return depth, part
+
+
+def sampled(things: Sequence[Thing], camera: ibr.Camera) -> tuple[Array, Array, Array]:
+    """Exact depth (H, W), NaN where nothing is, and what joins each sample with its right and its lower neighbour.
+
+    Returns
+    -------
+    depth : float64 (H, W)
+    right : int8 (H, W - 1)
+        UNJUDGED, ONE_SURFACE or TWO_SURFACES.
+    below : int8 (H - 1, W)
+    """
+    width, height = camera.size
+    v, u = np.mgrid[:height, :width].astype(float)
+    depth, part = (a.reshape(height, width) for a in cast(things, Rays.of(camera, u.ravel(), v.ravel())))
+    pairs: list[Array] = []
+    for across in (True, False):
+        first, second = (np.s_[:, :-1], np.s_[:, 1:]) if across else (np.s_[:-1], np.s_[1:])
+        a, b = part[first], part[second]
+        joined = np.where((a < 0) | (b < 0), UNJUDGED, ONE_SURFACE).astype(np.int8)
+        differ = (a != b) & (joined != UNJUDGED)
+        ends = np.stack([np.stack([u[at][differ], v[at][differ]], -1) for at in (first, second)])
+        joined[differ] = _joined(things, camera, a[differ], b[differ], ends)
+        pairs.append(joined)
+    return np.where(part < 0, np.nan, depth), pairs[0], pairs[1]
+
+
+def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, ends: Array) -> Array:
+    """Which pairs of two parts one surface joins: the two parts' things alone stand, so that nothing else hides them."""
+    thing = np.repeat(np.arange(len(things)), [len(each) for each in things])
+    joined = np.empty(len(a), np.int8)
+    keys = np.sort(np.stack([thing[a], thing[b]], -1), -1)
+    for key in np.unique(keys, axis=0):
+        at = (keys == key).all(1)
+        jump = _largest_jump([things[index] for index in np.unique(key)], camera, ends[:, at])
+        joined[at] = np.select([jump < _SEAM, jump > _JUMP], [ONE_SURFACE, TWO_SURFACES], UNJUDGED)
+    return joined
+
+
+def _largest_jump(things: Sequence[Thing], camera: ibr.Camera, ends: Array) -> Array:
+    """By how much of its depth the surface jumps between two pixels (2, N, 2): its largest step, refined again and again."""
+    jump = np.full(ends.shape[1], np.inf)
+    start, end = ends.copy()
+    for _ in range(_REFINEMENTS):
+        open_pairs = np.flatnonzero(jump >= _SEAM)
+        first, last = start[open_pairs], end[open_pairs]
+        pixels = first + (last - first) * np.linspace(0, 1, _STEPS + 1)[:, None, None]
+        depth = cast(things, Rays.of(camera, *pixels.reshape(-1, 2).T))[0].reshape(_STEPS + 1, -1)
+        with np.errstate(invalid="ignore"):
+            steps = np.abs(np.diff(depth, axis=0)) / np.minimum(depth[1:], depth[:-1])
+        steps[~np.isfinite(steps)] = np.inf  # a gap
+        largest, each = steps.argmax(0), np.arange(len(open_pairs))
+        start[open_pairs], end[open_pairs] = pixels[largest, each], pixels[largest + 1, each]
+        jump[open_pairs] = steps[largest, each]
+    return jump
