@@ -16,6 +16,7 @@ from benchmarks.slicing.slicing_section import raster_section, slicing_section
 from benchmarks.statistics import Quartiles, exponent, median, number, ratios
 from benchmarks.tables import only, position, sizes_of, table, totals, verdict
 from benchmarks.warp import complexity, peers
+from benchmarks.warp.edges_section import edges_section
 from benchmarks.warp.filling_section import filling_section
 from benchmarks.warp.opencv import BASE, REMAP
 from benchmarks.warp.registration_section import registration_section
@@ -245,6 +246,7 @@ SECTIONS = {
     "peers": peers_section,
     "rgbd": rgbd_section,
     "filling": filling_section,
+    "edges": edges_section,
     "registration": registration_section,
     "cleaning": cleaning_section,
     "raster": raster_section,

@@ -6,6 +6,7 @@ same.
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ _FEWEST_SAMPLES = 3.0  # that a pattern's pitch takes, so that its image is no a
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene and its camera.
+    """Things, and the camera that sees them.
 
     Attributes
     ----------
@@ -37,9 +38,9 @@ class Scene:
     eye, target : (3,)
         Position of the camera, and a point that it looks at.
     across : float
-        Width of the picture in metres, of an orthographic camera; 0: perspective.
+        Metres that an orthographic camera sees across its picture; 0: a perspective one.
     pitch : float
-        Of its pattern, seen from the camera, as x/z; infinite without a pattern.
+        Distance x/z from one bar or square of its pattern to the next; infinite without a pattern.
     """
 
     name: str
@@ -100,7 +101,7 @@ def _floor(y: float) -> Thing:
 
 def _tube(points: Array, radius: float) -> Thing:
     """Rods with round ends along a line: one body."""
-    return [Rod(a, b, radius, round_ends=True) for a, b in zip(points[:-1], points[1:], strict=True)]
+    return [Rod(a, b, radius, round_ends=True) for a, b in itertools.pairwise(points)]
 
 
 def _rods(name: str, count: int, radius: float) -> Things:
@@ -124,15 +125,12 @@ def _wires(pitch: float, radius: float, angles: tuple[float, ...]) -> Things:
     """Crossed wires on a plane aslant some 2 m away, a wall at 4 m."""
     wires: Things = []
     for angle in np.radians(angles):
-        along, across = (_point(c, s, 0.15 * c) for c, s in ((-np.sin(angle), np.cos(angle)), _axes(angle)))
+        s, c = np.sin(angle), np.cos(angle)
+        along, across = _point(-s, c, -0.15 * s), _point(c, s, 0.15 * c)
         for n in np.arange(-np.ceil(1.6 / pitch), np.ceil(1.6 / pitch) + 1):
             middle = _point(0, 0, 2) + n * pitch * across
             wires.append([Rod(middle - 3 * along, middle + 3 * along, radius)])
     return [*wires, _wall(4)]
-
-
-def _axes(angle: float) -> tuple[float, float]:
-    return float(np.cos(angle)), float(np.sin(angle))
 
 
 def _chequer(side: float, near: float, far: float, turn: tuple[float, float] = (0, 0)) -> Things:
@@ -186,7 +184,10 @@ def _ridge(degrees: float, valley: bool) -> Things:
 
 
 def _waves(amplitude: float, across: float, down: float) -> Things:
-    """Depth whose logarithm is a wave of the image: it leans away from the camera by at most amplitude times waves."""
+    """Depth whose logarithm is a wave over the image.
+
+    The tangent of its greatest angle from facing the camera is the amplitude times the wave's (across, down) in length.
+    """
     return [[Relief(lambda x, y: 3 * np.exp(amplitude * np.sin(across * x + down * y)))]]
 
 
@@ -195,7 +196,7 @@ def _leaves() -> Things:
     leaves: Things = []
     for _ in range(160):
         middle = rng.uniform((-0.9, -0.7, 1.2), (0.9, 0.7, 2.4))
-        frame = _turn(*rng.uniform(-60, 60, 2), rng.uniform(0, 180))
+        frame = _turn(rng.uniform(-60, 60), rng.uniform(-60, 60), rng.uniform(0, 180))
         size = rng.uniform(0.04, 0.1)
         leaves.append([Sheet(middle, size * frame[:, 0], 0.6 * size * frame[:, 1])])
     return [*leaves, _wall(3)]
@@ -312,7 +313,7 @@ def _table() -> Things:
     return [[top, *legs], [Ball(_point(0.2, -0.87, 2.3), 0.12)], _floor(0), _wall(3.6)]
 
 
-_LEVEL = {"eye": (0, -1.5, 0), "target": (0, -1.0, 3)}
+_STANDING = (0, -1.5, 0), (0, -1.0, 3)  # the eyes' height, and a point before one's feet
 
 SCENES: tuple[Scene, ...] = (
     Scene("thin rods", lambda: _rods("thin rods", 12, 0.008)),
@@ -330,7 +331,7 @@ SCENES: tuple[Scene, ...] = (
     Scene("ball before a wall", lambda: [[Ball(_point(0.1, 0, 2), 0.6)], _wall(3)]),
     Scene("cylinders aslant", _cylinders),
     Scene("steps of 1 %", lambda: _chequer(0.3, 2, 2.02), pitch=0.15),
-    Scene("steps of 2 % aslant", lambda: _chequer(0.3, 2, 2.04, (20, 35)), pitch=0.15),
+    Scene("steps of 2 % aslant", lambda: _chequer(0.3, 2, 2.04, (15, 25)), pitch=0.15),
     Scene("steps of 3 %", lambda: _terraces(0.03)),
     Scene("ridge", lambda: _ridge(70, valley=False)),
     Scene("valley", lambda: _ridge(65, valley=True)),
@@ -339,7 +340,7 @@ SCENES: tuple[Scene, ...] = (
     Scene("leaves", _leaves),
     Scene("corridor", lambda: _corridor(pillars=False), (0.3, 0.2, 0), (0.1, 0.1, 3)),
     Scene("corridor with pillars", lambda: _corridor(pillars=True), (0.1, 0.2, 0), (0, 0, 3)),
-    Scene("floor from 1.5 m", _floor_with_box, **_LEVEL),
+    Scene("floor from 1.5 m", _floor_with_box, *_STANDING),
     Scene("floor from 0.3 m", _floor_with_box, (0, -0.3, 0), (0, -0.3, 3)),
     Scene("ring", lambda: [_ring(_turn(55, 20))]),
     Scene("knot", lambda: [_knot(), _wall(4)]),
@@ -351,10 +352,10 @@ SCENES: tuple[Scene, ...] = (
     Scene("open box", _open_box),
     Scene("house", _house, (0, -2.2, 0), (0, -0.6, 3.6)),
     Scene("corrugated sheet", _corrugated),
-    Scene("table", _table, **_LEVEL),
+    Scene("table", _table, *_STANDING),
     Scene("fence, orthographic", lambda: _wires(0.2, 0.02, (20,)), across=2.4, pitch=0.2 / 2.4 / _FOCAL),
     Scene("stairs, orthographic", lambda: [_stairs(0), _floor(0), _wall(5)], (-2, -3, 0), (0, -0.8, 2.8), across=3),
     Scene("balls, orthographic", lambda: _balls(0.25), across=3),
     Scene("knot, orthographic", lambda: [_knot(), _wall(4)], across=2.6),
 )
-"""Of wires and fences, of what is round, of steps, of slopes, of rooms and of plants."""
+"""Wires and fences, steps, round things, slopes, rooms and plants."""

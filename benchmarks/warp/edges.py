@@ -32,6 +32,11 @@ AUTOMATIC = "automatic"
 RATIOS = (1.02, 1.05)
 WAYS: dict[str, float | None] = {AUTOMATIC: None, **{f"cut_ratio={ratio:g}": ratio for ratio in RATIOS}}
 TORN, SHEETS = "torn", "sheets"
+BASE = "cut_ratio=1.05"
+BARS = {TORN: (0.3, 0), SHEETS: (1.1, 30)}
+"""At most so many times what `BASE` has in all scenes, and so many samples more."""
+SEPARATOR = ", "  # of the noises that a record's values are for
+FEW = 100  # samples across, of images in which sheets are at most as many
 
 
 def cases(plan: Plan) -> Iterator[Case]:
@@ -74,11 +79,14 @@ def view_of(depth: Array, camera: ibr.Camera, scene: str, noise: str) -> ibr.Dep
 def _prepare(parameters: dict[str, Parameter], size: Size, scene: Scene) -> Work:
     def read() -> Iterator[Record]:
         depth, right, below = scene.sampled(*size)
+        counts: dict[str, list[tuple[int, int]]] = {way: [] for way in WAYS}
         for noise in NOISES:
             view = view_of(depth, scene.camera(*size), scene.name, noise)
             for way, ratio in WAYS.items():
-                counts = torn_and_sheets(view, ratio, right, below)
-                for quantity, count in zip((TORN, SHEETS), counts, strict=True):
-                    yield Record(way, quantity, "samples", {**parameters, "noise": noise}, [count])
+                counts[way].append(torn_and_sheets(view, ratio, right, below))
+        noises: dict[str, Parameter] = {"noises": SEPARATOR.join(NOISES)}
+        for way, quantities in counts.items():
+            for quantity, values in zip((TORN, SHEETS), zip(*quantities, strict=True), strict=True):
+                yield Record(way, quantity, "samples", {**parameters, **noises}, list(values))
 
     return Work(read=read)

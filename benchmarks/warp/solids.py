@@ -1,4 +1,4 @@
-"""Convex solids, flat sheets and smooth reliefs that rays meet exactly, and which neighbouring samples one surface joins.
+"""Convex solids, flat sheets and smooth reliefs that rays meet exactly; which neighbouring samples one surface joins.
 
 A ray is a position (N, 3) and a direction (N, 3) whose z is 1 in the camera's frame: its parameter is planar depth.
 """
@@ -19,7 +19,7 @@ Array = NDArray[Any]
 NEAREST = 0.05  # scene units: what is nearer lies behind the camera's lens
 UNJUDGED, ONE_SURFACE, TWO_SURFACES = 0, 1, 2
 _SEAM = 1e-4  # a smaller jump, as a part of depth, is what rounding and finite refinement leave at a seam
-_JUMP = 2e-3  # a jump between the two is judged in no way: nobody sees it
+_JUMP = 2e-3  # a jump between these two is not judged: it is as small as what lies within one surface
 _STEPS, _REFINEMENTS = 32, 5  # 32^-5 of a pixel: a sphere of 1 m at 3 m still falls by less than _SEAM there
 
 
@@ -146,7 +146,7 @@ class Cone:
             lid = (height - along) / rate
             heights = [along + t * rate for t in hits]
             on_lid = np.linalg.norm(side + lid[:, None] * turn, axis=1) <= self.radius
-            valid = [(0 <= h) & (h <= height) for h in heights]
+            valid = [(h >= 0) & (h <= height) for h in heights]
         return np.minimum.reduce(
             [np.where(ok & (t > NEAREST), t, np.inf) for t, ok in zip([*hits, lid], [*valid, on_lid], strict=True)]
         )
@@ -259,12 +259,15 @@ def sampled(things: Sequence[Thing], camera: ibr.Camera) -> tuple[Array, Array, 
         differ = (a != b) & (joined != UNJUDGED)
         ends = np.stack([np.stack([u[at][differ], v[at][differ]], -1) for at in (first, second)])
         joined[differ] = _joined(things, camera, a[differ], b[differ], ends)
+        near, far = np.minimum(depth[first], depth[second]), np.maximum(depth[first], depth[second])
+        # A gap narrower than a pixel between samples of one depth: no image tells of it, and no sheet crosses it.
+        joined[(joined == TWO_SURFACES) & (far < (1 + _JUMP) * near)] = UNJUDGED
         pairs.append(joined)
     return np.where(part < 0, np.nan, depth), pairs[0], pairs[1]
 
 
 def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, ends: Array) -> Array:
-    """Which pairs of two parts one surface joins: the two parts' things alone stand, so that nothing else hides them."""
+    """Which pairs of two parts one surface joins. Their things stand alone: no third one hides where they meet."""
     thing = np.repeat(np.arange(len(things)), [len(each) for each in things])
     joined = np.empty(len(a), np.int8)
     keys = np.sort(np.stack([thing[a], thing[b]], -1), -1)
@@ -276,7 +279,7 @@ def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, end
 
 
 def _largest_jump(things: Sequence[Thing], camera: ibr.Camera, ends: Array) -> Array:
-    """By how much of its depth the surface jumps between two pixels (2, N, 2): its largest step, refined again and again."""
+    """By how much of its depth the surface jumps between two pixels (2, N, 2): its largest step, again and again."""
     jump = np.full(ends.shape[1], np.inf)
     start, end = ends.copy()
     for _ in range(_REFINEMENTS):
