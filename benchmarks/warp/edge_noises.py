@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 FOCAL_BASELINE = 600 * 0.075  # pixels times metres: a depth camera of 640 x 480, as most are
-_LEVELS = 255  # of nearness in 8 bits, from the farthest sample to the nearest
+_LEVELS = 255  # steps of 8 bits from the farthest sample's nearness to the nearest one's
 _QUARTER = 0.25  # pixels of disparity
 _MILLIMETRES = 0.003  # metres
 _DISPARITY = 0.2  # pixels
 _PROPORTION = 0.005  # of depth
-_BLURRED, _SPREAD, _WHITE = 0.01, 8.0, 0.0005  # of depth, over so many samples; of depth, each sample for itself
+_BLURRED, _SPREAD = 0.01, 8.0  # a part of depth, over so many samples
+_WHITE = 0.0005  # a part of depth, each sample for itself
 
 
 def _rounded(depth: Array, step: float) -> Array:

@@ -58,7 +58,7 @@ class Scene:
         return ibr.Camera(K, (width, height), pose, projection="orthographic" if self.across else "perspective")
 
     def is_resolved(self, width: int) -> bool:
-        """Whether an image of this width has enough samples for the pattern."""
+        """Tell whether an image of this width has enough samples for the pattern."""
         return self.pitch * _FOCAL * width >= _FEWEST_SAMPLES
 
     def sampled(self, width: int, height: int) -> tuple[Array, Array, Array]:

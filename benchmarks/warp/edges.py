@@ -35,7 +35,7 @@ TORN, SHEETS = "torn", "sheets"
 BASE = "cut_ratio=1.05"
 BARS = {TORN: (0.3, 0), SHEETS: (1.1, 30)}
 """At most so many times what `BASE` has in all scenes, and so many samples more."""
-SEPARATOR = ", "  # of the noises that a record's values are for
+SEPARATOR = ", "  # between the noises: a record has a value for each
 FEW = 100  # samples across, of images in which sheets are at most as many
 
 

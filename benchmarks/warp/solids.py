@@ -16,11 +16,13 @@ import pyibr as ibr
 
 Array = NDArray[Any]
 
-NEAREST = 0.05  # scene units: what is nearer lies behind the camera's lens
+NEAREST = 0.05  # metres: rays begin there
 UNJUDGED, ONE_SURFACE, TWO_SURFACES = 0, 1, 2
 _SEAM = 1e-4  # a smaller jump, as a part of depth, is what rounding and finite refinement leave at a seam
-_JUMP = 2e-3  # a jump between these two is not judged: it is as small as what lies within one surface
-_STEPS, _REFINEMENTS = 32, 5  # 32^-5 of a pixel: a sphere of 1 m at 3 m still falls by less than _SEAM there
+_JUMP = 2e-3  # a jump between these two is not judged: surfaces bend as much from sample to sample
+_STEPS = 32  # between two pixels: what is thinner than such a step is passed over
+_CHANGES = 4  # from part to part within a step
+_HALVINGS = 25  # of a step: even at its limb a ball of 1 m at 3 m falls by less than _SEAM there
 
 
 class Rays(NamedTuple):
@@ -44,7 +46,7 @@ class Rays(NamedTuple):
 
 
 class Part(Protocol):
-    """What a ray meets once as long as it meets it: its depth is continuous over the image."""
+    """A body whose depth is continuous over the image wherever rays meet it."""
 
     def depth(self, rays: Rays) -> Array:
         """Planar depth (N,), infinite where a ray passes by."""
@@ -202,14 +204,14 @@ class Relief:
 
 
 def _passing(rays: Rays, center: Array, reach: float) -> Array:
-    """Which rays pass a point within a distance: a fast test that spares most of them the exact one."""
+    """Find the rays that pass a point within a distance: a fast test that spares the others the exact one."""
     offset = center - rays.origin
     along = np.einsum("ij,ij->i", offset, rays.direction) ** 2 / np.einsum("ij,ij->i", rays.direction, rays.direction)
     return np.einsum("ij,ij->i", offset, offset) - along <= reach * reach * (1 + 1e-9)
 
 
 def _roots(offset: Array, direction: Array, radius: float) -> tuple[Array, Array]:
-    """Where |offset + t direction| is the radius; NaN where it is nowhere."""
+    """Solve |offset + t direction| = radius for both t; NaN where there is none."""
     a, b, c = (direction**2).sum(1), (offset * direction).sum(1), (offset**2).sum(1) - radius**2
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(b * b - a * c)
@@ -260,14 +262,14 @@ def sampled(things: Sequence[Thing], camera: ibr.Camera) -> tuple[Array, Array, 
         ends = np.stack([np.stack([u[at][differ], v[at][differ]], -1) for at in (first, second)])
         joined[differ] = _joined(things, camera, a[differ], b[differ], ends)
         near, far = np.minimum(depth[first], depth[second]), np.maximum(depth[first], depth[second])
-        # A gap narrower than a pixel between samples of one depth: no image tells of it, and no sheet crosses it.
+        # A gap narrower than a pixel between samples of one depth leaves no trace in the image.
         joined[(joined == TWO_SURFACES) & (far < (1 + _JUMP) * near)] = UNJUDGED
         pairs.append(joined)
     return np.where(part < 0, np.nan, depth), pairs[0], pairs[1]
 
 
 def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, ends: Array) -> Array:
-    """Which pairs of two parts one surface joins. Their things stand alone: no third one hides where they meet."""
+    """Judge pairs of two parts. Their things stand alone, so that no third one hides where they meet."""
     thing = np.repeat(np.arange(len(things)), [len(each) for each in things])
     joined = np.empty(len(a), np.int8)
     keys = np.sort(np.stack([thing[a], thing[b]], -1), -1)
@@ -279,18 +281,35 @@ def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, end
 
 
 def _largest_jump(things: Sequence[Thing], camera: ibr.Camera, ends: Array) -> Array:
-    """By how much of its depth the surface jumps between two pixels (2, N, 2): its largest step, again and again."""
-    jump = np.full(ends.shape[1], np.inf)
-    start, end = ends.copy()
-    for _ in range(_REFINEMENTS):
-        open_pairs = np.flatnonzero(jump >= _SEAM)
-        first, last = start[open_pairs], end[open_pairs]
-        pixels = first + (last - first) * np.linspace(0, 1, _STEPS + 1)[:, None, None]
-        depth = cast(things, Rays.of(camera, *pixels.reshape(-1, 2).T))[0].reshape(_STEPS + 1, -1)
+    """Find by how much of its depth the surface jumps between two pixels (2, N, 2).
+
+    Only where one part follows another can it jump. Each such place is found by halving, up to `_CHANGES` in a step.
+    """
+    pixels = ends[0] + (ends[1] - ends[0]) * np.linspace(0, 1, _STEPS + 1)[:, None, None]
+    depth, part = _cast_at(things, camera, pixels)
+    step, pair = np.nonzero(part[1:] != part[:-1])
+    low, end, before, left = pixels[step, pair], pixels[step + 1, pair], depth[step, pair], part[step, pair]
+    jump = np.zeros(ends.shape[1])
+    for _ in range(_CHANGES):
+        high, (after, right) = end, _cast_at(things, camera, end)
+        is_open = left != right
+        pair, end, low, high, before, after, left, right = (
+            values[is_open] for values in (pair, end, low, high, before, after, left, right)
+        )
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            found, at = _cast_at(things, camera, middle)
+            same = at == left
+            low, before = np.where(same[:, None], middle, low), np.where(same, found, before)
+            high, after = np.where(same[:, None], high, middle), np.where(same, after, found)
+            right = np.where(same, right, at)
         with np.errstate(invalid="ignore"):
-            steps = np.abs(np.diff(depth, axis=0)) / np.minimum(depth[1:], depth[:-1])
-        steps[~np.isfinite(steps)] = np.inf  # a gap
-        largest, each = steps.argmax(0), np.arange(len(open_pairs))
-        start[open_pairs], end[open_pairs] = pixels[largest, each], pixels[largest + 1, each]
-        jump[open_pairs] = steps[largest, each]
+            jumps = np.abs(after - before) / np.minimum(after, before)
+        np.maximum.at(jump, pair, np.where(np.isfinite(jumps), jumps, np.inf))  # a gap is infinite
+        low, before, left = high, after, right
     return jump
+
+
+def _cast_at(things: Sequence[Thing], camera: ibr.Camera, pixels: Array) -> tuple[Array, Array]:
+    depth, part = cast(things, Rays.of(camera, *pixels.reshape(-1, 2).T))
+    return depth.reshape(pixels.shape[:-1]), part.reshape(pixels.shape[:-1])

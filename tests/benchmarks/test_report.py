@@ -305,6 +305,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "### Small images",
         "### Published figures of others",
         "### Real RGB-D, 64 x 48",
+        "## Depth edges",
         "## Triangles",
         "## Slices",
         "## Relief",
