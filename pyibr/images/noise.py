@@ -175,7 +175,7 @@ def _random_noise(strips: Nearness) -> tuple[float, float, float]:
 
 
 def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearness, Nearness]:
-    """Known cells between two lines: mean nearness, difference of the two differences, largest difference of samples."""
+    """Known cells between two lines: mean nearness, difference of the differences, largest difference of samples."""
     above, below, left = upper[gap:] - upper[:-gap], lower[gap:] - lower[:-gap], (lower - upper)[gap:]
     near = np.float32(0.25) * (upper[gap:] + upper[:-gap] + lower[gap:] + lower[:-gap])
     known = np.isfinite(near)

@@ -69,7 +69,7 @@ def _record(view: DepthImage, origin: Float64) -> Struct:
     values["pitch"] = samples_of(view).nearness.shape[1]
     values["perspective"] = camera.projection == "perspective"
     values["sample"] = (camera.K[0, 0] * camera.K[1, 1]) ** -0.5
-    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(view.sure_noise, NOISE_MAX)
+    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(view.noise, NOISE_MAX)
     return Struct("SetView", values)
 
 
