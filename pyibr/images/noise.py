@@ -139,7 +139,8 @@ def _strips_of(depth: Depth) -> Depth:
     height, width = depth.shape
     total = max(height - 2, 0)
     count = min(-(-_CELLS // (2 * max(width, 1))), total)
-    rows = np.arange(total) if count == total else (np.arange(count) * _GOLDEN % 1 * total).astype(np.intp)
+    places = np.arange(count, dtype=np.float64)
+    rows = (places if count == total else places * _GOLDEN % 1 * total).astype(np.intp)
     strips = np.full((3, count, width + 2), np.nan, np.float32)
     strips[:, :, :width] = depth[rows + np.arange(3)[:, None]]
     return strips.reshape(3, -1)
@@ -183,39 +184,52 @@ def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearne
     return near, np.abs(above - below), np.maximum(np.maximum(np.abs(above), np.abs(below)), np.abs(left))
 
 
+def _rows(near: Nearness, first: int, ranges: int) -> NDArray[np.int32]:
+    """Numbers of the ranges of nearness that samples lie in."""
+    return np.minimum(np.maximum(_octaves(near, _QUARTERS) - first, 0), ranges - 1)
+
+
 def _count(near: Nearness, first: int, ranges: int) -> NDArray[np.intp]:
     """Count samples by range of nearness."""
-    return np.bincount(np.clip(_octaves(near, _QUARTERS) - first, 0, ranges - 1), minlength=ranges)
+    return np.bincount(_rows(near, first, ranges), minlength=ranges)
 
 
 def _depths(near: Nearness, first: int, ranges: int) -> Float64:
     """Depths of ranges of nearness, by the mean of their samples."""
-    at = np.clip(_octaves(near, _QUARTERS) - first, 0, ranges - 1)
+    at = _rows(near, first, ranges)
     sums, counts = np.bincount(at, near, minlength=ranges), np.bincount(at, minlength=ranges)
     return np.divide(counts, sums, out=np.ones(ranges), where=counts > 0)
 
 
 def _histogram(near: Nearness, change: Nearness, ends: tuple[int, int] | None = None) -> tuple[int, NDArray[np.intp]]:
     """First range of nearness, and counts by range and by size of the change; `ends`: first and last range."""
-    row, column = _octaves(near, _QUARTERS), _octaves(change / near, _EIGHTHS)
-    first, last = ends or (int(row.min()), int(row.max()))
+    first, last = ends or _octaves(np.array([near.min(), near.max()]), _QUARTERS).tolist()
+    column = np.minimum(np.maximum(_octaves(change / near, _EIGHTHS), _LEAST - 1), _GREATEST)
     shape = last - first + 1, len(_SIZES)
-    at = (np.clip(row, first, last) - first) * shape[1] + np.clip(column, _LEAST - 1, _GREATEST) - (_LEAST - 1)
+    at = _rows(near, first, shape[0]) * shape[1] + column - (_LEAST - 1)
     return first, np.bincount(at, minlength=shape[0] * shape[1]).reshape(shape)
 
 
-def _quantiles(row: NDArray[np.intp], shares: Float64) -> Float64:
-    """Sizes below which lie such shares of a histogram's row."""
-    filled = row.nonzero()[0]
-    counts = row[filled]
-    below = counts.cumsum() - 0.5 * counts * (filled > 0)  # rounding's are all 0
-    return np.interp(shares * counts.sum(), below, _SIZES[filled])
+def _quantiles(counts: NDArray[np.intp], shares: Float64) -> Float64:
+    """(shares, ranges) sizes below which lie such shares of a histogram's ranges."""
+    filled, last = counts > 0, counts.shape[1] - 1
+    below = counts.cumsum(axis=1) - 0.5 * counts
+    below[:, 0] = counts[:, 0]  # rounding's are all 0
+    totals: Float64 = np.add.reduce(counts, axis=1)[:, None]
+    wanted: Float64 = shares[:, None, None] * totals
+    # Between the middles of the filled sizes below and above it
+    low: NDArray[np.intp] = last - (filled & (below <= wanted))[:, :, ::-1].argmax(axis=2)
+    high: NDArray[np.intp] = (filled & (below >= wanted)).argmax(axis=2)
+    ranges = np.arange(len(counts))
+    at_low, at_high, share = below[ranges, low], below[ranges, high], wanted[:, :, 0]
+    low = np.where(at_low > share, high, low)  # before the first; behind the last, `high` is 0
+    part = np.where((at_low < share) & (share < at_high), (share - at_low) / np.maximum(at_high - at_low, 1e-9), 0.0)
+    return np.where(totals[:, 0] > 0, _SIZES[low] + part * (_SIZES[high] - _SIZES[low]), 0.0)
 
 
 def _deviations(counts: NDArray[np.intp]) -> Float64:
     """Standard deviations of a histogram's ranges, as a part of the nearness."""
-    least = [(_quantiles(row, _SHARES) * _BY_SHARE).min() if row.any() else 0.0 for row in counts]
-    return np.array(least) / _CELL
+    return (_quantiles(counts, _SHARES) * _BY_SHARE[:, None]).min(axis=0) / _CELL
 
 
 def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
@@ -247,7 +261,7 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     if not told.any():
         return none
     z = _depths(place, first, len(counts))[told]
-    steps = np.array([_quantiles(row, _SHARES[1:])[0] for row in counts[told]]) * z
+    steps = _quantiles(counts[told], _SHARES[1:])[0] * z
     a, b, c = fitted_noise(z, steps, counts[told].sum(axis=1))
     ratios = jump / (a + (b + c * place) * place)
     is_one_step = np.abs(ratios - 1) < _OFF
