@@ -31,18 +31,13 @@ _ROUNDING = 2.0**-21  # of the nearness: a cell's difference of rounded samples
 _EDGE = 0.1  # of the nearness: neighbours that differ more are an edge
 _CELL = 2.0  # deviation of a cell's difference, by the deviation of its four samples
 _SMOOTH = 0.8  # share of a range's cells: with more edges, the cells between them are a choice
-_SHARES = np.array([0.5, 0.25])
-_BY_SHARE = np.array(
-    [1 / 0.67449, 1.4 / 0.31864]
-)  # deviations by normal noise's quantiles; edges raise the median more
+_SHARES, _BY_SHARE = np.array([0.5, 0.25]), np.array([1 / 0.67449, 1.4 / 0.31864])  # of normal noise; edges raise both
 _SHAPE = 9.0  # squared ratio of differences, two samples apart over one: noise has 1, curves 16
 _FALL = 1.15  # nearer samples have no more noise than farther ones, but for chance
 _CHANCE = 4.0  # standard deviations, over the root of the cells, of an estimate from few
 _STEP_MAX = 0.25  # of the nearness: larger differences are edges
 _LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
-_ONE_STEP = 0.6  # of these are of one step, at least: edges have any size
-_WHOLE = 0.02  # steps by which float32 rounds few of them, at most
-_MOSTLY = 0.9
+_ONE_STEP = 0.6  # share of changes of one step, and of levels whole steps apart: edges have any size
 _STAIRS = 0.01  # of a scale's changes, at least: few on steep surfaces
 _OFF = 0.2  # steps by which changes, and gaps between levels, are off whole ones: two scales may be mixed
 _NEAREST = 1e37  # of nearness: sums of four are still within single precision
@@ -63,14 +58,11 @@ def _octaves(values: Nearness, parts: int) -> NDArray[np.int32]:
     return values.view(np.int32) >> (_MANTISSA - parts)
 
 
-def _middles(octaves: NDArray[np.int32], parts: int) -> Float64:
-    """Middles of parts of an octave."""
-    return ((2 * octaves + 1) << (_MANTISSA - parts - 1)).view(np.float32).astype(np.float64)
-
-
 _QUARTERS, _EIGHTHS = 2, 3  # of an octave: ranges of nearness, and of differences as a part of it
 _LEAST, _GREATEST = _octaves(np.array([_ROUNDING, 1.0], np.float32), _EIGHTHS).tolist()
-_SIZES = np.append(0.0, _middles(np.arange(_LEAST, _GREATEST + 1, dtype=np.int32), _EIGHTHS))
+_MIDDLES = np.arange(2 * _LEAST - 1, 2 * _GREATEST + 2, 2, dtype=np.int32) << (_MANTISSA - _EIGHTHS - 1)
+_SIZES: Float64 = _MIDDLES.view(np.float32).astype(np.float64)
+_SIZES[0] = 0.0  # rounding
 
 
 class DepthNoise:
@@ -238,17 +230,12 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     On a scale surfaces are stairs: samples equal one neighbour and differ from the other, mostly by one step.
     """
     none = 0.0, 0.0, 0.0
-    lines = [strips[0, :-2], strips[0, 1:-1], strips[0, 2:], strips[1, 1:-1]]
-    across = [*strips, np.roll(strips[1], 1)]
-    before, here, after, beside = (np.concatenate(pair) for pair in zip(lines, across, strict=True))
-    one, other = here - before, after - here
-    jump, least = np.abs(one - other), np.minimum(np.abs(one), np.abs(other))
+    along = strips[0, :-2], strips[0, 1:-1], strips[0, 2:]
+    before, here, after = (np.concatenate(pair) for pair in zip(along, strips, strict=True))
+    one, other = np.abs(here - before), np.abs(after - here)
+    jump = np.maximum(one, other)
     is_change = (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
-    is_stair = is_change & (least == 0)
-    # On the floor below a level camera no samples of a column are equal, and each row lies whole steps beyond the last.
-    steep = (is_change & (here == beside) & (one * other > 0)).nonzero()[0]
-    whole = np.abs(least[steep] / jump[steep] - np.rint(least[steep] / jump[steep])) < _WHOLE
-    is_stair[steep] = np.mean(whole) > _MOSTLY if len(steep) else False
+    is_stair = is_change & (np.minimum(one, other) == 0)
     place, jump = here[is_stair], jump[is_stair]
     if len(place) <= _STAIRS * np.count_nonzero(is_change):
         return none
@@ -257,12 +244,8 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     if len(levels) < _LEVELS_MIN:
         return none
     first, counts = _histogram(place, jump)
-    told = counts.sum(axis=1) >= _LEVELS_MIN
-    if not told.any():
-        return none
-    z = _depths(place, first, len(counts))[told]
-    steps = _quantiles(counts[told], _SHARES[1:])[0] * z
-    a, b, c = fitted_noise(z, steps, counts[told].sum(axis=1))
+    z = _depths(place, first, len(counts))
+    a, b, c = fitted_noise(z, _quantiles(counts, _SHARES[1:])[0] * z, counts.sum(axis=1))
     ratios = jump / (a + (b + c * place) * place)
     is_one_step = np.abs(ratios - 1) < _OFF
     gaps = np.diff(levels) / (a + (b + c * levels[1:]) * levels[1:])
