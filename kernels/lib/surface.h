@@ -23,6 +23,15 @@ typedef struct {
 #define NO_CUT {0.0f, 0.0f, 0.0f}
 #define IS_OPEN(cut, a, b) (((cut).near_scale * (a) - (cut).far_scale * (b) > (cut).least) | ((b) <= NO_SURFACE))
 
+/* How neighbours are told to be torn apart: where the surface does not go on, or, if not `straight`, by a Cut alone. */
+typedef struct {
+    int straight;
+    int both; /* where the surface does not go on, and the Cut tears, too */
+    float noise[3];     /* noise changes nearness n by up to noise[0] + noise[1] n + noise[2] n^2 from sample to sample */
+    float per_pixel[3]; /* along rows, columns, diagonals: what the steepest surface that faces the camera changes it by, */
+    int perspective;    /* as a part of itself, or in all */
+} EdgeTest;
+
 /* A depth image's samples, row by row, from its own first one on */
 typedef struct {
     global const float *nearness;

@@ -21,15 +21,6 @@
 #include "lib/lanes.h"
 #include "lib/surface.h"
 
-/* How neighbours are told to be torn apart: where the surface does not go on, or, if not `straight`, by a Cut alone. */
-typedef struct {
-    int straight;
-    int both; /* where the surface does not go on, and the Cut tears, too */
-    float noise[3];     /* noise changes nearness n by up to noise[0] + noise[1] n + noise[2] n^2 from sample to sample */
-    float per_pixel[3]; /* along rows, columns, diagonals: what the steepest surface that faces the camera changes it by, */
-    int perspective;    /* as a part of itself, or in all */
-} EdgeTest;
-
 typedef struct {
     global const float *nearness;
     int width, height, pitch;
@@ -56,6 +47,12 @@ INLINED floatl samples_from(Image image, int x, int y)
     return select_lanes(x + lane_index < image.width, (floatl)(load_lanes(row + x)), (floatl)NO_SURFACE);
 }
 
+#define KEEP 0.1f   /* growth of a slope from one side alone: an edge is steeper than what leads to it */
+#define BEND 0.6f   /* growth if the other side is steep, too, or ends: a sphere's last slopes grow by less than half */
+#define STEEP 4.0f  /* a pair is at most so many times as steep as a side that bends to it, */
+#define SAME 2.05f  /* or as what both sides agree on: a sample less, as where a slope is rounded to steps */
+#define LEAST 0.05f /* of a slope: a pair that rises by less is a step beside a greater one */
+
 /* How steep the surface is on one side of a pair, in the direction in which the pair rises: by the nearest two samples,
  * and by what the nearest three agree on, which is nothing if one of them lies between two surfaces; 0 if unknown */
 typedef struct {
@@ -63,62 +60,42 @@ typedef struct {
     intl known;
 } Slope;
 
-#define KEEP 0.1f   /* growth of a slope from one side alone: an edge is steeper than what leads to it */
-#define BEND 0.6f   /* growth if the other side is steep, too, or ends: a sphere's last slopes grow by less than half */
-#define STEEP 4.0f  /* a pair is at most so many times as steep as a side that bends to it */
-#define SAME 2.05f  /* times what both sides agree on: a sample less, as where a slope is rounded to steps */
-#define LEAST 0.05f /* of a slope: a pair that rises by less is a step beside a greater one */
-
-/* The side whose samples, from the pair on, are `a`, `next` and `after`. (A choice of the result instead is more than
- * Debian 13's LLVM compiles for one lane.) */
-INLINED Slope slope_of(floatl a, floatl next, floatl after, floatl sign)
+/* The slope from sample `a` of a pair outwards. (A choice of the result instead is more than Debian 13's LLVM compiles for
+ * one lane.) */
+INLINED Slope slope_at(Image image, int x, int y, int dx, int dy, floatl sign)
 {
-    Slope side;
-    side.known = (a > NO_SURFACE) & (next > NO_SURFACE);
-    next = select_lanes(side.known, next, a);
-    after = select_lanes(side.known & (after > NO_SURFACE), after, next - (a - next));
-    side.nearest = sign * (a - next);
-    side.agreed = max_lanes(min_lanes(side.nearest, sign * 0.5f * (a - after)), (floatl)0.0f);
-    return side;
+    const floatl a = samples_from(image, x, y), next = samples_from(image, x + dx, y + dy);
+    const floatl after = samples_from(image, x + 2 * dx, y + 2 * dy);
+    Slope slope;
+    slope.known = (a > NO_SURFACE) & (next > NO_SURFACE);
+    const floatl one = a - select_lanes(slope.known, next, a);
+    const floatl two = a - select_lanes(slope.known & (after > NO_SURFACE), after, a - 2.0f * one);
+    slope.nearest = sign * one;
+    slope.agreed = max_lanes(min_lanes(slope.nearest, 0.5f * sign * two), (floatl)0.0f);
+    return slope;
 }
 
-/* Sides of the pairs from samples x to x + LANES - 1 of a row to those at (dx, dy) */
-typedef struct {
-    Slope before, after;
-} Pairs;
-
-INLINED Pairs pairs_at(Image image, int x, int y, int dx, int dy, floatl sign)
-{
-    const floatl a = samples_from(image, x, y), b = samples_from(image, x + dx, y + dy);
-    Pairs pairs;
-    pairs.before = slope_of(a, samples_from(image, x - dx, y - dy), samples_from(image, x - 2 * dx, y - 2 * dy), sign);
-    pairs.after = slope_of(b, samples_from(image, x + 2 * dx, y + 2 * dy), samples_from(image, x + 3 * dx, y + 3 * dy), -sign);
-    return pairs;
-}
-
-/* Does a rise follow a slope that may change by a part of itself? */
-INLINED intl follows(floatl rise, floatl slope, floatl change, floatl allowed)
+/* Does a rise follow a slope that may grow by a part of itself? */
+INLINED intl follows(floatl rise, floatl slope, floatl growth, floatl allowed)
 {
     const floatl sure = max_lanes(slope - allowed, (floatl)0.0f);
-    return (rise <= slope + allowed + change * sure) & (rise >= LEAST * sure);
+    return (rise <= slope + allowed + growth * sure) & (rise >= LEAST * sure);
 }
 
 /* Does a rise go on from one side, by what the other side shows? */
 INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
 {
     const intl bends = (STEEP * other.nearest >= rise - allowed) | !other.known;
-    const floatl change = select_lanes(bends, (floatl)BEND, (floatl)KEEP);
-    return side.known & follows(rise, select_lanes(bends, side.nearest, side.agreed), change, allowed);
+    const floatl growth = select_lanes(bends, (floatl)BEND, (floatl)KEEP);
+    return side.known & follows(rise, select_lanes(bends, side.nearest, side.agreed), growth, allowed);
 }
 
-#define ONE_IF(mask) select_lanes(mask, (floatl)1.0f, (floatl)0.0f)
 /* Does a rise follow the mean slope on one side of three lines, where it is known? */
-#define FOLLOWS_MEAN(rise, side, allowed)                                                                      \
-    ((one.side.known | own.side.known | other.side.known) &                                                    \
-     follows(rise, (one.side.agreed + own.side.agreed + other.side.agreed) /                                   \
-                       max_lanes(ONE_IF(one.side.known) + ONE_IF(own.side.known) + ONE_IF(other.side.known),   \
-                                 (floatl)1.0f),                                                                \
-             KEEP, allowed))
+INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed)
+{
+    const floatl count = fabs(to_floatl(a.known + b.known + c.known)); /* true is 1 for one lane, -1 for many */
+    return (count > 0.0f) & follows(rise, (a.agreed + b.agreed + c.agreed) / max_lanes(count, (floatl)1.0f), KEEP, allowed);
+}
 
 /* Does a surface go on from each of the wanted samples to the next along (dx, dy)? The lines beside them tell, too, but
  * those of diagonals. */
@@ -126,14 +103,15 @@ OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed,
 {
     const floatl change = samples_from(image, x + dx, y + dy) - samples_from(image, x, y), rise = fabs(change);
     const floatl sign = select_lanes(change < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    const Pairs own = pairs_at(image, x, y, dx, dy, sign);
-    const floatl both = min_lanes(own.before.agreed, own.after.agreed);
-    const intl alone = goes_on_from(rise, own.before, own.after, allowed) |
-                       goes_on_from(rise, own.after, own.before, allowed) | (rise <= allowed + SAME * both);
+#define BEFORE(side) slope_at(image, x + (side) * dy, y + (side) * dx, -dx, -dy, sign)
+#define AFTER(side) slope_at(image, x + dx + (side) * dy, y + dy + (side) * dx, dx, dy, -sign)
+    const Slope before = BEFORE(0), after = AFTER(0);
+    const intl alone = goes_on_from(rise, before, after, allowed) | goes_on_from(rise, after, before, allowed) |
+                       (rise <= allowed + SAME * min_lanes(before.agreed, after.agreed));
     if ((dx && dy) || !any_lane(wanted & !alone))
         return alone;
-    const Pairs one = pairs_at(image, x - dy, y - dx, dx, dy, sign), other = pairs_at(image, x + dy, y + dx, dx, dy, sign);
-    return alone | FOLLOWS_MEAN(rise, before, allowed) | FOLLOWS_MEAN(rise, after, allowed);
+    return alone | follows_mean(rise, BEFORE(-1), before, BEFORE(1), allowed) |
+           follows_mean(rise, AFTER(-1), after, AFTER(1), allowed);
 }
 
 /* May samples a and b be torn apart? The Cut tells by itself that they are. Else, they may be if their change is that of no

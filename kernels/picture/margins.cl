@@ -67,15 +67,9 @@ INLINED int any_edge(Around n)
                     (as_intl(n.above_right) & TORN_BELOW) | (as_intl(n.below_left) & TORN_RIGHT));
 }
 
-/* Change of nearness, from column to column and from row to row, on the steepest surface that faces the camera: a part of
- * the nearness in perspective */
-typedef struct {
-    float x, y;
-    int perspective;
-} Steepest;
-
-/* The slopes of the packet's quarters of a number. At a limb they are limited: beyond it a surface does not go on. */
-INLINED void slopes_of(Around n, intl lower, intl upper, int number, Steepest steepest, floatl *slope_x, floatl *slope_y)
+/* The slopes of the packet's quarters of a number: no more than of a surface that faces the camera, since one that is steeper
+ * may end */
+INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest test, floatl *slope_x, floatl *slope_y)
 {
     const floatl left = n.here - n.left, right = n.right - n.here, up = n.here - n.above, down = n.below - n.here;
     const intl beside_upper = lower & !upper, beside_lower = upper & !lower; /* the triangle that is there */
@@ -89,10 +83,9 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, Steepest st
         *slope_x = select_lanes(beside_upper, n.below - n.below_left, select_lanes(beside_lower, left, *slope_x));
         *slope_y = select_lanes(beside_upper, down, select_lanes(beside_lower, n.below_left - n.left, *slope_y));
     }
-    const floatl scale = steepest.perspective ? n.here : (floatl)1.0f;
-    const floatl most_x = steepest.x * scale, most_y = steepest.y * scale;
-    *slope_x = clamp_lanes(*slope_x, -most_x, most_x);
-    *slope_y = clamp_lanes(*slope_y, -most_y, most_y);
+    const floatl scale = test.perspective ? n.here : (floatl)1.0f;
+    *slope_x = clamp_lanes(*slope_x, -test.per_pixel[0] * scale, test.per_pixel[0] * scale);
+    *slope_y = clamp_lanes(*slope_y, -test.per_pixel[1] * scale, test.per_pixel[1] * scale);
 }
 
 /* How many quarters the samples `first` to `end` - 1 of a row have */
@@ -111,7 +104,7 @@ OUTLINED int count_quarters(Grid grid, int first, int end, int y)
 }
 
 /* Writes these, from column `at` on. */
-OUTLINED void write_quarters(Grid grid, int first, int end, int y, Steepest steepest, global float *margins, int at,
+OUTLINED void write_quarters(Grid grid, int first, int end, int y, EdgeTest test, global float *margins, int at,
                              int capacity)
 {
     for (int x = first; x < end; x += LANES) {
@@ -125,7 +118,7 @@ OUTLINED void write_quarters(Grid grid, int first, int end, int y, Steepest stee
             if (!left)
                 continue;
             floatl slope_x, slope_y;
-            slopes_of(n, lower, upper, number, steepest, &slope_x, &slope_y);
+            slopes_of(n, lower, upper, number, test, &slope_x, &slope_y);
             for (; left; left = WITHOUT_LOWEST(left), at++) {
                 const int lane = LOWEST(left);
                 global float *out = margins + at;
@@ -142,7 +135,7 @@ OUTLINED void write_quarters(Grid grid, int first, int end, int y, Steepest stee
 }
 
 kernel void find_margins(global const float *surface, global float *margins, global int *count, int width, int height,
-                         int pitch, int piece, int capacity, Steepest steepest)
+                         int pitch, int piece, int capacity, EdgeTest test)
 {
     const int first = get_global_id(0) * piece, y = get_global_id(1);
     if (first >= width || y >= height)
@@ -153,5 +146,5 @@ kernel void find_margins(global const float *surface, global float *margins, glo
         return;
     const int at = atomic_add((volatile global int *)count, own);
     if (at + own <= capacity)
-        write_quarters(grid, first, end, y, steepest, margins, at, capacity);
+        write_quarters(grid, first, end, y, test, margins, at, capacity);
 }

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import pitch
 from pyibr.images import DepthImage
 from pyibr.images.noise import DepthNoise
@@ -157,7 +156,7 @@ def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = Fals
     def made() -> Surface:
         samples = samples_of(view)  # the device makes them while noise is found
         if connected or cut_ratio is not None:
-            test = test_by_cut(cut_of(view.camera, None if connected else cut_ratio))
+            test = test_by_cut(view.camera, cut_of(view.camera, None if connected else cut_ratio))
         else:
             test = straightness_test(view)
         return make_surface(samples, view, test)
@@ -170,29 +169,28 @@ def straightness_test(view: DepthImage, torn_by: NDArray[np.void] | None = None)
 
     torn_by: a record of the kernels' struct Cut; what it does not tear is none, either.
     """
-    cut, values = cut_of(view.camera, 1.0), np.zeros((), struct("picture/edges.cl", "EdgeTest"))
-    perspective = view.camera.projection == "perspective"
-    values["straight"], values["perspective"] = True, perspective
-    values["noise"] = _noise_between(view.depth_noise, perspective)
-    values["per_pixel"] = _steepest(view.camera)
-    cut["far_scale" if perspective else "least"] += values["per_pixel"][2]
+    cut, values = cut_of(view.camera, 1.0), _record(view.camera)
+    values["straight"] = True
+    values["noise"] = _noise_between(view.depth_noise, bool(values["perspective"]))
+    cut["far_scale" if values["perspective"] else "least"] += values["per_pixel"][2]
     values["both"] = torn_by is not None
     return EdgeTest(cut if torn_by is None else torn_by, values)
 
 
-def _steepest(camera: Camera) -> Float64:
-    """Change of nearness along rows, columns and diagonals, on the steepest surface that faces the camera.
-
-    A part of the nearness in perspective.
-    """
-    across, down = 1 / camera.K[0, 0], 1 / camera.K[1, 1]
-    change = _STEEPEST * np.array([across, down, math.hypot(across, down)])
-    return np.minimum(change, _STEEP) if camera.projection == "perspective" else change
-
-
-def test_by_cut(cut: NDArray[np.void]) -> EdgeTest:
+def test_by_cut(camera: Camera, cut: NDArray[np.void]) -> EdgeTest:
     """By a record of the kernels' struct Cut alone."""
-    return EdgeTest(cut, np.zeros((), struct("picture/edges.cl", "EdgeTest")))
+    return EdgeTest(cut, _record(camera))
+
+
+def _record(camera: Camera) -> NDArray[np.void]:
+    """A record of the kernels' struct EdgeTest, which knows how steep surfaces are that face the camera."""
+    values = np.zeros((), struct("lib/surface.h", "EdgeTest"))
+    values["perspective"] = camera.projection == "perspective"
+    across, down = 1 / camera.K[0, 0], 1 / camera.K[1, 1]
+    values["per_pixel"] = _STEEPEST * np.array([across, down, math.hypot(across, down)])
+    if values["perspective"]:
+        values["per_pixel"] = np.minimum(values["per_pixel"], _STEEP)
+    return values
 
 
 def _noise_between(noise: DepthNoise, perspective: bool) -> tuple[float, float, float]:
@@ -216,11 +214,11 @@ def make_surface(
     if tear is not None:
         tear(surface)
     launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **given)
-    margins = _find_margins(surface, view.camera, max(math.prod(size) // _SAMPLES_OF_A_MARGIN, _MARGINS_MIN))
+    margins = _find_margins(surface, size, test, max(math.prod(size) // _SAMPLES_OF_A_MARGIN, _MARGINS_MIN))
     # The one wait for all that there is of a view
     ranges, nearest_and_farthest = to_host([samples.ranges, ring])
     if margins.count > margins.quarters.shape[1]:
-        margins = _find_margins(surface, view.camera, margins.count)
+        margins = _find_margins(surface, size, test, margins.count)
         surface.session.wait()
     low, high = samples.low_and_high(ranges)
     low, high = min(low, float(nearest_and_farthest[0].min())), max(high, float(nearest_and_farthest[1].max()))
@@ -228,17 +226,14 @@ def make_surface(
     return Surface(surface, samples.color, size, low, high, margins, test, noise)
 
 
-def _find_margins(surface: DeviceArray, camera: Camera, capacity: int) -> Margins:
+def _find_margins(surface: DeviceArray, size: tuple[int, int], test: EdgeTest, capacity: int) -> Margins:
     """Begin to find the margins; no more than `capacity` are written."""
-    (width, height), lanes = camera.size, current().profile.lanes
+    (width, height), lanes = size, current().profile.lanes
     piece, pieces = current().profile.pieces(width)
     # Packets at the end read beyond the last one.
     quarters = empty((int(constant("lib/margins.h", "MARGIN_PLANES")), capacity + lanes), np.float32)
     count = empty((1,), np.int32)
     count.fill(0)
-    steepest = np.zeros((), struct("picture/margins.cl", "Steepest"))
-    steepest["x"], steepest["y"], _ = _steepest(camera)
-    steepest["perspective"] = camera.projection == "perspective"
     launch(
         kernel("picture/begin.cl", "find_margins"),
         (pieces, height),
@@ -250,6 +245,6 @@ def _find_margins(surface: DeviceArray, camera: Camera, capacity: int) -> Margin
         pitch=surface.shape[1],
         piece=piece,
         capacity=quarters.shape[1],
-        steepest=Struct("Steepest", steepest),
+        test=Struct("EdgeTest", test.straight),
     )
     return Margins(quarters, begin_to_host([count])[0])
