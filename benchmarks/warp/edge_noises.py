@@ -14,7 +14,7 @@ FOCAL_BASELINE = 600 * 0.075  # pixels times metres: a depth camera of 640 x 480
 _LEVELS = 255  # steps of 8 bits from the farthest sample's nearness to the nearest one's
 _QUARTER = 0.25  # pixels of disparity
 _MILLIMETRES = 0.003  # metres
-_DISPARITY = 0.2  # pixels
+_DISPARITY = 0.1  # pixels, as of structured light
 _PROPORTION = 0.005  # of depth
 _BLURRED, _SPREAD = 0.01, 8.0  # a part of depth, over so many samples
 _WHITE = 0.0005  # a part of depth, each sample for itself
@@ -51,7 +51,7 @@ _KINDS: dict[str, Callable[[Array, np.random.Generator], Array]] = {
     "8-bit disparity": _eight_bits,
     "quarter-pixel disparity": lambda depth, rng: FOCAL_BASELINE / _rounded(FOCAL_BASELINE / depth, _QUARTER),
     "3 mm": lambda depth, rng: depth + rng.normal(0, _MILLIMETRES, depth.shape),
-    "0.2 px of disparity": _of_disparity,
+    "0.1 px of disparity": _of_disparity,
     "0.5 % of depth": lambda depth, rng: depth * (1 + rng.normal(0, _PROPORTION, depth.shape)),
     "blurred": _blurred,
 }

@@ -178,7 +178,7 @@ def test_noise_is_what_its_name_says(noise: str) -> None:
     steps = {"none": 0, "millimetres": 0.0005, "centimetres": 0.005}
     deviations: dict[str, tuple[Array, float]] = {
         "3 mm": (off, 0.003),
-        "0.2 px of disparity": (FOCAL_BASELINE * (1 / made - 1 / depth), 0.2),
+        "0.1 px of disparity": (FOCAL_BASELINE * (1 / made - 1 / depth), 0.1),
         "0.5 % of depth": (off / depth, 0.005),
         "blurred": (off / depth, 0.01),
     }
