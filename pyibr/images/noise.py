@@ -39,10 +39,11 @@ _STEP_MAX = 0.25  # of the nearness: larger differences are edges
 _LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
 _ONE_STEP = 0.6  # share of changes of one step, and of levels whole steps apart: edges have any size
 _STAIRS = 0.01  # of a scale's changes, at least: few on steep surfaces
+_WHOLE, _MOSTLY = 0.02, 0.9  # steps by which float32 rounds most multiples of them
 _OFF = 0.2  # steps by which changes, and gaps between levels, are off whole ones: two scales may be mixed
 _NEAREST = 1e37  # of nearness: sums of four are still within single precision
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
-_ROUNDS, _CLOSE = 3, 0.02  # of fits, of which each heeds less what is off by more than that in the one before
+_ROUNDS, _CLOSE = 3, 0.02  # fits; each weighs less what was off by more in the one before
 _SIMPLER = 0.01  # by so much a fit must be closer to have one more term
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
 _CHOICES = np.array(
@@ -96,10 +97,7 @@ class DepthNoise:
 
     @cached_property
     def steps(self) -> tuple[float, float, float]:
-        """(a, b, c), none negative: at depth z, levels of a coarse scale lie about a z^2 + b z + c apart.
-
-        Disparity has steps of the first kind, depth in whole units of the last.
-        """
+        """(a, b, c), none negative: at depth z, levels of a coarse scale (disparity, whole units) lie as far apart."""
         return _scale_steps(self._strips)
 
     @cached_property
@@ -232,10 +230,13 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     none = 0.0, 0.0, 0.0
     along = strips[0, :-2], strips[0, 1:-1], strips[0, 2:]
     before, here, after = (np.concatenate(pair) for pair in zip(along, strips, strict=True))
-    one, other = np.abs(here - before), np.abs(after - here)
-    jump = np.maximum(one, other)
+    one, other = here - before, after - here
+    jump, least = np.abs(one - other), np.minimum(np.abs(one), np.abs(other))
     is_change = (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
-    is_stair = is_change & (np.minimum(one, other) == 0)
+    is_stair = is_change & (least == 0)
+    steep = (is_change & (one * other > 0)).nonzero()[0]  # on a scale these rise by whole steps, too
+    multiples = least[steep] / jump[steep]
+    is_stair[steep] = np.count_nonzero(np.abs(multiples - np.rint(multiples)) < _WHOLE) > _MOSTLY * len(steep)
     place, jump = here[is_stair], jump[is_stair]
     if len(place) <= _STAIRS * np.count_nonzero(is_change):
         return none

@@ -5,12 +5,14 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.images.noise import DepthNoise
+from tests.data import shared
 
 Array = NDArray[Any]
 SIZE = (160, 120)
@@ -95,3 +97,79 @@ def test_what_has_no_scale_has_no_steps():
         np.ones((1, 1)),
     ):
         assert DepthNoise(depth.astype(np.float32)).steps == (0, 0, 0)
+
+
+def deviation_at(depth: Array, z: float) -> float:
+    return float(np.dot(DepthNoise(np.ascontiguousarray(depth, np.float32)).deviation, (z * z, z, 1)))
+
+
+def chequer(side: int, height: float, slope: float) -> Array:
+    """Squares of so many samples that lie so far apart in depth, 4 units away."""
+    y, x = np.mgrid[:151, :203]
+    up = (x // side + y // side) % 2
+    return (4 + height * up) / (1 + slope * x / 203)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.2])
+@pytest.mark.parametrize("side", [2, 3, 4, 7])
+def test_exact_depth_has_no_noise(side, slope):
+    assert deviation_at(chequer(side, 0.02, slope), 4.0) < 1e-6 * 4.0
+    rows, columns = np.mgrid[:151, :203]
+    wires = np.where((columns + 0.6 * rows) % 17 < side, 2.0, 4.0)
+    assert deviation_at(wires * (1 + 0.1 * np.arange(203) / 203), 3.0) < 1e-6 * 3.0
+    y, x = np.mgrid[:151, :203] / 20
+    assert deviation_at(3 + 0.5 * np.sin(x) * np.cos(1.3 * y), 3.0) < 1e-5 * 3.0  # shape is no noise
+
+
+def test_blocks_of_any_depth_have_no_noise():
+    blocks = np.random.default_rng(0).uniform(2, 4, (76, 102)).repeat(2, axis=0).repeat(2, axis=1)
+    assert deviation_at(blocks, 3.0) == 0
+
+
+@pytest.mark.parametrize("kind", [(0.002, 0, 0), (0, 0.003, 0), (0, 0, 0.004)])
+@pytest.mark.parametrize("slope", [0.0, 0.6])
+def test_noise_of_walls_and_slopes_is_found_and_crops_agree(kind, slope):
+    depth = 2.5 / (1 + slope * (np.arange(321) / 321 - 0.5)) * np.ones((243, 1))
+    noisy = depth + np.random.default_rng(1).normal(size=depth.shape) * np.polyval(kind, depth)
+    whole = deviation_at(noisy, 2.5)
+    assert whole == pytest.approx(np.polyval(kind, 2.5), rel=0.1)
+    for part in (noisy[3:, 5:], noisy[:-7, :-4], noisy[::-1], noisy.T):
+        assert deviation_at(part, 2.5) == pytest.approx(whole, rel=0.1)
+
+
+def test_noise_of_a_sky_is_not_that_of_the_ground():
+    noisy = room((640, 480)) + np.random.default_rng(0).normal(0, 0.01, (480, 640))
+    noisy[:200] = 100.0
+    assert deviation_at(noisy, 3.0) == pytest.approx(0.01, rel=0.1)
+
+
+def test_a_corridors_disparity_in_bytes_is_a_scale():
+    """Its walls change by more than a step from sample to sample, its end by none."""
+    y, x = np.mgrid[:240, :320]
+    with np.errstate(divide="ignore"):
+        depth = np.minimum(np.minimum(290 * 0.9 / np.abs(x - 159.5), 290 * 1.2 / np.abs(y - 119.5)), 8.0)
+    step = (1 / depth.min()) / 255
+    steps = DepthNoise((1 / (np.rint(1 / depth / step) * step)).astype(np.float32)).steps
+    assert steps == pytest.approx((step, 0, 0), rel=0.02, abs=1e-9)
+
+
+def test_stairs_and_leaves_are_no_scale():
+    stairs = np.repeat(2 + 0.05 * np.arange(8), 40)[None] * np.ones((240, 1))
+    assert DepthNoise(stairs.astype(np.float32)).steps == (0, 0, 0)
+    rng = np.random.default_rng(3)
+    leaves = np.full((45, 60), 4.0)
+    for _ in range(30):  # each at a depth of its own, before one wall
+        y, x = rng.integers(0, 40), rng.integers(0, 55)
+        leaves[y : y + 4, x : x + 4] = rng.uniform(3.0, 3.2)
+    assert DepthNoise(leaves.astype(np.float32)).steps == (0, 0, 0)
+
+
+@pytest.mark.parametrize("name", ["7scenes_tsdf_fusion/frame-*.depth.png", "asus_xtion_unregistered/depth1_0[1-3].png"])
+def test_frames_of_one_recording_and_their_crops_agree(name):
+    found = list[float]()
+    for path in sorted((shared("formats")).glob(name)):
+        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) / 1000
+        found += [deviation_at(part, 2.0) for part in (depth, depth[3:, 5:], depth[:-7, :-4], depth[11:, 9:], depth.T)]
+    assert len(found) >= 15
+    assert max(found) < 1.1 * min(found)
+    assert min(found) > 0.004  # half of a step of 10.7 mm, or more
