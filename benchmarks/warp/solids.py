@@ -20,9 +20,9 @@ NEAREST = 0.05  # metres: rays begin there
 UNJUDGED, ONE_SURFACE, TWO_SURFACES = 0, 1, 2
 _SEAM = 1e-4  # a smaller jump, as a part of depth, is what rounding and finite refinement leave at a seam
 _JUMP = 2e-3  # a jump between these two is not judged: surfaces bend as much from sample to sample
-_STEPS = 32  # between two pixels: what is thinner than such a step is passed over
+_STEPS = 32  # between two pixels: a part thinner than such a step may be passed over
 _CHANGES = 4  # from part to part within a step
-_HALVINGS = 25  # of a step: even at its limb a ball of 1 m at 3 m falls by less than _SEAM there
+_HALVINGS = 25  # a step's: even at its limb a ball of 1 m at 3 m falls by less than _SEAM there
 
 
 class Rays(NamedTuple):
@@ -293,6 +293,8 @@ def _largest_jump(things: Sequence[Thing], camera: ibr.Camera, ends: Array) -> A
     for _ in range(_CHANGES):
         high, (after, right) = end, _cast_at(things, camera, end)
         is_open = left != right
+        if not is_open.any():
+            break
         pair, end, low, high, before, after, left, right = (
             values[is_open] for values in (pair, end, low, high, before, after, left, right)
         )

@@ -217,7 +217,7 @@ def test_cases_are_of_all_noises_and_ways() -> None:
     assert {record.subject for record in records} == set(edges.WAYS)
     assert all(len(record.values) == len(NOISES) for record in records) and len(records) == 2 * len(edges.WAYS)
     small = {case.parameters["scene"] for case in edges.cases(QUICK)}
-    assert "fine chequer" not in small and "wide fence" in small
+    assert "fine chequer" not in small and "grid" in small
 
 
 def canned(size: str, scene: str, counts: dict[str, tuple[list[float], list[float]]]) -> list[Record]:
