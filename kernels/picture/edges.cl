@@ -47,11 +47,11 @@ INLINED floatl samples_from(Image image, int x, int y)
     return select_lanes(x + lane_index < image.width, (floatl)(load_lanes(row + x)), (floatl)NO_SURFACE);
 }
 
-#define KEEP 0.1f   /* growth of a slope from one side alone: an edge is steeper than what leads to it */
-#define BEND 0.6f   /* growth if the other side is steep, too, or ends: a sphere's last slopes grow by less than half */
-#define STEEP 4.0f  /* a pair is at most so many times as steep as a side that bends to it, */
-#define SAME 2.05f  /* or as what both sides agree on: a sample less, as where a slope is rounded to steps */
-#define LEAST 0.05f /* of a slope: a pair that rises by less is a step beside a greater one */
+#define KEEP_GROWTH 0.1f   /* growth of a slope from one side alone: an edge is steeper than what leads to it */
+#define BEND_GROWTH 0.6f   /* growth if the other side is steep, too, or ends: a sphere's last slopes grow by less than half */
+#define STEEP_TIMES 4.0f  /* a pair is at most so many times as steep as a side that bends to it, */
+#define SAME_TIMES 2.05f  /* or as what both sides agree on: a sample less, as where a slope is rounded to steps */
+#define LEAST_RISE 0.05f /* of a slope: a pair that rises by less is a step beside a greater one */
 
 /* How steep the surface is on one side of a pair, in the direction in which the pair rises: by the nearest two samples,
  * and by what the nearest three agree on, which is nothing if one of them lies between two surfaces; 0 if unknown */
@@ -79,14 +79,14 @@ INLINED Slope slope_at(Image image, int x, int y, int dx, int dy, floatl sign)
 INLINED intl follows(floatl rise, floatl slope, floatl growth, floatl allowed)
 {
     const floatl sure = max_lanes(slope - allowed, (floatl)0.0f);
-    return (rise <= slope + allowed + growth * sure) & (rise >= LEAST * sure);
+    return (rise <= slope + allowed + growth * sure) & (rise >= LEAST_RISE * sure);
 }
 
 /* Does a rise go on from one side, by what the other side shows? */
 INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
 {
-    const intl bends = (STEEP * other.nearest >= rise - allowed) | !other.known;
-    const floatl growth = select_lanes(bends, (floatl)BEND, (floatl)KEEP);
+    const intl bends = (STEEP_TIMES * other.nearest >= rise - allowed) | !other.known;
+    const floatl growth = select_lanes(bends, (floatl)BEND_GROWTH, (floatl)KEEP_GROWTH);
     return side.known & follows(rise, select_lanes(bends, side.nearest, side.agreed), growth, allowed);
 }
 
@@ -94,7 +94,7 @@ INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
 INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed)
 {
     const floatl count = fabs(to_floatl(a.known + b.known + c.known)); /* true is 1 for one lane, -1 for many */
-    return (count > 0.0f) & follows(rise, (a.agreed + b.agreed + c.agreed) / max_lanes(count, (floatl)1.0f), KEEP, allowed);
+    return (count > 0.0f) & follows(rise, (a.agreed + b.agreed + c.agreed) / max_lanes(count, (floatl)1.0f), KEEP_GROWTH, allowed);
 }
 
 /* Does a surface go on from each of the wanted samples to the next along (dx, dy)? The lines beside them tell, too, but
@@ -107,7 +107,7 @@ OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed,
 #define AFTER(side) slope_at(image, x + dx + (side) * dy, y + dy + (side) * dx, dx, dy, -sign)
     const Slope before = BEFORE(0), after = AFTER(0);
     const intl alone = goes_on_from(rise, before, after, allowed) | goes_on_from(rise, after, before, allowed) |
-                       (rise <= allowed + SAME * min_lanes(before.agreed, after.agreed));
+                       (rise <= allowed + SAME_TIMES * min_lanes(before.agreed, after.agreed));
     if ((dx && dy) || !any_lane(wanted & !alone))
         return alone;
     return alone | follows_mean(rise, BEFORE(-1), before, BEFORE(1), allowed) |

@@ -24,14 +24,14 @@
 #include "warp/view_edges.h"
 
 #define ENDS 0   /* of the piece: two points of the world, from the set's origin, */
-#define REACH 6  /* half a sample of its view; negative: nothing looks through it */
+#define POINT_REACH 6  /* half a sample of its view; negative: nothing looks through it */
 #define BRIDGE 7 /* an int: the place of the bridge's sample in `surface`, times 8, and its TORN_... bit */
 #define POINT_PLANES 8
 
-#define ASIDE 0.3f           /* of a sample: how far out a margin's point lies, a bit beyond its middle */
+#define POINT_ASIDE 0.3f           /* of a sample: how far out a margin's point lies, a bit beyond its middle */
 #define OWN_DEVIATIONS 4.0f  /* a point's depth is known within so much of the noise */
 #define SEEN_DEVIATIONS 6.0f /* so much noise explains that a point lies before a surface; */
-#define TOLERANCE 0.2f       /* or so much of a sample does: surfaces bend between samples */
+#define SURFACE_TOLERANCE 0.2f       /* or so much of a sample does: surfaces bend between samples */
 
 /* A view of the set. noise: a standard deviation of noise_2 z z + noise_1 z + noise_0 at depth z, if it is noise for sure */
 typedef struct {
@@ -41,10 +41,10 @@ typedef struct {
     float noise_2, noise_1, noise_0;
 } SetView;
 
-#define NOISE_AT(view, z) (((view).noise_2 * (z) + (view).noise_1) * (z) + (view).noise_0)
+#define VIEW_NOISE(view, z) (((view).noise_2 * (z) + (view).noise_1) * (z) + (view).noise_0)
 #define SAMPLE_AT(view, z) (((view).perspective ? (z) : (floatl)1.0f) * (view).sample)
 #define GRID_OF_VIEW(surface, view) GRID_OF(surface, (view).width, (view).height, (view).pitch, NO_CUT)
-#define AT(values, place) (floatl)(gather(values, place))
+#define SAMPLES_AT(values, place) (floatl)(gather(values, place))
 
 /* A packet of points, the planes' values */
 typedef struct {
@@ -54,7 +54,7 @@ typedef struct {
 /* The points of pixels (x, y) at nearness n */
 INLINED Points points_at(SetView view, floatl x, floatl y, floatl n)
 {
-    const floatl z = DEPTH_OF(view.perspective, n), noise = OWN_DEVIATIONS * NOISE_AT(view, z);
+    const floatl z = DEPTH_OF(view.perspective, n), noise = OWN_DEVIATIONS * VIEW_NOISE(view, z);
     const float *m = view.world_from_pixel;
     Points points;
     UNROLLED
@@ -66,7 +66,7 @@ INLINED Points points_at(SetView view, floatl x, floatl y, floatl n)
         for (int axis = 0; axis < 3; axis++)
             points.planes[ENDS + 3 * end + axis] = MAP_ROW(m, axis, x, y, at) * inverse;
     }
-    points.planes[REACH] = 0.5f * SAMPLE_AT(view, z);
+    points.planes[POINT_REACH] = 0.5f * SAMPLE_AT(view, z);
     return points;
 }
 
@@ -121,18 +121,18 @@ kernel void find_bridges(global const float *surface, SetView view, EdgeView ste
 }
 
 /* Is a cell whole, of its first sample and those to the right and below? */
-#define IS_WHOLE(first, right, below) ((!IS_LOWER_OPEN(first)) & (!IS_UPPER_OPEN(first, right, below)))
+#define IS_WHOLE_CELL(first, right, below) ((!IS_LOWER_OPEN(first)) & (!IS_UPPER_OPEN(first, right, below)))
 
 /* Is each of the samples (x, y) a corner of a whole cell? Else it is one sample thin. */
 INLINED intl in_cell(Grid grid, intl x, intl y)
 {
     const intl at = y * grid.pitch + x, above = at - grid.pitch, below = at + grid.pitch;
-    const floatl here = AT(grid.nearness, at), left = AT(grid.nearness, at - 1), right = AT(grid.nearness, at + 1);
-    const floatl up = AT(grid.nearness, above), down = AT(grid.nearness, below);
-    const floatl up_left = AT(grid.nearness, above - 1), up_right = AT(grid.nearness, above + 1);
-    const floatl down_left = AT(grid.nearness, below - 1);
-    return IS_WHOLE(here, right, down) | IS_WHOLE(left, here, down_left) | IS_WHOLE(up, up_right, here) |
-           IS_WHOLE(up_left, up, left);
+    const floatl here = SAMPLES_AT(grid.nearness, at), left = SAMPLES_AT(grid.nearness, at - 1), right = SAMPLES_AT(grid.nearness, at + 1);
+    const floatl up = SAMPLES_AT(grid.nearness, above), down = SAMPLES_AT(grid.nearness, below);
+    const floatl up_left = SAMPLES_AT(grid.nearness, above - 1), up_right = SAMPLES_AT(grid.nearness, above + 1);
+    const floatl down_left = SAMPLES_AT(grid.nearness, below - 1);
+    return IS_WHOLE_CELL(here, right, down) | IS_WHOLE_CELL(left, here, down_left) | IS_WHOLE_CELL(up, up_right, here) |
+           IS_WHOLE_CELL(up_left, up, left);
 }
 
 /* The points of a packet of margins */
@@ -144,7 +144,7 @@ INLINED Points points_of_margins(Grid grid, SetView view, global const float *ma
     /* Half a quarter lies nearer to one of the two sides. */
     const intl is_half = ((bits & IN_LOWER) != 0) ^ ((bits & IN_UPPER) != 0);
     const intl is_flat = is_half & (to_right ^ ((bits & IN_LOWER) != 0)), is_high = is_half & !is_flat;
-    const floatl much = 1.15f * ASIDE, little = 0.5f * ASIDE, even = ASIDE;
+    const floatl much = 1.15f * POINT_ASIDE, little = 0.5f * POINT_ASIDE, even = POINT_ASIDE;
     const floatl aside_x = select_lanes(is_flat, much, select_lanes(is_high, little, even));
     const floatl aside_y = select_lanes(is_high, much, select_lanes(is_flat, little, even));
     const floatl dx = select_lanes(to_right, aside_x, -aside_x), dy = select_lanes(to_below, aside_y, -aside_y);
@@ -152,7 +152,7 @@ INLINED Points points_of_margins(Grid grid, SetView view, global const float *ma
                      dy * load_lanes(margins + MARGIN_SLOPE_Y * pitch);
     Points points = points_at(view, x + dx, y + dy, n);
     const intl first = 0, is_shown = in_cell(grid, select_lanes(inside, to_intl(x), first), select_lanes(inside, to_intl(y), first));
-    points.planes[REACH] = select_lanes(is_shown, points.planes[REACH], (floatl)-1.0f);
+    points.planes[POINT_REACH] = select_lanes(is_shown, points.planes[POINT_REACH], (floatl)-1.0f);
     return points;
 }
 
@@ -184,17 +184,17 @@ INLINED intl looks_beyond(Grid grid, SetView view, global const float *nearness,
     const floatl y = floor_lanes(clamp_lanes(v + 0.5f, (floatl)0.0f, (floatl)(grid.height - 1)));
     const intl to_right = u > x, to_below = v > y, step_x = select_lanes(to_right, (intl)1, (intl)-1);
     const intl step_y = select_lanes(to_below, (intl)grid.pitch, (intl)-grid.pitch), at = to_intl(y) * grid.pitch + to_intl(x);
-    const floatl here = AT(grid.nearness, at), beside = AT(grid.nearness, at + step_x);
-    const floatl next = AT(grid.nearness, at + step_y); /* above or below */
+    const floatl here = SAMPLES_AT(grid.nearness, at), beside = SAMPLES_AT(grid.nearness, at + step_x);
+    const floatl next = SAMPLES_AT(grid.nearness, at + step_y); /* above or below */
     const intl torn_beside = (as_intl(select_lanes(to_right, here, beside)) & TORN_RIGHT) != 0;
     const intl torn_next = (as_intl(select_lanes(to_below, here, next)) & TORN_BELOW) != 0;
     const floatl off_x = fabs(u - x), off_y = fabs(v - y), none = 0.0f;
     const floatl surface = here + select_lanes(torn_beside, none, off_x * (beside - here)) +
                            select_lanes(torn_next, none, off_y * (next - here));
     const floatl z = DEPTH_OF(view.perspective, n), sample = SAMPLE_AT(view, z);
-    const floatl allowed = max_lanes(TOLERANCE * sample, SEEN_DEVIATIONS * NOISE_AT(view, z));
+    const floatl allowed = max_lanes(SURFACE_TOLERANCE * sample, SEEN_DEVIATIONS * VIEW_NOISE(view, z));
     const intl farther = DEPTH_OF(view.perspective, surface) > z + allowed;
-    const intl is_free = AT(nearness, at) < NO_SURFACE;
+    const intl is_free = SAMPLES_AT(nearness, at) < NO_SURFACE;
     return inside & (max_lanes(off_x, off_y) * sample <= reach) & select_lanes(here > NO_SURFACE, farther, is_free);
 }
 
@@ -208,7 +208,7 @@ kernel void look_through(global const float *points, global uchar *seen, global 
         const intl column = i + lane_index;
         const intl others = (column < count) & ((column < own_first) | (column >= own_end));
         intl through = others & (load_bytes(seen + i) == 0);
-        const floatl reach = load_lanes(points + REACH * (size_t)pitch + i);
+        const floatl reach = load_lanes(points + POINT_REACH * (size_t)pitch + i);
         Vector ends[2];
         for (int end = 0; end < 2; end++) {
             global const float *from = points + (ENDS + 3 * end) * (size_t)pitch + i;
