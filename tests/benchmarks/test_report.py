@@ -198,7 +198,7 @@ def test_launches_are_seen_by_name() -> None:
     with kernel_times() as times:
         ibr.warp(view, target)
     of_the_surface = {"to_nearness", "find_edges", "continue_border", "measure_prominence", "find_margins"}
-    assert set(times) == {*of_the_surface, "clear", "epipolar_sweep", "draw_lone", "resolve"}
+    assert set(times) == {*of_the_surface, "clear", "epipolar_sweep", "draw_lone", "draw_margins", "resolve"}
     with build_times() as built:
         ibr.warp(view, target)
     assert set(built) == {"clear", "epipolar_sweep", "draw_lone", "resolve"}
