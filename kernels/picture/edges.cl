@@ -108,7 +108,9 @@ OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed,
     const Slope before = BEFORE(0), after = AFTER(0);
     const intl alone = goes_on_from(rise, before, after, allowed) | goes_on_from(rise, after, before, allowed) |
                        (rise <= allowed + SAME_TIMES * min_lanes(before.agreed, after.agreed));
-    if ((dx && dy) || !any_lane(wanted & !alone))
+    if (dx && dy) /* where nothing is known, as in corners, the cell's other edges tell */
+        return alone | !(before.known | after.known);
+    if (!any_lane(wanted & !alone))
         return alone;
     return alone | follows_mean(rise, BEFORE(-1), before, BEFORE(1), allowed) |
            follows_mean(rise, AFTER(-1), after, AFTER(1), allowed);

@@ -67,8 +67,8 @@ INLINED int any_edge(Around n)
                     (as_intl(n.above_right) & TORN_BELOW) | (as_intl(n.below_left) & TORN_RIGHT));
 }
 
-/* The slopes of the packet's quarters of a number: no more than of a surface that faces the camera, since one that is steeper
- * may end */
+/* The slopes of the packet's quarters of a number. Without a triangle beside them they are no more than of a surface that
+ * faces the camera: a steeper one may end. */
 INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest test, floatl *slope_x, floatl *slope_y)
 {
     const floatl left = n.here - n.left, right = n.right - n.here, up = n.here - n.above, down = n.below - n.here;
@@ -76,6 +76,9 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest te
     const floatl flat = 0.0f; /* to what is torn off */
     *slope_x = number & TO_RIGHT ? select_lanes(n.torn_right, flat, right) : select_lanes(n.torn_left, flat, left);
     *slope_y = number & TO_BELOW ? select_lanes(n.torn_below, flat, down) : select_lanes(n.torn_above, flat, up);
+    const floatl scale = test.perspective ? n.here : (floatl)1.0f;
+    *slope_x = clamp_lanes(*slope_x, -test.per_pixel[0] * scale, test.per_pixel[0] * scale);
+    *slope_y = clamp_lanes(*slope_y, -test.per_pixel[1] * scale, test.per_pixel[1] * scale);
     if (number == TO_RIGHT) {
         *slope_x = select_lanes(beside_upper, right, select_lanes(beside_lower, n.above_right - n.above, *slope_x));
         *slope_y = select_lanes(beside_upper, n.right - n.above_right, select_lanes(beside_lower, up, *slope_y));
@@ -83,9 +86,6 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest te
         *slope_x = select_lanes(beside_upper, n.below - n.below_left, select_lanes(beside_lower, left, *slope_x));
         *slope_y = select_lanes(beside_upper, down, select_lanes(beside_lower, n.below_left - n.left, *slope_y));
     }
-    const floatl scale = test.perspective ? n.here : (floatl)1.0f;
-    *slope_x = clamp_lanes(*slope_x, -test.per_pixel[0] * scale, test.per_pixel[0] * scale);
-    *slope_y = clamp_lanes(*slope_y, -test.per_pixel[1] * scale, test.per_pixel[1] * scale);
 }
 
 /* How many quarters the samples `first` to `end` - 1 of a row have */

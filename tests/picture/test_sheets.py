@@ -109,7 +109,7 @@ def test_limbs_are_torn_and_round_surfaces_are_whole(size, most):
 def test_margins_at_limbs_stay_within_the_size_of_a_sample():
     """From aside, each pixel lies near the spheres: a limb's slope does not go on."""
     camera = camera_of(181, 140)
-    depth, surface = ring(camera)
+    depth, _ = ring(camera)
     view = ibr.DepthImage(None, depth.astype(np.float32), camera)
     aside = ibr.Camera.look_at((2.4, 0.1, 2.2), (-0.1, 0, 2.2), (0, -1, 0), (160, 123), fov_y=40)
     frame = ibr.warp(view, aside, side="both")

@@ -102,7 +102,9 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
         goes_on |= _follows(rise, slope, np.where(bends, BEND, KEEP), noise)
     with np.errstate(invalid="ignore"):
         goes_on |= rise <= noise + SAME * np.nan_to_num(np.minimum(before[1], after[1]))
-    if beside:
+    if not beside:
+        goes_on |= np.isnan(before[0]) & np.isnan(after[0])  # the cell's other edges tell
+    else:
         for side in (-1, 1):
             rows = np.stack([_slopes(np.roll(change, row, 0), sign, side)[1] for row in (-1, 0, 1)])
             rows[0, -1] = rows[2, 0] = np.nan  # beyond the image

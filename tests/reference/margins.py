@@ -133,7 +133,8 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
     found = list[tuple[Array, ...]]()
     for tx, ty in QUARTERS:
         low, high = open_parts[tx, ty]
-        gu, gv = slope(tx, 0), slope(0, ty)
+        most_x, most_y = steepest_margins(view, q)
+        gu, gv = np.clip(slope(tx, 0), -most_x, most_x), np.clip(slope(0, ty), -most_y, most_y)
         if (tx, ty) == (1, -1):  # beside a triangle of the same cell: its plane
             planes = (
                 (high & ~low, at(ring, 1, -1) - at(ring, 0, -1), q - at(ring, 0, -1)),
@@ -148,8 +149,6 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
             planes = ()
         for where, pu, pv in planes:
             gu, gv = np.where(where, pu, gu), np.where(where, pv, gv)
-        most_x, most_y = steepest_margins(view, q)
-        gu, gv = np.clip(gu, -most_x, most_x), np.clip(gv, -most_y, most_y)
         y, x = np.nonzero((low | high) & ~np.isnan(q))
         own = at(image, 0, 0)
         change_x = np.where(torn_to[tx, 0][..., None], 0.0, (at(image, tx, 0) - own) * tx)

@@ -160,7 +160,7 @@ def test_a_target_that_sees_nothing_gets_a_warning_and_holes(method, projection)
     K_here = K if projection == "perspective" else [[10, 0, 20], [0, 10, 15], [0, 0, 1]]
     away = ibr.Camera(K_here, (33, 25), np.diag([-1.0, 1, -1, 1]), projection=projection).moved(0, 0, 1)
     aside = ibr.Camera(K_here, (33, 25), projection=projection).moved(100, 0, 0)
-    ibr.warp(VIEW, VIEW.camera, method=method)  # a thread that builds programs changes the filters of warnings meanwhile
+    ibr.warp(VIEW, VIEW.camera, method=method)  # programs are built: that changes the filters of warnings
     for target in (away, aside):
         for fill in (None, "background", "smooth"):
             with pytest.warns(UserWarning, match="sees nothing") as caught:

@@ -113,7 +113,7 @@ def test_a_ball_is_as_large_as_it_is():
         valid, alone = ibr.warp(views, camera).valid, np.any([ibr.warp(view, camera).valid for view in views], axis=0)
         outside, fat = outside + (valid & ~there).sum(), fat + (alone & ~there).sum()
         lost += (alone & there & ~valid).sum()
-    # Within half a sample no image knows where the outline runs; a margin beyond the outline touches the ball elsewhere.
+    # Within half a sample no image knows where the outline runs.
     assert outside < 0.6 * fat
     assert lost < fat - outside
 
