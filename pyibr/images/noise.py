@@ -30,7 +30,7 @@ _MANTISSA = 23  # bits of a float32
 _ROUNDING = 2.0**-21  # of the nearness: a cell's difference of rounded samples
 _EDGE = 0.1  # of the nearness: neighbours that differ more are an edge
 _CELL = 2.0  # deviation of a cell's difference, by the deviation of its four samples
-_SMOOTH = 0.8  # share of a range's cells: with more edges, the cells between them are a choice
+_FEW, _SMOOTH = 0.1, 0.8  # shares of cells without an edge, of all and of a range's: the rest would be a choice
 _SHARES, _BY_SHARE = np.array([0.5, 0.25]), np.array([1 / 0.67449, 1.4 / 0.31864])  # of normal noise; edges raise both
 _SHAPE = 9.0  # squared ratio of differences, two samples apart over one: noise has 1, curves 16
 _FALL = 1.15  # nearer samples have no more noise than farther ones, but for chance
@@ -146,14 +146,16 @@ def _random_noise(strips: Nearness) -> tuple[float, float, float]:
     if len(near) < _CELLS_MIN:
         return 0.0, 0.0, 0.0
     smooth = largest < _EDGE * near
-    if 2 * np.count_nonzero(smooth) < len(near):  # most cells: their noise is as large
+    if np.count_nonzero(smooth) < _FEW * len(near):  # their noise is as large
         smooth[:] = True
     first, one = _histogram(near[smooth], change[smooth])
     _, two = _histogram(*_cells(strips[0], strips[2], 2)[:2], (first, first + len(one) - 1))
     # Equal samples, as a sky's, tell nothing about the noise of others; nor do ranges with many edges.
     total, every = one.sum(axis=1), _count(near, first, len(one))
     levels = _count(near[largest == 0.0], first, len(one))
-    told = (total >= _CELLS_MIN) & (total >= _SMOOTH * every) & (levels < 0.25 * total)
+    told = (total >= _CELLS_MIN) & (levels < 0.25 * total)
+    smoother = told & (total >= _SMOOTH * every)
+    told = smoother if smoother.any() else told
     z, total = _depths(near[smooth], first, len(one))[told], total[told]
     near_by, far_by = _deviations(one[told]) * z, _deviations(two[told]) * z
     # Curves do not count: their differences grow with the square of the distance.
