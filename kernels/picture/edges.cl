@@ -4,7 +4,7 @@
  * it goes on: the slope on one side foretells their rise. From one side alone the slope may grow by a tenth. It may grow
  * more if the other side is steep in the same direction, or has no sample: a surface that bends away is steep on both sides
  * or ends, and a step from its limb to another surface is steep on one. A sample between two surfaces, half of each, goes
- * on to neither: two of three samples agree on half of its rise. What noise and the steps of a scale explain is no edge;
+ * on to neither: two of three samples agree on half of its rise. Noise and the steps of a scale make no edges;
  * the mean of three lines beside each other foretells with less noise. Or, by number, depths of a greater ratio are torn
  * apart (Cut).
  *
@@ -51,10 +51,10 @@ INLINED floatl samples_from(Image image, int x, int y)
 #define BEND_GROWTH 0.6f   /* growth if the other side is steep, too, or ends: a sphere's last slopes grow by less than half */
 #define STEEP_TIMES 4.0f  /* a pair is at most so many times as steep as a side that bends to it, */
 #define SAME_TIMES 2.05f  /* or as what both sides agree on: a sample less, as where a slope is rounded to steps */
-#define LEAST_RISE 0.05f /* of a slope: a pair that rises by less is a step beside a greater one */
+#define LEAST_RISE 0.05f /* share of a slope: a pair that rises by less is a step beside a greater one */
 
-/* How steep the surface is on one side of a pair, in the direction in which the pair rises: by the nearest two samples,
- * and by what the nearest three agree on, which is nothing if one of them lies between two surfaces; 0 if unknown */
+/* Slopes on one side of a pair, in the direction in which the pair rises: by the nearest two samples, and the lesser of that
+ * and the mean of the nearest three, or 0. A sample between two surfaces halves it. */
 typedef struct {
     floatl nearest, agreed;
     intl known;
@@ -82,7 +82,7 @@ INLINED intl follows(floatl rise, floatl slope, floatl growth, floatl allowed)
     return (rise <= slope + allowed + growth * sure) & (rise >= LEAST_RISE * sure);
 }
 
-/* Does a rise go on from one side, by what the other side shows? */
+/* Does a rise go on from one side, given the other? */
 INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
 {
     const intl bends = (STEEP_TIMES * other.nearest >= rise - allowed) | !other.known;
@@ -94,7 +94,8 @@ INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
 INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed)
 {
     const floatl count = fabs(to_floatl(a.known + b.known + c.known)); /* true is 1 for one lane, -1 for many */
-    return (count > 0.0f) & follows(rise, (a.agreed + b.agreed + c.agreed) / max_lanes(count, (floatl)1.0f), KEEP_GROWTH, allowed);
+    const floatl mean = (a.agreed + b.agreed + c.agreed) / max_lanes(count, (floatl)1.0f);
+    return (count > 0.0f) & follows(rise, mean, KEEP_GROWTH, allowed);
 }
 
 /* Does a surface go on from each of the wanted samples to the next along (dx, dy)? The lines beside them tell, too, but
@@ -108,7 +109,7 @@ OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed,
     const Slope before = BEFORE(0), after = AFTER(0);
     const intl alone = goes_on_from(rise, before, after, allowed) | goes_on_from(rise, after, before, allowed) |
                        (rise <= allowed + SAME_TIMES * min_lanes(before.agreed, after.agreed));
-    if (dx && dy) /* where nothing is known, as in corners, the cell's other edges tell */
+    if (dx && dy) /* where nothing is known, as in corners, the cell's other edges decide */
         return alone | !(before.known | after.known);
     if (!any_lane(wanted & !alone))
         return alone;

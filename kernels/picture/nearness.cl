@@ -2,8 +2,8 @@
  *
  * One work-item converts `piece` samples of a row, a multiple of LANES or all, and notes their range, which bounds what
  * the view can reach. depth: (src_height, src_width) planar z; NaN or <= NEAREST is no surface, nor is >= far or infinite:
- * that is FREE_RAY, which is less than NO_SURFACE. nearness: (src_height, src_pitch), a pitch that is no power of two, because columns are read too. ranges: (pieces, 2) least and
- * greatest nearness of each piece, (inf, -inf) where it has no surface. to_bridged_nearness: single samples that are
+ * that is FREE_RAY, which is less than NO_SURFACE. nearness: (src_height, src_pitch), a pitch that is no power of two,
+ * because columns are read too. ranges: (pieces, 2) least and greatest nearness of each piece, (inf, -inf) where it has no surface. to_bridged_nearness: single samples that are
  * missing amid a surface, through which the background would show, are interpolated between their neighbours to the left
  * and the right, or above and below, where these are one surface. O(n^2), one pass. Determinism: every sample from depths
  * alone.

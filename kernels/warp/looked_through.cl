@@ -1,12 +1,12 @@
-/* What of a view's surface other views have looked through: its margins, and bridges that may be rubber sheets.
+/* Margins and uncertain bridges of a view's surface that other views have looked through.
  *
  * A view extends its surface by half a sample at edges (lib/margins.h), and it bridges steep steps that seem to go on
  * (step_allowed). Neither was seen. A ray of another view that passes such a place and goes on shows that nothing is
- * there. So places of the surface are listed as points, each view looks at the points of all others, and what was looked
- * through is dropped.
+ * there. So places of the surface are listed as points, each view looks at the points of all others, and the places that
+ * were looked through are dropped.
  *
- * A point's depth is known within its noise. So a point is a piece of its view's ray, of which both ends and the middle
- * must be looked through by one view. The nearest ray of that view must pass within half of a sample of the point's own
+ * A point's depth is known within its noise. So a point is a piece of its view's ray. One view must look through both ends
+ * and the middle. The nearest ray of that view must pass within half of a sample of the point's own
  * view: coarse views do not tell of details. It must meet its surface farther away than noise and a part of a sample
  * explain, or be known to meet nothing. Things one sample thin show nothing but margins, so that these stay.
  *
@@ -127,7 +127,8 @@ kernel void find_bridges(global const float *surface, SetView view, EdgeView ste
 INLINED intl in_cell(Grid grid, intl x, intl y)
 {
     const intl at = y * grid.pitch + x, above = at - grid.pitch, below = at + grid.pitch;
-    const floatl here = SAMPLES_AT(grid.nearness, at), left = SAMPLES_AT(grid.nearness, at - 1), right = SAMPLES_AT(grid.nearness, at + 1);
+    const floatl here = SAMPLES_AT(grid.nearness, at);
+    const floatl left = SAMPLES_AT(grid.nearness, at - 1), right = SAMPLES_AT(grid.nearness, at + 1);
     const floatl up = SAMPLES_AT(grid.nearness, above), down = SAMPLES_AT(grid.nearness, below);
     const floatl up_left = SAMPLES_AT(grid.nearness, above - 1), up_right = SAMPLES_AT(grid.nearness, above + 1);
     const floatl down_left = SAMPLES_AT(grid.nearness, below - 1);
@@ -151,13 +152,14 @@ INLINED Points points_of_margins(Grid grid, SetView view, global const float *ma
     const floatl n = load_lanes(margins + MARGIN_NEARNESS * pitch) + dx * load_lanes(margins + MARGIN_SLOPE_X * pitch) +
                      dy * load_lanes(margins + MARGIN_SLOPE_Y * pitch);
     Points points = points_at(view, x + dx, y + dy, n);
-    const intl first = 0, is_shown = in_cell(grid, select_lanes(inside, to_intl(x), first), select_lanes(inside, to_intl(y), first));
+    const intl first = 0;
+    const intl is_shown = in_cell(grid, select_lanes(inside, to_intl(x), first), select_lanes(inside, to_intl(y), first));
     points.planes[POINT_REACH] = select_lanes(is_shown, points.planes[POINT_REACH], (floatl)-1.0f);
     return points;
 }
 
-/* `surface`: before bridges were torn. Lists the points of a view's `count` margins from column `start` on; it may write LANES columns beyond them, which
- * views after it write anew. */
+/* Lists the points of a view's `count` margins from column `start` on. It may write LANES columns beyond them, which views
+ * after it write anew. `surface`: before bridges were torn. */
 kernel void list_margins(global const float *surface, SetView view, global const float *margins, int count, int pitch,
                          global float *points, int start, int point_pitch)
 {

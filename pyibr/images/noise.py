@@ -27,23 +27,23 @@ _CELLS_MIN = 50  # the median of fewer is off by over 15 %
 _KNOWN = 0.1  # share of known cells: with fewer, every other sample is missing
 _GOLDEN = 0.6180339887498949  # rows at its multiples follow no period of the picture
 _MANTISSA = 23  # bits of a float32
-_ROUNDING = 2.0**-21  # of the nearness: a cell's difference of rounded samples
-_EDGE = 0.1  # of the nearness: neighbours that differ more are an edge
+_ROUNDING = 2.0**-21  # share of the nearness that rounds a cell's difference
+_EDGE = 0.1  # share of the nearness: neighbours that differ more are an edge
 _CELL = 2.0  # deviation of a cell's difference, by the deviation of its four samples
 _FEW, _SMOOTH = 0.1, 0.8  # shares of cells without an edge, of all and of a range's: the rest would be a choice
-_SHARES, _BY_SHARE = np.array([0.5, 0.25]), np.array([1 / 0.67449, 1.4 / 0.31864])  # of normal noise; edges raise both
+_SHARES, _BY_SHARE = np.array([0.5, 0.25]), np.array([1 / 0.67449, 1.4 / 0.31864])  # normal noise; edges raise both
 _SHAPE = 9.0  # squared ratio of differences, two samples apart over one: noise has 1, curves 16
-_FALL = 1.15  # nearer samples have no more noise than farther ones, but for chance
+_FALL = 1.15  # times the noise of farther samples, at most
 _CHANCE = 4.0  # standard deviations, over the root of the cells, of an estimate from few
-_STEP_MAX = 0.25  # of the nearness: larger differences are edges
+_STEP_MAX = 0.25  # share of the nearness: larger differences are edges
 _LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
 _ONE_STEP = 0.6  # share of changes of one step, and of levels whole steps apart: edges have any size
-_STAIRS = 0.01  # of a scale's changes, at least: few on steep surfaces
+_STAIRS = 0.01  # least share of a scale's changes: few on steep surfaces
 _WHOLE, _MOSTLY = 0.02, 0.9  # steps by which float32 rounds most multiples of them
 _OFF = 0.2  # steps by which changes, and gaps between levels, are off whole ones: two scales may be mixed
-_NEAREST = 1e37  # of nearness: sums of four are still within single precision
+_NEAREST = 1e37  # nearness whose fourfold is still within single precision
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
-_ROUNDS, _CLOSE = 3, 0.02  # fits; each weighs less what was off by more in the one before
+_ROUNDS, _CLOSE = 3, 0.02  # fits; a larger difference in one weighs less in the next
 _SIMPLER = 0.01  # by so much a fit must be closer to have one more term
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
 _CHOICES = np.array(
@@ -140,7 +140,7 @@ def _random_noise(strips: Nearness) -> tuple[float, float, float]:
     """(a, b, c) of noise by cells of 2 x 2 samples.
 
     The difference of a cell's two differences is 0 on planes, and along edges that follow rows or columns. So most
-    cells of thin things tell their noise, too.
+    cells of thin things show their noise, too.
     """
     near, change, largest = _cells(strips[0], strips[1], 1)
     if len(near) < _CELLS_MIN:
@@ -262,7 +262,7 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
 def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) -> tuple[float, float, float]:
     """(a, b, c), none negative: deviations (n,) at depths z (n,) are about a z^2 + b z + c; zeros do not count.
 
-    counts: how many samples tell each.
+    counts: numbers of samples behind the deviations.
     """
     known = deviations > 0
     number = np.count_nonzero(known)

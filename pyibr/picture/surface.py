@@ -25,7 +25,7 @@ from pyibr.picture.samples import Samples, cut_of, samples_of
 
 _STEEPEST = 8.0  # depth over width: a surface that recedes by less from sample to sample faces the camera
 _SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # mostly there are fewer margins; else they are found once more
-_STEEP = 0.025  # of the nearness: with few samples a surface may be steeper, but edges are as small
+_STEEP = 0.025  # share of the nearness: with few samples a surface may be steeper, but edges are as small
 _DEVIATIONS = 4.0 * math.sqrt(2)  # of a sample's noise, by which neighbours may differ
 
 
