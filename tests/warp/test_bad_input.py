@@ -5,6 +5,7 @@ picture.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -160,7 +161,10 @@ def test_a_target_that_sees_nothing_gets_a_warning_and_holes(method, projection)
     K_here = K if projection == "perspective" else [[10, 0, 20], [0, 10, 15], [0, 0, 1]]
     away = ibr.Camera(K_here, (33, 25), np.diag([-1.0, 1, -1, 1]), projection=projection).moved(0, 0, 1)
     aside = ibr.Camera(K_here, (33, 25), projection=projection).moved(100, 0, 0)
-    ibr.warp(VIEW, VIEW.camera, method=method)  # programs are built: that changes the filters of warnings
+    ibr.warp(VIEW, VIEW.camera, method=method)
+    for thread in threading.enumerate():  # one that builds programs ahead changes the filters of warnings meanwhile
+        if thread.name == "pyibr ahead":
+            thread.join()
     for target in (away, aside):
         for fill in (None, "background", "smooth"):
             with pytest.warns(UserWarning, match="sees nothing") as caught:

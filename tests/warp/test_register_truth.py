@@ -266,7 +266,8 @@ def test_a_ball_hides_itself(angle, size, noise):
     turned, faces = facing < -0.35, facing > 0.2  # the cosine: between, noise may turn the surface
     assert turned.mean() > 0.05 and faces.mean() > 0.05
     assert found[faces].mean() > (0.97 if noise else 0.999)
-    assert found[turned].mean() < 0.02  # next to its rim few samples tell where it faces
+    # Next to its rim few samples tell where it faces; in images of few samples the rim's last ones are torn off.
+    assert found[turned].mean() < (0.02 if size[0] > 100 else 0.03)
 
 
 def test_colours_are_of_the_own_surface():
