@@ -64,6 +64,18 @@ def _warps(setting: Setting) -> Cases:
                 yield f"{name} of two, one held", partial(_warp_holding_one, [view, beside], camera)
 
 
+def _bridges(setting: Setting) -> Cases:
+    """Steep bridges that another view has looked through."""
+    for size in ((17, 9), (33, 17))[: setting.choose(1, 1, 2)]:
+        view = setting.view(scenes.smooth, size, "perspective")
+        near = np.interp(np.arange(size[0]), [0, 5, 9, size[0]], [1.0, 1.0, 0.2, 0.2]) * np.ones((size[1], 1))
+        empty = np.full(size[::-1], np.inf, np.float32)
+        empty[0, 0] = 9.0
+        color = view.color if view.has_color else None
+        ramp = DepthImage(color, (1 / near).astype(np.float32), view.camera)
+        yield f"bridges {size}", partial(ibr.warp, [ramp, DepthImage(color, empty, view.camera)], view.camera)
+
+
 def _warp_holding_one(views: list[DepthImage], camera: ibr.Camera) -> ibr.Frame:
     """A picture whose layers are drawn twice, but for one."""
     with patch.multiple(blending, _HELD_BYTES=1, _HELD_MIN=1):
@@ -378,14 +390,14 @@ FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
     "lib": (_registrations, _splats),
     "picture": (_lenses, _bounds, _registrations, _relit, _marked),
     "cleaning": (_cleanings,),
-    "warp": (_warps, _lenses, _registrations),
+    "warp": (_warps, _bridges, _lenses, _registrations),
     "raster": (_meshes, _sorted),
     "slicing": (_surfaces, _objects),
     "relief": (_reliefs,),
     "depthmesh": (_depth_meshes,),
 }
 """What runs every kernel of each folder of `kernels/`, among others."""
-_WITHOUT_COLORS = (_lenses, _warps, _registrations, _cleanings)
+_WITHOUT_COLORS = (_lenses, _warps, _bridges, _registrations, _cleanings)
 
 
 def run_all(setting: Setting, launches: Launches, folder: str) -> Ran:
