@@ -17,6 +17,7 @@ from pyibr.opencl.device import one_call
 Mask = NDArray[np.bool_]
 
 _NOISE_MIN = 5e-4  # of the depth: what is less is none
+_CELLS = 20_000  # that tell the noise, while the device works: it is right to 3 %
 _GIVEN = 64  # places of nearness at which noise that was given is looked at
 _NOISE_MAX = 1e30  # of nearness: the scales stay finite
 _APART, _LEAST_APART = 5.0, 0.02  # deviations, and a share of depth: two surfaces are at least that far apart
@@ -123,7 +124,7 @@ def clean_depth(
         image = Image(width, height)
         placed, last = image.place(measured), None if known is None else image.place(known)
         image.place_colors(colors)
-        told = told or DepthNoise(measured).deviation  # while the device works
+        told = told or DepthNoise(measured, cells=_CELLS).deviation  # while the device works
         if placed.is_empty:
             return CleanedDepth(np.full_like(measured, np.nan), np.zeros(measured.shape, np.bool_))
         last = None if last is None or last.is_empty else last

@@ -22,16 +22,16 @@ Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
 """Noise of depth, as `DepthImage` and `clean_depth` take it."""
 
 _PLACES = 16  # depths at which a function of noise is sampled
-_CELLS = 8_000  # sampled cells: their median is known to 2 %
 _CELLS_MIN = 50  # the median of fewer is off by over 15 %
 _KNOWN = 0.1  # share of known cells: with fewer, every other sample is missing
 _GOLDEN = 0.6180339887498949  # rows at its multiples follow no period of the picture
 _MANTISSA = 23  # bits of a float32
-_ROUNDING = 2.0**-21  # share of the nearness that rounds a cell's difference
+_ROUNDING = 2.0**-17  # share of the nearness: smaller differences are rounding, or make no edge
 _EDGE = 0.1  # share of the nearness: neighbours that differ more are an edge
 _CELL = 2.0  # deviation of a cell's difference, by the deviation of its four samples
 _FEW, _SMOOTH = 0.1, 0.8  # shares of cells without an edge, of all and of a range's: the rest would be a choice
-_SHARES, _BY_SHARE = np.array([0.5, 0.25]), np.array([1 / 0.67449, 1.4 / 0.31864])  # normal noise; edges raise both
+_MOST, _OF_MOST = 0.6, 0.39639  # share of the smallest differences, and their mean in normal noise
+_LEAST_QUARTER = 0.15793 / 1.4  # mean of the smallest quarter, less room: edges raise the other one more
 _SHAPE = 9.0  # squared ratio of differences, two samples apart over one: noise has 1, curves 16
 _FALL = 1.15  # times the noise of farther samples, at most
 _CHANCE = 4.0  # standard deviations, over the root of the cells, of an estimate from few
@@ -40,11 +40,12 @@ _LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
 _ONE_STEP = 0.6  # share of changes of one step, and of levels whole steps apart: edges have any size
 _STAIRS = 0.01  # least share of a scale's changes: few on steep surfaces
 _WHOLE, _MOSTLY = 0.02, 0.9  # steps by which float32 rounds most multiples of them
+_STAIRS_MAX = 4_000  # that are looked at: their levels are as whole
 _OFF = 0.2  # steps by which changes, and gaps between levels, are off whole ones: two scales may be mixed
 _NEAREST = 1e37  # nearness whose fourfold is still within single precision
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
 _ROUNDS, _CLOSE = 3, 0.02  # fits; a larger difference in one weighs less in the next
-_SIMPLER = 0.01  # by so much a fit must be closer to have one more term
+_SIMPLER = 0.03  # by so much a fit must be closer to have one more term
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
@@ -76,11 +77,19 @@ class DepthNoise:
     far : float
     given : (a, b, c), optional
         The deviation, if it is known.
+    cells : int
+        Number of cells that are sampled: from 6,000, noise is found to some percent.
     """
 
-    def __init__(self, depth: Depth, far: float = np.inf, given: tuple[float, float, float] | None = None) -> None:
+    def __init__(
+        self,
+        depth: Depth,
+        far: float = np.inf,
+        given: tuple[float, float, float] | None = None,
+        cells: int = 6_000,
+    ) -> None:
         self.given = given
-        self._depth, self._far = depth, far
+        self._depth, self._far, self._cells = depth, far, cells
 
     @cached_property
     def deviation(self) -> tuple[float, float, float]:
@@ -91,9 +100,7 @@ class DepthNoise:
         """
         if self.given is not None:
             return self.given
-        random = _random_noise(self._strips)
-        a, b, c = (max(noise, 0.5 * step) for noise, step in zip(random, self.steps, strict=True))
-        return a, b, c
+        return _noise_of(self._strips, self.steps)
 
     @cached_property
     def steps(self) -> tuple[float, float, float]:
@@ -102,10 +109,10 @@ class DepthNoise:
 
     @cached_property
     def _strips(self) -> Nearness:
-        return _sampled_strips(self._depth, self._far)
+        return _sampled_strips(self._depth, self._far, self._cells)
 
 
-def _sampled_strips(depth: Depth, far: float) -> Nearness:
+def _sampled_strips(depth: Depth, far: float, cells: int) -> Nearness:
     """(3, n) nearness of some strips of three rows and of three columns, one after the other.
 
     NaN where there is no sample, and between strips. Lines are two apart where every other sample is missing.
@@ -113,7 +120,7 @@ def _sampled_strips(depth: Depth, far: float) -> Nearness:
     near = np.empty((3, 0), np.float32)
     for gap in (1, 2):
         sparse = depth[::gap, ::gap]
-        parts = [_strips_of(side) for side in (sparse, sparse.T)]
+        parts = [_strips_of(side, cells) for side in (sparse, sparse.T)]
         z = np.concatenate(parts, axis=1)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             near = np.float32(1) / z
@@ -124,11 +131,11 @@ def _sampled_strips(depth: Depth, far: float) -> Nearness:
     return near
 
 
-def _strips_of(depth: Depth) -> Depth:
+def _strips_of(depth: Depth, cells: int) -> Depth:
     """(3, n) some strips of three rows, each with two NaN behind it."""
     height, width = depth.shape
     total = max(height - 2, 0)
-    count = min(-(-_CELLS // (2 * max(width, 1))), total)
+    count = min(-(-cells // (2 * max(width, 1))), total)
     places = np.arange(count, dtype=np.float64)
     rows = (places if count == total else places * _GOLDEN % 1 * total).astype(np.intp)
     strips = np.full((3, count, width + 2), np.nan, np.float32)
@@ -136,35 +143,41 @@ def _strips_of(depth: Depth) -> Depth:
     return strips.reshape(3, -1)
 
 
-def _random_noise(strips: Nearness) -> tuple[float, float, float]:
-    """(a, b, c) of noise by cells of 2 x 2 samples.
+def _noise_of(strips: Nearness, steps: tuple[float, float, float]) -> tuple[float, float, float]:
+    """(a, b, c) of noise by cells of 2 x 2 samples, at least half of a scale's steps.
 
     The difference of a cell's two differences is 0 on planes, and along edges that follow rows or columns. So most
     cells of thin things show their noise, too.
     """
     near, change, largest = _cells(strips[0], strips[1], 1)
+    on_scale, half = any(steps), (0.5 * steps[0], 0.5 * steps[1], 0.5 * steps[2])
     if len(near) < _CELLS_MIN:
-        return 0.0, 0.0, 0.0
+        return half
     smooth = largest < _EDGE * near
     if np.count_nonzero(smooth) < _FEW * len(near):  # their noise is as large
         smooth[:] = True
-    first, one = _histogram(near[smooth], change[smooth])
-    _, two = _histogram(*_cells(strips[0], strips[2], 2)[:2], (first, first + len(one) - 1))
+    row = _octaves(near, _QUARTERS)
+    first = row.min()
+    row -= first
+    ranges = int(row.max()) + 1
+    near_2, change_2, _ = _cells(strips[0], strips[2], 2)
+    row_2 = np.minimum(np.maximum(_octaves(near_2, _QUARTERS) - first, 0), ranges - 1)
+    one, two = _histogram(row[smooth], (change / near)[smooth], ranges), _histogram(row_2, change_2 / near_2, ranges)
     # Equal samples, as a sky's, tell nothing about the noise of others; nor do ranges with many edges.
-    total, every = one.sum(axis=1), _count(near, first, len(one))
-    levels = _count(near[largest == 0.0], first, len(one))
-    told = (total >= _CELLS_MIN) & (levels < 0.25 * total)
+    total, every = np.add.reduce(one, axis=1), np.bincount(row, minlength=ranges)
+    levels = np.bincount(row[largest == 0.0], minlength=ranges)
+    told = (total >= _CELLS_MIN) & (on_scale | (levels < 0.25 * total))
     smoother = told & (total >= _SMOOTH * every)
     told = smoother if smoother.any() else told
-    z, total = _depths(near[smooth], first, len(one))[told], total[told]
-    near_by, far_by = _deviations(one[told]) * z, _deviations(two[told]) * z
+    z, total = every[told] / np.bincount(row, near, minlength=ranges)[told], total[told]
+    near_by, far_by = _deviations(np.stack([one[told], two[told]]), on_scale) * z
     # Curves do not count: their differences grow with the square of the distance.
     deviations = np.sqrt(np.maximum(_SHAPE * near_by**2 - far_by**2, 0.0) / (_SHAPE - 1.0))
     if total[deviations == 0.0].sum() >= 0.5 * total.sum():
-        return 0.0, 0.0, 0.0
+        return half
     most = np.minimum.accumulate(near_by * (_FALL + _CHANCE / np.sqrt(total)))
     deviations[1:] = np.minimum(deviations[1:], most[:-1])
-    return fitted_noise(z, deviations, total)
+    return fitted_noise(z, np.maximum(deviations, half[2] + (half[1] + half[0] * z) * z), total)
 
 
 def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearness, Nearness]:
@@ -176,52 +189,29 @@ def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearne
     return near, np.abs(above - below), np.maximum(np.maximum(np.abs(above), np.abs(below)), np.abs(left))
 
 
-def _rows(near: Nearness, first: int, ranges: int) -> NDArray[np.int32]:
-    """Numbers of the ranges of nearness that samples lie in."""
-    return np.minimum(np.maximum(_octaves(near, _QUARTERS) - first, 0), ranges - 1)
+def _histogram(row: NDArray[np.int32], size: Nearness, ranges: int) -> NDArray[np.intp]:
+    """Counts by range of nearness, and by size, a part of the nearness."""
+    column = np.minimum(np.maximum(_octaves(size, _EIGHTHS), _LEAST - 1), _GREATEST)
+    at = row * len(_SIZES) + column - (_LEAST - 1)
+    return np.bincount(at, minlength=ranges * len(_SIZES)).reshape(ranges, -1)
 
 
-def _count(near: Nearness, first: int, ranges: int) -> NDArray[np.intp]:
-    """Count samples by range of nearness."""
-    return np.bincount(_rows(near, first, ranges), minlength=ranges)
+def _mean_below(counts: NDArray[np.intp], share: float) -> Float64:
+    """(..., ranges) means of the smallest sizes, such a share of each range, of histograms (..., ranges, sizes).
+
+    Quantiles of noise in steps would be those of the steps.
+    """
+    wanted = share * np.add.reduce(counts, axis=-1)
+    before = counts.cumsum(axis=-1) - counts
+    weights = np.minimum(np.maximum(wanted[..., None] - before, 0.0), counts)
+    return weights @ _SIZES / np.maximum(wanted, 1e-9)
 
 
-def _depths(near: Nearness, first: int, ranges: int) -> Float64:
-    """Depths of ranges of nearness, by the mean of their samples."""
-    at = _rows(near, first, ranges)
-    sums, counts = np.bincount(at, near, minlength=ranges), np.bincount(at, minlength=ranges)
-    return np.divide(counts, sums, out=np.ones(ranges), where=counts > 0)
-
-
-def _histogram(near: Nearness, change: Nearness, ends: tuple[int, int] | None = None) -> tuple[int, NDArray[np.intp]]:
-    """First range of nearness, and counts by range and by size of the change; `ends`: first and last range."""
-    first, last = ends or _octaves(np.array([near.min(), near.max()]), _QUARTERS).tolist()
-    column = np.minimum(np.maximum(_octaves(change / near, _EIGHTHS), _LEAST - 1), _GREATEST)
-    shape = last - first + 1, len(_SIZES)
-    at = _rows(near, first, shape[0]) * shape[1] + column - (_LEAST - 1)
-    return first, np.bincount(at, minlength=shape[0] * shape[1]).reshape(shape)
-
-
-def _quantiles(counts: NDArray[np.intp], shares: Float64) -> Float64:
-    """(shares, ranges) sizes below which lie such shares of a histogram's ranges."""
-    filled, last = counts > 0, counts.shape[1] - 1
-    below = counts.cumsum(axis=1) - 0.5 * counts
-    below[:, 0] = counts[:, 0]  # rounding's are all 0
-    totals: Float64 = np.add.reduce(counts, axis=1)[:, None]
-    wanted: Float64 = shares[:, None, None] * totals
-    # Between the middles of the filled sizes below and above it
-    low: NDArray[np.intp] = last - (filled & (below <= wanted))[:, :, ::-1].argmax(axis=2)
-    high: NDArray[np.intp] = (filled & (below >= wanted)).argmax(axis=2)
-    ranges = np.arange(len(counts))
-    at_low, at_high, share = below[ranges, low], below[ranges, high], wanted[:, :, 0]
-    low = np.where(at_low > share, high, low)  # before the first; behind the last, `high` is 0
-    part = np.where((at_low < share) & (share < at_high), (share - at_low) / np.maximum(at_high - at_low, 1e-9), 0.0)
-    return np.where(totals[:, 0] > 0, _SIZES[low] + part * (_SIZES[high] - _SIZES[low]), 0.0)
-
-
-def _deviations(counts: NDArray[np.intp]) -> Float64:
-    """Standard deviations of a histogram's ranges, as a part of the nearness."""
-    return (_quantiles(counts, _SHARES) * _BY_SHARE[:, None]).min(axis=0) / _CELL
+def _deviations(counts: NDArray[np.intp], on_scale: bool) -> Float64:
+    """(..., ranges) standard deviations of histograms (..., ranges, sizes), as a part of the nearness."""
+    most = _mean_below(counts, _MOST) / _OF_MOST
+    # On a scale equal differences are no evidence against noise.
+    return (most if on_scale else np.minimum(most, _mean_below(counts, 0.25) / _LEAST_QUARTER)) / _CELL
 
 
 def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
@@ -239,24 +229,31 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     steep = (is_change & (one * other > 0)).nonzero()[0]  # on a scale these rise by whole steps, too
     multiples = least[steep] / jump[steep]
     is_stair[steep] = np.count_nonzero(np.abs(multiples - np.rint(multiples)) < _WHOLE) > _MOSTLY * len(steep)
-    place, jump = here[is_stair], jump[is_stair]
-    if len(place) <= _STAIRS * np.count_nonzero(is_change):
+    stairs = is_stair.nonzero()[0]
+    if len(stairs) <= _STAIRS * np.count_nonzero(is_change):
         return none
+    stairs = stairs[:: len(stairs) // _STAIRS_MAX + 1]
+    place, jump = here[stairs], jump[stairs]
     levels = np.sort(place)  # np.unique would load numpy.ma, which takes longer than a warp
     levels = levels[np.diff(levels, prepend=0.0) > 0]
     if len(levels) < _LEVELS_MIN:
         return none
-    first, counts = _histogram(place, jump)
-    z = _depths(place, first, len(counts))
-    a, b, c = fitted_noise(z, _quantiles(counts, _SHARES[1:])[0] * z, counts.sum(axis=1))
+    row = _octaves(place, _QUARTERS)
+    row -= row.min()
+    ranges = int(row.max()) + 1
+    counts = _histogram(row, (jump / place).astype(np.float32), ranges)
+    total = np.add.reduce(counts, axis=1)
+    some = total > 0
+    z = total[some] / np.bincount(row, place, minlength=ranges)[some]
+    a, b, c = fitted_noise(z, _mean_below(counts[some], 0.25) * z, total[some])
     ratios = jump / (a + (b + c * place) * place)
-    is_one_step = np.abs(ratios - 1) < _OFF
+    near_one = np.abs(ratios - 1) < 0.5
+    exact = float(np.median(ratios[near_one])) if near_one.any() else 1.0
+    a, b, c = a * exact, b * exact, c * exact
     gaps = np.diff(levels) / (a + (b + c * levels[1:]) * levels[1:])
     is_whole = (gaps > _OFF) & (np.abs(gaps - np.rint(gaps)) < _OFF)
-    if np.mean(is_one_step) < _ONE_STEP or np.mean(is_whole) < _ONE_STEP:
-        return none
-    exact = float(np.median(ratios[is_one_step]))
-    return a * exact, b * exact, c * exact
+    is_one = np.abs(ratios / exact - 1) < _OFF
+    return (a, b, c) if min(np.mean(is_one), np.mean(is_whole)) >= _ONE_STEP else none
 
 
 def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) -> tuple[float, float, float]:

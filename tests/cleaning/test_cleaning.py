@@ -239,8 +239,8 @@ def test_what_drifts_is_behind_by_half_of_the_noise_at_most(step):
     deviation = np.hypot(0.3, 0.125 / np.sqrt(12)) / (FOCAL * BASELINE)  # of nearness, with the disparity's steps
     truths = [np.full(SIZE, 1 / (0.5 + number * step * deviation), np.float32) for number in range(25)]
     behind = [(1 / d - 1 / t).mean() / deviation for d, t in zip(sequence(truths), truths, strict=True)]
-    # 0.55 of the noise that is found, which is good to a tenth where steps of the disparity are as large as that noise
-    assert min(behind) > -0.65 and max(behind) < 0.05
+    # 0.55 of the noise that is found, which is good to a tenth in single frames
+    assert min(behind) > -0.62 and max(behind) < 0.05
     if step == 0.3:
         assert behind[-1] < -0.3, "it is behind, or this tests nothing"
 

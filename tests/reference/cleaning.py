@@ -53,7 +53,7 @@ def clean_depth(
 
     seen = [measured] if known is None else [measured, known]
     at = 1 / np.geomspace(max(map(np.nanmax, seen)), min(map(np.nanmin, seen)), 64)
-    a, b, c = DepthNoise(measured).deviation
+    a, b, c = DepthNoise(measured, cells=20_000).deviation
     noise = a + (b + c * at) * at
     apart, alike = _Scale(seen, at, _APART * noise, _LEAST_APART), _Scale(seen, at, noise, _NOISE_MIN)
     kept = valid & ~_flying_pixels(apart.of(measured))
