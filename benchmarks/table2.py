@@ -42,10 +42,10 @@ SUBJECTS: dict[str, Literal["nearest", "linear"]] = {"nearest": "nearest", "line
 FRESH = "nearest, fresh views"  # DepthImages made anew, so that everything is prepared again
 
 OFF, UNCOVERED = "off", "uncovered"
-RIGHT = {OFF: 0.02, UNCOVERED: 0.01}
+RIGHT = {OFF: 0.01, UNCOVERED: 0.02}
 """At most so much of a picture of 96 x 96 or more is off, or not covered. A depth image knows where a surface ends to a
-sample, and the outlines of these models are 6 to 21 % of their pixels at 96 x 96: surfaces reach half a sample beyond
-their last ones, so that as many pixels are off there as would else be uncovered."""
+sample, and the outlines of these models are 6 to 21 % of their pixels at 96 x 96. Surfaces reach half a sample beyond
+their last ones, unless another view has looked through there."""
 _OFF = 0.02  # of its depth
 _GLOBE_FINEST = 640  # samples a side of the images whose grids are the globe for rays; the elevation has 512 there
 

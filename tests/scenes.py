@@ -140,6 +140,15 @@ class Pose:
     signs: tuple[int, int]
 
 
+def ramp_and_empty(size: Size) -> list[DepthImage]:
+    """A steep ramp from far to near, which counts as a bridge, and an image that looks through it."""
+    view = smooth(size)
+    near = np.interp(np.arange(size[0]), [0, 5, 9, size[0]], [1.0, 1.0, 0.2, 0.2]) * np.ones((size[1], 1))
+    empty = np.full(near.shape, np.inf, np.float32)
+    empty[0, 0] = 9.0
+    return [DepthImage(view.color, depth.astype(np.float32), view.camera) for depth in (1 / near, empty)]
+
+
 def moved_aside(camera: Camera, x: float, y: float) -> Camera:
     """The camera with its picture moved by so many pixels."""
     K = camera.K + np.array([[0, 0, x], [0, 0, y], [0, 0, 0]])

@@ -226,7 +226,8 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     jump, least = np.abs(one - other), np.minimum(np.abs(one), np.abs(other))
     is_change = (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
     is_stair = is_change & (least == 0)
-    steep = (is_change & (one * other > 0)).nonzero()[0]  # on a scale these rise by whole steps, too
+    # On a scale steep surfaces rise by whole steps.
+    steep = (is_change & (least > 0) & ((one > 0) == (other > 0))).nonzero()[0]
     multiples = least[steep] / jump[steep]
     is_stair[steep] = np.count_nonzero(np.abs(multiples - np.rint(multiples)) < _WHOLE) > _MOSTLY * len(steep)
     stairs = is_stair.nonzero()[0]
@@ -241,12 +242,13 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     row = _octaves(place, _QUARTERS)
     row -= row.min()
     ranges = int(row.max()) + 1
-    counts = _histogram(row, (jump / place).astype(np.float32), ranges)
+    counts = _histogram(row, jump / place, ranges)
+    at, of_one, levels = place.astype(np.float64), jump.astype(np.float64), levels.astype(np.float64)
     total = np.add.reduce(counts, axis=1)
     some = total > 0
-    z = total[some] / np.bincount(row, place, minlength=ranges)[some]
+    z = total[some] / np.bincount(row, at, minlength=ranges)[some]
     a, b, c = fitted_noise(z, _mean_below(counts[some], 0.25) * z, total[some])
-    ratios = jump / (a + (b + c * place) * place)
+    ratios = of_one / (a + (b + c * at) * at)
     near_one = np.abs(ratios - 1) < 0.5
     exact = float(np.median(ratios[near_one])) if near_one.any() else 1.0
     a, b, c = a * exact, b * exact, c * exact

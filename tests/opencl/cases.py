@@ -67,13 +67,11 @@ def _warps(setting: Setting) -> Cases:
 def _bridges(setting: Setting) -> Cases:
     """Steep bridges that another view has looked through."""
     size = (33, 17)
-    view = setting.view(scenes.smooth, size, "perspective")
-    near = np.interp(np.arange(size[0]), [0, 5, 9, size[0]], [1.0, 1.0, 0.2, 0.2]) * np.ones((size[1], 1))
-    empty = np.full(size[::-1], np.inf, np.float32)
-    empty[0, 0] = 9.0
-    color = view.color if view.has_color else None
-    ramp = DepthImage(color, (1 / near).astype(np.float32), view.camera)
-    yield f"bridges {size}", partial(ibr.warp, [ramp, DepthImage(color, empty, view.camera)], view.camera)
+    colored = setting.view(scenes.smooth, size, "perspective").has_color
+    views = [
+        DepthImage(view.color if colored else None, view.depth, view.camera) for view in scenes.ramp_and_empty(size)
+    ]
+    yield f"bridges {size}", partial(ibr.warp, views, views[0].camera)
 
 
 def _warp_holding_one(views: list[DepthImage], camera: ibr.Camera) -> ibr.Frame:

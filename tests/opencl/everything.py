@@ -70,6 +70,11 @@ def _blended_in_turns() -> list[NDArray[Any]]:
         return _blended()
 
 
+def _looked_through() -> list[NDArray[Any]]:
+    views = scenes.ramp_and_empty(SIZE)
+    return _arrays(ibr.warp(views, views[0].camera.moved(0.1, 0.05, 0)))
+
+
 def _through_a_lens() -> list[NDArray[Any]]:
     view = _view(scenes.holed)
     aside = view.camera.moved(0.2, 0.1, 0.3)
@@ -138,6 +143,7 @@ def calls() -> dict[str, Call]:
         "forward": _warped(method="forward", splat=3.0),
         "aside": _aside,
         "blended": _blended,
+        "looked through": _looked_through,
         "blended in turns": _blended_in_turns,
         "smooth": _warped(fill="smooth"),
         "thin": _warped(thin=True, cut_ratio=1.001, classes=True),
