@@ -242,7 +242,7 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     row = _octaves(place, _QUARTERS)
     row -= row.min()
     ranges = int(row.max()) + 1
-    counts = _histogram(row, jump / place, ranges)
+    counts = _histogram(row, (jump / place).astype(np.float32), ranges)
     at, of_one, levels = place.astype(np.float64), jump.astype(np.float64), levels.astype(np.float64)
     total = np.add.reduce(counts, axis=1)
     some = total > 0
