@@ -56,6 +56,7 @@ class Plan:
     rgbd_steady: Mapping[Size, int]  # frames
     filling: Size
     edges: tuple[Size, ...]
+    edge_scenes: int  # one of so many scenes
     registration: Mapping[Size, int]
     cleaning: Mapping[Size, int]
     runtimes: Mapping[Size, int]
@@ -120,6 +121,7 @@ FULL = Plan(
     rgbd_steady={(640, 480): 30},
     filling=(640, 480),
     edges=((320, 240), (64, 48), (60, 45)),
+    edge_scenes=1,
     registration={(640, 480): 31, (1280, 720): 21, (1920, 1080): 11},
     cleaning={(640, 480): 31, (1280, 720): 11, (4000, 3000): 3},
     runtimes={(640, 480): 31, (1920, 1440): 11},
@@ -193,6 +195,7 @@ QUICK = Plan(
     rgbd_steady={(64, 48): 3},
     filling=(64, 48),
     edges=((24, 18),),
+    edge_scenes=10,
     registration={(64, 48): 1},
     cleaning={(64, 48): 1},
     runtimes={(64, 48): 1},

@@ -42,7 +42,7 @@ FEW = 100  # samples across, of images in which sheets are at most as many
 def cases(plan: Plan) -> Iterator[Case]:
     """One case a size and scene, all noises and ways in it."""
     for size in plan.edges:
-        for scene in SCENES:
+        for scene in SCENES[:: plan.edge_scenes]:
             if scene.is_resolved(size[0]):
                 parameters: dict[str, Parameter] = {"size": scenes.shown(size), "scene": scene.name}
                 yield Case(parameters, functools.partial(_prepare, parameters, size, scene))
