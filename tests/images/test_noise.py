@@ -81,6 +81,21 @@ def test_steps_are_those_of_the_scale():
         assert a * z * z + b * z + c == pytest.approx(0.05, rel=0.2)
 
 
+@pytest.mark.parametrize("unit", [1e-25, 1e-3, 1e33])
+def test_noise_and_steps_have_no_unit(unit):
+    """In single precision, products of differences of such nearness overflow or vanish."""
+    disparity = 40 / room((640, 480)) + np.random.default_rng(4).normal(0, 0.1, (480, 640))
+    depth = 40 / (np.rint(8 * disparity) / 8)
+    same, noise = DepthNoise(depth.astype(np.float32)), DepthNoise((depth * unit).astype(np.float32))
+    assert any(same.steps)
+    with np.errstate(over="raise", divide="raise", invalid="raise"):
+        pairs = (same.deviation, noise.deviation), (same.steps, noise.steps)
+    for (a, b, c), found in pairs:
+        expected = np.minimum([a / unit, b, c * unit], 1e18)  # no term is greater
+        # Ranges are octaves of nearness: in another unit they have other ends, and means of other samples.
+        assert np.polyval(found, 4 * unit) == pytest.approx(np.polyval(expected, 4 * unit), rel=0.1)
+
+
 def test_what_has_no_scale_has_no_steps():
     rng = np.random.default_rng(0)
     boxes = np.full((480, 640), 10.0)
