@@ -26,25 +26,12 @@ typedef struct {
     int width, height, pitch;
 } Image;
 
-/* Those of samples x to x + LANES - 1 of a row that are there, of which the first is not */
-OUTLINED floatl samples_across(global const float *row, int x, int width)
+/* Samples (x, y), one a lane; no surface beside the image */
+INLINED floatl samples_at(Image image, intl x, intl y)
 {
-    floatl n = NO_SURFACE;
-    for (int lane = -x; lane < min(LANES, width - x); lane++)
-        set_float_lane(n, lane, row[x + lane]);
-    return n;
-}
-
-/* Samples (x, y) to (x + LANES - 1, y) */
-INLINED floatl samples_from(Image image, int x, int y)
-{
-    if (y < 0 || y >= image.height)
-        return NO_SURFACE;
-    global const float *row = image.nearness + (size_t)y * image.pitch;
-    if (x < 0)
-        return samples_across(row, x, image.width);
-    /* Rows have room for whole packets. */
-    return select_lanes(x + lane_index < image.width, (floatl)(load_lanes(row + x)), (floatl)NO_SURFACE);
+    const intl inside = (x >= 0) & (x < image.width) & (y >= 0) & (y < image.height);
+    const intl at = select_lanes(inside, y * image.pitch + x, (intl)0);
+    return select_lanes(inside, (floatl)(gather(image.nearness, at)), (floatl)NO_SURFACE);
 }
 
 #define KEEP_GROWTH 0.1f   /* growth of a slope from one side alone: an edge is steeper than what leads to it */
@@ -62,10 +49,10 @@ typedef struct {
 
 /* The slope from sample `a` of a pair outwards. (A choice of the result instead is more than Debian 13's LLVM compiles for
  * one lane.) */
-INLINED Slope slope_at(Image image, int x, int y, int dx, int dy, floatl sign)
+INLINED Slope slope_at(Image image, intl x, intl y, intl dx, intl dy, floatl sign)
 {
-    const floatl a = samples_from(image, x, y), next = samples_from(image, x + dx, y + dy);
-    const floatl after = samples_from(image, x + 2 * dx, y + 2 * dy);
+    const floatl a = samples_at(image, x, y), next = samples_at(image, x + dx, y + dy);
+    const floatl after = samples_at(image, x + 2 * dx, y + 2 * dy);
     Slope slope;
     slope.known = (a > NO_SURFACE) & (next > NO_SURFACE);
     const floatl one = a - select_lanes(slope.known, next, a);
@@ -98,50 +85,142 @@ INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed
     return (count > 0.0f) & follows(rise, mean, KEEP_GROWTH, allowed);
 }
 
-/* Does a surface go on from each of the wanted samples to the next along (dx, dy)? The lines beside them tell, too, but
- * those of diagonals. */
-OUTLINED intl goes_on(Image image, int x, int y, int dx, int dy, floatl allowed, intl wanted)
+#define ROUNDED_DOWN 0.999999f /* less than rounding */
+
+/* Nearness that noise may change from sample to sample */
+#define NOISE_BETWEEN(test, near) ((test).noise[0] + (near) * ((test).noise[1] + (near) * (test).noise[2]))
+
+/* Does a surface go on from the wanted samples (x, y) to the next along (dx, dy)? The lines beside them tell, too, but
+ * not beside diagonals. */
+OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest test, intl wanted)
 {
-    const floatl change = samples_from(image, x + dx, y + dy) - samples_from(image, x, y), rise = fabs(change);
+    const floatl here = samples_at(image, x, y), next = samples_at(image, x + dx, y + dy);
+    const floatl change = next - here, rise = fabs(change), allowed = NOISE_BETWEEN(test, max_lanes(here, next));
     const floatl sign = select_lanes(change < 0.0f, (floatl)-1.0f, (floatl)1.0f);
 #define BEFORE(side) slope_at(image, x + (side) * dy, y + (side) * dx, -dx, -dy, sign)
 #define AFTER(side) slope_at(image, x + dx + (side) * dy, y + dy + (side) * dx, dx, dy, -sign)
     const Slope before = BEFORE(0), after = AFTER(0);
+    const intl diagonal = (dx & dy) != 0; /* where nothing is known, as in corners, the cell's other edges decide */
     const intl alone = goes_on_from(rise, before, after, allowed) | goes_on_from(rise, after, before, allowed) |
-                       (rise <= allowed + SAME_TIMES * min_lanes(before.agreed, after.agreed));
-    if (dx && dy) /* where nothing is known, as in corners, the cell's other edges decide */
-        return alone | !(before.known | after.known);
-    if (!any_lane(wanted & !alone))
+                       (rise <= allowed + SAME_TIMES * min_lanes(before.agreed, after.agreed)) |
+                       (diagonal & !(before.known | after.known));
+    if (!any_lane(wanted & !(alone | diagonal)))
         return alone;
-    return alone | follows_mean(rise, BEFORE(-1), before, BEFORE(1), allowed) |
-           follows_mean(rise, AFTER(-1), after, AFTER(1), allowed);
+    const intl mean = follows_mean(rise, BEFORE(-1), before, BEFORE(1), allowed) |
+                      follows_mean(rise, AFTER(-1), after, AFTER(1), allowed);
+    return alone | (mean & !diagonal);
 }
 
-/* May samples a and b be torn apart? The Cut tells by itself that they are. Else, they may be if their change is that of no
- * surface which faces the camera, or if one is missing. per_pixel: the test's, in the direction from the one to the other */
-INLINED intl may_be_torn(floatl a, floatl b, float per_pixel, Cut cut, EdgeTest test)
+/* Part of a row that is marked at once: the bits of its samples, and pairs of samples that may be torn apart, which are
+ * tested by full packets */
+typedef struct {
+    int bits[STRIP * LANES];        /* TORN_... of sample `first` and of those to its right */
+    int x[4 * LANES], edge[4 * LANES]; /* pairs: a sample, and which of its edges */
+    int pairs, first, y;
+} Part;
+
+/* Tests up to LANES pairs, the last ones. */
+OUTLINED void test_pairs(Part *part, Image image, EdgeTest test)
+{
+    const int count = min(part->pairs, LANES), from = part->pairs - count;
+    const intl wanted = lane_index < count;
+    const intl x = select_lanes(wanted, (intl)load_lanes(part->x + from), (intl)part->first);
+    const intl edge = select_lanes(wanted, (intl)load_lanes(part->edge + from), (intl)TORN_RIGHT);
+    const intl down = edge != TORN_RIGHT, across = edge == TORN_DIAGONAL; /* from the right neighbour to the one below */
+    const intl dx = select_lanes(across, (intl)-1, select_lanes(down, (intl)0, (intl)1));
+    const intl dy = select_lanes(down, (intl)1, (intl)0);
+    const intl goes = goes_on(image, select_lanes(across, x + 1, x), (intl)part->y, dx, dy, test, wanted);
+    for (uint torn = lane_bits(wanted & !goes); torn; torn = WITHOUT_LOWEST(torn)) {
+        const int at = int_lane(x, LOWEST(torn)), bit = int_lane(edge, LOWEST(torn));
+        /* A neighbour of the last ones' diagonal is in the ring. */
+        const int is_last = bit == TORN_RIGHT ? part->y + 1 == image.height : at + 1 == image.width;
+        part->bits[at - part->first] |= bit | (is_last ? TORN_DIAGONAL : 0);
+    }
+    part->pairs = from;
+}
+
+/* Which of samples a and b are torn apart for sure, being missing or by the Cut, and which of the others may be: their
+ * change is more than noise, and more than of a surface that faces the camera (per_pixel, in the direction from the one
+ * to the other). */
+INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTest test, intl *may)
 {
     const floatl near = max_lanes(a, b), far = min_lanes(a, b);
+    *may = 0;
     if (!test.straight)
         return IS_OPEN(cut, near, far);
-    return (near - far > (test.perspective ? per_pixel * far : (floatl)per_pixel)) | (far <= NO_SURFACE);
+    const floatl change = near - far;
+    *may = (change > (test.perspective ? per_pixel * far : (floatl)per_pixel)) & (change > NOISE_BETWEEN(test, near)) &
+           (far > NO_SURFACE);
+    if (test.both)
+        *may = *may & IS_OPEN(cut, near, far);
+    return far <= NO_SURFACE;
 }
 
-/* Is each of LANES samples a, which are (x, y) to (x + LANES - 1, y), torn apart from its neighbour b at (dx, dy), of those
- * that `may` be? */
-INLINED intl torn_along(Image image, int x, int y, int dx, int dy, floatl a, floatl b, intl may, Cut cut, EdgeTest test)
+/* Adds pairs of LANES samples from x on that may be torn apart. */
+INLINED void add_pairs(Part *part, Image image, int x, int edge, intl may, EdgeTest test)
 {
+    for (uint left = lane_bits(may); left; left = WITHOUT_LOWEST(left)) {
+        const int i = LANES == 1 ? 0 : part->pairs; /* GPUs keep it in registers */
+        part->x[i] = x + LOWEST(left);
+        part->edge[i] = edge;
+        part->pairs++;
+        if (LANES == 1)
+            test_pairs(part, image, test);
+    }
+}
+
+/* A packet of samples, and those to their right and below them */
+typedef struct {
+    floatl here, right, below;
+} Packet;
+
+#define FROM_ROW(row, x) select_lanes((x) + lane_index < image.width, load_lanes((row) + (x)), (floatl)NO_SURFACE)
+
+INLINED Packet packet_at(Image image, int x, int y)
+{
+    global const float *row = image.nearness + (size_t)y * image.pitch, *next = row + image.pitch;
+    Packet n;
+    n.here = FROM_ROW(row, x); /* rows have room for whole packets */
+    n.right = FROM_ROW(row, x + 1);
+    n.below = y + 1 < image.height ? FROM_ROW(next, x) : (floatl)NO_SURFACE;
+    return n;
+}
+
+/* Sets the bits of the packet from x on, but for pairs that are still to be tested. */
+OUTLINED void mark_packet(Part *part, Packet n, Image image, int x, Cut cut, EdgeTest test)
+{
+    const intl missing = n.here <= NO_SURFACE, last = x + lane_index == image.width - 1, none = 0;
+    const int is_bottom = part->y + 1 == image.height;
+    intl may_right, may_below, may_across;
+    intl right = torn_for_sure(n.here, n.right, test.per_pixel[0], cut, test, &may_right);
+    intl below = torn_for_sure(n.here, n.below, test.per_pixel[1], cut, test, &may_below);
+    intl across = torn_for_sure(n.right, n.below, test.per_pixel[2], cut, test, &may_across);
+    right = select_lanes(last, missing, right);
+    below = is_bottom ? missing : below;
+    across = select_lanes(last, below, is_bottom ? right : across);
+    const intl bits = select_lanes(right, (intl)TORN_RIGHT, none) | select_lanes(below, (intl)TORN_BELOW, none) |
+                      select_lanes(across, (intl)TORN_DIAGONAL, none);
+    store_lanes(bits, part->bits + x - part->first);
+    add_pairs(part, image, x, TORN_RIGHT, may_right & !last, test);
+    if (!is_bottom) {
+        add_pairs(part, image, x, TORN_BELOW, may_below, test);
+        add_pairs(part, image, x, TORN_DIAGONAL, may_across & !last, test);
+    }
+    while (part->pairs >= LANES)
+        test_pairs(part, image, test);
+}
+
+/* May anything in a packet be torn apart, by the range of its three samples? */
+INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
+{
+    const floatl near = max_lanes(max_lanes(n.here, n.right), n.below);
+    const floatl far = min_lanes(min_lanes(n.here, n.right), n.below);
     if (!test.straight)
-        return may;
-    const floatl near = max_lanes(a, b), far = min_lanes(a, b);
-    const intl missing = far <= NO_SURFACE;
-    const floatl noise = test.noise[0] + near * (test.noise[1] + near * test.noise[2]);
-    intl apart = (!missing) & may & (near - far > noise);
-    if (test.both)
-        apart = apart & IS_OPEN(cut, near, far);
-    if (!any_lane(apart))
-        return missing;
-    return missing | (apart & !goes_on(image, x, y, dx, dy, noise, apart));
+        return any_lane(IS_OPEN(cut, near, far));
+    const float least = min(test.per_pixel[0], test.per_pixel[1]);
+    const floatl slope = test.perspective ? least * far : (floatl)least;
+    const floatl noise = NOISE_BETWEEN(test, test.perspective ? far : near); /* grows with depth, or less than nearness */
+    return any_lane((near - far > ROUNDED_DOWN * max_lanes(slope, noise)) | (far <= NO_SURFACE));
 }
 
 /* The number nearest to a float's, of those with these last bits */
@@ -149,47 +228,42 @@ INLINED intl torn_along(Image image, int x, int y, int dx, int dy, floatl a, flo
 
 #define LEAST_BEYOND 1e-3f /* of the border's nearness: the ring's is at least that */
 
-/* Packets of samples, of those to their right and of those below them, and which of them may be torn apart */
-typedef struct {
-    floatl here, right, below;
-    intl may_right, may_below, may_across;
-} Packet;
-
-/* TORN_... bits of the packet of samples x0 to x0 + LANES - 1 of a row */
-INLINED intl torn_bits(const Packet *n, Image image, int x0, int y, Cut cut, EdgeTest test)
+/* Writes the samples from x on of a row that has so many, with their bits. */
+INLINED void store_marked(floatl here, intl bits, global float *row, int x, int width)
 {
-    const intl solid = n->here > NO_SURFACE, last = x0 + lane_index == image.width - 1;
-    const int is_bottom = y + 1 == image.height;
-    const intl below = is_bottom ? !solid : torn_along(image, x0, y, 0, 1, n->here, n->below, n->may_below, cut, test);
-    const intl right =
-        select_lanes(last, !solid, torn_along(image, x0, y, 1, 0, n->here, n->right, n->may_right, cut, test));
-    /* The diagonal from the right neighbour to the one below; of the last ones a neighbour is in the ring. */
-    intl diagonal =
-        is_bottom ? right : torn_along(image, x0 + 1, y, -1, 1, n->right, n->below, n->may_across, cut, test);
-    diagonal = select_lanes(last, below, diagonal);
-    return select_lanes(right, (intl)TORN_RIGHT, (intl)0) | select_lanes(below, (intl)TORN_BELOW, (intl)0) |
-           select_lanes(diagonal, (intl)TORN_DIAGONAL, (intl)0);
+    /* A missing sample's bits to the right and below keep it NO_SURFACE. */
+    const intl of_missing = ((intl)as_int(NO_SURFACE) & ~TORN_ALL) | bits;
+    const floatl marked =
+        as_floatl(select_lanes(here > NO_SURFACE, NEAREST_WITH_BITS(as_intl(here), bits), of_missing));
+    if (x + LANES <= width)
+        store_lanes(marked, row + x);
+    else /* not over the ring's sample, which another work-item may have written */
+        for (int lane = 0; lane < width - x; lane++)
+            row[x + lane] = float_lane(marked, lane);
 }
 
 /* Writes the surface's samples `first` to `end` - 1 of a row. */
 OUTLINED void mark_row(Image image, int first, int end, int y, Cut cut, EdgeTest test, global float *row)
 {
-    for (int x0 = first; x0 < end; x0 += LANES) {
-        Packet n;
-        n.here = samples_from(image, x0, y);
-        n.right = samples_from(image, x0 + 1, y);
-        n.below = samples_from(image, x0, y + 1);
-        n.may_right = may_be_torn(n.here, n.right, test.per_pixel[0], cut, test);
-        n.may_below = may_be_torn(n.here, n.below, test.per_pixel[1], cut, test);
-        n.may_across = may_be_torn(n.right, n.below, test.per_pixel[2], cut, test);
-        intl bits = 0;
-        if (any_lane(n.may_right | n.may_below | n.may_across)) /* most are not */
-            bits = torn_bits(&n, image, x0, y, cut, test);
-        /* A missing sample's bits to the right and below keep it NO_SURFACE. */
-        const intl of_missing = ((intl)as_int(NO_SURFACE) & ~TORN_ALL) | bits;
-        const floatl marked =
-            as_floatl(select_lanes(n.here > NO_SURFACE, NEAREST_WITH_BITS(as_intl(n.here), bits), of_missing));
-        store_lanes(marked, row + x0); /* there is room for whole packets */
+    Part part;
+    part.pairs = 0;
+    part.y = y;
+    for (part.first = first; part.first < end; part.first += STRIP * LANES) {
+        int torn[STRIP], count = 0;
+        for (int x = part.first; x < min(part.first + STRIP * LANES, end); x += LANES) {
+            const Packet n = packet_at(image, x, y);
+            if (any_torn(n, cut, test)) {
+                torn[count++] = x;
+                mark_packet(&part, n, image, x, cut, test);
+            } else { /* most */
+                store_marked(n.here, (intl)0, row, x, image.width);
+            }
+        }
+        if (part.pairs)
+            test_pairs(&part, image, test);
+        for (int i = 0; i < count; i++)
+            store_marked(packet_at(image, torn[i], y).here, (intl)load_lanes(part.bits + torn[i] - part.first), row,
+                         torn[i], image.width);
     }
 }
 
