@@ -32,6 +32,19 @@ typedef struct {
     int perspective;    /* as a part of itself, or in all */
 } EdgeTest;
 
+#define NOISE_DEVIATIONS 5.656854f /* 4 sqrt(2): neighbours differ by no more deviations of a sample's noise */
+
+/* The test with the noise of picture/noise.cl */
+EdgeTest with_noise(EdgeTest test, global const float *noise)
+{
+    for (int i = 0; i < 3; i++)
+        test.noise[i] = NOISE_DEVIATIONS * (test.perspective ? noise[i] : i == 1 ? -noise[1] : noise[2 - i]);
+    return test;
+}
+
+/* Change of nearness that noise explains */
+#define EXPLAINED(test, near) ((test).noise[0] + (near) * ((test).noise[1] + (near) * (test).noise[2]))
+
 /* A depth image's samples, row by row, from its own first one on */
 typedef struct {
     global const float *nearness;

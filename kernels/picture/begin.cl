@@ -1,6 +1,4 @@
 /* What nearly every picture of images begins with, as one program: building one takes longer than what is in it. */
 #include "lib/clear.cl"
-#include "picture/edges.cl"
-#include "picture/margins.cl"
 #include "picture/nearness.cl"
-#include "picture/prominence.cl"
+#include "picture/prepare.cl"

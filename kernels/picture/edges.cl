@@ -87,15 +87,12 @@ INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed
 
 #define ROUNDED_DOWN 0.999999f /* less than rounding */
 
-/* Nearness that noise may change from sample to sample */
-#define NOISE_BETWEEN(test, near) ((test).noise[0] + (near) * ((test).noise[1] + (near) * (test).noise[2]))
-
 /* Does a surface go on from the wanted samples (x, y) to the next along (dx, dy)? The lines beside them tell, too, but
  * not beside diagonals. */
 OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest test, intl wanted)
 {
     const floatl here = samples_at(image, x, y), next = samples_at(image, x + dx, y + dy);
-    const floatl change = next - here, rise = fabs(change), allowed = NOISE_BETWEEN(test, max_lanes(here, next));
+    const floatl change = next - here, rise = fabs(change), allowed = EXPLAINED(test, max_lanes(here, next));
     const floatl sign = select_lanes(change < 0.0f, (floatl)-1.0f, (floatl)1.0f);
 #define BEFORE(side) slope_at(image, x + (side) * dy, y + (side) * dx, -dx, -dy, sign)
 #define AFTER(side) slope_at(image, x + dx + (side) * dy, y + dy + (side) * dx, dx, dy, -sign)
@@ -149,7 +146,7 @@ INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTes
     if (!test.straight)
         return IS_OPEN(cut, near, far);
     const floatl change = near - far;
-    *may = (change > (test.perspective ? per_pixel * far : (floatl)per_pixel)) & (change > NOISE_BETWEEN(test, near)) &
+    *may = (change > (test.perspective ? per_pixel * far : (floatl)per_pixel)) & (change > EXPLAINED(test, near)) &
            (far > NO_SURFACE);
     if (test.both)
         *may = *may & IS_OPEN(cut, near, far);
@@ -219,7 +216,7 @@ INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
         return any_lane(IS_OPEN(cut, near, far));
     const float least = min(test.per_pixel[0], test.per_pixel[1]);
     const floatl slope = test.perspective ? least * far : (floatl)least;
-    const floatl noise = NOISE_BETWEEN(test, test.perspective ? far : near); /* grows with depth, or less than nearness */
+    const floatl noise = EXPLAINED(test, test.perspective ? far : near); /* grows with depth, or less than nearness */
     return any_lane((near - far > ROUNDED_DOWN * max_lanes(slope, noise)) | (far <= NO_SURFACE));
 }
 
@@ -267,24 +264,24 @@ OUTLINED void mark_row(Image image, int first, int end, int y, Cut cut, EdgeTest
     }
 }
 
-kernel void find_edges(global const float *nearness, global float *surface, int width, int height, int pitch, int piece,
-                       Cut cut, EdgeTest test)
+kernel void find_edges(global const float *nearness, global const float *noise, global float *surface, int width,
+                       int height, int pitch, int piece, Cut cut, EdgeTest test)
 {
     const int first = get_global_id(0) * piece, y = get_global_id(1);
     const Image image = {nearness, width, height, pitch};
     if (y < height)
-        mark_row(image, first, min(first + piece, width), y, cut, test, surface + (size_t)(y + 1) * pitch + 1);
+        mark_row(image, first, min(first + piece, width), y, cut, with_noise(test, noise),
+                 surface + (size_t)(y + 1) * pitch + 1);
 }
 
 /* A marked sample of the surface, by the image's numbers */
 #define MARKED(x, y) surface[(size_t)((y) + 1) * pitch + (x) + 1]
 
-kernel void continue_border(global const float *nearness, global float *surface, global float *ring, int width, int height,
-                            int pitch)
+/* Continues the surface to sample `i` of its ring. */
+OUTLINED void continue_at(Image image, global float *surface, global float *ring, int i)
 {
-    const int i = get_global_id(0), row = width + 2, count = 2 * row + 2 * height;
-    if (i >= count)
-        return;
+    const int width = image.width, height = image.height, pitch = image.pitch, row = width + 2, count = 2 * row + 2 * height;
+    global const float *nearness = image.nearness;
     /* Rows above and below, then columns to the left and to the right */
     const int x = i < 2 * row ? i % row - 1 : (i - 2 * row < height ? -1 : width);
     const int y = i < 2 * row ? (i < row ? -1 : height) : (i - 2 * row) % height;
@@ -307,4 +304,12 @@ kernel void continue_border(global const float *nearness, global float *surface,
     MARKED(x, y) = as_float(is_there ? NEAREST_WITH_BITS(as_int(beyond), torn) : as_int(MISSING_SAMPLE));
     ring[i] = is_there ? 0.5f * (n + beyond) : INFINITY;
     ring[count + i] = is_there ? 0.5f * (n + beyond) : -INFINITY;
+}
+
+kernel void continue_border(global const float *nearness, global float *surface, global float *ring, int width, int height,
+                            int pitch)
+{
+    const Image image = {nearness, width, height, pitch};
+    if (get_global_id(0) < 2 * (width + 2) + 2 * height)
+        continue_at(image, surface, ring, get_global_id(0));
 }

@@ -32,6 +32,8 @@ class DeviceProfile:
     """Pixels of a row that a work-item fills: on a CPU, starting one takes longer than most pixels."""
     piece: int
     """Samples of a row that a work-item goes through where a view's surface is found, a multiple of `lanes`; 0: all."""
+    band: int
+    """Rows of a band that a work-item makes a surface of, in one launch; 0: in several, of pieces."""
     share: int
     """Elements of an array that a work-item sets or converts, for the same reason."""
     block: int
@@ -66,6 +68,7 @@ CPU = DeviceProfile(
     strip=32,
     run=64,
     piece=0,
+    band=16,
     share=1 << 11,
     block=4,
 )
@@ -80,6 +83,7 @@ GPU = DeviceProfile(
     strip=1,
     run=1,
     piece=16,
+    band=0,
     share=1,
     block=1,
 )

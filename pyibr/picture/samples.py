@@ -20,6 +20,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.noise import deviation_on_device
 from pyibr.picture.target import Target
 
 _LARGEST = float(np.finfo(np.float32).max)
@@ -38,12 +39,15 @@ class Samples:
         Least and greatest nearness of each part of a row, (inf, -inf) where it has none.
     perspective : bool
         Whether nearness is 1/z.
+    noise : DeviceArray float32
+        Of the depth, as kernels/picture/noise.cl writes it.
     """
 
     nearness: DeviceArray
     color: DeviceArray
     ranges: DeviceArray
     perspective: bool
+    noise: DeviceArray
 
     @property
     def low(self) -> float:
@@ -135,7 +139,7 @@ def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None, target: Targ
         **({} if cut is None else {"cut": Struct("Cut", cut)}),
     )
     color = upload(at_least_a_word(view.color)) if target is None else target.color
-    return Samples(nearness, color, ranges, perspective)
+    return Samples(nearness, color, ranges, perspective, deviation_on_device(view.depth_noise))
 
 
 def at_least_a_word(color: Any) -> Any:

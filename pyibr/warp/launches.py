@@ -180,7 +180,7 @@ def _defines_of(target: Target, entry: Entry) -> dict[str, int]:
 
 def build_ahead_of_warp(pair: CameraPair, target: Target, options: Options, entry: Entry) -> None:
     """Have the programs built that `inverse_warp` needs, in their order, beside this process."""
-    build_ahead("picture/begin.cl", "find_edges")
+    build_ahead("picture/begin.cl", "prepare" if current().profile.band else "find_edges")
     if not options.search:
         build_ahead("warp/epipolar.cl", "epipolar_sweep", compiled=False, **_defines_of_sweep(pair, options))
     build_ahead("warp/resolve.cl", "resolve", compiled=True, **_defines_of(target, entry))

@@ -197,7 +197,7 @@ def _torn(member: _Member, points: _Points, number: int) -> _Member:
             pitch=points.pitch,
         )
 
-    return replace(member, surface=make_surface(member.samples, member.view, member.surface.test, tear))
+    return replace(member, surface=make_surface(member.samples, member.view.camera.size, member.surface.test, tear))
 
 
 def _list_margins(member: _Member, points: _Points, number: int) -> None:
@@ -234,4 +234,4 @@ def _kept(margins: Margins, left: int, points: _Points, number: int) -> Margins:
         start=points.starts[number],
         share=profile.share,
     )
-    return Margins(kept, np.array([left], np.int32))
+    return Margins(kept, left)

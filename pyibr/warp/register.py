@@ -273,8 +273,8 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
     source = undistorted_view(view, cut)
     samples = bridged_samples(source, cut)
     # Gaps are worse here than what bridges a small step: both must tear.
-    test = straightness_test(source, cut) if cut_ratio is None else test_by_cut(source.camera, cut)
-    surface = make_surface(samples, source, test)
+    test = straightness_test(source.camera, cut) if cut_ratio is None else test_by_cut(source.camera, cut)
+    surface = make_surface(samples, source.camera.size, test)
     targets: list[Target] = []
     pool: dict[tuple[int, int], Any] = {}
     for part in cube_face_cameras(camera):

@@ -1,17 +1,19 @@
-/* The margins of a surface (lib/margins.h) from its edges.
+/* What the triangles of a surface leave out, or lines may pass: its margins (lib/margins.h), and samples that stand out over
+ * what is around them (lib/prominence.h).
  *
- * Beside a triangle of the same cell its plane goes on. Else nearness changes as it does to the neighbours that are of one
- * surface with the sample, and towards those that are torn off it stays: a slope from the other side would amplify its
+ * Beside a triangle of the same cell a margin's plane goes on. Else nearness changes as it does to the neighbours that are of
+ * one surface with the sample, and towards those that are torn off it stays: a slope from the other side would amplify its
  * noise, and of round things it would stick out.
  *
  * surface: picture/edges.cl. count: of the quarters that there are, 0 before. margins: (MARGIN_PLANES, capacity),
  * lib/margins.h; where there are more than that, it holds no more, and they are to be found once more with room for them.
- * Work-item: `piece` samples of a row, a multiple of LANES or all; it counts its quarters and takes as many columns.
- * Cost: O(samples). Determinism: the same quarters, in any order.
+ * prominence: (height, blocks, 2) of each PROMINENCE_BLOCK samples of a row, that of the most prominent one, as seen from the
+ * front and from the back; INFINITY if it is torn off on both sides, -INFINITY if noise explains it.
+ * noise: picture/noise.cl. Work-item of look_around: `piece` samples of a row, a multiple of PROMINENCE_BLOCK or all; it counts its quarters and takes
+ * as many columns. Cost: O(samples). Determinism: the same quarters, in any order; each block on its own.
  */
-#include "lib/lanes.h"
 #include "lib/margins.h"
-#include "lib/surface.h"
+#include "lib/prominence.h"
 
 #define HAS_EDGE(sample, edges) ((as_intl(sample) & (edges)) != 0) /* TORN_... */
 
@@ -88,29 +90,35 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest te
     }
 }
 
-/* How many quarters the samples `first` to `end` - 1 of a row have */
-OUTLINED int count_quarters(Grid grid, int first, int end, int y)
+/* By how much of nearness samples stand out, between their sides in the row or in the column, as seen from the front and
+ * from the back */
+INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
 {
-    int count = 0;
-    for (int x = first; x < end; x += LANES) {
-        const Around n = around_of(grid.nearness + (size_t)y * grid.pitch + x, grid.pitch);
-        if (!any_edge(n))
-            continue;
-        const Parts parts = parts_of(n, x + lane_index < grid.width);
-        for (int number = 0; number < 4; number++)
-            count += popcount(lane_bits(parts.lower[number] | parts.upper[number]));
+    const intl before = as_intl(n.left_1) | as_intl(n.left_2) | as_intl(n.above_1) | as_intl(n.above_2);
+    const intl after = as_intl(n.right_1) | as_intl(n.right_2) | as_intl(n.below_1) | as_intl(n.below_2);
+    if (any_lane(((before | as_intl(n.here) | after) & TORN_ALL) != 0)) {
+        const Sides all = sides_of(n);
+        *front = max_lanes(PROMINENCE(n.here, all.left, all.right, 0), PROMINENCE(n.here, all.above, all.below, 0));
+        *back = max_lanes(PROMINENCE(n.here, all.left, all.right, 1), PROMINENCE(n.here, all.above, all.below, 1));
+        return;
     }
-    return count;
+    /* Most packets: nothing is torn. */
+    const floatl row_low = max_lanes(min_lanes(n.left_1, n.left_2), min_lanes(n.right_1, n.right_2));
+    const floatl row_high = min_lanes(max_lanes(n.left_1, n.left_2), max_lanes(n.right_1, n.right_2));
+    const floatl column_low = max_lanes(min_lanes(n.above_1, n.above_2), min_lanes(n.below_1, n.below_2));
+    const floatl column_high = min_lanes(max_lanes(n.above_1, n.above_2), max_lanes(n.below_1, n.below_2));
+    *front = n.here - min_lanes(row_low, column_low);
+    *back = max_lanes(row_high, column_high) - n.here;
 }
 
-/* Writes these, from column `at` on. */
-OUTLINED void write_quarters(Grid grid, int first, int end, int y, EdgeTest test, global float *margins, int at,
-                             int capacity)
+#define SPAN (LANES == 1 ? PROMINENCE_BLOCK : STRIP * LANES) /* samples of a row whose margins are counted, then written */
+
+/* Writes the margins of packets from x0 on that have a bit, from column `at` on. */
+OUTLINED void write_quarters(uint packets, Grid grid, int x0, int y, EdgeTest test, global float *margins, int at, int capacity)
 {
-    for (int x = first; x < end; x += LANES) {
+    for (; packets; packets &= packets - 1) {
+        const int x = x0 + LOWEST(packets) * LANES;
         const Around n = around_of(grid.nearness + (size_t)y * grid.pitch + x, grid.pitch);
-        if (!any_edge(n))
-            continue;
         const Parts parts = parts_of(n, x + lane_index < grid.width);
         for (int number = 0; number < 4; number++) {
             const intl lower = parts.lower[number], upper = parts.upper[number];
@@ -134,17 +142,60 @@ OUTLINED void write_quarters(Grid grid, int first, int end, int y, EdgeTest test
     }
 }
 
-kernel void find_margins(global const float *surface, global float *margins, global int *count, int width, int height,
-                         int pitch, int piece, int capacity, EdgeTest test)
+/* How many quarters a packet has */
+INLINED int count_quarters(Around n, intl wanted)
+{
+    const Parts parts = parts_of(n, wanted);
+    int count = 0;
+    for (int number = 0; number < 4; number++)
+        count += popcount(lane_bits(parts.lower[number] | parts.upper[number]));
+    return count;
+}
+
+/* Writes how samples `first` to `end` - 1 of row y stand out, and their margins. */
+OUTLINED void look_around_row(Grid grid, int first, int end, int y, EdgeTest test, global float *prominence,
+                              global float *margins, volatile global int *count, int capacity)
+{
+    const int blocks = (grid.width + PROMINENCE_BLOCK - 1) / PROMINENCE_BLOCK;
+    global float *most = prominence + 2 * ((size_t)y * blocks + first / PROMINENCE_BLOCK);
+    for (int x0 = first; x0 < end; x0 += SPAN) {
+        uint with_quarters = 0;
+        int quarters = 0;
+        for (int block = x0; block < min(x0 + SPAN, end); block += PROMINENCE_BLOCK, most += 2) {
+            floatl front = -INFINITY, back = -INFINITY;
+            for (int x = block; x < min(block + PROMINENCE_BLOCK, end); x += LANES) {
+                const intl wanted = x + lane_index < grid.width;
+                const Around around = around_of(grid.nearness + (size_t)y * grid.pitch + x, grid.pitch);
+                const int own = any_edge(around) ? count_quarters(around, wanted) : 0;
+                with_quarters |= own ? 1u << (x - x0) / LANES : 0;
+                quarters += own;
+                const Neighbours n = with_neighbours(grid, x, y);
+                floatl front_here, back_here;
+                stand_out(n, &front_here, &back_here);
+                const intl solid = (n.here > NO_SURFACE) & wanted;
+                const floatl explained = EXPLAINED(test, n.here);
+                front = select_lanes(solid & (front_here > explained), max_lanes(front_here, front), front);
+                back = select_lanes(solid & (back_here > explained), max_lanes(back_here, back), back);
+            }
+            const int any = any_lane(max_lanes(front, back) > -INFINITY); /* mostly none */
+            most[0] = any ? -least_lane(-front) : -INFINITY;
+            most[1] = any ? -least_lane(-back) : -INFINITY;
+        }
+        if (!quarters)
+            continue;
+        const int at = atomic_add(count, quarters);
+        if (at + quarters <= capacity)
+            write_quarters(with_quarters, grid, x0, y, test, margins, at, capacity);
+    }
+}
+
+kernel void look_around(global const float *surface, global const float *noise, global float *prominence,
+                        global float *margins, global int *count, int width, int height, int pitch, int piece, int capacity,
+                        EdgeTest test)
 {
     const int first = get_global_id(0) * piece, y = get_global_id(1);
     if (first >= width || y >= height)
         return;
     const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
-    const int end = min(first + piece, width), own = count_quarters(grid, first, end, y);
-    if (!own)
-        return;
-    const int at = atomic_add((volatile global int *)count, own);
-    if (at + own <= capacity)
-        write_quarters(grid, first, end, y, test, margins, at, capacity);
+    look_around_row(grid, first, min(first + piece, width), y, with_noise(test, noise), prominence, margins, count, capacity);
 }
