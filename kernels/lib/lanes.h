@@ -111,7 +111,9 @@ int any_lane(int16 mask)
 #endif
 /* A bit for each lane of a mask */
 #ifdef __has_builtin
-#if __has_builtin(__builtin_reduce_or)
+#if defined(__AVX512F__) && __has_builtin(__builtin_ia32_cmpd512_mask)
+#define lane_bits(mask) (uint)(ushort)__builtin_ia32_cmpd512_mask(mask, (int16)0, 4, (ushort)-1) /* 4: not equal */
+#elif __has_builtin(__builtin_reduce_or)
 #define lane_bits(mask) (uint)__builtin_reduce_or(((mask) != 0) & ((int16)1 << lane_index))
 #endif
 #endif
@@ -171,6 +173,26 @@ typedef struct __attribute__((packed)) {
 #define int_lane(v, lane) (((const int *)&(v))[lane])
 #define set_float_lane(v, lane, value) (((float *)&(v))[lane] = (value))
 #define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
+#endif
+
+/* Writes the lanes of a vector that have a bit, one after the other. */
+#if defined(__AVX512F__) && defined(__has_builtin)
+#if __has_builtin(__builtin_ia32_compresssf512_mask)
+#define COMPRESSED_BY_ONE 1
+#endif
+#endif
+#ifdef COMPRESSED_BY_ONE
+INLINED void store_some(float16 v, uint bits, global float *to)
+{
+    const float16 first = __builtin_ia32_compresssf512_mask(v, v, (ushort)bits);
+    __builtin_ia32_storeups512_mask((float16 *)(uintptr_t)to, first, (ushort)((1u << popcount(bits)) - 1));
+}
+#else
+INLINED void store_some(floatl v, uint bits, global float *to)
+{
+    for (; bits; bits = WITHOUT_LOWEST(bits))
+        *to++ = float_lane(v, LOWEST(bits));
+}
 #endif
 
 /* With COUNTERS: a kernel's parameter and its value, and adding how many lanes of a mask are true */

@@ -171,15 +171,20 @@ typedef struct {
     floatl here, right, below;
 } Packet;
 
-#define FROM_ROW(row, x) select_lanes((x) + lane_index < image.width, load_lanes((row) + (x)), (floatl)NO_SURFACE)
-
 INLINED Packet packet_at(Image image, int x, int y)
 {
-    global const float *row = image.nearness + (size_t)y * image.pitch, *next = row + image.pitch;
+    global const float *own = image.nearness + (size_t)y * image.pitch + x;
+    const int is_bottom = y + 1 == image.height;
     Packet n;
-    n.here = FROM_ROW(row, x); /* rows have room for whole packets */
-    n.right = FROM_ROW(row, x + 1);
-    n.below = y + 1 < image.height ? FROM_ROW(next, x) : (floatl)NO_SURFACE;
+    n.here = load_lanes(own); /* rows have room for whole packets */
+    n.right = load_lanes(own + 1);
+    n.below = is_bottom ? (floatl)NO_SURFACE : load_lanes(own + image.pitch);
+    if (x + LANES >= image.width) {
+        const intl column = x + lane_index;
+        n.here = select_lanes(column < image.width, n.here, (floatl)NO_SURFACE);
+        n.right = select_lanes(column + 1 < image.width, n.right, (floatl)NO_SURFACE);
+        n.below = select_lanes(column < image.width, n.below, (floatl)NO_SURFACE);
+    }
     return n;
 }
 

@@ -122,22 +122,20 @@ OUTLINED void write_quarters(uint packets, Grid grid, int x0, int y, EdgeTest te
         const Parts parts = parts_of(n, x + lane_index < grid.width);
         for (int number = 0; number < 4; number++) {
             const intl lower = parts.lower[number], upper = parts.upper[number];
-            uint left = lane_bits(lower | upper);
-            if (!left)
+            const uint some = lane_bits(lower | upper);
+            if (!some)
                 continue;
             floatl slope_x, slope_y;
             slopes_of(n, lower, upper, number, test, &slope_x, &slope_y);
-            for (; left; left = WITHOUT_LOWEST(left), at++) {
-                const int lane = LOWEST(left);
-                global float *out = margins + at;
-                out[MARGIN_X * capacity] = x + lane;
-                out[MARGIN_Y * capacity] = y;
-                out[MARGIN_NEARNESS * capacity] = float_lane(n.here, lane);
-                out[MARGIN_SLOPE_X * capacity] = float_lane(slope_x, lane);
-                out[MARGIN_SLOPE_Y * capacity] = float_lane(slope_y, lane);
-                const int in_lower = int_lane(lower, lane) ? IN_LOWER : 0, in_upper = int_lane(upper, lane) ? IN_UPPER : 0;
-                out[MARGIN_BITS * capacity] = as_float(number | in_lower | in_upper);
-            }
+            const intl bits =
+                number | select_lanes(lower, (intl)IN_LOWER, (intl)0) | select_lanes(upper, (intl)IN_UPPER, (intl)0);
+            store_some(to_floatl(x + lane_index), some, margins + MARGIN_X * capacity + at);
+            store_some((floatl)y, some, margins + MARGIN_Y * capacity + at);
+            store_some(n.here, some, margins + MARGIN_NEARNESS * capacity + at);
+            store_some(slope_x, some, margins + MARGIN_SLOPE_X * capacity + at);
+            store_some(slope_y, some, margins + MARGIN_SLOPE_Y * capacity + at);
+            store_some(as_floatl(bits), some, margins + MARGIN_BITS * capacity + at);
+            at += popcount(some);
         }
     }
 }
