@@ -7,7 +7,7 @@
  * nearest to it. Seen from a sample, that is a quarter of its pixel; or one half of a quarter, on one side of the
  * cell's diagonal, if the other half is in a triangle.
  *
- * Found once a surface (picture/margins.cl), they lie in MARGIN_PLANES rows of `pitch` numbers: one quarter a column.
+ * Found once a surface (picture/small_parts.cl), they lie in MARGIN_PLANES rows of `pitch` numbers: one quarter a column.
  */
 #define MARGIN_X 0 /* the sample's column and row */
 #define MARGIN_Y 1

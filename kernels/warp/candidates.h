@@ -41,7 +41,7 @@ INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, E
 INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap map, intl x, int y, intl wanted, int is_second,
                                 int sides, int neighbour_offset, float density, float window, uint *cells)
 {
-    const Rays rays = rays_of(map, to_floatl(x), y);
+    const Rays rays = rays_of(map, to_floatl(x), (floatl)y);
     const Epipolar epipolar = epipolar_of(rays, grid);
     floatl places[CANDIDATES];
     intl meets = 0, beside = 0;

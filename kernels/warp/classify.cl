@@ -132,7 +132,7 @@ kernel void classify(global const float *surface, global const float *told, glob
             class_ = select_lanes(own != 0, own, beside);
             const intl placed = (class_ <= 0) | (class_ > CLASS_OUTSIDE);
             if (any_lane(placed))
-                class_ = select_lanes(placed, class_in_place(grid, rays_of(map, to_floatl(x + lane_index), y), as_floatl(class_)), class_);
+                class_ = select_lanes(placed, class_in_place(grid, rays_of(map, to_floatl(x + lane_index), (floatl)y), as_floatl(class_)), class_);
             class_ = min(class_, known);
         }
         if (count >= LANES)

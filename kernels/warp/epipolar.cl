@@ -21,7 +21,8 @@
  * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY before, unless ALIGNED without SEGMENT; behind them LANES
  * floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both images
  * (stereo, light fields) and pass through the pixels' centres, so that their hits are the pixels' own. There is a line
- * for each row (or column), the first packet begins with the first one, and packets of whole lines fill these with EMPTY.
+ * for each row (or column), the first packet begins with the first one, and packets of whole lines fill these with EMPTY,
+ * and where margins will be drawn `plane` values farther on (patches.cl; 0: nowhere), too.
  * EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h): exact for the line. Else aligned lines
  * run along samples, from each to the next (walk_samples.h), and others are walked from column to column (row to row,
  * walk_columns.h), which leaves out the corners between, at about half the cost.
@@ -40,9 +41,6 @@
 #include "warp/walk_columns.h"
 #define WALK walk_columns
 #endif
-#if !ALIGNED
-#include "warp/lone.cl" /* which follows: one program */
-#endif
 
 #if ALIGNED && !SEGMENT
 /* Nothing is settled on the rows (or columns) of a packet, whose first is the given one. */
@@ -57,12 +55,14 @@ INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 #endif
 
 /* Walks a packet of a group's lines. Returns the samples and the pixels that were visited. */
-OUTLINED uint2 sweep_packet(Grid grid, global float *hits, LineGroup group, int packet, PixelMap map, int sides, float nearest,
+OUTLINED uint2 sweep_packet(Grid grid, global float *hits, int plane, LineGroup group, int packet, PixelMap map, int sides, float nearest,
                             float farthest, global const float *bounds)
 {
     SweepLines line = sweep_lines(group, map, packet, nearest, farthest);
 #if ALIGNED && !SEGMENT
     clear_lines(hits, packet * LANES, line.along, map);
+    if (plane)
+        clear_lines(hits + plane, packet * LANES, line.along, map);
 #endif
     if (!any_lane((line.low <= line.high) & (line.from <= line.to)))
         return (uint2)(0, 0);
@@ -83,7 +83,7 @@ OUTLINED uint2 sweep_packet(Grid grid, global float *hits, LineGroup group, int 
 
 kernel void epipolar_sweep(global const float *surface, global float *hits, global const LineGroup *groups,
                            int group_count, int packet_count, PixelMap map, int sides, float nearest,
-                           float farthest
+                           float farthest, int plane
 #if SEGMENT
                            , global const float *bounds
 #endif
@@ -99,7 +99,7 @@ kernel void epipolar_sweep(global const float *surface, global float *hits, glob
 #if !SEGMENT
     global const float *bounds = 0;
 #endif
-    const uint2 visited = sweep_packet(grid, hits, groups[group_of(groups, group_count, packet)], packet, map, sides, nearest, farthest, bounds);
+    const uint2 visited = sweep_packet(grid, hits, plane, groups[group_of(groups, group_count, packet)], packet, map, sides, nearest, farthest, bounds);
 #if COUNTERS
     counters[2 * packet] = visited.x;
     counters[2 * packet + 1] = visited.y;

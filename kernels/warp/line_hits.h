@@ -70,7 +70,7 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
         pixels.traced = inside & any_met;
     }
     intl in_place = hit_kind == HITS_WITHOUT_PARALLAX ? inside : (intl)0;
-    /* What is drawn there beside the lines (lone.cl) is no line's. */
+    /* What is drawn there beside the lines (patches.cl) is no line's. */
     const intl none = !IS_HIT(n) | (hit_kind == HITS_OF_LINES ? (as_intl(n) & OWN_RAY) != 0 : (intl)0);
     if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
         in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & none);
@@ -94,7 +94,7 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
 INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int hit_kind, int sides)
 {
     const float *S = map.src_from_dst;
-    const Rays rays = rays_of(map, to_floatl(x0 + lane_index), y);
+    const Rays rays = rays_of(map, to_floatl(x0 + lane_index), (floatl)y);
     const floatl u = pixels->u, v = pixels->v;
     const float last_u = grid.width - 1, last_v = grid.height - 1;
     floatl uc = truncated(clamp_lanes(u + 1.0f, (floatl)0.0f, (floatl)(last_u + 1.0f))) - 1.0f;

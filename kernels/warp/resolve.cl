@@ -8,7 +8,8 @@
  * gathered to full packets first, so that a trace costs the same whether few pixels need it or all.
  *
  * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: whose they are, HITS_... of line_hits.h.
- * margin_hits: (dst_height, dst_pitch) margins.cl, if there is any; of a pixel's hits the nearer one counts.
+ * The hits on margins lie `plane` values farther on, if there are any (0: none; patches.cl); of a pixel's hits the nearer
+ * one counts.
  * depth, color, valid: (dst_height, dst_width); merge: pixels that show something nearer already stay. density: pixels
  * of the source over one of the target, >= 1. neighbour_offset: pixels of the target over one of the source, >= 1: a
  * surface reaches up to half a sample beyond the hits of lines, which is so many pixels. typical: some nearness that
@@ -29,7 +30,6 @@
 #include "warp/candidates.h"
 #include "warp/classes.h"
 #include "warp/corners.h"
-#include "warp/margins.cl" /* which goes before: one program */
 
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: where in which view each pixel comes from is written, too; 2: and what is hidden */
@@ -234,12 +234,10 @@ OUTLINED void write_strip(PictureRow row, Pixels *pixels, int strip_x, int high_
     }
 }
 
-kernel void resolve(global const float *surface, global const float *hits, global const float *margin_hits,
-                    global const channel *src_color,
+kernel void resolve(global const float *surface, global const float *hits, global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, int sides,
                     int linear, int merge, int low_x, int high_x, int low_y, int high_y, int hit_kind, float density,
-                    int neighbour_offset, float typical, float rough, float window, int connected,
-                    int has_margins
+                    int neighbour_offset, float typical, float rough, float window, int connected, int plane
 #if ORIGINS
                     ,
                     global float *source, global int *source_view, int view
@@ -282,9 +280,8 @@ kernel void resolve(global const float *surface, global const float *hits, globa
     if (hit_kind == HITS_OF_LINES)
         traced = trace_pixels(pixels, packets, hits, row.grid, map, strip_x, y, sides, neighbour_offset, density, window,
                               connected, &cells);
-    const size_t pitched = (size_t)y * map.dst_pitch;
-    global const float *margins = has_margins ? margin_hits + pitched : (global const float *)0;
-    write_strip(row, pixels, strip_x, high_x, packets, hit_kind, hits + pitched, margins);
+    global const float *own = hits + (size_t)y * map.dst_pitch;
+    write_strip(row, pixels, strip_x, high_x, packets, hit_kind, own, plane ? own + plane : (global const float *)0);
 #if COUNTERS
     const int across = (high_x - low_x + STRIP * LANES - 1) / (STRIP * LANES);
     const int item = get_global_id(1) * across + get_global_id(0);

@@ -11,7 +11,7 @@
 /* What the rays of LANES pixels at (x, y) meet; cells: visited by the slowest lane */
 OUTLINED floatl search_packet(Grid grid, PixelMap map, int sides, int x, int y, int high_x, uint *cells)
 {
-    const Rays rays = rays_of(map, to_floatl(x + lane_index), y);
+    const Rays rays = rays_of(map, to_floatl(x + lane_index), (floatl)y);
     const Epipolar epipolar = epipolar_of(rays, grid);
     Windows windows;
     windows.from = 0.0f;

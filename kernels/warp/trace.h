@@ -44,7 +44,7 @@ typedef struct {
     float radius;
 } Windows;
 
-INLINED Rays rays_of(PixelMap map, floatl x, float y)
+INLINED Rays rays_of(PixelMap map, floatl x, floatl y)
 {
     const float *S = map.src_from_dst;
     Rays rays;

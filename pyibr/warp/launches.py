@@ -86,12 +86,9 @@ def inverse_warp(
     if reach.empty and (in_reach or not target.blank):
         return
     shared = _shared(surface, pixel_map, options)
-    hits, hit_kind = _find_candidates(surface, pixel_map, target, options, shared)
-    defines = _defines_of(target, entry)
-    margin_hits = _draw_margins(surface, pixel_map, target, shared, defines)
-    found = {**shared, "hits": hits, "hit_kind": hit_kind, "has_margins": margin_hits is not None}
-    found["margin_hits"] = hits if margin_hits is None else margin_hits
-    _resolve(surface, pixel_map, target, options, found, view, entry, in_reach, defines)
+    hits, plane, hit_kind = _find_candidates(surface, pixel_map, target, options, shared)
+    found = {**shared, "hits": hits, "plane": plane, "hit_kind": hit_kind}
+    _resolve(surface, pixel_map, target, options, found, view, entry, in_reach)
     target.blank = in_reach and target.blank
 
 
@@ -106,59 +103,54 @@ def _shared(surface: Surface, pixel_map: PixelMap, options: Options) -> dict[str
 
 def _find_candidates(
     surface: Surface, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
-) -> tuple[DeviceArray, float]:
-    """Sweep lines (or search) for the surface of each pixel; also HITS_... of kernels/warp/line_hits.h."""
+) -> tuple[DeviceArray, int, float]:
+    """Hits by lines (or a search), and of patches.
+
+    Also where those on margins begin, 0 if there are none, and HITS_... of kernels/warp/line_hits.h.
+    """
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
     groups, packets = line_groups(epipole, area, profile.lanes, aligned, profile.segment)
     # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
     # row read beyond it.
     beyond = max(packets * profile.lanes, profile.lanes + _NEIGHBOUR_OFFSET_MAX)
-    hits = target.scratch(target.camera.height * pitch(target.camera.width) + beyond)
-    whole_lines = aligned and not profile.segment  # they leave out no pixel
-    if reach.empty or (packets and (options.search or not whole_lines)):
+    count = target.camera.height * pitch(target.camera.width) + beyond
+    plane = 0 if reach.empty or not surface.margins.count else count
+    hits = target.scratch(2 * count if plane else count)
+    shared = {**shared, "hits": hits}
+    by_lines = bool(packets) and not options.search and not reach.empty
+    if not (by_lines and aligned and not profile.segment):  # else the sweep writes every pixel of its lines
         clear(hits, constant("lib/pixelspace.h", "EMPTY"))
     if reach.empty:
-        return hits, _hits("OF_PIXELS")
+        return hits, plane, _hits("OF_PIXELS")
+    kind = _hits("OF_PIXELS" if aligned or options.search else "OF_LINES")
     if not packets:  # no epipole, or it is all there is: any nearness gives the source position
-        clear(hits, pixel_map.typical)
-        return hits, _hits("WITHOUT_PARALLAX")
-    if options.search:
+        kind = _hits("WITHOUT_PARALLAX")
+    elif options.search:
         launch(
             kernel("warp/search.cl", "search"),
             profile.packets(reach.high_x - reach.low_x, reach.high_y - reach.low_y),
-            hits=hits,
             low_x=reach.low_x,
             high_x=reach.high_x,
             low_y=reach.low_y,
             high_y=reach.high_y,
             **shared,
         )
-        return hits, _hits("OF_PIXELS")
-    defines = _defines_of_sweep(pixel_map.pair, options)
-    launch(
-        kernel("warp/epipolar.cl", "epipolar_sweep", **defines),
-        (packets,),
-        hits=hits,
-        groups=upload(groups),
-        group_count=len(groups),
-        packet_count=packets,
-        nearest=surface.high,
-        farthest=surface.low,
-        **({"bounds": surface.bounds} if profile.segment else {}),
-        **shared,
-    )
-    if aligned:
-        return hits, _hits("OF_PIXELS")
-    launch(
-        kernel("warp/epipolar.cl", "draw_lone", **defines),
-        (-(-surface.prominence.shape[1] // profile.strip), surface.prominence.shape[0] + 1),
-        hits=hits,
-        prominence=surface.prominence,
-        least=constant("warp/lone.cl", "LONE_BY") / max(pixel_map.most_motion, 1e-30),
-        **shared,
-    )
-    return hits, _hits("OF_LINES")
+    else:
+        launch(
+            kernel("warp/epipolar.cl", "epipolar_sweep", **_defines_of_sweep(pixel_map.pair, options)),
+            (packets,),
+            groups=upload(groups),
+            group_count=len(groups),
+            packet_count=packets,
+            nearest=surface.high,
+            farthest=surface.low,
+            plane=plane,
+            **({"bounds": surface.bounds} if profile.segment else {}),
+            **shared,
+        )
+    _draw_patches(surface, pixel_map, plane, shared, lone=kind == _hits("OF_LINES"))
+    return hits, plane, kind
 
 
 def _defines_of_sweep(pair: CameraPair, options: Options) -> dict[str, int]:
@@ -186,27 +178,25 @@ def build_ahead_of_warp(pair: CameraPair, target: Target, options: Options, entr
     build_ahead("warp/resolve.cl", "resolve", compiled=True, **_defines_of(target, entry))
 
 
-def _draw_margins(
-    surface: Surface, pixel_map: PixelMap, target: Target, shared: dict[str, Any], defines: dict[str, int]
-) -> DeviceArray | None:
-    """Hits of the pixels' own rays on the surface's margins; None if it has none."""
+def _draw_patches(
+    surface: Surface, pixel_map: PixelMap, plane: int, shared: dict[str, Any], *, lone: bool
+) -> None:
+    """Add the hits on what is too small for lines, if it is `lone`, and those on margins."""
     profile, margins = current().profile, surface.margins
-    if not margins.count or pixel_map.reach.empty:
-        return None
-    # Packets at the end of the last row read beyond it.
-    hits = target.scratch(target.camera.height * pitch(target.camera.width) + profile.lanes, number=1)
-    clear(hits, constant("lib/pixelspace.h", "EMPTY"))
+    rows, blocks, _ = surface.prominence.shape
+    lone_items = (rows + 1) * -(-blocks // profile.strip) if lone else 0
     launch(
-        kernel("warp/resolve.cl", "draw_margins", **defines),
-        (-(-margins.count // (profile.strip * profile.lanes)),),
+        kernel("warp/patches.cl", "draw_patches"),
+        (lone_items + -(-margins.count // (profile.strip * profile.lanes)),),
+        prominence=surface.prominence,
+        least=constant("warp/patches.cl", "LONE_BY") / max(pixel_map.most_motion, 1e-30),
+        lone_items=lone_items,
         margins=margins.quarters,
-        margin_hits=hits,
-        map=shared["map"],
-        sides=shared["sides"],
         count=margins.count,
-        pitch=margins.quarters.shape[1],
+        margin_pitch=margins.quarters.shape[1],
+        plane=plane,
+        **shared,
     )
-    return hits
 
 
 def _hits(name: str) -> float:
@@ -230,7 +220,6 @@ def _resolve(
     view: int,
     entry: Entry,
     in_reach: bool,
-    defines: dict[str, int],
 ) -> None:
     """Depth and colour of the pixels from what their lines saw."""
     profile = current().profile
@@ -245,7 +234,7 @@ def _resolve(
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
     classes = {} if target.classes is None else {"classes": target.classes}
     launch(
-        kernel("warp/resolve.cl", "resolve", **defines),
+        kernel("warp/resolve.cl", "resolve", **_defines_of(target, entry)),
         profile.packets(high_x - low_x, high_y - low_y, profile.strip),
         src_color=surface.color,
         linear=options.linear,

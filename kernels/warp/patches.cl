@@ -1,0 +1,325 @@
+/* Small patches of planes, drawn: what the sweep's triangles leave out, and what its lines may pass.
+ *
+ * Margins (lib/margins.h) are no triangles: their pixels' own hits go to a plane of their own. Lines pass within half a pixel
+ * of the pixels that they settle, and resolve.cl looks for a pixel's surface only around what its line and its neighbours'
+ * lines met. What is narrower may lie between the lines. In the source it stands out alone: within two samples to either
+ * side, along rows or along columns, it is torn off, or it falls away across the lines from a sample amid what is even, so far
+ * that the target sees them LONE_BY pixels apart, and farther than noise explains. (On rough surfaces everything does; there
+ * lines meet enough.) The triangles of the cells around such samples are drawn among the lines' hits.
+ *
+ * surface: picture/edges.cl. prominence, margins: picture/small_parts.cl; (MARGIN_PLANES, margin_pitch) of `count` quarters.
+ * hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the nearest hit of each pixel stays. The hits on margins lie `plane`
+ * values farther on, EMPTY before; a side that is not shown hides what lies behind it. least: a difference of nearness that
+ * moves nothing in the target by LONE_BY pixels.
+ * Work-item: the first `lone_items` STRIP * PROMINENCE_BLOCK cells of a row, the others STRIP * LANES quarters. Cost:
+ * O(samples + margins), and the pixels of what is drawn. Determinism: maxima and bits that are set do not depend on the order
+ * of work-items.
+ * Not in the paper, whose samples are all connected, and whose pixels see what their lines see.
+ */
+#include "lib/margins.h"
+#include "lib/prominence.h"
+#include "warp/trace.h"
+
+#define LONE_BY 4.0f  /* target pixels: more than the windows of candidates.h reach in all */
+#define NARROW 4.0f   /* target pixels: lines meet a triangle that is nowhere narrower */
+#define ON_LINE 2e-3f /* pixels off an edge, and its line's slope, at which a ray still may run along it */
+#define HAIR 1e-3f    /* pixels by which patches overlap others, for rounding */
+#define PATCH_WIDTH_MAX 256.0f /* target pixels: a margin is drawn no wider, as one right before the target would be */
+
+/* Patches, one a lane: the part of a plane from its sample to `reach` pixels in the directions `to` (1 or -1), on the upper
+ * left (lower) or the lower right (upper) of a diagonal, where the offsets from the sample add up to `diagonal` */
+typedef struct {
+    Plane plane;
+    floatl to_x, to_y, diagonal;
+    intl lower, upper;
+    float reach;
+} Patches;
+
+/* Points of the source, one a lane, in the target */
+typedef struct {
+    floatl u, v, w;
+} Seen;
+
+INLINED Seen seen_at(PixelMap map, floatl x, floatl y, floatl n)
+{
+    const float *D = map.dst_from_src;
+    Seen seen;
+    seen.w = MAP_ROW(D, 2, x, y, n);
+    const floatl inverse = 1.0f / seen.w;
+    seen.u = MAP_ROW(D, 0, x, y, n) * inverse;
+    seen.v = MAP_ROW(D, 1, x, y, n) * inverse;
+    return seen;
+}
+
+/* Where in rows of the target the edges from a to b run, and `hair` beside them: widens [*low, *high] to it. */
+INLINED void widen(Seen a, Seen b, floatl row, floatl hair, floatl *low, floatl *high)
+{
+    const intl passes = (row >= min_lanes(a.v, b.v) - hair) & (row <= max_lanes(a.v, b.v) + hair);
+    const floatl part = select_lanes(a.v == b.v, (floatl)0.0f, (row - a.v) / (b.v - a.v));
+    const floatl u = a.u + clamp_lanes(part, (floatl)0.0f, (floatl)1.0f) * (b.u - a.u);
+    *low = select_lanes(passes, min_lanes(*low, u - hair), *low);
+    *high = select_lanes(passes, max_lanes(*high, u + hair), *high);
+}
+
+/* Puts the own hits of pixels that `meet` something among `hits`. */
+INLINED void put_own_hits(intl meet, floatl column, floatl row, floatl met, intl hides, PixelMap map, global float *hits)
+{
+    const intl pixel = to_intl(row) * map.dst_pitch + to_intl(column);
+    for (uint left = lane_bits(meet); left; left = WITHOUT_LOWEST(left)) {
+        const int lane = LOWEST(left);
+        put_own_hit(hits + int_lane(pixel, lane), float_lane(met, lane), int_lane(hides, lane));
+    }
+}
+
+/* Puts the hits of pixels there. */
+INLINED void put_hits(intl meet, floatl column, floatl row, floatl packed, PixelMap map, global float *hits)
+{
+    const intl pixel = to_intl(row) * map.dst_pitch + to_intl(column), bits = as_intl(packed);
+    for (uint left = lane_bits(meet); left; left = WITHOUT_LOWEST(left))
+        put_nearest(hits + int_lane(pixel, LOWEST(left)), int_lane(bits, LOWEST(left)));
+}
+
+/* Draws the wanted patches between four corners: hits of the pixels' own rays on margins, or among those of lines. */
+OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wanted, Grid grid, PixelMap map, int sides,
+                          int are_margins, global float *hits)
+{
+    floatl low_v = INFINITY, high_v = -INFINITY, per_unit;
+    intersect_plane(rays_of(map, 0.0f, 0.0f), at.plane, &per_unit);
+    const intl hides = select_lanes(per_unit > 0.0f, (intl)(sides & SHOWS_FRONT ? 0 : 1), (intl)(sides & SHOWS_BACK ? 0 : 1));
+    intl drawn = wanted & (per_unit != 0.0f);
+    for (int i = 0; i < 4; i++) {
+        drawn = drawn & (corners[i].w > 0.0f);
+        low_v = min_lanes(corners[i].v, low_v);
+        high_v = max_lanes(corners[i].v, high_v);
+    }
+    const float last_x = map.dst_width - 1, last_y = map.dst_height - 1, widest = are_margins ? PATCH_WIDTH_MAX : INFINITY;
+    const floatl top = ceil_lanes(clamp_lanes(low_v - hair, (floatl)0.0f, (floatl)(last_y + 1.0f)));
+    const floatl bottom = min_lanes(min_lanes(high_v + hair, (floatl)last_y), top + widest);
+    for (floatl row = top; any_lane(drawn & (row <= bottom)); row += 1.0f) {
+        floatl low = INFINITY, high = -INFINITY;
+        for (int i = 0; i < 4; i++)
+            widen(corners[i], corners[(i + 1) & 3], row, hair, &low, &high);
+        high = min_lanes(min_lanes(high, (floatl)last_x), low + widest);
+        high = select_lanes(drawn & (row <= bottom), high, (floatl)-1.0f);
+        floatl column = ceil_lanes(clamp_lanes(low, (floatl)0.0f, (floatl)(last_x + 1.0f)));
+        for (; any_lane(column <= high); column += 1.0f) {
+            const Rays rays = rays_of(map, column, row);
+            const floatl met = intersect_plane(rays, at.plane, &per_unit);
+            const floatl w = rays.w + met * rays.centre.z, inverse = 1.0f / w;
+            const floatl u = (rays.u + met * rays.centre.x) * inverse, v = (rays.v + met * rays.centre.y) * inverse;
+            const floatl du = u - at.plane.x, dv = v - at.plane.y, half_ = 0.5f * at.reach;
+            const intl in_square = (fabs(at.to_x * du - half_) <= half_ + HAIR) & (fabs(at.to_y * dv - half_) <= half_ + HAIR);
+            const intl in_part = (at.lower & (du + dv <= at.diagonal + HAIR)) | (at.upper & (du + dv >= at.diagonal - HAIR));
+            const intl is_met =
+                (column <= high) & in_square & in_part & (w > 0.0f) & IS_BEFORE(map.dst_perspective, met);
+            if (are_margins) {
+                put_hits(is_met, column, row, PACKED_HIT(met, hides), map, hits);
+                continue;
+            }
+            const intl on_pixels = (fabs(u - 0.5f * (grid.width - 1)) <= 0.5f * grid.width + HAIR) &
+                                   (fabs(v - 0.5f * (grid.height - 1)) <= 0.5f * grid.height + HAIR);
+            put_own_hits(is_met & on_pixels, column, row, met, hides, map, hits);
+        }
+    }
+}
+
+/* Draws LANES margins, those that are `wanted`. */
+OUTLINED void draw_margins(global const float *margins, int pitch, intl wanted, Grid grid, PixelMap map, int sides,
+                           global float *hits)
+{
+    const intl bits = as_intl(load_lanes(margins + MARGIN_BITS * pitch));
+    const floatl x = load_lanes(margins + MARGIN_X * pitch), y = load_lanes(margins + MARGIN_Y * pitch);
+    const floatl n = load_lanes(margins + MARGIN_NEARNESS * pitch);
+    const floatl gu = load_lanes(margins + MARGIN_SLOPE_X * pitch), gv = load_lanes(margins + MARGIN_SLOPE_Y * pitch);
+    const floatl to_x = select_lanes((bits & TO_RIGHT) != 0, (floatl)1.0f, (floatl)-1.0f);
+    const floatl to_y = select_lanes((bits & TO_BELOW) != 0, (floatl)1.0f, (floatl)-1.0f);
+    const Patches at = {{n, gu, gv, x, y}, to_x, to_y, 0.0f, (bits & IN_LOWER) != 0, (bits & IN_UPPER) != 0, 0.5f};
+    const floatl dx = 0.5f * to_x, dy = 0.5f * to_y, n_x = n + gu * dx, n_y = n + gv * dy;
+    const Seen corners[4] = {seen_at(map, x, y, n), seen_at(map, x + dx, y, n_x), seen_at(map, x + dx, y + dy, n_x + gv * dy),
+                             seen_at(map, x, y + dy, n_y)};
+    const floatl side_x = max_lanes(fabs(corners[1].u - corners[0].u), fabs(corners[1].v - corners[0].v));
+    const floatl side_y = max_lanes(fabs(corners[3].u - corners[0].u), fabs(corners[3].v - corners[0].v));
+    /* A hair of the source, seen large */
+    draw_packet(at, corners, HAIR * max_lanes(2.0f * max_lanes(side_x, side_y), (floatl)1.0f), wanted, grid, map, sides, 1,
+                hits);
+}
+
+#define ONE_OF(mask) select_lanes(mask, (intl)1, (intl)0)
+
+/* Which of the samples (x, y) to (x + LANES - 1, y) stand out alone in the target? */
+OUTLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
+{
+    const Neighbours n = with_neighbours(grid, x, y);
+    /* By how much nearness LONE_BY pixels are, here */
+    const float *D = map.dst_from_src, *S = map.src_from_dst;
+    const floatl u = to_floatl(x + lane_index), v = y, w = MAP_ROW(D, 2, u, v, n.here), inverse = 1.0f / w;
+    const floatl moves_x = D[3] - D[11] * (MAP_ROW(D, 0, u, v, n.here) * inverse),
+                 moves_y = D[7] - D[11] * (MAP_ROW(D, 1, u, v, n.here) * inverse);
+    const floatl by = LONE_BY * w / max_lanes(fabs(moves_x), fabs(moves_y));
+    const intl along_rows = fabs(u * S[11] - S[3]) >= fabs(v * S[11] - S[7]); /* the line through here */
+    const Sides all = sides_of(n);
+    /* Another one that stands out, or an edge, may lie on one of the sides. */
+    const intl is_even = ONE_OF(all.left.change > by) + ONE_OF(all.right.change > by) + ONE_OF(all.above.change > by) +
+                             ONE_OF(all.below.change > by) <= 1;
+    intl lone = 0;
+    for (int back = 0; back < 2; back++) {
+        if (!(sides & (back ? SHOWS_BACK : SHOWS_FRONT)))
+            continue;
+        const floatl in_row = PROMINENCE(n.here, all.left, all.right, back);
+        const floatl in_column = PROMINENCE(n.here, all.above, all.below, back);
+        lone = lone | (in_row == INFINITY) | (in_column == INFINITY) |
+               (is_even & (select_lanes(along_rows, in_column, in_row) >= by));
+    }
+    return lone & (w > 0.0f) & (u >= 0.0f) & (u < grid.width) & (n.here > NO_SURFACE);
+}
+
+/* Triangles, one a lane: the corners whose samples beside them, `to` (1 or -1) along row and column, are the others */
+typedef struct {
+    int x[LANES], y[LANES], to[LANES];
+    int count;
+} LonePacket;
+
+/* Puts the hits of pixels on triangles among `hits`. */
+OUTLINED void draw_triangles(LonePacket *triangles, Grid grid, PixelMap map, int sides, global float *hits)
+{
+    const intl wanted = lane_index < triangles->count;
+    const intl x = select_lanes(wanted, (intl)load_lanes(triangles->x), (intl)0);
+    const intl y = select_lanes(wanted, (intl)load_lanes(triangles->y), (intl)0);
+    const intl step = select_lanes(wanted, (intl)load_lanes(triangles->to), (intl)1), at_corner = y * grid.pitch + x;
+    triangles->count = 0;
+    const floatl q = (floatl)(gather(grid.nearness, at_corner)), q_x = (floatl)(gather(grid.nearness, at_corner + step));
+    const floatl q_y = (floatl)(gather(grid.nearness, at_corner + step * grid.pitch));
+    const floatl u = to_floatl(x), v = to_floatl(y), to = to_floatl(step);
+    const Patches at = {{q, to * (q_x - q), to * (q_y - q), u, v}, to, to, to, step > 0, step < 0, 1.0f};
+    const Seen a = seen_at(map, u, v, q), b = seen_at(map, u + to, v, q_x), c = seen_at(map, u, v + to, q_y);
+    const Seen corners[4] = {a, b, c, c};
+    const floatl b_u = b.u - a.u, b_v = b.v - a.v, c_u = c.u - a.u, c_v = c.v - a.v, area = b_u * c_v - b_v * c_u;
+    const floatl across = (c_u - b_u) * (c_u - b_u) + (c_v - b_v) * (c_v - b_v);
+    const floatl longest = max_lanes(max_lanes(b_u * b_u + b_v * b_v, c_u * c_u + c_v * c_v), across);
+    const intl is_narrow = area * area <= NARROW * NARROW * longest;
+    draw_packet(at, corners, HAIR, wanted & is_narrow, grid, map, sides, 0, hits);
+}
+
+/* Do the epipolar lines of samples run along the edges from them by (dx, dy)? */
+INLINED intl run_along(PixelMap map, floatl x, floatl y, float dx, float dy)
+{
+    const float *S = map.src_from_dst;
+    const floatl u = x * S[11] - S[3], v = y * S[11] - S[7];
+    return fabs(u * dy - v * dx) <= ON_LINE * (fabs(u) + fabs(v));
+}
+
+/* Puts the hits of the pixels whose rays run along the edges from samples (x, y) by (dx, dy) among `hits`: they see these
+ * even if the triangles beside them are open. Of other rays that pass an edge within a hair the hit is one more place to
+ * look. */
+OUTLINED void draw_edges(Grid grid, PixelMap map, intl x, intl y, int dx, int dy, intl wanted, global float *hits)
+{
+    const float *D = map.dst_from_src;
+    x = select_lanes(wanted, x, (intl)0);
+    const intl at = y * grid.pitch + x;
+    const floatl q = (floatl)(gather(grid.nearness, at)), q_to = (floatl)(gather(grid.nearness, at + dy * grid.pitch + dx));
+    const floatl a_x = to_floatl(x), a_y = to_floatl(y);
+    const Seen a = seen_at(map, a_x, a_y, q), b = seen_at(map, a_x + dx, a_y + dy, q_to);
+    const floatl du = b.u - a.u, dv = b.v - a.v, length = max_lanes(fabs(du), fabs(dv));
+    const intl is_wide = fabs(du) >= fabs(dv), drawn = wanted & (min_lanes(a.w, b.w) > 0.0f);
+    const floatl size = select_lanes(is_wide, (floatl)map.dst_width, (floatl)map.dst_height);
+    const floatl other_size = select_lanes(is_wide, (floatl)map.dst_height, (floatl)map.dst_width);
+    const floatl from = select_lanes(is_wide, min_lanes(a.u, b.u), min_lanes(a.v, b.v));
+    const floatl last = select_lanes(drawn, min_lanes(from + length + HAIR, size - 1.0f), (floatl)-1.0f);
+    for (floatl i = ceil_lanes(clamp_lanes(from - HAIR, (floatl)0.0f, size)); any_lane(i <= last); i += 1.0f) {
+        const floatl along = select_lanes(is_wide, (i - a.u) / du, (i - a.v) / dv);
+        const floatl part = select_lanes(length > 0.0f, clamp_lanes(along, (floatl)0.0f, (floatl)1.0f), (floatl)0.0f);
+        const floatl other = select_lanes(is_wide, a.v + part * dv, a.u + part * du);
+        const floatl nearest = floor_lanes(clamp_lanes(other + 0.5f, (floatl)-1.0f, other_size));
+        const intl passes = (i <= last) & (fabs(other - nearest) <= ON_LINE) & (nearest >= 0.0f) & (nearest < other_size);
+        const floatl there = part * a.w / (b.w + part * (a.w - b.w)); /* where in the source, from a to b */
+        const floatl u = a_x + there * dx, v = a_y + there * dy, n = q + there * (q_to - q);
+        const floatl met = MAP_ROW(D, 3, u, v, n) / MAP_ROW(D, 2, u, v, n);
+        put_own_hits(passes & IS_BEFORE(map.dst_perspective, met), select_lanes(is_wide, i, nearest),
+                     select_lanes(is_wide, nearest, i), met, (intl)0, map, hits);
+    }
+}
+
+/* Adds the triangles of the wanted of LANES corners from (x, y) on, and draws them by packets. */
+INLINED void add_triangles(LonePacket *triangles, int x, int y, int to, intl wanted, Grid grid, PixelMap map, int sides,
+                           global float *hits)
+{
+    for (uint left = lane_bits(wanted); left; left = WITHOUT_LOWEST(left)) {
+        const int i = LANES == 1 ? 0 : triangles->count; /* GPUs keep it in registers */
+        triangles->x[i] = x + LOWEST(left);
+        triangles->y[i] = y;
+        triangles->to[i] = to;
+        if (++triangles->count == LANES)
+            draw_triangles(triangles, grid, map, sides, hits);
+    }
+}
+
+/* Draws those of LANES cells from that of sample (x, y) on that have a bit: their triangles, and where these are open the
+ * edges that lines run along. */
+OUTLINED void draw_cells(LonePacket *triangles, Grid grid, PixelMap map, int x, int y, uint cells, int sides, global float *hits)
+{
+    global const float *samples = grid.nearness + y * grid.pitch + x;
+    const floatl q00 = load_lanes(samples), q10 = load_lanes(samples + 1), q01 = load_lanes(samples + grid.pitch);
+    const intl wanted = (((intl)(int)cells >> lane_index) & 1) != 0;
+    const intl lower = wanted & IS_LOWER_OPEN(q00), upper = wanted & IS_UPPER_OPEN(q00, q10, q01);
+    add_triangles(triangles, x, y, 1, wanted & !lower, grid, map, sides, hits);
+    add_triangles(triangles, x + 1, y + 1, -1, wanted & !upper, grid, map, sides, hits);
+    const intl bits = as_intl(q00), columns = x + lane_index;
+    const floatl u = to_floatl(columns);
+    const intl right = lower & ((bits & TORN_RIGHT) == 0) & run_along(map, u, y, 1.0f, 0.0f);
+    const intl below = lower & ((bits & TORN_BELOW) == 0) & run_along(map, u, y, 0.0f, 1.0f);
+    const intl diagonal = lower & upper & ((bits & TORN_DIAGONAL) == 0) & run_along(map, u + 1.0f, y, -1.0f, 1.0f);
+    if (any_lane(right))
+        draw_edges(grid, map, columns, y, 1, 0, right, hits);
+    if (any_lane(below))
+        draw_edges(grid, map, columns, y, 0, 1, below, hits);
+    if (any_lane(diagonal))
+        draw_edges(grid, map, columns + 1, y, -1, 1, diagonal, hits);
+}
+
+/* Does anything of a block of samples stand out by at least that much? */
+INLINED int stands_out(global const float *prominence, int block, int blocks, int y, int height, int sides, float least)
+{
+    if (y < 0 || y >= height)
+        return 0;
+    global const float *most = prominence + 2 * ((size_t)y * blocks + block);
+    return ((sides & SHOWS_FRONT) && most[0] >= least) || ((sides & SHOWS_BACK) && most[1] >= least);
+}
+
+/* Draws what stands out alone around STRIP blocks of cells of row y, which lie between the samples of two rows. */
+OUTLINED void draw_lone(Grid grid, global const float *prominence, int first, int y, global float *hits, PixelMap map,
+                        int sides, float least)
+{
+    const int blocks = (grid.width + PROMINENCE_BLOCK - 1) / PROMINENCE_BLOCK, end = min(first + STRIP, blocks);
+    LonePacket triangles;
+    triangles.count = 0;
+    uint before = 0; /* whether the sample before a packet stands out alone */
+    for (int block = first; block < end; block++) {
+        const int above = stands_out(prominence, block, blocks, y, grid.height, sides, least);
+        const int below = stands_out(prominence, block, blocks, y + 1, grid.height, sides, least);
+        const int start = block * PROMINENCE_BLOCK;
+        for (int x = start; (above | below | before) && x < min(start + PROMINENCE_BLOCK, grid.width); x += LANES) {
+            const uint lone = (above ? lane_bits(lone_samples(grid, map, x, y, sides)) : 0) |
+                              (below ? lane_bits(lone_samples(grid, map, x, y + 1, sides)) : 0);
+            if (lone | before)
+                draw_cells(&triangles, grid, map, x - 1, y, lone | lone << 1 | before, sides, hits);
+            before = lone >> (LANES - 1);
+        }
+    }
+    if (before)
+        draw_cells(&triangles, grid, map, min(end * PROMINENCE_BLOCK, grid.width) - 1, y, 1, sides, hits);
+    if (triangles.count)
+        draw_triangles(&triangles, grid, map, sides, hits);
+}
+
+kernel void draw_patches(global const float *surface, global const float *prominence, global const float *margins,
+                         global float *hits, PixelMap map, int sides, float least, int lone_items, int count,
+                         int margin_pitch, int plane)
+{
+    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
+    const int item = get_global_id(0), first = (item - lone_items) * STRIP * LANES, rows = map.src_height + 1;
+    if (item < lone_items)
+        draw_lone(grid, prominence, item / rows * STRIP, item % rows - 1, hits, map, sides, least);
+    else
+        for (int i = first; i < min(first + STRIP * LANES, count); i += LANES)
+            draw_margins(margins + i, margin_pitch, i + lane_index < count, grid, map, sides, hits + plane);
+}
