@@ -51,14 +51,16 @@ INLINED Seen seen_at(PixelMap map, floatl x, floatl y, floatl n)
     return seen;
 }
 
-/* Where in rows of the target the edges from a to b run, and `hair` beside them: widens [*low, *high] to it. */
+/* Widens [*low, *high] to where edges from a to b run within `hair` of rows of the target. */
 INLINED void widen(Seen a, Seen b, floatl row, floatl hair, floatl *low, floatl *high)
 {
     const intl passes = (row >= min_lanes(a.v, b.v) - hair) & (row <= max_lanes(a.v, b.v) + hair);
-    const floatl part = select_lanes(a.v == b.v, (floatl)0.0f, (row - a.v) / (b.v - a.v));
-    const floatl u = a.u + clamp_lanes(part, (floatl)0.0f, (floatl)1.0f) * (b.u - a.u);
-    *low = select_lanes(passes, min_lanes(*low, u - hair), *low);
-    *high = select_lanes(passes, max_lanes(*high, u + hair), *high);
+    const floatl zero = 0.0f, one = 1.0f, per_row = 1.0f / (b.v - a.v), to_u = b.u - a.u;
+    /* A NaN of level edges becomes 0, and others' ends are theirs. */
+    const floatl above = a.u + clamp_lanes((row - hair - a.v) * per_row, zero, one) * to_u;
+    const floatl below = a.u + clamp_lanes((row + hair - a.v) * per_row, zero, one) * to_u;
+    *low = select_lanes(passes, min_lanes(*low, min_lanes(above, below) - hair), *low);
+    *high = select_lanes(passes, max_lanes(*high, max_lanes(above, below) + hair), *high);
 }
 
 /* Puts the own hits of pixels that `meet` something among `hits`. */
