@@ -178,16 +178,15 @@ typedef struct __attribute__((packed)) {
 /* Writes the lanes of a vector that have a bit, one after the other. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__builtin_ia32_compresssf512_mask)
-#define COMPRESSED_BY_ONE 1
-#endif
-#endif
-#ifdef COMPRESSED_BY_ONE
-INLINED void store_some(float16 v, uint bits, global float *to)
+INLINED void compress_lanes(float16 v, uint bits, global float *to)
 {
     const float16 first = __builtin_ia32_compresssf512_mask(v, v, (ushort)bits);
-    __builtin_ia32_storeups512_mask((float16 *)(uintptr_t)to, first, (ushort)((1u << popcount(bits)) - 1));
+    __builtin_ia32_storeups512_mask((float *)(uintptr_t)to, first, (ushort)((1u << popcount(bits)) - 1));
 }
-#else
+#define store_some compress_lanes
+#endif
+#endif
+#ifndef store_some
 INLINED void store_some(floatl v, uint bits, global float *to)
 {
     for (; bits; bits = WITHOUT_LOWEST(bits))
