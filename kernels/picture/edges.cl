@@ -27,7 +27,7 @@ typedef struct {
 } Image;
 
 /* Samples (x, y), one a lane; no surface beside the image */
-INLINED floatl samples_at(Image image, intl x, intl y)
+INLINED floatl image_samples(Image image, intl x, intl y)
 {
     const intl inside = (x >= 0) & (x < image.width) & (y >= 0) & (y < image.height);
     const intl at = select_lanes(inside, y * image.pitch + x, (intl)0);
@@ -51,8 +51,8 @@ typedef struct {
  * one lane.) */
 INLINED Slope slope_at(Image image, intl x, intl y, intl dx, intl dy, floatl sign)
 {
-    const floatl a = samples_at(image, x, y), next = samples_at(image, x + dx, y + dy);
-    const floatl after = samples_at(image, x + 2 * dx, y + 2 * dy);
+    const floatl a = image_samples(image, x, y), next = image_samples(image, x + dx, y + dy);
+    const floatl after = image_samples(image, x + 2 * dx, y + 2 * dy);
     Slope slope;
     slope.known = (a > NO_SURFACE) & (next > NO_SURFACE);
     const floatl one = a - select_lanes(slope.known, next, a);
@@ -91,7 +91,7 @@ INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed
  * not beside diagonals. */
 OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest test, intl wanted)
 {
-    const floatl here = samples_at(image, x, y), next = samples_at(image, x + dx, y + dy);
+    const floatl here = image_samples(image, x, y), next = image_samples(image, x + dx, y + dy);
     const floatl change = next - here, rise = fabs(change), allowed = EXPLAINED(test, max_lanes(here, next));
     const floatl sign = select_lanes(change < 0.0f, (floatl)-1.0f, (floatl)1.0f);
 #define BEFORE(side) slope_at(image, x + (side) * dy, y + (side) * dx, -dx, -dy, sign)

@@ -1,13 +1,13 @@
 /* A surface in one launch, on CPUs: edges, border, margins and prominence of bands of rows, while these are in cache.
  *
  * Arguments: picture/edges.cl, picture/small_parts.cl. `band`: rows of a band, 4 or more. What lies around its samples
- * reaches HALO rows beyond it: these are marked by two work-items, with the same values, so that none waits for another's.
+ * reaches BAND_HALO rows beyond it: these are marked by two work-items, with the same values, so that none waits for another's.
  * Work-item: a band. Cost: O(samples). Determinism: as of the kernels that it replaces.
  */
 #include "picture/edges.cl"
 #include "picture/small_parts.cl"
 
-#define HALO 2 /* rows that prominence looks at, above and below */
+#define BAND_HALO 2 /* rows that prominence looks at, above and below */
 
 #if LANES > 1
 kernel void prepare(global const float *nearness, global const float *noise, global float *surface, global float *ring,
@@ -20,7 +20,7 @@ kernel void prepare(global const float *nearness, global const float *noise, glo
     const Image image = {nearness, width, height, pitch};
     const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
     const EdgeTest noisy = with_noise(test, noise);
-    const int from = max(first - HALO, 0), to = min(end + HALO, height);
+    const int from = max(first - BAND_HALO, 0), to = min(end + BAND_HALO, height);
     for (int y = from; y < to; y++)
         mark_row(image, 0, width, y, cut, noisy, surface + (size_t)(y + 1) * pitch + 1);
     for (int i = 0; i < row; i++) {
