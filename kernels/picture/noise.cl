@@ -11,20 +11,12 @@
 #define NOISE_RANGES 64         /* quarters of an octave of nearness: the first is the nearest, the last has no end */
 #define NOISE_SIZES 144         /* eighths of an octave of differences, which are parts of the nearness */
 #define NOISE_STAIRS 4128       /* room: a power of two, and two packets */
-#define STAIRS_MAX 4000         /* that are kept: their levels are as whole */
 #define FIRST_SIZE 879          /* the number of what is rounding, in eighths of an octave */
 #define LAST_SIZE 137
 #define NEAREST_RANGE 508       /* the number of nearness 1, in quarters of an octave */
-#define GOLDEN_PART 2654435769u /* of 2^32: rows at its multiples follow no period of the picture */
-#define CELLS_MIN 50            /* the median of fewer is off by over 15 % */
-#define LEVELS_MIN 12           /* a scale has more, exact stairs fewer */
-#define ROUNDING_PART 0x1p-17f  /* of the nearness: smaller differences are rounding */
 #define EDGE_PART 0.1f          /* of the nearness: larger differences are edges */
-#define JUMP_PART 0.25f         /* the same for jumps between levels */
 #define OFF_STEP 0.2f           /* steps by which jumps and gaps are off whole ones: two scales may be mixed */
 #define FIT_CHOICES 0x7653421   /* a digit each: which of a, b and c there are */
-#define FIT_RIDGE 1e-9f         /* of a term's square: with less left, others tell as much */
-#define FIT_TIE 1e-6f           /* fits that differ by less are as close */
 #define NOISE_MAX 1e18f         /* its square is still within single precision */
 
 typedef struct {
@@ -33,17 +25,16 @@ typedef struct {
     int levels[NOISE_RANGES];                        /* cells of equal samples */
     int nearest, known, smooth, high, farthest, last, changes, steep, whole, below, near_one, ones, gaps, whole_gaps,
         grade, half_steps;
-    int stairs_of[NOISE_ITEMS], steep_of[NOISE_ITEMS], kept;
-    int grades[NOISE_RANGES]; /* 0: no good, 1: good, 2: smooth, too */
+    int stairs_of[NOISE_ITEMS], steep_of[NOISE_ITEMS]; /* each work-item's */
+    int kept, grades[NOISE_RANGES];                    /* of ranges: 0: no good, 1: good, 2: smooth, too */
     float near_by[NOISE_RANGES], far_by[NOISE_RANGES];
     float depth[NOISE_RANGES], deviation[NOISE_RANGES], share[NOISE_RANGES]; /* what is fitted */
     float fits[7][4];                                                        /* a, b, c, and how far off they are */
     float places[NOISE_STAIRS], ratios[NOISE_STAIRS]; /* of stairs: nearness, and the jump by the step */
 } NoiseTables;
 
-#define CLEARED ((3 * NOISE_SIZES + 5) * NOISE_RANGES + 16) /* ints before `stairs_of` */
+#define CLEARED ((3 * NOISE_SIZES + 5) * NOISE_RANGES + 16 + 2 * NOISE_ITEMS) /* ints before `kept` */
 
-/* The work as a work-item sees it */
 typedef struct {
     global NoiseTables *t;
     global float *strips; /* (3, stride) nearness, NaN where there is none */
@@ -61,8 +52,10 @@ typedef struct {
 #endif
 #define OWN_PACKETS(e, i, end) (int i = (e).item * LANES; i < (end); i += (e).items * LANES)
 #define OWN_RANGES(e, i) (int i = (e).item; i < NOISE_RANGES; i += (e).items)
-#define LANES_OF(mask) (int)popcount(lane_bits(mask))
-#define IS_WHOLE(x, off) (fabs((x)-floor_lanes((x) + 0.5f)) < (off))
+#define TALLY(place, mask)                                                                                     \
+    if (lane_bits(mask))                                                                                       \
+        ADD_TO(place, (int)popcount(lane_bits(mask)));
+#define IS_WHOLE_NUMBER(x, off) (fabs((x)-floor_lanes((x) + 0.5f)) < (off))
 #define RANGE_OF(near) clamp(NEAREST_RANGE - (as_int(near) >> 21), 0, NOISE_RANGES - 1)
 #define STRIDE_OF(count) (((count) / LANES + 2) * LANES) /* a packet may begin at the end */
 #define STRIPS_OF(length, lines, cells) min(((cells) + 2 * (length)-1) / (2 * (length)), max((lines)-2, 0))
@@ -80,7 +73,8 @@ INLINED void copy_strips(Estimate e, global const float *depth, int along, int a
                          global float *to)
 {
     for (int strip = 0; strip < count; strip++, to += length + 2) {
-        const int line = count == lines - 2 ? strip : (int)mul_hi(strip * GOLDEN_PART, (uint)(lines - 2));
+        /* Golden parts of 2^32: lines follow no period of the picture. */
+        const int line = count == lines - 2 ? strip : (int)mul_hi(strip * 2654435769u, (uint)(lines - 2));
         global const float *from = depth + (size_t)line * across;
         for (int i = e.item; i < length + 2; i += e.items)
             for (int k = 0; k < 3; k++)
@@ -104,14 +98,14 @@ OUTLINED int gather_strips(Estimate e, global const float *depth, int width, int
     return count;
 }
 
-#define IS_SAMPLE(z) (((z) > 1e-37f) & ((z) < far))
+#define IS_KNOWN_DEPTH(z) (((z) > 1e-37f) & ((z) < far))
 
-OUTLINED void find_nearest(Estimate e, float far)
+OUTLINED void find_unit(Estimate e, float far)
 {
     floatl least = INFINITY;
     for OWN_PACKETS (e, i, 3 * e.stride) {
         const floatl z = load_lanes(e.strips + i);
-        least = min_lanes(select_lanes(IS_SAMPLE(z), z, (floatl)INFINITY), least);
+        least = min_lanes(select_lanes(IS_KNOWN_DEPTH(z), z, (floatl)INFINITY), least);
     }
     RAISE(e.t->nearest, as_int(INFINITY) - as_int(least_lane(least)));
 }
@@ -127,7 +121,7 @@ OUTLINED void to_noise_unit(Estimate e, float far)
     const float unit = noise_unit(e);
     for OWN_PACKETS (e, i, 3 * e.stride) {
         const floatl z = load_lanes(e.strips + i);
-        store_lanes(select_lanes(IS_SAMPLE(z), unit / z, (floatl)NAN), e.strips + i);
+        store_lanes(select_lanes(IS_KNOWN_DEPTH(z), unit / z, (floatl)NAN), e.strips + i);
     }
 }
 
@@ -149,20 +143,16 @@ INLINED NoiseCells noise_cells(Estimate e, int gap, int i)
 
 OUTLINED void count_cells(Estimate e)
 {
-    int known = 0, smooth = 0;
     floatl low = INFINITY, high = 0.0f;
     for OWN_PACKETS (e, i, e.stride - LANES) {
         const NoiseCells cells = noise_cells(e, 1, i);
-        known += LANES_OF(cells.near > 0.0f);
-        smooth += LANES_OF(cells.largest < EDGE_PART * cells.near);
+        TALLY(e.t->known, cells.near > 0.0f)
+        TALLY(e.t->smooth, cells.largest < EDGE_PART * cells.near)
         low = min_lanes(cells.near, low);
         high = max_lanes(cells.near, high);
     }
-    ADD_TO(e.t->known, known);
-    ADD_TO(e.t->smooth, smooth);
     RAISE(e.t->high, as_int(-least_lane(-high)));
-    const float least = least_lane(low);
-    RAISE(e.t->farthest, RANGE_OF(least));
+    RAISE(e.t->farthest, RANGE_OF(least_lane(low)));
 }
 
 #define SUM_SHIFT(e) max(21 - (int)clz(2 * (e).stride), 0) /* so that any sum holds in 32 bits */
@@ -265,7 +255,7 @@ OUTLINED void fit_choice(global NoiseTables *t, int choice)
                 for (int other = k; other < 4; other++)
                     products[other] += weights[i] * columns[k][i] * columns[other][i];
             const float square = sum_of_lanes(products[k]);
-            is_told &= square > FIT_RIDGE * sum_of_lanes(full[k]);
+            is_told &= square > 1e-9f * sum_of_lanes(full[k]);
             for (int other = k + 1; other < 4; other++) {
                 parts[k][other] = sum_of_lanes(products[other]) / square;
                 for (int i = 0; i < packets; i++)
@@ -298,7 +288,7 @@ INLINED float4 best_fit(Estimate e)
     MEET
     for (int choice = 0; choice < 7; choice++) {
         const float4 fit = vload4(choice, &e.t->fits[0][0]);
-        best = fit.w < best.w - FIT_TIE ? fit : best;
+        best = fit.w < best.w - 1e-6f ? fit : best;
     }
     return best;
 }
@@ -316,7 +306,7 @@ INLINED Triples triples_at(Estimate e, int i)
     const floatl here = load_lanes(first + next), one = here - load_lanes(first);
     const floatl other = load_lanes(first + 2 * next) - here, jump = fabs(one - other);
     const floatl least = min_lanes(fabs(one), fabs(other));
-    const intl is_change = (jump > ROUNDING_PART * here) & (jump < JUMP_PART * here);
+    const intl is_change = (jump > 0x1p-17f * here) & (jump < 0.25f * here);
     const intl is_steep = is_change & (least > 0.0f) & ((one > 0.0f) == (other > 0.0f));
     const Triples triples = {here, jump, least, is_change, is_change & (least == 0.0f), is_steep};
     return triples;
@@ -329,20 +319,15 @@ INLINED Triples triples_at(Estimate e, int i)
 /* On a scale surfaces are stairs: samples equal one neighbour and differ from the other, mostly by one step. */
 OUTLINED void count_stairs(Estimate e)
 {
-    int changes = 0, stairs = 0, steep = 0, whole = 0;
     for OWN_TRIPLES (e, i) {
         const Triples at = triples_at(e, i);
         const floatl steps = at.least / at.jump;
-        changes += LANES_OF(at.is_change);
-        stairs += LANES_OF(at.is_stair);
-        steep += LANES_OF(at.is_steep);
-        whole += LANES_OF(at.is_steep & IS_WHOLE(steps, 0.02f));
+        TALLY(e.t->changes, at.is_change)
+        TALLY(e.t->steep, at.is_steep)
+        TALLY(e.t->whole, at.is_steep & IS_WHOLE_NUMBER(steps, 0.02f))
+        TALLY(e.t->stairs_of[e.item], at.is_stair)
+        TALLY(e.t->steep_of[e.item], at.is_steep)
     }
-    ADD_TO(e.t->changes, changes);
-    ADD_TO(e.t->steep, steep);
-    ADD_TO(e.t->whole, whole);
-    e.t->stairs_of[e.item] = stairs;
-    e.t->steep_of[e.item] = steep;
 }
 
 /* Keeps some stairs, by their number in order, and counts their jumps. */
@@ -355,7 +340,7 @@ OUTLINED void keep_stairs(Estimate e)
         number = i == e.item ? count : number;
         count += t->stairs_of[i] + (with_steep ? t->steep_of[i] : 0);
     }
-    const int every = count / STAIRS_MAX + 1, is_some = 100 * count > t->changes; /* few on steep surfaces */
+    const int every = count / 4000 + 1, is_some = 100 * count > t->changes; /* few on steep surfaces */
     t->kept = is_some ? (count + every - 1) / every : 0;
     for OWN_TRIPLES (e, i) {
         const Triples at = triples_at(e, i);
@@ -424,14 +409,11 @@ INLINED float4 steps_of_stairs(Estimate e)
     MEET
     sort_values(e, t->places, room);
     sort_values(e, t->ratios, room);
-    int below = 0, near_one = 0, ones = 0, gaps = 0, whole = 0;
     for OWN_PACKETS (e, i, room) {
         const floatl ratio = load_lanes(t->ratios + i);
-        below += LANES_OF(ratio <= 0.5f);
-        near_one += LANES_OF((ratio > 0.5f) & (ratio < 1.5f));
+        TALLY(t->below, ratio <= 0.5f)
+        TALLY(t->near_one, (ratio > 0.5f) & (ratio < 1.5f))
     }
-    ADD_TO(t->below, below);
-    ADD_TO(t->near_one, near_one);
     MEET
     const int middle = t->below + t->near_one / 2, before = middle - !(t->near_one & 1); /* the medians */
     const float exact = t->near_one ? 0.5f * (t->ratios[before] + t->ratios[middle]) : 1.0f;
@@ -440,16 +422,13 @@ INLINED float4 steps_of_stairs(Estimate e)
         const floatl place = load_lanes(t->places + i + 1), apart = place - load_lanes(t->places + i);
         const floatl number = apart / IN_NEARNESS(steps, place);
         const intl is_gap = (apart > 0.0f) & (i + 1 + lane_index < t->kept);
-        ones += LANES_OF(fabs(load_lanes(t->ratios + i) / exact - 1.0f) < OFF_STEP);
-        gaps += LANES_OF(is_gap);
-        whole += LANES_OF(is_gap & (number > OFF_STEP) & IS_WHOLE(number, OFF_STEP));
+        TALLY(t->ones, fabs(load_lanes(t->ratios + i) / exact - 1.0f) < OFF_STEP)
+        TALLY(t->gaps, is_gap)
+        TALLY(t->whole_gaps, is_gap & (number > OFF_STEP) & IS_WHOLE_NUMBER(number, OFF_STEP))
     }
-    ADD_TO(t->ones, ones);
-    ADD_TO(t->gaps, gaps);
-    ADD_TO(t->whole_gaps, whole);
     MEET
     /* Edges have any size. */
-    const int is_scale = t->gaps + 1 >= LEVELS_MIN && 5 * t->ones >= 3 * t->kept && 5 * t->whole_gaps >= 3 * t->gaps;
+    const int is_scale = t->gaps + 1 >= 12 && 5 * t->ones >= 3 * t->kept && 5 * t->whole_gaps >= 3 * t->gaps;
     return is_scale ? steps : (float4)0.0f;
 }
 
@@ -462,7 +441,7 @@ OUTLINED void measure_ranges(Estimate e, int on_scale)
         for (int i = 0; i <= LAST_SIZE; i++)
             total += t->counts[0][range][i];
         /* Equal samples, as a sky's, tell nothing about the noise of others; nor do ranges with many edges. */
-        const int is_good = total >= CELLS_MIN && (on_scale || 4 * t->levels[range] < total);
+        const int is_good = total >= 50 && (on_scale || 4 * t->levels[range] < total);
         t->grades[range] = is_good ? 1 + (5 * total >= 4 * t->every[0][range]) : 0;
         t->near_by[range] = is_good ? deviation_of(t->counts[0][range], on_scale) : 0.0f;
         t->far_by[range] = is_good ? deviation_of(t->counts[1][range], on_scale) : 0.0f;
@@ -488,7 +467,7 @@ OUTLINED void set_deviations(Estimate e, float4 half_)
         if (count > 0.0f)
             most = min(most, near_by * (1.15f + 4.0f / sqrt(count)));
     }
-    t->half_steps = t->known < CELLS_MIN || 2.0f * equal >= all;
+    t->half_steps = t->known < 50 || 2.0f * equal >= all;
 }
 
 /* Estimates by `items` work-items of a group, at most NOISE_ITEMS, all of which call it. */
@@ -501,7 +480,7 @@ OUTLINED void estimate_noise(global const float *depth, int width, int height, f
         const int count = gather_strips(e, depth, width, height, gap, cells);
         e.stride = STRIDE_OF(count);
         MEET
-        find_nearest(e, far);
+        find_unit(e, far);
         MEET
         to_noise_unit(e, far);
         MEET

@@ -57,5 +57,5 @@ def noise_on_device(depth: DeviceArray, far: float, cells: int = 6_000) -> Devic
 
 def found_noise(depth: NDArray[np.float32], far: float = np.inf, cells: int = 6_000) -> tuple[Terms, Terms]:
     """(a, b, c) of the deviation and of the steps, on the host: see `noise_on_device`."""
-    deviation, steps = noise_on_device(upload(depth), far, cells).to_host().tolist()
-    return tuple(deviation), tuple(steps)
+    (a, b, c), (d, e, f) = noise_on_device(upload(depth), far, cells).to_host().tolist()
+    return (a, b, c), (d, e, f)

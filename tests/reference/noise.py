@@ -46,6 +46,7 @@ _NEAREST = 1e37  # nearness whose fourfold is still within single precision
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
 _ROUNDS, _CLOSE = 3, 0.02  # fits; a larger difference in one weighs less in the next
 _SIMPLER = 0.03  # by so much a fit must be closer to have one more term
+_TIE = 1e-6  # fits that differ by less are as close: two depths alone are met by any two terms
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
@@ -289,7 +290,10 @@ def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) 
     off = differences @ shares / shares.sum() + _SIMPLER * _CHOICES.sum(axis=1)
     choices = (found / sizes).tolist()
     ranks = [by if min(choice) >= 0 else math.inf for by, choice in zip(off.tolist(), choices, strict=True)]
-    a, b, c = (min(term, _NOISE_MAX) for term in choices[ranks.index(min(ranks))])
+    best = 0
+    for choice, rank in enumerate(ranks):
+        best = choice if rank < ranks[best] - _TIE else best
+    a, b, c = (min(term, _NOISE_MAX) for term in choices[best])
     return a, b, c
 
 
