@@ -17,7 +17,7 @@ Terms = tuple[float, float, float]
 
 
 def noise_room(size: tuple[int, int], cells: int) -> int:
-    """How many ints estimate_noise() needs as `tables`, for a depth image of such a (width, height)."""
+    """Number of ints that estimate_noise() needs as `tables`, for depth of such a (width, height)."""
     # A strip of n samples is n + 2 long, and there are cells / (2 n) + 1 of them at most; then a packet's room.
     strips = 3 * cells + sum(size) + 64
     return struct(_FILE, "NoiseTables").itemsize // 4 + 3 * strips
