@@ -80,14 +80,16 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], arguments: dict[str, Any]) -
 def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, Any]) -> None:
     """Python sees Ctrl-C only between pieces, and so do drivers that end what keeps a display waiting."""
     session, items, unknown = kernel.session, math.prod(map(int, grid)), math.isinf(kernel.cost.seconds_per_item)
+    alone = items <= math.prod(session.profile.group)  # work-items of one group may wait for each other
     session.wait()  # for what came before, so that Ctrl-C ends the call within a piece
     done = count = timed = 0
     took = spent = 0.0
     while done < items:
-        offset, size = piece_of(grid, done, kernel.cost.piece_after(count, took, bool(session.calls.others)))
+        limit = items if alone else kernel.cost.piece_after(count, took, bool(session.calls.others))
+        offset, size = piece_of(grid, done, limit)
         session.calls.let_others()
         session.in_flight.used.append(arguments)
-        piece = _start(kernel, offset, size, arguments)
+        piece = _start(kernel, offset, size, arguments, whole=alone)
         session.wait()
         count, took = math.prod(size), seconds_of(piece)
         done += count

@@ -122,22 +122,29 @@ def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None, target: Targ
     check_pixels("views", view.camera.size)
     (width, height), perspective = view.camera.size, view.camera.projection == "perspective"
     nearness = empty((height, pitch(width)), np.float32)
-    piece, pieces = current().profile.pieces(width)
+    profile, noise = current().profile, view.depth_noise
+    piece, pieces = profile.pieces(width)
     ranges = empty((pieces * height, 2), np.float32)
-    launch(
-        kernel("picture/begin.cl", "to_nearness" if cut is None else "to_bridged_nearness"),
-        (pieces, height),
-        depth=upload(view.depth) if target is None else target.depth,
-        nearness=nearness,
-        ranges=ranges,
-        src_width=width,
-        src_height=height,
-        src_pitch=pitch(width),
-        src_perspective=perspective,
-        piece=piece,
-        far=min(view.far, 1 / constant("lib/surface.h", "NEAREST")),  # beyond, nearness would be invalid
-        **({} if cut is None else {"cut": Struct("Cut", cut)}),
-    )
+    arguments: dict[str, Any] = {
+        "depth": upload(view.depth) if target is None else target.depth,
+        "nearness": nearness,
+        "ranges": ranges,
+        "src_width": width,
+        "src_height": height,
+        "src_pitch": pitch(width),
+        "src_perspective": perspective,
+        "piece": piece,
+        "far": min(view.far, 1 / constant("lib/surface.h", "NEAREST")),  # beyond, nearness would be invalid
+    }
+    name, rows = "to_nearness", height
+    if cut is not None:
+        name, arguments["cut"] = "to_bridged_nearness", Struct("Cut", cut)
+    elif profile.band and noise.given is None:  # one work-item more finds it
+        name, rows = "to_nearness_and_noise", height + 1
+        arguments |= noise_arguments(noise, arguments["depth"])
+        cached_on_device(noise, "noise", lambda: NoiseOnDevice(arguments["noise"]))
+    found = None if noise.given is not None else noise_on_device(noise, arguments["depth"])
+    launch(kernel("picture/begin.cl", name), (pieces, rows), **arguments)
     color = upload(at_least_a_word(view.color)) if target is None else target.color
     return Samples(nearness, color, ranges, perspective, deviation_on_device(view.depth_noise))
 

@@ -1,0 +1,350 @@
+"""Noise of depth, estimated from its own samples."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyibr.core.camera import Projection
+from pyibr.core.checks import Float64, describe, number_from, numbers, positive
+from pyibr.core.errors import ArgumentError
+
+Depth = NDArray[np.float32]
+Nearness = NDArray[np.float32]
+
+Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
+"""Noise of depth, as `DepthImage` and `clean_depth` take it."""
+
+_PLACES = 16  # depths at which a function of noise is sampled
+_CELLS_MIN = 50  # the median of fewer is off by over 15 %
+_KNOWN = 0.1  # share of known cells: with fewer, every other sample is missing
+_GOLDEN = 0.6180339887498949  # rows at its multiples follow no period of the picture
+_MANTISSA = 23  # bits of a float32
+_ROUNDING = 2.0**-17  # share of the nearness: smaller differences are rounding, or make no edge
+_EDGE = 0.1  # share of the nearness: neighbours that differ more are an edge
+_CELL = 2.0  # deviation of a cell's difference, by the deviation of its four samples
+_FEW, _SMOOTH = 0.1, 0.8  # shares of cells without an edge, of all and of a range's: the rest would be a choice
+_MOST, _OF_MOST = 0.6, 0.39639  # share of the smallest differences, and their mean in normal noise
+_LEAST_QUARTER = 0.15793 / 1.4  # mean of the smallest quarter, less room: edges raise the other one more
+_SHAPE = 9.0  # squared ratio of differences, two samples apart over one: noise has 1, curves 16
+_FALL = 1.15  # times the noise of farther samples, at most
+_CHANCE = 4.0  # standard deviations, over the root of the cells, of an estimate from few
+_STEP_MAX = 0.25  # share of the nearness: larger differences are edges
+_LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
+_ONE_STEP = 0.6  # share of changes of one step, and of levels whole steps apart: edges have any size
+_STAIRS = 0.01  # least share of a scale's changes: few on steep surfaces
+_WHOLE, _MOSTLY = 0.02, 0.9  # steps by which float32 rounds most multiples of them
+_STAIRS_MAX = 4_000  # that are looked at: their levels are as whole
+_OFF = 0.2  # steps by which changes, and gaps between levels, are off whole ones: two scales may be mixed
+_NEAREST = 1e37  # nearness whose fourfold is still within single precision
+_NOISE_MAX = 1e18  # scene units: its square is still within single precision
+_ROUNDS, _CLOSE = 3, 0.02  # fits; a larger difference in one weighs less in the next
+_SIMPLER = 0.03  # by so much a fit must be closer to have one more term
+_TIE = 1e-6  # fits that differ by less are as close: two depths alone are met by any two terms
+_RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
+_CHOICES = np.array(
+    [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
+)
+"""Which of the three kinds of noise there are: (7, 3) bool, the fewest first."""
+_CHOSEN_PAIRS = _CHOICES[:, :, None] & _CHOICES[:, None, :]
+_OTHERS = np.eye(3) * np.where(_CHOICES, _RIDGE, 1.0)[:, None]
+
+
+def _octaves(values: Nearness, parts: int) -> NDArray[np.int32]:
+    """Parts of an octave, 2^parts to each, in which positive float32 numbers lie."""
+    return values.view(np.int32) >> (_MANTISSA - parts)
+
+
+_QUARTERS, _EIGHTHS = 2, 3  # of an octave: ranges of nearness, and of differences as a part of it
+_LEAST, _GREATEST = _octaves(np.array([_ROUNDING, 1.0], np.float32), _EIGHTHS).tolist()
+_MIDDLES = np.arange(2 * _LEAST - 1, 2 * _GREATEST + 2, 2, dtype=np.int32) << (_MANTISSA - _EIGHTHS - 1)
+_SIZES: Float64 = _MIDDLES.view(np.float32).astype(np.float64)
+_SIZES[0] = 0.0  # rounding
+
+
+class DepthNoise:
+    """Noise of an image's depth, and the steps of its scale: each found on first use, or given.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        Not finite, <= 0 or >= `far` is no sample.
+    far : float
+    given : (a, b, c), optional
+        The deviation, if it is known.
+    cells : int
+        Number of cells that are sampled: from 6,000, noise is found to some percent.
+    """
+
+    def __init__(
+        self,
+        depth: Depth,
+        far: float = np.inf,
+        given: tuple[float, float, float] | None = None,
+        cells: int = 6_000,
+    ) -> None:
+        self.given = given
+        self._depth, self._far, self._cells = depth, far, cells
+
+    @cached_property
+    def deviation(self) -> tuple[float, float, float]:
+        """(a, b, c), none negative: at depth z the noise has a standard deviation of about a z^2 + b z + c.
+
+        Stereo and structured light have the first kind, time of flight the others. A scale's noise is at least half a
+        step, since depths between two levels are rounded to either.
+        """
+        if self.given is not None:
+            return self.given
+        return _noise_of(self._strips, self.steps)
+
+    @cached_property
+    def steps(self) -> tuple[float, float, float]:
+        """(a, b, c), none negative: at depth z, levels of a coarse scale (disparity, whole units) lie as far apart."""
+        return _scale_steps(self._strips)
+
+    @cached_property
+    def _strips(self) -> Nearness:
+        return _sampled_strips(self._depth, self._far, self._cells)
+
+
+def _sampled_strips(depth: Depth, far: float, cells: int) -> Nearness:
+    """(3, n) nearness of some strips of three rows and of three columns, one after the other.
+
+    NaN where there is no sample, and between strips. Lines are two apart where every other sample is missing.
+    """
+    near = np.empty((3, 0), np.float32)
+    for gap in (1, 2):
+        sparse = depth[::gap, ::gap]
+        parts = [_strips_of(side, cells) for side in (sparse, sparse.T)]
+        z = np.concatenate(parts, axis=1)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            near = np.float32(1) / z
+        near[~((near > 0) & (near < _NEAREST) & (z < far))] = np.nan
+        known = np.isfinite(near[0]) & np.isfinite(near[1])
+        if np.count_nonzero(known[1:] & known[:-1]) >= _KNOWN * near.shape[1]:
+            break
+    return near
+
+
+def _strips_of(depth: Depth, cells: int) -> Depth:
+    """(3, n) some strips of three rows, each with two NaN behind it."""
+    height, width = depth.shape
+    total = max(height - 2, 0)
+    count = min(-(-cells // (2 * max(width, 1))), total)
+    places = np.arange(count, dtype=np.float64)
+    rows = (places if count == total else places * _GOLDEN % 1 * total).astype(np.intp)
+    strips = np.full((3, count, width + 2), np.nan, np.float32)
+    strips[:, :, :width] = depth[rows + np.arange(3)[:, None]]
+    return strips.reshape(3, -1)
+
+
+def _noise_of(strips: Nearness, steps: tuple[float, float, float]) -> tuple[float, float, float]:
+    """(a, b, c) of noise by cells of 2 x 2 samples, at least half of a scale's steps.
+
+    The difference of a cell's two differences is 0 on planes, and along edges that follow rows or columns. So most
+    cells of thin things show their noise, too.
+    """
+    near, change, largest = _cells(strips[0], strips[1], 1)
+    on_scale, half = any(steps), (0.5 * steps[0], 0.5 * steps[1], 0.5 * steps[2])
+    if len(near) < _CELLS_MIN:
+        return half
+    smooth = largest < _EDGE * near
+    if np.count_nonzero(smooth) < _FEW * len(near):  # their noise is as large
+        smooth[:] = True
+    row = _octaves(near, _QUARTERS)
+    first = row.min()
+    row -= first
+    ranges = int(row.max()) + 1
+    near_2, change_2, _ = _cells(strips[0], strips[2], 2)
+    row_2 = np.minimum(np.maximum(_octaves(near_2, _QUARTERS) - first, 0), ranges - 1)
+    one, two = _histogram(row[smooth], (change / near)[smooth], ranges), _histogram(row_2, change_2 / near_2, ranges)
+    # Equal samples, as a sky's, tell nothing about the noise of others; nor do ranges with many edges.
+    total, every = np.add.reduce(one, axis=1), np.bincount(row, minlength=ranges)
+    levels = np.bincount(row[largest == 0.0], minlength=ranges)
+    told = (total >= _CELLS_MIN) & (on_scale | (levels < 0.25 * total))
+    smoother = told & (total >= _SMOOTH * every)
+    told = smoother if smoother.any() else told
+    z, total = every[told] / np.bincount(row, near, minlength=ranges)[told], total[told]
+    near_by, far_by = _deviations(np.stack([one[told], two[told]]), on_scale) * z
+    # Curves do not count: their differences grow with the square of the distance.
+    deviations = np.sqrt(np.maximum(_SHAPE * near_by**2 - far_by**2, 0.0) / (_SHAPE - 1.0))
+    if total[deviations == 0.0].sum() >= 0.5 * total.sum():
+        return half
+    most = np.minimum.accumulate(near_by * (_FALL + _CHANCE / np.sqrt(total)))
+    deviations[1:] = np.minimum(deviations[1:], most[:-1])
+    return fitted_noise(z, np.maximum(deviations, half[2] + (half[1] + half[0] * z) * z), total)
+
+
+def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearness, Nearness]:
+    """Known cells between two lines: mean nearness, difference of the differences, largest difference of samples."""
+    above, below, left = upper[gap:] - upper[:-gap], lower[gap:] - lower[:-gap], (lower - upper)[gap:]
+    near = np.float32(0.25) * (upper[gap:] + upper[:-gap] + lower[gap:] + lower[:-gap])
+    known = np.isfinite(near)
+    near, above, below, left = near[known], above[known], below[known], left[known]
+    return near, np.abs(above - below), np.maximum(np.maximum(np.abs(above), np.abs(below)), np.abs(left))
+
+
+def _histogram(row: NDArray[np.int32], size: Nearness, ranges: int) -> NDArray[np.intp]:
+    """Counts by range of nearness, and by size, a part of the nearness."""
+    column = np.minimum(np.maximum(_octaves(size, _EIGHTHS), _LEAST - 1), _GREATEST)
+    at = row * len(_SIZES) + column - (_LEAST - 1)
+    return np.bincount(at, minlength=ranges * len(_SIZES)).reshape(ranges, -1)
+
+
+def _mean_below(counts: NDArray[np.intp], share: float) -> Float64:
+    """(..., ranges) means of the smallest sizes, such a share of each range, of histograms (..., ranges, sizes).
+
+    Quantiles of noise in steps would be those of the steps.
+    """
+    wanted = share * np.add.reduce(counts, axis=-1)
+    before = counts.cumsum(axis=-1) - counts
+    weights = np.minimum(np.maximum(wanted[..., None] - before, 0.0), counts)
+    return weights @ _SIZES / np.maximum(wanted, 1e-9)
+
+
+def _deviations(counts: NDArray[np.intp], on_scale: bool) -> Float64:
+    """(..., ranges) standard deviations of histograms (..., ranges, sizes), as a part of the nearness."""
+    most = _mean_below(counts, _MOST) / _OF_MOST
+    # On a scale equal differences are no evidence against noise.
+    return (most if on_scale else np.minimum(most, _mean_below(counts, 0.25) / _LEAST_QUARTER)) / _CELL
+
+
+def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
+    """(a, b, c) of a scale's steps.
+
+    On a scale surfaces are stairs: samples equal one neighbour and differ from the other, mostly by one step.
+    """
+    none = 0.0, 0.0, 0.0
+    along = strips[0, :-2], strips[0, 1:-1], strips[0, 2:]
+    before, here, after = (np.concatenate(pair) for pair in zip(along, strips, strict=True))
+    one, other = here - before, after - here
+    jump, least = np.abs(one - other), np.minimum(np.abs(one), np.abs(other))
+    is_change = (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
+    is_stair = is_change & (least == 0)
+    # On a scale steep surfaces rise by whole steps.
+    steep = (is_change & (least > 0) & ((one > 0) == (other > 0))).nonzero()[0]
+    multiples = least[steep] / jump[steep]
+    is_stair[steep] = np.count_nonzero(np.abs(multiples - np.rint(multiples)) < _WHOLE) > _MOSTLY * len(steep)
+    stairs = is_stair.nonzero()[0]
+    if len(stairs) <= _STAIRS * np.count_nonzero(is_change):
+        return none
+    stairs = stairs[:: len(stairs) // _STAIRS_MAX + 1]
+    place, jump = here[stairs], jump[stairs]
+    levels = np.sort(place)  # np.unique would load numpy.ma, which takes longer than a warp
+    levels = levels[np.diff(levels, prepend=0.0) > 0]
+    if len(levels) < _LEVELS_MIN:
+        return none
+    row = _octaves(place, _QUARTERS)
+    row -= row.min()
+    ranges = int(row.max()) + 1
+    counts = _histogram(row, (jump / place).astype(np.float32), ranges)
+    at, of_one, levels = place.astype(np.float64), jump.astype(np.float64), levels.astype(np.float64)
+    total = np.add.reduce(counts, axis=1)
+    some = total > 0
+    z = total[some] / np.bincount(row, at, minlength=ranges)[some]
+    a, b, c = fitted_noise(z, _mean_below(counts[some], 0.25) * z, total[some])
+    ratios = of_one / (a + (b + c * at) * at)
+    near_one = np.abs(ratios - 1) < 0.5
+    exact = float(np.median(ratios[near_one])) if near_one.any() else 1.0
+    a, b, c = a * exact, b * exact, c * exact
+    gaps = np.diff(levels) / (a + (b + c * levels[1:]) * levels[1:])
+    is_whole = (gaps > _OFF) & (np.abs(gaps - np.rint(gaps)) < _OFF)
+    is_one = np.abs(ratios / exact - 1) < _OFF
+    return (a, b, c) if min(np.mean(is_one), np.mean(is_whole)) >= _ONE_STEP else none
+
+
+def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) -> tuple[float, float, float]:
+    """(a, b, c), none negative: deviations (n,) at depths z (n,) are about a z^2 + b z + c; zeros do not count.
+
+    counts: numbers of samples behind the deviations.
+    """
+    known = deviations > 0
+    number = np.count_nonzero(known)
+    if not number:
+        return 0.0, 0.0, 0.0
+    z, in_depth, shares = depths[known], deviations[known], np.broadcast_to(counts, known.shape)[known]
+    shares = shares / shares.max()
+    terms = np.empty((number, 3))
+    terms[:, 0], terms[:, 1], terms[:, 2] = z * z, z, 1.0
+    terms /= in_depth[:, None]
+    # Least differences of each choice of terms, by weighted squares: what is far off, as a sky whose noise is cut off
+    # at no nearness, tells nothing. In normal equations the terms that are not of a choice are the identity's.
+    sizes: Float64 = np.sqrt(np.add.reduce(terms * terms, axis=0))
+    scaled = terms / sizes
+    products = (scaled[:, :, None] * scaled[:, None, :]).reshape(number, 9)
+    found: Float64 = np.zeros((len(_CHOICES), 3))
+    differences: Float64 = np.zeros((len(_CHOICES), number))
+    for _ in range(_ROUNDS):
+        weights = shares / np.maximum(differences, _CLOSE)
+        weights /= np.maximum.reduce(weights, axis=1, keepdims=True)
+        systems = (weights @ products).reshape(-1, 3, 3) * _CHOSEN_PAIRS + _OTHERS
+        sums: Float64 = (weights @ scaled) * _CHOICES
+        found = cast("Float64", np.linalg.solve(systems, sums[:, :, None])[:, :, 0])
+        differences = np.abs(found @ scaled.T - 1)
+    off = differences @ shares / shares.sum() + _SIMPLER * _CHOICES.sum(axis=1)
+    choices = (found / sizes).tolist()
+    ranks = [by if min(choice) >= 0 else math.inf for by, choice in zip(off.tolist(), choices, strict=True)]
+    best = 0
+    for choice, rank in enumerate(ranks):
+        best = choice if rank < ranks[best] - _TIE else best
+    a, b, c = (min(term, _NOISE_MAX) for term in choices[best])
+    return a, b, c
+
+
+def checked_noise(
+    noise: object, depth: Depth, far: float = np.inf, projection: Projection = "perspective"
+) -> tuple[float, float, float]:
+    """Return (a, b, c) of the noise of depth as users give it, or raise ArgumentError.
+
+    depth, far: the samples, whose range tells where a function is looked at. projection: of a number, what it is of.
+    """
+    expected = "a number >= 0, three of them or a function of depth"
+    if not callable(noise):
+        given = numbers("noise", noise, () if np.ndim(noise) == 0 else (3,))  # pyright: ignore[reportArgumentType]
+        if not (given >= 0).all():
+            raise ArgumentError("noise", expected, describe(noise))
+        if given.ndim:
+            a, b, c = given.tolist()
+            return a, b, c
+        return (float(given), 0.0, 0.0) if projection == "perspective" else (0.0, 0.0, float(given))
+    valid = depth[(depth > 0) & (depth < far)]
+    ends = (float(valid.min()), float(valid.max())) if len(valid) else (1.0, 1.0)
+    z: Float64 = np.linspace(*ends, _PLACES)
+    deviations: Float64 = np.asarray(cast("Callable[[Float64], Float64]", noise)(z), np.float64)
+    if deviations.shape != z.shape or not (np.isfinite(deviations) & (deviations >= 0)).all():
+        expected = f"a function of ({_PLACES},) depths that returns as many numbers >= 0"
+        raise ArgumentError("noise", expected, describe(deviations))
+    return fitted_noise(z, deviations)
+
+
+def disparity_noise(pixels: float, focal: float, baseline: float) -> float:
+    """Return the noise of depth from disparity: the standard deviation of 1 / depth, as `DepthImage` takes it.
+
+    Parameters
+    ----------
+    pixels : float
+        >= 0: standard deviation of the disparity.
+    focal : float
+        > 0: focal length of the camera, in pixels.
+    baseline : float
+        > 0: between the two cameras (or camera and projector), in scene units.
+
+    Raises
+    ------
+    ArgumentError
+        If one is out of its range.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> round(ibr.disparity_noise(0.25, 500, 0.1), 6)
+    0.005
+    """
+    deviation = number_from("pixels", pixels, 0.0, math.inf, "a number of pixels >= 0")
+    return deviation / (positive("focal", focal) * positive("baseline", baseline))
