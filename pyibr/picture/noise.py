@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,14 +20,14 @@ _FILE = "picture/noise.cl"
 
 
 class NoiseOnDevice:
-    """The estimate for a depth image: an array on the device, and its values once somebody has waited for them.
+    """The noise of a depth image.
 
     Attributes
     ----------
-    array : DeviceArray (2, 3) float32
-        (a, b, c) of the deviation a z^2 + b z + c at depth z, then of the steps of the scale.
-    values : (2, 3) float32, or None
-        The same on the host.
+    array : DeviceArray float32
+        (a, b, c) of the deviation a z^2 + b z + c at depth z; then of the steps of the scale, where both were found.
+    values : float32, or None
+        The same on the host, once somebody has waited for them.
     """
 
     def __init__(self, array: DeviceArray) -> None:
@@ -34,45 +35,41 @@ class NoiseOnDevice:
         self.values: NDArray[np.float32] | None = None
 
 
-def noise_arguments(noise: DepthNoise, depth: DeviceArray) -> dict[str, Any]:
-    """What the kernels need that estimate the noise of `depth`."""
-    height, width = depth.shape
-    # A strip of n samples is n + 2 long, and there are cells / (2 n) + 1 of them at most; then a packet's room.
-    strips = 3 * (3 * noise.cells + width + height + 64)
-    tables = empty((struct(_FILE, "NoiseTables").itemsize // 4 + strips,), np.int32)
-    return {"tables": tables, "noise": empty((2, 3), np.float32), "cells": noise.cells}
+Finds = Callable[[dict[str, Any]], None]
+"""Launches a kernel that finds noise, beside what else it does, with its own arguments and those that it is given."""
 
 
-def noise_on_device(noise: DepthNoise, depth: DeviceArray | None = None) -> NoiseOnDevice:
-    """Find the noise, once, without waiting for it; `depth` if that is on the device."""
-    return cached_on_device(noise, "noise", lambda: _found(noise, upload(noise.depth) if depth is None else depth))
+def noise_on_device(noise: DepthNoise, depth: DeviceArray | None = None, find: Finds | None = None) -> NoiseOnDevice:
+    """The noise: given, or found once, without waiting for it; `depth` if that is on the device."""
+    if noise.given is not None:
+        return NoiseOnDevice(upload(np.array(noise.given, np.float32)))
+    return _found(noise, depth, find)
 
 
-def deviation_on_device(noise: DepthNoise, depth: DeviceArray | None = None) -> DeviceArray:
-    """(a, b, c) of the deviation, found or given, and whatever else."""
-    if noise.given is None:
-        return noise_on_device(noise, depth).array
-    return upload(np.array(noise.given, np.float32))
+def _found(noise: DepthNoise, depth: DeviceArray | None = None, find: Finds | None = None) -> NoiseOnDevice:
+    height, width = noise.depth.shape
 
+    def made() -> NoiseOnDevice:
+        # A strip of n samples is n + 2 long, and there are cells / (2 n) + 1 of them at most; then a packet's room.
+        strips = 3 * (3 * noise.cells + width + height + 64)
+        tables = empty((struct(_FILE, "NoiseTables").itemsize // 4 + strips,), np.int32)
+        found = NoiseOnDevice(empty((2, 3), np.float32))
+        own = {"tables": tables, "noise": found.array, "cells": noise.cells}
+        if find is not None:
+            find(own)
+            return found
+        shared = {"width": width, "height": height, "far": noise.far, **own}
+        samples = upload(noise.depth) if depth is None else depth
+        launch(kernel(_FILE, "find_noise"), current().profile.group[:2], depth=samples, **shared)
+        return found
 
-def _found(noise: DepthNoise, depth: DeviceArray) -> NoiseOnDevice:
-    arguments, (height, width) = noise_arguments(noise, depth), depth.shape
-    launch(
-        kernel(_FILE, "find_noise"),
-        current().profile.group[:2],
-        depth=depth,
-        width=width,
-        height=height,
-        far=noise.far,
-        **arguments,
-    )
-    return NoiseOnDevice(arguments["noise"])
+    return cached_on_device(noise, "noise", made)
 
 
 @estimated_by
 def _on_host(noise: DepthNoise) -> Found:
     with one_call():
-        found = noise_on_device(noise)
+        found = _found(noise)
         if found.values is None:
             found.values = found.array.to_host()
         deviation, steps = found.values.tolist()

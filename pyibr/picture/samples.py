@@ -20,7 +20,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.noise import deviation_on_device
+from pyibr.picture.noise import NoiseOnDevice, noise_on_device
 from pyibr.picture.target import Target
 
 _LARGEST = float(np.finfo(np.float32).max)
@@ -39,15 +39,15 @@ class Samples:
         Least and greatest nearness of each part of a row, (inf, -inf) where it has none.
     perspective : bool
         Whether nearness is 1/z.
-    noise : DeviceArray float32
-        Of the depth, as kernels/picture/noise.cl writes it.
+    noise : NoiseOnDevice
+        Of the depth.
     """
 
     nearness: DeviceArray
     color: DeviceArray
     ranges: DeviceArray
     perspective: bool
-    noise: DeviceArray
+    noise: NoiseOnDevice
 
     @property
     def low(self) -> float:
@@ -136,17 +136,20 @@ def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None, target: Targ
         "piece": piece,
         "far": min(view.far, 1 / constant("lib/surface.h", "NEAREST")),  # beyond, nearness would be invalid
     }
-    name, rows = "to_nearness", height
-    if cut is not None:
-        name, arguments["cut"] = "to_bridged_nearness", Struct("Cut", cut)
-    elif profile.band and noise.given is None:  # one work-item more finds it
-        name, rows = "to_nearness_and_noise", height + 1
-        arguments |= noise_arguments(noise, arguments["depth"])
-        cached_on_device(noise, "noise", lambda: NoiseOnDevice(arguments["noise"]))
-    found = None if noise.given is not None else noise_on_device(noise, arguments["depth"])
-    launch(kernel("picture/begin.cl", name), (pieces, rows), **arguments)
+    found: list[str] = []
+
+    def with_noise(more: dict[str, Any]) -> None:
+        launch(kernel("picture/begin.cl", "to_nearness_and_noise"), (pieces, height + 1), **arguments, **more)
+        found.append("with the nearness")
+
+    together = with_noise if profile.band and cut is None else None
+    of_depth = noise_on_device(noise, arguments["depth"], together)
+    if not found:
+        bridged = {} if cut is None else {"cut": Struct("Cut", cut)}
+        name = "to_nearness" if cut is None else "to_bridged_nearness"
+        launch(kernel("picture/begin.cl", name), (pieces, height), **arguments, **bridged)
     color = upload(at_least_a_word(view.color)) if target is None else target.color
-    return Samples(nearness, color, ranges, perspective, deviation_on_device(view.depth_noise))
+    return Samples(nearness, color, ranges, perspective, of_depth)
 
 
 def at_least_a_word(color: Any) -> Any:

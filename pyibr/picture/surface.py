@@ -172,7 +172,7 @@ def make_surface(
     prominence = empty((height, -(-width // block), 2), np.float32)
     shared = {"surface": surface, "width": width, "height": height, "pitch": surface.shape[1]}
     border = {"nearness": samples.nearness, "ring": ring}
-    tests = {"noise": samples.noise, "test": Struct("EdgeTest", test.straight)}
+    tests = {"noise": samples.noise.array, "test": Struct("EdgeTest", test.straight)}
     edges = {"nearness": samples.nearness, "cut": Struct("Cut", test.cut), **tests}
     profile, capacity = current().profile, max(math.prod(size) // _SAMPLES_OF_A_MARGIN, _MARGINS_MIN)
     piece, pieces = profile.pieces(width)
@@ -188,7 +188,8 @@ def make_surface(
         launch(_kernel("continue_border"), (ring.shape[1],), **border, **shared)
         launch(_kernel("look_around"), (pieces, height), piece=piece, **around, **margins.arguments)
     # The one wait for all that there is of a view
-    ranges, nearest_and_farthest, found = to_host([samples.ranges, ring, margins.count])
+    waited = [samples.ranges, ring, margins.count, samples.noise.array]
+    ranges, nearest_and_farthest, found, samples.noise.values = to_host(waited)
     if found[0] > capacity:
         margins = _room_for_margins(int(found[0]))
         launch(_kernel("look_around"), (pieces, height), piece=piece, **around, **margins.arguments)
