@@ -14,7 +14,9 @@ kernel void prepare(global const float *nearness, global const float *noise, glo
                     global float *prominence, global float *margins, global int *count, int width, int height, int pitch,
                     int band, int capacity, Cut cut, EdgeTest test)
 {
-    const int first = get_global_id(0) * band, end = min(first + band, height), row = width + 2;
+    const int id = get_global_id(0), half_ = ((height + band - 1) / band + 1) / 2;
+    /* Runtimes give a thread neighbours: so each gets bands from all over the image. */
+    const int first = (id < half_ ? 2 * id : 2 * (id - half_) + 1) * band, end = min(first + band, height), row = width + 2;
     if (first >= height)
         return;
     const Image image = {nearness, width, height, pitch};

@@ -68,7 +68,7 @@ CPU = DeviceProfile(
     strip=32,
     run=64,
     piece=0,
-    band=16,
+    band=32,
     share=1 << 11,
     block=4,
 )
