@@ -18,7 +18,7 @@
  * Work-item: LANES lines of one group, or of one line SEGMENT pixels (segments.h). Cost: source samples + target pixels a line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
- * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY before, unless ALIGNED without SEGMENT; behind them LANES
+ * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY before, unless ALIGNED without SEGMENT; from `spare` on LANES
  * floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both images
  * (stereo, light fields) and pass through the pixels' centres, so that their hits are the pixels' own. There is a line
  * for each row (or column), the first packet begins with the first one, and packets of whole lines fill these with EMPTY,
@@ -55,7 +55,7 @@ INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 #endif
 
 /* Walks a packet of a group's lines. Returns the samples and the pixels that were visited. */
-OUTLINED uint2 sweep_packet(Grid grid, global float *hits, int plane, LineGroup group, int packet, PixelMap map, int sides, float nearest,
+OUTLINED uint2 sweep_packet(Grid grid, global float *hits, int plane, int spare, LineGroup group, int packet, PixelMap map, int sides, float nearest,
                             float farthest, global const float *bounds)
 {
     SweepLines line = sweep_lines(group, map, packet, nearest, farthest);
@@ -73,7 +73,7 @@ OUTLINED uint2 sweep_packet(Grid grid, global float *hits, int plane, LineGroup 
     const int front_is_up = group.side < 0; /* -D is towards larger pixels */
     HitWriter writer;
     writer.hits = hits;
-    writer.spare = map.dst_height * map.dst_pitch + packet * LANES;
+    writer.spare = spare + packet * LANES;
     writer.up_hides = !(sides & (front_is_up ? SHOWS_FRONT : SHOWS_BACK));
     writer.down_hides = !(sides & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
     writer.pixels = 0;
@@ -83,7 +83,7 @@ OUTLINED uint2 sweep_packet(Grid grid, global float *hits, int plane, LineGroup 
 
 kernel void epipolar_sweep(global const float *surface, global float *hits, global const LineGroup *groups,
                            int group_count, int packet_count, PixelMap map, int sides, float nearest,
-                           float farthest, int plane
+                           float farthest, int plane, int spare
 #if SEGMENT
                            , global const float *bounds
 #endif
@@ -99,7 +99,7 @@ kernel void epipolar_sweep(global const float *surface, global float *hits, glob
 #if !SEGMENT
     global const float *bounds = 0;
 #endif
-    const uint2 visited = sweep_packet(grid, hits, plane, groups[group_of(groups, group_count, packet)], packet, map, sides, nearest, farthest, bounds);
+    const uint2 visited = sweep_packet(grid, hits, plane, spare, groups[group_of(groups, group_count, packet)], packet, map, sides, nearest, farthest, bounds);
 #if COUNTERS
     counters[2 * packet] = visited.x;
     counters[2 * packet + 1] = visited.y;

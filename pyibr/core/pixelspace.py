@@ -11,6 +11,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -135,6 +136,15 @@ def camera_pair(src: Camera, dst: Camera) -> CameraPair:
     return CameraPair(src, dst)
 
 
+class Ranged(Protocol):
+    """Samples of which the least and the greatest nearness are known, perhaps after a wait."""
+
+    @property
+    def low(self) -> float: ...
+    @property
+    def high(self) -> float: ...
+
+
 @dataclass(frozen=True)
 class PixelMap:
     """The map between two cameras, for samples of a range of nearness.
@@ -142,13 +152,22 @@ class PixelMap:
     Attributes
     ----------
     pair : CameraPair
-    low, high : float
-        Least and greatest nearness of the source's samples.
+    samples : Ranged
+        The source's.
     """
 
     pair: CameraPair
-    low: float
-    high: float
+    samples: Ranged
+
+    @property
+    def low(self) -> float:
+        """Least nearness of the source's samples."""
+        return self.samples.low
+
+    @property
+    def high(self) -> float:
+        """Greatest nearness of the source's samples."""
+        return self.samples.high
 
     @property
     def epipole(self) -> Float64:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -28,8 +29,24 @@ _STEEP = 0.025  # share of the nearness: with few samples a surface may be steep
 
 
 @dataclass(frozen=True)
+class Margins:
+    """The margins of a surface on the device.
+
+    Attributes
+    ----------
+    quarters : DeviceArray (MARGIN_PLANES, capacity) float32
+        kernels/lib/margins.h.
+    count : int
+        How many there are.
+    """
+
+    quarters: DeviceArray
+    count: int
+
+
+@dataclass(frozen=True)
 class Surface:
-    """A depth image's surface on the device.
+    """A depth image's surface on the device, whose launches need not be done yet.
 
     Attributes
     ----------
@@ -38,25 +55,40 @@ class Surface:
     color : DeviceArray (H, W, 3)
     size : (W, H)
         Of the image: an image of one pixel has colours of two.
-    low, high : float
-        Least and greatest nearness.
-    margins : Margins
-        What no triangle covers of the pixels of samples beside edges.
     test : EdgeTest
         It told the edges.
     prominence : DeviceArray (H, ceil(W / 16), 2) float32
         By how much of nearness a sample of 16 stands out most, as seen from the front and from the back: inf if it is
         torn off, -inf if noise explains it.
+    wait : callable
+        Waits for the launches, at first use, and returns the least and the greatest nearness, and the margins.
     """
 
     nearness: DeviceArray
     color: DeviceArray
     size: tuple[int, int]
-    low: float
-    high: float
-    margins: Margins
     test: EdgeTest
     prominence: DeviceArray
+    wait: Callable[[], tuple[float, float, Margins]]
+
+    @property
+    def low(self) -> float:
+        """Least nearness."""
+        return self.wait()[0]
+
+    @property
+    def high(self) -> float:
+        """Greatest nearness."""
+        return self.wait()[1]
+
+    @property
+    def margins(self) -> Margins:
+        """What no triangle covers of the pixels of samples beside edges."""
+        return self.wait()[2]
+
+    def with_margins(self, margins: Margins) -> Surface:
+        """The same surface with other margins."""
+        return replace(self, wait=lambda: (self.low, self.high, margins))
 
     @cached_property
     def bounds(self) -> DeviceArray:
@@ -75,22 +107,6 @@ class Surface:
             pitch=self.nearness.shape[1],
         )
         return bounds
-
-
-@dataclass(frozen=True)
-class Margins:
-    """The margins of a surface on the device.
-
-    Attributes
-    ----------
-    quarters : DeviceArray (MARGIN_PLANES, capacity) float32
-        kernels/lib/margins.h.
-    count : int
-        How many there are.
-    """
-
-    quarters: DeviceArray
-    count: int
 
 
 @dataclass(frozen=True)
@@ -164,7 +180,7 @@ def _record(camera: Camera) -> NDArray[np.void]:
 def make_surface(
     samples: Samples, size: tuple[int, int], test: EdgeTest, tear: Callable[[DeviceArray], None] | None = None
 ) -> Surface:
-    """The surface of samples of an image; `tear` launches what tears more of its `nearness` than the test does."""
+    """Begin to make the surface of samples of an image; `tear` launches what tears more of its `nearness`."""
     width, height = size
     surface = empty((height + 2, pitch(width)), np.float32)
     ring = empty((2, 2 * (width + 2) + 2 * height), np.float32)
@@ -187,15 +203,20 @@ def make_surface(
             tear(surface)
         launch(_kernel("continue_border"), (ring.shape[1],), **border, **shared)
         launch(_kernel("look_around"), (pieces, height), piece=piece, **around, **margins.arguments)
-    # The one wait for all that there is of a view
-    waited = [samples.ranges, ring, margins.count, samples.noise.array]
-    ranges, nearest_and_farthest, found, samples.noise.values = to_host(waited)
-    if found[0] > capacity:
-        margins = _room_for_margins(int(found[0]))
-        launch(_kernel("look_around"), (pieces, height), piece=piece, **around, **margins.arguments)
-    low, high = samples.low_and_high(ranges)
-    low, high = min(low, float(nearest_and_farthest[0].min())), max(high, float(nearest_and_farthest[1].max()))
-    return Surface(surface, samples.color, size, low, high, Margins(margins.quarters, int(found[0])), test, prominence)
+
+    @functools.cache
+    def wait() -> tuple[float, float, Margins]:
+        waited = [samples.ranges, ring, margins.count, samples.noise.array]
+        ranges, nearest_and_farthest, found, samples.noise.values = to_host(waited)
+        count, room = int(found[0]), margins
+        if count > capacity:
+            room = _room_for_margins(count)
+            launch(_kernel("look_around"), (pieces, height), piece=piece, **around, **room.arguments)
+        low, high = samples.low_and_high(ranges)
+        low, high = min(low, float(nearest_and_farthest[0].min())), max(high, float(nearest_and_farthest[1].max()))
+        return low, high, Margins(room.quarters, count)
+
+    return Surface(surface, samples.color, size, test, prominence, wait)
 
 
 def _kernel(name: str) -> Kernel:

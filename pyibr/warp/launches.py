@@ -27,6 +27,7 @@ from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
 
 _NEIGHBOUR_OFFSET_MAX = 16
+_LINES = 8  # more than lines of a picture by the sum of its sides
 _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
 
 
@@ -82,12 +83,14 @@ def inverse_warp(
     `view` is its number, `entry` that of a picture in a light, with the samples' normals if it draws them. `in_reach`:
     of a target that is blank, no more pixels are written than the view may reach.
     """
+    hits = _room_for_hits(pixel_map.pair, target, options)  # the device clears it before the surface is waited for
     reach = pixel_map.reach
     if reach.empty and (in_reach or not target.blank):
         return
-    shared = _shared(surface, pixel_map, options)
-    hits, plane, hit_kind = _find_candidates(surface, pixel_map, target, options, shared)
-    found = {**shared, "hits": hits, "plane": plane, "hit_kind": hit_kind}
+    shared = {**_shared(surface, pixel_map, options), "hits": hits}
+    plane = _plane_of(target.camera) if surface.margins.count else 0
+    hit_kind = _find_hits(surface, pixel_map, target, options, plane, shared)
+    found = {**shared, "plane": plane, "hit_kind": hit_kind}
     _resolve(surface, pixel_map, target, options, found, view, entry, in_reach)
     target.blank = in_reach and target.blank
 
@@ -101,29 +104,44 @@ def _shared(surface: Surface, pixel_map: PixelMap, options: Options) -> dict[str
     }
 
 
-def _find_candidates(
-    surface: Surface, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
-) -> tuple[DeviceArray, int, float]:
-    """Hits by lines (or a search), and of patches.
+def _plane_of(camera: Camera) -> int:
+    """Values of a plane of hits: packets at the end of its last row read beyond it."""
+    return camera.height * pitch(camera.width) + current().profile.lanes + _NEIGHBOUR_OFFSET_MAX
 
-    Also where those on margins begin, 0 if there are none, and HITS_... of kernels/warp/line_hits.h.
+
+def _sweeps_all(pair: CameraPair, options: Options) -> bool:
+    """Tell whether the sweep, if there is any, leaves out no pixel of its lines: rows or columns of the picture."""
+    return pair.aligned and not options.search and not current().profile.segment
+
+
+def _room_for_hits(pair: CameraPair, target: Target, options: Options) -> DeviceArray:
+    """Planes of hits of lines, and on margins, EMPTY where the sweep does not make them so; and room behind them.
+
+    There lanes of the sweep write that have nothing to write.
     """
+    size, segment = target.camera.size, current().profile.segment
+    lines = _LINES * (sum(size) + current().profile.lanes) * (max(size) // segment + 1 if segment else 1)
+    hits = target.scratch(2 * _plane_of(target.camera) + lines)
+    if not _sweeps_all(pair, options):
+        clear(hits, constant("lib/pixelspace.h", "EMPTY"))
+    return hits
+
+
+def _find_hits(
+    surface: Surface, pixel_map: PixelMap, target: Target, options: Options, plane: int, shared: dict[str, Any]
+) -> float:
+    """Hits by lines (or a search), and those of patches; returns HITS_... of kernels/warp/line_hits.h."""
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
     groups, packets = line_groups(epipole, area, profile.lanes, aligned, profile.segment)
-    # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
-    # row read beyond it.
-    beyond = max(packets * profile.lanes, profile.lanes + _NEIGHBOUR_OFFSET_MAX)
-    count = target.camera.height * pitch(target.camera.width) + beyond
-    plane = 0 if reach.empty or not surface.margins.count else count
-    hits = target.scratch(2 * count if plane else count)
-    shared = {**shared, "hits": hits}
-    by_lines = bool(packets) and not options.search and not reach.empty
-    if not (by_lines and aligned and not profile.segment):  # else the sweep writes every pixel of its lines
-        clear(hits, constant("lib/pixelspace.h", "EMPTY"))
+    spare, room = 2 * _plane_of(target.camera), shared["hits"].shape[0]
+    kind = _hits("OF_PIXELS" if aligned or options.search or reach.empty else "OF_LINES")
+    if spare + packets * profile.lanes > room:  # of more lines than images have by far
+        shared["hits"] = target.scratch(spare + packets * profile.lanes)
+    if spare + packets * profile.lanes > room or (_sweeps_all(pixel_map.pair, options) and not packets):
+        clear(shared["hits"], constant("lib/pixelspace.h", "EMPTY"))
     if reach.empty:
-        return hits, plane, _hits("OF_PIXELS")
-    kind = _hits("OF_PIXELS" if aligned or options.search else "OF_LINES")
+        return kind
     if not packets:  # no epipole, or it is all there is: any nearness gives the source position
         kind = _hits("WITHOUT_PARALLAX")
     elif options.search:
@@ -146,11 +164,12 @@ def _find_candidates(
             nearest=surface.high,
             farthest=surface.low,
             plane=plane,
+            spare=spare,
             **({"bounds": surface.bounds} if profile.segment else {}),
             **shared,
         )
     _draw_patches(surface, pixel_map, plane, shared, lone=kind == _hits("OF_LINES"))
-    return hits, plane, kind
+    return kind
 
 
 def _defines_of_sweep(pair: CameraPair, options: Options) -> dict[str, int]:

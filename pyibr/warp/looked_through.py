@@ -102,7 +102,7 @@ def _without_margins(members: list[_Member]) -> list[Surface]:
             left = int(np.count_nonzero(seen[points.columns(number)] == 0))
             if left < points.counts[number]:
                 kept = _kept(surfaces[number].margins, left, points, number)
-                surfaces[number] = replace(surfaces[number], margins=kept)
+                surfaces[number] = surfaces[number].with_margins(kept)
     return surfaces
 
 

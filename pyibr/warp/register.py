@@ -279,7 +279,7 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
     pool: dict[tuple[int, int], Any] = {}
     for part in cube_face_cameras(camera):
         targets.append(Target(part, np.dtype(np.uint8), channels=0, pool=pool))
-        pixel_map = PixelMap(camera_pair(source.camera, part), surface.low, surface.high)
+        pixel_map = PixelMap(camera_pair(source.camera, part), surface)
         inverse_warp(surface, pixel_map, targets[-1], Options())
     return _Drawn(source, cut, cut_there, samples, joined_faces(targets, camera))
 

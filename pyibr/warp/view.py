@@ -196,6 +196,12 @@ class WarpedView(Immutable):
         cut_ratio = None if self.edges == "connect" else self.cut_ratio or _LENS_CUT_RATIO
         return [undistorted(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
 
+    def begin(self) -> None:
+        """Have the device begin with the views' surfaces, if they are to be drawn in their own colours."""
+        if self.method != "forward":
+            for view in self.sources:
+                surface_of(view, self.cut_ratio, self.edges == "connect")
+
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the views; into a light's map their surfaces themselves, from both sides."""
         if target.from_light:
@@ -287,7 +293,7 @@ class WarpedView(Immutable):
         else:
             shown_as = min(target.color.shape[2], 1), target.color.dtype
             surface = cached_on_device(self, "surfaces", lambda: self._surfaces(target), shown_as)[number]
-        return surface, PixelMap(camera_pair(view.camera, target.camera), surface.low, surface.high)
+        return surface, PixelMap(camera_pair(view.camera, target.camera), surface)
 
     def _surfaces(self, target: Target) -> dict[int, Surface]:
         """By number, what of the views' surfaces no other view has looked through."""
@@ -321,7 +327,7 @@ def _(thing: DepthImage) -> WarpedView:
 def _placed(view: DepthImage, target: Target) -> tuple[Samples, PixelMap]:
     """A view's samples, in the colours or normals that the target shows, and its map into the target."""
     samples = samples_of(_shown(view, target))
-    return samples, PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
+    return samples, PixelMap(camera_pair(view.camera, target.camera), samples)
 
 
 def _normals_of(view: DepthImage) -> DeviceArray:
