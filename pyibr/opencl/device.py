@@ -13,7 +13,7 @@ import os
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Generator, Hashable
+from collections.abc import Callable, Generator, Hashable
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -112,16 +112,29 @@ class Session:
         """Be in a call of this thread, which is awaited if it fails: it may not have asked for its results."""
         return self.calls.one(self.in_flight, self.wait)
 
-    def wait(self) -> None:
-        """Until all that is in the queues now is done. Other threads run meanwhile; Ctrl-C counts afterwards."""
+    def mark(self) -> Callable[[], None]:
+        """Mark what is in the queues now; the function that is returned waits for that alone."""
         import pyopencl as cl
 
-        if watches:
-            watches[-1].wait()
+        queues = (self.queue,) if self.copies is self.queue else (self.queue, self.copies)
+        markers, in_flight = [cl.enqueue_marker(queue) for queue in queues], self.in_flight
+        expected = in_flight.seconds
+        for queue in queues:
+            queue.flush()
+
+        def wait() -> None:
+            if watches:
+                watches[-1].wait()
+            for marker in markers:
+                marker.wait()
+            in_flight.seconds = max(in_flight.seconds - expected, 0.0)
+
+        return wait
+
+    def wait(self) -> None:
+        """Until all that is in the queues now is done. Other threads run meanwhile; Ctrl-C counts afterwards."""
         start = time.perf_counter()
-        cl.enqueue_marker(self.queue).wait()
-        if self.copies is not self.queue:
-            cl.enqueue_marker(self.copies).wait()
+        self.mark()()
         self.in_flight.finish(time.perf_counter() - start)
 
 

@@ -19,7 +19,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty, to_host
+from pyibr.opencl.memory import DeviceArray, begin_to_host, empty
 from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.samples import Samples, cut_of, samples_of
 
@@ -203,11 +203,12 @@ def make_surface(
             tear(surface)
         launch(_kernel("continue_border"), (ring.shape[1],), **border, **shared)
         launch(_kernel("look_around"), (pieces, height), piece=piece, **around, **margins.arguments)
+    values, done = begin_to_host([samples.ranges, ring, margins.count, samples.noise.array]), surface.session.mark()
 
     @functools.cache
     def wait() -> tuple[float, float, Margins]:
-        waited = [samples.ranges, ring, margins.count, samples.noise.array]
-        ranges, nearest_and_farthest, found, samples.noise.values = to_host(waited)
+        done()
+        ranges, nearest_and_farthest, found, samples.noise.values = values
         count, room = int(found[0]), margins
         if count > capacity:
             room = _room_for_margins(count)
