@@ -15,7 +15,7 @@ from pyibr.core.checks import check_pixels
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
+from pyibr.opencl.memory import DeviceArray, empty, to_host, upload, zeros
 from pyibr.opencl.program import kernel
 
 _PASSES = 4  # that regions grow in, between two looks whether they still do
@@ -157,8 +157,7 @@ class Image:
         """Lower the costs till none changes."""
         (width, height), rows = self._size, int(constant("cleaning/grow.cl", "GROWN_ROWS"))
         across, down = current().profile.packets(width, -(-height // rows))
-        stamps = empty((down + 2, across + 2), np.int32)
-        stamps.fill(0)
+        stamps = zeros((down + 2, across + 2), np.int32)
         for number in itertools.count(1):
             arguments = {"costs": costs, "steps": steps, "stamps": stamps, "plane": self._plane}
             launch(kernel("cleaning/clean.cl", "relax"), (across, down), number=number, **arguments)
@@ -167,8 +166,7 @@ class Image:
 
     def drop_speckle(self, values: DeviceArray, measured: DeviceArray, known: DeviceArray | None) -> bool:
         """Islands of few samples are no seeds any more; tells whether any was one."""
-        labels, sizes, totals = self._new(np.int32), self._new(np.int32), empty((2,), np.int32)
-        totals.fill(0)
+        labels, sizes, totals = self._new(np.int32), self._new(np.int32), zeros((2,), np.int32)
         before = {"measured": measured, "known": measured if known is None else known, "has_before": known is not None}
         told = {"labels": labels, "sizes": sizes}
         self._launch_runs("find_runs", values=values, marks=self._marks, totals=totals, **told, **before)

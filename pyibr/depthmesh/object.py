@@ -23,7 +23,7 @@ from pyibr.images import DepthImage
 from pyibr.images.exposure import exposure_gains
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
-from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.memory import DeviceArray, empty, zeros
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 
@@ -230,8 +230,7 @@ class DepthMeshObject(Immutable):
         if len(self.meshes) > 32:
             raise ArgumentError("views", "at most 32, a bit each", f"{len(self.meshes)}")
         with one_call():
-            found = empty((camera.height, camera.width), np.uint32)
-            found.fill(0)
+            found = zeros((camera.height, camera.width), np.uint32)
             self._blend(Target(camera, np.dtype(np.uint8)), None, found)
             return np.array(found.to_host())
 

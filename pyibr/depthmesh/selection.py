@@ -15,7 +15,7 @@ from pyibr.core.pixelspace import frustum
 from pyibr.depthmesh.tree import Tree
 from pyibr.opencl.headers import struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty, to_host
+from pyibr.opencl.memory import DeviceArray, empty, to_host, zeros
 from pyibr.opencl.program import kernel
 
 REUSE_MAX = 0.5
@@ -101,8 +101,7 @@ def select_for(trees: Sequence[Tree], camera: Camera, tolerance: float, reuse: f
 
 def active_within(tree: Tree, max_error: float) -> DeviceArray:
     """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
-    active = empty(tree.states.shape, np.uint8)
-    active.fill(0)
+    active = zeros(tree.states.shape, np.uint8)
     coarse = max(tree.side // _SHARES, 1)
     grid = (tree.side // coarse + 1,) * 2
     # Enough for all vertices at once and a chunk that is not full for each work-item.

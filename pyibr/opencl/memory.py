@@ -162,6 +162,16 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = 
     return DeviceArray(block.buffer, whole, kind, host, session)
 
 
+def zeros(shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
+    """An array of zeros for launches to write."""
+    array = empty(shape, dtype)
+    if array.host is not None and array.session.profile.in_place:  # no launch uses it yet
+        array.host[...] = 0
+    else:
+        array.fill(0)
+    return array
+
+
 def _copied(
     session: Session,
     block: Block,

@@ -19,7 +19,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, begin_to_host, empty
+from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, zeros
 from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.samples import Samples, cut_of, samples_of
 
@@ -239,6 +239,4 @@ class _Room:
 def _room_for_margins(capacity: int) -> _Room:
     # Packets at the end read beyond the last one.
     planes = int(constant("lib/margins.h", "MARGIN_PLANES"))
-    quarters, count = empty((planes, capacity + current().profile.lanes), np.float32), empty((1,), np.int32)
-    count.fill(0)
-    return _Room(quarters, count)
+    return _Room(empty((planes, capacity + current().profile.lanes), np.float32), zeros((1,), np.int32))

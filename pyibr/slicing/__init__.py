@@ -14,7 +14,7 @@ from pyibr.core.checks import describe, instance_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import check_no_lens
 from pyibr.opencl.device import one_call
-from pyibr.opencl.memory import empty
+from pyibr.opencl.memory import zeros
 from pyibr.picture.target import Target
 from pyibr.slicing.drawing import draw_object
 from pyibr.slicing.hull import VisualHull
@@ -62,8 +62,7 @@ def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera)
     check_no_lens("camera", camera)
     with one_call():
         target = Target(camera, np.dtype(np.uint8))
-        counters = empty((camera.height, camera.width), np.int32)
-        counters.fill(0)
+        counters = zeros((camera.height, camera.width), np.int32)
         if isinstance(thing, SlicedSurface):
             draw_surface(target, thing, None, counters)
         elif isinstance(thing, Solid):  # pyright: ignore[reportUnnecessaryIsInstance]

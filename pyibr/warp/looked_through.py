@@ -15,7 +15,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.memory import DeviceArray, empty, zeros
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.surface import Margins, Surface, make_surface, surface_of
@@ -75,8 +75,7 @@ def _record(view: DepthImage, origin: Float64) -> Struct:
 
 def _without_bridges(members: list[_Member]) -> list[_Member]:
     """The members with those uncertain bridges torn that others have looked through."""
-    counts = empty((len(members),), np.int32)
-    counts.fill(0)
+    counts = zeros((len(members),), np.int32)
     for number, member in enumerate(members):
         _find_bridges(member, counts, number)
     torn = list(members)
@@ -116,8 +115,7 @@ class _Points:
         self.count = ends[-1]
         self.pitch = self.count + current().profile.lanes  # packets at the end read and write beyond it
         self.planes = empty((int(constant(_FILE, "POINT_PLANES")), self.pitch), np.float32)
-        self.seen = empty((self.pitch,), np.uint8)
-        self.seen.fill(0)
+        self.seen = zeros((self.pitch,), np.uint8)
 
     def columns(self, number: int) -> slice:
         """The columns of a member's points."""
@@ -219,8 +217,7 @@ def _list_margins(member: _Member, points: _Points, number: int) -> None:
 def _kept(margins: Margins, left: int, points: _Points, number: int) -> Margins:
     """The `left` ones of a member's margins that were not looked through."""
     profile, planes = current().profile, margins.quarters.shape[0]
-    kept, count = empty((planes, left + profile.lanes), np.float32), empty((1,), np.int32)
-    count.fill(0)
+    kept, count = empty((planes, left + profile.lanes), np.float32), zeros((1,), np.int32)
     launch(
         kernel(_FILE, "keep_margins"),
         profile.shares(margins.count),
