@@ -197,11 +197,10 @@ def test_launches_are_seen_by_name() -> None:
     view, target = scenes.view(32), scenes.target_camera(32, "F", "forward")
     with kernel_times() as times:
         ibr.warp(view, target)
-    of_the_surface = {"to_nearness", "find_edges", "continue_border", "measure_prominence", "find_margins"}
-    assert set(times) == {*of_the_surface, "clear", "epipolar_sweep", "draw_lone", "draw_margins", "resolve"}
+    assert set(times) == {"to_nearness_and_noise", "prepare", "clear", "epipolar_sweep", "draw_patches", "resolve"}
     with build_times() as built:
         ibr.warp(view, target)
-    assert set(built) == {"clear", "epipolar_sweep", "draw_lone", "draw_margins", "resolve"}
+    assert set(built) == {"clear", "epipolar_sweep", "draw_patches", "resolve"}
     with pytest.raises(RuntimeError, match="neither a sweep nor a search"), counted_samples():
         pass
 

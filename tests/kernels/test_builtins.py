@@ -115,7 +115,7 @@ print(current().device.name)
 
 HOT = {
     "epipolar_sweep", "resolve", "draw_relief", "draw_surface", "draw_object", "draw_mesh", "draw_meshes", "smooth",
-    "roughen", "find_edges", "behind_lines", "activate",
+    "roughen", "prepare", "behind_lines", "activate",
 }  # fmt: skip
 """The kernels that take most of the time."""
 LEFT = {"dot", "length", "fast_length", "exp2", "log2", "rint", "isfinite", "clz"}

@@ -14,7 +14,6 @@ import pyibr as ibr
 from pyibr.capture import models, object_views
 from pyibr.images import Frame
 from pyibr.picture.drawable import as_drawable
-from pyibr.picture.noise import found_noise
 from pyibr.picture.surface import surface_of
 from pyibr.picture.unseen import MarkedUnseen
 from pyibr.warp import blending
@@ -152,7 +151,7 @@ def calls() -> dict[str, Call]:
         "samples": _warped(samples=4),
         "seen": _drawn(lambda: MarkedUnseen(as_drawable(base), views)),
         "bounds": lambda: [surface_of(_view(scenes.stepped), None).bounds.to_host()],  # which GPUs alone ask for
-        "noise": lambda: [np.array(found_noise(_view(scenes.stepped).depth))],
+        "noise": lambda: [np.array(_view(scenes.stepped).noise)],
         "registered": _registered,
         "cleaned": _cleaned,
         "mesh": _drawn(lambda: ibr.Mesh(base.vertices, base.faces)),

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pyibr.picture.noise import found_noise
+from pyibr.images.noise import DepthNoise, Found
 from tests.data import DATA
 from tests.one_lane import one_lane
-from tests.reference.noise import DepthNoise
+from tests.reference.noise import DepthNoise as Twin
 
 Array = NDArray[Any]
 SIZES = [(16, 16), (37, 61), (160, 120), (640, 480), (481, 203), (1920, 1440)]
@@ -79,6 +79,12 @@ def frames() -> Iterator[tuple[str, Array]]:
                 yield str(path.relative_to(DATA)), 300 / image.astype(np.float64)
 
 
+def found_noise(depth: Array, far: float = np.inf) -> Found:
+    """(a, b, c) of the deviation and of the steps, as the device finds them."""
+    noise = DepthNoise(np.ascontiguousarray(depth, np.float32), far)
+    return noise.deviation, noise.steps
+
+
 def difference(depth: Array, one: tuple[float, ...], other: tuple[float, ...]) -> float:
     """The greatest difference of what (a, b, c) say at depths that are there, as a part of the greater."""
     known = depth[np.isfinite(depth) & (depth > 0)]
@@ -94,7 +100,7 @@ def test_the_kernel_finds_what_the_twin_finds():
     wrong, count = list[tuple[Any, ...]](), 0
     for name, depth in itertools.chain(made(np.random.default_rng(0)), frames()):
         depth = np.ascontiguousarray(depth, np.float32)
-        twin = DepthNoise(depth)
+        twin = Twin(depth)
         expected, found = (twin.deviation, twin.steps), [found_noise(depth)]
         with one_lane():
             found.append(found_noise(depth))
