@@ -159,12 +159,12 @@ class PixelMap:
     pair: CameraPair
     samples: Ranged
 
-    @property
+    @cached_property
     def low(self) -> float:
         """Least nearness of the source's samples."""
         return self.samples.low
 
-    @property
+    @cached_property
     def high(self) -> float:
         """Greatest nearness of the source's samples."""
         return self.samples.high

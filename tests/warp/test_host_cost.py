@@ -1,17 +1,20 @@
-"""The host's part of small pictures: counted in calls, which are the same on every machine."""
+"""The host's part of small pictures: counted in calls and commands, which are the same on every machine."""
 
 from __future__ import annotations
 
 import math
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from types import FrameType
 
 import pytest
 
 import pyibr as ibr
-from pyibr.opencl import launch
+from pyibr.opencl import launch, memory
+from pyibr.opencl.watch import Traffic, watching
 from tests import scenes
+from tests.one_lane import one_lane, skip_where_unused
 
 _SIZE = (67, 61)
 
@@ -45,7 +48,7 @@ def calls_of(task: Callable[[], object]) -> int:
     return min(counted() for _ in range(3))  # what others left may go meanwhile
 
 
-@pytest.mark.parametrize(("edges", "fresh", "kept"), [("cut", 1950, 900), ("connect", 1700, 800)])
+@pytest.mark.parametrize(("edges", "fresh", "kept"), [("cut", 1500, 850), ("connect", 1400, 850)])
 def test_a_small_warp_is_few_calls(edges, fresh, kept):
     view = scenes.stepped(_SIZE)
     camera = view.camera.moved(0.2, 0.1, 0.1)
@@ -58,3 +61,36 @@ def test_a_small_mesh_is_few_calls():
     square = ibr.Mesh([[-1, -1, 3], [1, -1, 3], [-1, 1, 3], [1, 1, 3]], [[0, 1, 2], [3, 2, 1]])
     camera = ibr.Camera([[60, 0, 33], [0, 60, 30], [0, 0, 1]], _SIZE)
     assert calls_of(lambda: ibr.render(square, camera)) <= 950
+
+
+@pytest.mark.parametrize(
+    ("moved", "launches"),
+    [
+        ((0.2, 0.1, 0.1), ["clear", "epipolar_sweep", "draw_patches", "resolve"]),
+        ((0.2, 0.0, 0.0), ["epipolar_sweep", "draw_patches", "resolve"]),
+    ],
+)
+@pytest.mark.parametrize("lanes", ["wide", "one"])
+def test_a_fresh_warp_is_few_commands(moved, launches, lanes, monkeypatch: pytest.MonkeyPatch):
+    skip_where_unused(16 if lanes == "wide" else 1)
+    view = scenes.smooth(_SIZE)
+    depth = view.depth.copy()
+    depth[20:40, 20:40] = 1.0
+    camera = view.camera.moved(*moved)
+    prepares = ["to_nearness_and_noise", "prepare"]
+    if lanes == "one":  # GPUs have no wait between these; they walk along parts of lines, whose pixels are cleared
+        prepares = ["find_noise", "to_nearness", "find_edges", "continue_border", "look_around"]
+        launches = ["clear", *(name for name in launches if name != "clear")]
+        launches.insert(1, "bound_surface")
+    taken = list[int]()
+    take = memory._take
+    monkeypatch.setattr(memory, "_take", lambda session, size: taken.append(size) or take(session, size))
+    with one_lane() if lanes == "one" else nullcontext():
+        ibr.warp(ibr.DepthImage(view.color, depth, view.camera), camera)  # builds what is built once
+        taken.clear()
+        with watching(Traffic()) as seen:
+            ibr.warp(ibr.DepthImage(view.color, depth, view.camera), camera)
+    assert [name for what, name, _ in seen.of if what == "launch"] == [*prepares, *launches]
+    assert sum(what == "wait" for what, _, _ in seen.of) == 2
+    assert sum(what == "upload" for what, _, _ in seen.of) == 3  # depth, colours and groups of lines
+    assert len(taken) <= (13 if lanes == "wide" else 18)
