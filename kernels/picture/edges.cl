@@ -12,7 +12,7 @@
  * the two within, so that the surface can be followed up to the edges of the picture's pixels (lib/surface.h), where it
  * ends.
  *
- * nearness: (height, pitch) as picture/nearness.cl has it. surface: (height + 2, pitch), the same with the ring;
+ * nearness: (height, pitch) as picture/nearness.cl has it. noise: picture/noise.cl. surface: (height + 2, pitch), the same with the ring;
  * the last bits of each are its TORN_... ones (which changes it by 5e-7 of itself, at most). ring: (2, 2 width + 2 height
  * + 4) how near and how far the surface is half a pixel beyond each border sample: (inf, -inf) if it is not there.
  * Work-item of find_edges: `piece` samples of a row, a multiple of LANES or all; of continue_border: a sample of the ring,

@@ -64,7 +64,7 @@ kernel void to_nearness(global const float *depth, global float *nearness, globa
 }
 
 #if LANES > 1
-/* Beside it, one work-item estimates the noise, before rows of which others convert one each. */
+/* The first work-item estimates the noise (picture/noise.cl) while the others convert a piece each. */
 kernel void to_nearness_and_noise(global const float *depth, global float *nearness, global float *ranges, int src_width,
                                   int src_height, int src_pitch, int src_perspective, float far, int piece,
                                   global int *tables, global float *noise, int cells)

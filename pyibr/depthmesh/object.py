@@ -23,7 +23,7 @@ from pyibr.images import DepthImage
 from pyibr.images.exposure import exposure_gains
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
-from pyibr.opencl.memory import DeviceArray, empty, zeros
+from pyibr.opencl.memory import DeviceArray, zeros
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 

@@ -114,9 +114,7 @@ def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) 
     return a, b, c
 
 
-def checked_noise(
-    noise: object, depth: Depth, far: float = np.inf, projection: Projection = "perspective"
-) -> Terms:
+def checked_noise(noise: object, depth: Depth, far: float = np.inf, projection: Projection = "perspective") -> Terms:
     """Return (a, b, c) of the noise of depth as users give it, or raise ArgumentError.
 
     depth, far: the samples, whose range tells where a function is looked at. projection: of a number, what it is of.

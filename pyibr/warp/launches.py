@@ -197,9 +197,7 @@ def build_ahead_of_warp(pair: CameraPair, target: Target, options: Options, entr
     build_ahead("warp/resolve.cl", "resolve", compiled=True, **_defines_of(target, entry))
 
 
-def _draw_patches(
-    surface: Surface, pixel_map: PixelMap, plane: int, shared: dict[str, Any], *, lone: bool
-) -> None:
+def _draw_patches(surface: Surface, pixel_map: PixelMap, plane: int, shared: dict[str, Any], *, lone: bool) -> None:
     """Add the hits on what is too small for lines, if it is `lone`, and those on margins."""
     profile, margins = current().profile, surface.margins
     rows, blocks, _ = surface.prominence.shape

@@ -24,7 +24,6 @@ from tests import scenes
 from tests.one_lane import one_lane
 from tests.opencl.everything import calls, same
 
-
 WIDE = {"to_nearness_and_noise", "prepare"}
 """Kernels of CPUs alone."""
 
