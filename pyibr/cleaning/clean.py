@@ -124,7 +124,7 @@ def clean_depth(
         image = Image(width, height)
         placed, last = image.place(measured), None if known is None else image.place(known)
         image.place_colors(colors)
-        told = told or DepthNoise(measured, cells=_CELLS).deviation  # while the device works
+        told = told or DepthNoise(measured, cells=_CELLS).deviation
         if placed.is_empty:
             return CleanedDepth(np.full_like(measured, np.nan), np.zeros(measured.shape, np.bool_))
         last = None if last is None or last.is_empty else last

@@ -39,7 +39,7 @@ def traffic_of(views: Any, camera: Any, **options: Any) -> Traffic:
     return seen
 
 
-@pytest.mark.parametrize(("options", "most"), [({}, 15), ({"fill": "background"}, 40)])
+@pytest.mark.parametrize(("options", "most"), [({}, 4), ({"fill": "background"}, 13)])
 def test_a_further_frame_uploads_its_camera_and_waits_once(options: dict[str, Any], most: int):
     view = scenes.stepped(_SIZE)
     seen = traffic_of(view, view.camera.moved(0.15, 0.2, 0.3), **options)
