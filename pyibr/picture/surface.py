@@ -83,7 +83,7 @@ class Surface:
 
     @property
     def margins(self) -> Margins:
-        """What no triangle covers of the pixels of samples beside edges."""
+        """The parts of pixels of samples beside edges that no triangle covers."""
         return self.wait()[2]
 
     def with_margins(self, margins: Margins) -> Surface:

@@ -127,9 +127,9 @@ from tests import scenes
 started, at_signal = [0], None
 start = launch._start
 
-def counted(*arguments):
+def counted(*arguments, **how):
     started[0] += 1
-    event = start(*arguments)
+    event = start(*arguments, **how)
     if at_signal is not None and started[0] == 5:
         print("searching", flush=True)
     return event
