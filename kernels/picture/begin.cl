@@ -1,4 +1,3 @@
 /* What nearly every picture of images begins with, as one program: building one takes longer than what is in it. */
 #include "lib/clear.cl"
-#include "picture/nearness.cl"
 #include "picture/prepare.cl"

@@ -10,7 +10,6 @@
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
-#include "picture/noise.cl"
 
 /* Nearness of samples x to x + LANES - 1 of a row; NO_SURFACE beside the image */
 INLINED floatl nearness_from(global const float *row, int x, int width, int perspective, float far)
@@ -62,22 +61,6 @@ kernel void to_nearness(global const float *depth, global float *nearness, globa
     convert_piece(depth, nearness, ranges, get_global_id(0) * piece, get_global_id(1), src_width, src_height, src_pitch,
                   src_perspective, far, piece, 0, none);
 }
-
-#if LANES > 1
-/* The first work-item estimates the noise (picture/noise.cl) while the others convert a piece each. */
-kernel void to_nearness_and_noise(global const float *depth, global float *nearness, global float *ranges, int src_width,
-                                  int src_height, int src_pitch, int src_perspective, float far, int piece,
-                                  global int *tables, global float *noise, int cells)
-{
-    const Cut none = {0.0f, 0.0f, 0.0f};
-    const int y = (int)get_global_id(1) - 1;
-    if (y < 0 && get_global_id(0) == 0)
-        estimate_noise(depth, src_width, src_height, far, cells, tables, noise, 0, 1);
-    else if (y >= 0)
-        convert_piece(depth, nearness, ranges, get_global_id(0) * piece, y, src_width, src_height, src_pitch,
-                      src_perspective, far, piece, 0, none);
-}
-#endif
 
 kernel void to_bridged_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,
                                 int src_height, int src_pitch, int src_perspective, float far, int piece, Cut cut)

@@ -1,18 +1,23 @@
-/* A surface in one launch, on CPUs: edges, border, margins and prominence of bands of rows, while these are in cache.
+/* A surface in one launch, on CPUs: bands of rows go through nearness, edges, border, margins and prominence, while they are
+ * in cache.
  *
- * Arguments: picture/edges.cl, picture/small_parts.cl. `band`: rows of a band, 4 or more. What lies around its samples
- * reaches BAND_HALO rows beyond it: these are marked by two work-items, with the same values, so that none waits for another's.
+ * Arguments: picture/nearness.cl, which is left out if the nearness is there already (converts: 0), picture/edges.cl,
+ * picture/small_parts.cl. `band`: rows of a band, BAND_HALO or more. Its samples' surroundings reach beyond it: these rows are
+ * made by two work-items, with the same values, so that none waits for another's.
  * Work-item: a band. Cost: O(samples). Determinism: as of the kernels that it replaces.
  */
 #include "picture/edges.cl"
+#include "picture/nearness.cl"
 #include "picture/small_parts.cl"
 
-#define BAND_HALO 2 /* rows that prominence looks at, above and below */
+#define BAND_HALO 2  /* rows that prominence looks at, above and below, */
+#define EDGE_HALO 3  /* and further ones that tell their edges */
 
 #if LANES > 1
-kernel void prepare(global const float *nearness, global const float *noise, global float *surface, global float *ring,
-                    global float *prominence, global float *margins, global int *count, int width, int height, int pitch,
-                    int band, int capacity, Cut cut, EdgeTest test)
+kernel void prepare(global const float *depth, global float *nearness, global float *ranges, int converts, float far,
+                    global const float *noise, global float *surface, global float *ring, global float *prominence,
+                    global float *margins, global int *count, int width, int height, int pitch, int band, int capacity,
+                    Cut cut, EdgeTest test)
 {
     const int id = get_global_id(0), half_ = ((height + band - 1) / band + 1) / 2;
     /* Runtimes give a thread neighbours: so each gets bands from all over the image. */
@@ -23,6 +28,8 @@ kernel void prepare(global const float *nearness, global const float *noise, glo
     const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
     const EdgeTest noisy = with_noise(test, noise);
     const int from = max(first - BAND_HALO, 0), to = min(end + BAND_HALO, height);
+    for (int y = max(from - EDGE_HALO, 0); converts && y < min(to + EDGE_HALO, height); y++)
+        convert_piece(depth, nearness, ranges, 0, y, width, height, pitch, test.perspective, far, width, 0, cut);
     for (int y = from; y < to; y++)
         mark_row(image, 0, width, y, cut, noisy, surface + (size_t)(y + 1) * pitch + 1);
     for (int i = 0; i < row; i++) {

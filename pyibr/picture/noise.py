@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,32 +32,30 @@ class NoiseOnDevice:
         self.values: NDArray[np.float32] | None = None
 
 
-Finds = Callable[[dict[str, Any]], None]
-"""Launches a kernel that finds noise, beside what else it does, with its own arguments and those that it is given."""
-
-
-def noise_on_device(noise: DepthNoise, depth: DeviceArray | None = None, find: Finds | None = None) -> NoiseOnDevice:
+def noise_on_device(noise: DepthNoise, depth: DeviceArray | None = None) -> NoiseOnDevice:
     """The noise: given, or found once, without waiting for it; `depth` if that is on the device."""
     if noise.given is not None:
         return NoiseOnDevice(upload(np.array(noise.given, np.float32)))
-    return _found(noise, depth, find)
+    return _found(noise, depth)
 
 
-def _found(noise: DepthNoise, depth: DeviceArray | None = None, find: Finds | None = None) -> NoiseOnDevice:
-    height, width = noise.depth.shape
-
+def _found(noise: DepthNoise, depth: DeviceArray | None = None) -> NoiseOnDevice:
     def made() -> NoiseOnDevice:
+        height, width = noise.depth.shape
         # A strip of n samples is n + 2 long, and there are cells / (2 n) + 1 of them at most; then a packet's room.
         strips = 3 * (3 * noise.cells + width + height + 64)
-        tables = empty((struct(_FILE, "NoiseTables").itemsize // 4 + strips,), np.int32)
         found = NoiseOnDevice(empty((2, 3), np.float32))
-        own = {"tables": tables, "noise": found.array, "cells": noise.cells}
-        if find is not None:
-            find(own)
-            return found
-        shared = {"width": width, "height": height, "far": noise.far, **own}
-        samples = upload(noise.depth) if depth is None else depth
-        launch(kernel(_FILE, "find_noise"), current().profile.group[:2], depth=samples, **shared)
+        launch(
+            kernel(_FILE, "find_noise"),
+            current().profile.group[:2],
+            depth=upload(noise.depth) if depth is None else depth,
+            tables=empty((struct(_FILE, "NoiseTables").itemsize // 4 + strips,), np.int32),
+            noise=found.array,
+            width=width,
+            height=height,
+            far=noise.far,
+            cells=noise.cells,
+        )
         return found
 
     return cached_on_device(noise, "noise", made)

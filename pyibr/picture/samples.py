@@ -99,7 +99,19 @@ def cut_of(camera: Camera, ratio: float | None, noise: tuple[float, float] = (0.
 
 def samples_of(view: DepthImage) -> Samples:
     """The view's nearness and colour on the current device, made once."""
-    return cached_on_device(view, "samples", lambda: _made_of(view))
+    return cached_on_device(view, "samples", lambda: _converted(*_begun(view)))
+
+
+def begun_samples(view: DepthImage) -> tuple[Samples, dict[str, Any]]:
+    """The same, and the arguments of a launch that converts its depth, which is still to be made; else none."""
+    arguments: dict[str, Any] = {}
+
+    def made() -> Samples:
+        samples, more = _begun(view)
+        arguments.update(more)
+        return samples
+
+    return cached_on_device(view, "samples", made), arguments
 
 
 def bridged_samples(view: DepthImage, cut: NDArray[np.void]) -> Samples:
@@ -107,49 +119,50 @@ def bridged_samples(view: DepthImage, cut: NDArray[np.void]) -> Samples:
 
     `cut` is a record of the kernels' struct Cut.
     """
-    return _made_of(view, cut)
+    samples, arguments = _begun(view)
+    return _converted(samples, {**arguments, "cut": Struct("Cut", cut)}, "to_bridged_nearness")
 
 
 def view_of(target: Target) -> DepthImage:
     """The picture as a depth image whose samples on the device are made of the target's buffers, without an upload."""
     frame = target.frame()
     view = DepthImage(frame.color, frame.depth, frame.camera)
-    cached_on_device(view, "samples", lambda: _made_of(view, target=target))
+    cached_on_device(view, "samples", lambda: _converted(*_begun(view, target)))
     return view
 
 
-def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None, target: Target | None = None) -> Samples:
+def _begun(view: DepthImage, target: Target | None = None) -> tuple[Samples, dict[str, Any]]:
+    """Room for samples, and the arguments that say of what they are made."""
     check_pixels("views", view.camera.size)
-    (width, height), perspective = view.camera.size, view.camera.projection == "perspective"
-    nearness = empty((height, pitch(width)), np.float32)
-    profile, noise = current().profile, view.depth_noise
-    piece, pieces = profile.pieces(width)
-    ranges = empty((pieces * height, 2), np.float32)
-    arguments: dict[str, Any] = {
-        "depth": upload(view.depth) if target is None else target.depth,
-        "nearness": nearness,
-        "ranges": ranges,
-        "src_width": width,
-        "src_height": height,
-        "src_pitch": pitch(width),
-        "src_perspective": perspective,
-        "piece": piece,
-        "far": min(view.far, 1 / constant("lib/surface.h", "NEAREST")),  # beyond, nearness would be invalid
-    }
-    found: list[str] = []
-
-    def with_noise(more: dict[str, Any]) -> None:
-        launch(kernel("picture/begin.cl", "to_nearness_and_noise"), (pieces, height + 1), **arguments, **more)
-        found.append("with the nearness")
-
-    together = with_noise if profile.band and cut is None else None
-    of_depth = noise_on_device(noise, arguments["depth"], together)
-    if not found:
-        bridged = {} if cut is None else {"cut": Struct("Cut", cut)}
-        name = "to_nearness" if cut is None else "to_bridged_nearness"
-        launch(kernel("picture/begin.cl", name), (pieces, height), **arguments, **bridged)
+    width, height = view.camera.size
+    depth = upload(view.depth) if target is None else target.depth
     color = upload(at_least_a_word(view.color)) if target is None else target.color
-    return Samples(nearness, color, ranges, perspective, of_depth)
+    samples = Samples(
+        nearness=empty((height, pitch(width)), np.float32),
+        color=color,
+        ranges=empty((current().profile.pieces(width)[1] * height, 2), np.float32),
+        perspective=view.camera.projection == "perspective",
+        noise=noise_on_device(view.depth_noise, depth),
+    )
+    far = min(view.far, 1 / constant("lib/surface.h", "NEAREST"))  # beyond, nearness would be invalid
+    return samples, {"depth": depth, "ranges": samples.ranges, "far": far}
+
+
+def _converted(samples: Samples, arguments: dict[str, Any], name: str = "to_nearness") -> Samples:
+    (height, width), profile = arguments["depth"].shape, current().profile
+    piece, pieces = profile.pieces(width)
+    launch(
+        kernel("picture/begin.cl", name),
+        (pieces, height),
+        nearness=samples.nearness,
+        src_width=width,
+        src_height=height,
+        src_pitch=pitch(width),
+        src_perspective=samples.perspective,
+        piece=piece,
+        **arguments,
+    )
+    return samples
 
 
 def at_least_a_word(color: Any) -> Any:

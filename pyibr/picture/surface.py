@@ -21,10 +21,10 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, zeros
 from pyibr.opencl.program import Kernel, kernel
-from pyibr.picture.samples import Samples, cut_of, samples_of
+from pyibr.picture.samples import Samples, begun_samples, cut_of, samples_of
 
 _STEEPEST = 8.0  # depth over width: a surface that recedes by less from sample to sample faces the camera
-_SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # mostly there are fewer margins; else they are found once more
+_SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 3, 1024  # mostly there are fewer margins; else they are found once more
 _STEEP = 0.025  # share of the nearness: with few samples a surface may be steeper, but edges are as small
 
 
@@ -144,7 +144,8 @@ def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = Fals
             test = test_by_cut(view.camera, cut_of(view.camera, None if connected else cut_ratio))
         else:
             test = straightness_test(view.camera)
-        return make_surface(samples_of(view), view.camera.size, test)
+        samples, depth = begun_samples(view) if current().profile.band else (samples_of(view), {})
+        return make_surface(samples, view.camera.size, test, depth=depth)
 
     return cached_on_device(view, "surface", made, "connected" if connected else cut_ratio)
 
@@ -178,9 +179,16 @@ def _record(camera: Camera) -> NDArray[np.void]:
 
 
 def make_surface(
-    samples: Samples, size: tuple[int, int], test: EdgeTest, tear: Callable[[DeviceArray], None] | None = None
+    samples: Samples,
+    size: tuple[int, int],
+    test: EdgeTest,
+    tear: Callable[[DeviceArray], None] | None = None,
+    depth: dict[str, Any] | None = None,
 ) -> Surface:
-    """Begin to make the surface of samples of an image; `tear` launches what tears more of its `nearness`."""
+    """Begin to make the surface of samples of an image.
+
+    `tear` launches what tears more of its `nearness`; `depth` are the arguments of `begun_samples`.
+    """
     width, height = size
     surface = empty((height + 2, pitch(width)), np.float32)
     ring = empty((2, 2 * (width + 2) + 2 * height), np.float32)
@@ -196,7 +204,9 @@ def make_surface(
     around = {"prominence": prominence, **tests, **shared}
     if profile.band and tear is None:
         grid = (-(-height // profile.band),)
-        launch(_kernel("prepare"), grid, band=profile.band, **border | edges | around | margins.arguments)
+        of_depth = depth or {"depth": samples.nearness, "ranges": samples.ranges, "far": 0.0}
+        steps = border | edges | around | margins.arguments | of_depth
+        launch(_kernel("prepare"), grid, band=profile.band, converts=bool(depth), **steps)
     else:
         launch(_kernel("find_edges"), (pieces, height), piece=piece, **edges, **shared)
         if tear is not None:

@@ -197,7 +197,7 @@ def test_launches_are_seen_by_name() -> None:
     view, target = scenes.view(32), scenes.target_camera(32, "F", "forward")
     with kernel_times() as times:
         ibr.warp(view, target)
-    assert set(times) == {"to_nearness_and_noise", "prepare", "clear", "epipolar_sweep", "draw_patches", "resolve"}
+    assert set(times) == {"find_noise", "prepare", "clear", "epipolar_sweep", "draw_patches", "resolve"}
     with build_times() as built:
         ibr.warp(view, target)
     assert set(built) == {"clear", "epipolar_sweep", "draw_patches", "resolve"}

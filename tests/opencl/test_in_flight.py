@@ -24,7 +24,7 @@ from tests import scenes
 from tests.one_lane import one_lane
 from tests.opencl.everything import calls, same
 
-WIDE = {"to_nearness_and_noise", "prepare"}
+WIDE = {"prepare"}
 """Kernels of CPUs alone."""
 
 

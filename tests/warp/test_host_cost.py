@@ -77,7 +77,7 @@ def test_a_fresh_warp_is_few_commands(moved, launches, lanes, monkeypatch: pytes
     depth = view.depth.copy()
     depth[20:40, 20:40] = 1.0
     camera = view.camera.moved(*moved)
-    prepares = ["to_nearness_and_noise", "prepare"]
+    prepares = ["find_noise", "prepare"]
     if lanes == "one":  # GPUs have no wait between these; they walk along parts of lines, whose pixels are cleared
         prepares = ["find_noise", "to_nearness", "find_edges", "continue_border", "look_around"]
         launches = ["clear", *(name for name in launches if name != "clear")]
