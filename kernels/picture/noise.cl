@@ -198,7 +198,7 @@ OUTLINED void count_differences(Estimate e)
 }
 
 /* Mean of the smallest sizes, such a share of them: quantiles of noise in steps would be those of the steps. */
-INLINED float mean_below(global const int *counts, float share)
+OUTLINED float mean_below(global const int *counts, float share)
 {
     int total = 0, before = 0;
     for (int i = 0; i <= LAST_SIZE; i++)
@@ -218,7 +218,7 @@ INLINED float deviation_of(global const int *counts, int on_scale)
 }
 
 /* Sets what is fitted for a range. */
-INLINED void set_range(global NoiseTables *t, int range, float depth, float deviation, int count)
+OUTLINED void set_range(global NoiseTables *t, int range, float depth, float deviation, int count)
 {
     const int is_known = count > 0 && deviation > 0.0f;
     t->depth[range] = is_known ? depth : 1.0f;
@@ -279,7 +279,7 @@ OUTLINED void fit_choice(global NoiseTables *t, int choice)
 }
 
 /* (a, b, c), none negative, that fit the ranges best; a term more must make the fit closer by 3 %. */
-INLINED float4 best_fit(Estimate e)
+OUTLINED float4 best_fit(Estimate e)
 {
     float4 best = (float4)(0.0f, 0.0f, 0.0f, INFINITY);
     MEET
@@ -357,7 +357,7 @@ OUTLINED void keep_stairs(Estimate e)
 }
 
 /* Sorts `count` values, a power of two of LANES or more, by a bitonic network. */
-INLINED void sort_values(Estimate e, global float *values, int count)
+OUTLINED void sort_values(Estimate e, global float *values, int count)
 {
     for (int size = 2; size <= count; size *= 2)
         for (int gap = size / 2; gap > 0; gap = gap < LANES ? 0 : gap / 2) {
@@ -389,7 +389,7 @@ INLINED void sort_values(Estimate e, global float *values, int count)
 #define IN_NEARNESS(abc, near) ((abc).x + ((abc).y + (abc).z * (near)) * (near))
 
 /* (a, b, c) of the steps, zeros if there is no scale */
-INLINED float4 steps_of_stairs(Estimate e)
+OUTLINED float4 steps_of_stairs(Estimate e)
 {
     global NoiseTables *t = e.t;
     for OWN_RANGES (e, range) {

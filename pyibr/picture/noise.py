@@ -46,7 +46,7 @@ def _found(noise: DepthNoise, depth: DeviceArray | None = None) -> NoiseOnDevice
         strips = 3 * (3 * noise.cells + width + height + 64)
         found = NoiseOnDevice(empty((2, 3), np.float32))
         launch(
-            kernel(_FILE, "find_noise"),
+            kernel("picture/begin.cl", "find_noise"),
             current().profile.group[:2],
             depth=upload(noise.depth) if depth is None else depth,
             tables=empty((struct(_FILE, "NoiseTables").itemsize // 4 + strips,), np.int32),

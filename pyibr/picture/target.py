@@ -22,6 +22,11 @@ _NEAR = 1e-5  # of the distance to the farthest point of a thing: what lies near
 _NEAREST = 1e-30  # scene units: of a point that the camera stands in
 
 
+def color_defines(dtype: np.dtype[Any], channels: int) -> dict[str, int]:
+    """Defines of the colour's type and channels (kernels/lib/channel.h)."""
+    return {"COLOR_BYTES": dtype.itemsize, "CHANNELS": channels}
+
+
 class Target:
     """Colour, depth and coverage on the current device.
 
@@ -149,7 +154,7 @@ class Target:
     @property
     def color_defines(self) -> dict[str, int]:
         """Defines of the colour's type and channels (kernels/lib/channel.h)."""
-        return {"COLOR_BYTES": self.color.dtype.itemsize, "CHANNELS": self.color.shape[-1]}
+        return color_defines(self.color.dtype, self.color.shape[-1])
 
     @property
     def filter_defines(self) -> dict[str, int]:

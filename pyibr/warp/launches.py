@@ -183,18 +183,19 @@ def _defines_of_sweep(pair: CameraPair, options: Options) -> dict[str, int]:
     return {"ALIGNED": int(pair.aligned), "EDGES": int(exact), **({"SEGMENT": segment} if segment else {})}
 
 
-def _defines_of(target: Target, entry: Entry) -> dict[str, int]:
+def defines_of(target: Target, entry: Entry) -> dict[str, int]:
     """The defines of kernels/warp/resolve.cl."""
     origins = len(target.origins) and 1 + (target.classes is not None)
     return {"ORIGINS": origins, **target.color_defines, **entry.defines}
 
 
-def build_ahead_of_warp(pair: CameraPair, target: Target, options: Options, entry: Entry) -> None:
+def build_ahead_of_warp(pair: CameraPair, options: Options, defines: dict[str, int]) -> None:
     """Have the programs built that `inverse_warp` needs, in their order, beside this process."""
     build_ahead("picture/begin.cl", "prepare" if current().profile.band else "find_edges")
     if not options.search:
         build_ahead("warp/epipolar.cl", "epipolar_sweep", compiled=False, **_defines_of_sweep(pair, options))
-    build_ahead("warp/resolve.cl", "resolve", compiled=True, **_defines_of(target, entry))
+    build_ahead("warp/patches.cl", "draw_patches", compiled=False)
+    build_ahead("warp/resolve.cl", "resolve", compiled=True, **defines)
 
 
 def _draw_patches(surface: Surface, pixel_map: PixelMap, plane: int, shared: dict[str, Any], *, lone: bool) -> None:
@@ -251,7 +252,7 @@ def _resolve(
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
     classes = {} if target.classes is None else {"classes": target.classes}
     launch(
-        kernel("warp/resolve.cl", "resolve", **_defines_of(target, entry)),
+        kernel("warp/resolve.cl", "resolve", **defines_of(target, entry)),
         profile.packets(high_x - low_x, high_y - low_y, profile.strip),
         src_color=surface.color,
         linear=options.linear,

@@ -27,11 +27,19 @@ from pyibr.picture.normals import NEIGHBOUR_OFFSET_MAX, noise_bias, showing_norm
 from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.surface import Surface, surface_of
-from pyibr.picture.target import Target
+from pyibr.picture.target import Target, color_defines
 from pyibr.picture.undistort import Interpolation, undistorted
 from pyibr.warp.blending import Blend, Layer, blend
 from pyibr.warp.filling import Fill, fill_holes
-from pyibr.warp.launches import Options, build_ahead_of_warp, classify, draw_thin, forward_warp, inverse_warp
+from pyibr.warp.launches import (
+    Options,
+    build_ahead_of_warp,
+    classify,
+    defines_of,
+    draw_thin,
+    forward_warp,
+    inverse_warp,
+)
 from pyibr.warp.looked_through import surfaces_of
 
 if TYPE_CHECKING:
@@ -196,11 +204,15 @@ class WarpedView(Immutable):
         cut_ratio = None if self.edges == "connect" else self.cut_ratio or _LENS_CUT_RATIO
         return [undistorted(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
 
-    def begin(self) -> None:
-        """Have the device begin with the views' surfaces, if they are to be drawn in their own colours."""
-        if self.method != "forward":
-            for view in self.sources:
-                surface_of(view, self.cut_ratio, self.edges == "connect")
+    def begin(self, camera: Camera, *, origins: bool = False, classes: bool = False) -> None:
+        """Have the device begin with the views' surfaces, and what a camera's picture of them needs built meanwhile."""
+        if self.method == "forward":
+            return
+        color = self.views[0].color
+        defines = {"ORIGINS": int(origins) + int(classes), **color_defines(color.dtype, color.shape[2])}
+        build_ahead_of_warp(camera_pair(self.sources[0].camera, camera), self._options, defines)
+        for view in self.sources:
+            surface_of(view, self.cut_ratio, self.edges == "connect")
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the views; into a light's map their surfaces themselves, from both sides."""
@@ -279,7 +291,7 @@ class WarpedView(Immutable):
         if self.method == "forward" and not target.from_light:
             forward_warp(*_placed(view, target), target, self.splat, entry)
             return
-        build_ahead_of_warp(camera_pair(view.camera, target.camera), target, options, entry)
+        build_ahead_of_warp(camera_pair(view.camera, target.camera), options, defines_of(target, entry))
         surface, pixel_map = self._surface_of(number, target)
         inverse_warp(surface, pixel_map, target, options, number, entry, in_reach=in_reach)
         if self.thin:

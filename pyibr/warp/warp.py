@@ -147,7 +147,7 @@ def warp(
         return lambda camera, out: PictureParts(camera, samples).drawn(draw, out=out, **shared).begin_frame()
 
     with one_call() as session:
-        thing.begin()
+        thing.begin(cameras[0], **asked)
         made = frames_in_memory(session, cameras, outs, begin, in_bands=thing.fill is None)
     with telling_shortage("this machine"):
         for frame in made:
