@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast
 
 import numpy as np
 
+from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, Immutable, checked_bool, cut_ratio_from, describe, number_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import opencv
