@@ -21,7 +21,8 @@
  * counters: (work-items, 2) cells visited by the slowest lane, times LANES, and pixels traced, with COUNTERS.
  * Work-item: STRIP * LANES pixels of a row.
  * Cost: O(pixels): a pixel looks at no more than CANDIDATES * 2 * window * density columns of the source; where a
- * connected surface is not met there, once more at CANDIDATES * 2 * WIDE_WINDOW * density of them.
+ * connected surface is not met there, once more at CANDIDATES * 2 * WIDE_WINDOW * density of them. Beside what stands
+ * out alone (OWN_RAY), the first window is FOLLOWED * density columns long.
  * Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/color.h"

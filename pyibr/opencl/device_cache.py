@@ -20,6 +20,11 @@ class DeviceCache(dict["tuple[str, Hashable]", Any]):
         self.making = threading.RLock()
 
 
+def known_on_device(thing: Immutable, name: str, key: Hashable = None) -> Any:
+    """Return what `cached_on_device` has made under this name, or None."""
+    return thing.device_cache.get(current(), {}).get((name, key))
+
+
 def cached_on_device(
     thing: Immutable, name: str, make: Callable[[], _Made], key: Hashable = None, latest: int | None = None
 ) -> _Made:

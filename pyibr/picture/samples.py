@@ -15,7 +15,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import longer_side, pitch
 from pyibr.images import DepthImage
 from pyibr.opencl.device import current
-from pyibr.opencl.device_cache import cached_on_device
+from pyibr.opencl.device_cache import cached_on_device, known_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
@@ -103,15 +103,17 @@ def samples_of(view: DepthImage) -> Samples:
 
 
 def begun_samples(view: DepthImage) -> tuple[Samples, dict[str, Any]]:
-    """The same, and the arguments of a launch that converts its depth, which is still to be made; else none."""
-    arguments: dict[str, Any] = {}
+    """The same, or room for it, and the arguments of the launch that is to make it; `keep_samples` tells that it is.
 
-    def made() -> Samples:
-        samples, more = _begun(view)
-        arguments.update(more)
-        return samples
+    Until then no other thread may have it.
+    """
+    known = known_on_device(view, "samples")
+    return _begun(view) if known is None else (known, {})
 
-    return cached_on_device(view, "samples", made), arguments
+
+def keep_samples(view: DepthImage, samples: Samples) -> None:
+    """Keep samples of `begun_samples`, whose launch is made."""
+    cached_on_device(view, "samples", lambda: samples)
 
 
 def bridged_samples(view: DepthImage, cut: NDArray[np.void]) -> Samples:

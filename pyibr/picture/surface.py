@@ -21,7 +21,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, zeros
 from pyibr.opencl.program import Kernel, kernel
-from pyibr.picture.samples import Samples, begun_samples, cut_of, samples_of
+from pyibr.picture.samples import Samples, begun_samples, cut_of, keep_samples, samples_of
 
 _STEEPEST = 8.0  # depth over width: a surface that recedes by less from sample to sample faces the camera
 _SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 3, 1024  # mostly there are fewer margins; else they are found once more
@@ -145,7 +145,9 @@ def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = Fals
         else:
             test = straightness_test(view.camera)
         samples, depth = begun_samples(view) if current().profile.band else (samples_of(view), {})
-        return make_surface(samples, view.camera.size, test, depth=depth)
+        surface = make_surface(samples, view.camera.size, test, depth=depth)
+        keep_samples(view, samples)
+        return surface
 
     return cached_on_device(view, "surface", made, "connected" if connected else cut_ratio)
 
