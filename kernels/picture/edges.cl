@@ -116,10 +116,12 @@ typedef struct {
     int pairs, first, y;
 } Part;
 
+#define PLACE(i) (LANES == 1 ? 0 : (i)) /* in a part's arrays, which GPUs keep in registers */
+
 /* Tests up to LANES pairs, the last ones. */
 OUTLINED void test_pairs(Part *part, Image image, EdgeTest test)
 {
-    const int count = min(part->pairs, LANES), from = part->pairs - count;
+    const int count = min(part->pairs, LANES), from = PLACE(part->pairs - count);
     const intl wanted = lane_index < count;
     const intl x = select_lanes(wanted, (intl)load_lanes(part->x + from), (intl)part->first);
     const intl edge = select_lanes(wanted, (intl)load_lanes(part->edge + from), (intl)TORN_RIGHT);
@@ -131,7 +133,7 @@ OUTLINED void test_pairs(Part *part, Image image, EdgeTest test)
         const int at = int_lane(x, LOWEST(torn)), bit = int_lane(edge, LOWEST(torn));
         /* A neighbour of the last ones' diagonal is in the ring. */
         const int is_last = bit == TORN_RIGHT ? part->y + 1 == image.height : at + 1 == image.width;
-        part->bits[at - part->first] |= bit | (is_last ? TORN_DIAGONAL : 0);
+        part->bits[PLACE(at - part->first)] |= bit | (is_last ? TORN_DIAGONAL : 0);
     }
     part->pairs = from;
 }
@@ -157,7 +159,7 @@ INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTes
 INLINED void add_pairs(Part *part, Image image, int x, int edge, intl may, EdgeTest test)
 {
     for (uint left = lane_bits(may); left; left = WITHOUT_LOWEST(left)) {
-        const int i = LANES == 1 ? 0 : part->pairs; /* GPUs keep it in registers */
+        const int i = PLACE(part->pairs);
         part->x[i] = x + LOWEST(left);
         part->edge[i] = edge;
         part->pairs++;
@@ -202,7 +204,7 @@ OUTLINED void mark_packet(Part *part, Packet n, Image image, int x, Cut cut, Edg
     across = select_lanes(last, below, is_bottom ? right : across);
     const intl bits = select_lanes(right, (intl)TORN_RIGHT, none) | select_lanes(below, (intl)TORN_BELOW, none) |
                       select_lanes(across, (intl)TORN_DIAGONAL, none);
-    store_lanes(bits, part->bits + x - part->first);
+    store_lanes(bits, part->bits + PLACE(x - part->first));
     add_pairs(part, image, x, TORN_RIGHT, may_right & !last, test);
     if (!is_bottom) {
         add_pairs(part, image, x, TORN_BELOW, may_below, test);
@@ -255,7 +257,8 @@ OUTLINED void mark_row(Image image, int first, int end, int y, Cut cut, EdgeTest
         for (int x = part.first; x < min(part.first + STRIP * LANES, end); x += LANES) {
             const Packet n = packet_at(image, x, y);
             if (any_torn(n, cut, test)) {
-                torn[count++] = x;
+                torn[PLACE(count)] = x;
+                count++;
                 mark_packet(&part, n, image, x, cut, test);
             } else { /* most */
                 store_marked(n.here, (intl)0, row, x, image.width);
@@ -263,9 +266,11 @@ OUTLINED void mark_row(Image image, int first, int end, int y, Cut cut, EdgeTest
         }
         if (part.pairs)
             test_pairs(&part, image, test);
-        for (int i = 0; i < count; i++)
-            store_marked(packet_at(image, torn[i], y).here, (intl)load_lanes(part.bits + torn[i] - part.first), row,
-                         torn[i], image.width);
+        for (int i = 0; i < count; i++) {
+            const int x = torn[PLACE(i)];
+            const intl bits = load_lanes(part.bits + PLACE(x - part.first));
+            store_marked(packet_at(image, x, y).here, bits, row, x, image.width);
+        }
     }
 }
 

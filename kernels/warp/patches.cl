@@ -89,6 +89,7 @@ OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wan
     intersect_plane(rays_of(map, 0.0f, 0.0f), at.plane, &per_unit);
     const intl hides = select_lanes(per_unit > 0.0f, (intl)(sides & SHOWS_FRONT ? 0 : 1), (intl)(sides & SHOWS_BACK ? 0 : 1));
     intl drawn = wanted & (per_unit != 0.0f);
+    UNROLLED
     for (int i = 0; i < 4; i++) {
         drawn = drawn & (corners[i].w > 0.0f);
         low_v = min_lanes(corners[i].v, low_v);
@@ -99,6 +100,7 @@ OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wan
     const floatl bottom = min_lanes(min_lanes(high_v + hair, (floatl)last_y), top + widest);
     for (floatl row = top; any_lane(drawn & (row <= bottom)); row += 1.0f) {
         floatl low = INFINITY, high = -INFINITY;
+        UNROLLED
         for (int i = 0; i < 4; i++)
             widen(corners[i], corners[(i + 1) & 3], row, hair, &low, &high);
         high = min_lanes(min_lanes(high, (floatl)last_x), low + widest);
