@@ -12,11 +12,11 @@
  * the two within, so that the surface can be followed up to the edges of the picture's pixels (lib/surface.h), where it
  * ends.
  *
- * nearness: (height, pitch) as picture/nearness.cl has it. noise: picture/noise.cl. surface: (height + 2, pitch), the same with the ring;
- * the last bits of each are its TORN_... ones (which changes it by 5e-7 of itself, at most). ring: (2, 2 width + 2 height
- * + 4) how near and how far the surface is half a pixel beyond each border sample: (inf, -inf) if it is not there.
- * Work-item of find_edges: `piece` samples of a row, a multiple of LANES or all; of continue_border: a sample of the ring,
- * after it. Cost: O(samples). Determinism: each sample from depths alone.
+ * nearness: (height, pitch) of picture/nearness.cl. noise: picture/noise.cl. surface: (height + 2, pitch), the same with
+ * the ring; the last bits of each sample are its TORN_... bits, which change it by 5e-7 of itself at most. ring: (2, 2 width +
+ * 2 height + 4) nearness half a pixel beyond each border sample, least and greatest: (inf, -inf) if there is no surface.
+ * Work-item: find_edges takes `piece` samples of a row, a multiple of LANES or all; continue_border, launched after it, a
+ * sample of the ring. Cost: O(samples). Determinism: each sample from depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -87,8 +87,8 @@ INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed
 
 #define ROUNDED_DOWN 0.999999f /* less than rounding */
 
-/* Does a surface go on from the wanted samples (x, y) to the next along (dx, dy)? The lines beside them tell, too, but
- * not beside diagonals. */
+/* Does a surface go on from the wanted samples (x, y) to the next along (dx, dy)? Rows and columns also ask the lines beside
+ * them, diagonals do not. */
 OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest test, intl wanted)
 {
     const floatl here = image_samples(image, x, y), next = image_samples(image, x + dx, y + dy);
@@ -111,7 +111,7 @@ OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest te
 /* Part of a row that is marked at once: the bits of its samples, and pairs of samples that may be torn apart, which are
  * tested by full packets */
 typedef struct {
-    int bits[STRIP * LANES];        /* TORN_... of sample `first` and of those to its right */
+    int bits[STRIP * LANES];        /* TORN_... bits from sample `first` on */
     int x[4 * LANES], edge[4 * LANES]; /* pairs: a sample, and which of its edges */
     int pairs, first, y;
 } Part;
@@ -138,9 +138,8 @@ OUTLINED void test_pairs(Part *part, Image image, EdgeTest test)
     part->pairs = from;
 }
 
-/* Which of samples a and b are torn apart for sure, being missing or by the Cut, and which of the others may be: their
- * change is more than noise, and more than of a surface that faces the camera (per_pixel, in the direction from the one
- * to the other). */
+/* Are samples a and b surely torn apart: is one missing, or does the Cut say so? Sets which others `may` be: their change
+ * exceeds noise, and the change on a surface that faces the camera (per_pixel, in the direction from a to b). */
 INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTest test, intl *may)
 {
     const floatl near = max_lanes(a, b), far = min_lanes(a, b);
@@ -190,7 +189,7 @@ INLINED Packet packet_at(Image image, int x, int y)
     return n;
 }
 
-/* Sets the bits of the packet from x on, but for pairs that are still to be tested. */
+/* Sets the bits of the packet from x on, and collects the pairs that must be tested. */
 OUTLINED void mark_packet(Part *part, Packet n, Image image, int x, Cut cut, EdgeTest test)
 {
     const intl missing = n.here <= NO_SURFACE, last = x + lane_index == image.width - 1, none = 0;
@@ -227,10 +226,10 @@ INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
     return any_lane((near - far > ROUNDED_DOWN * max_lanes(slope, noise)) | (far <= NO_SURFACE));
 }
 
-/* The number nearest to a float's, of those with these last bits */
+/* A float's bits, rounded to the nearest number that ends in these bits */
 #define NEAREST_WITH_BITS(number, bits) ((((number) - (bits) + (TORN_ALL + 1) / 2) & ~TORN_ALL) | (bits))
 
-#define LEAST_BEYOND 1e-3f /* of the border's nearness: the ring's is at least that */
+#define LEAST_BEYOND 1e-3f /* least nearness of the ring, as a part of the border's */
 
 /* Writes the samples from x on of a row that has so many, with their bits. */
 INLINED void store_marked(floatl here, intl bits, global float *row, int x, int width)

@@ -1,4 +1,4 @@
-/* How noisy is depth, and how far apart do levels of its scale lie? Strips of its rows and columns tell.
+/* The noise of depth, and the steps of its scale, by strips of rows and columns.
  *
  * depth: (height, width) planar z; <= 0, not finite or >= far is no sample. cells: about how many of 2 x 2 samples are
  * looked at. tables: NoiseTables and room for the strips (pyibr/picture/noise.py). noise: 6 floats, (a, b, c) of the
@@ -11,10 +11,10 @@
 #define NOISE_RANGES 64         /* quarters of an octave of nearness: the first is the nearest, the last has no end */
 #define NOISE_SIZES 144         /* eighths of an octave of differences, which are parts of the nearness */
 #define NOISE_STAIRS 4128       /* room: a power of two, and two packets */
-#define FIRST_SIZE 879          /* the number of what is rounding, in eighths of an octave */
+#define FIRST_SIZE 879          /* the eighth of an octave that counts as rounding, with all below it */
 #define LAST_SIZE 137
 #define NEAREST_RANGE 508       /* the number of nearness 1, in quarters of an octave */
-#define EDGE_PART 0.1f          /* of the nearness: larger differences are edges */
+#define EDGE_PART 0.1f          /* part of the nearness: larger differences are edges */
 #define OFF_STEP 0.2f           /* steps by which jumps and gaps are off whole ones: two scales may be mixed */
 #define FIT_CHOICES 0x7653421   /* a digit each: which of a, b and c there are */
 #define NOISE_MAX 1e18f         /* its square is still within single precision */
@@ -26,11 +26,11 @@ typedef struct {
     int nearest, known, smooth, high, farthest, last, changes, steep, whole, below, near_one, ones, gaps, whole_gaps,
         grade, half_steps;
     int stairs_of[NOISE_ITEMS], steep_of[NOISE_ITEMS]; /* each work-item's */
-    int kept, grades[NOISE_RANGES];                    /* of ranges: 0: no good, 1: good, 2: smooth, too */
+    int kept, grades[NOISE_RANGES];                    /* ranges: 0: no good, 1: good, 2: good and smooth */
     float near_by[NOISE_RANGES], far_by[NOISE_RANGES];
     float depth[NOISE_RANGES], deviation[NOISE_RANGES], share[NOISE_RANGES]; /* what is fitted */
     float fits[7][4];                                                        /* a, b, c, and how far off they are */
-    float places[NOISE_STAIRS], ratios[NOISE_STAIRS]; /* of stairs: nearness, and the jump by the step */
+    float places[NOISE_STAIRS], ratios[NOISE_STAIRS]; /* stairs: nearness, and the jump as a multiple of the step */
 } NoiseTables;
 
 #define CLEARED ((3 * NOISE_SIZES + 5) * NOISE_RANGES + 16 + 2 * NOISE_ITEMS) /* ints before `kept` */
@@ -125,7 +125,7 @@ OUTLINED void to_noise_unit(Estimate e, float far)
     }
 }
 
-/* Of 2 x 2 samples: mean nearness, the difference of the differences along lines, the largest difference of neighbours.
+/* Cells of 2 x 2 samples: mean nearness, difference of the differences along lines, largest difference of neighbours.
  * Along edges that follow rows or columns the change is 0, as on planes: thin things show their noise, too. */
 typedef struct {
     floatl near, change, largest;
@@ -197,7 +197,7 @@ OUTLINED void count_differences(Estimate e)
     }
 }
 
-/* Mean of the smallest sizes, such a share of them: quantiles of noise in steps would be those of the steps. */
+/* Mean of the smallest sizes, a `share` of all. (Noise in steps makes quantiles jump from step to step.) */
 OUTLINED float mean_below(global const int *counts, float share)
 {
     int total = 0, before = 0;
@@ -210,14 +210,14 @@ OUTLINED float mean_below(global const int *counts, float share)
     return total ? sum / wanted : 0.0f;
 }
 
-/* Standard deviation of differences, as a part of the nearness. Equal ones tell against noise, but not on a scale. */
+/* Standard deviation of differences, as a part of the nearness. Equal samples are evidence against noise, but not on a scale. */
 INLINED float deviation_of(global const int *counts, int on_scale)
 {
     const float most = mean_below(counts, 0.6f) / 0.39639f;
     return 0.5f * (on_scale ? most : min(most, mean_below(counts, 0.25f) * (1.4f / 0.15793f)));
 }
 
-/* Sets what is fitted for a range. */
+/* Sets a range's depth, deviation and weight for the fit. */
 OUTLINED void set_range(global NoiseTables *t, int range, float depth, float deviation, int count)
 {
     const int is_known = count > 0 && deviation > 0.0f;
@@ -228,7 +228,7 @@ OUTLINED void set_range(global NoiseTables *t, int range, float depth, float dev
 }
 
 /* Fits some terms: least differences, by weighted squares in three rounds. Terms lose what those before them tell
- * (Gram-Schmidt), since normal equations would need double precision. */
+ * (Gram-Schmidt): normal equations would need double precision. */
 OUTLINED void fit_choice(global NoiseTables *t, int choice)
 {
     const int packets = t->last / LANES + 1, terms = FIT_CHOICES >> 4 * choice & 7;
@@ -385,7 +385,7 @@ OUTLINED void sort_values(Estimate e, global float *values, int count)
         }
 }
 
-/* Of nearness: what (a, b, c) say of depth */
+/* (a, b, c) of depth, evaluated for nearness */
 #define IN_NEARNESS(abc, near) ((abc).x + ((abc).y + (abc).z * (near)) * (near))
 
 /* (a, b, c) of the steps, zeros if there is no scale */
@@ -440,7 +440,7 @@ OUTLINED void measure_ranges(Estimate e, int on_scale)
         int total = 0;
         for (int i = 0; i <= LAST_SIZE; i++)
             total += t->counts[0][range][i];
-        /* Equal samples, as a sky's, tell nothing about the noise of others; nor do ranges with many edges. */
+        /* Equal samples, as in a sky, are no evidence for others; nor are ranges with many edges. */
         const int is_good = total >= 50 && (on_scale || 4 * t->levels[range] < total);
         t->grades[range] = is_good ? 1 + (5 * total >= 4 * t->every[0][range]) : 0;
         t->near_by[range] = is_good ? deviation_of(t->counts[0][range], on_scale) : 0.0f;
@@ -451,7 +451,7 @@ OUTLINED void measure_ranges(Estimate e, int on_scale)
     }
 }
 
-/* Sets what is fitted, from far to near; one work-item does. */
+/* Sets the ranges' deviations for the fit, from far to near; one work-item does it. */
 OUTLINED void set_deviations(Estimate e, float4 half_)
 {
     global NoiseTables *t = e.t;

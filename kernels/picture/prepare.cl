@@ -11,7 +11,7 @@
 #include "picture/small_parts.cl"
 
 #define BAND_HALO 2  /* rows that prominence looks at, above and below, */
-#define EDGE_HALO 3  /* and further ones that tell their edges */
+#define EDGE_HALO 3  /* and further rows that their edges depend on */
 
 #if LANES > 1
 kernel void prepare(global const float *depth, global float *nearness, global float *ranges, int converts, float far,

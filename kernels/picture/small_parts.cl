@@ -1,15 +1,15 @@
-/* What the triangles of a surface leave out, or lines may pass: its margins (lib/margins.h), and samples that stand out over
- * what is around them (lib/prominence.h).
+/* Small parts of a surface: its margins (lib/margins.h), which no triangle covers, and samples that stand out from their
+ * surroundings (lib/prominence.h), which lines may miss.
  *
- * Beside a triangle of the same cell a margin's plane goes on. Else nearness changes as it does to the neighbours that are of
- * one surface with the sample, and towards those that are torn off it stays: a slope from the other side would amplify its
- * noise, and of round things it would stick out.
+ * A margin's plane continues a triangle of the same cell, if there is one. Else its nearness changes as towards the sample's
+ * neighbours on the same surface, and stays the same towards torn neighbours: a slope from the other side would amplify
+ * noise, and make round things stick out.
  *
- * surface: picture/edges.cl. count: of the quarters that there are, 0 before. margins: (MARGIN_PLANES, capacity),
- * lib/margins.h; where there are more than that, it holds no more, and they are to be found once more with room for them.
- * prominence: (height, blocks, 2) of each PROMINENCE_BLOCK samples of a row, that of the most prominent one, as seen from the
- * front and from the back; INFINITY if it is torn off on both sides, -INFINITY if noise explains it.
- * noise: picture/noise.cl. Work-item of look_around: `piece` samples of a row, a multiple of PROMINENCE_BLOCK or all; it counts its quarters and takes
+ * surface: picture/edges.cl. noise: picture/noise.cl. count: the number of quarters, 0 before. margins: (MARGIN_PLANES,
+ * capacity), lib/margins.h; if `count` exceeds the capacity, some are missing, and the caller starts again with more room.
+ * prominence: (height, blocks, 2) the greatest prominence in each PROMINENCE_BLOCK samples of a row, as seen from the front
+ * and from the back; INFINITY if a sample is torn off on both sides, -INFINITY if noise explains all.
+ * Work-item of look_around: `piece` samples of a row, a multiple of PROMINENCE_BLOCK or all; it counts its quarters and takes
  * as many columns. Cost: O(samples). Determinism: the same quarters, in any order; each block on its own.
  */
 #include "lib/margins.h"
@@ -23,7 +23,7 @@ typedef struct {
     intl torn_left, torn_right, torn_above, torn_below;
 } Around;
 
-/* Which parts of a packet's four quarters are margins: TO_RIGHT and TO_BELOW are their numbers */
+/* The parts of a packet's four quarters that are margins; TO_RIGHT and TO_BELOW are the quarters' numbers */
 typedef struct {
     intl lower[4], upper[4];
 } Parts;
@@ -46,8 +46,8 @@ INLINED Around around_of(global const float *own, int pitch)
     return n;
 }
 
-/* Of the cells around the samples: the triangle of the last corner of that above to the left, both of the two beside
- * it, and that of the first corner of the one below to the right */
+/* A quarter is a margin where the triangle of its cell is open. The sample is the last corner of the cell above to the left,
+ * a corner of both triangles of the next two cells, and the first corner of the cell below to the right. */
 INLINED Parts parts_of(Around n, intl wanted)
 {
     const intl solid = wanted & (n.here > NO_SURFACE);
@@ -75,7 +75,7 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest te
 {
     const floatl left = n.here - n.left, right = n.right - n.here, up = n.here - n.above, down = n.below - n.here;
     const intl beside_upper = lower & !upper, beside_lower = upper & !lower; /* the triangle that is there */
-    const floatl flat = 0.0f; /* to what is torn off */
+    const floatl flat = 0.0f; /* towards torn neighbours */
     *slope_x = number & TO_RIGHT ? select_lanes(n.torn_right, flat, right) : select_lanes(n.torn_left, flat, left);
     *slope_y = number & TO_BELOW ? select_lanes(n.torn_below, flat, down) : select_lanes(n.torn_above, flat, up);
     const floatl scale = test.perspective ? n.here : (floatl)1.0f;

@@ -1,19 +1,20 @@
-/* Small patches of planes, drawn: what the sweep's triangles leave out, and what its lines may pass.
+/* Small patches of planes, drawn: margins, which no triangle covers, and triangles that the sweep's lines may miss.
  *
- * Margins (lib/margins.h) are no triangles: their pixels' own hits go to a plane of their own. Lines pass within half a pixel
- * of the pixels that they settle, and resolve.cl looks for a pixel's surface only around what its line and its neighbours'
- * lines met. What is narrower may lie between the lines. In the source it stands out alone: within two samples to either
- * side, along rows or along columns, it is torn off, or it falls away across the lines from a sample amid what is even, so far
- * that the target sees them LONE_BY pixels apart, and farther than noise explains. (On rough surfaces everything does; there
- * lines meet enough.) The triangles of the cells around such samples are drawn among the lines' hits.
+ * Margins (lib/margins.h) give pixels' own hits, which go to a plane of their own.
+ *
+ * Lines pass within half a pixel of the pixels that they settle, and resolve.cl looks for a pixel's surface only around the
+ * hits of its line and of its neighbours' lines. A narrower thing may lie between the lines. In the source it stands out
+ * alone: within two samples on both sides, along rows or along columns, it is torn off; or the surface falls away from it
+ * across the lines, amid even samples, so far that the target sees them LONE_BY pixels apart, and farther than noise
+ * explains. (On rough surfaces everything does; there lines meet enough.) The triangles of the cells around such samples are
+ * drawn among the lines' hits.
  *
  * surface: picture/edges.cl. prominence, margins: picture/small_parts.cl; (MARGIN_PLANES, margin_pitch) of `count` quarters.
  * hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the nearest hit of each pixel stays. The hits on margins lie `plane`
- * values farther on, EMPTY before; a side that is not shown hides what lies behind it. least: a difference of nearness that
- * moves nothing in the target by LONE_BY pixels.
- * Work-item: the first `lone_items` STRIP * PROMINENCE_BLOCK cells of a row, the others STRIP * LANES quarters. Cost:
- * O(samples + margins), and the pixels of what is drawn. Determinism: maxima and bits that are set do not depend on the order
- * of work-items.
+ * values farther on, EMPTY before; a hidden side blocks the view. least: a difference of nearness that moves nothing in the
+ * target by LONE_BY pixels.
+ * Work-item: the first `lone_items` take STRIP * PROMINENCE_BLOCK cells of a row, the others STRIP * LANES quarters. Cost:
+ * O(samples + margins + drawn pixels). Determinism: maxima and bits that are set do not depend on the order of work-items.
  * Not in the paper, whose samples are all connected, and whose pixels see what their lines see.
  */
 #include "lib/margins.h"
@@ -81,7 +82,7 @@ INLINED void put_hits(intl meet, floatl column, floatl row, floatl packed, Pixel
         put_nearest(hits + int_lane(pixel, LOWEST(left)), int_lane(bits, LOWEST(left)));
 }
 
-/* Draws the wanted patches between four corners: hits of the pixels' own rays on margins, or among those of lines. */
+/* Draws the wanted patches between four corners: margins' hits are put as they are, others among the lines' hits. */
 OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wanted, Grid grid, PixelMap map, int sides,
                           int are_margins, global float *hits)
 {
@@ -213,8 +214,7 @@ INLINED intl run_along(PixelMap map, floatl x, floatl y, float dx, float dy)
 }
 
 /* Puts the hits of the pixels whose rays run along the edges from samples (x, y) by (dx, dy) among `hits`: they see these
- * even if the triangles beside them are open. Of other rays that pass an edge within a hair the hit is one more place to
- * look. */
+ * even if the triangles beside them are open. For other rays that pass within a hair, the hit is one more place to look. */
 OUTLINED void draw_edges(Grid grid, PixelMap map, intl x, intl y, int dx, int dy, intl wanted, global float *hits)
 {
     const float *D = map.dst_from_src;
@@ -257,8 +257,8 @@ INLINED void add_triangles(LonePacket *triangles, int x, int y, int to, intl wan
     }
 }
 
-/* Draws those of LANES cells from that of sample (x, y) on that have a bit: their triangles, and where these are open the
- * edges that lines run along. */
+/* Draws the cells from sample (x, y) on that have a bit: their triangles, and where these are open the edges that lines run
+ * along. */
 OUTLINED void draw_cells(LonePacket *triangles, Grid grid, PixelMap map, int x, int y, uint cells, int sides, global float *hits)
 {
     global const float *samples = grid.nearness + y * grid.pitch + x;
@@ -289,7 +289,7 @@ INLINED int stands_out(global const float *prominence, int block, int blocks, in
     return ((sides & SHOWS_FRONT) && most[0] >= least) || ((sides & SHOWS_BACK) && most[1] >= least);
 }
 
-/* Draws what stands out alone around STRIP blocks of cells of row y, which lie between the samples of two rows. */
+/* Draws lone things in STRIP blocks of cells of row y, which lie between the samples of two rows. */
 OUTLINED void draw_lone(Grid grid, global const float *prominence, int first, int y, global float *hits, PixelMap map,
                         int sides, float least)
 {

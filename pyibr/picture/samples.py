@@ -103,9 +103,9 @@ def samples_of(view: DepthImage) -> Samples:
 
 
 def begun_samples(view: DepthImage) -> tuple[Samples, dict[str, Any]]:
-    """The same, or room for it, and the arguments of the launch that is to make it; `keep_samples` tells that it is.
+    """The same if they are made; else room for them, and the arguments of the launch that will make them.
 
-    Until then no other thread may have it.
+    After that launch, `keep_samples` keeps them for others.
     """
     known = known_on_device(view, "samples")
     return _begun(view) if known is None else (known, {})
@@ -134,7 +134,7 @@ def view_of(target: Target) -> DepthImage:
 
 
 def _begun(view: DepthImage, target: Target | None = None) -> tuple[Samples, dict[str, Any]]:
-    """Room for samples, and the arguments that say of what they are made."""
+    """Room for samples, and the arguments of the launch that makes them."""
     check_pixels("views", view.camera.size)
     width, height = view.camera.size
     depth = upload(view.depth) if target is None else target.depth

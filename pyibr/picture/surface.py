@@ -51,12 +51,12 @@ class Surface:
     Attributes
     ----------
     nearness : DeviceArray (H + 2, pitch) float32
-        Of the image's samples within a ring of further ones, with the bits of kernels/picture/edges.cl.
+        The image's samples within a ring of further ones, with the bits of kernels/picture/edges.cl.
     color : DeviceArray (H, W, 3)
     size : (W, H)
-        Of the image: an image of one pixel has colours of two.
+        The image's: an image of one pixel has colours of two.
     test : EdgeTest
-        It told the edges.
+        The test that found the edges.
     prominence : DeviceArray (H, ceil(W / 16), 2) float32
         By how much of nearness a sample of 16 stands out most, as seen from the front and from the back: inf if it is
         torn off, -inf if noise explains it.

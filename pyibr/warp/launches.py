@@ -130,13 +130,13 @@ def _room_for_hits(pair: CameraPair, target: Target, options: Options) -> Device
 def _find_hits(
     surface: Surface, pixel_map: PixelMap, target: Target, options: Options, plane: int, shared: dict[str, Any]
 ) -> float:
-    """Hits by lines (or a search), and those of patches; returns HITS_... of kernels/warp/line_hits.h."""
+    """Find hits by lines (or a search), and draw patches; returns HITS_... of kernels/warp/line_hits.h."""
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
     groups, packets = line_groups(epipole, area, profile.lanes, aligned, profile.segment)
     spare, room = 2 * _plane_of(target.camera), shared["hits"].shape[0]
     kind = _hits("OF_PIXELS" if aligned or options.search or reach.empty else "OF_LINES")
-    if spare + packets * profile.lanes > room:  # of more lines than images have by far
+    if spare + packets * profile.lanes > room:  # far more lines than usual
         shared["hits"] = target.scratch(spare + packets * profile.lanes)
     if spare + packets * profile.lanes > room or (_sweeps_all(pixel_map.pair, options) and not packets):
         clear(shared["hits"], constant("lib/pixelspace.h", "EMPTY"))
@@ -199,7 +199,7 @@ def build_ahead_of_warp(pair: CameraPair, options: Options, defines: dict[str, i
 
 
 def _draw_patches(surface: Surface, pixel_map: PixelMap, plane: int, shared: dict[str, Any], *, lone: bool) -> None:
-    """Add the hits on what is too small for lines, if it is `lone`, and those on margins."""
+    """Add the hits on margins, and with `lone` those on things that are too small for lines."""
     profile, margins = current().profile, surface.margins
     rows, blocks, _ = surface.prominence.shape
     lone_items = (rows + 1) * -(-blocks // profile.strip) if lone else 0
