@@ -24,7 +24,7 @@ from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.samples import Samples, begun_samples, cut_of, keep_samples, samples_of
 
 _STEEPEST = 8.0  # depth over width: a surface that recedes by less from sample to sample faces the camera
-_SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 3, 1024  # mostly there are fewer margins; else they are found once more
+_SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # mostly there are fewer margins; else they are found once more
 _STEEP = 0.025  # share of the nearness: with few samples a surface may be steeper, but edges are as small
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
+from pyibr.core.errors import OutOfMemoryError
 from pyibr.core.pixelspace import CameraPair, PixelMap, Rectangle, pitch
 from pyibr.images.depth_image import Side
 from pyibr.opencl.ahead import build_ahead
@@ -83,13 +84,14 @@ def inverse_warp(
     `view` is its number, `entry` that of a picture in a light, with the samples' normals if it draws them. `in_reach`:
     of a target that is blank, no more pixels are written than the view may reach.
     """
-    hits = _room_for_hits(pixel_map.pair, target, options)  # the device clears it before the surface is waited for
+    # The device clears it before the surface is waited for.
+    hits, spare = _room_for_hits(surface, pixel_map.pair, target, options)
     reach = pixel_map.reach
     if reach.empty and (in_reach or not target.blank):
         return
     shared = {**_shared(surface, pixel_map, options), "hits": hits}
     plane = _plane_of(target.camera) if surface.margins.count else 0
-    hit_kind = _find_hits(surface, pixel_map, target, options, plane, shared)
+    hit_kind = _find_hits(surface, pixel_map, target, options, plane, spare, shared)
     found = {**shared, "plane": plane, "hit_kind": hit_kind}
     _resolve(surface, pixel_map, target, options, found, view, entry, in_reach)
     target.blank = in_reach and target.blank
@@ -114,27 +116,41 @@ def _sweeps_all(pair: CameraPair, options: Options) -> bool:
     return pair.aligned and not options.search and not current().profile.segment
 
 
-def _room_for_hits(pair: CameraPair, target: Target, options: Options) -> DeviceArray:
-    """Planes of hits of lines, and on margins, EMPTY where the sweep does not make them so; and room behind them.
+def _room_for_hits(surface: Surface, pair: CameraPair, target: Target, options: Options) -> tuple[DeviceArray, int]:
+    """Planes of hits of lines and on margins, EMPTY where the sweep does not make them so, and the end of these planes.
 
-    There lanes of the sweep write that have nothing to write.
+    Behind them lanes of the sweep write that have nothing to write.
     """
+    plane = _plane_of(target.camera)
     size, segment = target.camera.size, current().profile.segment
     lines = _LINES * (sum(size) + current().profile.lanes) * (max(size) // segment + 1 if segment else 1)
-    hits = target.scratch(2 * _plane_of(target.camera) + lines)
+    spare = 2 * plane
+    try:
+        hits = target.scratch(spare + lines)
+    except OutOfMemoryError:
+        if surface.margins.count:
+            raise
+        spare = plane
+        hits = target.scratch(spare + lines)
     if not _sweeps_all(pair, options):
         clear(hits, constant("lib/pixelspace.h", "EMPTY"))
-    return hits
+    return hits, spare
 
 
 def _find_hits(
-    surface: Surface, pixel_map: PixelMap, target: Target, options: Options, plane: int, shared: dict[str, Any]
+    surface: Surface,
+    pixel_map: PixelMap,
+    target: Target,
+    options: Options,
+    plane: int,
+    spare: int,
+    shared: dict[str, Any],
 ) -> float:
     """Find hits by lines (or a search), and draw patches; returns HITS_... of kernels/warp/line_hits.h."""
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
     groups, packets = line_groups(epipole, area, profile.lanes, aligned, profile.segment)
-    spare, room = 2 * _plane_of(target.camera), shared["hits"].shape[0]
+    room = shared["hits"].shape[0]
     kind = _hits("OF_PIXELS" if aligned or options.search or reach.empty else "OF_LINES")
     if spare + packets * profile.lanes > room:  # far more lines than usual
         shared["hits"] = target.scratch(spare + packets * profile.lanes)
