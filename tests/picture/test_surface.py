@@ -11,9 +11,14 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.core.camera import Projection
+from pyibr.opencl import launch
 from pyibr.opencl.device import one_call
 from pyibr.opencl.headers import constant
-from pyibr.picture.surface import surface_of
+from pyibr.opencl.in_flight import KernelCost
+from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.picture import samples, surface
+from pyibr.picture.samples import samples_of
+from pyibr.picture.surface import make_surface, straightness_test, surface_of
 from tests import scenes
 from tests.data import shared
 from tests.exact import KEPT_ULP
@@ -302,3 +307,38 @@ def test_all_margins_are_found_where_every_sample_is_torn_off(lanes: str):
     found = {*zip(x.tolist(), y.tolist(), (np.ascontiguousarray(bits).view(np.int32) & 3).tolist(), strict=True)}
     within = {(x, y, bits) for x in range(1, width - 1) for y in range(1, height - 1) for bits in range(4)}
     assert margins.count == len(found) and found >= within
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("size", [(1, 1), (5, 3), (17, 33), (16, 100), (70, 131)])
+def test_bands_make_the_surface_that_its_steps_make_one_by_one(size, projection, monkeypatch: pytest.MonkeyPatch):
+    """Bands are 32 rows high: their borders leave no trace, and none needs what another one has made before."""
+
+    def unset(shape: tuple[int, ...], dtype: Any) -> DeviceArray:
+        array = empty(shape, dtype)
+        if array.host is not None:
+            array.host.view(np.uint8)[...] = 0xFF  # NaN
+        return array
+
+    monkeypatch.setattr(surface, "empty", unset)
+    monkeypatch.setattr(samples, "empty", unset)
+    monkeypatch.setattr(launch, "UNSPLIT_SECONDS", -1.0)
+    monkeypatch.setattr(KernelCost, "piece_after", lambda *rest: 1)  # a band after the other
+    noisy = rough(size, projection)
+    view = ibr.DepthImage(noisy.color, noisy.depth, noisy.camera, noise=0.0)  # every pair is looked at
+    with one_call():
+        at_once = surface_of(view, None)
+        in_steps = make_surface(samples_of(view), size, straightness_test(view.camera), tear=lambda nearness: None)
+        assert (at_once.low, at_once.high) == (in_steps.low, in_steps.high)
+        made, expected = (
+            [one.nearness.to_host()[:, : size[0] + 2], one.prominence.to_host(), _sorted_margins(one)]
+            for one in (at_once, in_steps)
+        )
+    for one, other in zip(made, expected, strict=True):
+        np.testing.assert_array_equal(one.view(np.int32), other.view(np.int32))
+
+
+def _sorted_margins(made: Any) -> Array:
+    """They are found in any order."""
+    rows = made.margins.quarters.to_host()[:, : made.margins.count].view(np.int32)
+    return np.ascontiguousarray(rows[:, np.lexsort(rows)])

@@ -11,9 +11,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.camera import Projection
-from pyibr.core.checks import Float64, describe, number_from, numbers, positive
-from pyibr.core.errors import ArgumentError
+from pyibr.core.checks import Float64
 
 Depth = NDArray[np.float32]
 Nearness = NDArray[np.float32]
@@ -21,7 +19,6 @@ Nearness = NDArray[np.float32]
 Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
 """Noise of depth, as `DepthImage` and `clean_depth` take it."""
 
-_PLACES = 16  # depths at which a function of noise is sampled
 _CELLS_MIN = 50  # the median of fewer is off by over 15 %
 _KNOWN = 0.1  # share of known cells: with fewer, every other sample is missing
 _GOLDEN = 0.6180339887498949  # rows at its multiples follow no period of the picture
@@ -295,56 +292,3 @@ def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) 
         best = choice if rank < ranks[best] - _TIE else best
     a, b, c = (min(term, _NOISE_MAX) for term in choices[best])
     return a, b, c
-
-
-def checked_noise(
-    noise: object, depth: Depth, far: float = np.inf, projection: Projection = "perspective"
-) -> tuple[float, float, float]:
-    """Return (a, b, c) of the noise of depth as users give it, or raise ArgumentError.
-
-    depth, far: the samples, whose range tells where a function is looked at. projection: of a number, what it is of.
-    """
-    expected = "a number >= 0, three of them or a function of depth"
-    if not callable(noise):
-        given = numbers("noise", noise, () if np.ndim(noise) == 0 else (3,))  # pyright: ignore[reportArgumentType]
-        if not (given >= 0).all():
-            raise ArgumentError("noise", expected, describe(noise))
-        if given.ndim:
-            a, b, c = given.tolist()
-            return a, b, c
-        return (float(given), 0.0, 0.0) if projection == "perspective" else (0.0, 0.0, float(given))
-    valid = depth[(depth > 0) & (depth < far)]
-    ends = (float(valid.min()), float(valid.max())) if len(valid) else (1.0, 1.0)
-    z: Float64 = np.linspace(*ends, _PLACES)
-    deviations: Float64 = np.asarray(cast("Callable[[Float64], Float64]", noise)(z), np.float64)
-    if deviations.shape != z.shape or not (np.isfinite(deviations) & (deviations >= 0)).all():
-        expected = f"a function of ({_PLACES},) depths that returns as many numbers >= 0"
-        raise ArgumentError("noise", expected, describe(deviations))
-    return fitted_noise(z, deviations)
-
-
-def disparity_noise(pixels: float, focal: float, baseline: float) -> float:
-    """Return the noise of depth from disparity: the standard deviation of 1 / depth, as `DepthImage` takes it.
-
-    Parameters
-    ----------
-    pixels : float
-        >= 0: standard deviation of the disparity.
-    focal : float
-        > 0: focal length of the camera, in pixels.
-    baseline : float
-        > 0: between the two cameras (or camera and projector), in scene units.
-
-    Raises
-    ------
-    ArgumentError
-        If one is out of its range.
-
-    Examples
-    --------
-    >>> import pyibr as ibr
-    >>> round(ibr.disparity_noise(0.25, 500, 0.1), 6)
-    0.005
-    """
-    deviation = number_from("pixels", pixels, 0.0, math.inf, "a number of pixels >= 0")
-    return deviation / (positive("focal", focal) * positive("baseline", baseline))
