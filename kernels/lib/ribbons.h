@@ -133,6 +133,13 @@ Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
     return ribbon;
 }
 
+/* A ribbon by its number: NEIGHBOURS times its thin sample's, plus the neighbour that it leads to. */
+Ribbon numbered_ribbon(Grid grid, uint number)
+{
+    const int sample = number / NEIGHBOURS;
+    return ribbon_of(grid, sample % grid.width, sample / grid.width, number % NEIGHBOURS);
+}
+
 /* Does another sample than a ribbon's two have the pixel around a point, and the ribbon's line pass that sample no
  * closer than it passes the point? p: from the first middle. */
 int belongs_to_another(Ribbon ribbon, float2 p)

@@ -3,10 +3,10 @@
  * Three launches, as of forward.cl: the nearest ribbon of each pixel by nearness, of equally near ones the first by its
  * number, and then the pixels, where a ribbon is nearer than what is there or there is nothing. A side of the surface
  * that is not shown hides no ribbon behind it. keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where
- * no ribbon is; indices: the same shape, NEIGHBOURS times the number of the ribbon's thin sample, plus the number of
- * the neighbour that it leads to, 0 to 8 by rows; 4: to none.
+ * no ribbon is; indices: the same shape, the ribbon's number. ribbons: (count,) numbers of all ribbons of the view
+ * (picture/ribbons.cl).
  * source, source_view: of resolve.cl.
- * Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of ribbons). Determinism: maximum and
+ * Work-item: a ribbon; STRIP * LANES pixels of a row. Cost: O(pixels + pixels of ribbons). Determinism: maximum and
  * minimum do not depend on the order of work-items.
  * Not in the paper, whose samples are all connected.
  */
@@ -96,65 +96,26 @@ void draw_ribbon(Ribbon ribbon, PixelMap map, int sides, uint number, global uin
         }
 }
 
-/* Draws the ribbons that a thin sample begins. */
-void draw_sample(Grid grid, PixelMap map, int sides, int x, int y, global uint *keys, global uint *indices)
+/* Draws the ribbon of a work-item. */
+void draw_numbered(global const float *surface, global const uint *ribbons, int count, global uint *keys,
+                   global uint *indices, PixelMap map, Cut cut, int sides)
 {
-    for (int neighbour = 0; neighbour < NEIGHBOURS; neighbour++)
-        if (is_first_of(grid, x, y, neighbour))
-            draw_ribbon(ribbon_of(grid, x, y, neighbour), map, sides,
-                        (uint)NEIGHBOURS * (y * map.src_width + x) + neighbour, keys, indices);
-}
-
-/* A row's LANES samples from x0 on, and their neighbours to the left and to the right; no surface beyond the image. */
-INLINED void load_row(Grid grid, int x0, int y, floatl *left, floatl *here, floatl *right)
-{
-    const intl x = x0 + lane_index;
-    *left = *here = *right = NO_SURFACE;
-    if (y < 0 || y >= grid.height)
-        return;
-    global const float *own = grid.nearness + (size_t)y * grid.pitch + x0;
-    *here = select_lanes(x < grid.width, load_lanes(own), (floatl)NO_SURFACE);
-    /* Rows have room to look beyond. */
-    *right = select_lanes(x + 1 < grid.width, load_lanes(own + 1), (floatl)NO_SURFACE);
-    *left = shifted_lanes(*here);
-    set_float_lane(*left, 0, x0 > 0 ? own[-1] : NO_SURFACE);
-}
-
-/* Is a cell of samples not whole? */
-#define IS_TORN(q00, q10, q01, q11)                                                                            \
-    (IS_LOWER_OPEN(q00) | IS_UPPER_OPEN(q00, q10, q01) | (min_lanes(q01, q11) <= NO_SURFACE))
-
-/* Draws the thin ones of a work-item's samples. */
-void draw_strip(global const float *surface, global uint *keys, global uint *indices, PixelMap map, Cut cut, int sides)
-{
-    const int y = get_global_id(1);
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, cut);
-    if (y >= grid.height)
-        return;
-    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < grid.width;
-         x0 += LANES, packet++) {
-        floatl left[3], here[3], right[3];
-        for (int i = 0; i < 3; i++)
-            load_row(grid, x0, y + i - 1, left + i, here + i, right + i);
-        const intl thin = (here[1] > NO_SURFACE) & IS_TORN(left[0], here[0], left[1], here[1]) &
-                          IS_TORN(here[0], right[0], here[1], right[1]) & IS_TORN(left[1], here[1], left[2], here[2]) &
-                          IS_TORN(here[1], right[1], here[2], right[2]);
-        if (!any_lane(thin))
-            continue; /* most packets have none */
-        for (int lane = 0; lane < LANES; lane++)
-            if (int_lane(thin, lane))
-                draw_sample(grid, map, sides, x0 + lane, y, keys, indices);
-    }
+    const int i = get_global_id(0);
+    if (i < count)
+        draw_ribbon(numbered_ribbon(grid, ribbons[i]), map, sides, ribbons[i], keys, indices);
 }
 
-kernel void thin_nearness(global const float *surface, global uint *keys, PixelMap map, Cut cut, int sides)
+kernel void thin_nearness(global const float *surface, global const uint *ribbons, int count, global uint *keys,
+                          PixelMap map, Cut cut, int sides)
 {
-    draw_strip(surface, keys, 0, map, cut, sides);
+    draw_numbered(surface, ribbons, count, keys, 0, map, cut, sides);
 }
 
-kernel void thin_index(global const float *surface, global uint *keys, global uint *indices, PixelMap map, Cut cut, int sides)
+kernel void thin_index(global const float *surface, global const uint *ribbons, int count, global uint *keys,
+                       global uint *indices, PixelMap map, Cut cut, int sides)
 {
-    draw_strip(surface, keys, indices, map, cut, sides);
+    draw_numbered(surface, ribbons, count, keys, indices, map, cut, sides);
 }
 
 /* The colours of samples a and b, mixed */
@@ -173,8 +134,7 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
                  global float *source, global int *source_view, int view, int2 *ends, float *along)
 {
     const float *D = map.dst_from_src;
-    const int sample = number / NEIGHBOURS;
-    const Ribbon ribbon = ribbon_of(grid, sample % grid.width, sample / grid.width, number % NEIGHBOURS);
+    const Ribbon ribbon = numbered_ribbon(grid, number);
     float part, met = intersect_ribbon(ribbon, map, sides, x, y, &part);
     const int2 nearest = part > 0.5f ? ribbon.to : ribbon.from;
     part = clamp(part, 0.0f, 1.0f);

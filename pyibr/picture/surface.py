@@ -19,7 +19,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, zeros
+from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, upload, zeros
 from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.samples import Samples, begun_samples, cut_of, keep_samples, samples_of
 
@@ -90,6 +90,13 @@ class Surface:
         """The same surface with other margins."""
         return replace(self, wait=lambda: (self.low, self.high, margins))
 
+    @property
+    def grid(self) -> dict[str, Any]:
+        """The arguments of kernels that read the samples and their edges."""
+        width, height = self.size
+        shape = {"width": width, "height": height, "pitch": self.nearness.shape[1]}
+        return {"surface": self.nearness, "cut": Struct("Cut", self.test.cut), **shape}
+
     @cached_property
     def bounds(self) -> DeviceArray:
         """(down, across, 2) float32: least and greatest nearness in windows of cells (kernels/lib/bounds.h)."""
@@ -97,16 +104,25 @@ class Surface:
         step, strip = int(constant("lib/bounds.h", "BOUNDS_STEP")), current().profile.strip
         down, across = (size // step + 1 for size in (height, width))
         bounds = empty((down, across, 2), np.float32)
-        launch(
-            kernel("picture/bounds.cl", "bound_surface"),
-            (-(-across // strip), down),
-            surface=self.nearness,
-            bounds=bounds,
-            width=width,
-            height=height,
-            pitch=self.nearness.shape[1],
-        )
+        grid = {name: value for name, value in self.grid.items() if name != "cut"}
+        launch(kernel("picture/bounds.cl", "bound_surface"), (-(-across // strip), down), bounds=bounds, **grid)
         return bounds
+
+    @cached_property
+    def ribbons(self) -> DeviceArray:
+        """(N,) uint32: the numbers of the ribbons of things one sample thin (kernels/lib/ribbons.h)."""
+        width, height = self.size
+        begins, profile = zeros((height, width), np.uint16), current().profile
+        launch(
+            kernel("picture/ribbons.cl", "find_ribbons"),
+            profile.packets(width, height, profile.strip),
+            begins=begins,
+            **self.grid,
+        )
+        bits = begins.to_host().ravel()
+        samples, ways = np.flatnonzero(bits), np.arange(int(constant("lib/ribbons.h", "NEIGHBOURS")))
+        numbers = samples[:, None] * len(ways) + ways
+        return upload(numbers[(bits[samples, None] >> ways & 1).astype(bool)].astype(np.uint32))
 
 
 @dataclass(frozen=True)

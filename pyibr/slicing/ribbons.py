@@ -11,14 +11,13 @@ from pyibr.images import DepthImage
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant
-from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import empty, upload
+from pyibr.opencl.launch import launch
+from pyibr.opencl.memory import empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.surface import surface_of
 
 _KERNELS = "slicing/ribbons.cl"
 _CUT_RATIO = 1.05  # as by default in pictures
-_AT_ONCE = 1 << 16  # samples: most of their ways begin no ribbon, but take memory
 _TOUCHING = 1e-4  # samples: what covers no more of a sample than that does not
 
 
@@ -45,34 +44,20 @@ def ribbons_of(view: DepthImage) -> Ribbons:
 
 def _found(view: DepthImage) -> Ribbons:
     width, height = view.camera.size
-    floats, ways = int(constant(_KERNELS, "RIBBON_FLOATS")), int(constant("lib/ribbons.h", "NEIGHBOURS"))
     with one_call():
         surface = surface_of(view, _CUT_RATIO)
-        image = {
-            "surface": surface.nearness,
-            "width": width,
-            "height": height,
-            "pitch": surface.nearness.shape[1],
-            "cut": Struct("Cut", surface.test.cut),
-        }
-        thin = empty((height, width), np.uint8)
-        launch(kernel(_KERNELS, "mark_thin"), (height,), thin=thin, **image)
-        samples = np.flatnonzero(thin.to_host()).astype(np.int32)
-        found = [np.empty((0, floats), np.float32)]
-        for first in range(0, len(samples), _AT_ONCE):
-            some = samples[first : first + _AT_ONCE]
-            ribbons = empty((len(some), ways, floats), np.float32)
+        count = surface.ribbons.shape[0]
+        records = empty((count, int(constant(_KERNELS, "RIBBON_FLOATS"))), np.float32)
+        if count:
             launch(
-                kernel(_KERNELS, "find_ribbons"),
-                (len(some),),
-                samples=upload(some),
-                ribbons=ribbons,
-                count=len(some),
-                **image,
+                kernel(_KERNELS, "record_ribbons"),
+                (count,),
+                numbers=surface.ribbons,
+                records=records,
+                count=count,
+                **surface.grid,
             )
-            records = ribbons.to_host().reshape(-1, floats)
-            found.append(records[records[:, 4] > constant("lib/pixelspace.h", "NO_SURFACE")])
-    return _by_sample(np.concatenate(found), width, height)
+        return _by_sample(records.to_host(), width, height)
 
 
 def _by_sample(records: NDArray[np.float32], width: int, height: int) -> Ribbons:

@@ -304,7 +304,10 @@ def draw_thin(
     view: int = 0,
     entry: Entry = NO_ENTRY,
 ) -> None:
-    """Draw things one sample thin, where they are nearer than what is there; the rest as of `inverse_warp`."""
+    """Draw things one sample thin where they are nearest. The other parameters are as in `inverse_warp`."""
+    ribbons = surface.ribbons
+    if not ribbons.shape[0]:
+        return
     profile, (width, height) = current().profile, target.camera.size
     shared = {**_shared(surface, pixel_map, options), "cut": Struct("Cut", surface.test.cut)}
     keys, indices = empty((height, width), np.uint32), empty((height, width), np.uint32)
@@ -312,9 +315,9 @@ def draw_thin(
     clear(indices, 0xFFFFFFFF)
     defines = {**target.color_defines, **entry.defines}
     defines["ORIGINS"] = int(target.source is not None)
-    grid = profile.packets(*pixel_map.pair.src.size, profile.strip)
+    listed = {"ribbons": ribbons, "count": ribbons.shape[0], "keys": keys, **shared}
     for name, more in (("thin_nearness", {}), ("thin_index", {"indices": indices})):
-        launch(kernel("warp/thin.cl", name, **defines), grid, keys=keys, **shared, **more)
+        launch(kernel("warp/thin.cl", name, **defines), (ribbons.shape[0],), **listed, **more)
     launch(
         kernel("warp/thin.cl", "thin_pixels", **defines),
         profile.packets(width, height, profile.strip),
