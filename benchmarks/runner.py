@@ -47,6 +47,7 @@ class Case:
 
 def run(benchmark: str, cases: Iterable[Case]) -> Result:
     """Runs all cases of a benchmark with a progress bar."""
+    start = time.perf_counter()
     todo = list(cases)
     result = Result(benchmark, environment())
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
@@ -64,6 +65,7 @@ def run(benchmark: str, cases: Iterable[Case]) -> Result:
             del work
             progress.advance(task)
         progress.update(task, description=benchmark)
+    result.environment["seconds"] = round(time.perf_counter() - start)
     return result
 
 

@@ -36,7 +36,7 @@ def origin(environment: dict[str, Any]) -> str:
         f"{environment['cpu']}, {environment['cores']} cores",
         f"Python {environment['python']}, {versions}",
         f"commit {environment['commit'] or 'unknown'}",
-        f"{environment['time']}, {busy}",
+        f"{environment['time']}, {environment.get('seconds', 0) or 'unknown'} s, {busy}",
     ]
     return f"*{'; '.join(parts)}*\n"
 
