@@ -26,7 +26,7 @@ Depth = NDArray[np.float32]
 CLEANED, STEADY = "ibr.clean_depth", "ibr.clean_depth, before"
 TWIN, BILATERAL = "NumPy twin", "cv2.bilateralFilter"
 
-BARS = {"640 x 480": 0.1, "1280 x 720": 0.1, "4000 x 3000": 0.1}
+BARS = {"640 x 480": 0.1, "1280 x 720": 0.1, "1920 x 1440": 0.1}
 """At most this ratio of `CLEANED` to the twin, by size."""
 
 LOST = 0.05  # of the samples
