@@ -1,13 +1,14 @@
 #ifndef SLICING_CELL_BITS_H
 #define SLICING_CELL_BITS_H
-/* A view's map is two images (slicing/cells.cl): the nearness of samples, whose last bits tell what the cell between a
- * sample and its three neighbours to the right and below is, */
-#define EMPTY_CELL 1 /* there is no surface, */
-#define OTHER_CELL 2 /* or a nearer one than the bilinear, */
-#define OUTLINE_CELL 3 /* or one that ends */
-/* and other cells: floats whose last bits tell which of the samples, row by row, are of the nearest part, and whether
- * one is background. That part is by so much nearer than the first sample; or, of all four, than the bilinear. */
-#define CELL_WHOLE 15      /* all four */
-#define CELL_BACKGROUND 16 /* one at least: what is not of the part is empty */
+/* A view's map is two images (slicing/cells.cl). The first holds the nearness of the samples. Its last bits give the
+ * kind of the cell between a sample and its three neighbours to the right and below; 0 is a bilinear surface. */
+#define EMPTY_CELL 1   /* no surface */
+#define OTHER_CELL 2   /* a surface nearer than the bilinear one */
+#define OUTLINE_CELL 3 /* a surface that ends at the background */
+/* The second image holds a float for each other cell. Its last bits mark the samples of the cell's nearest part, row by
+ * row, and background. The float is the nearness of that part minus the first sample's, or minus the bilinear surface's
+ * if the part has all four samples. */
+#define CELL_WHOLE 15      /* all four samples */
+#define CELL_BACKGROUND 16 /* at least one sample is background: samples outside the part are empty */
 #define CELL_BITS 31
 #endif

@@ -1,37 +1,37 @@
-/* What a depth image knows between its samples: a map of view_volumes.h, for objects of images.
+/* The surface of a depth image between its samples, as a map of view_volumes.h, for objects of images.
  *
- * Rays know the surface where they meet it. Between them it is bilinear, but what sticks out there no image shows, and
- * of many images each would cut off a part of it. So creases reach to where the surfaces of both sides meet, and beside
- * depth edges a surface goes on as it rose before.
+ * An image knows its surface only at its samples. A bilinear surface between them cuts off details that protrude there,
+ * and each further image cuts off more. So creases reach to where the planes of both sides meet, and at depth edges
+ * a surface continues with its slope.
  *
  * depth: (height, width). maps: from `start` on, (2, height, width) nearness and cells, with bits. Work-item:
- * STRIP * LANES samples of a row, each the first of its cell. Cost: O(samples). Determinism: every cell on its own.
+ * STRIP * LANES samples of a row, each the first of its cell. Cost: O(samples). Determinism: cells are independent.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
 #include "slicing/cell_bits.h"
 
-/* In samples' distances: */
-#define EDGE 3.0f      /* neighbours that differ by more in depth are of two surfaces */
-#define RISE_MAX 2.0f  /* by which a surface is nearer than its samples tell */
-#define NOTHING (1.0f / 64) /* what makes no difference */
-#define ROUND 0.375f   /* of the bend beside a crease, which is then a part of something round */
+/* In sample distances: */
+#define EDGE 3.0f      /* neighbours farther apart in depth belong to two surfaces */
+#define RISE_MAX 2.0f  /* most by which a surface is nearer than its samples */
+#define NOTHING (1.0f / 64) /* smaller creases are ignored */
+#define ROUND 0.375f   /* share of the bend next to a crease that is subtracted, because the surface is round there */
 #define FALL 1e30f     /* nearness by which a surface falls where it ends */
-#define LINE 6         /* samples, of which a cell's side */
-#define FIRST 2        /* begins at this one */
+#define LINE 6         /* samples in line with a cell's side */
+#define FIRST 2        /* index of the side's first sample in the line */
 
 typedef struct {
     int width, height, perspective;
-    float far;            /* depth from which on there is nothing */
-    int missing_is_empty; /* 0: of what has no depth before, nothing is known */
-    float empty, unknown; /* nearness of both */
-    float per_sample;     /* nearness that changes from sample to sample of what is as deep as wide; of 1, if it is 1/z */
+    float far;            /* depth from which on there is no surface */
+    int missing_is_empty; /* 0: samples without depth are unknown */
+    float empty, unknown; /* nearness of such samples */
+    float per_sample;     /* change of nearness over one sample distance in depth; perspective: at nearness 1 */
 } CellImage;
 
 typedef struct {
     floatl nearness;
     intl solid, empty;
-    intl here; /* it is in the image, else its border's */
+    intl here; /* the sample lies in the image; else it repeats the border */
 } CellSample;
 
 /* Samples (low, y) to (low + LANES - 1, y) */
@@ -53,19 +53,19 @@ INLINED CellSample cell_sample(global const float *depth, CellImage image, int l
     return sample;
 }
 
-/* The change of nearness over as much in depth as neighbouring samples lie apart */
+/* The change of nearness over one sample distance in depth */
 INLINED floatl size_of_sample(CellImage image, floatl nearness)
 {
     return image.perspective ? nearness * image.per_sample : (floatl)image.per_sample;
 }
 
-/* A cell's side: how much nearer the surface comes towards it at either end, by how much a crease between the two is
- * nearer than they tell, if there is one, and how sharply the surface bends at them */
+/* A cell's side. first, last: the rise in nearness towards its two ends, from outside; crease: the nearness of a crease
+ * on it above its samples, or 0; sharp: how sharply the surface bends at its samples */
 typedef struct {
     floatl first, last, crease, sharp;
 } CellSide;
 
-/* line: the samples along it, the side's own in the middle */
+/* line: the samples in line with the side; the side's own two are in the middle */
 INLINED CellSide side_beside(CellImage image, const CellSample *line)
 {
     floatl change[LINE - 1], bend[LINE];
@@ -80,10 +80,10 @@ INLINED CellSide side_beside(CellImage image, const CellSample *line)
     UNROLLED
     for (int k = 1; k < LINE - 1; k++)
         bend[k] = max_lanes(change[k - 1] - change[k], (floatl)0.0f);
-    /* Planes through the samples on either side meet in between, so far above. */
+    /* The planes through the samples on either side meet this far above the side. */
     const floatl left = bend[2], right = bend[3];
     const floatl height = left / max_lanes(left + right, (floatl)1e-30f) * right;
-    /* What is round bends as much beside them, and is an eighth of it above its chord, not a half. */
+    /* A round surface bends as much next to the side, and rises an eighth of the bend above its chord, not a half. */
     const floatl around = min_lanes(select_lanes(joined[1], bend[1], (floatl)FALL),
                                     select_lanes(joined[3], bend[4], (floatl)FALL));
     const intl known = joined[2] & (min_lanes(left, right) < FALL);
@@ -94,7 +94,7 @@ INLINED CellSide side_beside(CellImage image, const CellSample *line)
     return side;
 }
 
-/* Of the values as many as there are places left */
+/* Stores at most `count` of the values. */
 INLINED void store_first(floatl values, global float *to, int count)
 {
     if (count >= LANES)
@@ -104,13 +104,14 @@ INLINED void store_first(floatl values, global float *to, int count)
             to[lane] = float_lane(values, lane);
 }
 
-/* A float with others as its last bits */
+/* A float with its last bits replaced */
 INLINED floatl with_bits(floatl value, intl bits, int places)
 {
     return as_floatl((as_intl(value) & ~places) | bits);
 }
 
-/* The cells whose first samples are (low, y) to (low + LANES - 1, y): to[0] and, one image further, their two floats */
+/* Finds the cells whose first samples are (low, y) to (low + LANES - 1, y); to: their nearness, and one image further
+ * their cells */
 OUTLINED void find_packet(global const float *depth, CellImage image, int low, int y, global float *to)
 {
     CellSample rows[2][LINE], columns[2][LINE];
@@ -155,7 +156,7 @@ OUTLINED void find_packet(global const float *depth, CellImage image, int low, i
             ceiling = select_lanes(of_part, max_lanes(ceiling, reach), ceiling);
             part = part | select_lanes(of_part, (intl)(1 << k), (intl)0);
         }
-        /* A crease from corner to corner meets no side: the surface is a quarter of the twist above the bilinear. */
+        /* A diagonal crease crosses no side: the surface is a quarter of the twist above the bilinear one. */
         const floatl twist = fabs(first - corners[1].nearness - corners[2].nearness + corners[3].nearness),
                      sharp = max_lanes(max_lanes(above.sharp, below.sharp), max_lanes(left.sharp, right.sharp));
         const floatl both = max_lanes(above.crease, below.crease) + max_lanes(left.crease, right.crease) +

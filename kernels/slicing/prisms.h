@@ -2,28 +2,27 @@
 #define SLICING_PRISMS_H
 /* Prisms of a displacement volume, set up for a region of pixels (Kautz & Seidel 2001, section 3).
  *
- * A prism's frame is affine: its base triangle's second and third side, and the triangle's normal as long as the
- * displacement. A point's coordinates in the frame are affine over the picture, and so are the planes that bound the
- * prism and the numbers of slices that are planes. What a point in the frame is in the prism (its shares of the corners
- * and its height) prism_rays.h says. For each triangle one of the slicing directions is chosen here (section 3.2).
- * Arrays: surface.cl.
+ * A prism's frame is affine: its axes are the second and third side of its base triangle, and the triangle's normal, as
+ * long as the displacement. Coordinates in the frame are affine over the picture, and so are the prism's bounding
+ * planes and the numbers of planar slices. prism_rays.h turns coordinates in the frame into shares of the corners
+ * and a height. For each triangle one of the slicing directions is chosen here (section 3.2). Arrays: surface.cl.
  */
 #include "raster/fragment.h"
 #include "slicing/alpha_test.h"
 #include "slicing/rays.h"
 
-#define STEADY_PARTS 12.0f /* of a pixel, along a ray: what slices lie apart at least, lest thin things flicker */
+#define STEADY_PARTS 12.0f /* most slices per pixel along a ray that are added so that thin parts do not flicker */
 #define SURFACE 0
 #define ORTHOGONAL 1
 #define SCREEN 2
 #define PRISM_CORNERS 6 /* three of the base, and the three above them */
-#define PRISM_PLANES 5  /* that bound a prism: below, above and one along each side of its triangle */
+#define PRISM_PLANES 5  /* bounding planes: below, above, and one along each side of the triangle */
 #define OUTLINES_MAX 6
-#define TILT_FLOATS 9     /* of a triangle in `tilts` */
-#define SIDE_MARGIN 1e-5f /* of a prism, by which its sides are moved outwards */
-#define HEIGHT_ROUNDING 1e-5f /* of the displacement: what lies no higher is on the base */
-#define ROUNDING_ULPS 8.0f /* the least parts of a float that heights err by, where a displacement is next to nothing */
-#define SLICE_ROUNDING 1e-4f /* slices: rounding of where a ray enters and leaves a prism */
+#define TILT_FLOATS 9     /* per triangle in `tilts` */
+#define SIDE_MARGIN 1e-5f /* share of a prism's size by which its sides move outwards */
+#define HEIGHT_ROUNDING 1e-5f /* share of the displacement: lower heights count as the base */
+#define ROUNDING_ULPS 8.0f /* rounding error of coordinates, in units of the last place */
+#define SLICE_ROUNDING 1e-4f /* slices: rounding error where a ray enters and leaves a prism */
 
 typedef struct {
     global const int *corners;
@@ -33,56 +32,56 @@ typedef struct {
     global const float *gradients;
     Screen screen;
     float nearest_w, spacing;
-    float pixel; /* scene units of a pixel at depth 1; 0: slices are the same in all pictures */
-    float band;  /* of heights that BAND takes; 0: that of a slice */
+    float pixel; /* scene units of a pixel at depth 1; 0: the number of slices is fixed */
+    float band;  /* range of heights that BAND accepts; 0: one slice spacing */
     int slices, slicing, test, halvings, map_width, map_height;
     global int *counters;
 } Context;
 
-/* A quantity that is affine in the picture's pixel space: x px + y py + one + n times the nearness. So along a ray it
- * is linear in depth (`Linear`); in a perspective picture its `fixed` is the same for all pixels, in an orthographic
- * one its `sloped`. */
+/* A quantity that is affine in the picture's pixel space: x px + y py + one + n times the nearness. Along a ray it is
+ * linear in depth (`Linear`). All pixels of a perspective picture have the same `fixed`, those pixels of an
+ * orthographic picture the same `sloped`. */
 typedef struct {
     float x, y, one, n;
 } Quantity;
 
-/* A corner's way from the base to the top, in the prism's frame */
+/* A corner's vector from the base to the top, in the prism's frame */
 typedef struct {
     float second, third, rise;
 } Tilt;
 
-/* What the heights of points follow from (prism_rays.h): from the first corner's tilt, and from what that of the second
- * and third is more */
+/* Coefficients for the heights of points (prism_rays.h): the tilt of the first corner, and the differences of the
+ * second and third corner's tilts from it */
 typedef struct {
     Tilt first, to_second, to_third;
     float area_1, area_2;     /* a slice's area over the base's is 1 + h area_1 + h^2 area_2 */
-    float second_2, third_2;  /* of h^2 in the numerators of the shares */
-    float by_second, by_third; /* of h^2 in the cubic, times the frame's coordinates, */
-    float square, cube;       /* and alone; of h^3 */
+    float second_2, third_2;  /* coefficients of h^2 in the numerators of the shares */
+    float by_second, by_third; /* coefficients of h^2 in the cubic, times the frame's coordinates */
+    float square, cube;       /* constant coefficients of h^2 and h^3 */
 } Bend;
 
 typedef struct {
     Quantity second, third, rise; /* coordinates in the frame */
-    Quantity slice;               /* the number of the slice, unless slices are even heights */
+    Quantity slice;               /* number of the slice, if slices are planes */
     Bend bend;
-    float u, v, u_second, v_second, u_third, v_third; /* at the first corner; what the others' are more */
-    Quantity sides[PRISM_PLANES]; /* per pixel, the nearness at which the ray crosses each plane, */
-    int leaves[PRISM_PLANES];     /* and whether it leaves there, on its way to the camera */
+    float u, v, u_second, v_second, u_third, v_third; /* at the first corner; differences of the others from it */
+    Quantity sides[PRISM_PLANES]; /* nearness at which a pixel's ray crosses each plane */
+    int leaves[PRISM_PLANES];     /* whether the ray leaves there on its way to the camera */
 #if BLOCK > 1
-    Quantity outline[OUTLINES_MAX]; /* positive at a block's first pixel if the prism may be seen in it */
+    Quantity outline[OUTLINES_MAX]; /* positive at the first pixel of a block that may show the prism */
     int outlines;
 #endif
-    float nearest, front, rear; /* nearness: of the screen, of the corners */
-    float first, last;          /* a little farther and nearer than the corners */
-    int index, perspective, crosses; /* the near plane */
-    int by_height;         /* slices are even heights, so many over the displacement: */
-    float count;
-    float spacing, band;   /* of its slices, and of heights that the test BAND takes */
-    float height_rounding; /* HEIGHT_ROUNDING, more where the displacement is shallow; */
-    float share_rounding;  /* no less, of corners' shares; */
-    float slice_rounding;  /* and SLICE_ROUNDING */
-    int halvings; /* of the interval between two slices */
-    int ends;     /* rays that leave it may leave the surface */
+    float nearest, front, rear; /* nearness of the near plane, the nearest corner and the farthest */
+    float first, last;          /* nearness a little beyond the farthest and the nearest corner */
+    int index, perspective, crosses; /* crosses: the near plane cuts the prism */
+    int by_height;         /* 1: slices are even heights */
+    float count;           /* slices over the displacement, if they are even heights */
+    float spacing, band;   /* spacing of its slices; range of heights that BAND accepts */
+    float height_rounding; /* HEIGHT_ROUNDING, or more where the displacement is shallow */
+    float share_rounding;  /* for the corners' shares; at least height_rounding */
+    float slice_rounding;  /* at least SLICE_ROUNDING */
+    int halvings; /* halvings of the interval between two slices */
+    int ends;     /* 1: rays that leave it may leave the surface */
 } Prism;
 
 typedef struct {
@@ -90,7 +89,7 @@ typedef struct {
     intl low_x, high_x, low_y, high_y;
 } Primitives;
 
-/* Rows of the inverse of the matrix whose columns are the corners: barycentric coordinates. 0 if it is flat. */
+/* Rows of the inverse of the matrix whose columns are the corners: barycentric coordinates. Returns 0 if it is flat. */
 int barycentric_rows(const float4 *p, Quantity *rows)
 {
     float determinant = 0.0f;
@@ -129,10 +128,10 @@ Quantity from_corners(const Quantity *rows, float4 values)
     return made;
 }
 
-/* Spaces the slices a pixel apart along the ray, where the prism is nearest; facing: the cosine between the ray
- * and the slices' normal there. They lie closer where they would be fewer than SLICES_STEADY, lest thin things flicker;
- * but no closer than the part of a pixel to which halvings refine hits, nor than half a texel, within which heights
- * hold nothing new. Where slices lie more than a pixel apart, there are more halvings between two. */
+/* Spaces the slices one pixel apart along the ray, where the prism is nearest; facing: the cosine between the ray
+ * and the slices' normal there. Slices lie closer where fewer than SLICES_STEADY would fit, so that thin parts do not
+ * flicker: up to STEADY_PARTS a pixel, but no closer than half a texel, below which heights have no detail. Wider
+ * slices get more halvings, so that hits stay within PIXEL_PARTS of a pixel. */
 void space_slices(const Context *context, Prism *t, float facing)
 {
     t->spacing = context->spacing;
@@ -154,8 +153,8 @@ void space_slices(const Context *context, Prism *t, float facing)
     t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MAX));
 }
 
-/* By how much a coordinate in the frame errs by rounding. Along a ray it is a difference of two numbers as large as the
- * ray is long in the frame, at a pixel whose coordinates are rounded, too. x, y: the region's first pixel */
+/* The rounding error of a coordinate in the frame. Along a ray the coordinate is a difference of two numbers as large
+ * as the ray is long in the frame, and the pixel's coordinates are rounded, too. x, y: the region's first pixel */
 float rounding_of(const Prism *t, const Quantity *q, int x, int y)
 {
     const float by_x = fabs(q->x) * (x + REGION), by_y = fabs(q->y) * (y + REGION);
@@ -164,7 +163,7 @@ float rounding_of(const Prism *t, const Quantity *q, int x, int y)
     return fmin(fmax(ROUNDING_ULPS * FLT_EPSILON * (along + across), HEIGHT_ROUNDING), 1.0f);
 }
 
-/* Sets what heights follow from: the determinant and cofactors of the shares' linear system (prism_rays.h). */
+/* Sets the coefficients for heights: the determinant and cofactors of the shares' linear system (prism_rays.h). */
 INLINED void set_bend(Bend *bend, global const float *tilts)
 {
     const float3 one = vload3(0, tilts), two = vload3(1, tilts) - one, three = vload3(2, tilts) - one;
@@ -181,9 +180,9 @@ INLINED void set_bend(Bend *bend, global const float *tilts)
     bend->cube = one.z * bend->area_2 + two.z * bend->second_2 + three.z * bend->third_2;
 }
 
-/* Sets the planes that bound a prism: two along its base, and three that each contain a side of its triangle and lean
- * as much as keeps the corners above that within; a little farther out where others are not. rows: barycentric
- * coordinates in the frame */
+/* Sets the planes that bound a prism: two parallel to its base, and one through each side of its triangle. A side's
+ * plane leans so that the corners above the side lie within, and moves outwards if another corner does not. rows:
+ * barycentric coordinates in the frame */
 void set_planes(Prism *t, const Quantity *rows, global const float *tilts)
 {
     float3 tilt[3];
@@ -193,8 +192,8 @@ void set_planes(Prism *t, const Quantity *rows, global const float *tilts)
     const float high = fmax(fmax(0.0f, tilt[0].z), fmax(tilt[1].z, tilt[2].z));
     t->sides[0] = from_corners(rows, (float4)(-low, -low, -low, 1.0f - low));
     t->sides[1] = from_corners(rows, (float4)(high, high, high, high - 1.0f));
-    for (int side = 0; side < 3; side++) { /* opposite to that corner */
-        float moved[3]; /* by how much the share of that corner, by the frame, is more at the top */
+    for (int side = 0; side < 3; side++) { /* opposite the corner of that number */
+        float moved[3]; /* the increase of that corner's share in the frame from the base to the top, at each corner */
         for (int k = 0; k < 3; k++)
             moved[k] = side == 0 ? -tilt[k].x - tilt[k].y : (side == 1 ? tilt[k].x : tilt[k].y);
         const int l = side == 0 ? 1 : 0, m = side == 2 ? 1 : 2;
@@ -208,8 +207,8 @@ void set_planes(Prism *t, const Quantity *rows, global const float *tilts)
     }
 }
 
-/* Sets where rays enter and leave through each of the planes, which are moved outwards by `grown`; and the outline in
- * the picture, whose lines lie between a plane by which rays enter and one by which they leave. */
+/* Sets where rays cross each plane, moved outwards by `grown`, and the prism's outline in the picture: the lines where
+ * a plane by which rays enter meets a plane by which they leave. */
 void bound_sides(Prism *t, float grown)
 {
     for (int k = 0; k < PRISM_PLANES; k++) {
@@ -240,8 +239,8 @@ float3 direction_at(Screen screen, float x, float y)
     return (float3)(PIXEL_ROW(m, 0, x, y), PIXEL_ROW(m, 1, x, y), PIXEL_ROW(m, 2, x, y));
 }
 
-/* Chooses the direction of the slices, how they are spaced and numbered. view: the ray through the middle of what a bin
- * sees of the prism; base: its triangle's corners; across: the frame's normal */
+/* Chooses the direction, spacing and numbers of the slices. view: the ray through the middle of the prism's visible
+ * part in a bin; base: the corners of its triangle; across: the frame's normal */
 void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 view, const float3 *base, float3 across,
                 float first_depth)
 {
@@ -261,7 +260,7 @@ void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 v
     t->by_height = context->slicing != SCREEN && direction == 0;
     t->count = context->pixel == 0.0f ? context->slices : context->slices * (context->spacing / t->spacing);
     t->slice_rounding = SLICE_ROUNDING;
-    /* A whole number is taken off, as large as that of the first corner: what remains is exact. */
+    /* Subtracting a whole number close to the first corner's keeps the rest exact. */
     const float along = 1.0f / t->spacing;
     if (context->slicing == SCREEN) {
         const float off = rint(first_depth * along);
@@ -275,16 +274,16 @@ void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 v
     }
 }
 
-/* Where a bin sees a prism in its middle; low, high: the prism's box. All relative to the region at (x, y), which is
- * the bin or one of its pixels */
+/* The middle of a prism's visible part in a bin; low, high: the prism's box. Coordinates are relative to the region at
+ * (x, y), which is the bin or one of its pixels */
 INLINED float2 middle_in_bin(float2 low, float2 high, int x, int y)
 {
     const float2 bin = (float2)(-(x % BIN), -(y % BIN));
     return 0.5f * (clamp(low, bin, bin + (BIN - 1.0f)) + clamp(high, bin, bin + (BIN - 1.0f)));
 }
 
-/* Sets up a prism. Returns its box in the region at (x, y): (low_x, high_x, low_y, high_y); empty if it cannot be
- * seen */
+/* Sets up a prism. Returns its box in the region at (x, y): (low_x, high_x, low_y, high_y); empty if the prism is not
+ * visible */
 static int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
 {
     const int4 empty = (int4)(1, 0, 1, 0);
@@ -312,7 +311,7 @@ static int4 set_up_one(const Context *context, int index, int x, int y, Prism *t
     /* The frame's corners in the picture: the triangle's, and one above the first. */
     const float3 across = vload3(index * 3, context->frames) * (context->spacing * context->slices);
     const float *m = context->screen.from_world;
-    float up_row[4]; /* of the pixel space */
+    float up_row[4]; /* in pixel space */
     for (int row = 0; row < 4; row++)
         up_row[row] = m[4 * row] * across.x + m[4 * row + 1] * across.y + m[4 * row + 2] * across.z;
     float4 up = (float4)(up_row[0], up_row[1], up_row[2], up_row[3]);
@@ -356,7 +355,7 @@ static int4 set_up_one(const Context *context, int index, int x, int y, Prism *t
                t->perspective ? p[0].z : -p[0].w);
     set_bend(&t->bend, context->tilts + TILT_FLOATS * index);
     set_planes(t, rows, context->tilts + TILT_FLOATS * index);
-    bound_sides(t, crosses ? 0.0f : SIDE_MARGIN / p[0].z); /* no gap between neighbours by rounding */
+    bound_sides(t, crosses ? 0.0f : SIDE_MARGIN / p[0].z); /* rounding leaves no gap between neighbours */
     const float margin = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
     t->first = crosses ? t->rear : t->rear - margin;
     t->last = crosses ? t->nearest : fmin(t->front + margin, t->nearest);

@@ -1,29 +1,29 @@
 /* Displacement mapping by slices (Kautz & Seidel 2001, section 3).
  *
  * Each triangle of the base, extruded along its corners' normals, is a prism. The slice at a height in it is a triangle
- * with the base's uv; along a ray, points' heights and corners' shares follow from a cubic (prism_rays.h). Slices are
- * even heights (direction a), which rays meet where it is linear in depth; or planes, evenly spaced along rays. A pixel
- * walks the slices of its part of the ray from front to back and stops at the first that passes the alpha test.
+ * with the base's uv. Along a ray, the heights and corners' shares of points follow from a cubic (prism_rays.h). Slices
+ * are either even heights (direction a), whose depth on a ray is explicit, or planes evenly spaced along rays. A pixel
+ * walks the slices on its part of the ray from front to back and stops at the first that passes the alpha test.
  *
  * UNCLIPPED: slices parallel to the screen are tested all over the box of each prism, not only inside.
  *
- * Deviations from the paper: slices are met per pixel instead of drawn as polygons; where a ray enters or leaves
- * through the base, the base is tested as a slice is, so that no view sees through flat parts between two slices, and
- * so is where it leaves at a border of the surface;
- * `halvings` bring the point that passes closer to the surface than its slice; `by_view` chooses how many
- * there are, for each prism (space_slices).
+ * Deviations from the paper: slices are met per pixel instead of drawn as polygons. Where a ray enters or leaves
+ * through the base, the base is tested like a slice, so that flat parts between two slices have no gaps. Rays are also
+ * tested where they leave at a border of the surface. `halvings` bring the point that passes closer to the surface than
+ * its slice. `by_view` chooses the number of slices for each prism (space_slices).
  *
- * corners: (triangles, 6) of projected, three of the base and those above them. points: (2 vertices, 3) world, of the
- * base and above it. uv: (vertices, 2) u, v (times tiles). frames: (triangles, 3, 3) the slicing directions a (normal),
- * b, c: unit length. tilts: (triangles, 3, 3) of each corner the way to the one above it, in the triangle's sides and
- * in a times the displacement. ends: (triangles,) 1: at a border of the surface. heights: (map_height, map_width),
- * lib/heights.h. colors: lib/texture.h, read by lib/footprint.h, as normal_map. gradients: (triangles, 2, 3) of u and v
- * on the base, in the world, times tiles. normals: (vertices of the base, 3). spacing: of the slices, in the world.
- * slices: of direction a, over the displacement; by_view: as in the volume's middle. counters: (height, width) alpha
- * tests, with COUNTERS. The region's u and v are the shares of a triangle's second and third corner. Work-item: a
- * region (raster/region.h): with LANES 16 a bin, in blocks of 4 x 4 pixels, one to a lane; with LANES 1 a pixel, which
- * sets up all prisms of its bin's list by itself and walks the slices of those that it meets. Cost: O(list + pixels *
- * slices met), with LANES 1 O(pixels * list + ...). Determinism: list order.
+ * corners: (triangles, 6) indices of `projected`: three corners of the base, then the three above them. points: (2
+ * vertices, 3) world, of the base, then above it. uv: (vertices, 2) u, v (times tiles). frames: (triangles, 3, 3) the
+ * slicing directions a (normal), b, c: unit length. tilts: (triangles, 3, 3) each corner's vector to the corner above
+ * it, in units of the triangle's sides and of a times the displacement. ends: (triangles,) 1 at a border of the
+ * surface. heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by lib/footprint.h, as
+ * normal_map. gradients: (triangles, 2, 3) of u and v on the base, in the world, times tiles. normals: (vertices of the
+ * base, 3). spacing: slice spacing in the world. slices: number along direction a over the displacement; by_view: the
+ * number in the middle of the volume. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are
+ * the shares of a triangle's second and third corner. Work-item: a region (raster/region.h). With LANES 16 it is a bin,
+ * drawn in blocks of 4 x 4 pixels, one pixel to a lane; with LANES 1 it is a pixel, which sets up all prisms in its
+ * bin's list and walks the slices of the prisms that its ray meets. Cost: O(list + pixels * slices met), with LANES 1
+ * O(pixels * list + ...). Determinism: list order.
  */
 #define KEEPS_UV 1
 #include "lib/footprint.h"
@@ -34,12 +34,12 @@
 #include "slicing/slice_normals.h"
 
 #ifndef UNCLIPPED
-#define UNCLIPPED 0 /* 1: slices are tested beside the prisms, too, as described at the top */
+#define UNCLIPPED 0 /* 1: slices are tested outside the prisms, too, as described at the top */
 #endif
 
-#define END_HALVINGS 4   /* of the way from the last slice to the end of the surface */
-#define Z_ROUNDING 4e-6f /* of depths: where a ray meets a slice of even height, and where it enters and leaves */
-#define SLICE_NUMBER_MAX 8388608.0f /* slices: beyond, the next one would be the same float */
+#define END_HALVINGS 4   /* halvings of the interval from the last slice to the end of the surface */
+#define Z_ROUNDING 4e-6f /* relative rounding error of depths at slices and where a ray enters or leaves */
+#define SLICE_NUMBER_MAX 8388608.0f /* beyond it, adjacent slice numbers would round to one float */
 
 INLINED intl is_in_prism(const Prism *t, Place place)
 {
@@ -47,17 +47,17 @@ INLINED intl is_in_prism(const Prism *t, Place place)
     return min_lanes(shares, place.h) >= -t->share_rounding;
 }
 
-#define RUN (UNCLIPPED ? 2 : 16) /* slices; of two, each is exact, beside the prism, too */
+#define RUN (UNCLIPPED ? 2 : 16) /* slices; in a run of two each is exact, outside the prism, too */
 
-/* What a block's rays have met */
+/* The hits of a block's rays */
 typedef struct {
     intl found;
     floatl z;
     Place place;
 } SliceHit;
 
-/* The alpha test of points at depth z of the rays that are `tested`. Only points in the prism pass, but where it is
- * `extended`. Returns which are such points. */
+/* Makes the alpha test at depth z of the rays that are `tested`. Only points in the prism can pass, or any point where
+ * `extended`. Returns which points can. */
 INLINED intl test_at(const Context *context, const Prism *t, const Region *region, int block, SliceHit *hit, floatl z,
              Place place, intl tested, intl extended)
 {
@@ -80,7 +80,7 @@ INLINED intl test_at(const Context *context, const Prism *t, const Region *regio
 }
 
 /* Bisects the interval from the depth `before`, whose points do not pass, to the hits that have `passed`. extended:
- * from which depths on points may also lie beside the prism */
+ * depths from which on points may also lie outside the prism */
 void refine_slice_hit(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
                       SliceHit *hit, int halvings, floatl before, intl passed, floatl extended)
 {
@@ -92,7 +92,7 @@ void refine_slice_hit(const Context *context, const Prism *t, const Region *regi
     }
 }
 
-/* Where rays cross the base, between the depths `entry` and `exit`, up to rounding */
+/* The depth at which rays cross the base, clamped to `entry` and `exit`; crosses: the crossing lies between them */
 INLINED floatl depth_of_base(const Prism *t, const PrismRays *rays, floatl entry, floatl exit, intl *crosses)
 {
     const floatl z = clamp_lanes(-rays->rise.fixed / rays->rise.sloped, entry, exit);
@@ -101,7 +101,7 @@ INLINED floatl depth_of_base(const Prism *t, const PrismRays *rays, floatl entry
     return z;
 }
 
-/* Where a block's rays may be in a prism, from front to back, and where its slices are tested */
+/* The interval of a block's rays inside a prism, and from `front` to `back` the interval in which slices are tested */
 typedef struct {
     floatl entry, exit, front, back;
     intl inside, meets;
@@ -109,8 +109,8 @@ typedef struct {
 
 INLINED Passage passage_of(const Prism *t, floatl x, floatl y, floatl so_far)
 {
-    /* From which nearness to which the ray lies inside: bounds are planes over the picture. */
-    floatl far = t->first, near = t->last; /* bounds, lest rounding of a flat prism's sides leads astray */
+    /* The interval of nearness in which the ray lies inside, bounded by planes over the picture */
+    floatl far = t->first, near = t->last; /* limits the rounding errors of a flat prism's sides */
     for (int k = 0; k < PRISM_PLANES; k++) {
         const floatl n = t->sides[k].x * x + (t->sides[k].y * y + t->sides[k].one);
         if (t->leaves[k])
@@ -132,7 +132,7 @@ INLINED Passage passage_of(const Prism *t, floatl x, floatl y, floatl so_far)
     return p;
 }
 
-/* Where a block's rays meet their slices */
+/* A slice's depth on a block's rays, and the places there */
 typedef struct {
     floatl z;
     Place place;
@@ -154,11 +154,11 @@ INLINED Meeting meeting_of(const Prism *t, const PrismRays *rays, const Passage 
     return met;
 }
 
-/* The parabola through three values, part 0 to 1 of the way from the first to the last */
+/* The parabola through three values, at a fraction `part` of the way from the first to the last */
 #define ON_PARABOLA(from, middle, to, part)                                                                    \
     ((from) + (part) * ((4.0f * (middle) - 3.0f * (from) - (to)) + (part) * (2.0f * ((from) - 2.0f * (middle) + (to)))))
 
-/* The numbers of the slices that rays meet: the first, and how many more there are, < 0: none at all */
+/* Finds the numbers of the slices that rays meet: sets the first, returns how many follow it; < 0: there are none */
 INLINED intl slices_of(const Prism *t, const PrismRays *rays, const Passage *p, Linear number, floatl *slice,
                        floatl *step)
 {
@@ -178,10 +178,10 @@ INLINED intl slices_of(const Prism *t, const PrismRays *rays, const Passage *p, 
     return to_intl((last - *slice) * *step);
 }
 
-/* Tests the slices from front to back until one passes. Returns the depths before the hits, which did not. last: the
- * depths of the last slices, or where the ray enters if there are none. Where rays
- * meet the ends and the middle of a run of slices is exact, between these it lies on a parabola: off by much less than
- * slices are apart. drawn: what lies behind is hidden */
+/* Tests the slices from front to back until one passes. Returns the depths before the hits, where the test failed.
+ * last: the depths of the last slices, or the entry depths if there are none. Crossings are exact at the ends and in
+ * the middle of a run of slices; parabolas interpolate between these, with errors far below the spacing. drawn: depths
+ * beyond which everything is occluded */
 static floatl walk_slices(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
                    const Passage *p, Linear number, floatl drawn, SliceHit *hit, floatl *last)
 {
@@ -226,7 +226,7 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     if (t->front <= region->farthest[block])
         return;
 #if BLOCK > 1 && !UNCLIPPED
-    for (int k = 0; k < t->outlines; k++) /* most blocks in the box of a prism lie beside it */
+    for (int k = 0; k < t->outlines; k++) /* most blocks in the box of a prism do not show it */
         if (t->outline[k].x * first_x + (t->outline[k].y * first_y + t->outline[k].one) < 0.0f)
             return;
 #endif
@@ -240,7 +240,7 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     SliceHit hit = {0, 0.0f, {0.0f, 0.0f, 0.0f}};
     intl at_base = 0;
     floatl base = p.exit;
-    if (context->slicing != SURFACE) { /* there, slice 0 is the base */
+    if (context->slicing != SURFACE) { /* with SURFACE, slice 0 is the base */
         base = depth_of_base(t, &rays, p.entry, p.exit, &at_base);
         at_base = at_base & p.inside;
         test_at(context, t, region, block, &hit, base, place_at(&t->bend, &rays, base, 0.0f),
@@ -255,8 +255,8 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     if (context->slicing != SURFACE)
         test_at(context, t, region, block, &hit, base, place_at(&t->bend, &rays, base, 0.0f),
                 at_base & !hit.found & (rays.rise.sloped < 0.0f) & reaches_end, 0);
-    /* Where rays leave by another side: the next prism's slices, if there is one, lie beyond it. What the planes bound
-     * is a little larger than the prism: there, behind it, heights are those that it would have. */
+    /* Rays that leave by another side reach the slices of the next prism, if there is one, only beyond it. The bounding
+     * planes are a little outside the prism, where heights are extrapolated. */
     const intl in_prism = hit.found;
     if (t->halvings > 0 || t->ends) {
         const Place end = place_at(&t->bend, &rays, p.exit, height_at_depth(&t->bend, &rays, p.exit));
@@ -285,9 +285,9 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
 kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *corners, global const float *points,
                          global const float *uv, global const float *frames, global const float *tilts,
                          global const int *ends, global const uint *heights, global const uint *colors, float spacing, int slices,
-                         int by_view /* 1: each prism has as many as the picture needs there */,
-                         int halvings /* of the interval to the slice before, once one has passed */, int slicing,
-                         int test, float band /* of heights that BAND takes; 0: that of a slice */, int map_width,
+                         int by_view /* 1: the picture chooses the number of slices of each prism */,
+                         int halvings /* halvings of the interval before the first slice that passes */, int slicing,
+                         int test, float band /* range of heights that BAND accepts; 0: one slice */, int map_width,
                          int map_height, int color_width, int color_height,
                          int color_levels, float pixel_size, global const float *gradients ANISOTROPY_PARAMETER
 #if LIT

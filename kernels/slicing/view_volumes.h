@@ -1,8 +1,8 @@
 #ifndef SLICING_VIEW_VOLUMES_H
 #define SLICING_VIEW_VOLUMES_H
-/* What each view's image leaves of space: the points behind the surface that its depth image displaces (SILHOUETTES 0),
- * or inside its silhouette (SILHOUETTES 1). The object is what all views leave (Kautz & Seidel 2001, sections 4 and 5).
- * Arrays: object.cl.
+/* The volume that each view's image keeps: the points behind the surface that its depth image displaces (SILHOUETTES
+ * 0), or inside its silhouette (SILHOUETTES 1). The object is their intersection (Kautz & Seidel 2001, sections 4 and
+ * 5). Arrays: object.cl.
  */
 #include "lib/screen.h"
 #include "lib/taps.h"
@@ -14,7 +14,7 @@
 #define SILHOUETTES 0 /* 1: maps are masks */
 #endif
 #ifndef RIBBONS
-#define RIBBONS 0 /* 1: what is one sample thin in a view is as wide there as its ribbons (slicing/ribbons.cl) */
+#define RIBBONS 0 /* 1: parts one sample thin in a view are as wide there as their ribbons (slicing/ribbons.cl) */
 #endif
 
 /* A pixel's ray in the world */
@@ -22,7 +22,7 @@ typedef struct {
     Linear x, y, z;
 } WorldRay;
 
-/* The product of a row of a matrix with the points of a ray, whose homogeneous coordinate is 1 */
+/* The product of a matrix row with the points of a ray, whose homogeneous coordinate is 1 */
 INLINED Linear row_of(global const float *m, const WorldRay *ray)
 {
     Linear made;
@@ -31,7 +31,7 @@ INLINED Linear row_of(global const float *m, const WorldRay *ray)
     return made;
 }
 
-/* The four samples of a view's image around a place, their weights, and whether the place is on the image */
+/* The four samples of a view's image around a place, their weights, and whether the place lies on the image */
 typedef struct {
     Taps taps;
     floatl weights[4];
@@ -53,16 +53,17 @@ INLINED Samples samples_at(global const int *size, floatl x, floatl y)
 #define MAP_OF(views, size) ((views)->maps + 2 * (size)[2])
 #endif
 
-/* A view's surface around a place: nearness, and whether there is any */
+/* A view's surface at a place: its nearness, and whether there is a surface */
 typedef struct {
     floatl nearness;
     intl there;
 } SurfaceSample;
 
-/* Of the wanted places of nearness `mine`: exact where these are about as near, and on the right side of it elsewhere.
- * reach: what the surface is nearer by than its samples at most. outline: the share of the samples' weights at which a
- * part ends where the view saw background. A sample covers its pixel: between two, 0.5 is half-way. Where it saw a
- * surface behind, the part falls off to that, the later the less. creases: 0 leaves out those between four samples. */
+/* The view's surface at the samples, for `wanted` points of nearness `mine`. It is exact close to the points; elsewhere
+ * only its side of the points is right. reach: most by which the surface is nearer than its samples. outline: the sum
+ * of sample weights at which a part ends towards background; 0.5 is half-way, because a sample covers its pixel.
+ * Towards a surface behind it, the part falls off to that surface, later for a smaller `outline`. creases: 0 leaves out
+ * the creases between four samples. */
 INLINED SurfaceSample surface_at(global const float *map, global const int *size, Samples samples, float outline,
                                  float reach, floatl mine, intl wanted, int creases)
 {
@@ -99,7 +100,7 @@ INLINED SurfaceSample surface_at(global const float *map, global const int *size
     return surface;
 }
 
-/* The part of a silhouette's samples around a place that are the object's, bilinear */
+/* The bilinear share of a silhouette's samples around a place that belong to the object */
 INLINED floatl mask_at(global const float *map, Samples samples)
 {
     floatl sum = 0.0f;
@@ -120,7 +121,7 @@ INLINED ViewRay view_ray(global const float *matrix, const WorldRay *ray)
     return made;
 }
 
-/* What is known of the views, as object.cl describes it */
+/* The views of an object, as in object.cl */
 typedef struct {
     int count;
     global const float *matrices;
@@ -141,7 +142,7 @@ typedef struct {
 } Views;
 
 #if RIBBONS
-/* The nearest of a view's nearness `value` at the place (x, y) and of its ribbons there */
+/* The nearer of a view's nearness `value` and its ribbons at the place (x, y) */
 INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x, floatl y, intl active, floatl value)
 {
     const floatl column = clamp_lanes(floor_lanes(x + 0.5f), (floatl)0.0f, (floatl)(size[0] - 1));
@@ -158,7 +159,7 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
         }
         floatl low = 0.0f, high = 1.0f;
         const floatl across[2] = {x - part[0], y - part[1]};
-        for (int axis = 0; axis < 2; axis++) { /* the part of the sweep in which the square holds the place */
+        for (int axis = 0; axis < 2; axis++) { /* the part of the sweep whose square contains the place */
             const floatl length = part[2 + axis],
                          per_length = 1.0f / select_lanes(fabs(length) > 1e-6f, length, (floatl)1e-6f);
             const floatl a = (across[axis] - 0.5f) * per_length, b = (across[axis] + 0.5f) * per_length;
@@ -174,11 +175,11 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
 }
 #endif
 
-/* Views whose rays are held, the first in order: most points fail there. Those of others are found anew, and on GPUs
- * all: an array that is indexed would lie in the device's memory. */
+/* Number of views whose rays are held. They are the first in testing order, where most points fail. The rays of other
+ * views are computed for each point; on GPUs all are, because an indexed array would lie in device memory. */
 #define RAYS_HELD (LANES == 1 ? 0 : 6)
 
-/* Rays as the views see them */
+/* A pixel's ray, with its form in the space of the first views */
 typedef struct {
     const WorldRay *ray;
     ViewRay held[RAYS_HELD + 1];
@@ -191,8 +192,8 @@ void hold_rays(const Views *views, const WorldRay *ray, ViewRays *rays)
         rays->held[i] = view_ray(views->matrices + 16 * views->order[i], ray);
 }
 
-/* Which of the points of the rays at depth z pass the test of every view? passed: is raised by the number of views
- * whose test each has passed, up to the first that it fails */
+/* Returns which of the rays' points at depth z pass the test of every view. passed: rises by the number of views that a
+ * point passes before the first that it fails */
 intl inside_all(const Views *views, const ViewRays *rays, floatl z, intl inside, intl *passed, intl *tests)
 {
     for (int i = 0; i < views->count && any_lane(inside); i++) {
