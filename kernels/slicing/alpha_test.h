@@ -5,7 +5,7 @@
 #include "lib/taps.h"
 
 #define AT_LEAST 0 /* alpha >= h: the inside is filled, the base drawn (Dietrich) */
-#define BAND 1     /* alpha within a band above h: one sees through between samples that differ by more (Schaufler) */
+#define BAND 1     /* alpha within a band above h: gaps open between samples that differ by more (Schaufler) */
 #define INSIDE 2   /* alpha > h: where alpha is 0 there is nothing (Kautz & Seidel) */
 
 /* Bilinear height at (u, v), 0 to 1, tiled or clamped; heights: lib/heights.h. u and v are wrapped before they are
@@ -17,7 +17,7 @@ floatl height_at(global const uint *heights, int width, int height, floatl u, fl
     return height_of(read_patch(heights, map, taps.column, taps.row), taps.fx, taps.fy) * HEIGHT_UNIT;
 }
 
-/* Does a point of height h pass, where the map's value is alpha? */
+/* Tells whether a point of height h passes where the map's value is alpha. */
 intl passes(int test, floatl alpha, floatl h, float band)
 {
     if (test == AT_LEAST)

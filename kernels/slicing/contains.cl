@@ -1,7 +1,8 @@
-/* Which points are in an object: those that pass the tests of all views (slicing/view_volumes.h).
+/* Points in an object: the points that pass the tests of all views (slicing/view_volumes.h).
  *
  * points: (3, count) from the middle of the object's box; count is a whole number of packets. inside: (count,) 0 or 1.
- * The rest: object.cl. Work-item: LANES points. Cost: O(points * views tested). Determinism: each point on its own.
+ * Other arrays: object.cl. Work-item: LANES points. Cost: O(points * views tested). Determinism: points are
+ * independent.
  */
 #include "slicing/view_volumes.h"
 

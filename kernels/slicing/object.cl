@@ -1,22 +1,22 @@
-/* Objects from images: the intersection of what each image leaves of space, by slices (Kautz & Seidel 2001,
- * sections 4 and 5).
+/* Objects from images: the intersection of the images' volumes, drawn by slices (Kautz & Seidel 2001, sections 4 and
+ * 5).
  *
  * A pixel walks the slices of its ray's part of the object's box from front to back and stops at the first point that
  * passes the test of every view: behind the surface that the view's depth image displaces (SILHOUETTES 0), or inside
  * its silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness, with creases between samples. It ends
- * half-way to where the view saw background, as the outline of a mask, and farther out the more views there are; where
- * it knows of no depth, it lies as near as the box reaches.
+ * half-way to background samples, like the outline of a mask, and farther out with more views. Samples of unknown depth
+ * are as near as the box reaches.
  *
  * Deviations from the paper: the slices are met per pixel instead of drawn as polygons, so the stencil passes become
- * one loop; `halvings` bring the point that passes closer to the surface than its slice; `visible` colours by the views
+ * one loop. `halvings` bring the point that passes closer to the surface than its slice. `visible` colours by the views
  * that see the point (view_colors.h).
  *
  * matrices: (views, 16) from the world to each view's pixel space. sizes: (views, 3) width, height and start in maps
- * and colors. maps: (views, 2, height, width) view_volumes.h, or 0 and 1. reaches: (views,) by how much a view's
- * surface may be nearer than its samples. colors: RGBA bytes, A = 255 where the view has a
- * sample. order: (views,) views in the order of testing. closeness: (views,) of each view's direction to the target's,
- * > 0. The origin of world coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With
- * RIBBONS, firsts: the number of the first ribbon of each sample of each view, and at last that of all; ribbons: (N,
+ * and colors. maps: (views, 2, height, width) view_volumes.h, or 0 and 1. reaches: (views,) most nearness by which a
+ * view's surface is nearer than its samples. colors: RGBA bytes, A = 255 where the view has a sample. order: (views,)
+ * views in the order of testing. closeness: (views,) of each view's direction to the target's, > 0. The origin of world
+ * coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With RIBBONS, firsts: the
+ * number of each sample's first ribbon, for all views, and finally the number of all ribbons; ribbons: (N,
  * RIBBON_FLOATS), lib/ribbons.h. Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel.
  * Cost: O(pixels * slices * views tested). Determinism: fixed order.
  */
@@ -27,17 +27,17 @@
 kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
             global const float *maps, global const float *reaches, global const uint *colors, global const int *order,
             global const float *closeness,
-            int view_count, Box box, int slices_axis, int halvings /* of the interval to the slice before, once one has passed */,
-            int finds_thin /* 1: what is thinner than slices lie apart, too */,
-            int visible /* 1: colours are of views that see the points, if there are any */,
-            int unknown /* 1: points beside an image pass its test */,
+            int view_count, Box box, int slices_axis, int halvings /* in the interval before the first hit */,
+            int finds_thin /* 1: also searches for parts thinner than the slice spacing */,
+            int visible /* 1: colours come from views that see the points, if there are any */,
+            int unknown /* 1: points outside an image pass its test */,
             float outline /* where views' surfaces end: surface_at() */,
             float sample /* scene units between samples in the middle of the box, of the coarsest view */,
-            float stride /* scene units of the ray, the shortest from the object's surface to a view's own */,
+            float stride /* shortest step from the object's surface back to a view's own, in scene units of the ray */,
             int low_x, int low_y COUNTERS_PARAMETER(int)
 #if RIBBONS
                            ,
-            global const int *firsts /* of the ribbons of each view's samples, and the end of all */,
+            global const int *firsts /* number of each sample's first ribbon; finally of all */,
             global const float *ribbons
 #endif
                 GBUFFER_PARAMETERS NORMALS_PARAMETER(uint))
@@ -64,7 +64,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     floatl hit = 0.0f;
     intl tests = 0, found = intersect_object(&views, &ray, segment, drawn, halvings, finds_thin, &hit, &tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);
-    found = found & (nearness > so_far); /* of things that are equally near, the first stays */
+    found = found & (nearness > so_far); /* the first of several equally near things stays */
     region.nearness[0] = select_lanes(found, nearness, so_far);
     region.owner[0] = select_lanes(found, (intl)0, (intl)-1);
     Color shade = {0.0f, 0.0f, 0.0f}, normal = shade;

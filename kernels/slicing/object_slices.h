@@ -3,19 +3,19 @@
 /* Where rays meet an object: the slices of its box, walked from front to back. */
 #include "slicing/view_volumes.h"
 
-#define TO_SCREEN 3 /* the axis of slices that are parallel to the screen; others are the box's 0, 1 and 2 */
+#define TO_SCREEN 3 /* the axis of slices parallel to the screen; the box's axes are 0, 1 and 2 */
 
 typedef struct {
     float from_world[12]; /* row by row */
-    float edges[3];       /* of the box, in scene units */
-    float spacing;        /* of the slices, in scene units */
-    float first; /* of slices parallel to the screen, the number that is counted as 0: of the one through the middle */
+    float edges[3];       /* lengths of the box's edges, in scene units */
+    float spacing;        /* between slices, in scene units */
+    float first; /* slices parallel to the screen: the number of the slice through the middle, counted as 0 */
     int slices;           /* along the longest edge */
     int alone;            /* 1: slice number `only` is drawn, and no other */
     int only;
 } Box;
 
-/* The rays of the pixels (x, y): perspective ones start at the centre, orthographic ones run along it. */
+/* The rays of the pixels (x, y): perspective rays start at the camera's centre, orthographic rays on its plane */
 WorldRay world_ray(Screen screen, floatl x, floatl y)
 {
     const float *m = screen.to_world;
@@ -33,15 +33,15 @@ WorldRay world_ray(Screen screen, floatl x, floatl y)
 typedef struct {
     floatl front, back;
     Linear number;
-    int number_max;  /* no slice in the box has a greater number, nor one below its opposite */
+    int number_max;  /* slice numbers in the box lie between -number_max and number_max */
     int alone, only; /* of Box */
 } RaySegment;
 
-/* from: depth at which the picture begins; slices_axis: of the box, or TO_SCREEN */
+/* from: depth at which the picture begins; slices_axis: an axis of the box, or TO_SCREEN */
 RaySegment segment_in_box(Box box, const WorldRay *ray, floatl from, int slices_axis)
 {
-    /* Along no ray are there more slices than along the longest edge, and rounding is off by no more than these again
-     * unless floats do not tell depths in the box apart. */
+    /* No ray crosses more slices than the longest edge does. Rounding adds at most as many again, unless float32 cannot
+     * resolve depths in the box. */
     RaySegment segment = {from, INFINITY, {-box.first, 1.0f / box.spacing}, 2 * (box.slices + 1), box.alone, box.only};
     for (int k = 0; k < 3; k++) {
         const float *r = box.from_world + 4 * k;
@@ -59,7 +59,7 @@ RaySegment segment_in_box(Box box, const WorldRay *ray, floatl from, int slices_
     return segment;
 }
 
-/* Bisects the interval of the length `step` before the hits that are `found`, in which the rays enter the object. */
+/* Bisects the interval of length `step` before the hits that are `found`, where the rays enter the object. */
 void refine_object_hit(const Views *views, const ViewRays *rays, RaySegment segment, floatl step, int halvings,
                        intl found, floatl *hit, intl *tests)
 {
@@ -73,9 +73,10 @@ void refine_object_hit(const Views *views, const ViewRays *rays, RaySegment segm
     }
 }
 
-/* Searches between slices for parts of the object that are thinner than these lie apart. The rays that are `crossed`
- * fail at z the test of another view than at the slice before, `step` before it; after `passed` views. Bisection leads
- * to where the one test gives way to the other: points there may pass both. Sets hit, and returns where it does. */
+/* Searches between slices for parts of the object that are thinner than the spacing. On rays that are `crossed`, the
+ * first view that fails at z, after `passed` views, is not the view that failed at the slice before, `step` closer.
+ * Bisection leads to the depth where one view takes over from the other: points there may pass both. Sets hit, and
+ * returns which rays hit. */
 intl intersect_between(const Views *views, const ViewRays *rays, RaySegment segment, floatl z, floatl step, int halvings,
                        intl crossed, intl passed, floatl *hit, intl *tests)
 {
@@ -94,8 +95,8 @@ intl intersect_between(const Views *views, const ViewRays *rays, RaySegment segm
     return found;
 }
 
-/* Which rays meet the object before the depth `drawn` that the picture shows already? Sets hit, the depth at which they
- * do. */
+/* Returns which rays meet the object in front of the depth `drawn` that the picture already shows. Sets hit, the depth
+ * where they meet it. */
 OUTLINED intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segment, floatl drawn, int halvings,
                       int finds_thin, floatl *hit, intl *tests)
 {
@@ -108,7 +109,7 @@ OUTLINED intl intersect_object(const Views *views, const WorldRay *ray, RaySegme
     const floatl step = select_lanes(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / segment.number.sloped;
     const floatl number_max = segment.number_max,
                  s_front = clamp_lanes(AT(segment.number, segment.front), -number_max, number_max);
-    /* Halvings bring a hit forward by up to a slice. */
+    /* Halvings bring a hit forward by up to one slice. */
     const floatl back = min_lanes(drawn + fabs(per_slice), segment.back);
     floatl slice = segment.alone ? (floatl)(float)segment.only
                                  : select_lanes(rises, ceil_lanes(s_front), floor_lanes(s_front));

@@ -1,22 +1,23 @@
 #ifndef SLICING_PRISM_RAYS_H
 #define SLICING_PRISM_RAYS_H
-/* Rays in a prism: the heights and corners' shares of their points.
+/* Rays in a prism: the heights of their points, and the points' shares of the corners.
  *
- * The slice of height h is the base triangle moved by h times its corners' ways to the top, which differ: a point is in
- * the mean of the corners, by its shares, and of their ways. In the prism's frame, with a, b, c the first corner's way,
- * a1, a2 ... what that of the second and third is more:
+ * The slice at height h is the base triangle with each corner moved by h times its own vector to the top. A point is
+ * the mean of the moved corners, weighted by its shares. In the prism's frame, (a, b, c) is the vector of the first
+ * corner, and a1, a2 ... are the differences of the second and third corner's vectors from it:
  *
  *   second (1 + h a1) + third h a2 = x - h a       x, y, z: the point in the frame
  *   second h b1 + third (1 + h b2) = y - h b
  *   h (c + second c1 + third c2) = z
  *
- * The first two give the shares for a height; put into the third they make a cubic in h, whose coefficients are linear
- * in x, y and z, hence along a ray. So the depth at which a ray meets a height is explicit, and the height at a depth
- * is found by Newton's steps from c + x c1 + y c2 for the bracket, which is exact if corners' ways are parallel.
+ * The first two give the shares for a height. Put into the third, they leave a cubic in h, whose coefficients are
+ * linear in x, y and z, hence along a ray. So the depth at which a ray meets a height is explicit. The height at a
+ * depth is found by Newton steps that begin with the bracket c + x c1 + y c2; they are exact if the corners' vectors
+ * are parallel.
  */
 #include "slicing/prisms.h"
 
-#define NEWTON_STEPS 2 /* from a guess that is off by a few hundredths: to rounding */
+#define NEWTON_STEPS 2 /* from a guess that is off by a few hundredths down to rounding */
 
 /* A block's rays in a prism's frame */
 typedef struct {

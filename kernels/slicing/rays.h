@@ -8,11 +8,11 @@ typedef struct {
     floatl fixed, sloped;
 } Linear;
 
-#define SLICES_MAX 4096     /* slices over a thing: the greatest number that a picture chooses */
-#define SLICES_STEADY 256   /* slices over a displacement between which little is missed, however wide pixels are */
-#define HALVINGS_MAX 24     /* of the interval between two slices: float32 holds no more */
-#define PIXEL_PARTS 8       /* parts of a pixel to which a picture that chooses its slices brings points to the surface */
-#define TEXTURE_PARTS 512   /* parts of a displacement to which they are brought, too, lest textures flicker */
+#define SLICES_MAX 4096     /* most slices that a picture chooses over a thing */
+#define SLICES_STEADY 256   /* slices over a displacement that miss little, even where pixels are wide */
+#define HALVINGS_MAX 24     /* halvings of the interval between two slices: float32 resolves no more */
+#define PIXEL_PARTS 8       /* with slices by view, points are within 1/8 of a pixel of the surface */
+#define TEXTURE_PARTS 512   /* and within 1/512 of the displacement, so that textures do not flicker */
 
 #define AT(linear, z) ((linear).fixed + (linear).sloped * (z))
 #endif

@@ -1,16 +1,17 @@
 #ifndef SLICING_SLICE_NORMALS_H
 #define SLICING_SLICE_NORMALS_H
-/* Normals of what slices show, and the footprint of a pixel there.
+/* Normals of surfaces drawn by slices, and the footprint of a pixel on them.
  *
- * Lengths are those of the slice through the point, a triangle whose corners are as high as the point above the base's:
- * where the base bends by k, it is 1 + k d as long, d above the base, and the heights' slopes so much less.
+ * Lengths are measured on the slice through the point, a triangle with all corners at the point's height above the
+ * base: where the base has curvature k, a slice at distance d above it is 1 + k d as long, and heights are flatter
+ * there.
  */
 #include "lib/footprint.h"
 #include "lib/light.h"
 #include "slicing/alpha_test.h"
 #include "slicing/prisms.h"
 
-/* Of LANES owners, in the middle of a pixel: u and v there, and what they are at the corners more than at the first */
+/* A pixel's centre on each lane's triangle: u and v there, and the differences of the other corners from the first */
 typedef struct {
     intl corner[3]; /* of the base */
     floatl second, third;
@@ -44,7 +45,7 @@ typedef struct {
     floatl h;
 } SliceSides;
 
-/* The mean of three vectors by a point's shares */
+/* The mean of the corners' vectors, weighted by a point's shares */
 INLINED Vector mean_by_shares(const SlicePoint *p, const Vector *of_corner)
 {
     const Vector a = minus(of_corner[1], of_corner[0]), b = minus(of_corner[2], of_corner[0]);
@@ -54,7 +55,7 @@ INLINED Vector mean_by_shares(const SlicePoint *p, const Vector *of_corner)
     return mean;
 }
 
-/* Those of the slice through a point that is seen at `seen` in the world */
+/* The sides of the slice through the point at `seen` in the world */
 INLINED SliceSides sides_of_slice(const Context *context, const SlicePoint *p, intl triangle, Vector seen)
 {
     Vector base[3], up[3];
@@ -74,7 +75,7 @@ INLINED SliceSides sides_of_slice(const Context *context, const SlicePoint *p, i
     return sides;
 }
 
-/* Gradients of u and v on a slice: at right angles to `normal`, right along both sides */
+/* Gradients of u and v on a slice: at right angles to `normal`, and exact along both sides */
 INLINED void gradients_on_slice(const SlicePoint *p, const SliceSides *sides, Vector normal, Vector *along_u,
                                 Vector *along_v)
 {
@@ -91,7 +92,7 @@ INLINED void gradients_on_slice(const SlicePoint *p, const SliceSides *sides, Ve
     *along_v = of_v;
 }
 
-/* A normal, tilted by how much heights (0 to 1) rise over a unit of u, and of v, of the slice */
+/* A normal, tilted by the rise of heights (0 to 1) over a unit of u and of v on the slice */
 INLINED Vector slice_normal_by_rises(const Context *context, const SlicePoint *p, const SliceSides *sides,
                                      Vector normal, floatl over_u, floatl over_v)
 {
@@ -107,15 +108,14 @@ INLINED Vector slice_normal_by_rises(const Context *context, const SlicePoint *p
 #endif
 
 #if ANISOTROPIC
-/* By how much u and v change over a pixel: on the tangent plane of the heights where it sees them, above the
- * triangle */
+/* The change of u and v over a pixel, on the tangent plane of the heights that it sees above the triangle */
 INLINED UvSteps slice_uv_steps(const Context *context, Vector ahead, floatl n, const SlicePoint *p,
                                const SliceSides *sides, int anisotropy)
 {
     const Vector across = normalized(cross_product(sides->second, sides->third));
     const Vector base = scaled(across, select_lanes(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
-    /* Heights are linear along either from a texel's centre to the next: slopes there, and not the lights', which
-     * are means of two, decide what the surface shows of its map. */
+    /* Heights are linear along u and along v between texel centres. The footprint needs these slopes; the slopes for
+     * light are means of two. */
     const float width = context->map_width, height = context->map_height;
     const floatl left = (floor_lanes(p->u * width - 0.5f) + 0.5f) / width,
                  upper = (floor_lanes(p->v * height - 0.5f) + 0.5f) / height;
@@ -138,7 +138,7 @@ INLINED Vector normal_below(global const float *normals, const SlicePoint *p)
     return normalized(mean_by_shares(p, of_corner));
 }
 
-/* The base's normal, tilted by the heights' gradient over two texels */
+/* The base's normal, tilted by the gradient of the heights over two texels */
 INLINED Vector slice_normal_by_heights(const Context *context, const SlicePoint *p, const SliceSides *sides,
                                        Vector base)
 {
@@ -160,13 +160,13 @@ INLINED Vector slice_normal_by_map(const Context *context, Vector base, intl tri
 }
 
 #if SHADOWED
-/* Is a point farther than a slice below the heights? Then it may lie on a side of the volume. */
+/* Tells whether a point lies more than a slice below the heights, so that it may lie on a side of the volume. */
 INLINED intl is_on_side(const Context *context, const SlicePoint *p, floatl h)
 {
     return (HEIGHT(p->u, p->v) - h) * context->slices > 1.0f;
 }
 
-/* The normal of such a side: at right angles to the base's, towards the viewer */
+/* The normal of such a side: at right angles to the base's normal, towards the viewer */
 INLINED Vector side_normal(Vector base, Vector ahead)
 {
     const floatl up = DOT(base, ahead);

@@ -1,50 +1,50 @@
 #ifndef SLICING_VIEW_COLORS_H
 #define SLICING_VIEW_COLORS_H
-/* The colours of an object: of the views that see the points where rays meet it, blended by how close the views'
- * directions are to the ray's.
+/* The colours of an object: the colours of views that see the points where rays meet it, weighted by how close the
+ * views' directions are to the ray's.
  *
- * A view sees a point if the ray meets the view's own surface there, or a little before: the object's begins where the
- * last of all views' volumes does. The view's own surface is that of its samples, without the creases between them. The
- * farther the samples around a point lie from it in depth, the less the view counts: between a near sample and a far
- * one it says little of a surface that it sees aslant, unless no other view sees it.
+ * A view sees a point if the ray meets the view's own surface there, or a little in front of it: the object begins
+ * where the volumes of all views overlap. The view's own surface comes from its samples, without the creases between
+ * them. The farther the samples around a point lie from it in depth, the less the view counts. So a view of an oblique
+ * surface, with one sample in front and one behind, counts little unless no other view sees the point.
  */
 #include "lib/color.h"
 #include "lib/gbuffer.h"
 #include "slicing/object_slices.h"
 
-#define BLENDED_VIEWS 3     /* views that a colour is made of at most */
-/* Differences in depth between a view's sample and a point, in the distance from sample to sample: */
-#define LEVEL_SAMPLES 0.5f  /* where the sample counts half for how well the view sees the point, */
-#define TORN_SAMPLES 4.0f   /* where it counts half in the view's colour, */
-#define HIDDEN_SAMPLES 4.0f /* and by which all samples around may lie before a point that the view sees */
-#define BEYOND_OUTLINE 1e6f   /* what a view's surface lies behind a point by where it has none */
-#define VIEWS_MIN 0.002f    /* of a view: where all together see less of a point, the hit is refined for its colour */
-#define CLOSER_HALVINGS 6   /* further halvings then: seen along itself, a whole surface lies within a sample */
+#define BLENDED_VIEWS 3     /* most views in a colour */
+/* Differences in depth between a view's sample and a point, in sample distances: */
+#define LEVEL_SAMPLES 0.5f  /* at which the sample counts half in how well the view sees the point */
+#define TORN_SAMPLES 4.0f   /* at which the sample counts half in the view's colour */
+#define HIDDEN_SAMPLES 4.0f /* beyond which samples occlude the point, if all samples around it do */
+#define BEYOND_OUTLINE 1e6f   /* distance behind a point of a view's surface that does not exist there */
+#define VIEWS_MIN 0.002f    /* views: if all together see less of a point, the hit is refined for its colour */
+#define CLOSER_HALVINGS 6   /* further halvings then: a surface along the view lies within one sample */
 #define STRIDES 4           /* from the object's surface back to a view's own, each as long as all before it together */
 
 /* The sum of weighted colours of at most BLENDED_VIEWS views */
 typedef struct {
     Color color, normal;
     floatl weight;
-    floatl views; /* their number; one that sees a part of a point counts as that part */
+    floatl views; /* their number; a view that sees a point in part counts by that part */
 } Blend;
 
-/* How many samples' distances (of the coarsest view) a difference of 1 in a view's nearness is, where that is `mine` */
+/* Sample distances (of the coarsest view) per unit of a view's nearness, at the nearness `mine` */
 INLINED floatl samples_per_nearness(const Views *views, const ViewRay *view, floatl mine)
 {
     const intl flat = fabs(view->w.fixed - 1.0f) + fabs(view->w.sloped) == 0.0f; /* orthographic: nearness is -z */
     return 1.0f / (views->sample * select_lanes(flat, (floatl)1.0f, mine * mine));
 }
 
-/* What a view's four samples around a point show of it */
+/* The colour of a point from a view's four samples around it */
 typedef struct {
     Color color, normal; /* times their weights */
     floatl weight;
-    floatl part; /* how much of the samples' weight is at the point's depth: little on a surface that is seen aslant */
+    floatl part; /* the share of the samples' weight at the point's depth: low on an oblique surface */
     intl sees;
 } ViewColor;
 
-/* visible: samples count by how close their depths are to the points' at the depth `at` of the rays; else all count. */
+/* visible: samples count by how close their depths are to the rays' points at depth `at`; else all count */
 
 INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view, Samples samples, floatl at,
                              int visible)
@@ -71,8 +71,8 @@ INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view
     return seen_color;
 }
 
-/* How far a view's surface lies before the rays' points at depth z, in samples' distances; farthest: the same of the
- * farthest of the samples around */
+/* The distance by which a view's surface lies in front of the rays' points at depth z, in sample distances; farthest:
+ * the same distance for the farthest of the samples around */
 INLINED floatl view_surface_before(const Views *views, int number, const ViewRay *view, floatl z, floatl *farthest)
 {
     global const int *size = views->sizes + 3 * number;
@@ -88,9 +88,9 @@ INLINED floatl view_surface_before(const Views *views, int number, const ViewRay
     return select_lanes(surface.there, (surface.nearness - mine) * per_sample, (floatl)-BEYOND_OUTLINE);
 }
 
-/* The depth at which the rays meet a view's own surface, up to STRIDES strides before the object's, which they meet
- * where they enter the last of all views' volumes. Views whose surface is not met there do not see the point, nor do
- * those whose samples around all lie far before it: these rays are no longer `active`. */
+/* The depth at which the rays meet a view's own surface. The search reaches up to STRIDES strides in front of the
+ * object, which begins where all views' volumes overlap. A view does not see a point if the search fails, or if all
+ * samples around lie far in front of the point: such rays are no longer `active`. */
 INLINED floatl own_surface_before(const Views *views, int number, const ViewRay *view, floatl hit, intl *active)
 {
     floatl farthest, z = hit, from = hit, last = view_surface_before(views, number, view, hit, &farthest);
@@ -109,12 +109,12 @@ INLINED floatl own_surface_before(const Views *views, int number, const ViewRay 
     return z;
 }
 
-/* Blends the views' colours of the rays' points at depth `hit`; visible: of views that see the points, else of all,
- * from the closest on. */
+/* Blends the views' colours of the rays' points at depth `hit`, from the closest view on; visible: only views that see
+ * the points, else all views */
 INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl active, int visible)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
-    for (int i = 0; i < views->count; i++) { /* `order` is from the closest on */
+    for (int i = 0; i < views->count; i++) { /* `order` begins with the closest view */
         intl wanted = active & (blend.views < BLENDED_VIEWS - 0.5f);
         if (!any_lane(wanted))
             break;
@@ -125,7 +125,7 @@ INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, i
                      inverse = 1.0f / AT(view.w, at);
         const Samples samples = samples_at(size, AT(view.u, at) * inverse, AT(view.v, at) * inverse);
         const ViewColor seen_color = view_color(views, number, &view, samples, at, visible);
-        /* Samples without a colour lessen no other view's share. */
+        /* Samples without a colour do not reduce the shares of other views. */
         const floatl part = visible ? seen_color.part : (floatl)1.0f;
         const floatl share = select_lanes(wanted & seen_color.sees, views->closeness[number] * part / seen_color.weight,
                                           (floatl)0.0f);
@@ -140,7 +140,8 @@ INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, i
     return blend;
 }
 
-/* The colours of the rays' points at depth `hit`: of views that see them, where there are any, else of the closest */
+/* The colours of the rays' points at depth `hit`, from views that see them; if there are none, from the closest
+ * views */
 OUTLINED Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found,
                intl *tests)
 {

@@ -1,7 +1,7 @@
 """Displacement mapping by slices, and objects from images (Kautz & Seidel 2001).
 
-`SlicedSurface` displaces a mesh by a height map. `DepthObject` is what six (or more, or fewer) depth images leave of
-space, `VisualHull` what silhouettes leave. `pyibr.render` draws them.
+`SlicedSurface` displaces a mesh by a height map. `DepthObject` is the intersection of the volumes behind depth images,
+`VisualHull` the intersection of silhouettes in space. `pyibr.render` draws them.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ __all__ = ["DepthObject", "SlicedSurface", "VisualHull", "alpha_tests"]
 
 
 def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera) -> NDArray[np.int32]:
-    """Count the alpha tests that a picture of one thing takes.
+    """Count the alpha tests in a picture of one thing.
 
     Parameters
     ----------
     thing : SlicedSurface, DepthObject or VisualHull
-        Each image that an object's point is tested against counts as one. A surface's slice that a ray meets on the
-        border of two triangles' prisms counts twice.
+        Each image that an object's point is tested against counts as one test. If a ray meets a slice of a surface on
+        the border of two triangles' prisms, the slice counts twice.
     camera : Camera
 
     Returns
     -------
     (H, W) int32
-        Of each pixel.
+        Tests of each pixel.
 
     Raises
     ------

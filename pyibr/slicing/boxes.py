@@ -16,9 +16,9 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 
-_FIRST = 8  # cells a side of the grid that begins to look for a hull's box
-_DEPTH_RATIO_MAX = 64  # times as long as it is wide by its silhouettes: where an object is looked for
-_CARVED = 64  # cells along the longest edge of the box, at least, when it is found
+_FIRST = 8  # cells per side of the first grid in the search for a hull's box
+_DEPTH_RATIO_MAX = 64  # times the width of the silhouettes: limit of the search
+_CARVED = 64  # least cells along the longest edge of the found box
 
 
 @dataclass(frozen=True)
@@ -59,24 +59,24 @@ class Box:
         return 0.5 * (self.low + self.high) @ self.axes
 
     def grown(self, by: float) -> Box:
-        """With all of its sides as far out."""
+        """Return the box with all of its sides moved outwards by this much."""
         return Box(self.axes, self.low - by, self.high + by)
 
     @property
     def from_world(self) -> Float64:
-        """(3, 4): the box becomes the unit cube."""
+        """(3, 4) matrix from the world to the unit cube of the box."""
         return np.column_stack([self.axes, -self.low]) / self.edges[:, None]
 
 
 class DepthExtent:
-    """Extent of an object by the samples of one depth image.
+    """Extent of an object by the samples of a depth image.
 
     Attributes
     ----------
     some : (N, 3) float64
-        Of its samples, some 500 to 1000 in the world.
+        Some 500 to 1000 of its samples, in the world.
     least, nearest, farthest : float
-        Depths; the nearest but for a hundredth, which may be wrong.
+        Depths; `nearest` leaves out the nearest hundredth of the samples, which may be wrong.
     """
 
     def __init__(self, view: DepthImage) -> None:
@@ -92,7 +92,7 @@ class DepthExtent:
         self.some = view.camera.unproject(np.column_stack([x, y]), view.depth.ravel()[some])
 
     def extent(self, axes: Float64) -> tuple[Float64, Float64]:
-        """(low, high), each (3,): of all samples along some axes, (3, 3) in rows."""
+        """Return the extent of all samples along axes, (3, 3) in rows, as (low, high), each (3,)."""
         view, key = self._view(), axes.tobytes()
         if key not in self._extents:
             assert view is not None
@@ -104,14 +104,14 @@ _DEPTH_EXTENTS: WeakKeyDictionary[DepthImage, DepthExtent] = WeakKeyDictionary()
 
 
 def depth_extent_of(view: DepthImage) -> DepthExtent:
-    """Return an image's extent, found once for all objects that are made with it."""
+    """Return an image's extent, computed once for all objects with this image."""
     if view not in _DEPTH_EXTENTS:
         _DEPTH_EXTENTS[view] = DepthExtent(view)
     return _DEPTH_EXTENTS[view]
 
 
 def box_of_samples(views: list[DepthImage], missing_is_empty: bool) -> Box:
-    """The box of all samples along the first view's axes; an error if no sample lies in all views' volumes."""
+    """Return the box of all samples along the first view's axes; raise if no sample lies in all views' volumes."""
     axes = views[0].camera.world_from_camera[:3, :3].T
     extents = [depth_extent_of(view).extent(axes) for view in views]
     low, high = np.min([low for low, _ in extents], axis=0), np.max([high for _, high in extents], axis=0)
@@ -119,8 +119,8 @@ def box_of_samples(views: list[DepthImage], missing_is_empty: bool) -> Box:
     margin = max(1e-3 * float((high - low).max()), 1e-15, 8 * float(np.spacing(np.abs([low, high]).max())))
     box = Box(axes, low - margin, high + margin)
     some = np.concatenate([depth_extent_of(view).some for view in views])
-    reach = 0.05 * float(box.edges.max())  # samples lie on the surface, and a little off others'
-    for few in (some[::16], some):  # of most objects few tell
+    reach = 0.05 * float(box.edges.max())  # samples lie slightly off the surfaces of other views
+    for few in (some[::16], some):  # for most objects a few samples suffice
         inside = np.ones(len(few), bool)
         for view in views:
             x, y, z, on_image = _seen_from(view.camera, few)
@@ -132,7 +132,7 @@ def box_of_samples(views: list[DepthImage], missing_is_empty: bool) -> Box:
 
 
 def _nearest_around(view: DepthImage, missing_is_empty: bool, x: NDArray[np.intp], y: NDArray[np.intp]) -> Float64:
-    """The least depth of 3x3 pixels around x, y: samples may lie on others' outlines; what is empty is very far."""
+    """Return the least depth of 3x3 pixels around x, y, for samples on outlines of others; empty space is very far."""
     down, across = np.divmod(np.arange(9)[:, None], 3)
     height, width = view.depth.shape
     at = np.clip(y + down - 1, 0, height - 1), np.clip(x + across - 1, 0, width - 1)
@@ -144,7 +144,7 @@ def _nearest_around(view: DepthImage, missing_is_empty: bool, x: NDArray[np.intp
 def _seen_from(
     camera: Camera, points: Float64
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64, NDArray[np.bool_]]:
-    """Nearest pixels x, y and depth of world points, and whether they lie on the image (else x = y = 0)."""
+    """Return nearest pixels x, y and depth of world points, and whether they lie on the image (else x = y = 0)."""
     u, v, w, _ = camera.pixel_matrix @ camera.camera_from_world @ np.column_stack([points, np.ones(len(points))]).T
     z = camera.camera_from_world[2, :3] @ points.T + camera.camera_from_world[2, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -160,9 +160,9 @@ class Outline:
     ----------
     camera : Camera
     middle : (2,) float64
-        Of the silhouette's samples, x and y.
+        Middle of the silhouette's samples, x and y.
     across : float
-        Samples from corner to corner of what it takes up.
+        Length of the diagonal of the silhouette's bounding rectangle, in samples.
     """
 
     def __init__(self, view: Silhouette | DepthImage) -> None:
@@ -170,11 +170,11 @@ class Outline:
         x, y = (np.flatnonzero(view.valid.any(axis=axis))[[0, -1]].astype(np.float64) for axis in (0, 1))
         self.middle = 0.5 * np.array([x.sum(), y.sum()])
         self.across = float(np.hypot(np.ptp(x) + 1, np.ptp(y) + 1))
-        # How many samples are in a rectangle follows from how many are above and left of its corners.
+        # The number of samples in a rectangle follows from the numbers above and to the left of its corners.
         self._before = np.pad(np.cumsum(np.cumsum(view.valid, axis=0, dtype=np.int32), axis=1), ((1, 0), (1, 0)))
 
     def holds(self, points: Float64) -> NDArray[np.bool_]:
-        """Tell the (N, 3) points that are surely within the outline: in the midst of the object's samples."""
+        """Tell the (N, 3) points that surely lie within the outline, in the midst of the object's samples."""
         u, v, w = self._seen(points)
         with np.errstate(divide="ignore", invalid="ignore"):
             return (w > 0) & (self._count(u / w, v / w, 1.0) == 9)
@@ -183,23 +183,23 @@ class Outline:
         """Tell whether balls of radius `reach` around (N, 3) points may have a part within the outline."""
         u, v, w = self._seen(points)
         K = self.camera.K
-        pixels = np.float64(max(abs(K[0, 0]) + abs(K[0, 1]), K[1, 1]))  # that a scene unit takes at depth 1 at most
+        pixels = np.float64(max(abs(K[0, 0]) + abs(K[0, 1]), K[1, 1]))  # largest size of a scene unit at depth 1
         with np.errstate(divide="ignore", invalid="ignore"):
             u, v = u / w, v / w
             around = pixels * reach
-            if self.camera.projection == "perspective":  # w is z, and how near parts of the ball are moves them, too
+            if self.camera.projection == "perspective":  # w is z; near parts of the ball project farther out
                 slope = np.hypot(u - K[0, 2], v - K[1, 2]) / pixels
                 around = np.where(w > reach, around * (1 + slope) / (w - reach), np.inf)
-        # A mask is bilinear between samples: those that it is made of lie up to one, and a half by rounding, away.
+        # A mask is bilinear between samples: its samples are up to one away, and half a sample more by rounding.
         return (w > -reach) & (self._count(u, v, np.floor(around + 1.5)) > 0)
 
     def _seen(self, points: Float64) -> Float64:
-        """(3, N) homogeneous pixels of world points."""
+        """Return the world points' homogeneous pixels, (3, N)."""
         to_pixels = (self.camera.pixel_matrix @ self.camera.camera_from_world)[:3]
         return to_pixels[:, :3] @ points.T + to_pixels[:, 3:]
 
     def _count(self, u: Float64, v: Float64, around: Float64 | float) -> NDArray[np.int32]:
-        """Count the object's samples up to `around` away from the one nearest to (u, v); inf: all."""
+        """Count the object's samples up to `around` away from the sample nearest to (u, v); inf: all."""
         width, height = self.camera.size
         x, y = np.nan_to_num(np.rint(u)), np.nan_to_num(np.rint(v))
         ends = (x - around, width), (x + around + 1, width), (y - around, height), (y + around + 1, height)
@@ -212,17 +212,18 @@ _OUTLINES: WeakKeyDictionary[Silhouette | DepthImage, Outline] = WeakKeyDictiona
 
 
 def outline_of(view: Silhouette | DepthImage) -> Outline:
-    """Return a silhouette's outline, found once for all hulls that are made with it."""
+    """Return a silhouette's outline, computed once for all hulls with this silhouette."""
     if view not in _OUTLINES:
         _OUTLINES[view] = Outline(view)
     return _OUTLINES[view]
 
 
 def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
-    """The box, along the world's axes, around all that lies within all silhouettes.
+    """Return the box, along the world's axes, around the space within all silhouettes.
 
-    Along the lines of sight it may be longer than any silhouette is wide: it is looked for in larger and larger cubes,
-    until one holds it, or the next one would hold a camera. Of views along one line it is as long as wide.
+    Along the lines of sight the hull may be longer than any silhouette is wide. So cubes of growing size are searched,
+    until a cube contains the box, or the next cube would contain a camera. For views along one line, the box is as
+    long as it is wide.
     """
     outlines = [outline_of(view) for view in views]
     center, radius, radius_max = _where_they_look(outlines)
@@ -238,10 +239,10 @@ def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
 
 
 def _carved(outlines: Sequence[Outline], center: Float64, radius: float) -> Box | None:
-    """The box of the cells of a grid in a cube that may have something within all silhouettes, if there is one.
+    """Return the box of the grid cells in a cube that may have a part within all silhouettes; None without such cells.
 
-    Cells are halved until the longest edge has `_CARVED` of them; only those that may still lie at one of the box's
-    sides, beyond points that surely lie within.
+    Cells are halved until the longest edge has `_CARVED` of them. Only cells that may still lie at a side of the box
+    are kept: those beyond the points that surely lie within.
     """
     low, cell = center - radius, 2 * radius / _FIRST
     cells = np.indices((_FIRST, _FIRST, _FIRST)).reshape(3, -1).T
@@ -263,9 +264,9 @@ def _carved(outlines: Sequence[Outline], center: Float64, radius: float) -> Box 
 
 
 def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float, float]:
-    """The point closest to the rays through the silhouettes' middles, and how far the object reaches around it.
+    """Return the point closest to the rays through the silhouettes' middles, and two radii of the object around it.
 
-    As far as it should be by what the silhouettes are wide; and as far as it may, before cameras.
+    The first radius is estimated from the width of the silhouettes; the second is the largest in front of the cameras.
     """
     origins, directions = np.zeros((len(outlines), 3)), np.zeros((len(outlines), 3))
     for number, outline in enumerate(outlines):
@@ -278,7 +279,7 @@ def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float, float
             origins[number], directions[number] = middle, camera.world_from_camera[:3, 2]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    # From the origins' mean: rays that are all parallel leave one direction open, and the middle is as good as any.
+    # Relative to the mean origin: if all rays are parallel, one direction is free, and its middle is a good choice.
     mean = origins.mean(axis=0)
     right: Float64 = np.einsum("nij,nj->i", across, origins - mean)
     system: Float64 = across.sum(axis=0)

@@ -1,4 +1,4 @@
-"""Cells of depth images, each between four samples: how near a surface may lie there (kernels/slicing/cells.cl)."""
+"""Cells of depth images between four samples: how near a surface may be there (kernels/slicing/cells.cl)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _KERNELS = "slicing/cells.cl"
 
 
 def maps_of(views: Sequence[DepthImage], box: Box, missing_is_empty: bool) -> DeviceArray:
-    """Nearness of the views' samples and their cells, one view after the other (kernels/slicing/cell_bits.h).
+    """Return nearness of the views' samples and their cells, one view after the other (kernels/slicing/cell_bits.h).
 
-    What is empty is as far as the box reaches, what is unknown as near.
+    Empty samples are as far as the box reaches, unknown samples as near.
     """
     maps = empty((2 * sum(view.depth.size for view in views),), np.float32)
     start, strip = 0, current().profile.strip
@@ -47,11 +47,11 @@ def maps_of(views: Sequence[DepthImage], box: Box, missing_is_empty: bool) -> De
 
 
 def reach_of(view: DepthImage) -> float:
-    """By how much nearness the surface of a view may lie before the nearest of the four samples around it."""
+    """Return the most nearness by which a view's surface lies in front of the nearest of the four samples around it."""
     nearest = 1 / depth_extent_of(view).least if view.camera.projection == "perspective" else 1.0
     return 1.001 * constant(_KERNELS, "RISE_MAX") * _per_sample(view) * nearest
 
 
 def _per_sample(view: DepthImage) -> float:
-    """The nearness that changes between samples as far apart in depth as aside; of 1, if the view is perspective."""
+    """Return the change of nearness over one sample distance in depth; perspective views: at nearness 1."""
     return 1 / float(min(view.camera.K[0, 0], view.camera.K[1, 1]))

@@ -27,18 +27,18 @@ from pyibr.slicing.ribbons import ribbons_of
 from pyibr.slicing.solid import Solid, words_of
 from pyibr.slicing.spacing import halvings_between, nearest_pixel, spacing_min
 
-_SLICES_MIN = 32  # slices of what is seen small
-_NEIGHBOUR_OFFSET = 4  # pixels between the depths that tell normals: slices are steps
-# An image knows outlines to half a sample. Of k that know the same place, the innermost lies k / (k + 1) of a sample
-# within the outermost on average: it is right if each reaches out to where its samples' share is 1 / (k + 1).
-_AGREEING = 3.0  # k + 1 by the number of images is their third: six, the paper's, end half-way
-_BEHIND = 8.0  # samples by which an object's surface may lie behind a view's own
+_SLICES_MIN = 32  # least slices of objects that are small in the picture
+_NEIGHBOUR_OFFSET = 4  # pixels between the depths that give normals, because slices are steps
+# An image knows outlines to half a sample. With k images at the same place, the innermost outline lies k / (k + 1) of
+# a sample inside the outermost on average. So an outline belongs where the weight of its samples is 1 / (k + 1).
+_AGREEING = 3.0  # k + 1 is a third of the number of images; the paper's six images end half-way
+_BEHIND = 8.0  # most samples between a view's own surface and the object's behind it
 
 
 def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None, normals: bool) -> None:
-    """Draw a solid in its views' colours, and light on it; `normals`: those that its views tell relight it."""
+    """Draw a solid in its views' colours, and light on it; `normals`: the views' normals relight it."""
     cameras = [target.camera, *(() if lighting is None else lighting.cameras)]
-    # By up to a spacing the map shows it too near, and by half of one the picture shows it too far.
+    # The map shows it up to one spacing too near, and the picture half a spacing too far.
     bias = 1.5 * max(spacing_in(thing, camera)[0] for camera in cameras)
     draw_object(
         target, thing, entry=entry_for(target, lighting, bias=bias, apart=_NEIGHBOUR_OFFSET, fade=0, normals=normals)
@@ -46,21 +46,21 @@ def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None, norma
 
 
 def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = None, entry: Entry = NO_ENTRY) -> None:
-    """Draw an object into the target; `counts`, (H, W) int32, gains the view tests of each pixel."""
+    """Draw an object into the target; `counters`, (H, W) int32, gains the view tests of each pixel."""
     buffers = buffers_of(thing)
     if entry.normals:
         entry = entry.with_arrays(normals=cached_on_device(thing, "normals", lambda: _normals_of(thing)))
     box, camera = thing.box, target.camera
     directions = np.array([_direction(view.camera, box) for view in thing.views])
-    cosines = (directions * _direction(camera, box)).sum(axis=1)  # by each view alone, to the bit
+    cosines = (directions * _direction(camera, box)).sum(axis=1)  # bit-exact for each view, independent of the others
     order = np.lexsort((ranks_of(thing.views), -cosines))
-    # Of views with one outline, the closest to the target's is tested, and colours.
+    # Among views that share an outline, only the closest to the target's direction is tested and colours.
     _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
     order = order[np.sort(closest)]
     spacing, halvings = spacing_in(thing, camera)
     sample = max(pixel_size(view.camera, box.center) for view in thing.views)  # the largest, in the box's middle
     record = np.zeros((), struct("slicing/object.cl", "Box"))
-    # In the kernel the world's origin is the box's middle: float32 holds what is near 0 best.
+    # In the kernel the world's origin is the box's middle, because float32 is most precise near 0.
     record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
     record["edges"], record["spacing"], record["slices"] = box.edges, spacing, np.ceil(box.edges.max() / spacing - 1e-6)
     depth = float(camera.camera_from_world[2, :3] @ box.center + camera.camera_from_world[2, 3])
@@ -105,23 +105,23 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
 
 
 def outline_of(count: int) -> float:
-    """The place where surfaces of so many views end, between samples: `outline` of kernels/slicing/view_volumes.h."""
+    """Return where the surfaces of `count` views end between samples: `outline` of kernels/slicing/view_volumes.h."""
     return min(0.5, _AGREEING / count)
 
 
 def spacing_in(thing: Solid, camera: Camera) -> tuple[float, int]:
-    """Scene units from slice to slice in a picture, and how often the way between two is halved."""
+    """Return scene units between slices in a picture, and the number of halvings between two slices."""
     box = thing.box
     if thing.slices != "view":
         return float(box.edges.max()) / thing.slices, 0 if thing.only is not None else thing.halvings
     pixel = nearest_pixel(camera, box.corners)
-    # Along the ray through the middle slices lie a pixel apart.
+    # Along the ray through the middle, slices are one pixel apart.
     if thing.slicing == "screen":
         spacing, extent = pixel, np.abs(box.axes @ camera.forward) @ box.edges
     else:
         axis = slices_axis(thing, camera)
         spacing, extent = pixel * abs(float(box.axes[axis] @ _direction(camera, box))), box.edges[axis]
-    # No closer than half a sample: what is thinner there no view tells.
+    # No closer than half a sample, because no view shows finer details.
     sample = min(pixel_size(view.camera, box.center) for view in thing.views)
     least = max(0.5 * sample, spacing_min(float(box.edges.max())))
     spacing = min(max(spacing, least), extent / _SLICES_MIN)
@@ -129,14 +129,14 @@ def spacing_in(thing: Solid, camera: Camera) -> tuple[float, int]:
 
 
 def slices_axis(thing: Solid, camera: Camera) -> int:
-    """Edge of the box that the slices stand across: the one that faces the camera most, or the kernel's TO_SCREEN."""
+    """Return the box's axis across the slices: the one that faces the camera most, or the kernel's TO_SCREEN."""
     if thing.slicing == "screen":
         return int(constant("slicing/object.cl", "TO_SCREEN"))
     return int(np.argmax(np.abs(thing.box.axes @ _direction(camera, thing.box))))
 
 
 def _moved_by(offset: Float64) -> Float64:
-    """(4, 4) that adds an offset to points."""
+    """Return the (4, 4) matrix that adds an offset to points."""
     matrix = np.eye(4)
     matrix[:3, 3] = offset
     return matrix
@@ -151,7 +151,7 @@ def _direction(camera: Camera, box: Box) -> Float64:
 
 
 def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
-    """First pixel and blocks across and down: all of a blank picture, else where the box may be seen."""
+    """Return first pixel and blocks across and down: the whole of a blank picture, else the visible box's part."""
     block = current().profile.block
     width, height = target.camera.size
     low_x = low_y = 0
@@ -166,17 +166,17 @@ def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
 
 
 def buffers_of(thing: Solid) -> dict[str, DeviceArray]:
-    """The object on the current device, by the kernels' names."""
+    """Return the object's buffers on the current device, under the kernels' names."""
     return cached_on_device(thing, "buffers", lambda: _object_buffers(thing))
 
 
 def ribbons_on_device(thing: Solid) -> dict[str, DeviceArray]:
-    """Its ribbons, in the same way."""
+    """Return the buffers of the object's ribbons, in the same way."""
     return cached_on_device(thing, "ribbons", lambda: _ribbons_of(thing))
 
 
 def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
-    """The object for the current device."""
+    """Upload the object to the current device."""
     sizes: list[tuple[int, int, int]] = []
     start = 0
     for view in thing.views:
@@ -194,7 +194,7 @@ def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
 
 
 def _ribbons_of(thing: Solid) -> dict[str, DeviceArray]:
-    """Ribbons of the views; of each sample the number of its first ribbon, and at last that of all."""
+    """Upload the views' ribbons: the number of each sample's first ribbon, finally of all, and the records."""
     found = [ribbons_of(view) for view in thing.views]
     none = np.zeros((1, int(constant("slicing/ribbon_record.h", "RIBBON_FLOATS"))), np.float32)
     records = np.concatenate([one.records for one in found])
@@ -207,5 +207,5 @@ def _normals_of(thing: Solid) -> DeviceArray:
 
 
 def joined(images: Sequence[NDArray[Any]]) -> DeviceArray:
-    """Images of all views, one after the other."""
+    """Upload the images of all views, one after the other."""
     return upload(np.concatenate([image.ravel() for image in images]))

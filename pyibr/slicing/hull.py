@@ -1,4 +1,4 @@
-"""Visual hulls: what silhouettes leave of space (Kautz & Seidel 2001, section 5)."""
+"""Visual hulls: the intersection of silhouettes in space (Kautz & Seidel 2001, section 5)."""
 
 from __future__ import annotations
 
@@ -31,12 +31,13 @@ class VisualHull(MeshableSolid):
     Parameters
     ----------
     views : sequence of Silhouette or DepthImage
-        Any number, at any calibrated poses; of depth images only `valid` and the colours are used. Each must show all
-        of the object: what lies out of its frame is cut off.
+        Any number, at any calibrated poses; depth images contribute only `valid` and colours. Each view must show the
+        whole object: parts outside its frame are cut off.
     slices : int or "view"
-        Along the longest edge of the hull's box; other directions have the same spacing. "view": as for `DepthObject`.
+        Number along the longest edge of the hull's box; other directions have the same spacing. "view": as for
+        `DepthObject`.
     slicing : {"orthogonal", "screen"}
-        As for `DepthObject`; the box's axes are the world's.
+        As for `DepthObject`, but the box has the world's axes.
     halvings, only : int
         As for `DepthObject`.
 
@@ -55,7 +56,7 @@ class VisualHull(MeshableSolid):
     [0, 2, 4]
     """
 
-    silhouettes = True  # which do not tell what they see: the texture is "naive"
+    silhouettes = True  # silhouettes have no depth, so the texture is "naive"
 
     def __init__(
         self,
@@ -70,13 +71,13 @@ class VisualHull(MeshableSolid):
         self.box = box_of_silhouettes([self.views[number] for number in self.tested])
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the object in its views' colours, which hold their light, unless a light relights them."""
+        """Draw the object in its views' colours, which include their light, unless a light relights them."""
         given = all(view.normals is not None for view in self.views)
-        draw_in_light(target, self, lighting, normals=given)  # depths are none of its surface's
+        draw_in_light(target, self, lighting, normals=given)  # depths of the views are not the hull's
 
     @cached_property
     def outlines(self) -> list[int]:
-        """For each view the number of the first with its silhouette: opposite orthographic views share one."""
+        """For each view the number of the first view with its silhouette: opposite orthographic views share one."""
         firsts: list[int] = []
         for number, view in enumerate(self.views):
             same = (other for other in sorted(set(firsts)) if is_opposite(view, self.views[other]))
@@ -94,13 +95,13 @@ class VisualHull(MeshableSolid):
         return [mask_of(view) for view in self.views]
 
     def maps(self) -> DeviceArray:
-        """The same on the device."""
+        """Upload the masks to the device."""
         return joined(self.masks)
 
     def with_views(self, views: Sequence[Silhouette | DepthImage]) -> VisualHull:
         """Return the same hull of other views, for animations; see `DepthObject.with_views`.
 
-        Where an outline changes, the hull's sides are found again by all views; while only colours change, they stay.
+        If an outline changes, the hull's box is searched again with all views; if only colours change, the box stays.
 
         Examples
         --------

@@ -1,8 +1,8 @@
 """Solids as triangle meshes: their surface between the points of a grid, in the views' colours.
 
-Cubes of the grid are cut into six tetrahedra each, the same way everywhere. Where a tetrahedron has corners on both
-sides of the surface, that crosses its edges in three or four places, found by bisection. Neighbours share them, so the
-mesh is closed, without a table of cases.
+Each cube of the grid is cut into six tetrahedra, the same way everywhere. If a tetrahedron has corners on both sides of
+the surface, the surface crosses its edges in three or four places, which are found by bisection. Neighbours share these
+places, so the mesh is closed without a table of cases.
 """
 
 from __future__ import annotations
@@ -30,39 +30,39 @@ Mask = NDArray[np.bool_]
 Int64 = NDArray[np.int64]
 
 RESOLUTION_MAX = 1024
-_SILENT_MAX = 1.0  # seconds until the log tells how far it is
-_AT_ONCE = 1 << 18  # points: a test of one takes a few bytes for each view
-_PACKET = 16  # points are tested in whole packets, of any device
-_BISECTIONS = 8  # of an edge of the grid
-_MARGIN = 1 / 256  # of an edge: no crossing lies at its very end, where triangles would have no area
-_FACING = 0.05  # cosine: what views see more aslant they hardly colour
-_UNSEEN = 1e-6  # what views count that did not see a point, where none did
-_HIDDEN = 4.0  # samples' distances by which a point lies behind what hides it
+_SILENT_MAX = 1.0  # seconds between progress messages in the log
+_AT_ONCE = 1 << 18  # points: testing a point takes a few bytes for each view
+_PACKET = 16  # points are tested in whole packets, whatever the device
+_BISECTIONS = 8  # bisections of an edge of the grid
+_MARGIN = 1 / 256  # of an edge: crossings keep off its ends, where triangles would have no area
+_FACING = 0.05  # cosine: views hardly colour surfaces that they see more obliquely
+_UNSEEN = 1e-6  # weight of views that did not see a point, where no view saw it
+_HIDDEN = 4.0  # sample distances by which an occluded point lies behind its occluder
 
 
 class MeshableSolid(Solid):
-    """Solid that other programs may have as a mesh."""
+    """Solid that can be converted to a mesh."""
 
     def to_mesh(self, resolution: int = 128) -> Mesh:
-        """The solid as a closed mesh, in its views' colours.
+        """Return the solid as a closed mesh, in its views' colours.
 
         Parameters
         ----------
         resolution : int
-            Cells of a grid along the longest edge of its box, up to 1024. What is thinner than one may be lost; time
-            and memory grow with the cube.
+            Cells of a grid along the longest edge of the box, up to 1024. Parts thinner than a cell may be lost; time
+            and memory grow with the cube of the resolution.
 
         Returns
         -------
         Mesh
-            Every edge has two triangles, which face outwards. Vertices of a depth object have the colours of the views
-            that saw them, of each the more, the more squarely it did; those of a hull, whose outlines do not tell
-            which see them, of the views that face them.
+            Every edge has two triangles, which face outwards. The colours of a depth object's vertex come from the
+            views that saw it, weighted by how squarely they did. Outlines do not show which views saw a hull's vertex,
+            so its colour comes from the views that face it.
 
         Raises
         ------
         ArgumentError
-            If it is so thin that no point of the grid lies in it.
+            If the solid is so thin that no point of the grid lies in it.
 
         Examples
         --------
@@ -79,11 +79,11 @@ class MeshableSolid(Solid):
 
 
 def mesh_of(thing: Solid, resolution: int) -> Mesh:
-    """A solid's surface, closed, its front outside; `resolution`: cells of the grid along the box's longest edge."""
+    """Return a solid's closed surface, facing outwards; `resolution`: grid cells along the box's longest edge."""
     integer_from("resolution", resolution, 1, RESOLUTION_MAX)
     box = thing.box
     cell = float(box.edges.max()) / resolution
-    # Points are in the middle of cells. One more all round, beyond the box, is outside.
+    # Points are in the middle of cells. One more layer all round, beyond the box, is outside.
     shape = tuple(int(n) for n in np.ceil(box.edges / cell - 1e-6).astype(int) + 2)
     origin = 0.5 * (box.low + box.high) - 0.5 * cell * (np.array(shape) - 1)
 
@@ -117,7 +117,7 @@ def mesh_of(thing: Solid, resolution: int) -> Mesh:
 
 
 def contains(thing: Solid, points: Float64) -> Mask:
-    """Tell which of (N, 3) points of the world are in a solid."""
+    """Tell which of the (N, 3) points of the world are in a solid."""
     order = np.unique(np.array(thing.outlines)).astype(np.int32)
     with one_call():
         buffers = {name: held for name, held in buffers_of(thing).items() if name != "colors"}
@@ -145,7 +145,7 @@ def contains(thing: Solid, points: Float64) -> Mask:
 
 
 def _crossed(inside: Mask) -> tuple[Int64, NDArray[np.int32]]:
-    """(N, 2) nodes within and without of the edges that the surface crosses, and (M, 3) triangles of these."""
+    """Return the edges that the surface crosses, (N, 2) nodes inside and outside, and (M, 3) triangles of edges."""
     strides = np.array(inside.strides) // inside.itemsize
     mixed = np.zeros(np.array(inside.shape) - 1, np.int8)
     for corner in itertools.product((0, 1), repeat=3):
@@ -157,7 +157,7 @@ def _crossed(inside: Mask) -> tuple[Int64, NDArray[np.int32]]:
     count = flags.sum(axis=1)
     crossed = (count > 0) & (count < 4)
     corners, flags, count = corners[crossed], flags[crossed], count[crossed]
-    corners = np.take_along_axis(corners, np.argsort(~flags, axis=1, kind="stable"), axis=1)  # those within first
+    corners = np.take_along_axis(corners, np.argsort(~flags, axis=1, kind="stable"), axis=1)  # inner corners first
     triangles = list[Int64]()
     for held, shapes in _TRIANGLES.items():
         some = corners[count == held]
@@ -169,7 +169,7 @@ def _crossed(inside: Mask) -> tuple[Int64, NDArray[np.int32]]:
     return edges[first], number.reshape(-1, 3).astype(np.int32)
 
 
-# By how many corners of a tetrahedron lie within, which come first: triangles by the edges whose crossings they join
+# For each number of a tetrahedron's inner corners, which come first: triangles of the edges whose crossings they join
 _TRIANGLES = {
     1: [([0, 1], [0, 2], [0, 3])],
     2: [([0, 2], [0, 3], [1, 3]), ([0, 2], [1, 3], [1, 2])],
@@ -178,7 +178,7 @@ _TRIANGLES = {
 
 
 def _outwards(triangles: Int64, corners: Int64, held: int, shape: tuple[int, ...]) -> Int64:
-    """(n, 3, 2) edges with their order turned so that triangles face those corners of tetrahedra that lie without."""
+    """Return (n, 3, 2) edges, ordered so that their triangles face the outer corners of the tetrahedra."""
     at = np.stack(np.unravel_index(triangles, shape), axis=-1).sum(axis=2)  # twice the edges' middles
     ends = np.stack(np.unravel_index(corners, shape), axis=-1).astype(np.float64)
     way = ends[:, held:].mean(axis=1) - ends[:, :held].mean(axis=1)
@@ -187,7 +187,7 @@ def _outwards(triangles: Int64, corners: Int64, held: int, shape: tuple[int, ...
 
 
 def colors_of(thing: Solid, points: Float64, normals: Float64) -> NDArray[np.uint8]:
-    """(N, 3) colours of points on a solid's surface: of the views that see them, by how squarely they do."""
+    """Return (N, 3) colours of points on a solid's surface, from views that see them, weighted by how squarely."""
     total, weights = np.zeros((len(points), 3)), np.full(len(points), 1e-30)
     for view in thing.views:
         camera = view.camera

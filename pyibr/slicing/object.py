@@ -1,4 +1,4 @@
-"""Objects from depth images all round: what they leave of space (Kautz & Seidel 2001, section 4)."""
+"""Objects from depth images from all sides: the intersection of their volumes (Kautz & Seidel 2001, section 4)."""
 
 from __future__ import annotations
 
@@ -19,52 +19,51 @@ from pyibr.slicing.meshing import MeshableSolid
 from pyibr.slicing.solid import Missing, SolidSlicing, Texture, checked_views, words_of
 from pyibr.slicing.spacing import SLICES_USUAL, Slices
 
-_EXTENT_RATIO_MAX = 8.0  # times a view's nearest depth, or the width of what it sees if it is orthographic
+_EXTENT_RATIO_MAX = 8.0  # multiple of a view's nearest depth, or of an orthographic view's width
 
 
 class DepthObject(MeshableSolid):
-    """Solid that depth images all round leave of space, in their colours.
+    """Solid that is the intersection of the volumes behind depth images, in the images' colours.
 
-    A point is part of it if it lies behind every image's surface. Where an image saw no surface it leaves nothing; a
-    sample covers its pixel, so outlines run half-way between samples with depth and those without, and the more images
-    there are, the farther out: each cuts off what its samples missed.
-    Section 4 of the paper.
+    A point is part of it if it lies behind the surface of every image. Space where an image saw no surface is cut off.
+    A sample covers its pixel, so outlines run half-way between samples with depth and samples without. With more
+    images, outlines lie farther out, because each image cuts off details between its samples. Section 4 of the paper.
 
     Parameters
     ----------
     views : sequence of DepthImage
-        Orthographic or perspective, at any poses: six arranged as a cube in the paper
+        Orthographic or perspective, at any poses; the paper arranges six as a cube
         (`pyibr.capture.object_views`).
     slices : int or "view"
-        Along the longest edge of the object's box; other directions have the same spacing. "view": as many as the
-        picture needs, with slices a pixel apart (section 3.4; but no closer than half a sample of the views), and
-        more `halvings`, so that points are within an eighth of a pixel of the surface.
+        Number along the longest edge of the object's box; other directions have the same spacing. "view": as many as
+        the picture needs. Slices are then a pixel apart (section 3.4), but no closer than half a sample of the views,
+        and more `halvings` bring points within an eighth of a pixel of the surface.
     slicing : {"orthogonal", "screen"}
-        Along the edge of the box (its axes are the first view's) that faces the viewer most, or parallel to the view
-        plane.
+        "orthogonal": along the edge of the box that faces the viewer most; the box's axes are the first view's.
+        "screen": parallel to the view plane.
     halvings : int
-        How often the way from a slice that passes back to the one before is halved to meet the surface; 0 leaves the
-        slices as they are, as in the paper.
+        Number of halvings of the interval between the first slice that passes and the one before, to approach the
+        surface; 0 leaves points on the slices, as in the paper.
     texture : {"visible", "naive"}
-        Up to three images colour a point, weighted by how close their directions are to the target's: "visible"
-        takes those that saw the point (if any did), "naive" the closest ones as in the paper.
+        Up to three images colour a point, weighted by how close their directions are to the target's. "visible":
+        images that saw the point, if any did; "naive": the closest images, as in the paper.
     missing : {"empty", "unknown"}
-        What a sample without depth says: that space is empty along its ray, or nothing, as in the scans of sensors
-        that do not see everything. Infinite depth, and depth from the image's `far` on, always means empty. Beside an
-        image it is the same: what lies out of its frame is cut off, or left to the other images.
+        Meaning of a sample without depth. "empty": space along its ray is empty; "unknown": the image does not decide,
+        for scans of sensors that do not see everything. Infinite depth, and depth from the image's `far` on, always
+        means empty. Points outside an image's frame are cut off with "empty", and left to other images with "unknown".
     only : int, optional
-        The number of the slice that alone is drawn, to look at what the tests leave of it (figure 16): from 0 at one
-        side of the box to `slices` at the other, or fewer where it is shorter; of slices parallel to the screen from
-        the middle on, farther ones above 0. Points are on the slice, without `halvings`.
+        Number of the only slice to draw, for inspecting the tests on it (figure 16). Numbers run from 0 at one side of
+        the box to `slices` at the other, or to fewer where the box is shorter. Slices parallel to the screen count
+        from the middle; farther slices are above 0. Points lie on the slice, without `halvings`.
     thin : bool
-        Things one sample thin in an image (wires, leaves, bars), of which all images together leave less than each,
-        are as wide in it as the samples that saw them; see `warp`. Neighbours are torn apart as by
-        `cut_ratio=1.05`, whatever the picture's.
+        Draws parts one sample thin in an image (wires, leaves, bars) as wide as the samples that saw them; without it,
+        they are narrower in the intersection of all images; see `warp`. Neighbours are torn apart as with
+        `cut_ratio=1.05`, whatever the picture's ratio.
 
     Raises
     ------
     ArgumentError
-        If there are no views, one has no valid depth, or their volumes have nothing in common.
+        If there are no views, a view has no valid depth, or the views' volumes have nothing in common.
 
     Examples
     --------
@@ -99,32 +98,32 @@ class DepthObject(MeshableSolid):
         self.missing: Missing = missing
         self.thin = checked_bool("thin", thin)
         box = box_of_samples(self.views, missing == "empty")
-        # Samples cover their pixels; ribbons reach up to a sample beyond the middles of those that they cover.
+        # Samples cover their pixels; ribbons reach up to a sample beyond the centres of samples that they cover.
         sample = max(pixel_size(view.camera, corner) for view in self.views for corner in box.corners)
         self.box = box.grown(sample if thin else 0.5 * sample)
         _check_resolved(self)
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the object in its views' colours, which hold their light, unless a light relights them."""
+        """Draw the object in its views' colours, which include their light, unless a light relights them."""
         draw_in_light(target, self, lighting, normals=True)
 
     def with_views(self, views: Sequence[DepthImage]) -> DepthObject:
-        """Return the same object of other views, for animations; what is known of views that stay is shared.
+        """Return the same object of other views, for animations; data of unchanged views is shared.
 
         Parameters
         ----------
         views : sequence of DepthImage
-            As many as there are to be, at any poses; those of `views` that have not changed are given again.
+            All views of the result, at any poses; pass unchanged views again from `views`.
 
         Returns
         -------
         DepthObject
-            As if it were made anew.
+            The same as a new object.
 
         Raises
         ------
         ArgumentError
-            As for a new one.
+            As for a new object.
 
         Examples
         --------
@@ -151,16 +150,16 @@ class DepthObject(MeshableSolid):
         return made
 
     def maps(self) -> DeviceArray:
-        """Nearness of the views' samples, and cells: `pyibr.slicing.cells`."""
+        """Return nearness of the views' samples, and cells: `pyibr.slicing.cells`."""
         return maps_of(self.views, self.box, self.missing == "empty")
 
     def reach_of(self, view: DepthImage) -> float:
-        """The nearness by which a view's surface may be nearer than its samples."""
+        """Return the most nearness by which a view's surface is nearer than its samples."""
         return reach_of(view)
 
 
 def _check_resolved(thing: DepthObject) -> None:
-    """Raise ArgumentError if slices are so far apart that they miss what a view saw: of a wall far behind, say."""
+    """Raise ArgumentError if the slices are too far apart to show a view's depths, for example with a far wall."""
     for number, view in enumerate(thing.views):
         nearest, farthest = depth_extent_of(view).nearest, depth_extent_of(view).farthest
         camera = view.camera

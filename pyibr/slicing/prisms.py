@@ -16,33 +16,33 @@ from pyibr.meshes.tangents import unit, uv_gradients
 Float32 = NDArray[np.float32]
 
 
-_AGAINST = 1e-3  # of the length that normals of one direction would have: what is shorter points nowhere
-_FLAT = 1e-6  # of its longest side: the height of a triangle that float32 takes for a line
+_AGAINST = 1e-3  # sums of normals shorter than this, relative to parallel normals, cancel out
+_FLAT = 1e-6  # height over longest side below which float32 treats a triangle as a line
 
 
 @dataclass(frozen=True)
 class Volume:
-    """A displacement volume: each triangle's prism, walls shared by neighbours.
+    """A displacement volume: a prism for each triangle, with walls shared by neighbours.
 
     Attributes
     ----------
     points : (V, 3) float32
-        Corners, in the world: the base's, then those `scale` above them.
+        Corners, in the world: the base's vertices, then those `scale` above them.
     uv : (V / 2, 2) float32
         u and v (tiled) of the base's vertices.
     corners : (T, 6) int32
-        Of the prisms: the triangle's, then those above them.
+        Corners of the prisms: the triangle's, then the corners above them.
     frames : (T, 3, 3) float32
         The slicing directions a (the normal), b (along u) and c (along v): unit length, at right angles.
     tilts : (T, 3, 3) float32
-        Of each corner the way to the one above it: in the triangle's second and third side, which begin at its first
-        corner, and in `scale` times a.
+        Vectors from each corner to the corner above it, in units of the triangle's second and third side, which begin
+        at its first corner, and of `scale` times a.
     ends : (T,) int32
         1: a side of the triangle is a border of the mesh.
     gradients : (T, 2, 3) float32
-        Of u and v (tiled), in the world.
+        Gradients of u and v (tiled), in the world.
     normals : (V / 2, 3) float32
-        Of the base's vertices, unit length.
+        Normals of the base's vertices, unit length.
     bounds : low (3,), high (3,)
     """
 
@@ -57,13 +57,13 @@ class Volume:
 
     @cached_property
     def bounds(self) -> tuple[Float32, Float32]:
-        """Of the points that prisms use."""
+        """Bounds of the points that prisms use."""
         used = self.points[self.corners.ravel()] if len(self.corners) else self.points
         return used.min(axis=0), used.max(axis=0)
 
 
 def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
-    """The volume between a mesh with uv and the same `scale` farther along its normals, one at each place."""
+    """Return the volume between a mesh with uv and its copy moved by `scale` along the normals, one at each place."""
     vertices = base.vertices.astype(np.float64)
     faces = _with_area(vertices, base.faces)
     normals = np.asarray(base.normals if base.normals is not None else base.smooth_normals, np.float64)
@@ -80,9 +80,9 @@ def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
 
 
 def _one_at_each_place(base: Mesh, normals: Float64, faces: NDArray[np.int32]) -> Float64:
-    """Normals along which vertices of faces at one place stay together: where several differ, their mean.
+    """Return normals along which vertices at one place stay together: the mean where several normals differ.
 
-    Where they cancel out, as on two sheets back to back, each keeps its own.
+    Normals that cancel out, as on two sheets back to back, are not averaged.
     """
     place = place_of(base.vertices)
     places, used = len(place), np.unique(faces)
@@ -97,7 +97,7 @@ def _one_at_each_place(base: Mesh, normals: Float64, faces: NDArray[np.int32]) -
 
 
 def _with_area(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]:
-    """The triangles that are more than a line: others have no volume above them."""
+    """Return the triangles with an area: degenerate triangles have no volume above them."""
     sides = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.maximum(np.linalg.norm(sides, axis=2).max(axis=1), np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1))
@@ -105,20 +105,20 @@ def _with_area(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]
 
 
 def _at_borders(faces: NDArray[np.int64]) -> NDArray[np.int32]:
-    """1 where a side of a triangle, (T, 3) places, is no other's."""
+    """Return 1 for triangles, (T, 3) places, with a side that no other triangle has."""
     sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     _, kind, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     return (count[kind.ravel()] == 1).reshape(-1, 3).any(axis=1).astype(np.int32)
 
 
 def _tilts(corners: Float64, ways: Float64, across: Float64) -> Float64:
-    """Vectors from triangles' corners, (T, 3, 3), by their second and third side and the vector across them."""
+    """Return vectors from triangles' corners, (T, 3, 3), in units of their second and third side and of `across`."""
     sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], across], axis=2)
     return np.asarray(np.linalg.solve(sides, ways.transpose(0, 2, 1)), np.float64).transpose(0, 2, 1)
 
 
 def _frames(corners: Float64, normals: Float64, uv: Float64) -> tuple[Float64, Float64]:
-    """Slicing directions and gradients of u and v, per triangle; any directions where uv or the triangle is flat."""
+    """Return slicing directions and gradients of u and v for each triangle; arbitrary where it or its uv is flat."""
     sides = corners[:, 1:] - corners[:, :1]
     a = unit(np.cross(sides[:, 0], sides[:, 1]), np.array([0.0, 0.0, 1.0]))
     a *= np.where((a * normals.sum(axis=1)).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)

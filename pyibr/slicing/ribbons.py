@@ -1,4 +1,4 @@
-"""Things one sample thin in depth images, as ribbons by the samples that they cover (kernels/lib/ribbons.h)."""
+"""Thin parts of depth images, one sample wide, as ribbons for each sample that they cover (kernels/lib/ribbons.h)."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Ribbons:
     Attributes
     ----------
     counts : (H, W) int32
-        How many cover a part of each sample's square.
+        Number of ribbons that cover a part of each sample's square.
     records : (N, 8) float32
-        Those of each sample, one sample after the other, as kernels/slicing/ribbons.cl writes them.
+        Ribbons of each sample, one sample after the other, as kernels/slicing/ribbons.cl writes them.
     """
 
     counts: NDArray[np.int32]
@@ -38,7 +38,7 @@ class Ribbons:
 
 
 def ribbons_of(view: DepthImage) -> Ribbons:
-    """The ribbons of a view, found once."""
+    """Return the ribbons of a view, computed once."""
     return cached_on_device(view, "ribbons", lambda: _found(view))
 
 
@@ -61,7 +61,7 @@ def _found(view: DepthImage) -> Ribbons:
 
 
 def _by_sample(records: NDArray[np.float32], width: int, height: int) -> Ribbons:
-    """Each ribbon at all samples of whose squares it covers a part."""
+    """Assign each ribbon to all samples whose squares it partly covers."""
     ends = np.sort(np.stack([records[:, 0:2], records[:, 0:2] + records[:, 2:4]]), axis=0)
     first = np.floor(ends[0] + _TOUCHING).astype(int)
     last = np.floor(ends[1] + 1 - _TOUCHING).astype(int)

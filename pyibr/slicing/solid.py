@@ -18,7 +18,7 @@ from pyibr.opencl.memory import DeviceArray
 from pyibr.slicing.boxes import Box
 from pyibr.slicing.spacing import Slices, checked_halvings, checked_only, checked_slices, slices_text
 
-_SAMPLES_MAX = 1 << 30  # of all views: kernels number two values of each in 32 bits
+_SAMPLES_MAX = 1 << 30  # in all views: kernels index two values per sample with 32 bits
 
 SolidSlicing = Literal["orthogonal", "screen"]
 Texture = Literal["visible", "naive"]
@@ -29,14 +29,14 @@ _Known = TypeVar("_Known")
 
 
 class Solid(Immutable):
-    """Solid that images all round leave of space, drawn by slices.
+    """Solid that is the intersection of images from all sides, drawn by slices.
 
     Attributes
     ----------
     views : list of DepthImage or Silhouette
         Without lenses.
     box : Box
-        That it lies in.
+        Box around the solid.
     texture, missing, thin
         As for `DepthObject`.
     silhouettes : bool
@@ -70,18 +70,18 @@ class Solid(Immutable):
 
     @cached_property
     def outlines(self) -> list[int]:
-        """For each view the number of the first that tests points as it does: each is tested once."""
+        """For each view the number of the first view with the same test; each test is made once."""
         return list(range(len(self.views)))
 
     def maps(self) -> DeviceArray:
-        """The images that the views test points with, one after the other, on the current device.
+        """Upload the images that the views test points with, one after the other, to the current device.
 
-        Of each nearness and cells, (2, H, W), or a mask, (H, W), 0 or 1.
+        Each is nearness and cells, (2, H, W), or a mask, (H, W), 0 or 1.
         """
         raise NotImplementedError
 
     def reach_of(self, view: Any) -> float:
-        """The nearness by which a view's surface may be nearer than its samples."""
+        """Return the most nearness by which a view's surface is nearer than its samples."""
         return 0.0
 
     @cached_property
@@ -90,7 +90,7 @@ class Solid(Immutable):
         return [words_of(view) for view in self.views]
 
     def with_known(self, values: list[_Known], views: Sequence[Any], make: Callable[[Any], _Known]) -> list[_Known]:
-        """A value for each of some views: made of it, or, of views that this solid has, too, taken from `values`."""
+        """Return a value for each of some views: from `values` if this solid has the view, else made anew."""
         known = {id(view): value for view, value in zip(self.views, values, strict=True)}
         return [known[id(view)] if id(view) in known else make(view) for view in views]
 
@@ -101,7 +101,7 @@ def words_of(view: View) -> NDArray[np.uint32]:
 
 
 def checked_views(views: object, kinds: Mapping[type[View], Callable[[Any], View]]) -> list[Any]:
-    """Return views without their lenses, by what takes them off each of the `kinds`, or raise ArgumentError."""
+    """Return views without their lenses, undistorted by the function for their kind, or raise ArgumentError."""
     if not isinstance(views, Sequence) or not views:
         raise ArgumentError("views", "a sequence of at least one view", describe(cast("object", views)))
     straight: list[Any] = []

@@ -1,4 +1,4 @@
-"""Spacing of slices: a number of them that is given, or as many as a picture needs."""
+"""Spacing of slices: a fixed number of slices, or the number that a picture needs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pyibr.opencl.headers import constant
 Slices = int | Literal["view"]
 
 SLICES_MAX = 65536
-SLICES_USUAL = 128  # that tell depths apart before there is a picture
+SLICES_USUAL = 128  # slices that must resolve the depths when no picture has chosen a number yet
 
 _RAYS = "slicing/rays.h"
 
@@ -27,12 +27,12 @@ def checked_slices(slices: Slices) -> Slices:
 
 
 def slices_text(slices: Slices) -> str:
-    """For a thing's description."""
+    """Text for the description of a thing."""
     return "slices by view" if slices == "view" else f"{slices} slices"
 
 
 def checked_halvings(halvings: int) -> int:
-    """Return how often the way between two slices is halved or raise ArgumentError."""
+    """Return the number of halvings between two slices or raise ArgumentError."""
     return integer_from("halvings", halvings, 0, int(constant(_RAYS, "HALVINGS_MAX")))
 
 
@@ -46,18 +46,18 @@ def checked_only(only: int | None, slices: Slices) -> int | None:
 
 
 def spacing_min(extent: float) -> float:
-    """Scene units between slices, over a thing of this extent, that no picture goes below by itself."""
+    """Scene units between slices over a thing of this extent, below which no picture chooses its spacing."""
     return extent / constant(_RAYS, "SLICES_MAX")
 
 
 def nearest_pixel(camera: Camera, corners: Float64) -> float:
-    """Scene units that a pixel takes at the nearest of some points, (n, 3); 0 where the camera is among them."""
+    """Scene units across a pixel at the nearest of some points, (n, 3); 0 if the camera is among them."""
     z = camera.camera_from_world[2, :3] @ corners.T + camera.camera_from_world[2, 3]
     nearest = max(float(z.min()), 0.0) if camera.projection == "perspective" else 1.0
     return nearest / float(min(camera.K[0, 0], camera.K[1, 1]))
 
 
 def halvings_between(spacing: float, pixel: float) -> int:
-    """Halvings of the step between two slices that meet the surface within a small part of a pixel."""
+    """Halvings of the interval between two slices that locate the surface within a small part of a pixel."""
     parts = constant(_RAYS, "PIXEL_PARTS") * spacing / max(pixel, 1e-30)
     return min(math.ceil(math.log2(max(parts, 1.0))), int(constant(_RAYS, "HALVINGS_MAX")))

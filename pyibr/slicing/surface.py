@@ -31,7 +31,7 @@ from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_
 Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
 
-_READ = ("corners", "points", "uv", "frames", "tilts", "ends", "gradients", "heights", "colors")  # by all pictures
+_READ = ("corners", "points", "uv", "frames", "tilts", "ends", "gradients", "heights", "colors")  # read in all pictures
 
 
 class SlicedSurface(HeightMapped):
@@ -40,47 +40,48 @@ class SlicedSurface(HeightMapped):
     Parameters
     ----------
     base : Mesh
-        With uv; a single polygon or any surface. It is displaced along its normals, or its smooth ones; where vertices
-        at one place have several, as at hard edges, along their mean, so that it stays closed. It is lit by its own.
+        With uv; a single polygon or any surface. Vertices move along their normals, or the smooth normals if it has
+        none. Vertices at one place with several normals, as at hard edges, move along the mean normal, so that the
+        surface stays closed. It is lit by its own normals.
     height : (h, w) float32 in [0, 1], or uint8, uint16
-        0 is the base, which only `test="at_least"` draws, 1 is `scale` above it. Bilinear between texel centres; kept
+        0 is the base, which only `test="at_least"` draws; 1 is `scale` above it. Bilinear between texel centres; kept
         in 16 bits.
     color : (h', w', 3) uint8, or float32 in [0, 1]
         Over the same uv.
     scale : float
         The displacement of height 1, in scene units.
     tiles : (int, int)
-        How often height and colour repeat along u and v.
+        Number of repetitions of height and colour along u and v.
     slices : int or "view"
-        Over the displacement volume's height. Slices across the surface and parallel to the screen have the same
-        spacing, `scale / slices` (section 3.4). "view": as many as the picture needs over each triangle, with slices a
-        pixel apart (closer where 256 slices are, down to a twelfth, but no closer than half a texel), and as many
-        `halvings` as bring points within an eighth of a pixel of the surface, and 1/512 of `scale`.
+        Number over the displacement volume's height. Slices across the surface and parallel to the screen have the same
+        spacing, `scale / slices` (section 3.4). "view": as many as the picture needs over each triangle. Slices are
+        then a pixel apart, or down to a twelfth of a pixel to reach 256 slices, but no closer than half a texel.
+        `halvings` then bring points within an eighth of a pixel of the surface, and within 1/512 of `scale`.
     slicing : {"orthogonal", "surface", "screen"}
-        "surface": parallel to the base only (section 3.1), which one sees through from the side; "orthogonal":
+        "surface": parallel to the base only (section 3.1), with gaps when seen from the side; "orthogonal":
         along the normal or one of two directions in the surface, whichever faces the viewer most (section 3.2), for
         each triangle and bin of pixels; "screen": parallel to the view plane (section 3.3).
     test : {"inside", "at_least", "band"}
-        A slice at height h is drawn where the map's height is more than h, so that 0 masks the surface out; at least
-        h (Dietrich), which draws the base, too; or at least h and less than h + `band` (Schaufler), so that one may see
-        through between neighbours of very different heights.
+        Where a slice at height h is drawn. "inside": where the map's height is more than h, so that 0 masks the surface
+        out; "at_least": where it is at least h (Dietrich), which also draws the base; "band": where it is at least h
+        and less than h + `band` (Schaufler), which opens gaps between neighbours of very different heights.
     normal_map : (h'', w'', 3) float32 or uint8, optional
         Unit normals in tangent space, for lights: x along u, y along v (down the image), z along the normal. Bytes
-        are decoded as x / 127.5 - 1; of a map whose green grows upwards give 255 - green (`pyibr.io.read_relief_map`
-        does). Without a map the heights' slopes give normals.
+        are decoded as x / 127.5 - 1; if the map's green grows upwards, pass 255 - green (`pyibr.io.read_relief_map`
+        does so). Without a map, normals follow from the slopes of the heights.
     clipped : bool
-        False lets slices parallel to the screen test the points beside the displacement volume, too, as the paper's
-        simplest variant does (section 3.3): the same picture with more alpha tests, to compare.
+        False lets slices parallel to the screen also test points outside the displacement volume, like the paper's
+        simplest variant (section 3.3): the same picture with more alpha tests, for comparison.
     halvings : int
-        How often the way from a slice that passes back to the one before is halved to meet the surface; 0 leaves the
-        slices as they are, as in the paper.
+        Number of halvings of the interval between the first slice that passes and the one before, to approach the
+        surface; 0 leaves points on the slices, as in the paper.
     band : float, optional
-        Of heights, how thick the band is that the test "band" takes: neighbours that differ by more are apart. A slice
-        spacing without it, with which nothing is missed of what lies flat; less leaves gaps.
+        Thickness of the band of the test "band", as a height: gaps open between neighbours that differ by more. By
+        default one slice spacing, which misses nothing of flat regions; a thinner band leaves gaps there.
     wrap : {"repeat", "clamp"}, or a pair of these
-        What heights, colours and normals are where uv are beyond 0 to 1, and from the outermost texels' centres on:
-        "repeat" goes over to the other side of the map, "clamp" goes on with the values of its border, for maps that
-        do not tile: `tiles` are 1 with it. A pair is along u and along v: ("repeat", "clamp") for maps of a globe.
+        How heights, colours and normals continue beyond the centres of the outermost texels. "repeat" continues on the
+        other side of the map; "clamp" continues with the values at the border, for maps that do not tile, and needs
+        `tiles` of 1. A pair sets u and v separately: ("repeat", "clamp") for maps of a globe.
 
     Raises
     ------
@@ -133,7 +134,7 @@ class SlicedSurface(HeightMapped):
         return f"<SlicedSurface {len(self.base.faces)} triangles, heights {w}x{h}, {slices_text(self.slices)}>"
 
     def with_height(self, height: NDArray[Any]) -> SlicedSurface:
-        """The same surface with other heights, for animations: everything else, on the device too, is shared."""
+        """Return the same surface with other heights, for animations; everything else is shared, on the device too."""
         made = object.__new__(SlicedSurface)
         other = Heights(checked_height(height))
         assert self.base.uv is not None
@@ -147,7 +148,7 @@ class SlicedSurface(HeightMapped):
         return self.volume.bounds
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the slices; lit by their normals."""
+        """Draw the slices, lit by their normals."""
         draw_surface(target, self, lighting)
 
     @cached_property
@@ -159,7 +160,7 @@ class SlicedSurface(HeightMapped):
 def draw_surface(
     target: Target, surface: SlicedSurface, lit: Lighting | None, counters: DeviceArray | None = None
 ) -> None:
-    """Draw a sliced surface into the target; `counts`, (H, W) int32, gains the alpha tests of each pixel."""
+    """Draw a sliced surface into the target; `counters`, (H, W) int32, gains the alpha tests of each pixel."""
     buffers = {
         **cached_on_device(surface, "volume", lambda: _volume_buffers(surface)),
         "heights": cached_on_device(
@@ -208,7 +209,7 @@ def draw_surface(
 
 
 def _slices_in(surface: SlicedSurface, camera: Camera) -> int:
-    """Number of slices over the displacement; in a picture that chooses, in the volume's middle."""
+    """Return the number of slices over the displacement; with "view", in the middle of the volume."""
     if surface.slices != "view":
         return surface.slices
     low, high = surface.volume.bounds
@@ -217,6 +218,6 @@ def _slices_in(surface: SlicedSurface, camera: Camera) -> int:
 
 
 def _volume_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
-    """The surface, but for its heights, for the current device."""
+    """Upload the surface without its heights to the current device."""
     names = ("points", "uv", "corners", "frames", "tilts", "ends", "gradients", "normals")
     return {name: upload(getattr(surface.volume, name)) for name in names} | map_buffers(surface)
