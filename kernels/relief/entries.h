@@ -1,42 +1,42 @@
 #ifndef RELIEF_ENTRIES_H
 #define RELIEF_ENTRIES_H
-/* Entries of a region's pixels into a relief, of the layer that is searched, and the hits that are kept of it. */
+/* Entries of a region's pixels into a relief, for the layer being searched, and the hits of that layer. */
 #define KEEPS_UV 1
 #include "raster/fragment.h"
 #include "relief/exits.h"
 
 #ifndef DEPTH_ALONE
-#define DEPTH_ALONE 0 /* 1: no colours are asked for, as in a light's map */
+#define DEPTH_ALONE 0 /* 1: no colours are needed, as in a light's map */
 #endif
 #ifndef WITHIN
 #define WITHIN 0 /* 1: the eye is below the mesh, and its rays walk from there */
 #endif
 
-/* A region's pixels: the entries of the layer that is searched, and how the pixel's hit has been found */
+/* A region's pixels: the entries of the layer being searched, and how the pixel's hit was found */
 typedef struct {
-    floatl first[BLOCKS], second[BLOCKS]; /* nearness of the nearest two entries of those not searched yet */
+    floatl first[BLOCKS], second[BLOCKS]; /* nearness of the nearest two entries that are not searched yet */
     intl entered[BLOCKS];                 /* triangle of the first, -1: none */
-    floatl searched[BLOCKS];              /* nearness of the last entry that has been searched from, */
-    intl searched_triangle[BLOCKS];       /* and its triangle */
+    floatl searched[BLOCKS];              /* nearness of the entry that was searched last */
+    intl searched_triangle[BLOCKS];       /* its triangle */
     floatl t[BLOCKS];                     /* from the entry to the hit, in scene units */
-    floatl share[BLOCKS];                 /* of the quadric's curvature that the hit was found with, 0 to 1 */
-    intl escaped[BLOCKS];                 /* by its quadric the ray from the first entry has come out again */
-    floatl exit[BLOCKS];                  /* nearness of the back by which it leaves the mesh; EMPTY: none */
+    floatl share[BLOCKS];                 /* share of the quadric's curvature with which the hit was found, 0 to 1 */
+    intl escaped[BLOCKS];                 /* the ray from the first entry came out of its quadric without a hit */
+    floatl exit[BLOCKS];                  /* nearness of the back where it leaves the mesh; EMPTY: none */
     intl exit_triangle[BLOCKS];
 #if WALKS
-    floatl foot_second[BLOCKS], foot_third[BLOCKS]; /* of a walk's hit: weights of its triangle's corners above it */
+    floatl foot_second[BLOCKS], foot_third[BLOCKS]; /* hit of a walk: weights of the triangle's corners above it */
 #endif
 } Layers;
 
 typedef struct {
     Relief relief;
     float nearest_w;
-    int culled; /* CULLS_BACKS: fronts are drawn, where rays enter; CULLS_FRONTS: backs, where they leave */
+    int culled; /* CULLS_BACKS: draws fronts, where rays enter; CULLS_FRONTS: draws backs, where they leave */
     Layers *layers;
     global int *counters;
 #if WITHIN
-    int eye_triangle; /* the one that the eye is below, */
-    float eye_depth;  /* and how deep, 1 at the bottom */
+    int eye_triangle; /* the triangle above the eye */
+    float eye_depth;  /* the eye's depth below it, 1 at the bottom */
 #endif
 } Context;
 
@@ -48,7 +48,7 @@ static intl set_up(const Context *context, intl index, int x, int y, Primitives 
                             context->culled, x, y, t);
 }
 
-/* Finds the exits of escaped rays, the nearest backs behind their entries; of a light's map, the backs before any
+/* Finds the exits of escaped rays, the nearest backs behind their entries; for a light's map, the backs in front of any
  * entry. */
 void cover_back(Layers *layers, const Primitives *t, int lane, int block, int first_x, int first_y)
 {
@@ -97,8 +97,8 @@ void count_steps(const Context *context, const Region *region, int block, const 
 }
 #endif
 
-/* Keeps the hits of a search that are nearer than what the region shows; triangle: above them, from: where t is 0.
- * Returns which they are. */
+/* Keeps the hits of a search that are nearer than the region's pixels; triangle: above the hits, from: the point at
+ * t = 0. Returns which hits are kept. */
 INLINED intl keep_hits(const Context *context, int block, const Search *s, Vector from, Vector direction, intl triangle,
                        Region *region)
 {
@@ -113,8 +113,8 @@ INLINED intl keep_hits(const Context *context, int block, const Search *s, Vecto
     return nearer;
 }
 
-/* Ends the search from the first entries of a block. Returns for which pixels a further one lies nearer than what they
- * show. */
+/* Ends the search from the first entries of a block. Returns the pixels with a further entry nearer than the point that
+ * they show. */
 INLINED intl end_layer(Layers *layers, const Region *region, int block)
 {
     const intl entered = layers->entered[block];

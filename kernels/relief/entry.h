@@ -16,8 +16,8 @@
 
 #define LINEAR 0
 #define SAFE 1
-#define FLAT_MAX 1e-5f       /* curvature times depth: a surface of less is taken for a plane */
-#define COSINE_MIN 1e-3f     /* of a ray that enters: at outlines interpolated normals may point away from the viewer */
+#define FLAT_MAX 1e-5f       /* curvature times depth: surfaces below it count as planes */
+#define COSINE_MIN 1e-3f     /* least cosine at an entry: interpolated normals may point away at outlines */
 
 typedef struct {
     global const int *faces;
@@ -31,14 +31,14 @@ typedef struct {
     int quadric, search, steps, halvings;
 } Relief;
 
-/* The vertices' values, interpolated where the rays of LANES pixels enter */
+/* The vertices' values, interpolated at the entries of LANES pixels' rays */
 typedef struct {
     floatl u, v;
     Vector normal, along_u, along_v; /* the normal of unit length, and the gradients of u and v */
     floatl a, b, c;
 } Entry;
 
-/* The vertices' values at a place of a triangle */
+/* The vertices' values at a point of a triangle */
 INLINED Entry entry_at(const Relief *relief, const OnTriangle *at)
 {
     floatl of_vertex[VERTEX_FLOATS];
@@ -62,24 +62,24 @@ INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
     *y = cross_product(e->normal, *x);
 }
 
-/* The quadric's bilinear form, of two directions; of one direction twice it is a x^2 + b y^2 + c x y. */
+/* The quadric's bilinear form of two directions; for twice the same direction it is a x^2 + b y^2 + c x y. */
 INLINED floatl quadric_form(const Entry *e, floatl x, floatl y, floatl other_x, floatl other_y)
 {
     return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);
 }
 
-/* The ray in texture space (section 3.4), but for its level and end */
+/* The ray in texture space (section 3.4), without its level and end */
 void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 {
     const float per_scale = 1.0f / scale;
-    const floatl cosine = DOT(d, e->normal); /* < 0: it enters */
+    const floatl cosine = DOT(d, e->normal); /* < 0: the ray enters */
     ray->u = WRAPPED_UV(CLAMPED_U, e->u);
     ray->v = WRAPPED_UV(CLAMPED_V, e->v);
     ray->du = DOT(d, e->along_u);
     ray->dv = DOT(d, e->along_v);
     const Vector down = cross_product(e->normal, e->along_u);
     const floatl per_u = 1.0f / sqrt(max_lanes(DOT(e->along_u, e->along_u), (floatl)1e-30f));
-    const floatl x = ray->du * per_u, y = DOT(d, down) * per_u; /* of the direction */
+    const floatl x = ray->du * per_u, y = DOT(d, down) * per_u; /* the direction's */
     ray->L = max_lanes(-cosine, (floatl)COSINE_MIN) * per_scale;
     const floatl bend = quadric ? quadric_form(e, x, y, x, y) : (floatl)0.0f;
     ray->K = bend * per_scale;
@@ -93,7 +93,7 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 #endif
 }
 
-/* An entry whose quadric has a share of its curvature */
+/* An entry with a share of its quadric's curvature */
 INLINED Entry flattened(Entry e, floatl share)
 {
     e.a *= share;
@@ -107,8 +107,8 @@ intl is_finite_ray(const ReliefRay *ray)
     return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);
 }
 
-/* The square of the texels that a pixel covers along a side where it sees the surface straight on, `size` scene
- * units */
+/* The square of the number of texels along a side of a pixel of `size` scene units, where it sees the surface straight
+ * on */
 floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters)
 {
     const floatl u_2 = DOT(e->along_u, e->along_u);
@@ -117,8 +117,8 @@ floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters
     return select_lanes(enters, texels_2, (floatl)1.0f);
 }
 
-/* The level of the heights that is read: on curved surfaces, where rays may come out again, none whose heights are off
- * by more than a pixel, which would move outlines */
+/* Limits the level of the heights to be read. On curved surfaces, where rays may come out again, its heights must not
+ * be off by more than a pixel, which would move outlines. */
 INLINED intl finest_level(const Relief *relief, intl level, floatl size, intl is_curved)
 {
     for (int l = 1; l < relief->level_count && any_lane(level >= l); l++) {
@@ -128,7 +128,7 @@ INLINED intl finest_level(const Relief *relief, intl level, floatl size, intl is
     return level;
 }
 
-/* The level whose texels are as large as a pixel of a size, if that is fine enough */
+/* The level whose texels are as large as a pixel of a size, or a finer level if `finest_level` requires it */
 INLINED intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
 {
     const floatl texels_2 = texels_of(e, relief->levels[0], relief->levels[1], size, enters);
@@ -136,11 +136,11 @@ INLINED intl level_of(const Relief *relief, const Entry *e, floatl size, intl en
     return finest_level(relief, level_of_texels(texels_2, relief->level_count), size, is_curved);
 }
 
-/* The scene units that a pixel takes at nearness n */
+/* The size of a pixel in scene units at nearness n */
 #define PIXEL_SIZE(relief, n)                                                                                  \
     (((relief)->screen.perspective ? 1.0f / (n) : (floatl)1.0f) * (relief)->pixel_size)
 
-/* count: of searches, a constant, so that loops over them are unrolled */
+/* count: number of searches, a constant, so that loops over them are unrolled */
 INLINED void search_relief(const Relief *relief, Search *searches, int count)
 {
     if (relief->search == SAFE)

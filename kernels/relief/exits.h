@@ -1,14 +1,14 @@
 #ifndef RELIEF_EXITS_H
 #define RELIEF_EXITS_H
-/* Where rays leave the mesh that by their quadrics have come out before: what that tells of their depth. */
+/* Depths of rays that came out of their quadrics before they leave the mesh, estimated from their exits. */
 #include "relief/entry.h"
 
-#define ARC_PARTS 16 /* of a ray below the mesh, among whose ends its deepest point is searched */
-#define BOTTOM_TOLERANCE 1e-3f /* of the depth: by how much a ray that grazes the bottom may miss it */
+#define ARC_PARTS 16 /* parts of a ray below the mesh, at whose ends its deepest point is searched */
+#define BOTTOM_TOLERANCE 1e-3f /* share of the depth by which a ray that grazes the bottom may miss it */
 
-/* A ray is below the mesh until it leaves that by a back, `distance` after its entry, where its depth falls by `slope`
- * per scene unit. Its depth between is estimated by the cubic with the depths and slopes of both ends. Returns where
- * the cubic first reaches the bottom, or else is deepest, in t, and how deep it is there. */
+/* A ray is below the mesh until it leaves through a back, `distance` after its entry, where its depth falls by `slope`
+ * per scene unit. In between, its depth is estimated by the cubic with the depths and slopes of both ends. Finds where
+ * the cubic first reaches the bottom, or else is deepest: sets t, and returns the depth there. */
 INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope, floatl *t)
 {
     floatl depth = 0.0f, before = 0.0f;
@@ -25,10 +25,10 @@ INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope
     return depth;
 }
 
-/* Gives rays that have escaped, and leave the mesh `distance` after their entry by a triangle, the parabola through
- * where the cubic between has them at the bottom, or deepest, which begins as they do where that is less steep, if the
- * cubic is deeper there than they are. Returns which rays it has changed; share: of the quadric's curvature that is
- * left. */
+/* Changes the depths of escaped rays that leave the mesh `distance` after their entry, if the cubic reaches deeper than
+ * their quadrics. The new depth is a parabola to the point where the cubic is at the bottom, or deepest. It begins with
+ * the ray's own slope, or a lower one. Returns the changed rays; share: share of the quadric's curvature that
+ * remains */
 intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *out, Vector direction, floatl distance, intl escaped,
                  floatl *share)
 {

@@ -1,27 +1,26 @@
 #ifndef RELIEF_LAYERS_H
 #define RELIEF_LAYERS_H
-/* Layers of a relief: the fragment program that finds what a region's pixels see of it (Oliveira & Policarpo 2005).
+/* Layers of a relief: the fragment program that finds the relief in a region's pixels (Oliveira & Policarpo 2005).
  *
- * A pixel's ray may enter the relief, come out again beside a silhouette and enter elsewhere. So the rays are searched
- * layer by layer: from the nearest entry that has not been searched, for as long as an entry lies nearer than what has
- * been found. All lanes of a block search at once, whichever triangles their rays enter.
+ * A pixel's ray may enter the relief, come out again at a silhouette and enter elsewhere. So the rays are searched
+ * layer by layer: from the nearest entry that has not been searched yet, as long as an entry lies nearer than the hits
+ * so far. All lanes of a block search together, whichever triangles their rays enter.
  *
- * With exact distances rays walk below the mesh (walk.h). By the others a ray that escapes, which by its quadric has
- * come out again, is searched once more by what the mesh itself tells (exits.h): up to the back by which it leaves the
- * mesh. In a light's map, rays that meet a back before any front are stopped at the bottom of the relief
- * (stop_from_below).
+ * With exact distances rays walk below the mesh (walk.h). With other distances, a ray that comes out of its quadric
+ * without a hit has escaped. It is searched once more, up to the back face where it leaves the mesh (exits.h). In a
+ * light's map, the bottom of the relief stops rays that meet a back before any front (stop_from_below).
  */
 #include "relief/entries.h"
 #include "relief/walks.h"
 
-/* The rays of a block's pixels in the world, from where they enter the relief */
+/* The rays of a block's pixels in the world, from their entries into the relief */
 typedef struct {
     Vector from, direction;
-    floatl share; /* of the quadric's curvature that their depth follows, 0 to 1 */
+    floatl share; /* share of the quadric's curvature that their depth follows, 0 to 1 */
 } EntryRay;
 
-/* Sets up a search along the rays of a block's pixels from their first entries; by_mesh: along those that have escaped,
- * by what the mesh tells, up to their exits. */
+/* Sets up a search along the rays of a block's pixels from their first entries; by_mesh: along escaped rays up to their
+ * exits, with depths estimated from the mesh. */
 static EntryRay begin_search(const Context *context, const Region *region, int block, int by_mesh, Search *s)
 {
     const Relief *relief = &context->relief;
@@ -60,7 +59,7 @@ static EntryRay begin_search(const Context *context, const Region *region, int b
     return entry_ray;
 }
 
-/* Searches along the rays of INTERLEAVED blocks; by_mesh: of begin_search. Returns whether there are further
+/* Searches along the rays of INTERLEAVED blocks; by_mesh: as in begin_search. Returns whether there are further
  * entries. */
 OUTLINED int search_blocks(const Context *context, int block, int by_mesh, Region *region)
 {
@@ -102,8 +101,8 @@ OUTLINED void find_exits(const Context *context, Region *region, BinList listed)
 }
 
 #if DEPTH_ALONE
-/* A light's rays that meet a back before any front come from below the mesh, as from behind a wall, or out of an open
- * tube: the bottom of the relief stops them there, before they reach what is carved into it. */
+/* A light's rays that meet a back before any front come from below the mesh: from behind a wall, or out of an open
+ * tube. The bottom of the relief stops them there, before they reach the relief's surface. */
 void stop_from_below(const Context *context, Region *region, BinList listed)
 {
     const Relief *relief = &context->relief;
@@ -134,9 +133,9 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
 }
 #endif
 
-/* Searches a layer: from the first entries by their quadrics, and then along the rays that have escaped by the mesh. In
- * a light's map these are left out: a hit that is guessed too near would shade what is lit. Returns whether there are
- * further entries. */
+/* Searches a layer: from the first entries below their quadrics, and then along escaped rays with the mesh. A light's
+ * map leaves out the second search: a hit estimated too near would shade lit points. Returns whether there are further
+ * entries. */
 static int search_layer(const Context *context, Region *region, BinList listed)
 {
     Layers *layers = context->layers;
@@ -173,7 +172,7 @@ static int search_layer(const Context *context, Region *region, BinList listed)
     return more;
 }
 
-/* The vertices' values where a pixel's ray has entered; of a walk's hit, right above it */
+/* The vertices' values at the entry of a pixel's ray; for the hit of a walk, on the mesh above the hit */
 INLINED Entry entry_of_hit(const Relief *relief, const Layers *layers, int block, intl triangle, floatl x, floatl y)
 {
     OnTriangle at = on_triangle(relief->faces, relief->projected, triangle, x, y);
@@ -187,7 +186,7 @@ INLINED Entry entry_of_hit(const Relief *relief, const Layers *layers, int block
     return flattened(entry_at(relief, &at), layers->share[block]);
 }
 
-/* Finds what the region's pixels see of the relief, layer by layer. */
+/* Finds the relief's visible points in the region, layer by layer. */
 OUTLINED void search_layers(const Context *context, Region *region, BinList listed)
 {
     Layers *layers = context->layers;
@@ -203,7 +202,7 @@ OUTLINED void search_layers(const Context *context, Region *region, BinList list
 #if WITHIN
     walk_from_eye(context, region);
 #endif
-    const int triangles = listed.last - listed.first; /* a pixel has one entry of each at most */
+    const int triangles = listed.last - listed.first; /* a pixel has at most one entry for each */
     for (int more = 1, layer = 0; more && layer < triangles; layer++) {
         for (int block = 0; block < BLOCKS; block++) {
             layers->first[block] = layers->second[block] = EMPTY;

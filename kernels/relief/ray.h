@@ -1,14 +1,14 @@
 #ifndef RELIEF_RAY_H
 #define RELIEF_RAY_H
-/* A ray in a relief: its depth below the mesh, and where it leaves (Oliveira & Policarpo 2005, sections 3.2 and 3.3).
+/* A ray in a relief: its depth below the mesh, and its end (Oliveira & Policarpo 2005, sections 3.2 and 3.3).
  *
  * A ray enters at t = 0, at depth 0, and its depth is L t + K t^2, 1 at the bottom. On the map it runs straight:
  * u + du t, v + dv t.
  *
- * DISTANCE is how its depth is measured. APPROXIMATE: how far its point P lies below the quadric, along z (equation 7).
- * PERPENDICULAR: the paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray
- * and normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and
- * normal. EXACT: below the mesh itself (walk.h), leg by leg, each of which starts at a depth.
+ * DISTANCE is the measure of its depth. APPROXIMATE: distance of its point P below the quadric, along z (equation 7).
+ * PERPENDICULAR: the paper's equation 6, from P to R on the quadric, at right angles to the ray in the plane of ray
+ * and normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the angle
+ * between ray and normal. EXACT: below the mesh itself (walk.h), leg by leg; each leg starts at a depth.
  */
 #include "lib/lanes.h"
 
@@ -16,23 +16,23 @@
 #define EXACT 1
 #define PERPENDICULAR 2
 #ifndef DISTANCE
-#define DISTANCE APPROXIMATE /* or EXACT, or PERPENDICULAR: how far below the surface a ray is */
+#define DISTANCE APPROXIMATE /* or EXACT, or PERPENDICULAR */
 #endif
 #define WALKS (DISTANCE == EXACT) /* rays walk from leg to leg */
 #define NEVER 1e20f     /* scene units */
-#define TILES_MAX 1e3f  /* that a ray crosses, so that numbers stay small */
+#define TILES_MAX 1e3f  /* tiles that a ray crosses at most, so that numbers stay small */
 
 typedef struct {
     floatl u, v, du, dv; /* du, dv per scene unit */
     floatl L, K;         /* depth: L t + K t^2 */
-    floatl end;          /* least t > 0 at which the ray comes out again, at depth 0, or reaches the bottom */
+    floatl end;          /* least t > 0 where the ray comes out again, at depth 0, or reaches the bottom */
     intl at_bottom;      /* it reaches the bottom there */
-    intl level;          /* of the map */
-    floatl depth;        /* where it starts, of rays that walk */
+    intl level;          /* level of the map */
+    floatl depth;        /* at the start, for rays that walk */
 #if DISTANCE == PERPENDICULAR
-    floatl vz;    /* of the unit direction, along the normal: < 0 */
-    floatl scale; /* of depth 1 */
-    floatl bend;  /* a x^2 + b y^2 + c x y of the direction */
+    floatl vz;    /* component of the unit direction along the normal: < 0 */
+    floatl scale; /* scene units of depth 1 */
+    floatl bend;  /* a x^2 + b y^2 + c x y for the direction */
 #endif
 } ReliefRay;
 
@@ -60,7 +60,7 @@ floatl depth_of(const ReliefRay *ray, floatl t)
 #define depth_of QUADRIC_DEPTH
 #endif
 
-/* The depths of some rays become those of equation 7: without curvatures there is no other. */
+/* Switches the depths of some rays to equation 7, the only one left without curvatures. */
 INLINED void use_quadric_depth(ReliefRay *ray, intl which)
 {
 #if DISTANCE == PERPENDICULAR
@@ -69,7 +69,7 @@ INLINED void use_quadric_depth(ReliefRay *ray, intl which)
 #endif
 }
 
-/* Gives inactive lanes a ray that is finite. */
+/* Gives inactive lanes a finite ray. */
 void mask_inactive(ReliefRay *ray, intl active)
 {
     ray->u = select_lanes(active, ray->u, (floatl)0.0f);
@@ -87,20 +87,20 @@ void mask_inactive(ReliefRay *ray, intl active)
 #endif
 }
 
-/* Ends a ray that crosses very many tiles before. */
+/* Shortens a ray that would cross very many tiles. */
 INLINED void limit_tiles(ReliefRay *ray)
 {
     ray->end = fmin(ray->end, TILES_MAX / fmax(fabs(ray->du) + fabs(ray->dv), (floatl)1e-20f));
 }
 
-/* Where the ray ends: comes out again, or reaches the bottom (section 3.3). */
+/* Sets the end of the ray, where it comes out again or reaches the bottom (section 3.3). */
 void set_end(ReliefRay *ray)
 {
     const floatl discriminant = ray->L * ray->L + 4.0f * ray->K;
     ray->at_bottom = discriminant >= 0.0f;
     ray->end = select_lanes(ray->at_bottom, 2.0f / (ray->L + sqrt(fmax(discriminant, (floatl)0.0f))), -ray->L / ray->K);
 #if DISTANCE == PERPENDICULAR
-    /* The bottom is reached before the ray is deepest, if at all: bisection */
+    /* The bottom is reached before the deepest point, if at all: bisection */
     floatl before = 0.0f, after = select_lanes(ray->K < 0.0f, -0.5f * ray->L / ray->K, 4.0f * ray->end);
     const intl reaches = depth_of(ray, after) >= 1.0f;
     for (int i = 0; i < 20; i++) {

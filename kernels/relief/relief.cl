@@ -1,22 +1,22 @@
 /* Relief mapping on a mesh, with true silhouettes and depth (Oliveira & Policarpo 2005).
  *
  * A pixel's ray enters the relief at the mesh. There the vertices' frames and quadrics are interpolated, and the ray is
- * followed in texture space (search.h) until it meets the relief, or comes out again beside a silhouette. It may then
+ * followed in texture space (search.h) until it meets the relief, or comes out again at a silhouette. It may then
  * enter elsewhere (layers.h).
  *
- * An eye below the mesh, within the relief, has no entries around it. Then, WITHIN, rays walk from the eye, which is
- * below `eye_triangle`, to where they leave the mesh.
+ * An eye below the mesh, within the relief, has no entries around it. Then, with WITHIN, rays walk from the eye, which
+ * is below `eye_triangle`, to where they leave the mesh.
  *
  * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
- * searched once more, by what the mesh itself says (exits.h); the tile sizes are gradients of u and v,
- * which also hold where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
- * which the paper gives up for the light's map on curved surfaces, goes by the quadric of the point's own entry.
+ * searched once more, with depths estimated from the mesh (exits.h); the tile sizes are gradients of u and v, which are
+ * also valid where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
+ * which the paper replaces by the light's map on curved surfaces, uses the quadric of the point's own entry.
  *
- * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, of fronts and backs where the quadrics are curved.
+ * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, fronts, and backs where the quadrics are curved.
  * texels, bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0,
- * with its mipmaps. Both are read by lib/footprint.h. What hides the light: shadows.h.
- * counters: (height, width, 2) searches and their steps, with COUNTERS. uvs: (height, width, 2) u and v of what is
- * seen, in 0 to 1, with UV_WRITTEN; all NaN before, as bins without triangles stay.
+ * with its mipmaps. Both are read by lib/footprint.h. hidden_by, flat_base: shadows.h.
+ * counters: (height, width, 2) searches and their steps, with COUNTERS. uvs: (height, width, 2) u and v in 0 to 1 of
+ * the visible relief, with UV_WRITTEN; the host fills them with NaN, because bins without triangles write nothing.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
 #include "relief/layers.h"
@@ -24,11 +24,11 @@
 #include "relief/shadows.h"
 
 #ifndef UV_WRITTEN
-#define UV_WRITTEN 0 /* 1: where on the map each pixel sees the relief is written, too */
+#define UV_WRITTEN 0 /* 1: the place on the map that each pixel sees is written, too */
 #endif
 
 #if UV_WRITTEN
-/* Writes where on the map a block's pixels see the relief. */
+/* Writes the places on the map that a block's pixels see. */
 void write_uv(const Region *region, int block, Screen screen, global float *uvs)
 {
     for (int lane = 0; lane < LANES; lane++) {
@@ -79,7 +79,7 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
     const Context context = {relief, nearest_w, CULLS_BACKS, &layers, COUNTERS_ARGUMENT(int) EYE_ARGUMENT};
     Region region;
     BinList listed;
-#if WITHIN /* rays start everywhere, not at triangles alone */
+#if WITHIN /* rays start everywhere, not only at triangles */
     const int first_x = get_global_id(0) * REGION, first_y = get_global_id(1) * REGION;
     if (first_x >= screen.width || first_y >= screen.height)
         return;
@@ -115,7 +115,7 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
             add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height,
                           1.0f / 255.0f, &shade);
 #if LIT
-            /* The surface's own: shadows are not to follow the map of normals. */
+            /* The surface's own normal, because shadows do not follow the map of normals. */
             const Vector own = relief_normal_by_slope(&relief, &e, &shading);
             Vector normal = own;
             if (normal_width > 0) {

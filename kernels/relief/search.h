@@ -1,36 +1,37 @@
 #ifndef RELIEF_SEARCH_H
 #define RELIEF_SEARCH_H
-/* Where a ray (ray.h) first meets a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to
- * 3.4). The surface lies at depth 1 - height.
+/* First hit of a ray (ray.h) on a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
+ * The surface lies at depth 1 - height.
  *
  * texels: lib/heights.h. bounds: 65535ths, two a word. Tier 0 is the greatest height of each cell between 2x2 texels,
- * the next that of 2x2 cells, and so on, a maximum mipmap (Tevs et al. 2008); BOUND_AT is each one's place. levels:
- * (levels, LEVEL_INTS) ints: width, height, start in texels; of the bounds number of tiers, start, log2 of the rows'
- * length, and span; last, how far at most the level's heights are from the first's, in 65535ths.
+ * the next tier that of 2x2 cells, and so on, a maximum mipmap (Tevs et al. 2008); BOUND_AT gives the place of a bound.
+ * levels: (levels, LEVEL_INTS) ints: width, height, start in texels; for the bounds the number of tiers, start, log2 of
+ * the rows' length, and span; finally the largest difference of the level's heights from the first level's, in
+ * 65535ths.
  */
 #include "lib/heights.h"
 #include "relief/ray.h"
 
 #define LEVEL_INTS 8          /* ints of a level */
-#define HEIGHT_ERROR (LEVEL_INTS - 1) /* of them, where the last one is */
-#define SEARCH_STEPS_MAX 4096  /* of a safe search */
+#define HEIGHT_ERROR (LEVEL_INTS - 1) /* index of the last one */
+#define SEARCH_STEPS_MAX 4096  /* steps of a safe search */
 #if LANES == 16
-#define INTERLEAVED 4 /* packets of rays that are searched in turns: one's arithmetic fills the others' waits */
+#define INTERLEAVED 4 /* packets of rays searched in turns: the arithmetic of one hides the latency of others */
 #else
 #define INTERLEAVED 1
 #endif
 #define FIRST_TIER 2     /* where a safe search starts */
 #define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
-#define FAR_SIDE 1e9f    /* texels: of cells that go on for ever */
-#define AXIS_PARALLEL 1e-4f      /* texels: what moves less along x, or y, stays on its column, or row */
+#define FAR_SIDE 1e9f    /* texels: the far side of unbounded cells */
+#define AXIS_PARALLEL 1e-4f      /* texels: a ray that moves less along x, or y, stays on its column, or row */
 
-/* Where a ray runs on its level of the map: (x, y) + (dx, dy) t + (bend_x, bend_y) t^2 */
+/* A ray on its level of the map: (x, y) + (dx, dy) t */
 typedef struct {
     HeightMap map;
     floatl x, y, dx, dy;
 } Track;
 
-/* A number of the table; most often all lanes are on one level. */
+/* A number of the table; usually all lanes are on one level. */
 INLINED intl table_at(global const int *levels, intl level, int i)
 {
     const int first = int_lane(level, 0);
@@ -58,21 +59,21 @@ INLINED Track track_of(const ReliefRay *ray, global const int *levels)
     return k;
 }
 
-/* Where the bound of a tier's cell is: computed, as looking it up would take as long as reading the bound itself. */
+/* The place of the bound of a tier's cell. A lookup of the place would take as long as reading the bound itself. */
 #define BOUND_AT(s, tier, column, row) ((s)->start + (s)->span - ((s)->span >> (tier)) + ((row) << (s)->pitch) + (column))
 
 /* The state of a search */
 typedef struct {
     ReliefRay ray;
     Track track;
-    intl searches; /* which lanes search, */
-    intl active;   /* and which of them have not come to an end */
+    intl searches; /* lanes that search */
+    intl active;   /* lanes whose search has not ended */
     intl found;
-    floatl t; /* so far; in the end, where it is found */
-    intl tier, tiers, start, pitch, span; /* safe: of the bounds */
+    floatl t; /* so far; finally, of the hit */
+    intl tier, tiers, start, pitch, span; /* safe search: for the bounds */
     floatl nudge, peak;
     floatl per_x, per_y;
-    floatl from_x, from_y; /* where the ray starts; a texel before it where it stays on a column, or row */
+    floatl from_x, from_y; /* start of the ray; a texel before it where it stays on a column, or row */
 #if COUNTERS
     intl taken; /* steps */
 #endif
@@ -84,7 +85,7 @@ typedef struct {
 #define COUNT_STEP(search, tries)
 #endif
 
-/* Is the ray at or below the surface? */
+/* Tells whether the ray is at or below the surface. */
 intl is_below(const Search *s, global const uint *texels, floatl t)
 {
     const Track *k = &s->track;
@@ -92,12 +93,12 @@ intl is_below(const Search *s, global const uint *texels, floatl t)
     return depth_of(&s->ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, x, y);
 }
 
-/* The paper's search: `steps` even ones, then `halvings` of the last. What changes is kept in registers, beside the
- * searches; count: how many these are, a constant. */
+/* The paper's search: `steps` even steps, then `halvings` of the last one. Its variables are kept in registers, outside
+ * the searches. count: number of searches, a constant */
 INLINED void linear_search(Search *searches, int count, global const uint *texels, int steps, int halvings)
 {
     floatl step[INTERLEAVED], before[INTERLEAVED];
-    floatl after[INTERLEAVED]; /* -INFINITY: of no ray; INFINITY: nothing is met yet */
+    floatl after[INTERLEAVED]; /* -INFINITY: no ray; INFINITY: no hit yet */
     int any_meets[INTERLEAVED];
     UNROLLED
     for (int k = 0; k < count; k++) {
@@ -126,7 +127,7 @@ INLINED void linear_search(Search *searches, int count, global const uint *texel
         const intl meets = isfinite_lanes(after[k]);
         s->found = s->active & (meets | s->ray.at_bottom);
         after[k] = select_lanes(meets, after[k], s->ray.end);
-        before[k] = select_lanes(meets, after[k] - step[k], after[k]); /* others stay */
+        before[k] = select_lanes(meets, after[k] - step[k], after[k]); /* other lanes stay */
         any_meets[k] = any_lane(meets);
     }
     for (int i = 0; i < halvings; i++)
@@ -145,8 +146,8 @@ INLINED void linear_search(Search *searches, int count, global const uint *texel
         searches[k].t = after[k];
 }
 
-/* Where in the cell of a patch, which the ray crosses from t to `leaves`, does it meet the surface? (fx, fy): at t, in
- * the cell. Sets t where it does, which it returns. */
+/* Searches the cell of a patch, which the ray crosses from t to `leaves`. (fx, fy): the place at t, in the cell. Sets t
+ * and returns true where the ray meets the surface. */
 intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tries)
 {
     const ReliefRay *ray = &s->ray;
@@ -154,7 +155,7 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     const floatl dx = s->track.dx, dy = s->track.dy;
     const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
     const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
-    /* Ray less surface is F0 + F1 ahead + F2 ahead^2, F0 < 0 above the surface. */
+    /* Ray minus surface is F0 + F1 ahead + F2 ahead^2; F0 < 0 above the surface. */
     const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
     const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
     const floatl F2 = ray->K + twist * dx * dy;
@@ -167,8 +168,9 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
 }
 
 #if CLAMPED_U || CLAMPED_V
-/* Where a ray leaves a cell whose far side is `side`. The bounds of cells at a map's border hold beyond it, too, where
- * nothing changes: there is no side behind the last texel, and before the first one only that towards the map. */
+/* Where a ray leaves a cell whose far side is `side`. Cells at a clamped map's border extend beyond it, because heights
+ * do not change there: they have no side behind the last texel, and before the first texel only the side towards the
+ * map. */
 INLINED floatl side_on_map(intl number, intl side, intl count, floatl d)
 {
     const intl before = number < 0, forward = d >= 0.0f;
@@ -178,14 +180,14 @@ INLINED floatl side_on_map(intl number, intl side, intl count, floatl d)
 }
 #endif
 
-/* One step of a safe search: across a cell that the ray stays above, or down to its quarters. */
+/* One step of a safe search: across a cell if the ray stays above it, else down to its quarters. */
 void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 {
     const ReliefRay *ray = &s->ray;
     const intl width = s->track.map.width, height = s->track.map.height, tier = s->tier;
     const Track *k = &s->track;
     const floatl t = s->t;
-    /* The cell just after t, on the map */
+    /* The cell just behind t, on the map */
     const floatl inside = t + s->nudge;
     const floatl at_x = k->x + inside * k->dx, at_y = k->y + inside * k->dy;
     const floatl dx = k->dx, dy = k->dy;
@@ -212,7 +214,7 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 #endif
     const floatl t_x = (to_x - s->from_x) * s->per_x, t_y = (to_y - s->from_y) * s->per_y;
     const floatl leaves = clamp_lanes(min_lanes(t_x, t_y), inside, ray->end);
-    /* By equation 7, than which nothing is deeper; what starts at the mesh sinks up to where it is deepest. */
+    /* Equation 7 gives the deepest distance; a ray that starts at the mesh sinks up to its deepest point. */
     const floatl turn = clamp_lanes(s->peak, t, leaves);
 #if WALKS
     const floatl deepest = max_lanes(max_lanes(QUADRIC_DEPTH(ray, t), QUADRIC_DEPTH(ray, leaves)),
@@ -221,7 +223,7 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const floatl deepest = QUADRIC_DEPTH(ray, turn);
 #endif
     const intl is_free = deepest < 1.0f - highest, at_leaf = tier == 0, solves = s->active & !is_free & at_leaf;
-    /* Up a tier where the ray leaves the parent, too. */
+    /* Up a tier where the ray also leaves the parent cell. */
     const intl by_x = t_x <= t_y, index = select_lanes(by_x, column, row);
     const intl forward = select_lanes(by_x, dx, dy) > 0.0f, odd = (index & 1) != 0;
     const intl ends = select_lanes(by_x, side_x == width, side_y == height);
@@ -240,8 +242,8 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     s->active = s->active & (s->t < ray->end);
 }
 
-/* No step is longer than the bounds allow, so nothing is stepped over: cells whose greatest height stays below the ray
- * are crossed at once, and a cell between 2x2 texels is solved. */
+/* No step is longer than the bounds allow, so nothing is stepped over. One step crosses a cell whose greatest height
+ * stays below the ray; cells between 2x2 texels are solved. */
 INLINED void safe_search(Search *searches, int count, global const uint *texels, global const uint *bounds,
                          global const int *levels)
 {
@@ -282,7 +284,7 @@ INLINED void safe_search(Search *searches, int count, global const uint *texels,
             break;
     }
     UNROLLED
-    for (int k = 0; k < count; k++) { /* what has met nothing has come to the end */
+    for (int k = 0; k < count; k++) { /* rays without a hit have reached their end */
         searches[k].t = select_lanes(searches[k].found, searches[k].t, searches[k].ray.end);
         searches[k].found = searches[k].found | searches[k].ray.at_bottom;
     }

@@ -5,20 +5,20 @@
 #include "lib/light.h"
 #include "relief/entry.h"
 
-#define FOCUS 0.1f /* the least part of the base's lengths that is left below it, near centres of curvature */
+#define FOCUS 0.1f /* least share of the base's lengths that remains below it, near centres of curvature */
 
-/* The points of the relief that LANES pixels show: their places on the maps, and the rays */
+/* The points of the relief in LANES pixels: their places on the maps, and the rays */
 typedef struct {
     ReliefRay place; /* u, v, level */
     Track track;
     Vector ahead, point;
-    Vector normal; /* of the quadric */
-    Vector from_entry; /* to the point; by exact distances from the base right above it */
-    floatl below;      /* the base, scene units */
+    Vector normal; /* the quadric's */
+    Vector from_entry; /* vector to the point; with exact distances from the base right above it */
+    floatl below;      /* depth below the base, in scene units */
 } ShadingPoint;
 
-/* A tangent vector of the base, (x, y) in its frame, on the surface that is parallel to it `below` it: where the base
- * bends by k, one is as much longer there as lengths are shorter, 1 + k `below` times */
+/* Carries a tangent vector of the base, (x, y) in its frame, to the parallel surface `below` the base. Where the base
+ * has curvature k, lengths there are 1 + k `below` times as long, and the vector is as much shorter. */
 INLINED void carry_below(const Entry *e, floatl below, floatl *x, floatl *y)
 {
     const floatl xx = 1.0f + 2.0f * e->a * below, xy = e->c * below, yy = 1.0f + 2.0f * e->b * below;
@@ -28,7 +28,7 @@ INLINED void carry_below(const Entry *e, floatl below, floatl *x, floatl *y)
     *x = carried_x;
 }
 
-/* The quadric's normal at the foot of the point on it */
+/* Sets the normal to the quadric's at the foot of the point on it. */
 INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
 {
     Vector x, y, normal = e->normal;
@@ -46,8 +46,8 @@ INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
     shading->normal = normalized(normal);
 }
 
-/* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs, on the surface
- * parallel to the base through a point below it; not of unit length */
+/* A normal tilted by the rise of the height over a texel, along u and along v, in HEIGHT_UNITs, on the surface parallel
+ * to the base through a point below it; not of unit length */
 INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *e, floatl across, floatl down,
                                       float scale, int quadric)
 {
@@ -62,7 +62,7 @@ INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *
         tangents_of(e, &x, &y);
         floatl sx = DOT(slope, x), sy = DOT(slope, y);
         carry_below(e, shading->below, &sx, &sy);
-        /* Turned as the normal has turned on the way from the entry */
+        /* Rotated like the normal on the way from the entry */
         const Vector there = {sx * x.x + sy * y.x, sx * x.y + sy * y.y, sx * x.z + sy * y.z};
         const floatl part = DOT(there, normal) / max_lanes(1.0f + DOT(normal, e->normal), (floatl)FOCUS);
         slope.x = there.x - part * (normal.x + e->normal.x);
@@ -72,7 +72,7 @@ INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *
     return minus(normal, slope);
 }
 
-/* At (px, py) in the picture, where the ray has come t beyond its entry to (u, v) */
+/* The shading point at (px, py) in the picture, where the ray has come t beyond its entry to (u, v) */
 INLINED ShadingPoint shading_point_at(const Relief *relief, const Entry *e, floatl px, floatl py, floatl n, floatl u,
                                       floatl v, floatl t, intl mine)
 {
@@ -105,7 +105,7 @@ INLINED void rises_at(global const uint *texels, HeightMap map, floatl x, floatl
     *down = p.ba - p.aa + (x - x0) * twist;
 }
 
-/* By how much u and v change over a pixel: on the tangent plane of the relief where the pixel sees it */
+/* The change of u and v over a pixel, on the tangent plane of the relief that the pixel sees */
 INLINED UvSteps relief_uv_steps(const Relief *relief, const Entry *e, const ShadingPoint *shading, floatl n,
                                 int anisotropy)
 {
@@ -117,7 +117,7 @@ INLINED UvSteps relief_uv_steps(const Relief *relief, const Entry *e, const Shad
 #endif
 
 #if LIT
-/* A point's normal tilted by the heights' slopes, over two texels of the level */
+/* A point's normal, tilted by the slopes of the heights over two texels of the level */
 INLINED Vector relief_normal_by_slope(const Relief *relief, const Entry *e, const ShadingPoint *shading)
 {
     global const uint *texels = relief->texels;
@@ -127,12 +127,12 @@ INLINED Vector relief_normal_by_slope(const Relief *relief, const Entry *e, cons
     return normalized(relief_normal_by_rises(shading, e, 0.5f * across, 0.5f * down, relief->scale, relief->quadric));
 }
 
-/* A normal tilted by one of a map, x along u, y along v */
+/* A normal tilted by a normal of a map, x along u, y along v */
 INLINED Vector relief_normal_by_map(Vector normal, const Entry *e, Vector part)
 {
     Vector x, y;
     tangents_of(e, &x, &y);
-    /* v may run against y. */
+    /* v may run against y */
     const floatl across = select_lanes(DOT(e->along_v, y) < 0.0f, (floatl)-1.0f, (floatl)1.0f) * part.y;
     const Vector tilted = {part.z * normal.x + part.x * x.x + across * y.x,
                            part.z * normal.y + part.x * x.y + across * y.y,

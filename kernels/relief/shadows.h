@@ -1,26 +1,26 @@
 #ifndef RELIEF_SHADOWS_H
 #define RELIEF_SHADOWS_H
-/* Shadows on a relief. What the relief around a point hides from the light is found by a second search, from the
- * point towards the light (Oliveira & Policarpo 2005, figure 4); what lies beyond it is in the light's maps. */
+/* Shadows on a relief. A second search, from the point towards the light, finds occlusion by the relief around the
+ * point (Oliveira & Policarpo 2005, figure 4); the light's maps hold all other occluders. */
 #include "relief/shading_point.h"
 
-/* What hides the light: what its map says, or what a second search finds, and the map beyond */
+/* How occlusion is found: by the light's map, or by a second search and the map beyond */
 #define MAPPED 0
 #define SEARCHED 1
-#define LIFT 1e-3f /* of the relief's depth: how far above the surface a search starts, lest it meets that at once */
+#define LIFT 1e-3f /* share of the relief's depth by which a search starts above the surface, so that it does not hit it at once */
 
 #if SHADOWED
-/* From a point of the relief to the light, as far as the relief around the point reaches */
+/* The ray from a point of the relief to the light, within the relief around the point */
 typedef struct {
-    ReliefRay ray;       /* reversed: from where it leaves the relief down to the point */
-    Vector exit, normal; /* where it leaves, and the base's normal there */
+    ReliefRay ray;       /* reversed: from its exit down to the point */
+    Vector exit, normal; /* exit from the relief, and the base's normal there */
     intl is_valid, leaves; /* whether it may be searched, and whether it leaves the relief */
-    floatl distance;   /* from the point to there, in scene units */
+    floatl distance;   /* from the point to the exit, in scene units */
 } LightRay;
 
-/* Depths are by equation 7, below the quadric of the point's own entry. So the point lies on the relief to the last bit
- * (nearly, if it was found by the mesh: exits.h), and the light's ray leaves where it is at depth 0 below
- * that quadric. */
+/* Depths use equation 7, below the quadric of the point's own entry. So the point lies exactly on the relief (nearly so
+ * if it was found with the mesh: exits.h), and the light's ray leaves the relief where its depth below that quadric is
+ * 0. */
 LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector light)
 {
     LightRay made;
@@ -35,7 +35,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     const floatl height = HEIGHT_UNIT *
                           height_in(relief->texels, shading->track.map, shading->track.x, shading->track.y);
     const floatl depth = max_lanes(1.0f - height - LIFT, (floatl)0.0f);
-    /* Along it, depth is depth + slope s + K s^2. */
+    /* Along the ray, the depth is depth + slope s + K s^2. */
     const floatl slope = (2.0f * bends * quadric_form(e, px, py, lx, ly) - lz) * per_scale;
     const floatl K = bends * quadric_form(e, lx, ly, lx, ly) * per_scale;
     const floatl discriminant = slope * slope - 4.0f * K * depth,
@@ -47,7 +47,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     made.exit.x = shading->point.x + lift * e->normal.x + distance * light.x;
     made.exit.y = shading->point.y + lift * e->normal.y + distance * light.y;
     made.exit.z = shading->point.z + lift * e->normal.z + distance * light.z;
-    const floatl qx = px + distance * lx, qy = py + distance * ly; /* of the exit */
+    const floatl qx = px + distance * lx, qy = py + distance * ly; /* the exit's */
     const floatl across = -2.0f * bends * quadric_form(e, qx, qy, 1.0f, 0.0f),
                  down = -2.0f * bends * quadric_form(e, qx, qy, 0.0f, 1.0f);
     const Vector normal = {e->normal.x + across * x.x + down * y.x, e->normal.y + across * x.y + down * y.y,
@@ -73,7 +73,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     return made;
 }
 
-/* Does the relief around the point hide it from the light? The paper's second search (figure 4) */
+/* Tells whether the relief around the point occludes the light, with the paper's second search (figure 4). */
 intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
 {
     Search search, *s = &search;
@@ -95,15 +95,15 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
     return s->searches & s->found;
 }
 
-/* How far is a point of the relief in sight of the light, 0 to 1? own: the surface's normal there; faces: where it
- * matters; hidden_by: MAPPED or SEARCHED; flat_base: all rays find the relief in one place.
+/* The visibility of the light from a point of the relief, 0 to 1. own: the surface's normal there; faces: lanes that
+ * face the light; hidden_by: MAPPED or SEARCHED; flat_base: all rays find the relief in one place.
  *
- * The light's map is drawn by the light's own rays, with the normals and quadrics where these enter. Where the base is
- * curved, or has facets, they find the relief elsewhere than the picture's rays, and it would shade itself; and so it
- * would below an edge that juts out, where the light's rays enter on one side of the edge and the picture's on the
- * other. So a search from the point decides whether the relief around hides it, and the map whether anything hides the
- * place where the ray leaves the relief. A ray that by the quadric never leaves it, as along a saddle, is left to the
- * map. */
+ * The light's map is drawn with the light's own rays, with the normals and quadrics at their entries. Where the base is
+ * curved, or has facets, they find the relief elsewhere than the picture's rays, and it would shade itself. The same
+ * would happen below an edge that juts out, where the light's rays enter on one side of the edge and the picture's rays
+ * on the other. So a search from the point decides whether the relief around it occludes the light, and the map decides
+ * for the place where the ray leaves the relief. The map alone decides for a ray that never leaves the relief below the
+ * quadric, as along a saddle. */
 INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector own, Light light,
                         intl faces, int hidden_by, int flat_base SHADOW_PARAMETERS)
 {

@@ -2,47 +2,47 @@
 #define RELIEF_WALK_H
 /* A ray's walk through a relief, below the mesh's own triangles.
  *
- * Below a triangle whose corners lie at P and the relief's bottom N below them a point is X = P - h N, with P and N
- * interpolated by the same weights, and h its depth, 1 at the bottom. That is a prism; together they fill the relief
- * without gaps. A ray is followed from prism to prism, a leg in each, up to where it leaves that at the bottom, at the
- * mesh, or by a side.
+ * Take a triangle with corners P and vectors N from the relief's bottom to them. A point below it is X = P - h N, with
+ * P and N interpolated by the same weights, and h its depth, 1 at the bottom. These points form a prism; all prisms
+ * together fill the relief without gaps. A ray is followed from prism to prism, one leg in each, until it leaves the
+ * prism at the bottom, at the mesh, or through a side.
  *
- * At each depth a prism has one section, a triangle, which a ray crosses once. So within a prism its depth tells a
- * ray's place: seen along the ray, the section's sides and the ray's point span areas whose shares are the weights,
- * each a polynomial of degree two in the depth; by a side the ray leaves where that one's area is 0. It sinks where it
- * meets sections from the front, and rises where from behind. Neighbours have their side's area in common, and so no
- * ray is lost.
+ * At each depth a prism has one section, a triangle, which a ray crosses once. So within a prism its depth determines
+ * a ray's place. Each side of the section spans a triangle with the ray's point. The shares of their areas, seen along
+ * the ray, are the weights. Each area is a polynomial of degree two in the depth; the ray leaves through the side whose
+ * area becomes 0. It sinks where it meets sections from the front, and rises where it meets them from behind.
+ * Neighbours share the area of their common side, so no ray is lost.
  *
- * Below centres of curvature prisms are inside out, and overlap others. Depths go on steadily there, too, as the ray
- * runs backwards, and so it comes out on the other side of a sharp bend.
+ * Below centres of curvature prisms are inside out, and overlap others. Depths are continuous there, too, as the ray
+ * runs backwards, so it comes out on the other side of a sharp bend.
  *
- * prisms: (triangles, PRISM_FLOATS) P, N, u and v of each corner; then, as integers, the side opposite to each in the
- * triangle beside it, 3 * triangle + corner; -1: none, at borders. Beyond these u and v change as they did, and the
- * depth as normals turn.
+ * prisms: (triangles, PRISM_FLOATS) P, N, u and v of each corner; then, as integers, for the side opposite to each
+ * corner the neighbour's side there, 3 * triangle + corner; -1: none, at borders. Beyond borders u and v continue
+ * linearly, and the depth follows the turning normals.
  */
 #include "relief/entry.h"
 
 #define PRISM_FLOATS 28
-#define LEGS_MAX 512    /* of a ray: most take less than ten */
-#define LEAST 1e-30f    /* of what is divided by */
-#define SHORTEST 1e-18f /* of legs that are divided by */
-#define UNEVEN 0.2f     /* of a leg: so far from its middle at most a ray is half-way between its ends' depths */
+#define LEGS_MAX 512    /* legs of a ray: most take less than ten */
+#define LEAST 1e-30f    /* least divisor */
+#define SHORTEST 1e-18f /* least length of a leg as a divisor */
+#define UNEVEN 0.2f     /* share of a leg: a ray's mean depth lies at most this far from the leg's middle */
 
-/* A triangle's corners P and their N, seen along a ray: z is how far from its entry; and their u and v */
+/* A triangle's corners P and their N, relative to a ray's entry, with z along the ray; and their u and v */
 typedef struct {
     Vector point[3], normal[3];
     floatl u[3], v[3];
     intl beside[3];
 } MeshPrism;
 
-/* Twice the areas of a section's sides and the ray's point, by the corners opposite: area + slope x + bend x^2, where x
- * is by how much the depth has changed as the ray goes on */
+/* Twice the areas between a section's sides and the ray's point, by the opposite corners: area + slope x + bend x^2,
+ * where x is the change of depth along the ray */
 typedef struct {
     floatl area[3], slope[3], bend[3];
     floatl sign; /* 1 if the ray sinks, or -1 */
 } SideAreas;
 
-/* Where a ray crosses a section: the weights of its second and its third corner, and how far that is from the entry */
+/* A ray's crossing with a section: the weights of its second and third corner, and the distance from the entry */
 typedef struct {
     floatl second, third, distance;
 } Crossing;
@@ -50,17 +50,17 @@ typedef struct {
 /* Rays on their way */
 typedef struct {
     Vector from, direction;
-    floatl reached; /* from the entry */
+    floatl reached; /* distance from the entry */
     intl triangle;
-    floatl depth;           /* there */
-    intl active;                    /* which of them are to be followed, */
-    intl is_beyond, ends_at_border; /* and which are beyond a border, or do not go on there */
-    intl side;   /* by which they have come, then the one by which they leave; -1: none, as from the mesh, or to the bottom */
-    intl beside; /* and the side that they come to */
-    floatl leg, way, end;                      /* how long the leg is, which way it goes, 1 or -1, and the depth at its end */
-    floatl second, third, by_second, by_third; /* weights of corners, and their changes along it */
+    floatl depth;                   /* there */
+    intl active;                    /* rays that are followed */
+    intl is_beyond, ends_at_border; /* rays beyond a border; rays that end there */
+    intl side;   /* through which they came, then through which they leave; -1: none, as at mesh or bottom */
+    intl beside; /* the neighbour's side there */
+    floatl leg, way, end;                      /* length of the leg, its direction (1 or -1), and the depth at its end */
+    floatl second, third, by_second, by_third; /* weights of corners, and their changes along the leg */
     floatl pixel_size; /* at the entry; 0: the map itself is read */
-    intl level, tier;  /* of the map, and the search's (search.h) */
+    intl level, tier;  /* level of the map, and tier of the search (search.h) */
 } MeshWalk;
 
 INLINED MeshPrism prism_of(const Relief *relief, intl triangle, Vector from, Vector z)
@@ -98,7 +98,7 @@ INLINED MeshPrism prism_of(const Relief *relief, intl triangle, Vector from, Vec
     return p;
 }
 
-/* The level of the map that rays read, by the texels that a pixel of a size in scene units covers of a triangle */
+/* The level of the map for a pixel of this size in scene units, by the texels that it covers on a triangle */
 INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
 {
     const Vector second = minus(p->point[1], p->point[0]), third = minus(p->point[2], p->point[0]);
@@ -111,10 +111,10 @@ INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
     return finest_level(relief, level_of_texels(texels_2, relief->level_count), size, -1);
 }
 
-/* Twice the area that the origin has with two points of the plane */
+/* Twice the area of the triangle between the origin and two points of the plane */
 #define TWICE_AREA(a, b) ((a).x * (b).y - (a).y * (b).x)
 
-/* The sides at a depth */
+/* The areas at a depth */
 INLINED SideAreas sides_at(const MeshPrism *p, floatl depth)
 {
     SideAreas sides;
@@ -136,7 +136,7 @@ INLINED SideAreas sides_at(const MeshPrism *p, floatl depth)
     return sides;
 }
 
-/* Where a ray crosses the section x on from a depth; side: the one on which it is, -1: none */
+/* A ray's crossing with the section at x from a depth; side: the side on which it lies, -1: none */
 INLINED Crossing crossing_at(const MeshPrism *p, const SideAreas *sides, floatl depth, floatl x, intl side)
 {
     const floatl there = depth + sides->sign * x;
@@ -160,7 +160,7 @@ INLINED Crossing crossing_at(const MeshPrism *p, const SideAreas *sides, floatl 
     return at;
 }
 
-/* Where a + b x + c x^2, a >= 0, becomes less than 0, x >= 0; is_new: not where it is 0 at first */
+/* Least x >= 0 where a + b x + c x^2, with a >= 0, becomes negative; is_new: a root at x = 0 does not count */
 INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
 {
     const floatl discriminant = b * b - 4.0f * a * c, root = sqrt(max_lanes(discriminant, (floatl)0.0f));
@@ -170,10 +170,10 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
     return select_lanes(ever, x, (floatl)NEVER);
 }
 
-/* Finds by which side rays leave their prisms. Returns by how much the depth changes until then. */
+/* Finds the sides through which rays leave their prisms. Returns the change of depth until then. */
 INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 {
-    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to bottom, or mesh */
+    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to bottom or mesh */
     floatl x = max_lanes(rest, (floatl)0.0f);
     intl out = -1;
     UNROLLED
@@ -186,11 +186,11 @@ INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
     return x;
 }
 
-/* By how much a value at the corners changes with the weights */
+/* The change of a corner value for a change of the weights */
 #define CHANGE_OF(corners, by_second, by_third)                                                                \
     ((by_second) * ((corners)[1] - (corners)[0]) + (by_third) * ((corners)[2] - (corners)[0]))
 
-/* How far a ray goes until it is at the bottom, or else at depth 0, if its depth is a parabola */
+/* The distance to the bottom, or else to depth 0, of a ray whose depth is a parabola */
 INLINED floatl way_out(floatl depth, floatl slope, floatl bend, intl *at_bottom)
 {
     const floatl below = 1.0f - depth, discriminant = slope * slope + 4.0f * bend * below;
@@ -200,7 +200,7 @@ INLINED floatl way_out(floatl depth, floatl slope, floatl bend, intl *at_bottom)
     return max_lanes(select_lanes(*at_bottom, bottom, out), (floatl)0.0f);
 }
 
-/* Sets out the last legs of rays that are beyond a border: weights change as they did, and depths as normals turn. */
+/* Sets up the last legs of rays beyond a border: weights change linearly, and depths follow the turning normals. */
 INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *sides, const Crossing *at, float scale,
                        ReliefRay *ray)
 {
@@ -230,8 +230,8 @@ INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *side
     ray->at_bottom = select_lanes(which, at_bottom, ray->at_bottom);
 }
 
-/* Sets out a walk's next leg, and the ray that is searched along it: its depth is the parabola that is right at both
- * ends and half-way between their depths. u and v bend little in a prism. */
+/* Sets up a walk's next leg, and the ray of its search. The ray's depth is the parabola that is exact at both ends and
+ * half-way between their depths; u and v are linear, because they bend little in a prism. */
 static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, ReliefRay *ray)
 {
     const MeshPrism p = prism_of(relief, walk->triangle, walk->from, walk->direction);
@@ -270,7 +270,7 @@ static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, Relief
     ray->level = walk->level;
 }
 
-/* Goes over to the next prism, or beyond. */
+/* Moves on to the next prism, or beyond a border. */
 INLINED void end_leg(MeshWalk *walk)
 {
     const intl passes = walk->side >= 0, crosses = passes & (walk->beside >= 0), triangle = walk->beside / 3;

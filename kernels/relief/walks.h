@@ -6,7 +6,7 @@
 #if WALKS
 #include "relief/walk.h"
 
-#define LEAST_SLOPE 1e-4f /* of the eye's rays to its triangle's section */
+#define LEAST_SLOPE 1e-4f /* least slope of the eye's rays to its triangle's section */
 
 /* Begins the walk of some rays at a depth below a triangle. */
 INLINED void begin_walk(MeshWalk *walk, intl active, intl triangle, floatl depth)
@@ -20,7 +20,7 @@ INLINED void begin_walk(MeshWalk *walk, intl active, intl triangle, floatl depth
     walk->tier = FIRST_TIER;
 }
 
-/* Follows the rays of INTERLEAVED blocks, leg by leg, and keeps what they meet. */
+/* Follows the rays of INTERLEAVED blocks, leg by leg, and keeps their hits. */
 static void walk_blocks(const Context *context, int block, MeshWalk *walks, Region *region)
 {
     const Relief *relief = &context->relief;
@@ -72,7 +72,7 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
     }
 }
 
-/* Walks from the first entries of INTERLEAVED blocks. Returns whether there are further ones. */
+/* Walks from the first entries of INTERLEAVED blocks. Returns whether there are further entries. */
 static int walk_layer(const Context *context, int block, Region *region)
 {
     const Screen screen = context->relief.screen;
@@ -95,8 +95,8 @@ static int walk_layer(const Context *context, int block, Region *region)
 }
 
 #if WITHIN
-/* Walks from the eye. What would run along its own triangle's section, so that it never crosses another one, is turned
- * by much less than a pixel. */
+/* Walks from the eye. A ray along its own triangle's section would never cross another section, so it is turned by much
+ * less than a pixel. */
 static void walk_from_eye(const Context *context, Region *region)
 {
     const Screen screen = context->relief.screen;
