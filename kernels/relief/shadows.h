@@ -7,7 +7,7 @@
 /* How occlusion is found: by the light's map, or by a second search and the map beyond */
 #define MAPPED 0
 #define SEARCHED 1
-#define LIFT 1e-3f /* share of the relief's depth by which a search starts above the surface, so that it does not hit it at once */
+#define LIFT 1e-3f /* share of the relief's depth: the start of a search above the surface, to avoid a hit there */
 
 #if SHADOWED
 /* The ray from a point of the relief to the light, within the relief around the point */

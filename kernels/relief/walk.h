@@ -57,7 +57,7 @@ typedef struct {
     intl is_beyond, ends_at_border; /* rays beyond a border; rays that end there */
     intl side;   /* through which they came, then through which they leave; -1: none, as at mesh or bottom */
     intl beside; /* the neighbour's side there */
-    floatl leg, way, end;                      /* length of the leg, its direction (1 or -1), and the depth at its end */
+    floatl leg, way, end;                      /* length of the leg, direction (1 or -1), depth at its end */
     floatl second, third, by_second, by_third; /* weights of corners, and their changes along the leg */
     floatl pixel_size; /* at the entry; 0: the map itself is read */
     intl level, tier;  /* level of the map, and tier of the search (search.h) */
@@ -173,7 +173,7 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
 /* Finds the sides through which rays leave their prisms. Returns the change of depth until then. */
 INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 {
-    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to bottom or mesh */
+    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to the end */
     floatl x = max_lanes(rest, (floatl)0.0f);
     intl out = -1;
     UNROLLED

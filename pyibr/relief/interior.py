@@ -1,6 +1,6 @@
-"""Eyes below the base of a relief, within its layer: where they are, so that rays can start there.
+"""Eyes below the base of a relief, within its layer: their places, from which rays can start.
 
-From there no front of the base lies around the eye for rays to enter.
+There are no fronts of the base around such an eye where its rays could enter.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pyibr.core.checks import Float64
 from pyibr.meshes.heights import Float32
 
 _NEWTON_STEPS = 4
-_CROSSINGS_MAX = 64  # from triangle to triangle, to the one that is above a point
+_CROSSINGS_MAX = 64  # steps from triangle to triangle in the search for the one above a point
 _OUTSIDE = -1e-6  # least weight of a corner
 
 
@@ -26,9 +26,9 @@ class InteriorPoint:
     Attributes
     ----------
     triangle : int
-        Of the drawn mesh, above it.
+        Triangle of the drawn mesh above the point.
     weights : (3,) float64
-        Of its corners there.
+        Weights of the triangle's corners there.
     uv : (2,) float64
         Tiles included.
     depth : float
@@ -42,18 +42,18 @@ class InteriorPoint:
 
 
 class Interior:
-    """A relief's base, to find points within the relief below it.
+    """A relief's base, for finding points within the relief below it.
 
     Parameters
     ----------
     vertices : (N, 3)
     offsets : (N, 3)
-        From below them, at the relief's bottom, to them.
+        Vectors from the relief's bottom below the vertices to the vertices.
     uv : (N, 2)
         Tiles included.
     faces : (M, 3) int32
     beside : (M, 3) int32
-        Sides that are one with those of triangles (`sides_beside`).
+        Neighbours' sides of the triangles (`sides_beside`).
     """
 
     def __init__(
@@ -69,15 +69,15 @@ class Interior:
 
     @cached_property
     def _boxes(self) -> tuple[Float64, Float64]:
-        """Low and high corners, (3, M) each, of the relief below each triangle."""
+        """Low and high corners, (3, M) each, of the box around the relief below each triangle."""
         corners = np.concatenate([self._vertices[self._faces], (self._vertices - self._offsets)[self._faces]], axis=1)
         low, high = corners.min(axis=1), corners.max(axis=1)
         return np.ascontiguousarray(low.T), np.ascontiguousarray(high.T)
 
     def interior_point(self, eye: Float64) -> InteriorPoint | None:
-        """Find the base above a point that lies less than the relief's depth below it; None for all others.
+        """Find the base above a point that lies less than the relief's depth below it; None for all other points.
 
-        From the nearest triangle on, the one is searched below which the point lies (kernels/relief/walk.h).
+        The search for the triangle above the point starts at the nearest triangle (kernels/relief/walk.h).
         """
         low, high = self._boxes
         near = np.flatnonzero((low[0] <= eye[0]) & (eye[0] <= high[0]))
@@ -105,7 +105,7 @@ class Interior:
         return None
 
     def _place(self, triangle: int, point: Float64) -> tuple[Float64, float]:
-        """Weights (3,) of the corners, and depth, of a point in the prism below a triangle."""
+        """Return the weights (3,) of the corners, and the depth, of a point in the prism below a triangle."""
         corners, offsets = (rows[self._faces[triangle]] for rows in (self._vertices, self._offsets))
         weights, depth = np.full(3, 1 / 3), 0.0
         for _ in range(_NEWTON_STEPS):
@@ -120,7 +120,7 @@ class Interior:
 
 
 def nearest_weights(corners: Float64, across: Float64, point: Float64) -> Float64:
-    """(T, 3) weights of the corners (T, 3, 3) at triangles' nearest points to a point; across: (T, 3) their normals."""
+    """(T, 3) weights of the corners (T, 3, 3) at the triangles' points nearest to a point; across: (T, 3) normals."""
     square = np.einsum("tc,tc->t", across, across)
     to_corners = corners - point
     inside = np.stack(

@@ -1,4 +1,4 @@
-"""A height map's levels for relief mapping: means for what is far, and bounds for steps that miss nothing."""
+"""Levels of a height map for relief mapping: means for distant surfaces, and bounds for steps that miss nothing."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class HeightLevels:
     Attributes
     ----------
     texels : (n,) uint32
-        Level by level, largest first. Of 8-bit heights a word holds four: a texel, its right neighbour, and the two
-        below; of others two of 16 bits: a texel and its right neighbour.
+        Level by level, largest first. A word of 8-bit heights holds four: a texel, its right neighbour, and the two
+        below. A word of 16-bit heights holds two: a texel and its right neighbour.
     bounds : (m,) uint16
-        Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to one; an even
-        number, as kernels read two at once.
+        Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to a single cell;
+        an even number of bounds, because kernels read two together.
     table : (levels, LEVEL_INTS of kernels/relief/search.h) int32
-        Of each level width, height, start in texels; of its bounds number of tiers, start, log2 of the rows' length
-        and span; last, how far its heights are at most from the first level's, in 65535ths.
+        For each level width, height, start in texels; for its bounds number of tiers, start, log2 of the rows' length
+        and span; finally the largest difference of its heights from the first level's, in 65535ths.
     height_bytes : int
         1 or 2: the kernels' HEIGHT_BYTES.
     """
@@ -39,7 +39,7 @@ class HeightLevels:
 
 
 def height_levels(height: Float32, height_bytes: int, wrap: Wraps) -> HeightLevels:
-    """Levels of heights (h, w) in [0, 1], each half as large as the one before, rounded down.
+    """Return the levels of heights (h, w) in [0, 1], each half as large as the one before, rounded down.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wraps) -> HeightLeve
     height_bytes : 1 or 2
         1 if the heights are multiples of 1/255: reading them takes half the time.
     wrap : (Wrap, Wrap)
-        Along u and v, what neighbours the last texels have: "repeat" the first ones, "clamp" themselves.
+        Along u and v, the neighbours of the last texels: "repeat" the first texels, "clamp" the last texels themselves.
     """
     words: list[NDArray[np.uint32]] = []
     bounds: list[NDArray[np.uint16]] = []
@@ -78,14 +78,14 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wraps) -> HeightLeve
 
 
 def _tiers_of(cell: NDArray[np.uint32]) -> tuple[list[int], NDArray[np.uint16]]:
-    """The bounds of cells, of 2x2 cells, and so on up to one: BOUND_AT of kernels/relief/search.h says where each is.
+    """Bounds of cells, of 2x2 cells, and so on up to one; BOUND_AT of kernels/relief/search.h gives their places.
 
-    They lie side by side, of a map that is taller than wide one below the other, in rows of a power of two.
+    The tiers lie side by side, or for a map taller than wide one below the other, in rows of a power of two.
 
     Returns
     -------
     shape : list of int
-        The number of tiers, log2 of the rows' length, and the span, which each tier halves.
+        Number of tiers, log2 of the rows' length, and the span, which each tier halves.
     tiers : (m,) uint16
     """
     h, w = cell.shape
@@ -102,7 +102,7 @@ def _tiers_of(cell: NDArray[np.uint32]) -> tuple[list[int], NDArray[np.uint16]]:
 
 
 def _stretched(level: Float32, columns: int, wrap: Wrap) -> Float32:
-    """A map's rows read at as many places, bilinear."""
+    """A map's rows, sampled bilinearly at this many places."""
     n = level.shape[1]
     x = (np.arange(columns) + 0.5) * (n / columns) - 0.5
     left = np.floor(x).astype(int)

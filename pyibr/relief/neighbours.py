@@ -1,4 +1,4 @@
-"""Neighbours of a mesh's triangles, for walks over its surface, and what lies below their common sides."""
+"""Neighbours of a mesh's triangles, for walks over its surface, and the directions below their common sides."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from numpy.typing import NDArray
 from pyibr.core.checks import Float64
 from pyibr.meshes.normals import place_of, summed
 
-_LEAST_TURN = 0.05  # of the greatest eigenvalue of normals' squares: by less they differ at random
-_LEAST_AREA = 1e-6  # of a triangle's longest side's square: with less it is a line
-_LONGEST = 2.0  # of a mitre: that of normals 120 degrees apart
+_LEAST_TURN = 0.05  # relative to the greatest eigenvalue of normals' squares; smaller ones are noise
+_LEAST_AREA = 1e-6  # relative to the square of a triangle's longest side; a smaller one is a line
+_LONGEST = 2.0  # greatest length of a mitre: normals 120 degrees apart
 
 
 def place_and_way(vertices: Float64, normals: Float64) -> NDArray[np.int64]:
-    """(N,) equal numbers for vertices at one place with one normal: seams of uv do not part them, hard edges do."""
+    """(N,) one number for all vertices at one place with one normal: equal across seams of uv, not hard edges."""
     kinds = place_of(vertices.astype(np.float32))
     for along in np.rint(1000 * normals).astype(np.int64).T:
-        kinds = 2001 * kinds + along + 1000  # of rows, NumPy sorts numbers ten times as fast
+        kinds = 2001 * kinds + along + 1000  # NumPy sorts numbers ten times as fast as rows
     return np.unique(kinds, return_inverse=True)[1].reshape(-1)
 
 
 def mitred(vertices: Float64, normals: Float64, faces: NDArray[np.int32]) -> Float64:
     """(N, 3) normals, mitred at hard edges: surfaces that are moved along them still meet there.
 
-    A mitred one is 1 along each normal of its place; of normals more than 120 degrees apart it is shorter. Only those
-    of triangles with an area count.
+    The component of a mitred normal along each normal of its place is 1; with normals more than 120 degrees apart it is
+    shorter. Only normals of triangles with an area count.
     """
     place = place_of(vertices.astype(np.float32))
     a, b, c = vertices[faces].swapaxes(0, 1)
@@ -46,8 +46,8 @@ def mitred(vertices: Float64, normals: Float64, faces: NDArray[np.int32]) -> Flo
 def sides_beside(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]:
     """For each side of each triangle, the side of the neighbour across it: (M, 3) 3 * triangle + opposite corner.
 
-    -1 at borders. Seams of uv part no neighbours. Triangles with two corners at one place, as at the poles of a globe,
-    are left out: those at both of their sides are neighbours.
+    -1 at borders. Triangles are neighbours across seams of uv. Triangles with two corners at one place, as at the poles
+    of a globe, are left out: the triangles at their two sides are neighbours.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Quadrics and frames of a mesh at its vertices: how uv runs, and how the surface bends (section 3).
+"""Quadrics and frames of a mesh at its vertices: the directions of uv, and the surface's curvature (section 3).
 
 Around each vertex the mesh is approximated by z = a x^2 + b y^2 + c x y in the vertex's tangent frame: z along the
-normal, x along the direction in which u grows fastest, y at right angles to both. The paper has no c: there,
-uv has to run along the directions that bend most and least.
+normal, x along the direction in which u grows fastest, y at right angles to both. The paper has no c, so its uv has to
+run along the directions of greatest and least curvature.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit
 from pyibr.meshes.tangents import unit, uv_gradients
 from pyibr.relief.neighbours import place_and_way
 
-_SINGULAR = 1e-6  # of the largest: less than that is rounding
-_HARD = 0.97  # cosine: of normals at one place some are 14 degrees and more from their mean
-_BENT = 1e-3  # of normals of length 1: by what those of a flat triangle differ at most, by rounding
-_BELOW = -0.1  # cosine of the way into a vertex's triangles with that mean: they fall away from it
+_SINGULAR = 1e-6  # relative to the largest value; smaller ones are rounding errors
+_HARD = 0.97  # cosine: some normals at a hard edge are at least 14 degrees from their mean
+_BENT = 1e-3  # greatest difference of a flat triangle's unit normals by rounding
+_BELOW = -0.1  # cosine between that mean and the direction into a vertex's triangles, if they fall away
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,12 @@ class VertexFrames:
     normals : (N, 3) float64
         Unit length.
     gradients : (N, 2, 3) float64
-        Of u and v (tiled), in the tangent plane, per scene unit: 1 / length is a tile's size there. Zero where no
-        triangle with usable uv meets the vertex.
+        Gradients of u and v (tiled), in the tangent plane, per scene unit: 1 / length is a tile's size there. Zero
+        where no triangle with usable uv meets the vertex.
     quadrics : (N, 3) float64
         a, b and c, per scene unit.
     planar : (N,) bool
-        Where no quadric could be fitted: the neighbours lie on a line through the vertex. a = b = c = 0.
+        True where no quadric could be fitted: the neighbours lie on a line through the vertex. a = b = c = 0.
     """
 
     normals: Float64
@@ -48,9 +48,9 @@ class VertexFrames:
 
 
 def split_at_mirrors(mesh: Mesh) -> Mesh:
-    """Double the vertices between triangles whose uv run opposite ways round, so that none has gradients of both.
+    """Double the vertices between triangles whose uv have opposite orientations, so that each has its own gradients.
 
-    Copies follow the vertices that there were; a mesh without such vertices is returned as it is.
+    Copies follow the original vertices; a mesh without such vertices is returned as it is.
     """
     uv = np.asarray(mesh.uv, np.float64)
     usable = uv_gradients(mesh.vertices.astype(np.float64)[mesh.faces], uv[mesh.faces])[1]
@@ -73,8 +73,8 @@ def split_at_mirrors(mesh: Mesh) -> Mesh:
 def split_at_edges(mesh: Mesh) -> Mesh:
     """Double the vertices of a mesh without normals where its triangles are more than 60 degrees apart.
 
-    A surface that bends so much between neighbours is no quadric's: either side has its own normal. Copies follow the
-    vertices that there were; a mesh without such vertices, or with normals, is returned as it is.
+    No quadric fits a surface that bends so much between neighbours, so each side gets its own normal. Copies follow the
+    original vertices; a mesh without such vertices, or with normals, is returned as it is.
     """
     if mesh.normals is not None:
         return mesh
@@ -85,7 +85,7 @@ def split_at_edges(mesh: Mesh) -> Mesh:
         return mesh
     kinds = np.column_stack([corners, unit_or_up(sums).round(6)])
     _, first, kind = np.unique(kinds, axis=0, return_index=True, return_inverse=True)
-    owner = corners[first]  # in the order of vertices
+    owner = corners[first]  # in vertex order
     is_copy = np.diff(owner, prepend=-1) == 0
     number = owner.copy()
     number[is_copy] = len(mesh.vertices) + np.arange(is_copy.sum(), dtype=np.int32)
@@ -97,12 +97,12 @@ def split_at_edges(mesh: Mesh) -> Mesh:
 
 
 def is_flat(mesh: Mesh, normals: Float64) -> bool:
-    """Does a mesh bend nowhere: has each triangle one normal at all of its corners?"""
+    """Tell whether a mesh has no curvature: each triangle has the same normal at all of its corners."""
     return bool(np.ptp(normals[mesh.faces], axis=1).max() < _BENT)
 
 
 def juts_out(mesh: Mesh, normals: Float64) -> bool:
-    """Has a mesh hard edges that jut out: several normals at one place, whose triangles fall away from their mean?"""
+    """Tell whether hard edges jut out: at a place with several normals, the triangles fall away from their mean."""
     place, count = place_of(mesh.vertices), len(mesh.vertices)
     means = unit_or_up(summed(place, normals, count))[place]
     corner = mesh.vertices.astype(np.float64)[mesh.faces]
@@ -113,7 +113,7 @@ def juts_out(mesh: Mesh, normals: Float64) -> bool:
 
 
 def vertex_frames(mesh: Mesh, tiles: tuple[int, int]) -> VertexFrames:
-    """Frames and quadrics of all vertices of a mesh with uv."""
+    """Return frames and quadrics of all vertices of a mesh with uv."""
     vertices = mesh.vertices.astype(np.float64)
     normals = np.asarray(mesh.normals if mesh.normals is not None else mesh.smooth_normals, np.float64)
     uv = np.asarray(mesh.uv, np.float64) * tiles
@@ -154,9 +154,9 @@ def fitted_quadrics(
 ) -> tuple[Float64, NDArray[np.bool_]]:
     """Least-squares fit of a, b and c to the neighbours of each vertex (equation 2), across seams of uv, too.
 
-    Not across hard edges, where vertices at one place have other normals: either side bends as it does by itself. Where
-    the neighbours do not determine all three, as at corners, the least quadric of those that fit is taken, in
-    coordinates in which the neighbours lie evenly all round: whichever way uv is turned.
+    Hard edges, where vertices at one place have several normals, separate the neighbours: each side is fitted by
+    itself. If the neighbours do not determine all three, as at corners, the smallest quadric that fits is taken. It is
+    the smallest in coordinates in which the neighbours are spread evenly in all directions, however uv is turned.
 
     Parameters
     ----------
@@ -171,13 +171,13 @@ def fitted_quadrics(
     -------
     quadrics : (N, 3) float64
     planar : (N,) bool
-        Where the neighbours determine no quadric, as they lie on a line through the vertex; a = b = c = 0.
+        True where the neighbours determine no quadric, because they lie on a line through the vertex; a = b = c = 0.
     """
     place = place_and_way(vertices, normals)
     count = int(place.max()) + 1
     first = np.zeros(count, np.int64)
     first[place] = np.arange(len(vertices))  # any vertex at the place
-    # Each place's neighbours, once each.
+    # The neighbours of each place, each listed once.
     ends = place[faces]
     pairs = np.unique([ends[:, i] * count + ends[:, j] for i in range(3) for j in range(3) if i != j])
     there, other = np.divmod(pairs, count)
@@ -198,13 +198,13 @@ def fitted_quadrics(
 def _fitted_forms(
     owner: NDArray[np.int64], x: Float64, y: Float64, z: Float64, count: int
 ) -> tuple[Float64, NDArray[np.bool_]]:
-    """(count, 3) a, b and c that come closest to z at each owner's (x, y), and of which owners these tell any."""
-    # At the scale of the neighbourhood, so that fourth powers stay within range.
+    """(count, 3) a, b and c that come closest to z at each owner's (x, y), and whether its points determine them."""
+    # In units of the neighbourhood's size, so that fourth powers stay within range.
     size = np.zeros(count)
     np.maximum.at(size, owner, np.hypot(x, y))
     scale = np.maximum(size, 1e-300)
     x, y = x / scale[owner], y / scale[owner]
-    # In coordinates in which the neighbours lie evenly all round, so that long triangles tell as much as round ones.
+    # In coordinates in which the neighbours are spread evenly, so that long triangles determine as much as round ones.
     xx, xy, yy = (np.bincount(owner, terms, count) for terms in (x * x, x * y, y * y))
     solved = 4 * (xx * yy - xy * xy) > _SINGULAR * (xx + yy) ** 2
     xx, xy, yy = np.where(solved, xx, 1.0), np.where(solved, xy, 0.0), np.where(solved, yy, 1.0)
@@ -219,8 +219,8 @@ def _fitted_forms(
 
 
 def _least_forms(owner: NDArray[np.int64], x: Float64, y: Float64, z: Float64, count: int) -> Float64:
-    """(count, 2, 2) quadratic forms of (x, y) that come closest to z for each owner; the least of several such."""
-    basis = np.stack([x * x, y * y, np.sqrt(2) * x * y], axis=1)  # so that the length of its factors is the form's norm
+    """(count, 2, 2) quadratic forms of (x, y) closest to z for each owner; the smallest of several equally close."""
+    basis = np.stack([x * x, y * y, np.sqrt(2) * x * y], axis=1)  # the norm of the coefficients is the form's norm
     normal, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for i in range(3):
         right[:, i] = np.bincount(owner, basis[:, i] * z, count)
@@ -234,6 +234,6 @@ def _least_forms(owner: NDArray[np.int64], x: Float64, y: Float64, z: Float64, c
 
 
 def _any_tangent(normals: Float64) -> Float64:
-    """Unit vectors at right angles to the normals."""
+    """Return unit vectors at right angles to the normals."""
     least = np.eye(3)[np.abs(normals).argmin(axis=1)]
     return unit(np.cross(normals, least), np.array([1.0, 0.0, 0.0]))

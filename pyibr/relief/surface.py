@@ -1,4 +1,4 @@
-"""A mesh with a relief carved into it (Oliveira & Policarpo 2005): what is drawn, and how it is prepared."""
+"""A mesh with a relief carved into it (Oliveira & Policarpo 2005): its data for the kernels, and its drawing."""
 
 from __future__ import annotations
 
@@ -40,56 +40,57 @@ Search = Literal["safe", "linear"]
 Shadow = Literal["map", "search"]
 
 _STEPS_MAX = 65536
-_READ = ("vertices", "prisms", "texels", "bounds", "levels", "colors")  # of a surface, by the kernel
+_READ = ("vertices", "prisms", "texels", "bounds", "levels", "colors")  # buffers that the kernel reads
 _SHADOWS = {"map": "MAPPED", "search": "SEARCHED"}  # the kernel's names
 
 
 class ReliefSurface(HeightMapped):
-    """A mesh with a relief carved into it: its own triangles are drawn, and rays searched below them.
+    """A mesh with a relief carved into it: its triangles are drawn, and rays are searched below them.
 
     Parameters
     ----------
     base : Mesh
-        With uv. The relief lies below its triangles' fronts; a perspective camera may go down into it.
+        With uv. The relief lies below the fronts of its triangles; a perspective camera may go down into it.
     height : (h, w) float32 in [0, 1], or uint8, uint16
-        1 is the base, 0 is `scale` below it. Bilinear between texel centres; uint8 is kept in 8 bits, all else in 16.
+        1 is the base, 0 is `scale` below it. Bilinear between texel centres; uint8 is kept in 8 bits, others in 16.
     color : (h', w', 3) uint8, or float32 in [0, 1]
         Over the same uv.
     scale : float
         The depth of height 0, in scene units.
     tiles : (int, int)
-        How often height and colour repeat along u and v.
+        Number of repetitions of height and colour along u and v.
     normal_map : (h'', w'', 3) float32 or uint8, optional
         Unit normals in tangent space, for lights: x along u, y along v (down the image), z along the normal. Bytes
-        are decoded as x / 127.5 - 1. Without a map the heights' slopes give normals.
+        are decoded as x / 127.5 - 1. Without a map, normals follow from the slopes of the heights.
     silhouette : {"quadric", "none"}
-        "quadric": the relief follows a quadric fitted to each vertex's neighbours, so that rays beside it come out
-        again; "none": it is flat at each pixel, as in earlier relief mapping, and all of the mesh is covered.
+        "quadric": the relief follows a quadric fitted to each vertex's neighbours, so that rays at silhouettes come out
+        again; "none": it is flat at each pixel, as in earlier relief mapping, and covers the whole mesh.
     distance : {"approximate", "exact", "perpendicular"}
-        How deep a ray is. "approximate": below the quadric, along the normal where it entered (equation 7). "exact":
-        below the mesh itself, whose normals turn from corner to corner, so that outlines, heights and normals are those
-        of the displaced mesh at any depth, on creased and coarse meshes, too; at 1.4 to 1.7 times the time where the
-        mesh bends or has edges. "perpendicular": to the quadric, at right angles to the ray (equation 6), which is more
-        than the depth where a ray runs into the surface; of the linear search alone, as no bounds hold for it.
+        Measure of a ray's depth. "approximate": below the quadric, along the normal at the entry (equation 7).
+        "exact": below the mesh itself, whose normals turn from corner to corner, so that outlines, heights and normals
+        equal those of the displaced mesh at any depth, also on creased and coarse meshes; it takes 1.4 to 1.7 times as
+        long where the mesh bends or has edges. "perpendicular": to the quadric, at right angles to the ray (equation
+        6), which is more than the depth where a ray runs into the surface; only for the linear search, as it has no
+        bounds.
     search : {"safe", "linear"}
-        "safe" steps over nothing, by bounds of the heights; "linear" is the paper's: even steps, then halvings.
+        "safe" steps over nothing, by bounds of the heights; "linear" takes even steps, then halvings, as in the paper.
     steps, halvings : int
-        Of the linear search.
+        Numbers for the linear search.
     shadow : {"map", "search"}
-        What hides a light: "map", what its shadow map says, but for a search of the relief where the map's surface is
-        not the picture's, as on curved bases and beside a box's edges; "search", a second search from each point
-        towards the light, the paper's, and the map for what lies beyond this relief. It needs no texels, so small tiles
-        get no moire, but a search more a pixel; and what stands below the base, within the relief, casts no shadow on
-        it.
+        How a light's occlusion is found. "map": with the light's shadow map, and a search of the relief where the map's
+        surface differs from the picture's, as on curved bases and next to a box's edges. "search": with the paper's
+        second search from each point towards the light, and the map beyond this relief. It has no texels, so small
+        tiles show no moire, but it takes another search for each pixel, and other things within the relief, below the
+        base, cast no shadow on it.
     wrap : {"repeat", "clamp"}, or a pair of these
-        What heights, colours and normals are where uv are beyond 0 to 1, and from the outermost texels' centres on:
-        "repeat" goes over to the other side of the map, "clamp" goes on with the values of its border, for maps that
-        do not tile: `tiles` are 1 with it. A pair is along u and along v: ("repeat", "clamp") for maps of a globe.
+        How heights, colours and normals continue beyond the centres of the outermost texels. "repeat" continues on the
+        other side of the map; "clamp" continues with the values at the border, for maps that do not tile, and needs
+        `tiles` of 1. A pair sets u and v separately: ("repeat", "clamp") for maps of a globe.
 
     Attributes
     ----------
     planar_vertices : int
-        How many vertices have neighbours that determine no quadric: there the relief is flat.
+        Number of vertices whose neighbours determine no quadric: there the relief is flat.
 
     Raises
     ------
@@ -149,19 +150,19 @@ class ReliefSurface(HeightMapped):
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """(low, high), each (3,), in the world: the box around the relief.
 
-        Rays that run on below an open border of the base may find what lies beyond it.
+        Rays that continue below an open border of the base may hit the relief outside this box.
         """
         low, high = self.base.bounds
         reach = np.abs(self.offsets).max(axis=0)
         return low - reach, high + reach
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the relief; lit by its normals."""
+        """Draw the relief, lit by its normals."""
         draw_relief(target, self, lighting)
 
     @cached_property
     def drawn(self) -> Mesh:
-        """The base, with vertices doubled at hard edges and where mirrored uv meet: its own vertices come first."""
+        """The base, with vertices doubled at hard edges and where mirrored uv meet; its own vertices come first."""
         return split_at_mirrors(split_at_edges(self.base))
 
     @cached_property
@@ -171,20 +172,20 @@ class ReliefSurface(HeightMapped):
 
     @property
     def bends(self) -> bool:
-        """Do its rays follow quadrics that are no planes, or walk around edges?"""
+        """Whether its rays follow curved quadrics, or walk around edges."""
         return self.silhouette == "quadric" and (
             bool(self.frames.quadrics.any()) or (self.distance == "exact" and not self.is_flat)
         )
 
     @cached_property
     def is_flat(self) -> bool:
-        """Do all rays find the relief in one place? Not if the base bends, or has hard edges that jut out, as a box."""
+        """Whether all rays find the relief in one place: the base neither bends nor has hard edges that jut out."""
         normals = self.frames.normals
         return is_flat(self.drawn, normals) and not juts_out(self.drawn, normals)
 
     @cached_property
     def vertex_rows(self) -> NDArray[np.float32]:
-        """(N, VERTEX_FLOATS) what kernels know of each drawn vertex (kernels/relief/entry.h)."""
+        """(N, VERTEX_FLOATS) data of each drawn vertex for the kernels (kernels/relief/entry.h)."""
         uv, frames = np.asarray(self.drawn.uv, np.float64) * self.tiles, self.frames
         rows = np.zeros((len(uv), int(constant("relief/entry.h", "VERTEX_FLOATS"))), np.float32)
         parts = [uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics]
@@ -194,17 +195,17 @@ class ReliefSurface(HeightMapped):
 
     @cached_property
     def beside(self) -> NDArray[np.int32]:
-        """(M, 3) for each side of the drawn triangles the neighbouring triangle's side there; see `sides_beside`."""
+        """(M, 3) for each side of the drawn triangles the neighbouring triangle's side; see `sides_beside`."""
         return sides_beside(self.drawn.vertices.astype(np.float64), self.drawn.faces)
 
     @cached_property
     def offsets(self) -> NDArray[np.float64]:
-        """(N, 3) from below the drawn vertices, at the relief's bottom, to these."""
+        """(N, 3) vectors from the relief's bottom below the drawn vertices to the vertices."""
         return self.scale * mitred(self.drawn.vertices.astype(np.float64), self.frames.normals, self.drawn.faces)
 
     @cached_property
     def prism_rows(self) -> NDArray[np.float32]:
-        """(M, PRISM_FLOATS) what walks know of each drawn triangle (kernels/relief/walk.h)."""
+        """(M, PRISM_FLOATS) data of each drawn triangle for walks (kernels/relief/walk.h)."""
         mesh = self.drawn
         uv = np.asarray(mesh.uv, np.float64) * self.tiles
         corners = np.concatenate([mesh.vertices, self.offsets, uv], axis=1, dtype=np.float32)
@@ -220,7 +221,7 @@ class ReliefSurface(HeightMapped):
         return Interior(self.drawn.vertices, self.offsets, uv, self.drawn.faces, self.beside)
 
     def interior_point(self, camera: Camera) -> InteriorPoint | None:
-        """Locate a camera's eye within the relief, below the base and above what is carved into it.
+        """Locate a camera's eye within the relief, below the base and above the relief's surface.
 
         Parameters
         ----------
@@ -229,7 +230,7 @@ class ReliefSurface(HeightMapped):
         Returns
         -------
         InteriorPoint or None
-            None if it is outside, or the camera is orthographic.
+            None if the eye is outside, or the camera is orthographic.
         """
         eye, (low, high) = camera.center, self.bounds
         if camera.projection == "orthographic" or (eye < low).any() or (eye > high).any():
@@ -239,7 +240,7 @@ class ReliefSurface(HeightMapped):
 
     @property
     def planar_vertices(self) -> int:
-        """Count the vertices whose neighbours determine no quadric."""
+        """Number of vertices whose neighbours determine no quadric."""
         return int(self.frames.planar[: len(self.base.vertices)].sum())
 
     @cached_property
@@ -248,7 +249,7 @@ class ReliefSurface(HeightMapped):
         return height_levels(self.height, self._height_bytes, self.wrap)
 
     def tile_coordinates(self, camera: Camera) -> Float32:
-        """Compute the tile coordinates of the relief that each pixel of a picture sees.
+        """Compute the tile coordinates of the relief for each pixel of a picture.
 
         Parameters
         ----------
@@ -257,8 +258,8 @@ class ReliefSurface(HeightMapped):
         Returns
         -------
         (H, W, 2) float32
-            u and v in [0, 1], tiles included: of what `render` shows of this relief alone. NaN where there is nothing.
-            Beyond a clamped map it is its border.
+            u and v in [0, 1], tiles included, in the picture that `render` makes of this relief alone. NaN where there
+            is nothing. Beyond a clamped map, its border.
         """
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         check_no_lens("camera", camera)
@@ -285,9 +286,9 @@ def draw_relief(
     surface : ReliefSurface
     lit : Lighting, optional
     counters : DeviceArray (H, W, 2) int32, optional
-        To which each pixel's searches are added, and their steps, with halvings and the safe search's within cells.
+        Each pixel's searches and their steps are added to it; steps include halvings and the safe search within cells.
     places : DeviceArray (H, W, 2) float32, optional
-        Becomes u and v in the tile, for a target that is blank.
+        Receives u and v in the tile, for a blank target.
     """
     buffers = cached_on_device(surface, "buffers", lambda: _buffers(surface))
     near = target.near(surface.base.bounds)
@@ -337,7 +338,7 @@ def draw_relief(
 
 
 def _defines_of(surface: ReliefSurface, walks: bool) -> dict[str, int]:
-    """Defines of the kernels for a surface: how deep rays are, exactly if they walk, and the form of the heights."""
+    """Return the kernels' defines for a surface: the measure of depth, exact if rays walk, and the form of heights."""
     distance = int(constant("relief/ray.h", "EXACT" if walks else surface.distance.upper()))
     defines = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
     if "clamp" in surface.wrap:
@@ -346,7 +347,7 @@ def _defines_of(surface: ReliefSurface, walks: bool) -> dict[str, int]:
 
 
 def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
-    """The surface for the current device."""
+    """Upload the surface to the current device."""
     base, levels = surface.drawn, surface.levels
     made = {
         "points": upload(base.vertices),
