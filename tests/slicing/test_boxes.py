@@ -1,4 +1,4 @@
-"""The box of an object holds all of it, and little more."""
+"""The box of an object holds the whole object, and little more."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KINDS = ["orthographic", "perspective", "four", "nine, anywhere"]
 
 
 def moved(views: list[ibr.DepthImage], by: tuple[float, float, float]) -> list[ibr.DepthImage]:
-    """The same scene elsewhere in the world."""
+    """The same scene in another place of the world."""
     made = []
     for view in views:
         pose = view.camera.world_from_camera.copy()
@@ -34,7 +34,7 @@ def within(box: Box, points: np.ndarray) -> np.ndarray:
 
 
 def nearness_of(view: ibr.DepthImage, box: Box, missing_is_empty: bool) -> np.ndarray:
-    """(H, W) of a view's samples, as objects read them."""
+    """(H, W) nearness of a view's samples, as objects read them."""
     with one_call():
         return maps_of([view], box, missing_is_empty).to_host()[: view.depth.size].reshape(view.depth.shape)
 
@@ -85,7 +85,7 @@ def test_background_is_as_far_as_the_box_reaches(projection):
         np.testing.assert_allclose(far, 1 / z.max() if projection == "perspective" else -z.max(), rtol=1e-6)
         there = view.depth[view.valid]
         expected = 1 / there if projection == "perspective" else -there
-        np.testing.assert_array_max_ulp(nearness[view.valid], expected, 4)  # the last two bits tell what cells are
+        np.testing.assert_array_max_ulp(nearness[view.valid], expected, 4)  # the last two bits hold the cell's kind
         assert far.max() < nearness[view.valid].min()
 
 
@@ -100,12 +100,12 @@ def test_the_box_of_silhouettes_holds_all_that_lies_within_them(kind, by):
     points = points[visual_hull(views)(points)]
     assert len(points) > 1000
     assert within(box, points).all()
-    # Two cells of the last grid, and what a silhouette's samples and cells' radii add: no more than a tenth
+    # Two cells of the last grid, plus a silhouette's samples and the radii of cells: no more than a tenth
     assert (box.edges <= 1.1 * np.ptp(points, axis=0) + 0.05 * box.edges.max()).all()
 
 
 def test_two_opposite_views_anywhere_in_the_world():
-    """Their rays are all parallel: nothing says how deep the object lies but the cameras."""
+    """Their rays are all parallel: only the cameras limit the object's depth."""
     for projection in ("orthographic", "perspective"):
         here = object_views(torus(), 60, projection=projection)[:2]
         box, there = box_of_silhouettes(here), box_of_silhouettes(moved(here, (100, 30, 5)))
@@ -115,7 +115,7 @@ def test_two_opposite_views_anywhere_in_the_world():
 
 
 def test_a_small_silhouette_is_found():
-    """One of a pixel, in four views."""
+    """A silhouette of one pixel, in four views."""
     views = []
     for eye in ((3, 0, 0), (0, 3, 0.1), (0, 0.1, 3), (2, 2, 2)):
         camera = Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 0.3), (201, 151), fov_y=60)
@@ -125,7 +125,7 @@ def test_a_small_silhouette_is_found():
     box = box_of_silhouettes(views)
     pixel = 2 * 3 * np.tan(np.radians(30)) / 151
     assert within(box, np.zeros((1, 3))).all()
-    # Its square, and around it the pixel and a half that a coarse grid may not cut off
+    # The pixel's square, and around it the pixel and a half that a coarse grid must keep
     assert (box.edges <= 8 * pixel).all()
     target = views[3].camera
     frame = ibr.render(ibr.VisualHull(views, slices=64), Camera(target.K, target.size, target.world_from_camera))

@@ -1,4 +1,4 @@
-"""As many slices as a picture needs: against rays cast at the surface, many slices, and 256 fixed ones on an orbit."""
+"""Slices by view: compared with rays cast at the surface, with many slices, and with 256 fixed ones on an orbit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FRONT = (0.5, 0.4, 1)
 
 
 def noise() -> Any:
-    """A fine texture, which tells a shift of a part of a pixel."""
+    """A fine texture, which reveals shifts of a part of a pixel."""
     values = np.random.default_rng(1).normal(0, 1, (256, 256, 3))
     values = cv2.GaussianBlur(values, (0, 0), 1.5)
     return np.clip(127.5 + 60 * values / values.std(), 0, 255).astype(np.uint8)
@@ -39,13 +39,13 @@ def noisy_surface(slices: Any, slicing: str, texels: int = 32, **more: Any) -> i
 
 
 def flicker(frames: Sequence[ibr.Frame], truth: Sequence[ibr.Frame]) -> float:
-    """Change of colour errors from frame to frame, per pixel of the thing: what moves rightly does not."""
+    """Change of colour errors from frame to frame, per pixel of the thing; true motion does not count."""
     off = [a.color.astype(float) - b.color for a, b in zip(frames, truth, strict=True)]
     return float(np.abs(np.diff(off, axis=0)).mean() / np.mean([b.valid for b in truth]))
 
 
 def flicker_of_ring(height: Any, slicing: str, size: tuple[int, int], steps: int) -> tuple[float, float]:
-    """By slices by view, and by 256, over so many of 120 steps around a displaced ring."""
+    """Flicker with slices by view, and with 256 slices, over this many of 120 steps around a displaced ring."""
     turns = np.arange(steps) * 2 * np.pi / 120
     eyes = [(4 * np.cos(turn), 4 * np.sin(turn), 1.8) for turn in turns]
     cams = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), size, fov_y=40) for eye in eyes]
@@ -70,8 +70,8 @@ def test_surfaces_show_no_slice_at_any_size(slicing, projection):
             seen = np.isfinite(truth)
             frame = ibr.render(noisy_surface("view", slicing), cam)
             assert frame.valid[interior(truth)].all()
-            # Points are brought within an eighth of a pixel, or, across slices, sqrt(3) times that; pixels' sizes
-            # differ by a third from there to the middle. At outlines in the picture a rounding decides what is hit.
+            # Points are within an eighth of a pixel, or, across slices, sqrt(3) times that; pixel sizes
+            # differ by a third from there to the middle. At outlines in the picture, rounding decides about hits.
             off = np.abs(frame.depth - truth)[seen & frame.valid] / pixel_size(cam, MIDDLE)
             assert np.quantile(off, 0.9) < 0.3
             off = np.abs(frame.depth - truth)[interior(truth) & frame.valid] / pixel_size(cam, MIDDLE)
@@ -85,18 +85,18 @@ def test_surfaces_take_as_many_as_the_picture_needs(slicing):
 
     def tests(width: int, slices: Any, texels: int = 1024) -> float:
         whole = camera(40, 20, (width, width * 3 // 4))
-        size = min(width, 160), min(width, 160) * 3 // 4  # of a picture that is larger its middle
+        size = min(width, 160), min(width, 160) * 3 // 4  # the middle of a larger picture
         K = whole.K - np.pad((np.subtract(whole.size, size) / 2)[:, None], ((0, 1), (2, 0)))
         cam, thing = Camera(K, size, whole.world_from_camera), noisy_surface(slices, slicing, texels)
         return float(alpha_tests(thing, cam).sum() / ibr.render(thing, cam).valid.sum())
 
     assert 1.5 * tests(20, "view") < tests(40, "view") < 2.2 * tests(20, "view")
     assert 1.5 * tests(40, "view") < tests(80, "view") < 2.2 * tests(40, "view")
-    most = {width: tests(width, 256) + 10 for width in (320, 640, 2560)}  # halvings, and sides that rays leave by
+    most = {width: tests(width, 256) + 10 for width in (320, 640, 2560)}  # halvings, and tests where rays leave
     for width in (320, 640):
         assert 0.9 * most[width] < tests(width, "view") < most[width]
     assert tests(2560, "view") > 1.5 * most[2560]
-    # Half of 256 texels are 1/512 of the square, and the displacement is a quarter of it: 128 slices.
+    # Half of one of 256 texels is 1/512 of the square, and the displacement is a quarter of the square: 128 slices.
     for width in (320, 2560):
         assert tests(width, "view", 256) < 0.5 * most[width] + 10
 
@@ -115,7 +115,7 @@ def test_surfaces_flicker_less_than_with_256_slices(slicing):
 @pytest.mark.thorough
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_curved_surfaces_flicker_no_more_where_pixels_are_wide(slicing):
-    """A pixel is 45 of 256 slices wide: within an eighth of it alone, textures flicker four times as much."""
+    """A pixel is 45 of 256 slices wide: with an eighth of a pixel alone, textures flicker four times as much."""
     by_view, fixed = flicker_of_ring(heights(32), slicing, (160, 120), 6)
     assert by_view <= fixed
 
@@ -134,7 +134,7 @@ def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("slicing", "size"), [("orthogonal", (320, 240)), ("screen", (240, 180))])
 def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
-    """Nor where a pixel is wider than 256 slices lie apart, so that fewer are taken."""
+    """Objects also flicker no more where a pixel is wider than the spacing of 256 slices, so that fewer are taken."""
     scene, views = dragon()
     turns = np.arange(6) * 2 * np.pi / 120
     cams = [looking(scene, (np.cos(turn), 0.3, np.sin(turn)), size) for turn in turns]
@@ -146,7 +146,7 @@ def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
     for frame, true in zip(frames, truth, strict=True):
         both = frame.valid & true.valid
         off = np.abs(frame.depth - true.depth)[both] / pixel_size(frame.camera, thing.box.center)
-        assert off.mean() < 0.25  # an eighth of a pixel, and where slices miss what the truth's meet, more
+        assert off.mean() < 0.25  # an eighth of a pixel, and more where slices miss thin parts
         assert silhouette_iou(frame.valid, true.valid) >= 0.99
 
 
@@ -163,20 +163,20 @@ def test_objects_show_no_slice_at_any_size(kind, slicing, projection):
         off = np.abs(frame.depth - many.depth)[both] / pixel_size(cam, kind(views).box.center)
         assert np.quantile(off, 0.95) < 0.25
         assert off.mean() < 0.5
-        # Of a hull's edges, thin as wedges, slices miss some in the smallest picture, and which ones is chance.
+        # Slices miss some of a hull's wedge-shaped edges in the smallest picture, and chance decides which.
         few = [ibr.render(kind(views, slices=n, slicing=slicing), cam).valid for n in (24, 32, 40)]
         missed = (frame.valid != many.valid).sum()
         assert missed <= max(max((one != many.valid).sum() for one in few) + 1, 0.02 * many.valid.sum())
 
 
 def test_spacing_changes_as_slowly_as_the_camera_moves():
-    """No jump, and no memory of other pictures."""
+    """There are no jumps, and other pictures have no influence."""
     thing = ibr.DepthObject(views_of_torus("orthographic"), slices="view")
     turns = np.linspace(0, 2 * np.pi, 481)
     cams = [looking(torus(), (np.cos(turn), 0.6 * np.sin(2 * turn), np.sin(turn)), (160, 120)) for turn in turns]
     spacings = np.array([spacing_in(thing, cam)[0] for cam in cams])
     assert spacings.max() > 1.3 * spacings.min()
-    # A step is 0.75 degrees: a cosine of 1 / sqrt(3) and more, and the nearest corner's distance, change by little.
+    # A step is 0.75 degrees: a cosine of at least 1 / sqrt(3) and the nearest corner's distance change only a little.
     assert np.abs(np.diff(np.log(spacings))).max() < 0.04
     again = np.array([spacing_in(thing, cam)[0] for cam in cams[::-1]])
     np.testing.assert_array_equal(again[::-1], spacings)
@@ -188,7 +188,7 @@ def test_from_within_and_from_afar(slicing):
     for eye in (MIDDLE, MIDDLE + 1e-6, (0.5, 0.5, SCALE), (0.1, 0.2, 0.3 * SCALE)):
         frame = ibr.render(thing, Camera.look_at(eye, (2, 0.6, 0.1), (0, 0, 1), (41, 33), fov_y=80))
         np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
-    # Of 9 pixels' height, and of less than one
+    # Displacements of 9 pixels' height, and of less than one
     for away in (40, 500):
         cam = Camera.look_at(MIDDLE + away * np.array([0.4, 0.3, 1]), MIDDLE, (0, 0, 1), (41, 33), fov_y=20)
         many, frame = ibr.render(noisy_surface(256, slicing, test="at_least"), cam), ibr.render(thing, cam)

@@ -1,4 +1,4 @@
-"""Visual hulls: against closed forms and float64, and of a photographed dinosaur and a rendered clock."""
+"""Visual hulls: compared with closed forms and float64, and of a photographed dinosaur and a rendered clock."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GIVEN, LEFT_OUT = 0.975, 0.95  # intersection over union of the hull's outline a
 
 
 def disk_views(size: int = 200, radius: float = 1.0) -> list[ibr.Silhouette]:
-    """Views of a ball by six orthographic cameras all round, each in its own colour."""
+    """Views of a ball from six orthographic cameras all round, each in its own colour."""
     views = []
     for k in range(6):
         away = np.eye(3)[k // 2] * (1 if k % 2 else -1) * 3
@@ -41,7 +41,7 @@ COLORS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (255, 0, 255), (
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_three_cylinders(slicing):
-    """The hull of a ball's outlines along the axes is where three cylinders meet: known in closed form."""
+    """The hull of a ball's outlines along the axes is the intersection of three cylinders, known in closed form."""
     hull = ibr.VisualHull(disk_views(), slices=128, slicing=slicing, halvings=5)
     camera = Camera.look_at((2, 3, 4), (0, 0, 0), (0, 1, 0), (120, 100), fov_y=32)
     frame = ibr.render(hull, camera)
@@ -111,14 +111,14 @@ def test_opposite_silhouettes_are_tested_once():
 def test_what_is_tested_once_is_the_same_hull():
     views, camera = disk_views(101), Camera.look_at((2, 3, 4), (0, 0, 0), (0, 1, 0), (61, 37), fov_y=32)
     six, three = (ibr.render(ibr.VisualHull(some, slices=64), camera) for some in (views, views[::2]))
-    np.testing.assert_allclose(six.depth, three.depth, rtol=1e-5)  # the box's middle is off by a rounding
+    np.testing.assert_allclose(six.depth, three.depth, rtol=1e-5)  # rounding moves the box's middle
 
 
 @pytest.mark.parametrize("number", range(6))
 def test_of_opposite_views_the_closer_one_colours(number):
     views = disk_views(50)
     frame = ibr.render(ibr.VisualHull(views, slices=64), views[number].camera)
-    # Those across weigh a thousandth each, half a step of 255
+    # Views at right angles weigh a thousandth each, half a step of 255.
     assert np.abs(frame.color[frame.valid].astype(int) - COLORS[number]).max() <= 1
 
 
@@ -141,12 +141,12 @@ def test_the_order_of_views_and_a_second_run_change_nothing():
     np.testing.assert_array_equal(frame.color, again.color)
     turned = ibr.render(ibr.VisualHull(views[::-1], slices=64), camera)
     assert silhouette_iou(frame.valid, turned.valid) >= 0.995
-    np.testing.assert_allclose(turned.depth, frame.depth, rtol=1e-5)  # sums of another order, in the box
+    np.testing.assert_allclose(turned.depth, frame.depth, rtol=1e-5)  # the box's sums run in another order
 
 
 @pytest.mark.parametrize("of_depth", [True, False])
 def test_the_order_of_views_that_are_equally_close_changes_no_colour(of_depth):
-    """A camera that looks across an edge of the box is as close to two of six views."""
+    """A camera that looks across an edge of the box is equally close to two of six views."""
     rng = np.random.default_rng(2)
     views = list[ibr.DepthImage | ibr.Silhouette]()
     for one in object_views(models.donut(), 48):
@@ -178,7 +178,7 @@ def clock() -> list[ibr.Silhouette]:
         told = json.loads(file.read_text())["camera_properties"]
         mask = np.asarray(Image.open(folder / f"{number}_mask.png"))
         mask = mask[..., :3].max(axis=2) if mask.ndim == 3 else mask
-        # At half the resolution, for time
+        # Half the resolution, to save time
         mask = cv2.resize(mask, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) > 127
         color = np.zeros((*mask.shape, 3), np.uint8)
         size = mask.shape[1], mask.shape[0]
@@ -198,7 +198,7 @@ def dino() -> list[ibr.Silhouette]:
         name, *values = line.split()
         K, R, t = np.split(np.array(values, float), [9, 18])
         color = np.asarray(Image.open(folder / name))
-        # Their makers' recipe
+        # The recipe of the data set's authors
         mask = (color.max(axis=2) > 0.19 * 255).astype(np.uint8)
         mask = cv2.erode(cv2.dilate(mask, disk(10)), disk(7)).astype(bool)
         pose = np.eye(4)
@@ -269,7 +269,7 @@ def test_bad_input():
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("degrees", [4, 12, 30, 60])
 def test_an_object_seen_from_a_narrow_arc_is_whole(degrees, projection):
-    """A rod along the lines of sight is ten times as long as its outlines are wide: none of them is cut off."""
+    """A rod along the lines of sight is ten times as long as its outlines are wide; nothing of it is cut off."""
     ring = models.donut(24, radius=0.2, tube=0.1)
     rod = MeshScene(ring.vertices * np.float32([1, 1, 30]), ring.faces)
     views = []

@@ -1,4 +1,4 @@
-"""Solids as meshes: closed, where the pictures show them, and in their colours."""
+"""Solids as meshes: closed, in the place of the pictures' solids, and in their colours."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_mesh_is_closed_and_shows_what_the_solid_does(make, scene):
         assert both.sum() >= 0.985 * (solid.valid | drawn.valid).sum()  # cells are 1.5 pixels wide
         cell = float(thing.box.edges.max()) / 90
         assert np.quantile(np.abs(solid.depth - drawn.depth)[both], 0.9) <= 0.5 * cell
-        if make is ibr.DepthObject:  # whose views tell what they see
+        if make is ibr.DepthObject:  # only its views have depth
             assert np.abs(solid.color.astype(int) - drawn.color)[both].mean() <= 4
 
 
@@ -50,13 +50,13 @@ def test_a_box_has_its_volume(resolution):
     scene = MeshScene(*cuboid((-1, -1, -0.4), (1, 1, 0.4)))
     mesh = ibr.DepthObject(object_views(scene, 101)).to_mesh(resolution)
     check_closed(mesh)
-    if resolution == 40:  # edges are cut off within a cell: 1/8 of its square along each, and by slanted cuts as much
+    if resolution == 40:  # each edge loses 1/8 of a cell's square, and as much again by slanted cuts
         lost = 0.25 * (2 / resolution) ** 2 * (8 * 2 + 4 * 0.8)
         assert 3.2 - lost <= volume(mesh) <= 3.2 * 1.02  # and a sample is a hundredth of its width
 
 
 def test_an_image_of_unknown_depth_leaves_a_closed_mesh():
-    """Its volume goes on beyond the box, at whose sides the mesh ends."""
+    """The image's volume continues beyond the box, whose sides close the mesh."""
     views = views_of_torus("four")
     depth = np.where(views[0].valid, views[0].depth, np.nan).astype(np.float32)
     thing = ibr.DepthObject([ibr.DepthImage(views[0].color, depth, views[0].camera)], missing="unknown")

@@ -1,4 +1,4 @@
-"""Samples cover their pixels: objects reach to the outlines of what their images saw, and to the images' edges."""
+"""Samples cover their pixels: objects reach to the outlines in their images, and to the images' edges."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_a_ball_is_as_large_as_it_is(count, projection):
     thing = ibr.DepthObject([scene.capture(camera) for camera in cameras], slices=256)
     eye = Camera.look_at((3, 2, 5), (0, 0, 0), (0, 0, 1), (400, 400), fov_y=24)
     truth, frame = scene.capture(eye), ibr.render(thing, eye)
-    # Outlines are known to half of a sample, of which the ball is 55 wide: a tenth of that is 0.4 %.
+    # Outlines are known to half a sample; the ball is 55 samples wide: a tenth of that is 0.4 %.
     share = frame.valid.sum() / truth.valid.sum()
     assert 0.998 <= share <= 1.001, share
     assert (frame.valid & ~truth.valid).sum() <= 1e-3 * truth.valid.sum()
@@ -50,7 +50,7 @@ def check_wall(size: tuple[int, int], projection: str) -> None:
     thing = ibr.DepthObject([view], slices=64)
     assert ibr.render(thing, camera).valid.all()
     assert ibr.render(thing, camera.resized((2 * width, 2 * height))).valid.all()
-    # Twice as wide a picture, four times as fine: the wall is 4 width x 4 height of its pixels, to one on each side.
+    # A picture twice as wide, four times as fine: the wall covers 4 width x 4 height pixels, up to one at each side.
     K = np.array([[80, 0, 4 * width - 0.5], [0, 80, 4 * height - 0.5], [0, 0, 1]])
     frame = ibr.render(thing, Camera(K, (8 * width, 8 * height), projection=projection))
     columns, rows = (np.flatnonzero(frame.valid.any(axis=axis)) for axis in (0, 1))

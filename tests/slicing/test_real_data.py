@@ -1,4 +1,4 @@
-"""Slices of real height maps, and objects from real scans and of scanned, modelled and textured meshes."""
+"""Slices of real height maps, and objects from real scans and from scanned, modelled and textured meshes."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ def test_real_height_maps(name, elevation, slicing):
     assert frame.valid[cv2.erode(solid.astype(np.uint8), np.ones((7, 7))) > 0].all()
     off = np.abs(frame.depth - truth)[frame.valid & solid]
     assert np.median(off) <= SCALE / 128
-    # Beside the many edges of bricks and pebbles a pixel may see what its neighbour's ray does.
+    # Near the many edges of bricks and pebbles a pixel may show what a neighbouring ray hits.
     assert np.quantile(off, 0.9) <= 2 * SCALE / 128
 
 
 def scans() -> list[ibr.DepthImage]:
-    """The bunny's scans from its six sides; the others see parts of it alone."""
+    """The bunny's scans from its six sides; other scans show only parts of it."""
     folder = shared("range_scans_bunny")
     views = []
     for line in (folder / "bun.conf").read_text().splitlines():
@@ -85,11 +85,11 @@ def test_the_bunny_from_six_real_scans():
         truth = scene.capture(camera)
         for thing in (unknown, background):
             frame = ibr.render(thing, camera)
-            # What no scan saw around the ears and beneath is missing: the scans' own outlines allow no more.
+            # Parts around the ears and below that no scan saw are missing: the scans' own outlines limit the overlap.
             assert silhouette_iou(frame.valid, truth.valid) >= 0.93
             both = frame.valid & truth.valid
             errors.setdefault(thing.missing, []).append(np.median(np.abs(frame.depth - truth.depth)[both]))
-    # A slice is 0.6 mm, the scans lie 0.2 mm off the mesh.
+    # A slice is 0.6 mm, and the scans lie 0.2 mm off the mesh.
     assert max(errors["unknown"]) <= 0.4e-3
     assert all(a < b for a, b in zip(errors["unknown"], errors["empty"], strict=True))
 

@@ -1,4 +1,4 @@
-"""Colours and light of sliced surfaces: tiles, normal maps, and means of what is far away."""
+"""Colours and light of sliced surfaces: tiles, normal maps, and means of distant texels."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_colour_and_tiles():
 
 
 def test_shading_by_slopes_and_by_a_normal_map():
-    """A ramp: its normal is known, and a constant normal map says the same."""
+    """The normal of a ramp is known, and a constant normal map gives the same."""
     n = 64
     ramp = np.tile((np.arange(n) + 0.5) / n * 0.5 + 0.2, (n, 1)).astype(np.float32)
     color = np.full((1, 1, 3), 255, np.uint8)
@@ -48,7 +48,7 @@ def test_shading_by_slopes_and_by_a_normal_map():
 
 @pytest.mark.parametrize("make", [ibr.SlicedSurface, ibr.ReliefSurface])
 def test_a_normal_map_of_bytes_is_decoded(make):
-    """As the reader of relief maps does; 127 and 128 both are 0."""
+    """As the reader of relief maps does; 127 and 128 are both 0."""
     rng = np.random.default_rng(4)
     normals = rng.normal(size=(8, 8, 3)) * (0.4, 0.4, 0) + (0, 0, 1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -60,7 +60,7 @@ def test_a_normal_map_of_bytes_is_decoded(make):
         for given in (normals.astype(np.float32), in_bytes)
     ]
     assert frames[0].color[frames[0].valid].std() > 20
-    # Half a byte of 127.5 in each of three components, all the way through Lambert's law
+    # Half a byte of 127.5 in each of three components, carried through Lambert's law
     assert np.abs(frames[0].color.astype(int) - frames[1].color).max() <= 3
     level = make(square(), height, color, 0.01, normal_map=np.array([[[255, 128, 127], [127, 127, 255]]], np.uint8))
     assert (level.normal_map[..., 2] > 0).all()

@@ -1,4 +1,4 @@
-"""Sliced surfaces against rays cast at the same height field, finely triangulated."""
+"""Sliced surfaces compared with rays cast at the same height field, finely triangulated."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_the_alpha_test_at_height_0(slicing):
     based = ibr.render(surface(32, slicing, "at_least", height), cam)
     u = ground(cam)[..., 0]
     v = ground(cam)[..., 1]
-    # Half a texel beside the step, heights blend; perspective moves the solid's top.
+    # Half a texel next to the step, heights are blended; perspective moves the solid's top.
     flat = (u > 0.05) & (u < 0.45) & (v > 0.05) & (v < 0.95)
     assert not masked.valid[flat].any()
     assert based.valid[flat].all()
@@ -136,7 +136,7 @@ def test_the_alpha_test_at_height_0(slicing):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
-    """Heights of 0: no rounding of where a ray meets the base may miss it."""
+    """With heights of 0, no rounding of a ray's hit on the base may miss it."""
     flat = np.zeros((32, 32), np.float32)
     for elevation in (70, 45, 20):
         cam = camera(elevation, 33, (128, 128), projection)
@@ -145,7 +145,7 @@ def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
         inner = cv2.erode(truth.valid.astype(np.uint8), np.ones((3, 3))).astype(bool)
         assert inner.sum() > 1000
         assert frame.valid[inner].all()
-        # float32 depths of 2.2; a ray that is taken for one on the base is a 100,000th of the displacement above
+        # float32 depths of 2.2; hits up to a 100,000th of the displacement above the base count
         assert np.abs(frame.depth - truth.depth)[inner].max() <= 1e-5
 
 
@@ -153,7 +153,7 @@ def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 @pytest.mark.parametrize("scale", [0.001, 0.01])
 def test_at_least_draws_all_of_the_base_however_shallow_it_is(scale, slicing, projection):
-    """Of a 3000th of the distance: heights err by more than a 100,000th of it where rays meet the base."""
+    """A displacement of a 3000th of the distance: where rays meet the base, heights err by more than a 100,000th."""
     base, flat, white = grid(ring, 96, 48), np.zeros((4, 4), np.float32), np.full((2, 2, 3), 255, np.uint8)
     how = {"fov_y": 42.0} if projection == "perspective" else {"projection": projection, "height": 2.9}
     cam = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (317, 243), **how)
@@ -174,7 +174,7 @@ def ground(cam: Camera) -> np.ndarray:
 
 
 def test_a_band_opens_steps_between_neighbours():
-    """A cliff seen from the side: `inside` fills it, a band shows its top and bottom only."""
+    """A cliff seen from the side: `inside` fills it, a band shows only its top and bottom."""
     height = np.full((32, 32), 0.1, np.float32)
     height[:, 16:] = 0.9
     cam = camera(20, 180)
@@ -185,7 +185,7 @@ def test_a_band_opens_steps_between_neighbours():
 
 
 def cliffs() -> np.ndarray:
-    """A slope with a cliff of 0.3 and one of 0.6, none of them at the border."""
+    """A slope with a cliff of 0.3 and one of 0.6, neither at the border."""
     height = np.tile(np.linspace(0.02, 0.09, 128), (128, 1)).astype(np.float32)
     height[:, 41:87] += 0.3
     height[:, 87:] += 0.9
@@ -194,9 +194,9 @@ def cliffs() -> np.ndarray:
 
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_a_bands_thickness_decides_what_is_apart(slicing):
-    """From above nothing of the surface is missed; from the side cliffs are open that are higher than the band.
+    """From above no part of the surface is missed; from the side, cliffs higher than the band are open.
 
-    Slices are several texels apart, so that hardly one meets the ramps that cliffs are between two texels.
+    Slices are several texels apart, so hardly any slice meets the ramps that form cliffs between two texels.
     """
     above, aside = camera(90, 90, projection="orthographic"), camera(20, 180)
     color = np.full((1, 1, 3), 9, np.uint8)
@@ -208,7 +208,7 @@ def test_a_bands_thickness_decides_what_is_apart(slicing):
         assert missed[above] <= 0.03  # the cliffs themselves: a texel of 128, and a pixel of 100, each
         open_at[band] = missed[aside]
     assert open_at[None] == open_at[1 / 16]
-    # Of a cliff what lies lower than a band below its top is open.
+    # The part of a cliff lower than a band below its top is open.
     assert open_at[0.15] > 1.2 * open_at[0.45] > 1.2 * open_at[0.75]
     assert open_at[0.45] > 0.02
     assert open_at[0.75] < 0.01
@@ -216,7 +216,7 @@ def test_a_bands_thickness_decides_what_is_apart(slicing):
 
 
 def test_a_band_thinner_than_a_slice_leaves_gaps():
-    """Of a slope seen from above each slice shows the part that lies in its band: a half, a quarter."""
+    """Seen from above, each slice shows the part of a slope that lies in its band: a half, a quarter."""
     slope = np.tile((np.arange(64) + 0.5) / 64, (64, 1)).astype(np.float32)
     cam = Camera.look_at((0.5, 0.5, 40), (0.5, 0.5, 0), (0, 1, 0), (301, 301), fov_y=1.3)
     inner = (np.abs(ground(cam)[..., :2] - 0.5) < 0.4).all(axis=-1)
@@ -225,7 +225,7 @@ def test_a_band_thinner_than_a_slice_leaves_gaps():
         thing = ibr.SlicedSurface(
             square(), slope, color, 0.01, slices=20, slicing="surface", test="band", band=part / 20
         )
-        # 16 slices' edges among 265 pixels across: a pixel each
+        # The edges of 16 slices among 265 pixels across: a pixel each
         assert abs(ibr.render(thing, cam).valid[inner].mean() - part) <= 16 / 265
 
 
@@ -236,7 +236,7 @@ def test_tests_are_counted():
         thing = surface(64, slicing)
         counted, seen = alpha_tests(thing, cam), ibr.render(thing, cam).valid
         assert (counted[seen] >= 1).all()
-        assert counted.max() <= 3 * 64 * 2  # no more than the slices that a ray can cross
+        assert counted.max() <= 3 * 64 * 2  # at most the slices that a ray can cross
         counts[slicing] = counted[seen].mean()
     assert counts["orthogonal"] < 64
 
@@ -253,7 +253,7 @@ def test_slices_beside_the_volume_change_the_cost_alone(elevation):
     cam = camera(elevation, 30)
     clipped, whole = surface(32, "screen"), surface(32, "screen", clipped=False)
     frames = [ibr.render(thing, cam) for thing in (clipped, whole)]
-    # A slice that grazes an edge of the volume may be within rounding on one side of it, and without on the other.
+    # A slice that grazes an edge of the volume may fall on either side of it by rounding.
     assert (frames[0].valid != frames[1].valid).mean() < 1e-3
     both = frames[0].valid & frames[1].valid
     assert (np.abs(frames[0].depth - frames[1].depth)[both] > 1e-5).mean() < 1e-3
@@ -273,7 +273,7 @@ def test_other_heights_without_rebuilding():
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_a_donut_of_constant_height_is_a_fatter_donut(slicing):
-    """No gap between polygons: what is seen is the donut 0.1 farther out, to a slice and the polygons' sagitta."""
+    """There are no gaps between polygons: the donut appears 0.1 farther out, to a slice and the polygons' sagitta."""
     height, color = np.ones((4, 4), np.float32), np.full((1, 1, 3), 200, np.uint8)
     thing = ibr.SlicedSurface(
         models.donut(), height, color, 0.1, tiles=(8, 4), slices=20, slicing=slicing, test="at_least"

@@ -1,4 +1,4 @@
-"""Objects and hulls with other views: the same bits as new ones, and nothing made again that is there."""
+"""Objects and hulls with other views: bit for bit like new ones, and no existing data is made again."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ CAMERA = looking(torus(), (0.5, 0.4, 1), (90, 70))
 
 
 def nearer(view: ibr.DepthImage, by: float) -> ibr.DepthImage:
-    """View of a solid that is thinner there, in other colours; its holes stay holes."""
+    """The view with a solid that is thinner there, in other colours; its holes stay holes."""
     return ibr.DepthImage(255 - view.color, view.depth + np.float32(by), view.camera)
 
 
 def turned(view: ibr.DepthImage) -> ibr.DepthImage:
-    """Its upper half alone, from elsewhere."""
+    """The view with its upper half alone, from another direction."""
     depth = view.depth.copy()
     depth[len(depth) // 2 :] = np.nan
     return ibr.DepthImage(view.color, depth, view.camera.moved(0.02, -0.01, 0.03))
 
 
 def changes(views: Sequence[ibr.DepthImage]) -> list[list[ibr.DepthImage]]:
-    """Sets of views in which something, or everything, is another."""
+    """Sets of views in which something, or everything, has changed."""
     return [
         list(views),
         [nearer(views[0], 0.01), *views[1:]],
@@ -46,7 +46,7 @@ def changes(views: Sequence[ibr.DepthImage]) -> list[list[ibr.DepthImage]]:
 
 def same(expected: ibr.DepthObject | ibr.VisualHull, *found: ibr.DepthObject | ibr.VisualHull) -> None:
     light = ibr.Light(direction=(0.3, -0.4, -1), shadow_size=128)
-    for lit in (None, light) if isinstance(expected, ibr.DepthObject) else (None,):  # whose normals are kept, too
+    for lit in (None, light) if isinstance(expected, ibr.DepthObject) else (None,):  # an object's normals are kept, too
         a = ibr.render(expected, CAMERA, lit)
         for b in (ibr.render(one, CAMERA, lit) for one in found):
             np.testing.assert_array_equal(a.depth, b.depth)
@@ -106,7 +106,7 @@ def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     views = views_of_torus("orthographic")
     thing = ibr.VisualHull(views, slices=48)
     ibr.render(thing, CAMERA)
-    ibr.render(ibr.VisualHull(views[1:], slices=48), CAMERA)  # what the first one's mirror image says counts now
+    ibr.render(ibr.VisualHull(views[1:], slices=48), CAMERA)  # now the mirror image of the first view counts
     made: list[object] = []
     asked: list[int] = []
     for name in ("touches", "holds"):
@@ -120,7 +120,7 @@ def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     bitten = ibr.Silhouette(views[0].color, mask, views[0].camera)
     ibr.render(thing.with_views([bitten, *views[1:]]), CAMERA)
     assert sorted(made) == ["Outline", "mask_of", "rgba_words"]
-    # Cells at the box's sides alone: a grid of 64 along each edge would ask every view for all of its 260,000.
+    # Only cells at the box's sides: a grid of 64 along each edge would test all of its 260,000 cells in every view.
     assert 1000 < sum(asked) < len(views) * 64**3 / 10
 
 
