@@ -1,4 +1,4 @@
-"""Curved solids with a relief carved into them, finely triangulated to cast rays at, and their coarse meshes."""
+"""Curved solids with a relief carved into them, finely triangulated for ray casting, and their coarse meshes."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Surface = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # u
 
 
 def torus(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Radius 1 about the z axis, tube 0.4."""
+    """A ring of radius 1 about the z axis, with a tube of radius 0.4."""
     a, b = 2 * np.pi * u, 2 * np.pi * v
     normals = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
     return np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1) + 0.4 * normals, normals
 
 
 def cylinder(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Radius 1 about the z axis, from z = -1.2 to 1.2; open."""
+    """Radius 1 about the z axis, from z = -1.2 to 1.2; open at both ends."""
     a = 2 * np.pi * u
     normals = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)
     return normals + (2.4 * v - 1.2)[..., None] * np.array([0, 0, 1.0]), normals
@@ -37,13 +37,13 @@ def sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plane(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """3 x 3 unit squares of z = 0, the middle one from 0 to 1."""
+    """The plane z = 0 over 3 x 3 unit squares, the middle one from 0 to 1."""
     points = np.stack([3 * u - 1, 3 * v - 1, 0 * u], axis=-1)
     return points, np.broadcast_to((0.0, 0, 1), points.shape)
 
 
 def grid(surface: Surface, columns: int, rows: int) -> ibr.Mesh:
-    """columns x rows quadrilaterals over u and v from 0 to 1, counter-clockwise from outside."""
+    """A mesh of columns x rows quadrilaterals over u and v from 0 to 1, counter-clockwise from outside."""
     u, v = np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows)
     points, normals = surface(u.ravel(), v.ravel())
     y, x = np.mgrid[:rows, :columns]
@@ -55,7 +55,7 @@ def grid(surface: Surface, columns: int, rows: int) -> ibr.Mesh:
 
 @dataclass
 class Carved:
-    """The truth: the smooth surface with the relief carved into it, `fine` cells a texel."""
+    """The truth: the smooth surface with the relief carved into it, in `fine` cells per texel."""
 
     surface: Surface
     height: np.ndarray

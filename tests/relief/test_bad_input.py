@@ -1,4 +1,4 @@
-"""Arguments that reliefs refuse, by their names, and bases that have gaps in them."""
+"""Arguments that reliefs refuse, by name, and bases with gaps."""
 
 from __future__ import annotations
 
@@ -79,11 +79,11 @@ def test_bytes_and_floats_are_one_map():
     a = ibr.render(ibr.ReliefSurface(square(), height, WHITE, 0.1), CAMERA)
     b = ibr.render(ibr.ReliefSurface(square(), height / np.float32(255), WHITE, 0.1), CAMERA)
     np.testing.assert_array_equal(a.valid, b.valid)
-    assert np.isclose(a.depth, b.depth, rtol=1e-4)[a.valid].mean() >= 0.995  # cells beside the one that is met
+    assert np.isclose(a.depth, b.depth, rtol=1e-4)[a.valid].mean() >= 0.995  # rays may meet neighbouring cells
 
 
 def test_triangles_whose_uv_has_no_area_show_one_height():
-    """The height does not change where uv does not: the relief is a plane that lies as deep as its texel."""
+    """The height is constant where uv is: the relief is a plane at the depth of its texel."""
     mesh = square()
     still = ibr.Mesh(mesh.vertices, mesh.faces, uv=np.full((4, 2), 0.5))
     height = np.full((4, 4), 0.25, np.float32)

@@ -1,4 +1,4 @@
-"""Eyes below the base of a relief, within its layer, against rays cast at the finely displaced mesh."""
+"""Eyes below the base of a relief, within its layer, compared with rays cast at the finely displaced mesh."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from tests.shadowed import AMBIENT, edges, first_hits, shares, true_shares
 WHITE = np.full((2, 2, 3), 200, np.uint8)
 SIZE = (161, 117)
 BASES: dict[str, tuple[Surface, tuple[int, int], tuple[int, int], float, tuple[float, float]]] = {
-    # surface, cells, tiles, scale, and u and v of a place where two lanes between blocks cross
+    # surface, cells, tiles, scale, and u and v of a crossing of two lanes between blocks
     "plane": (plane, (1, 1), (9, 9), 0.1, (4 / 9, 4 / 9)),
     "tube": (cylinder, (64, 8), (12, 5), 0.12, (0.0, 0.6)),
     "sphere": (sphere, (64, 32), (12, 4), 0.12, (0.0, 0.5)),
     "torus, outside": (torus, (96, 48), (16, 6), 0.06, (0.0, 0.0)),
     "torus, inside": (torus, (96, 48), (16, 6), 0.06, (0.0, 0.5)),
 }
-CELL = 1.3e-3  # an eighth of a texel: the truth's triangles cut off the corners of what is bilinear
+CELL = 1.3e-3  # an eighth of a texel: the truth's triangles cut off corners of the bilinear surface
 LOOKS = {  # along u, along v and up
     "along u": (1, 0, 0),
     "along v, down": (0, 1, -0.4),
@@ -38,7 +38,7 @@ LOOKS = {  # along u, along v and up
 
 
 def below(surface: Surface, u: float, v: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """The point `depth` scene units below the surface; and axes there, as rows: along u, along v, up."""
+    """The point `depth` scene units below the surface, and axes there as rows: along u, along v, up."""
     points, normals = surface(np.array([u, u + 1e-4]), np.array([v, v]))
     up, (eye, aside) = normals[0], points - depth * normals
     along = (aside - eye) / np.linalg.norm(aside - eye)
@@ -58,7 +58,7 @@ def carved(name: str, smooth: bool) -> Carved:
 
 @cache
 def hills() -> np.ndarray:
-    """Every other sample of smooth noise: 32 x 32, tiled."""
+    """Every other sample of smooth noise, 32 x 32 texels, tiled."""
     return np.ascontiguousarray(tiled_noise(3, 5)[::2, ::2])
 
 
@@ -76,14 +76,14 @@ def relief(name: str, smooth: bool = False, **options: Any) -> ibr.ReliefSurface
 
 
 FINE = 3
-"""So many times as fine as its cells a base is, so that it lies no more than 0.0002 within its circles."""
+"""Refinement of a base relative to its cells, so that it lies no more than 0.0002 within its circles."""
 
 FACETS = 0.01
-"""Of the distance: the bases' facets and where rays graze them. Bases of a third of the sides were off by 0.06."""
+"""Error over distance, from the bases' facets where rays graze them. Bases of a third of the sides were off by 0.06."""
 
 
 def check(frame: ibr.Frame, truth: np.ndarray, camera: Camera, part: float) -> None:
-    """All is seen that is away from edges, and off by no more than a part of its distance."""
+    """Every pixel away from edges shows the relief, off by no more than this part of its distance."""
     inside = away_from_edges(truth, 0.02)
     assert inside.sum() > 100
     assert frame.valid[inside].all()
@@ -106,7 +106,7 @@ def test_between_blocks(name, look, search):
 
 @pytest.mark.parametrize(("name", "look"), [("plane", LOOKS["up"]), ("tube", (1, 0.5, 0.3))])
 def test_few_steps_are_enough_for_rays_that_leave(name, look):
-    """They end where they come out; steps that went on to where the mesh ends would pass over the blocks' edges."""
+    """Rays end where they come out; steps that went on to the end of the mesh would pass over the blocks' edges."""
     surface, _, _, scale, (u, v) = BASES[name]
     camera = looking(surface, u, v, 0.5 * scale, look)
     frame = ibr.render(relief(name, search="linear", steps=64), camera)
@@ -128,7 +128,7 @@ def test_over_the_lowest_place_of_hills(name, look, distance_):
 
 @pytest.mark.parametrize("name", ["plane", "sphere"])
 def test_nothing_jumps_where_the_eye_passes_through_the_base(name):
-    """From a thousandth of the relief's depth above it and below."""
+    """From a thousandth of the relief's depth above the base to as much below it."""
     surface, _, _, scale, (u, v) = BASES[name]
     thing, frames = relief(name), []
     for depth in (-1e-3, 1e-3):
@@ -139,7 +139,7 @@ def test_nothing_jumps_where_the_eye_passes_through_the_base(name):
     assert above.valid.mean() > 0.7
     assert (above.valid != under.valid).mean() <= 0.01
     both = above.valid & under.valid
-    # The eye has moved by 0.002 of the depth; from afar the rays of curved bases enter elsewhere.
+    # The eye has moved by 0.002 of the depth; from outside, the rays of curved bases enter elsewhere.
     off = np.abs(above.depth - under.depth)[both] / scale
     assert np.median(off) <= 0.01
     assert np.quantile(off, 0.9) <= 0.1
@@ -149,7 +149,7 @@ def test_nothing_jumps_where_the_eye_passes_through_the_base(name):
     "eye", [(0.5, 0.5, -0.05), (0.5, 0.5, -0.11), (-0.02, 1 / 3, -0.05), (2 / 3, 1 / 3, 0.05)], ids=str
 )
 def test_no_place_within(eye):
-    """In matter, below the bottom, beyond the border, above the base."""
+    """The eye is in solid matter, below the bottom, beyond the border, or above the base."""
     thing = ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, tiles=(3, 3))
     assert thing.interior_point(Camera.look_at(eye, (2, 0.4, 0.3), (0, 0, 1), SIZE, fov_y=70)) is None
     if eye[2] < 0 < eye[0]:
@@ -164,7 +164,7 @@ def test_an_orthographic_camera_is_nowhere():
 
 @pytest.mark.parametrize("name", ["tube", "torus, outside", "torus, inside"])
 def test_places_are_on_parallel_surfaces(name):
-    """Points that lie below a place of the smooth surface are found below it."""
+    """Points that lie below a place of the smooth surface are found below this place."""
     surface, cells, tiles, scale, _ = BASES[name]
     thing = ibr.ReliefSurface(grid(surface, 3 * cells[0], 3 * cells[1]), np.zeros((4, 4)), WHITE, scale, tiles=tiles)
     rng = np.random.default_rng(4)
@@ -179,7 +179,7 @@ def test_places_are_on_parallel_surfaces(name):
 
 
 def test_nearest_points_of_triangles():
-    """Of many points on each triangle none is nearer."""
+    """None of many points on each triangle is nearer."""
     rng = np.random.default_rng(5)
     corners, point = rng.normal(size=(50, 3, 3)), rng.normal(size=3)
     weights = nearest_weights(corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), point)
@@ -195,7 +195,7 @@ def test_nearest_points_of_triangles():
 
 
 def cube() -> ibr.Mesh:
-    """Two units wide, each side with corners, normals and uv of its own."""
+    """A cube two units wide; each side has its own corners, normals and uv."""
     points, faces = [], []
     for axis in range(3):
         for sign in (-1, 1):
@@ -209,7 +209,7 @@ def cube() -> ibr.Mesh:
 
 
 def test_a_lane_is_open_where_the_mesh_ends():
-    """In a cube's upper side: through its end the wall beyond is seen, and not more of the side's own blocks."""
+    """In the upper side of a cube, the end of the lane shows the wall beyond, and no further blocks of this side."""
     wall = ibr.Mesh([[3, -9, -9], [3, 9, -9], [3, 9, 9], [3, -9, 9]], [[0, 1, 2], [0, 2, 3]], sides="both")
     camera = Camera.look_at((0.5, 0, 0.9), (3, 0, 0.9), (0, 0, 1), SIZE, fov_y=30)
     frame = ibr.render([ibr.ReliefSurface(cube(), blocks(), WHITE, 0.2, tiles=(2, 2)), wall], camera)
@@ -232,18 +232,18 @@ def test_maps_of_bytes_that_do_not_tile():
     ("distance_", "anisotropy"), [("perpendicular", 1), pytest.param("approximate", 8, marks=pytest.mark.thorough)]
 )
 def test_all_distances_are_one_within(distance_, anisotropy):
-    """On a plane nothing is entered from outside, so distances differ nowhere; nor do filters change what is met."""
+    """On a plane no ray enters from outside, so the distances give equal hits, and filters do not change hits."""
     camera = looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["along u"])
     plain = ibr.render(relief("plane", search="linear", steps=256), camera)
     other = relief("plane", search="linear", steps=256, distance=distance_)
     frame = ibr.render(other, camera, anisotropy=anisotropy)
     assert plain.valid.mean() > 0.5
     np.testing.assert_array_equal(frame.valid, plain.valid)
-    np.testing.assert_allclose(frame.depth, plain.depth, rtol=1e-5)  # other builds may round otherwise
+    np.testing.assert_allclose(frame.depth, plain.depth, rtol=1e-5)  # other builds may round differently
 
 
 def test_normals_of_a_map_light_walls_within():
-    """A map that says what the base says lights all alike; the heights' slopes do not."""
+    """A map with the base's normals lights all alike; the slopes of the heights do not."""
     camera, light = (
         looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["along u"]),
         ibr.Light(direction=(0, 0, -1), ambient=0, shadow_size=0),
@@ -252,7 +252,7 @@ def test_normals_of_a_map_light_walls_within():
     flat = ibr.render(relief("plane", normal_map=upright), camera, light)
     sloping = ibr.render(relief("plane"), camera, light)
     np.testing.assert_array_equal(flat.valid, sloping.valid)
-    assert np.abs(flat.color[flat.valid].astype(int) - 200).max() <= 1  # a rounding
+    assert np.abs(flat.color[flat.valid].astype(int) - 200).max() <= 1  # rounding
     assert sloping.color[sloping.valid].min() < 100
 
 
@@ -260,7 +260,7 @@ def test_normals_of_a_map_light_walls_within():
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("name", ["plane", "tube"])
 def test_light_falls_between_blocks(name, shadow):
-    """Three pixels off the edges of shadows and of blocks. On the tube edges are those of a mesh of 64 sides."""
+    """Pixels three off the edges of shadows and blocks. On the tube these are the edges of a mesh of 64 sides."""
     surface, _, _, scale, (u, v) = BASES[name]
     camera = looking(surface, u, v, 0.5 * scale, LOOKS["along u"], (240, 180))
     light = ibr.Light(direction=(-0.5, 1, -0.5), ambient=AMBIENT)

@@ -1,4 +1,4 @@
-"""Levels of height maps: means, and bounds that hold."""
+"""Levels of height maps: means, and valid bounds."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ def test_no_height_is_above_its_bound(shape, height_bytes):
         corner = start + span - (span >> tier)
         bounds = made.bounds[corner + ((y.astype(int) >> tier) << pitch) + (x.astype(int) >> tier)]
         assert (bounds / 65535 >= truth - 1e-6).all()
-    assert (bounds == np.rint(height.max() * 65535)).all()  # the last is one cell
+    assert (bounds == np.rint(height.max() * 65535)).all()  # the last tier is one cell
     assert len(made.bounds) % 2 == 0
 
 
 @pytest.mark.parametrize("shape", [*SHAPES, (1, 64), (64, 1), (65, 3), (3, 65)])
 def test_no_bound_is_overwritten(shape):
-    """Of all levels and tiers each cell has a place of its own, and its bound is the greatest of its texels."""
+    """Each cell of all levels and tiers has a place of its own, and its bound is the greatest of its texels."""
     height = random(shape)
     made = height_levels(height, 2, ("clamp", "clamp"))
     places: list[int] = []

@@ -1,4 +1,4 @@
-"""Meshes whose uv run the other way round, in whole or in part."""
+"""Meshes whose uv is mirrored, in whole or in part."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LIGHT = ibr.Light(direction=(0.5, 0.7, -0.6))
 
 
 def slanted() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Height, colour and normals (of a relief 0.1 deep on a unit square) without any symmetry; not square."""
+    """Height, colour and normals (for a relief 0.1 deep on a unit square) without any symmetry; not square."""
     y, x = np.mgrid[:24, :32]
     a, b = 2 * np.pi * (x + 0.5) / 32, 2 * np.pi * (y + 0.5) / 24
     height = 0.5 + 0.3 * np.sin(a) * np.cos(2 * b) + 0.2 * np.cos(a + b)
@@ -28,7 +28,7 @@ def slanted() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return height.astype(np.float32), color, (normals / np.linalg.norm(normals, axis=-1, keepdims=True)).astype("f4")
 
 
-TURNS = {  # uv, a map as it then has to lie, and its normals' x and y
+TURNS = {  # uv, the map in the matching orientation, and its normals' x and y
     "u": (lambda uv: (1, 0) + uv * (-1, 1), lambda map_: map_[:, ::-1], lambda n: n * np.float32([-1, 1, 1])),
     "v": (lambda uv: (0, 1) + uv * (1, -1), lambda map_: map_[::-1], lambda n: n * np.float32([1, -1, 1])),
     "u and v": (lambda uv: 1 - uv, lambda map_: map_[::-1, ::-1], lambda n: n * np.float32([-1, -1, 1])),
@@ -50,7 +50,7 @@ def test_a_map_turned_with_its_uv_is_the_same_picture(turn, distance_, mapped):
     b = ibr.ReliefSurface(other, *maps, 0.1, normal_map=normal_map if mapped else None, distance=distance_)
     one, two = (ibr.render(thing, CAMERA, LIGHT) for thing in (a, b))
     np.testing.assert_array_equal(one.valid, two.valid)
-    # A ray that grazes an edge of a shadow or of a cell is rounded to either side.
+    # Rounding moves a ray that grazes an edge of a shadow or of a cell to either side.
     assert np.isclose(one.depth, two.depth, rtol=1e-4)[one.valid].mean() >= 0.999
     assert (np.abs(one.color.astype(int) - two.color)[one.valid].max(axis=1) <= 2).mean() >= 0.995
 
@@ -65,7 +65,7 @@ def test_a_map_of_the_heights_own_normals_lights_as_its_slopes_do():
 
 
 def folded(columns: int, rows: int) -> ibr.Mesh:
-    """A cylinder whose u runs from 0 to 1 and back: left and right share the vertices between them."""
+    """A cylinder whose u runs from 0 to 1 and back: its left and right half share the vertices between them."""
     mesh = grid(cylinder, columns, rows)
     u, v = np.asarray(mesh.uv, float).T
     return ibr.Mesh(mesh.vertices, mesh.faces, uv=np.stack([2 * np.minimum(u, 1 - u), v], axis=1), normals=mesh.normals)
@@ -90,7 +90,7 @@ def test_where_mirrored_uv_meet_the_relief_goes_on(distance_):
 def test_only_vertices_between_mirrored_triangles_are_doubled():
     mesh = folded(16, 2)
     split = split_at_mirrors(mesh)
-    # Of each of three rows the one in the middle; the seam's two columns are apart already.
+    # The middle vertex of each of three rows; the seam's two columns are apart already.
     assert len(split.vertices) == len(mesh.vertices) + 3
     np.testing.assert_array_equal(split.vertices[: len(mesh.vertices)], mesh.vertices)
     np.testing.assert_array_equal(split.vertices[split.faces], mesh.vertices[mesh.faces])

@@ -1,4 +1,4 @@
-"""Normals of reliefs on a curved base, and where on the map its rays meet it, against the carved torus' own."""
+"""Normals of reliefs on a curved base, and the places on the map that rays meet, compared with the carved torus."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def relief_of(height: Callable[..., np.ndarray]) -> ibr.ReliefSurface:
 @pytest.mark.parametrize("height", [even, rolling])
 def test_shades_are_the_carved_torus_own(height):
     """Shades of the same points: a byte's rounding and means of two texels for slopes are 0.8 of 200 on average.
-    With u and v even along rays and frames of the entries 1.6 are off, and 95 % less than 7."""
+    With linear u and v along rays and frames of the entries, 1.6 are off on average, and 95 % by less than 7."""
     fine = grid(torus, 600, 300)
     u, v = np.asarray(fine.uv, np.float64).T
     colors = np.full((len(u), 3), 200, np.uint8)
@@ -66,8 +66,8 @@ def test_shades_are_the_carved_torus_own(height):
 
 @pytest.mark.parametrize("height", [even, rolling])
 def test_rays_meet_the_map_where_the_carved_torus_is(height):
-    """By the place on the map: the point there is what the picture shows. u and v that ran evenly along rays would be
-    off by the depth over the tube's radius of the way below it, 0.006 on average and 0.016 in 5 % of the pixels."""
+    """The true surface at this place on the map is the picture's point. Linear u and v along rays would be off by
+    the depth over the tube's radius of the way below it, 0.006 on average and 0.016 in 5 % of the pixels."""
     relief = relief_of(height)
     places, frame = relief.tile_coordinates(CAMERA), ibr.render(relief, CAMERA)
     y, x = np.nonzero(frame.valid)
@@ -77,6 +77,6 @@ def test_rays_meet_the_map_where_the_carved_torus_is(height):
     part = places[y, x].astype(np.float64)
     u, v = ((np.round(near * TILES - part) + part) / TILES).T
     off = np.linalg.norm(carved(height, u, v) - points, axis=1)
-    # The base of 96 x 48 cells lies up to 0.0009 within its torus, which aslant is two to three times that along a ray.
+    # The base of 96 x 48 cells lies up to 0.0009 within its torus, two to three times that along an oblique ray.
     assert off.mean() <= 0.002
     assert np.quantile(off, 0.95) <= 0.005

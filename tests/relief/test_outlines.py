@@ -1,4 +1,4 @@
-"""Outlines of reliefs that are far away, so that coarser levels of their heights would do, against cast rays."""
+"""Outlines of distant reliefs, for which coarser levels of the heights would suffice, compared with cast rays."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TILES, SCALE = (12, 5), 0.15
 
 
 def ridges() -> np.ndarray:
-    """One texel wide, along v, which is the tube's axis."""
+    """Ridges one texel wide, along v, which is the tube's axis."""
     height = np.full((64, 64), 0.1, np.float32)
     height[:, 5::32] = 1
     return height
@@ -42,8 +42,8 @@ def edges(covered: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("level", [1, 2, 3, 4])
 @pytest.mark.parametrize("name", MAPS)
 def test_outlines_stay_where_coarser_levels_would_do(name, level):
-    """A tube from the side, its ends beyond the picture: exact distances are true on it, so levels alone can move its
-    outline, of which rows of pixels have two."""
+    """A tube from the side, with its ends outside the picture: exact distances are accurate on it, so only levels can
+    move its outline, which has two points in each row of pixels."""
     texel = 2 * np.pi / (TILES[0] * 64)
     across = 1.2 * 2**level * texel  # a pixel
     size = int(2.3 / across), int(1.8 / across)

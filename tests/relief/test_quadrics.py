@@ -24,10 +24,10 @@ def patch(a: float, b: float, size: float = 0.1) -> ibr.Mesh:
 @pytest.mark.parametrize(("a", "b"), [(1.5, 0.7), (-2, -2), (1, -1), (0.8, 0), (0, -3), (0, 0)])
 @pytest.mark.parametrize("size", [1e-4, 0.1, 1e3])
 def test_a_quadric_is_fitted_exactly(a, b, size):
-    """Paraboloid, hyperbolic paraboloid, parabolic cylinder, plane; at any scale."""
+    """Paraboloid, hyperbolic paraboloid, parabolic cylinder and plane, at any scale."""
     mesh = patch(a / size, b / size, size)
     found = vertex_frames(mesh, (1, 1))
-    # The vertices are kept in float32: 1e-7 of the neighbourhood's size.
+    # The vertices are stored in float32: 1e-7 of the neighbourhood's size.
     np.testing.assert_allclose(found.quadrics[4] * size, [a, b, 0], atol=1e-5)
     assert not found.planar[4]
 
@@ -58,7 +58,7 @@ def test_curvatures_of_solids(surface, expected):
         b = 2 * np.pi * mesh.uv[:, 1]
         expected = np.stack([-0.5 * np.cos(b) / (1 + 0.4 * np.cos(b)), np.full(len(b), -0.5 / 0.4), 0 * b], axis=1)
         assert (found.quadrics[inner][:, 0] > 0.1).any()  # the saddle
-    # A fit to neighbours at distance d is off by d^2 / R^2 of the curvature; c by that of the greater one.
+    # The error of a fit to neighbours at distance d is d^2 / R^2 of the curvature; for c, of the greater curvature.
     expected = np.broadcast_to(expected, (len(inner), 3))[inner]
     found_there = found.quadrics[inner]
     np.testing.assert_allclose(found_there[:, :2], expected[:, :2], rtol=0.06, atol=0.03)
@@ -95,7 +95,7 @@ def test_mirrored_uv_runs_the_other_way():
     [
         [[0, 0, 0], [1, 0, 0], [2, 0, 0]],  # no area
         [[0, 0, 0], [0, 0, 0], [0, 0, 0]],  # one point
-        [[0, 0, 0], [1, 1, 0.5], [2, 2, 0.5]],  # nothing is known beside a line
+        [[0, 0, 0], [1, 1, 0.5], [2, 2, 0.5]],  # a line determines nothing to its sides
     ],
 )
 def test_neighbours_that_determine_nothing(points):
@@ -121,7 +121,7 @@ def test_vertices_without_triangles_are_planar():
     ("surface", "curvatures"), [(sphere, (-0.5, -0.5, 0)), (cylinder, (-0.5, 0, 0)), (plane, (0, 0, 0))]
 )
 def test_boundary_vertices(surface, curvatures):
-    """Neighbours on one side alone determine the quadric as well."""
+    """Neighbours on only one side determine the quadric as well."""
     mesh = grid(surface, 96, 48)
     found = vertex_frames(mesh, (1, 1))
     border = (mesh.uv[:, 1] == 0) | (mesh.uv[:, 1] == 1)
@@ -131,7 +131,7 @@ def test_boundary_vertices(surface, curvatures):
 
 
 def test_a_fan_of_few_neighbours_is_stable():
-    """A triangle alone: two neighbours that determine a quadric, or, on one line, none."""
+    """A single triangle: two neighbours that determine a quadric, or none if they lie on one line."""
     mesh = ibr.Mesh(
         [[0, 0, 0], [1, 0, 0.1], [0, 1, -0.2]], [[0, 1, 2]], uv=[[0, 0], [1, 0], [0, 1]], normals=[[0, 0, 1]] * 3
     )
@@ -143,7 +143,7 @@ def test_a_fan_of_few_neighbours_is_stable():
 
 @pytest.mark.parametrize("turn", [15, 45, 80])
 def test_axes_that_do_not_follow_uv(turn):
-    """x turned against the axes of a saddle, by the law of quadratic forms; at the apex of a fine patch of it."""
+    """The quadratic form of a saddle for an x turned against its axes, at the apex of a fine patch."""
     mesh, (cosine, sine) = patch(1.5, -0.7), (np.cos(np.radians(turn)), np.sin(np.radians(turn)))
     turned = ibr.Mesh(
         mesh.vertices, mesh.faces, uv=mesh.uv @ np.array([[cosine, -sine], [sine, cosine]]), normals=mesh.normals
@@ -155,7 +155,7 @@ def test_axes_that_do_not_follow_uv(turn):
 
 @pytest.mark.parametrize("cells", [(64, 8), (128, 1), (24, 1), (300, 2)], ids=str)
 def test_curvatures_of_a_tube_do_not_depend_on_uv(cells):
-    """Nor on how long its triangles are, at its ends and at its corners."""
+    """They do not depend on the length of its triangles either, at its ends and at its corners."""
     tube = grid(cylinder, *cells)
     for turn in np.radians([0, 10, 22.5, 45, 60, 90, 135]):
         way = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
@@ -164,14 +164,14 @@ def test_curvatures_of_a_tube_do_not_depend_on_uv(cells):
         assert not found.planar.any()
         a, b, c = found.quadrics.T
         most = np.linalg.eigvalsh(np.stack([a, c / 2, c / 2, b], axis=1).reshape(-1, 2, 2))
-        # The fit's own error, and float32 over the square of what the neighbours of 1 / 120 of the height are apart.
+        # The fit's own error, and float32 over the square of the neighbours' distance, 1 / 120 of the height.
         np.testing.assert_allclose(most, np.broadcast_to((-0.5, 0), most.shape), atol=0.012)
 
 
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("cells", [(64, 8), (128, 1)], ids=str)
 def test_a_tubes_outline_does_not_depend_on_how_its_uv_is_turned(cells, distance):
-    """0.3 deep, with nine turns of uv: within a pixel of each other, and by exact distances of the truth."""
+    """0.3 deep, with nine turns of uv: outlines agree within a pixel, and with the truth for exact distances."""
     tube = grid(cylinder, *cells)
     camera = Camera.look_at((8, 0, 0), (0, 0, 0), (0, 0, 1), (121, 161), projection="orthographic", height=161 / 43.9)
     widths = []

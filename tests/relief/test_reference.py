@@ -1,4 +1,4 @@
-"""The kernels against the float64 twin (tests/reference/relief.py), and counted steps, and coordinates in the tile."""
+"""The kernels compared with the float64 twin (tests/reference/relief.py); counted steps; coordinates in the tile."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SCALE, TILES = 0.1, (6, 3)
 
 
 def hills() -> np.ndarray:
-    """12 x 16 heights, repeated without a seam."""
+    """Heights of 12 x 16 texels that repeat without a seam."""
     y, x = np.mgrid[:12, :16]
     a, b = 2 * np.pi * x / 16, 2 * np.pi * y / 12
     return (0.5 + 0.3 * np.sin(a) * np.cos(b) + 0.15 * np.cos(2 * a + b)).astype(np.float32)
@@ -35,7 +35,7 @@ def seen_from(projection: str) -> Camera:
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("search", ["linear", "safe"])
 def test_a_torus_is_as_in_float64(search, projection):
-    """The safe search against 96 even steps, which miss nothing of these hills."""
+    """The safe search, compared with 96 even steps, which miss no part of these hills."""
     camera, base = seen_from(projection), models.donut(12)
     thing = ibr.ReliefSurface(base, hills(), WHITE, SCALE, tiles=TILES, distance="approximate", search=search)
     steps, halvings = (32, 6) if search == "linear" else (96, 12)
@@ -43,7 +43,7 @@ def test_a_torus_is_as_in_float64(search, projection):
     expected = relief_depth(base, thing.frames, rounded, SCALE, TILES, camera, "approximate", steps, halvings)
     frame = ibr.render(thing, camera)
     assert frame.valid.sum() > 600
-    # Rays that graze the outline, or a hill before another, are met by one rounding and missed by another.
+    # Rounding decides whether rays that graze the outline, or a hill in front of another, hit.
     assert (frame.valid != np.isfinite(expected)).mean() <= 2e-3
     both = frame.valid & np.isfinite(expected)
     assert (np.abs(frame.depth - expected)[both] <= 2e-4).mean() >= 0.99
@@ -57,13 +57,13 @@ def test_perpendicular_distances_are_as_in_float64():
     frame = ibr.render(thing, camera)
     assert (frame.valid != np.isfinite(expected)).mean() <= 2e-3
     both = frame.valid & np.isfinite(expected)
-    # Seen straight on, the distance grows without bound as the ray turns, and so does rounding: a 50th of the depth.
+    # Straight above, the distance grows without bound as the ray turns, and so does rounding: a 50th of the depth.
     assert (np.abs(frame.depth - expected)[both] <= SCALE / 50).mean() >= 0.99
 
 
 @pytest.mark.parametrize("surface", [sphere, cylinder])
 def test_exact_distances_hold_on_deep_reliefs(surface):
-    """0.3 below a tube and a sphere of radius 1: outline within a pixel, and depth within the mesh's own error."""
+    """0.3 below a tube and a sphere of radius 1: outlines within a pixel, and depths within the mesh's own error."""
     camera = Camera.look_at((8, 0, 0), (0, 0, 0), (0, 0, 1), (161, 121), projection="orthographic", height=121 / 43.9)
     flat, wide, off = np.zeros((4, 4), np.float32), {}, {}
     for distance in ("approximate", "exact"):
@@ -79,7 +79,7 @@ def test_exact_distances_hold_on_deep_reliefs(surface):
 
 
 def test_exact_distances_are_nearer_on_a_deep_torus():
-    """Half of its tube deep. Along its axis its equators are the outline, and true; aslant curvatures change."""
+    """Half the tube deep. Along its axis the outline is its equators, and exact; in oblique views curvatures change."""
     truth, flat = Carved(torus, np.zeros((32, 32)), 0.2, (6, 4)), np.zeros((4, 4), np.float32)
     too_many: dict[tuple[str, bool], float] = {}
     for along in (True, False):
@@ -96,7 +96,7 @@ def test_exact_distances_are_nearer_on_a_deep_torus():
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("surface", [sphere, cylinder, torus])
 def test_even_heights_are_parallel_surfaces(surface, distance):
-    """Seen head-on and to the outline: 0.05 below a sphere, a cylinder and a torus, saddle and all."""
+    """In views from straight above to the outline: 0.05 below a sphere, a cylinder and a torus with its saddle."""
     eye = (1.2, -2.0, 2.2) if surface is torus else (4.0, 0, 0)
     camera = Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (161, 121), fov_y=30 if surface is not torus else 46)
     even = np.full((4, 4), 0.5, np.float32)
@@ -110,11 +110,11 @@ def test_even_heights_are_parallel_surfaces(surface, distance):
     off = np.abs(1 - radius[surface] - 0.05)
     assert len(points) > 4000
     assert np.median(off) <= 1e-3
-    assert (off <= 5e-3).mean() >= 0.97  # a tenth of the depth; beside outlines the quadric leaves the surface
+    assert (off <= 5e-3).mean() >= 0.97  # a tenth of the depth; near outlines the quadric leaves the surface
 
 
 def test_coordinates_in_the_tile():
-    """The height there is as deep as what is seen."""
+    """The height at these coordinates matches the depth in the picture."""
     camera = Camera.look_at((0.8, -0.5, 0.7), (0.5, 0.5, 0), (0, 0, 1), (161, 117), fov_y=45)
     thing = ibr.ReliefSurface(square(), hills(), WHITE, SCALE, tiles=TILES)
     places, frame = thing.tile_coordinates(camera), ibr.render(thing, camera)
@@ -134,7 +134,7 @@ def test_coordinates_in_the_tile():
 
 
 def test_steps_are_counted():
-    """Over a level relief in the middle even steps stop halfway; a safe one sees that nothing is above it."""
+    """Over a level relief at half height, even steps stop halfway; a safe search sees that nothing is above it."""
     camera = Camera.look_at((0.5, 0.5, 1), (0.5, 0.5, 0), (0, 1, 0), (31, 23), fov_y=20)
     counted: dict[str, np.ndarray] = {}
     for search in ("linear", "safe"):
@@ -144,6 +144,6 @@ def test_steps_are_counted():
         draw_relief(Target(camera, np.dtype(np.uint8)), thing, None, counters=counts)
         counted[search] = counts.to_host().copy()
         assert (counted[search][..., 0] == 1).all()
-    # 16 or 17 of 32, for the height is rounded to 16 bits; and six halvings.
+    # 16 or 17 of 32, because the height is rounded to 16 bits; and six halvings.
     assert set(np.unique(counted["linear"][..., 1])) <= {22, 23}
     assert counted["safe"][..., 1].max() <= 6

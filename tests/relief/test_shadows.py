@@ -1,4 +1,4 @@
-"""Shadows of reliefs on themselves, against rays cast from the true surface: by the light's map, and by search."""
+"""Shadows of reliefs on themselves, with the light's map and with the search, compared with cast rays."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SOLIDS = {"torus": (torus, (96, 48)), "sphere": (sphere, (64, 32)), "cylinder": 
 
 @cache
 def blocks() -> np.ndarray:
-    """32 x 32, tiled: a block whose sides are two texels wide."""
+    """A tiled map of 32 x 32 texels: a block whose sides are two texels wide."""
     y, x = np.mgrid[:32, :32]
     inside = np.minimum(np.minimum(x, 31 - x), np.minimum(y, 31 - y))
     return np.clip((inside - 4) / 2, 0, 1).astype(np.float32)
@@ -35,7 +35,7 @@ def blocks() -> np.ndarray:
 @pytest.mark.parametrize("scale", [0.03, 0.06, 0.1, 0.12, 0.15])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_a_deep_even_relief_does_not_shade_itself(name, scale, shadow):
-    """Its light's rays enter elsewhere than the picture's, by other quadrics: a map alone shades 11 % of the torus."""
+    """The light's rays enter at other places than the picture's, below other quadrics: a map alone shades 11 %."""
     surface, cells = SOLIDS[name]
     light = ibr.Light(direction=(1, 0.2, -0.3), ambient=AMBIENT)
     camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
@@ -58,7 +58,7 @@ LIGHTS = {
 @pytest.mark.parametrize("shadow", SHADOWS)
 @pytest.mark.parametrize("name", LIGHTS)
 def test_a_deep_torus_is_no_wider_in_its_shadow(name, shadow):
-    """The other side's outline lies across the torus: by equation 7 it is too wide, and 2 % and more are in it."""
+    """The other side's outline lies across the torus: equation 7 makes it too wide, which shades 2 % and more."""
     light = ibr.Light(**LIGHTS[name], ambient=AMBIENT)
     camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
     scene = Carved(torus, np.zeros((32, 32)), 0.15, (6, 4)).scene
@@ -72,7 +72,7 @@ def test_a_deep_torus_is_no_wider_in_its_shadow(name, shadow):
 
 @pytest.mark.parametrize("light", [{"direction": (0.2, 0.5, -1)}, {"position": (-1.0, 1, 3)}], ids=["far", "near"])
 def test_the_shadow_on_the_ground_is_no_wider(light):
-    """By equation 7 a quarter more than the torus' shadow is dark. 3 % are a fifth of a pixel along its outline."""
+    """With equation 7 a quarter more than the torus's shadow is dark. 3 % are a fifth of a pixel along its outline."""
     ground = ibr.Mesh([[-4, -4, -1.2], [4, -4, -1.2], [4, 4, -1.2], [-4, 4, -1.2]], [[0, 1, 2], [0, 2, 3]])
     camera = Camera.look_at((2, -4, 5), (0, 0, -1), (0, 0, 1), (320, 240), fov_y=60)
     scene = Carved(torus, np.zeros((32, 32)), 0.15, (6, 4)).scene
@@ -90,7 +90,7 @@ def test_the_shadow_on_the_ground_is_no_wider(light):
 
 
 def at_jumps(depth: np.ndarray) -> np.ndarray:
-    """Pixels within 3 of an edge of a block."""
+    """Pixels within 3 pixels of an edge of a block."""
     z = np.where(np.isfinite(depth), depth, 1e3)
     jumps = cv2.dilate(z, np.ones((3, 3))) - cv2.erode(z, np.ones((3, 3))) > 0.06
     return cv2.dilate(jumps.astype(np.uint8), np.ones((5, 5))) > 0
@@ -100,7 +100,7 @@ def at_jumps(depth: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("direction", [(-1, 0.2, -0.6), (-0.5, 1, -0.5), (-1, -0.8, -0.3)], ids=str)
 @pytest.mark.parametrize("scale", [0.05, 0.12])
 def test_blocks_on_a_tube(scale, direction, shadow):
-    """Three pixels off the edges of shadows and of blocks."""
+    """Pixels three off the edges of shadows and blocks."""
     light = ibr.Light(direction=direction, ambient=AMBIENT)
     camera = Camera.look_at((3.2, -1.2, 0.3), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
     scene = Carved(cylinder, blocks(), scale, (12, 5)).scene
@@ -111,7 +111,7 @@ def test_blocks_on_a_tube(scale, direction, shadow):
     counted = told & np.isfinite(depth) & ~edges(truth) & ~at_jumps(depth)
     assert counted.sum() > 20000
     agrees = ((share > 0.5) == truth)[counted].mean()
-    # Where the light comes low along the surface, its map and its quadrics are at their worst.
+    # Where the light is low over the surface, its map and its quadrics are the least accurate.
     assert agrees >= (0.998 if direction[2] == -0.3 else 0.9997), agrees
 
 
@@ -125,7 +125,7 @@ FROM_WITHIN = {
 
 @pytest.mark.parametrize("name", FROM_WITHIN)
 def test_no_light_comes_through_from_within(name):
-    """Blocks' sides face lights within what they stand on, or beyond it; either solid is open at both ends."""
+    """The sides of blocks face lights inside their solid, or beyond it; either solid is open at both ends."""
     solid, light = FROM_WITHIN[name]
     (surface, cells), tiles = SOLIDS[solid], (12, 5)
     lamp = ibr.Light(**light, ambient=AMBIENT)
@@ -137,7 +137,7 @@ def test_no_light_comes_through_from_within(name):
     share, told = shares(relief, camera, lamp)
     counted = told & np.isfinite(depth) & ~truth & ~edges(truth) & ~at_jumps(depth)
     assert counted.sum() > 200
-    assert (share < 0.5)[counted].mean() >= 0.99  # blocks' lowest texels are at the bottom themselves
+    assert (share < 0.5)[counted].mean() >= 0.99  # the lowest texels of blocks are at the bottom
 
 
 @pytest.mark.parametrize("direction", [(0.5, -1, -1), (0.3, -1, -0.4)], ids=str)
@@ -145,7 +145,7 @@ def test_no_light_comes_through_from_within(name):
     "options", [{}, pytest.param({"distance": "exact"}, marks=pytest.mark.thorough), {"silhouette": "none"}]
 )
 def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
-    """As the bare mesh does, three pixels off the shadow's edge."""
+    """The same shadow as the bare mesh's, three pixels off its edge."""
     corners = [[-1, 0, 0.5], [1, 0, 0.5], [1, 0, 2.5], [-1, 0, 2.5]]
     wall = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=[[0, 1], [1, 1], [1, 0], [0, 0]])
     corners = [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]
@@ -160,7 +160,7 @@ def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
 
 
 def test_small_tiles_far_away():
-    """Of 8 x 8 rays a pixel; where a texel of the map holds many of the relief's, it is moire."""
+    """Compared with 8 x 8 rays a pixel; the map shows moire where its texels hold many texels of the relief."""
     camera = Camera.look_at((0.5, -0.55, 0.5), (0.5, 0.45, 0), (0, 0, 1), (160, 120), fov_y=50)
     finer = camera.resized((1280, 960))
     light = ibr.Light(direction=(1, 0.3, -0.6), ambient=AMBIENT)
@@ -180,7 +180,7 @@ def test_small_tiles_far_away():
     [{}, {"search": "linear"}, pytest.param({"distance": "exact"}, marks=pytest.mark.thorough), {"silhouette": "none"}],
 )
 def test_both_ways_agree_on_a_plane(options):
-    """Off the edges of shadows, of which the map's lie within two of its texels."""
+    """Pixels off the edges of shadows; the map's edges lie within two of its texels."""
     camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, 0), (0, 0, 1), (320, 240), fov_y=42)
     light = ibr.Light(direction=(0.7, 0.5, -0.6), ambient=AMBIENT, shadow_size=2048)
     mapped, found = (
@@ -197,7 +197,7 @@ def test_both_ways_agree_on_a_plane(options):
 @pytest.mark.parametrize("scale", [0.02, 0.05, 0.1])
 @pytest.mark.parametrize("cells", [(12, 8), (16, 10), (32, 20), (64, 48)])
 def test_an_even_relief_on_a_coarse_ball_does_not_shade_itself(cells, scale, silhouette):
-    """From facet to facet rays enter by other normals and quadrics: a map alone shades up to a quarter of it."""
+    """From facet to facet rays enter with other normals and quadrics: a map alone shades up to a quarter of it."""
     ball = ibr.ReliefSurface(grid(sphere, *cells), np.full((8, 8), 0.5), WHITE, scale, silhouette=silhouette)
     camera = Camera.look_at((1.5, -3, 1.2), (0, 0, 0), (0, 0, 1), (240, 200), fov_y=45)
     lit, plain = (

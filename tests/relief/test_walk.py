@@ -1,4 +1,4 @@
-"""Outlines of even reliefs on meshes with creases, saddles and poles, and on coarse ones, against cast rays."""
+"""Outlines of even reliefs on meshes with creases, saddles and poles, and on coarse ones, compared with cast rays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.relief.solids import cylinder, grid
 
 
 def globe(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Radius 1 about the origin, with both poles."""
+    """A sphere of radius 1 about the origin, with both poles."""
     a, b = 2 * np.pi * u, np.pi * (v - 0.5)
     normals = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
     return normals, normals
@@ -43,7 +43,7 @@ def cushion(cells: int = 9) -> ibr.Mesh:
 
 
 MESHES: dict[str, tuple[Callable[[], ibr.Mesh], float]] = {
-    # and the intersection over union at the greater depth
+    # the mesh, and the intersection over union at the greater depth
     "creases": (cushion, 0.96),
     "poles": (lambda: grid(globe, 32, 16), 0.98),
     "6 sides": (lambda: models.donut(6), 0.97),
@@ -59,14 +59,14 @@ SCANNED = {
     "fandisk, creased": (0.75, 1.1),
     "cow": (0.75, 1.4),
 }
-"""By what share of their true change outlines move: of the cow, whose horns and ears are thinner than the greater depth
-and inside out in the truth, more."""
+"""Least and greatest share of the true change by which outlines move. The cow's outline moves more: its horns and ears
+are thinner than the greater depth, and inside out in the truth."""
 
 
 @pytest.mark.parametrize("depth", [0.01, 0.04])
 @pytest.mark.parametrize("name", MESHES)
 def test_outlines_are_the_displaced_meshs(name, depth):
-    """Nothing is empty or covered two pixels off the true outline, but for some pixels where three creases meet."""
+    """No pixel is wrong two pixels off the true outline, except for some where three creases meet."""
     pytest.importorskip("open3d")
     make, least = MESHES[name]
     found = measure(make(), depth, 160)
@@ -80,7 +80,7 @@ def test_outlines_are_the_displaced_meshs(name, depth):
 @pytest.mark.parametrize("depth", [0.01, 0.04])
 @pytest.mark.parametrize("name", SCANNED)
 def test_no_outline_of_a_scanned_mesh_is_worse_than_the_bare_meshs(name, depth):
-    """And nothing is empty two pixels inside of it but where the truth is inside out, nor covered as far outside."""
+    """Two pixels inside the outline none is empty, unless the truth is inside out; two outside none is covered."""
     shared("meshes")
     mesh = SCANS[name]()
     assert isinstance(mesh, ibr.Mesh)
@@ -94,7 +94,7 @@ def test_no_outline_of_a_scanned_mesh_is_worse_than_the_bare_meshs(name, depth):
 
 @pytest.mark.parametrize("name", ["creases", "poles", "8 sides"])
 def test_one_lane_finds_the_same(name):
-    """But for rays that graze a triangle's side, which go on below either of two."""
+    """Only rays that graze a triangle's side differ; they continue below either triangle."""
     mesh, camera = MESHES[name][0](), around(MESHES[name][0](), 20, 61)
     relief = even_relief(mesh, 0.04)
     wide = ibr.render(relief, camera)
@@ -111,7 +111,7 @@ def beside(mesh: ibr.Mesh) -> np.ndarray:
 
 
 def test_neighbours_of_a_globe():
-    """Across the seam of uv and the poles, where every other triangle has no area."""
+    """Neighbours across the seam of uv and the poles, where every other triangle has no area."""
     globe_ = grid(globe, 8, 4)
     found = beside(globe_)
     solid = np.setdiff1d(np.arange(len(globe_.faces)), np.flatnonzero((found < 0).all(axis=1)))
@@ -127,7 +127,7 @@ def test_neighbours_end_at_borders():
 
 
 def test_sides_of_a_box_sink_as_one():
-    """By 1 each, so that they still meet at its edges; of a sheet folded to 150 degrees by less."""
+    """The sides of a box sink by 1 each and still meet at its edges; those of a sheet folded to 150 degrees by less."""
     solid = facets(box((2, 2, 2)), with_normals=True)
     np.testing.assert_allclose(mitred(solid.vertices, solid.normals, solid.faces), solid.vertices, atol=1e-12)
     turn = np.radians(150)

@@ -429,7 +429,7 @@ def test_rays_end_in_boxes_that_float32_does_not_hold(focal, edge, slicing):
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_one_slice_alone_is_the_object_cut_open(slicing, projection):
-    """Figure 16: of a plane through the object, the drawn points are those that pass the tests of all views."""
+    """Figure 16: on a plane through the object, exactly the points that pass the tests of all views are drawn."""
     views, camera = views_of_torus("orthographic"), looking(torus(), FRONT, (110, 90), projection)
     y, x = np.mgrid[:90, :110]
     pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
