@@ -1,8 +1,8 @@
-"""``python -m benchmarks.relief.outlines [MESHES]``: even reliefs' outlines on real meshes, against cast rays.
+"""``python -m benchmarks.relief.outlines [MESHES]``: outlines of even reliefs on real meshes, compared with cast rays.
 
-An even relief moves the mesh's surface inwards, and so its outline. The truth is that mesh, each triangle cut into
-finer ones whose corners are moved along the normals, cast at by Open3D (Embree). Of parts that are thinner than the
-relief is deep it is inside out.
+An even relief moves the mesh's surface inwards, and so its outline. The truth is the mesh with each triangle cut into
+finer ones whose corners are moved along the normals, ray cast by Open3D (Embree). It is inside out at parts that are
+thinner than the relief is deep.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ Float64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SIZE, TURNS, DEPTHS = 320, (20, 110, 200, 290), (0.01, 0.04)
-"""Side of the pictures in pixels, degrees around the mesh, and depths over the diagonal of its box."""
+"""Side of the pictures in pixels, degrees around the mesh, and depths relative to the diagonal of its box."""
 
 HEIGHT = 0.5
-"""Of the even reliefs, of whose depth the outline moves in by half."""
+"""Height of the even reliefs: the outline moves inwards by half of their depth."""
 
 CUTS = 4
-"""Of a triangle's sides in the truth."""
+"""Parts of each side of a triangle in the truth."""
 
 WHITE = np.full((2, 2, 3), 255, np.uint8)
 LIGHT: dict[str, Any] = {"direction": (0.4, -1.0, -0.7), "ambient": 0.2}
 
 
 def _file(name: str, axis: int | None = None, *, creased: bool = False) -> ibr.Mesh | Skip:
-    """A mesh of the data folder; axis: around which it is given uv; creased: it keeps no normals."""
+    """A mesh of the data folder; axis: axis around which it gets uv; creased: without normals."""
     mesh = scanned(name)
     if isinstance(mesh, Skip) or axis is None:
         return mesh
@@ -67,15 +67,15 @@ class Outline:
     Attributes
     ----------
     carved : float
-        By how much the outline has moved in, over by how much it should: 1 is right.
+        Distance by which the outline has moved inwards over the true distance: 1 is right.
     iou : float
         Intersection over union with the truth.
     bare_iou : float
-        The same of the bare mesh's outline.
+        Intersection over union of the bare mesh with the truth.
     holes, spurs : int
-        Pixels that are empty two pixels and more inside of the true outline, and covered as far outside of it.
+        Pixels at least two pixels inside the true outline that are empty, and at least two outside that are covered.
     inside_out : int
-        Holes where the truth is seen from behind, or has come nearer to the mesh's other side than it has been moved.
+        Holes where the truth is seen from behind, or is closer to the mesh than its displacement.
     false_shadow : float
         Share of the pixels in shadow that the truth lights.
     """
@@ -90,14 +90,14 @@ class Outline:
 
 
 def scene_of(vertices: NDArray[Any], faces: NDArray[Any]) -> Any:
-    """Triangles, to cast rays at."""
+    """Triangles for ray casting."""
     scene = import_module("open3d").t.geometry.RaycastingScene()
     scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
     return scene
 
 
 def carved_scene(relief: ibr.ReliefSurface) -> Any:
-    """The even relief's surface, to cast rays at."""
+    """The even relief's surface for ray casting."""
     mesh, offsets = relief.drawn, relief.offsets
     parts = [(i, j) for i in range(CUTS + 1) for j in range(CUTS + 1 - i)]
     number = {part: k for k, part in enumerate(parts)}
@@ -116,7 +116,7 @@ def _lengths(vectors: Float64) -> Float64:
 
 
 def around(mesh: ibr.Mesh, turn: float, size: int = SIZE) -> ibr.Camera:
-    """A camera that sees a mesh from `turn` degrees about its y axis, somewhat from above."""
+    """A camera at `turn` degrees around a mesh's y axis, slightly above it."""
     low, high = (np.asarray(corner, np.float64) for corner in mesh.bounds)
     middle, extent, angle = (low + high) / 2, float(np.linalg.norm(high - low)), np.radians(turn)
     away = np.array([np.sin(angle), 0.35, np.cos(angle)])
@@ -129,12 +129,12 @@ def extent_of(mesh: ibr.Mesh) -> float:
 
 
 def even_relief(mesh: ibr.Mesh, depth: float, **options: Any) -> ibr.ReliefSurface:
-    """A relief of a depth over the mesh's extent, half of which it lies below it all over."""
+    """A relief with a depth relative to the mesh's extent, and its surface everywhere at half that depth."""
     return ibr.ReliefSurface(mesh, np.full((4, 4), HEIGHT, np.float32), WHITE, depth * extent_of(mesh), **options)
 
 
 def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, **options: Any) -> Outline:
-    """An even relief on a mesh, from all sides."""
+    """Measure an even relief on a mesh, from all sides."""
     relief = even_relief(mesh, depth, **options)
     scene, base = carved_scene(relief), scene_of(mesh.vertices, mesh.faces)
     light, plain = (ibr.Light(**LIGHT, shadow_size=side) for side in (1024, 0))
@@ -170,7 +170,7 @@ def _rays(camera: ibr.Camera) -> Float64:
 
 
 def _lit(scene: Any, rays: Float64, hits: Any, scale: float) -> Mask:
-    """(pixels,) which of the points that rays hit the light reaches."""
+    """(pixels,) whether the light reaches the points that rays hit."""
     t = hits["t_hit"].numpy().astype(np.float64)
     met = np.isfinite(t)
     back = -np.array(LIGHT["direction"]) / np.linalg.norm(LIGHT["direction"])
@@ -182,7 +182,7 @@ def _lit(scene: Any, rays: Float64, hits: Any, scale: float) -> Mask:
 
 
 def _inside_out(base: Any, rays: Float64, hits: Any, moved: float, holes: NDArray[np.intp]) -> int:
-    """Number of holes whose rays hit the truth from behind, or clearly nearer to the mesh than it has been moved."""
+    """Number of holes whose rays hit the truth from behind, or clearly closer to the mesh than its displacement."""
     t, ahead = hits["t_hit"].numpy()[holes, None].astype(np.float64), rays[holes, 3:]
     from_behind = (hits["primitive_normals"].numpy()[holes] * ahead).sum(axis=1) > 0
     points = (rays[holes, :3] + t * ahead).astype(np.float32)
@@ -190,18 +190,18 @@ def _inside_out(base: Any, rays: Float64, hits: Any, moved: float, holes: NDArra
 
 
 def _grown(mask: Mask) -> Mask:
-    """A mask and all that is within two pixels of it."""
+    """A mask and all pixels within two pixels of it."""
     padded, (height, width) = np.pad(mask, 2), mask.shape
     return np.any([padded[y : y + height, x : x + width] for y in range(5) for x in range(5)], axis=0)
 
 
 def _shrunk(mask: Mask) -> Mask:
-    """A mask without what is within two pixels of its outline."""
+    """A mask without the pixels within two pixels of its outline."""
     return ~_grown(~mask)
 
 
 def lines(names: list[str], **options: Any) -> Iterator[list[str]]:
-    """A table's rows, of the meshes that there are."""
+    """Rows of the table for the meshes that are available."""
     for name in names:
         mesh = MESHES[name]()
         if isinstance(mesh, Skip):

@@ -1,4 +1,4 @@
-"""Relief mapping beside the paper's frame rate, Mesa's llvmpipe, and the displaced mesh: cast at, and drawn."""
+"""Relief mapping compared with the paper's frame rate, Mesa's llvmpipe, and the displaced mesh, ray cast and drawn."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PEER, PEER_FLOAT = "llvmpipe, heights in 8 bits", "llvmpipe, heights in float"
 PAPER_RATE = 85.0  # frames per second, GeForce 6800 GT: the refresh rate of its monitor
 BARS = {"plane": 0.3, "same picture": 45.0}
 SCENE_BARS = {"torus": ("linear", PAPER_RATE), "teapot": ("linear", PAPER_RATE), "room": ("safe", 25.0)}
-"""Frames per second, by scene, and of which way."""
+"""Least frames per second for a scene, and the way of searching that must reach them."""
 ROOMS = ("room", "room, the light moves")
 WAYS: dict[str, dict[str, Any]] = {
     "linear": {"search": "linear", "distance": "approximate"},
@@ -43,13 +43,13 @@ WAYS: dict[str, dict[str, Any]] = {
     "linear, equation 6": {"search": "linear", "distance": "perpendicular"},
     "flat (no silhouettes)": {"search": "linear", "silhouette": "none", "distance": "approximate"},
 }
-SAFE_STEPS = 0  # the number of steps that stands for the safe search
+SAFE_STEPS = 0  # number of steps that denotes the safe search
 MAPS = ("bricks", "thin")
-EQUAL = 2e-3  # share of pixels that may see a texel too far: what the tests allow the safe search, against cast rays
+EQUAL = 2e-3  # share of pixels that may be a texel too far; the tests allow the same to the safe search
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """The plane, the paper's kinds of scenes, steps, and ray casting."""
+    """The plane, the paper's kinds of scenes, numbers of steps, and ray casting."""
     yield Case({"case": "plane"}, functools.partial(_plane, plan.relief_plane))
     for name, repeats in plan.relief_scenes.items():
         scenes = ROOMS if name == "room" else (name,)
@@ -93,7 +93,7 @@ def _plane(repeats: int) -> Work:
 
 
 def _base(name: str) -> tuple[ibr.Mesh, tuple[int, int], float] | Skip:
-    """A mesh with uv, its tiles, and the relief's depth over its size."""
+    """A mesh with uv, its tiles, and the relief's depth relative to its size."""
     if name == "torus":
         return models.donut(48), (10, 4), 0.02
     files = {"teapot": "teapot.obj.gz", "human": "human_male_makehuman.obj.gz", "spot": "spot/spot_triangulated.obj"}
@@ -131,7 +131,7 @@ def _scene(name: str, repeats: int) -> Work | Skip:
 def _room(name: str, repeats: int) -> Work:
     """Walls, floor, columns and a torus, all of them reliefs, with a spot's shadows: the paper's figure 1.
 
-    The light keeps its map while the scene stays; one that moves is made anew, with its map.
+    The light keeps its map while the scene stays; a moving light is made anew, with its map.
     """
     height, color = bricks()
     quads = [
@@ -182,7 +182,7 @@ def _column(sides: int, x: float, y: float) -> ibr.Mesh:
 
 
 def _steps(name: str, steps: tuple[int, ...]) -> Work:
-    """Bricks, or single texels that stand out, at 15 degrees: what even steps miss, and what both searches cost."""
+    """Bricks, or single texels that stand out, at 15 degrees: misses of even steps, and the cost of both searches."""
     height = bricks()[0]
     if name == "thin":
         height = np.full((256, 256), 40, np.uint8)
@@ -209,7 +209,7 @@ def _steps(name: str, steps: tuple[int, ...]) -> Work:
 
 
 def _mean_steps(thing: ibr.ReliefSurface, camera: ibr.Camera) -> float:
-    """Of a search; halvings count as steps, and what the safe one does in a cell is one."""
+    """Mean steps of a search; halvings count as steps, and the safe search takes one step within a cell."""
     counts = empty((camera.height, camera.width, 2), np.int32)
     counts.fill(0)
     with current().call():
@@ -219,7 +219,7 @@ def _mean_steps(thing: ibr.ReliefSurface, camera: ibr.Camera) -> float:
 
 
 def _embree(repeats: int) -> Work | Skip:
-    """The torus: its displaced mesh, two triangles a texel, built and cast by Open3D; and as meshes drawn by pyibr."""
+    """The torus: its displaced mesh, two triangles a texel, built and cast by Open3D; and meshes drawn by pyibr."""
     try:
         o3d: Any = import_module("open3d")
     except ImportError as error:
@@ -241,7 +241,7 @@ def _embree(repeats: int) -> Work | Skip:
     def build() -> Any:
         scene = o3d.t.geometry.RaycastingScene()
         scene.add_triangles(vertices, faces)
-        scene.cast_rays(packed[:1, :1])  # it is built when it is first cast at
+        scene.cast_rays(packed[:1, :1])  # Open3D builds it at the first ray
         return scene
 
     before = _resident()
@@ -291,7 +291,7 @@ def _embree(repeats: int) -> Work | Skip:
 
 
 def _resident() -> int:
-    """Bytes of this process in memory; 0 where the system does not tell."""
+    """Bytes of this process in memory; 0 if the system does not report them."""
     told = Path("/proc/self/statm")
     return int(told.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if told.is_file() else 0
 

@@ -16,42 +16,42 @@ RELIEF = """## Relief
 
 ### A plane that fills the picture
 
-llvmpipe runs the same search as a fragment shader in GLSL. It filters 8-bit textures in 8 bits, so that a height
-between two texels is rounded to 1/255, and rays meet the relief elsewhere; textures of floats it filters in float. The
-bar is judged by the latter, which draws the same picture.
+llvmpipe runs the same search as a fragment shader in GLSL. It filters 8-bit textures in 8 bits: heights between two
+texels are rounded to 1/255, and rays meet the relief elsewhere. It filters float textures in float. The bar compares
+with float textures, which give the same picture.
 
 """
 
 RELIEF_SCENES = """### Scenes
 
 Milliseconds, and frames per second in brackets. *Exact*, the default, measures below the mesh itself, the others along
-the normal (equation 7), or at right angles to the ray (equation 6). The factors are those of exact over approximate
-distances, and of equation 6 over equation 7, for which the paper reports two. The room is several reliefs with a light
-and its shadows, whose map is kept while the camera alone moves; where the light moves, all of them are drawn twice. The
-other scenes have no light.
+the normal (equation 7), or at right angles to the ray (equation 6). The factors compare exact with approximate
+distances, and equation 6 with equation 7 (the paper reports a factor of two). The room has several reliefs with a light
+and its shadows. The light keeps its map while only the camera moves; when the light moves, all reliefs are drawn twice.
+The other scenes have no light.
 """
 
 RELIEF_STEPS = """### Steps
 
-A map of bricks, and one of single texels that stand out, seen at 15 degrees: the share of pixels that see something
-more than a texel behind what they should, the steps of a ray, halvings included, and the time.
+A map of bricks, and a map of single texels that stand out, seen at 15 degrees: the share of pixels that are more than a
+texel too far, the steps of a ray with halvings, and the time.
 """
 
-RELIEF_EMBREE = """### Beside the displaced mesh
+RELIEF_EMBREE = """### Compared with the displaced mesh
 
-The torus, cast at by Embree, two triangles a texel, and drawn by pyibr's own rasteriser, each triangle of the base cut
-into several. Memory is that of vertices, triangles and maps, without colours; beside the build, by how much the
-process grew with it. IoU and the depth's error (the median, of the relief's depth) are against what Embree sees.
+The torus, ray cast by Embree with two triangles a texel, and drawn by pyibr's own rasteriser with each triangle of the
+base cut into several. Memory counts vertices, triangles and maps, without colours; for the build, it is the growth of
+the process. IoU and the depth's error (the median, relative to the relief's depth) compare with Embree's picture.
 
-A mesh is nearer to the truth in depth and outline, and takes many times the memory: its cost grows with its triangles,
-a relief's with the picture's pixels. A coarse one costs less than exact distances, and more than the linear search. A
-relief needs no cutting, so that other tiles, scales and maps are there at once, and far away its maps are filtered,
-where a mesh's triangles become smaller than pixels.
+A mesh is closer to the truth in depth and outline, but takes many times the memory: its cost grows with its triangles,
+a relief's with the picture's pixels. A coarse mesh costs less than exact distances, and more than the linear search. A
+relief needs no cutting, so other tiles, scales and maps are available immediately. Far away its maps are filtered,
+while a mesh's triangles become smaller than pixels.
 """
 
 
 def relief_section(result: Result, folder: Path) -> list[str]:
-    """The plane, the scenes, thin features, ray casting."""
+    """The plane, the scenes, thin features, and ray casting."""
     parts = [RELIEF.format(rate=relief.PAPER_RATE)]
     plane = {record.subject: record.values for record in result.select(case="plane", quantity="end to end")}
     same = {record.subject: record.values[0] for record in result.select(case="plane", unit="dB")}
@@ -106,7 +106,7 @@ def relief_section(result: Result, folder: Path) -> list[str]:
 
 
 def _relief_steps(result: Result) -> list[str]:
-    """Linear against safe stepping on both maps, and where their errors are equal."""
+    """Linear and safe steps on both maps, and where their errors are equal."""
     rows: list[list[str]] = []
     notes: list[str] = []
     for name in relief.MAPS:
@@ -129,6 +129,6 @@ def _relief_steps(result: Result) -> list[str]:
             )
         elif found["missed"]:
             notes.append(
-                f"On *{name}* no number of even steps that was tried misses as little as {relief.EQUAL:.1%}.\n"
+                f"On *{name}* none of the tested numbers of even steps misses as little as {relief.EQUAL:.1%}.\n"
             )
     return [table(["map", "search", "missed", "steps a ray", "ms"], rows), *notes]

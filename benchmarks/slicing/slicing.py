@@ -1,7 +1,7 @@
-"""Slices beside the paper's figures and Mesa's llvmpipe: objects, the donut, and the directions of slicing.
+"""Slices compared with the paper's figures and Mesa's llvmpipe: objects, the donut, and the directions of slicing.
 
-The paper's figure 12 draws its creature at several sizes and numbers of slices on a GeForce 2 GTS; here it is the
-scanned dragon. llvmpipe draws the same slices as alpha-tested quadrilaterals, front to back.
+The paper's figure 12 draws its creature at several sizes and numbers of slices on a GeForce 2 GTS; here the scanned
+dragon replaces it. llvmpipe draws the same slices as alpha-tested quadrilaterals, front to back.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ BAR_AT = (300, 128)
 DONUT_SIZE, DONUT_SLICES = (640, 480), 20
 DIRECTIONS = ("surface", "orthogonal", "screen")
 UNCLIPPED = "screen, unclipped"
-SCALE = 0.2  # of the displacement, over a unit square
+SCALE = 0.2  # displacement over a unit square
 
-_SCALE = 0.15  # of the donut's fur
-_IMAGES = 512  # pixels a side of the six
+_SCALE = 0.15  # displacement of the donut's fur
+_IMAGES = 512  # pixels per side of the six images
 
 
 def cases(plan: Plan) -> Iterator[Case]:
@@ -90,7 +90,7 @@ def _objects(parameters: dict[str, Parameter], n: int, slices: int, repeats: int
 
 
 def _against_mesh(scan: str) -> Work | Skip:
-    """The object, its textures and its hull beside the mesh that they were taken of, from three sides."""
+    """The object, its textures and its hull, compared with the mesh in its images, from three sides."""
     mesh, views = scanned(scan), _views(scan)
     if isinstance(mesh, Skip) or isinstance(views, Skip):
         return mesh if isinstance(mesh, Skip) else Skip("mesh", "it has no views")
@@ -128,7 +128,7 @@ def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
 
 
 def _donut(repeats: int) -> Work:
-    """Fur on the paper's donut; and the same as meshes."""
+    """Fur on the paper's donut, as surfaces and as meshes."""
     rng = np.random.default_rng(1)
     fur = (rng.random((64, 64)) ** 3).astype(np.float32)
     color = np.repeat((60 + 190 * fur[..., None]).astype(np.uint8), 3, axis=2)
@@ -178,7 +178,7 @@ def _directions(parameters: dict[str, Parameter], elevation: int, slices: int) -
     def read() -> Iterator[Record]:
         for slicing in DIRECTIONS:
             color: NDArray[Any] = np.full((1, 1, 3), 200, np.uint8)
-            # Heights of 0, on the border, are shown: "inside" would mask them out.
+            # "inside" would mask out the heights of 0 at the border.
             surface = ibr.SlicedSurface(
                 _square(), bumps(64), color, SCALE, slices=slices, slicing=slicing, test="at_least"
             )
@@ -198,14 +198,14 @@ def _square() -> ibr.Mesh:
 
 @functools.cache
 def _truth(elevation: int) -> tuple[ibr.Camera, NDArray[Any], NDArray[np.bool_]]:
-    """A view from this elevation (degrees), its true depth, and the pixels 3 away from depth edges."""
+    """A view from this elevation (degrees), its true depth, and the pixels at least 3 away from depth edges."""
     import cv2
 
     fine, height = 8, bumps(64)
     n = fine * len(height)
     ticks = (np.arange(n + 1) / n).astype(np.float32)
     u, v = np.meshgrid(ticks, ticks)
-    # cv2.remap reads between texel centres as slices do; the map is 0 on its border, so repeating changes nothing.
+    # cv2.remap reads between texel centres as slices do; the map is 0 at its border, so repeating changes nothing.
     ring = cv2.copyMakeBorder(height, 1, 1, 1, 1, cv2.BORDER_WRAP)
     top = SCALE * cv2.remap(ring, u * len(height) + 0.5, v * len(height) + 0.5, cv2.INTER_LINEAR)
     y, x = np.mgrid[:n, :n]

@@ -23,39 +23,39 @@ SLICING = "## Slices\n"
 OBJECTS = """### Objects
 
 The paper's figure 12: the scanned dragon from six depth images of 512 x 512 fills the picture. A GeForce 2 GTS drew
-{paper}. llvmpipe draws as many slices along the same edge of the box, as alpha-tested quadrilaterals, front to
-back. *IoU* says how far the two pictures cover the same pixels; their slices lie half a spacing apart. Milliseconds
-from NumPy arrays to NumPy arrays, in turns.
+{paper}. llvmpipe draws the same number of slices along the same edge of the box, as alpha-tested quadrilaterals, front
+to back. *IoU* is the overlap of the two pictures; their slices lie half a spacing apart. Milliseconds from NumPy arrays
+to NumPy arrays, in turns.
 
 ![Frames per second by size and slices](slicing-objects.png)
 """
 
-AGAINST_MESH = """### The dragon beside its mesh
+AGAINST_MESH = """### The dragon compared with its mesh
 
-From three sides at 480 x 360, 256 slices: the silhouettes' intersection over union, and the colours where both are,
-in dB. *Visible* and *naive* are the depth object's textures.
+From three sides at 480 x 360, with 256 slices: the silhouettes' intersection over union, and the PSNR of the colours in
+their intersection, in dB. *Visible* and *naive* are the depth object's textures.
 """
 
 DONUT = """### The donut
 
-625 polygons, {slices} slices, {width} x {height} pixels. The paper's: {low:.0f} to {high:.0f} frames per second on the
-GeForce 2 GTS. Beside it, the same fur as meshes, each triangle of the base cut into several: coarse ones are faster and
-lose hairs, fine ones take more time and hundreds of times the memory, which is that of vertices, triangles and heights,
-without colours.
+625 polygons, {slices} slices, {width} x {height} pixels. The paper reports {low:.0f} to {high:.0f} frames per second on
+the GeForce 2 GTS. The same fur is also drawn as meshes, with each triangle of the base cut into several: coarse meshes
+are faster and lose hairs, fine meshes take more time and hundreds of times the memory. Memory counts vertices,
+triangles and heights, without colours.
 """
 
 DIRECTIONS = """### Directions of slicing
 
-The paper's figure 10 as numbers: a displaced polygon against rays cast at it, 3 pixels away from depth edges. Mean
-depth error in slice spacings, and the largest share of the surface that is seen through. Slices along the surface lie
-farther apart the more one looks along them; the others do not, and none is seen through.
+The paper's figure 10 as numbers: a displaced polygon compared with rays cast at it, 3 pixels away from depth edges.
+Mean depth error in slice spacings, and the largest share of the surface that shows gaps. In oblique views, slices along
+the surface lie farther apart on a viewing ray; the other slices do not, and have no gaps.
 
 ![Error and see-through by the number of slices](slicing-error.png)
 """
 
 
 def raster_section(result: Result, folder: Path) -> list[str]:
-    """Times and ratios of each mesh, and how far the pictures agree."""
+    """Times and ratios of each mesh, and the agreement of the pictures."""
     rows: list[list[str]] = []
     for record in result.select(subject=raster.OURS, quantity="end to end"):
         here = record.parameters
@@ -84,7 +84,7 @@ def raster_section(result: Result, folder: Path) -> list[str]:
 
 
 def slicing_section(result: Result, folder: Path) -> list[str]:
-    """Figure 12, the donut, figure 10."""
+    """Figure 12, the donut, and figure 10."""
     parts = [SLICING]
     rows: list[list[str]] = []
     objects = [record for record in result.select(case="object", quantity="end to end")]

@@ -127,7 +127,7 @@ def test_neighbours_end_at_borders():
 
 
 def test_sides_of_a_box_sink_as_one():
-    """The sides of a box sink by 1 each and still meet at its edges; those of a sheet folded to 150 degrees by less."""
+    """Sides of a box sink by 1 each and still meet at its edges; sides of a sheet folded to 150 degrees sink less."""
     solid = facets(box((2, 2, 2)), with_normals=True)
     np.testing.assert_allclose(mitred(solid.vertices, solid.normals, solid.faces), solid.vertices, atol=1e-12)
     turn = np.radians(150)
