@@ -69,8 +69,8 @@ typedef struct {
     intl searches; /* lanes that search */
     intl active;   /* lanes whose search has not ended */
     intl found;
-    floatl t; /* so far; finally, of the hit */
-    intl tier, tiers, start, pitch, span; /* safe search: for the bounds */
+    floatl t; /* distance so far; finally, the distance to the hit */
+    intl tier, tiers, start, pitch, span; /* safe search: place in the bounds */
     floatl nudge, peak;
     floatl per_x, per_y;
     floatl from_x, from_y; /* start of the ray; a texel before it where it stays on a column, or row */
@@ -214,7 +214,7 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 #endif
     const floatl t_x = (to_x - s->from_x) * s->per_x, t_y = (to_y - s->from_y) * s->per_y;
     const floatl leaves = clamp_lanes(min_lanes(t_x, t_y), inside, ray->end);
-    /* Equation 7 gives the deepest distance; a ray that starts at the mesh sinks up to its deepest point. */
+    /* No other distance is deeper than equation 7. A ray that starts at the mesh sinks up to its deepest point. */
     const floatl turn = clamp_lanes(s->peak, t, leaves);
 #if WALKS
     const floatl deepest = max_lanes(max_lanes(QUADRIC_DEPTH(ray, t), QUADRIC_DEPTH(ray, leaves)),
@@ -223,7 +223,7 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const floatl deepest = QUADRIC_DEPTH(ray, turn);
 #endif
     const intl is_free = deepest < 1.0f - highest, at_leaf = tier == 0, solves = s->active & !is_free & at_leaf;
-    /* Up a tier where the ray also leaves the parent cell. */
+    /* Up one tier where the ray also leaves the parent cell */
     const intl by_x = t_x <= t_y, index = select_lanes(by_x, column, row);
     const intl forward = select_lanes(by_x, dx, dy) > 0.0f, odd = (index & 1) != 0;
     const intl ends = select_lanes(by_x, side_x == width, side_y == height);

@@ -7,7 +7,7 @@
 /* How occlusion is found: by the light's map, or by a second search and the map beyond */
 #define MAPPED 0
 #define SEARCHED 1
-#define LIFT 1e-3f /* share of the relief's depth: the start of a search above the surface, to avoid a hit there */
+#define LIFT 1e-3f /* share of the relief's depth by which a search starts above its surface, to avoid a hit there */
 
 #if SHADOWED
 /* The ray from a point of the relief to the light, within the relief around the point */
@@ -99,11 +99,11 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
  * face the light; hidden_by: MAPPED or SEARCHED; flat_base: all rays find the relief in one place.
  *
  * The light's map is drawn with the light's own rays, with the normals and quadrics at their entries. Where the base is
- * curved, or has facets, they find the relief elsewhere than the picture's rays, and it would shade itself. The same
- * would happen below an edge that juts out, where the light's rays enter on one side of the edge and the picture's rays
- * on the other. So a search from the point decides whether the relief around it occludes the light, and the map decides
- * for the place where the ray leaves the relief. The map alone decides for a ray that never leaves the relief below the
- * quadric, as along a saddle. */
+ * curved, or has facets, they hit the relief at other places than the picture's rays, and the relief would shade
+ * itself. The same would happen below an edge that juts out, where the light's rays enter on one side of the edge and
+ * the picture's rays on the other. So a search from the point decides whether the relief around it occludes the light,
+ * and the map decides for the place where the ray leaves the relief. The map alone decides for a ray that never leaves
+ * the relief below the quadric, as along a saddle. */
 INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector own, Light light,
                         intl faces, int hidden_by, int flat_base SHADOW_PARAMETERS)
 {

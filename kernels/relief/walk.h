@@ -47,7 +47,7 @@ typedef struct {
     floatl second, third, distance;
 } Crossing;
 
-/* Rays on their way */
+/* The state of walking rays */
 typedef struct {
     Vector from, direction;
     floatl reached; /* distance from the entry */
@@ -55,7 +55,7 @@ typedef struct {
     floatl depth;                   /* there */
     intl active;                    /* rays that are followed */
     intl is_beyond, ends_at_border; /* rays beyond a border; rays that end there */
-    intl side;   /* through which they came, then through which they leave; -1: none, as at mesh or bottom */
+    intl side;   /* side of entry, then side of exit; -1: none, as at mesh or bottom */
     intl beside; /* the neighbour's side there */
     floatl leg, way, end;                      /* length of the leg, direction (1 or -1), depth at its end */
     floatl second, third, by_second, by_third; /* weights of corners, and their changes along the leg */
@@ -230,8 +230,8 @@ INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *side
     ray->at_bottom = select_lanes(which, at_bottom, ray->at_bottom);
 }
 
-/* Sets up a walk's next leg, and the ray of its search. The ray's depth is the parabola that is exact at both ends and
- * half-way between their depths; u and v are linear, because they bend little in a prism. */
+/* Sets up a walk's next leg, and the ray of its search. The ray's depth is the parabola that is exact at both ends
+ * and at their mean depth; u and v are linear, because they bend little in a prism. */
 static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, ReliefRay *ray)
 {
     const MeshPrism p = prism_of(relief, walk->triangle, walk->from, walk->direction);

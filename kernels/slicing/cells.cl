@@ -110,8 +110,8 @@ INLINED floatl with_bits(floatl value, intl bits, int places)
     return as_floatl((as_intl(value) & ~places) | bits);
 }
 
-/* Finds the cells whose first samples are (low, y) to (low + LANES - 1, y); to: their nearness, and one image further
- * their cells */
+/* Finds the cells whose first samples are (low, y) to (low + LANES - 1, y). Writes their nearness to `to`, and their
+ * cells one image further. */
 OUTLINED void find_packet(global const float *depth, CellImage image, int low, int y, global float *to)
 {
     CellSample rows[2][LINE], columns[2][LINE];

@@ -12,11 +12,11 @@
  * that see the point (view_colors.h).
  *
  * matrices: (views, 16) from the world to each view's pixel space. sizes: (views, 3) width, height and start in maps
- * and colors. maps: (views, 2, height, width) view_volumes.h, or 0 and 1. reaches: (views,) most nearness by which a
- * view's surface is nearer than its samples. colors: RGBA bytes, A = 255 where the view has a sample. order: (views,)
- * views in the order of testing. closeness: (views,) of each view's direction to the target's, > 0. The origin of world
- * coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With RIBBONS, firsts: the
- * number of each sample's first ribbon, for all views, and finally the number of all ribbons; ribbons: (N,
+ * and colors. maps: (views, 2, height, width) view_volumes.h, or 0 and 1. reaches: (views,) greatest difference in
+ * nearness between a view's surface and its samples. colors: RGBA bytes, A = 255 where the view has a sample. order:
+ * (views,) views in the order of testing. closeness: (views,) of each view's direction to the target's, > 0. The origin
+ * of world coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With RIBBONS, firsts:
+ * the number of each sample's first ribbon, for all views, and finally the number of all ribbons; ribbons: (N,
  * RIBBON_FLOATS), lib/ribbons.h. Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel.
  * Cost: O(pixels * slices * views tested). Determinism: fixed order.
  */

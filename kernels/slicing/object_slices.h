@@ -1,6 +1,6 @@
 #ifndef SLICING_OBJECT_SLICES_H
 #define SLICING_OBJECT_SLICES_H
-/* Where rays meet an object: the slices of its box, walked from front to back. */
+/* Hits of rays on an object: the slices of its box are walked from front to back. */
 #include "slicing/view_volumes.h"
 
 #define TO_SCREEN 3 /* the axis of slices parallel to the screen; the box's axes are 0, 1 and 2 */
@@ -8,9 +8,9 @@
 typedef struct {
     float from_world[12]; /* row by row */
     float edges[3];       /* lengths of the box's edges, in scene units */
-    float spacing;        /* between slices, in scene units */
+    float spacing;        /* distance between slices, in scene units */
     float first; /* slices parallel to the screen: the number of the slice through the middle, counted as 0 */
-    int slices;           /* along the longest edge */
+    int slices;           /* number along the longest edge */
     int alone;            /* 1: slice number `only` is drawn, and no other */
     int only;
 } Box;

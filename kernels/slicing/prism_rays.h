@@ -10,10 +10,10 @@
  *   second h b1 + third (1 + h b2) = y - h b
  *   h (c + second c1 + third c2) = z
  *
- * The first two give the shares for a height. Put into the third, they leave a cubic in h, whose coefficients are
- * linear in x, y and z, hence along a ray. So the depth at which a ray meets a height is explicit. The height at a
- * depth is found by Newton steps that begin with the bracket c + x c1 + y c2; they are exact if the corners' vectors
- * are parallel.
+ * The first two equations give the shares for a height. Put into the third, they leave a cubic in h, whose
+ * coefficients are linear in x, y and z, hence along a ray. So the depth at which a ray meets a height is explicit.
+ * The height at a depth is found by Newton steps that begin with the bracket c + x c1 + y c2; they are exact if the
+ * corners' vectors are parallel.
  */
 #include "slicing/prisms.h"
 

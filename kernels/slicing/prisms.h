@@ -11,14 +11,14 @@
 #include "slicing/alpha_test.h"
 #include "slicing/rays.h"
 
-#define STEADY_PARTS 12.0f /* most slices per pixel along a ray that are added so that thin parts do not flicker */
+#define STEADY_PARTS 12.0f /* most slices per pixel along a ray; more than one reduce the flicker of thin parts */
 #define SURFACE 0
 #define ORTHOGONAL 1
 #define SCREEN 2
 #define PRISM_CORNERS 6 /* three of the base, and the three above them */
 #define PRISM_PLANES 5  /* bounding planes: below, above, and one along each side of the triangle */
 #define OUTLINES_MAX 6
-#define TILT_FLOATS 9     /* per triangle in `tilts` */
+#define TILT_FLOATS 9     /* floats per triangle in `tilts` */
 #define SIDE_MARGIN 1e-5f /* share of a prism's size by which its sides move outwards */
 #define HEIGHT_ROUNDING 1e-5f /* share of the displacement: lower heights count as the base */
 #define ROUNDING_ULPS 8.0f /* rounding error of coordinates, in units of the last place */
@@ -39,8 +39,8 @@ typedef struct {
 } Context;
 
 /* A quantity that is affine in the picture's pixel space: x px + y py + one + n times the nearness. Along a ray it is
- * linear in depth (`Linear`). All pixels of a perspective picture have the same `fixed`, those pixels of an
- * orthographic picture the same `sloped`. */
+ * linear in depth (`Linear`). `fixed` is the same for all pixels of a perspective picture, `sloped` for
+ * all pixels of an orthographic picture. */
 typedef struct {
     float x, y, one, n;
 } Quantity;
@@ -64,7 +64,7 @@ typedef struct {
     Quantity second, third, rise; /* coordinates in the frame */
     Quantity slice;               /* number of the slice, if slices are planes */
     Bend bend;
-    float u, v, u_second, v_second, u_third, v_third; /* at the first corner; differences of the others from it */
+    float u, v, u_second, v_second, u_third, v_third; /* values at the first corner; differences of the others */
     Quantity sides[PRISM_PLANES]; /* nearness at which a pixel's ray crosses each plane */
     int leaves[PRISM_PLANES];     /* whether the ray leaves there on its way to the camera */
 #if BLOCK > 1

@@ -47,7 +47,7 @@ INLINED intl is_in_prism(const Prism *t, Place place)
     return min_lanes(shares, place.h) >= -t->share_rounding;
 }
 
-#define RUN (UNCLIPPED ? 2 : 16) /* slices; in a run of two each is exact, outside the prism, too */
+#define RUN (UNCLIPPED ? 2 : 16) /* slices in a run; in a run of two each is exact, also outside the prism */
 
 /* The hits of a block's rays */
 typedef struct {

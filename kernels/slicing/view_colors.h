@@ -14,11 +14,11 @@
 
 #define BLENDED_VIEWS 3     /* most views in a colour */
 /* Differences in depth between a view's sample and a point, in sample distances: */
-#define LEVEL_SAMPLES 0.5f  /* at which the sample counts half in how well the view sees the point */
-#define TORN_SAMPLES 4.0f   /* at which the sample counts half in the view's colour */
-#define HIDDEN_SAMPLES 4.0f /* beyond which samples occlude the point, if all samples around it do */
-#define BEYOND_OUTLINE 1e6f   /* distance behind a point of a view's surface that does not exist there */
-#define VIEWS_MIN 0.002f    /* views: if all together see less of a point, the hit is refined for its colour */
+#define LEVEL_SAMPLES 0.5f  /* the sample's weight for visibility is a half */
+#define TORN_SAMPLES 4.0f   /* the sample's weight for colour is a half */
+#define HIDDEN_SAMPLES 4.0f /* samples more than this in front occlude a point, if all around it are */
+#define BEYOND_OUTLINE 1e6f   /* distance of a view's surface behind a point, where the view has none */
+#define VIEWS_MIN 0.002f    /* views: if fewer see a point, its hit is refined before it is coloured */
 #define CLOSER_HALVINGS 6   /* further halvings then: a surface along the view lies within one sample */
 #define STRIDES 4           /* from the object's surface back to a view's own, each as long as all before it together */
 

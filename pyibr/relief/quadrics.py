@@ -21,7 +21,7 @@ from pyibr.relief.neighbours import place_and_way
 _SINGULAR = 1e-6  # relative to the largest value; smaller ones are rounding errors
 _HARD = 0.97  # cosine: some normals at a hard edge are at least 14 degrees from their mean
 _BENT = 1e-3  # greatest difference of a flat triangle's unit normals by rounding
-_BELOW = -0.1  # cosine between that mean and the direction into a vertex's triangles, if they fall away
+_BELOW = -0.1  # cosine between that mean and the direction into a vertex's triangles: below it they fall away
 
 
 @dataclass(frozen=True)

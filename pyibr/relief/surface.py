@@ -135,7 +135,7 @@ class ReliefSurface(HeightMapped):
         self.silhouette: Silhouette = silhouette
         self.distance: Distance = distance
         if distance == "perpendicular" and search == "safe":
-            raise ArgumentError("search", '"linear" with distance="perpendicular", for which no bounds hold', '"safe"')
+            raise ArgumentError("search", '"linear" with distance="perpendicular", which has no bounds', '"safe"')
         one_of("shadow", shadow, Shadow)
         self.search: Search = search
         self.shadow: Shadow = shadow

@@ -18,7 +18,7 @@ from pyibr.images.silhouette import Silhouette
 
 _FIRST = 8  # cells per side of the first grid in the search for a hull's box
 _DEPTH_RATIO_MAX = 64  # times the width of the silhouettes: limit of the search
-_CARVED = 64  # least cells along the longest edge of the found box
+_CARVED = 64  # smallest number of cells along the longest edge of the found box
 
 
 @dataclass(frozen=True)
@@ -128,11 +128,11 @@ def box_of_samples(views: list[DepthImage], missing_is_empty: bool) -> Box:
             inside &= (on_image & (nearest <= z + reach)) | (~on_image & (not missing_is_empty))
         if inside.any():
             return box
-    raise ArgumentError("views", "views around one object, whose volumes have something in common", "none in common")
+    raise ArgumentError("views", "views of one object with overlapping volumes", "volumes without overlap")
 
 
 def _nearest_around(view: DepthImage, missing_is_empty: bool, x: NDArray[np.intp], y: NDArray[np.intp]) -> Float64:
-    """Return the least depth of 3x3 pixels around x, y, for samples on outlines of others; empty space is very far."""
+    """Return the least depth of 3x3 pixels around x, y, as points may lie on outlines; empty space is very far."""
     down, across = np.divmod(np.arange(9)[:, None], 3)
     height, width = view.depth.shape
     at = np.clip(y + down - 1, 0, height - 1), np.clip(x + across - 1, 0, width - 1)
@@ -174,7 +174,7 @@ class Outline:
         self._before = np.pad(np.cumsum(np.cumsum(view.valid, axis=0, dtype=np.int32), axis=1), ((1, 0), (1, 0)))
 
     def holds(self, points: Float64) -> NDArray[np.bool_]:
-        """Tell the (N, 3) points that surely lie within the outline, in the midst of the object's samples."""
+        """Tell which of (N, 3) points surely lie within the outline, in the midst of the object's samples."""
         u, v, w = self._seen(points)
         with np.errstate(divide="ignore", invalid="ignore"):
             return (w > 0) & (self._count(u / w, v / w, 1.0) == 9)
@@ -234,7 +234,7 @@ def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
             break
         radius *= 2
     if box is None:
-        raise ArgumentError("views", "silhouettes of one object, with something within all of them", "nothing")
+        raise ArgumentError("views", "silhouettes of one object that overlap in space", "no overlap")
     return box
 
 

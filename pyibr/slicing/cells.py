@@ -47,7 +47,7 @@ def maps_of(views: Sequence[DepthImage], box: Box, missing_is_empty: bool) -> De
 
 
 def reach_of(view: DepthImage) -> float:
-    """Return the most nearness by which a view's surface lies in front of the nearest of the four samples around it."""
+    """Return the greatest difference in nearness between a view's surface and the nearest of four samples around it."""
     nearest = 1 / depth_extent_of(view).least if view.camera.projection == "perspective" else 1.0
     return 1.001 * constant(_KERNELS, "RISE_MAX") * _per_sample(view) * nearest
 

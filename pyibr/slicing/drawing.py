@@ -27,7 +27,7 @@ from pyibr.slicing.ribbons import ribbons_of
 from pyibr.slicing.solid import Solid, words_of
 from pyibr.slicing.spacing import halvings_between, nearest_pixel, spacing_min
 
-_SLICES_MIN = 32  # least slices of objects that are small in the picture
+_SLICES_MIN = 32  # smallest number of slices, for objects that are small in the picture
 _NEIGHBOUR_OFFSET = 4  # pixels between the depths that give normals, because slices are steps
 # An image knows outlines to half a sample. With k images at the same place, the innermost outline lies k / (k + 1) of
 # a sample inside the outermost on average. So an outline belongs where the weight of its samples is 1 / (k + 1).
@@ -36,7 +36,7 @@ _BEHIND = 8.0  # most samples between a view's own surface and the object's behi
 
 
 def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None, normals: bool) -> None:
-    """Draw a solid in its views' colours, and light on it; `normals`: the views' normals relight it."""
+    """Draw a solid in its views' colours, with light on it; `normals`: whether the views' normals relight it."""
     cameras = [target.camera, *(() if lighting is None else lighting.cameras)]
     # The map shows it up to one spacing too near, and the picture half a spacing too far.
     bias = 1.5 * max(spacing_in(thing, camera)[0] for camera in cameras)

@@ -34,7 +34,7 @@ _SILENT_MAX = 1.0  # seconds between progress messages in the log
 _AT_ONCE = 1 << 18  # points: testing a point takes a few bytes for each view
 _PACKET = 16  # points are tested in whole packets, whatever the device
 _BISECTIONS = 8  # bisections of an edge of the grid
-_MARGIN = 1 / 256  # of an edge: crossings keep off its ends, where triangles would have no area
+_MARGIN = 1 / 256  # share of an edge: crossings keep this far from its ends, so that triangles have an area
 _FACING = 0.05  # cosine: views hardly colour surfaces that they see more obliquely
 _UNSEEN = 1e-6  # weight of views that did not see a point, where no view saw it
 _HIDDEN = 4.0  # sample distances by which an occluded point lies behind its occluder
@@ -98,10 +98,10 @@ def mesh_of(thing: Solid, resolution: int) -> Mesh:
         inside.ravel()[some] = contains(thing, places(some))
         if time.monotonic() - told > _SILENT_MAX:
             told = time.monotonic()
-            _log.info("a mesh is being made: %.0f %% of its grid is known", 100 * (first + len(some)) / len(inner))
+            _log.info("making a mesh: %.0f %% of its grid is tested", 100 * (first + len(some)) / len(inner))
     if not inside.any():
         raise ArgumentError(
-            "resolution", "one that is fine enough for the object", f"{resolution}, whose points miss it"
+            "resolution", "a resolution fine enough for the object", f"{resolution}, with no grid point inside"
         )
     ends, faces = _crossed(inside)
     within, without = places(ends[:, 0]), places(ends[:, 1])
@@ -169,7 +169,7 @@ def _crossed(inside: Mask) -> tuple[Int64, NDArray[np.int32]]:
     return edges[first], number.reshape(-1, 3).astype(np.int32)
 
 
-# For each number of a tetrahedron's inner corners, which come first: triangles of the edges whose crossings they join
+# Triangles for 1, 2 or 3 inner corners of a tetrahedron, which come first; each joins the crossings of three edges
 _TRIANGLES = {
     1: [([0, 1], [0, 2], [0, 3])],
     2: [([0, 2], [0, 3], [1, 3]), ([0, 2], [1, 3], [1, 2])],

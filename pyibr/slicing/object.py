@@ -49,8 +49,8 @@ class DepthObject(MeshableSolid):
         images that saw the point, if any did; "naive": the closest images, as in the paper.
     missing : {"empty", "unknown"}
         Meaning of a sample without depth. "empty": space along its ray is empty; "unknown": the image does not decide,
-        for scans of sensors that do not see everything. Infinite depth, and depth from the image's `far` on, always
-        means empty. Points outside an image's frame are cut off with "empty", and left to other images with "unknown".
+        for scans of sensors that do not see everything. Infinite depth, and depth from the image's `far` on, is
+        always empty. Points outside an image's frame are cut off with "empty", and left to other images with "unknown".
     only : int, optional
         Number of the only slice to draw, for inspecting the tests on it (figure 16). Numbers run from 0 at one side of
         the box to `slices` at the other, or to fewer where the box is shorter. Slices parallel to the screen count
@@ -154,7 +154,7 @@ class DepthObject(MeshableSolid):
         return maps_of(self.views, self.box, self.missing == "empty")
 
     def reach_of(self, view: DepthImage) -> float:
-        """Return the most nearness by which a view's surface is nearer than its samples."""
+        """Return the greatest difference in nearness between a view's surface and its samples."""
         return reach_of(view)
 
 
@@ -166,5 +166,5 @@ def _check_resolved(thing: DepthObject) -> None:
         seen = nearest if camera.projection == "perspective" else longer_side(camera)
         slices = SLICES_USUAL if thing.slices == "view" else thing.slices
         if float(thing.box.edges.max()) > slices * _EXTENT_RATIO_MAX * seen:
-            expected = f"depths that {slices} slices can tell apart (or `far`, if larger ones are no surface)"
+            expected = f"depths that {slices} slices can resolve (set `far` if larger depths are no surface)"
             raise ArgumentError("views", expected, f"{nearest:g} to {farthest:g} in view {number}")

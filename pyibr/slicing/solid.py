@@ -81,7 +81,7 @@ class Solid(Immutable):
         raise NotImplementedError
 
     def reach_of(self, view: Any) -> float:
-        """Return the most nearness by which a view's surface is nearer than its samples."""
+        """Return the greatest difference in nearness between a view's surface and its samples."""
         return 0.0
 
     @cached_property

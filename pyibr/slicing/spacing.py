@@ -13,7 +13,7 @@ from pyibr.opencl.headers import constant
 Slices = int | Literal["view"]
 
 SLICES_MAX = 65536
-SLICES_USUAL = 128  # slices that must resolve the depths when no picture has chosen a number yet
+SLICES_USUAL = 128  # slices for checking depths before a picture chooses their number
 
 _RAYS = "slicing/rays.h"
 
@@ -41,12 +41,12 @@ def checked_only(only: int | None, slices: Slices) -> int | None:
     if only is None:
         return None
     if slices == "view":
-        raise ArgumentError("only", 'None with slices="view", which has no numbers', describe(only))
+        raise ArgumentError("only", 'None with slices="view", whose slices have no numbers', describe(only))
     return integer_from("only", only, -SLICES_MAX, SLICES_MAX)
 
 
 def spacing_min(extent: float) -> float:
-    """Scene units between slices over a thing of this extent, below which no picture chooses its spacing."""
+    """Least spacing of slices, in scene units, that a picture chooses for a thing of this extent."""
     return extent / constant(_RAYS, "SLICES_MAX")
 
 

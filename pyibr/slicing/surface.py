@@ -42,7 +42,7 @@ class SlicedSurface(HeightMapped):
     base : Mesh
         With uv; a single polygon or any surface. Vertices move along their normals, or the smooth normals if it has
         none. Vertices at one place with several normals, as at hard edges, move along the mean normal, so that the
-        surface stays closed. It is lit by its own normals.
+        surface stays closed. Light uses the base's own normals.
     height : (h, w) float32 in [0, 1], or uint8, uint16
         0 is the base, which only `test="at_least"` draws; 1 is `scale` above it. Bilinear between texel centres; kept
         in 16 bits.

@@ -82,7 +82,7 @@ def test_the_log_tells_how_far_a_mesh_is(monkeypatch: pytest.MonkeyPatch, caplog
     monkeypatch.setattr(meshing, "_SILENT_MAX", 0.0)
     caplog.set_level("INFO", "pyibr")
     ibr.DepthObject(object_views(torus(), 48)).to_mesh(8)
-    assert "100 % of its grid is known" in caplog.text
+    assert "100 % of its grid is tested" in caplog.text
 
 
 @pytest.mark.parametrize("wrong", [0, -1, 1025, 2.5, "64", None, True])
