@@ -46,7 +46,7 @@ def test_bulges_with_necks_between_them(height, distance):
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("turn", [0, 45, 135, 180, 270])
 def test_a_head_on_a_neck(turn, distance):
-    """Spot, the cow, of 5,856 triangles, with an even relief at half of a depth of 0.004 of its size."""
+    """Spot, the cow, of 5,856 triangles. The relief is 0.004 of its size deep, with all heights at a half."""
     mesh = ibr.Mesh.load(next(shared("meshes/spot").glob("*.obj*")))
     low, high = (np.asarray(corner, float) for corner in mesh.bounds)
     size, middle, angle = float(np.linalg.norm(high - low)), (low + high) / 2, np.radians(turn)

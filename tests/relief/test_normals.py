@@ -66,8 +66,8 @@ def test_shades_are_the_carved_torus_own(height):
 
 @pytest.mark.parametrize("height", [even, rolling])
 def test_rays_meet_the_map_where_the_carved_torus_is(height):
-    """The true surface at this place on the map is the picture's point. Linear u and v along rays would be off by
-    the depth over the tube's radius of the way below it, 0.006 on average and 0.016 in 5 % of the pixels."""
+    """The true surface at this place on the map is the picture's point. Linear u and v along rays would
+    miss it by a share of the way below the base, depth over tube radius: 0.006 on average and 0.016 in 5 %."""
     relief = relief_of(height)
     places, frame = relief.tile_coordinates(CAMERA), ibr.render(relief, CAMERA)
     y, x = np.nonzero(frame.valid)

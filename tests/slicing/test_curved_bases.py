@@ -133,7 +133,7 @@ def test_slices_beside_curved_prisms_change_the_cost_alone():
     ]
     assert (frames[0].valid != frames[1].valid).mean() < 1e-3
     both = frames[0].valid & frames[1].valid
-    # The test of grazing slices depends on interpolation between exact slices, for a hundredth of them.
+    # The interpolation between exact slices decides whether grazing slices pass, in a hundredth of the pixels.
     assert (np.abs(frames[0].depth - frames[1].depth)[both] > 1e-4).mean() < 0.01
 
 
