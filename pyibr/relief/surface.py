@@ -172,14 +172,14 @@ class ReliefSurface(HeightMapped):
 
     @property
     def bends(self) -> bool:
-        """Whether its rays follow curved quadrics, or walk around edges."""
+        """Tell whether its rays follow curved quadrics, or walk around edges."""
         return self.silhouette == "quadric" and (
             bool(self.frames.quadrics.any()) or (self.distance == "exact" and not self.is_flat)
         )
 
     @cached_property
     def is_flat(self) -> bool:
-        """Whether all rays find the relief in one place: the base neither bends nor has hard edges that jut out."""
+        """Tell whether all rays find the relief in one place: the base neither bends nor has hard edges that jut out."""
         normals = self.frames.normals
         return is_flat(self.drawn, normals) and not juts_out(self.drawn, normals)
 
