@@ -179,7 +179,7 @@ class ReliefSurface(HeightMapped):
 
     @cached_property
     def is_flat(self) -> bool:
-        """Tell whether all rays find the relief in one place: the base neither bends nor has hard edges that jut out."""
+        """Tell whether all rays find the relief in one place: a base without bends or hard edges that jut out."""
         normals = self.frames.normals
         return is_flat(self.drawn, normals) and not juts_out(self.drawn, normals)
 
