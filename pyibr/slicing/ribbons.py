@@ -18,7 +18,7 @@ from pyibr.picture.surface import surface_of
 
 _KERNELS = "slicing/ribbons.cl"
 _CUT_RATIO = 1.05  # as by default in pictures
-_TOUCHING = 1e-4  # samples: what covers no more of a sample than that does not
+_TOUCHING = 1e-4  # samples: overlaps of this size are rounding
 
 
 @dataclass(frozen=True)
