@@ -1,7 +1,7 @@
-"""Calibration files of other programs and devices: the cameras that a tree (`calibration_text`) holds.
+"""Calibration files of other programs and devices: the cameras in a tree from `calibration_text`.
 
-Each is a function that makes the arguments of `Camera`, under the name that the file gives it: what cannot be read of
-one does no harm to the others.
+Each camera is a function that makes the arguments of `Camera`, under its name in the file. An unreadable camera does
+not affect the others.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ _Tree = Mapping[str, Any]
 
 _SIZES = (("width", "height"), ("image_width", "image_height"), ("w", "h"), ("cols", "rows"))
 _PAIRS = ("image_size", "imageSize", "size", "resolution", "img_size")
-# OpenCV's names are its users' own: what they call K and the distortion, and which camera of several
+# OpenCV's users choose the names of K and the distortion, with a number or side for several cameras
 _WHICH = r"(\d|left|right|l|r|)"
 _MATRIX = re.compile(rf"(?:camera_?matrix|camera matrix|intrinsic_?matrix|intrinsics?|mtx|cam|k|m)_?{_WHICH}", re.I)
 _DISTORTION = r"(?:distortion_?coefficients|distortion_?coeffs?|dist_?coeffs?|distortion|dist|d)_?{}"
 _FISHEYES = ("equidistant", "fisheye", "kannala_brandt")
-_TEXTS = (".yaml", ".yml", ".xml", ".ini", ".txt", ".csv")  # which are of calibrations alone
+_TEXTS = (".yaml", ".yml", ".xml", ".ini", ".txt", ".csv")  # these suffixes hold only calibrations
 _LISTED = 12  # names in a message
-_ODD_FORMS = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, RecursionError)  # of damaged files
-_MILLIMETRES, _CENTIMETRES = 1000, 100  # a metre
+_ODD_FORMS = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, RecursionError)  # damaged files
+_MILLIMETRES, _CENTIMETRES = 1000, 100  # per metre
 _OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
 class _NoSizeError(ArgumentError):
-    """The file does not tell the images' size, and nobody else has."""
+    """The file lacks the images' size, and the caller gave none."""
 
 
 def file_and_name(path: str | PathLike[str]) -> tuple[Path, str | None]:
-    """Return the file, and the name of the one camera that is asked for (`FILE#NAME`)."""
+    """Return the file, and the camera's name in `FILE#NAME`, or None."""
     file = checked_path(path)
     if "#" not in str(path) or file.exists():
         return file, None
@@ -58,14 +58,14 @@ def file_and_name(path: str | PathLike[str]) -> tuple[Path, str | None]:
 
 
 def read_calibration(path: str | PathLike[str]) -> tuple[Path, str | None, object]:
-    """Return the file, the name of the one camera that is asked for, and what it holds."""
+    """Return the file, the requested camera's name or None, and the file's content."""
     file, name = file_and_name(path)
     return file, name, read_tree(file)
 
 
 @contextmanager
 def making(path: str | PathLike[str]) -> Generator[None, None, None]:
-    """Within it, what is wrong with a file's numbers becomes FileFormatError."""
+    """Turn errors about a file's numbers into FileFormatError."""
     try:
         yield
     except _NoSizeError as error:
@@ -77,15 +77,15 @@ def making(path: str | PathLike[str]) -> Generator[None, None, None]:
 
 
 def cameras_in(tree: object, path: str | PathLike[str], size: Size = None) -> Cameras:
-    """Return the cameras that a tree holds, by name; of one that needs none it is "".
+    """Return the cameras in a tree by name; a single unnamed camera is "".
 
-    path: for messages. size: (width, height) of the pictures, for files that do not tell it.
-    """
+        path: for messages. size: the pictures' (width, height), for files that lack it.
+        """
     return {name: partial(_arranged, make) for name, make in _as_told(tree, path, size).items()}
 
 
 def points_up(path: str | PathLike[str]) -> bool:
-    """Tell whether y points up in the frame of a file's cameras, of which poses that are told elsewhere are, too."""
+    """Tell whether y points up in the frame of a file's cameras; separate pose files share that frame."""
     with suppress(FileFormatError, ArgumentError, *_ODD_FORMS):
         file, _, tree = read_calibration(path)
         return any(_is_upward(make()["K"]) for make in _as_told(tree, file, (1, 1)).values())
@@ -97,7 +97,7 @@ def _is_upward(K: object) -> bool:
 
 
 def _as_told(tree: object, path: str | PathLike[str], size: Size) -> Cameras:
-    """The cameras of a tree, before they are arranged."""
+    """The cameras of a tree as stored, possibly with y up."""
     if is_matrix(tree):
         return {"": partial(_arguments, tree, size)}
     found = _below(tree, path, size)
@@ -124,7 +124,7 @@ def _below(tree: object, path: str | PathLike[str], size: Size) -> Cameras:
 
 
 def is_matrix(tree: object) -> bool:
-    """Tell whether it is rows of numbers."""
+    """Tell whether the tree is a list of rows of numbers."""
     rows = cast("list[object]", tree) if isinstance(tree, list) else []
     return bool(rows) and all(isinstance(row, list) and _are_numbers(cast("list[object]", row)) for row in rows)
 
@@ -134,7 +134,7 @@ def _are_numbers(values: list[object]) -> bool:
 
 
 def chosen(found: Cameras, name: str | None, path: str | PathLike[str], size: Size = None) -> Cameras:
-    """Return those of this name or, without one, of several those whose pictures are of `size`, if there are any."""
+    """Return the camera named `name`; without a name, those with pictures of `size`, or all if there are none."""
     if name is not None:
         named = [own for own in found if name.lower() in (own.lower(), PurePath(own).stem.lower())]
         if not named:
@@ -144,7 +144,7 @@ def chosen(found: Cameras, name: str | None, path: str | PathLike[str], size: Si
         return found
     fitting: Cameras = {}
     for own, make in found.items():
-        with suppress(ArgumentError):  # another one may be of no use
+        with suppress(ArgumentError):  # another camera may be unusable
             if tuple(make()["size"]) == size:
                 fitting[own] = make
     is_one = len({repr(make()) for make in fitting.values()}) == 1
@@ -152,19 +152,19 @@ def chosen(found: Cameras, name: str | None, path: str | PathLike[str], size: Si
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names for a message."""
+    """Join names for a message."""
     first = list(names)
     return ", ".join([*first[:_LISTED], *(["..."] if len(first) > _LISTED else [])])
 
 
 def _arranged(make: Callable[[], Arguments]) -> Arguments:
-    """Its arguments; where y points up, as fy < 0 tells, y is turned, and its world, which is left-handed, too."""
+    """Camera arguments with y down: if fy < 0, y points up in a left-handed world, so y and the world are mirrored."""
     made = make()
     if not _is_upward(made["K"]):
         return made
-    warnings.warn("fy < 0: y is turned, and the world with it, poses of recordings, too", stacklevel=2)
+    warnings.warn("fy < 0: y is mirrored, and so are the world and the poses of recordings", stacklevel=2)
     pose, lens = made.get("world_from_camera"), made.get("lens")
-    if lens is not None and lens.model != "kannala_brandt":  # p1 moves y by what is even in it
+    if lens is not None and lens.model != "kannala_brandt":  # p1 adds terms to y that are even in y
         k1, k2, p1, *others = lens.coefficients
         lens = Lens(lens.model, [k1, k2, -p1, *others], radius=lens.radius)
     turned = conventions.mirrored(np.eye(4) if pose is None else checked_pose(pose))
@@ -172,9 +172,9 @@ def _arranged(make: Callable[[], Arguments]) -> Arguments:
 
 
 def _arguments(K: object, size: Size, lens: Lens | None = None, pose: Float64 | None = None) -> Arguments:
-    """Arguments of a camera whose K may be 3 x 3, 3 x 4 or 4 x 4, or of parts of the picture's size."""
+    """Arguments of a camera whose K is 3 x 3, 3 x 4 or 4 x 4, in pixels or in fractions of the picture's size."""
     if size is None:
-        raise _NoSizeError("size", "that of the images", "none")
+        raise _NoSizeError("size", "the images' size", "none")
     values = numbers("K", np.ravel(np.asarray(K)), (None,))
     if len(values) == 4:
         fx, fy, cx, cy = values
@@ -188,17 +188,17 @@ def _arguments(K: object, size: Size, lens: Lens | None = None, pose: Float64 | 
 
 
 def _is_normalized(K: Float64, size: tuple[int, int]) -> bool:
-    """Tell whether K is in parts of a picture's width and height: no picture has its centre within its first pixel."""
+    """Tell whether K is in fractions of the picture's size: no real centre lies within the first pixel."""
     return bool((np.abs(K[:2, 2] - 0.5) < 0.5).all() and min(size) > 2 and max(K[0, 0], K[1, 1]) < min(size))
 
 
 def _given(K: Float64, size: tuple[int, int], lens: Lens, pose: Float64 | None = None) -> Arguments:
-    """Arguments of a camera that one of the converters has made."""
+    """Arguments of a camera from a converter's results."""
     return {"K": K, "size": size, "lens": lens, "world_from_camera": pose}
 
 
 def _size_in(tree: _Tree) -> Size:
-    """The size of the pictures that a mapping tells, or what ROS's INI files call its image."""
+    """The pictures' size in a mapping, or in the entry that ROS's INI files name "image"."""
     named = {str(key).lower(): value for key, value in tree.items()}
     for across, down in _SIZES:
         if across in named and down in named and not isinstance(named[across], (dict, str)):
@@ -237,7 +237,7 @@ def _azure_kinect(tree: _Tree, _: Size) -> Cameras | None:
 
 
 def _opencv(tree: _Tree, size: Size) -> Cameras | None:
-    """Matrices of OpenCV's FileStorage, or as plain numbers; of several cameras with their numbers or sides behind."""
+    """Matrices of OpenCV's FileStorage, or plain numbers; several cameras have a number or side in their names."""
     own = _size_in(tree) or size
     found: Cameras = {}
     for key, value in tree.items():
@@ -252,7 +252,7 @@ def _opencv(tree: _Tree, size: Size) -> Cameras | None:
 
 
 def _is_square(data: object) -> bool:
-    """Tell whether it is a matrix of 3 x 3 or 4 x 4, its rows apart or in one."""
+    """Tell whether the data is a 3 x 3 or 4 x 4 matrix, as rows or as one list."""
     rows = data if is_matrix(data) else [data]
     return is_matrix(rows) and sum(map(len, cast("list[list[float]]", rows))) in (9, 16)
 
@@ -263,7 +263,7 @@ def _is_fisheye(tree: _Tree) -> bool:
 
 
 def _data_of(matrix: object) -> Any:
-    """The numbers of a matrix of OpenCV's, or of a plain one."""
+    """The numbers of OpenCV's matrix, or of a plain one."""
     return cast("dict[str, Any]", matrix).get("data") if isinstance(matrix, dict) else matrix
 
 
@@ -274,7 +274,7 @@ def _of_opencv(K: object, distortion: Any, fisheye: bool, size: Size) -> Argumen
 
 
 def _plain(tree: _Tree, size: Size) -> Cameras | None:
-    """The numbers fx, fy, cx and cy, with OpenCV's coefficients by their names."""
+    """Camera from fx, fy, cx and cy, with OpenCV's coefficients by name."""
     return {"": partial(_of_numbers, tree, _size_in(tree) or size)} if {"fx", "cx"} <= tree.keys() else None
 
 
@@ -289,7 +289,7 @@ def _lens_of(tree: _Tree, fisheye: bool = False) -> Lens:
 
 
 def _orbbec(tree: _Tree, _: Size) -> Cameras | None:
-    """The SDK's camera parameters, as its viewer writes them (INI) or its structs are (JSON); millimetres."""
+    """Camera parameters of the SDK, from its viewer (INI) or as its structs (JSON); millimetres."""
     words = [key[: -len("Intrinsic")] for key, value in tree.items() if key.endswith("Intrinsic") and "fx" in value]
     moved = tree.get("D2CTransformParam", tree.get("transform"))
 
@@ -312,7 +312,7 @@ def _moved_by_orbbec(entries: _Tree) -> Float64:
 
 
 def _oak(tree: _Tree, _: Size) -> Cameras | None:
-    """DepthAI's calibration: sockets with what leads from each camera to another, in centimetres."""
+    """DepthAI's calibration: sockets with transforms from camera to camera, in centimetres."""
     if "cameraData" not in tree:
         return None
     sockets: dict[int, _Tree] = {int(socket): data for socket, data in tree["cameraData"]}
@@ -337,7 +337,8 @@ def _oak(tree: _Tree, _: Size) -> Cameras | None:
 
 
 def _frames(tree: _Tree, size: Size) -> Cameras | None:
-    """transforms.json of NeRF's kin: OpenGL's axes, pixel centres at halves; what a frame lacks is told for all."""
+    """NeRF's transforms.json: OpenGL's axes, pixel centres at halves; the file's entries apply to frames without
+    them."""
     frames = tree.get("frames")
     if not isinstance(frames, list):
         return None
@@ -353,7 +354,7 @@ def _frames(tree: _Tree, size: Size) -> Cameras | None:
 def _of_frame(tree: _Tree, size: Size) -> Arguments:
     size = _size_in(tree) or size
     if size is None:
-        raise _NoSizeError("size", "that of the images", "none")
+        raise _NoSizeError("size", "the images' size", "none")
     focal = [tree.get("fl_x"), tree.get("fl_y", tree.get("fl_x"))]
     if focal[0] is None:
         angle = tree.get("camera_angle_x")

@@ -1,7 +1,7 @@
-"""Cameras of undistorted images: the pinholes that stand for a lens, and where the pixels of one lie in the other.
+"""Cameras of undistorted images: pinholes that replace a lens, and the pixel maps between both images.
 
-An undistorted image has the same or finer sampling than the lens's everywhere. It holds what lies up to `ANGLE_MAX`
-degrees from the axis; a target that sees farther is drawn as several, the faces of a cube.
+An undistorted image has the same or finer sampling than the lens's image everywhere. It reaches up to `ANGLE_MAX`
+degrees from the axis. A target that sees farther is drawn as several images, the faces of a cube.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from pyibr.core.checks import Float64, Immutable, locked, read_only
 from pyibr.core.errors import ArgumentError
 
 ANGLE_MAX = 75.0
-"""Degrees from the axis that one undistorted image holds: beyond, pixels would be many, and each of little."""
+"""Largest angle from the axis in an undistorted image, in degrees: beyond, many pixels would show little."""
 
-_MARGIN = 2  # pixels around what is seen: the neighbours that tell edges from slopes
-_BORDER = 0.75  # pixels beside the image that still show its border: half an undistorted one, askew
-_PIXELS_RATIO_MAX = 100  # times the pixels of the lens's image; those of cameras take up to 15
-_REACH_PART = 1 - 1e-9  # of the reach of a lens: as far as it surely sees
-_FACES = (  # right, down and forward of a cube's faces in the camera's frame, the front first
+_MARGIN = 2  # pixels around the seen part: neighbours that distinguish edges from slopes
+_BORDER = 0.75  # pixels outside the image that still show its border: half an oblique undistorted pixel
+_PIXELS_RATIO_MAX = 100  # times the pixels of the lens's image; real cameras need up to 15
+_REACH_PART = 1 - 1e-9  # of a lens's reach, to stay inside it despite rounding
+_FACES = (  # right, down and forward axes of a cube's faces in the camera's frame, the front first
     ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
     ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
@@ -33,12 +33,13 @@ _FACES = (  # right, down and forward of a cube's faces in the camera's frame, t
 
 
 def rays_of(camera: Camera) -> Float64:
-    """(H, W, 2) where the pixels' rays pass the plane z = 1 of the camera's frame; NaN where its lens sees nothing."""
+    """(H, W, 2) points of the pixels' rays on the plane z = 1 of the camera's frame; NaN where the lens sees
+    nothing."""
     return _rays_through(_unposed(camera)) if camera.lens else _rays(camera)
 
 
 def undistorted_camera(camera: Camera) -> Camera:
-    """The pinhole camera of the image that holds what a lens sees, up to `ANGLE_MAX` degrees from the axis."""
+    """The pinhole camera of the undistorted image, which reaches up to `ANGLE_MAX` degrees from the axis."""
     if camera.lens is None:
         return camera
     unposed = _undistorted(_unposed(camera))
@@ -46,26 +47,26 @@ def undistorted_camera(camera: Camera) -> Camera:
 
 
 def covering_camera(argument: str, camera: Camera) -> Camera:
-    """`undistorted_camera` of a lens that sees no farther than its image reaches, or raise ArgumentError."""
+    """`undistorted_camera` of a lens within `ANGLE_MAX` degrees of its axis, or raise ArgumentError."""
     if camera.lens is not None and sees_too_far(camera).any():
-        raise ArgumentError(argument, f"one that sees up to {ANGLE_MAX:g} degrees from its axis", repr(camera))
+        raise ArgumentError(argument, f"a camera that sees up to {ANGLE_MAX:g} degrees from its axis", repr(camera))
     return undistorted_camera(camera)
 
 
 def check_no_lens(argument: str, camera: Camera) -> None:
-    """Raise ArgumentError if what is asked for a camera's pixels is not known of a lens's."""
+    """Raise ArgumentError if a camera has a lens, for functions that support none."""
     if camera.lens is not None:
-        raise ArgumentError(argument, "one without a lens", repr(camera))
+        raise ArgumentError(argument, "a camera without a lens", repr(camera))
 
 
 def distorted_pixels(camera: Camera, pixels: Float64) -> Float64:
-    """(N, 2) where a lens sees what lies at pixels (N, 2) of its undistorted image."""
+    """(N, 2) pixels of a lens's image for pixels (N, 2) of its undistorted image."""
     unposed = _unposed(camera)
     return unposed.project(_undistorted(unposed).unproject(pixels, np.ones(len(pixels))))[0]
 
 
 def origins_in_lens(camera: Camera, pixels: Float64) -> Float64:
-    """`distorted_pixels` of what the lens sees: pixels that rounding moved out of its reach are moved back into it."""
+    """`distorted_pixels` of points that the lens sees: pixels beyond its reach by rounding are moved back into it."""
     unposed = _unposed(camera)
     points = _undistorted(unposed).unproject(pixels, np.ones(len(pixels)))
     if camera.lens is not None:
@@ -75,7 +76,7 @@ def origins_in_lens(camera: Camera, pixels: Float64) -> Float64:
 
 
 def sees_too_far(camera: Camera) -> NDArray[np.bool_]:
-    """Pixels, (H, W) bool, of a lens's image that see what lies more than `ANGLE_MAX` degrees from the axis."""
+    """(H, W) bool, the pixels of a lens's image that see more than `ANGLE_MAX` degrees from the axis."""
     return _sees_too_far(_unposed(camera))
 
 
@@ -85,7 +86,7 @@ class PixelPositions(Immutable):
     Attributes
     ----------
     places : (2, H, W) float32
-        u and v there; NaN: nowhere in it.
+            u and v in the other image; NaN for pixels outside it.
     """
 
     def __init__(self, places: NDArray[np.float32]) -> None:
@@ -93,20 +94,20 @@ class PixelPositions(Immutable):
 
 
 def positions_in_lens(camera: Camera) -> PixelPositions:
-    """Of the pixels of the undistorted image, those half a pixel beside the lens's image on its border."""
+    """Positions of the undistorted image's pixels; pixels up to half a pixel outside go to the lens's border."""
     return _positions_in_lens(_unposed(camera))
 
 
 class CubeFace(Immutable):
-    """An undistorted image as a part of a lens's.
+    """An undistorted image of a part of a lens's view.
 
     Attributes
     ----------
     camera : Camera
-        Of the undistorted image.
+            Camera of the undistorted image.
     places : (3, H, W) float32
-        Where the lens's pixels lie in it, u and v, NaN for those that are not its own; and depths in the lens's frame
-        over depths in its.
+            u and v of the lens's pixels in the undistorted image, NaN for pixels of other faces; and the ratio of depth
+            in the lens's frame to depth in the face's frame.
     """
 
     def __init__(self, camera: Camera, places: NDArray[np.float32]) -> None:
@@ -115,17 +116,17 @@ class CubeFace(Immutable):
 
 
 def undistorted_face(camera: Camera) -> CubeFace:
-    """The undistorted image as a pane: where the samples of a lens's image lie in it, NaN beyond `ANGLE_MAX`."""
+    """The undistorted image as a face, with the positions of the lens's samples in it, NaN beyond `ANGLE_MAX`."""
     return _undistorted_face(_unposed(camera))
 
 
 def cube_faces(camera: Camera) -> tuple[CubeFace, ...]:
-    """The parts that a target with a lens is drawn as, with poses relative to it: one, or up to five of a wide one."""
+    """The faces that a target with a lens is drawn as, with poses relative to it: one, or up to five of a wide lens."""
     return _cube_faces(_unposed(camera))
 
 
 def _unposed(camera: Camera) -> Camera:
-    """Of all cameras with one lens, wherever they are."""
+    """The camera at the origin, as a cache key for all cameras with the same lens."""
     return Camera(camera.K, camera.size, lens=camera.lens)
 
 
@@ -152,7 +153,7 @@ def _undistorted(camera: Camera) -> Camera:
 
 
 def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: Float64 | None = None) -> Camera:
-    """A pinhole whose image holds all `rays` that are its own: (H, W, 2), where they pass z = 1 of a turned frame."""
+    """A pinhole whose image holds its own part of `rays`, (H, W, 2) points on the plane z = 1 of a turned frame."""
     at = np.where(own[..., None], rays * np.diag(camera.K)[:2], np.nan)
     steps = [np.hypot(*np.moveaxis(np.diff(at, axis=axis), 2, 0)) for axis in (0, 1)]
     least = min((float(np.nanmin(step)) for step in steps if np.isfinite(step).any()), default=1.0)
@@ -163,7 +164,7 @@ def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: 
     if not extent.prod() <= _PIXELS_RATIO_MAX * camera.width * camera.height:
         came = f"{extent[0]:g} x {extent[1]:g} for {camera.width} x {camera.height}"
         raise ArgumentError(
-            "lens", f"one whose image has at most {_PIXELS_RATIO_MAX} times its pixels when undistorted", came
+            "lens", f"a lens whose undistorted image has at most {_PIXELS_RATIO_MAX} times the pixels", came
         )
     size = extent.astype(int) + 2 * _MARGIN
     pose = np.eye(4)
@@ -180,7 +181,7 @@ def _positions_in_lens(camera: Camera) -> PixelPositions:
     inside = np.asarray(((at >= -_BORDER) & (at <= last + _BORDER)).all(axis=2), np.bool_)
     at = np.clip(np.where(inside[..., None], at, 0), 0, last)
     unseen = np.isnan(rays_of(camera)[..., 0])
-    if unseen.any():  # what lies between samples of which some are out of sight is the nearest one's alone
+    if unseen.any():  # next to samples that the lens does not see, the nearest sample is used alone
         x, y = np.moveaxis(at.astype(np.intp), 2, 0)
         beside, below = np.minimum(x + 1, last[0]), np.minimum(y + 1, last[1])
         some = unseen[y, x] | unseen[y, beside] | unseen[below, x] | unseen[below, beside]
@@ -217,6 +218,6 @@ def _cube_faces(camera: Camera) -> tuple[CubeFace, ...]:
 
 
 def _face(pinhole: Camera, rays: Float64, depth: Float64) -> CubeFace:
-    """Of positions on the plane z = 1 of its frame, and depths in the lens's frame over depths there."""
+    """A face from `rays` on the plane z = 1 of its frame, and ratios `depth` of the lens's depth to the face's."""
     at = rays * np.diag(pinhole.K)[:2] + pinhole.K[:2, 2]
     return CubeFace(pinhole, np.stack([at[..., 0], at[..., 1], depth]).astype(np.float32))

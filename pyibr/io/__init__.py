@@ -1,18 +1,18 @@
-"""Image and depth files, a module a format; the suffix chooses.
+"""Image and depth files: one module for each format, chosen by the suffix.
 
 | suffix | colour | depth |
 |---|---|---|
 | .png | 8 bit, 16-bit gray | 16 or 8 bit, with a scale |
 | .tif | the same, gray floats | floats, or integers with a scale |
 | .jpg, .bmp, .webp, .ppm | the same | |
-| .npy, .npz | yes | yes; of several arrays a chosen one |
+| .npy, .npz | yes | yes; NPZ files of several arrays need a name |
 | .pfm | yes | yes |
-| .exr (extra `exr`) | R, G, B | what is called depth or z, or chosen |
+| .exr (extra `exr`) | R, G, B | the channel named depth or z, or a chosen one |
 | .bin (COLMAP), .dpt (Sintel), .hdf5 (extra `hdf5`) | | yes |
 | .pgm | | 16 or 8 bit, with a scale |
 
-Scans on a grid, which are points and no images, are read by `read_range_grid`; pictures of normals and heights by
-`read_relief_map`; cameras of several images by `read_cameras`, and where they were by `read_poses`.
+`read_range_grid` reads scans on a grid (points, no images), `read_relief_map` maps of normals and heights,
+`read_cameras` cameras of several images, and `read_poses` their poses.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ __all__ = [
 
 
 class DepthReading(TypedDict, total=False):
-    """Options of `read_depth` for what reads several files by it."""
+    """Options of `read_depth` for code that reads several files with them."""
 
     depth_scale: float | None
     depth_offset: float
@@ -89,12 +89,12 @@ _DEPTH_MODULES = _COLOR_MODULES | {
 
 _CHOICES = {"channel": (".exr", ".npz"), "part": (".exr",)}
 
-_FLOATS = (".npy", ".npz", ".exr", ".pfm", ".tif", ".tiff")  # what a thing that is saved leaves its depth in
+_FLOATS = (".npy", ".npz", ".exr", ".pfm", ".tif", ".tiff")  # float formats, in which saved views store depth
 _NO_IMAGES = (".ply", ".pcd", ".las", ".laz", ".obj", ".glb", ".gltf", ".stl", ".off")
 
 
 class _Format(Protocol):
-    """Functions that a module of this folder may have; arrays as stored, unchecked."""
+    """Optional functions of this folder's modules; arrays are as stored, unchecked."""
 
     def read_color(self, path: _PathLike, **chosen: str) -> NDArray[Any]: ...
     def write_color(self, path: _PathLike, color: NDArray[Any]) -> None: ...
@@ -111,14 +111,17 @@ def read_color(
     Parameters
     ----------
     path : path
-        Gray is repeated, the first of several images taken; of alpha, a UserWarning tells unless all is opaque: pyibr
-        draws surfaces, whose depth or mask says where there are none. 16-bit gray becomes float32 in
-        [0, 1]; 16-bit RGB is reduced to 8 bit by the decoder (Pillow). EXR, PFM and NPY are read as they are: EXR
-        is linear in light, and may be more than 1.
+            Gray becomes R, G, B, and the first of several images is taken. Alpha is dropped, with a UserWarning unless
+            all of it is opaque: pyibr draws surfaces, and depth or a mask marks where there are none. 16-bit gray
+            becomes
+            float32 in [0, 1]; the decoder (Pillow) reduces 16-bit RGB to 8 bit. EXR, PFM and NPY are read unchanged:
+            EXR
+            is linear in light, and values may exceed 1.
     channel : str, optional
-        Of EXR the layer, or one channel; of NPZ the array. By default R, G, B of the layer that is the picture.
+            The layer, or one channel, of an EXR; the array of an NPZ. Default: R, G, B of the picture's layer.
     part : str, optional
-        Of EXR: the part's name, or its number if it has none. By default the first that has what is sought.
+            The part of an EXR: its name, or its number if it has none. Default: the first part with the channels
+            sought.
 
     Returns
     -------
@@ -143,7 +146,7 @@ def read_color(
     if color.ndim != 3 or color.shape[2] not in (1, 2, 3, 4) or 0 in color.shape:
         raise FileFormatError(f"{path}: expected an image of shape (H, W, 3), got {describe(stored)}")
     file = checked_path(path)
-    color = image.without_alpha(color, file.with_name(f"*{file.suffix}"))  # the same of each frame: it is told once
+    color = image.without_alpha(color, file.with_name(f"*{file.suffix}"))  # one warning for all frames
     color = color if color.shape[2] == 3 else np.repeat(color, 3, axis=2)
     if color.dtype == np.bool_:
         return color.astype(np.uint8) * np.uint8(255)
@@ -157,8 +160,8 @@ def read_color(
 def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32]) -> None:
     """Write an (H, W, 3) uint8 or float32 image.
 
-    EXR, PFM and NPY keep float32; other formats store it as 8 bit, with [0, 1] for 0 ... 255, clipped. EXR
-    and PFM store uint8 divided by 255.
+    EXR, PFM and NPY keep float32; other formats store 8 bit, with [0, 1] scaled to 0 ... 255 and clipped. EXR
+        and PFM store uint8 divided by 255.
 
     Examples
     --------
@@ -182,7 +185,7 @@ def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32])
 
 
 def write_mask(path: _PathLike, mask: NDArray[np.bool_]) -> None:
-    """Write an (H, W) bool mask as an 8-bit gray image, 0 and 255, or as NPY, as it is.
+    """Write an (H, W) bool mask as an 8-bit gray image, 0 and 255, or unchanged as NPY.
 
     Examples
     --------
@@ -199,7 +202,7 @@ def write_mask(path: _PathLike, mask: NDArray[np.bool_]) -> None:
 
 
 def check_output(path: _PathLike, kind: Literal["color", "depth", "mask"]) -> None:
-    """Raise what writing there would raise before the first pixel: a suffix of no format, a missing package, a folder.
+    """Raise the errors of a write in advance: an unknown suffix, a missing package, a folder as the path.
 
     Examples
     --------
@@ -234,26 +237,32 @@ def read_depth(
     Parameters
     ----------
     path : path
-        Of a gray PNG, a TIFF, NPY, NPZ, PFM, EXR or COLMAP file. Of arrays, axes of length 1 are dropped.
+            A gray PNG, PGM or TIFF, or an NPY, NPZ, PFM, EXR, COLMAP, Sintel or HDF5 file. In arrays, axes of length
+            1 are dropped.
     depth_scale : float
         Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets. Required for
         integers, where 0 means no depth; 1 for floats if not given.
     depth_offset : float
-        Stored units to add before they are divided by the scale: the difference of two principal points (`doffs` of
-        Middlebury's calib.txt), of disparity in pixels.
+            Stored units to add before the division by the scale: for disparity in pixels, the difference of the two
+            principal points (`doffs` in Middlebury's calib.txt).
     depth_kind : {"z", "distance", "inverse", "relative"}
-        What the file holds: planar z; distances from the camera's centre along its rays; 1 / z, which disparity is
-        with a scale of focal length times baseline (times the units that are stored a pixel); or what networks guess
-        from one picture, large where it is near, of 8 or 16 bits or floats, which needs no scale.
+            Kind of the stored values: planar z; distances from the camera's centre along its rays; 1 / z, such as
+            disparity, whose scale is focal length times baseline (times the stored units per pixel); or relative
+            inverse
+            depth, which networks estimate from one picture. It is larger where the surface is nearer, has 8 or 16
+            bits or
+            floats, and needs no scale.
     camera : Camera, optional
-        Of the depth, for distances.
+            The depth's camera, needed for distances.
     channel : str, optional
-        Of EXR the channel, as ``"ViewLayer.Depth.Z"``; of NPZ the array. By default what is called depth or z, never
-        one of X, Y, Z or of different R, G, B.
+            The channel of an EXR, such as ``"ViewLayer.Depth.Z"``; the array of an NPZ. Default: the one named depth
+            or z,
+            never one of X, Y, Z or of differing R, G, B.
     part : str, optional
-        Of EXR: the part's name, or its number if it has none. By default the first that has what is sought.
+            The part of an EXR: its name, or its number if it has none. Default: the first part with the channels
+            sought.
     near, far : float
-        Of relative depth: the depths of the nearest and of the farthest sample, see `depth_from_relative`.
+            Depths of the nearest and the farthest sample of relative depth, see `depth_from_relative`.
 
     Returns
     -------
@@ -263,9 +272,9 @@ def read_depth(
     Raises
     ------
     FileFormatError
-        If the file is missing, truncated, or does not hold depth.
+            If the file is missing, truncated, or does not hold depth.
     ArgumentError
-        If the file holds integers and there is no scale, or distances and no camera of their size is given.
+            If the file holds integers and there is no scale, or distances without a camera of the same size.
 
     Examples
     --------
@@ -280,7 +289,7 @@ def read_depth(
     if depth_kind == "relative":
         return depth_from_relative(_relative(path, chosen), near=near, far=far)
     stored = _module(path, _DEPTH_MODULES).read_depth(path, **chosen)
-    if stored.ndim > 2:  # (1, H, W) and the like, as networks have them
+    if stored.ndim > 2:  # as networks return, (1, H, W) for example
         stored = stored.reshape([length for length in stored.shape if length != 1] or stored.shape)
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
@@ -297,10 +306,10 @@ def write_depth(
     depth_kind: DepthKind = "z",
     camera: Camera | None = None,
 ) -> None:
-    """Write (H, W) float32 depth so that `read_depth` with the same arguments returns it; or uint16 with its scale.
+    """Write (H, W) depth so that `read_depth` with the same arguments returns it: float32, or uint16 with its scale.
 
-    PNG needs a scale, stores the nearest integer and 0 for invalid depth; ArgumentError if a depth does not
-    fit in 16 bits. The other formats store floats, invalid ones as they are.
+        PNG needs a scale, and stores the nearest integer and 0 for invalid depth; ArgumentError if a depth does not
+        fit in 16 bits. The other formats store floats, invalid ones unchanged.
 
     Examples
     --------
@@ -329,13 +338,13 @@ def _(thing: Pictured, path: _PathLike) -> None:
     elif suffix in _FLOATS:
         write_depth(path, thing.known_depth)
     elif not thing.color.shape[2]:
-        raise ArgumentError("path", f"a file of depth, which is all there is: {', '.join(_FLOATS)}", str(path))
+        raise ArgumentError("path", f"a depth file ({', '.join(_FLOATS)}), as there is no colour", str(path))
     else:
         write_color(path, thing.color)
 
 
 def _relative(path: _PathLike, chosen: dict[str, str]) -> NDArray[Any]:
-    """(H, W) levels of a map that a network has left, also as a picture of gray."""
+    """(H, W) levels of a network's map, also from a gray picture."""
     if checked_path(path).suffix.lower() in _COLOR_MODULES:
         values = np.squeeze(_module(path, _DEPTH_MODULES).read_depth(path, **chosen))
     else:
@@ -348,23 +357,23 @@ def _relative(path: _PathLike, chosen: dict[str, str]) -> NDArray[Any]:
 
 
 def _chosen(path: _PathLike, channel: str | None, part: str | None) -> dict[str, str]:
-    """The choices that are given, which only files of several channels have."""
+    """The given choices, after a check that the file's format has them."""
     suffix = checked_path(path).suffix.lower()
     given = {name: value for name, value in (("channel", channel), ("part", part)) if value is not None}
     for name, value in given.items():
         if suffix not in _CHOICES[name]:
-            raise ArgumentError(name, f"none but for {' and '.join(_CHOICES[name])}, of {path}", repr(value))
+            raise ArgumentError(name, f"none, or a file of {' or '.join(_CHOICES[name])}, for {path}", repr(value))
         instance_of(name, value, str, "a name")
     return given
 
 
 def _module(path: _PathLike, modules: dict[str, str], default: str | None = None) -> _Format:
-    if os.path.isdir(checked_path(path)):  # noqa: PTH112 - a name that is too long is none
+    if os.path.isdir(checked_path(path)):  # noqa: PTH112 - for a name that is too long, it is False
         raise FileFormatError(f"{path}: expected a file, got a folder")
     suffix = checked_path(path).suffix.lower()
     name = modules.get(suffix, default)
     if name is None and suffix in _NO_IMAGES:
-        raise FileFormatError(f"{path}: expected an image of depth, got what {suffix} files hold: points, or a mesh")
+        raise FileFormatError(f"{path}: expected an image of depth, got a {suffix} file, which holds points or a mesh")
     if name is None:
         known = ", ".join(sorted(modules))
         raise FileFormatError(f"{path}: no depth format {suffix or 'without a suffix'}; known are {known}")

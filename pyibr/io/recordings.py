@@ -1,4 +1,4 @@
-"""Recordings of depth cameras: which files of a folder are colour, depth and poses, and which belong together."""
+"""Recordings of depth cameras: colour, depth and pose files of a folder, and their pairing into frames."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ if TYPE_CHECKING:
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".npy", ".npz", ".pfm", ".exr")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin", ".pgm", ".dpt", ".hdf5")
 
-_SIZELESS = (".txt", ".npy", ".csv", ".yaml", ".yml", ".xml", ".gltf", ".glb")  # that may not tell the pictures' size
+_SIZELESS = (".txt", ".npy", ".csv", ".yaml", ".yml", ".xml", ".gltf", ".glb")  # these may lack the pictures' size
 
 Depth = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Stored:
-    """The way in which a layout stores a frame.
+    """A frame's storage in a layout.
 
     Attributes
     ----------
     scale : float, or None
-        Stored units of depth per scene unit; None where the files or the caller tell.
+            Stored units of depth per scene unit; None if the files or the caller give the scale.
     offset : float
-        Stored units to add before.
+            Stored units to add before the division by the scale.
     kind : {"z", "distance", "inverse"}
     color, depth, confidence : callable, optional
-        Read the picture, depth in stored units (NaN where there is none) and how sure each sample is, (h, w), where
-        more than a file's format tells how: of depth, and confidence, its path is given.
+            Readers of the picture, of depth in stored units (NaN where there is none) and of each sample's confidence,
+            (h, w), for layouts where the file's format does not suffice. `color` and `depth` take the file's path.
     least : float
-        Samples less sure than that are left out.
+            Samples of a lower confidence are left out.
     """
 
     scale: float | None = None
@@ -60,7 +60,7 @@ class Stored:
     least: float = 0.0
 
     def read_depth(self, path: Path, camera: Camera | None, how: DepthReading) -> Depth:
-        """Planar depth, as `pyibr.read_depth` gives it; what is told replaces the layout's, but z and 0."""
+        """Planar depth as from `pyibr.read_depth`; options in `how` replace the layout's, except "z" and 0."""
         scale, kind = how.get("depth_scale") or self.scale, how.get("depth_kind", "z")
         offset = how.get("depth_offset") or self.offset
         kind = self.kind if kind == "z" else kind
@@ -68,14 +68,15 @@ class Stored:
             whole: DepthReading = {**how, "depth_scale": scale, "depth_offset": offset, "depth_kind": kind}
             return read_depth(path, camera=camera, **whole)
         if chosen := how.get("channel") or how.get("part"):
-            raise ArgumentError("channel", f"none for {path}, whose layout tells what is depth", repr(chosen))
+            raise ArgumentError("channel", f"none for {path}: its layout chooses the depth", repr(chosen))
         values = (self.depth(path) + np.float64(offset)) / (scale or 1)
         return depth_kinds.planar(
             values.astype(np.float32), kind, camera, path, how.get("near", 1.0), how.get("far", 10.0)
         )
 
     def sure(self, depth: Depth, least: float | None) -> tuple[Depth, float]:
-        """Depth without the samples of a confidence below `least` (None: the layout's), and the share of these."""
+        """Depth without samples of a confidence below `least` (None: the layout's), and the share of removed
+        samples."""
         if self.confidence is None:
             return depth, 0.0
         known = self.confidence()
@@ -89,36 +90,36 @@ PLAIN = Stored()
 
 
 class Recording(NamedTuple):
-    """Files of a recording, of which the same places belong together.
+    """Files of a recording; entries at the same place belong together.
 
     Attributes
     ----------
     colors, depths : list of Path
-        Of a video the same file for each frame.
+            A video repeats the same file for each frame.
     cameras : tuple of Path
-        What `read_cameras` reads: one file or folder, or a file for each frame; or nothing.
+            Input of `read_cameras`: one file or folder, or a file for each frame; may be empty.
     poses : Path or None
-        What `read_poses` reads, if there is something.
+            Input of `read_poses`, if there are poses.
     left_out : sequence of Path
-        Colour images that have no depth of their time; where numbers tell what belongs together, also depths without
-        colours.
+            Colour images without a depth of the same time; if files are paired by number, also depths without colours.
     times : list of float, or None
-        Of the colours, in seconds, if they are known.
+            Times of the colours in seconds, if known.
     kept : list of bool, or None
-        Of all colour images that there were, which are among these.
+            For each colour image originally found, whether it is in `colors`.
     known : callable, or None
-        The cameras that the layout tells, one for all or one for each, in case that no file of `cameras` does.
+            The cameras that the layout gives, one for all frames or one for each, for recordings without files in
+            `cameras`.
     placed : list of (4, 4) arrays, or None
-        Poses that the layout tells, as far as `poses` does not; None for a frame without a usable one.
+            Poses that the layout gives, unless `poses` does; None for a frame without a usable pose.
     depth_cameras : list of Camera, or None
-        Those of depth that is not of the pictures' cameras, in the frame in which `known` are.
+            Cameras of depth that does not share the pictures' cameras, in the same frame as `known`.
     stored : list of Stored, or None
     video : Path, or None
-        What the colours are frames of.
+            The video that the colours are frames of.
     is_still : bool
-        Whether it is one picture, or several of one moment.
+            Whether the recording is one picture, or several pictures of one moment.
     points_up : bool
-        Whether poses are of frames whose y points up: then these, and their world, are turned over.
+            Whether y points up in the poses' frames: then poses and world are mirrored.
     """
 
     colors: list[Path]
@@ -145,17 +146,17 @@ class Recording(NamedTuple):
 def cameras_of(
     recording: Recording, files: Sequence[Path] = (), poses: Path | None = None, shared: bool = True
 ) -> list[tuple[Camera, Float64 | None]]:
-    """The camera of each frame, and its pose there: None where no pose of the frame's time is known.
+    """The camera of each frame, and its pose there; the pose is None if none is known at the frame's time.
 
     Parameters
     ----------
     recording : Recording
     files : sequence of Path
-        Instead of the recording's own cameras.
+            Replace the recording's own cameras.
     poses : Path, optional
-        Instead of the recording's own poses, which count if it has one camera.
+            Replaces the recording's own poses, which are used only if it has one camera.
     shared : bool
-        Whether one camera may be that of all frames, without poses, too.
+            Whether one camera may serve all frames even without poses.
     """
     read = list(files) or list(recording.cameras)
     path = poses or (recording.poses if len(read) <= 1 else None)
@@ -178,15 +179,16 @@ def cameras_of(
 
 
 def with_camera(recording: Recording, camera: Camera) -> Recording:
-    """The recording, all of whose frames are of this camera instead of its own."""
+    """The recording with this camera for all its frames."""
     return recording._replace(cameras=(), known=lambda: [camera])
 
 
 class Shot(NamedTuple):
-    """One frame: its files (of depth alone no picture), the camera of its colours, and that of its depth if another.
+    """One frame: its files, the camera of its colours, and that of its depth if different.
 
-    stored: how the files are read. number: the frame's own, by which what is made of it is called.
-    """
+        color: None for depth alone. stored: storage of the files. number: the frame's own, used in the names of
+        results.
+        """
 
     color: Path | None
     depth: Path
@@ -196,7 +198,7 @@ class Shot(NamedTuple):
     number: int = 0
 
     def read_depth(self, least: float | None = None, **how: Unpack[DepthReading]) -> tuple[Depth, float]:
-        """Planar depth without its unsure samples, and which share of the samples these are."""
+        """Planar depth without samples of low confidence, and the share of removed samples."""
         depth = self.stored.read_depth(self.depth, self.depth_camera or self.camera, how)
         return self.stored.sure(depth, least)
 
@@ -206,10 +208,10 @@ def shots_of(
     cameras: Sequence[tuple[Camera, Float64 | None]],
     depth_camera: Camera | None = None,
 ) -> list[Shot | None]:
-    """The frames where `cameras_of` has them; None for those without a pose.
+    """The frames in the order of `cameras_of`; None for those without a pose.
 
-    depth_camera: instead of the recording's own. It is moved as one with the camera of the colours.
-    """
+        depth_camera: replaces the recording's own depth camera. It moves rigidly with the camera of the colours.
+        """
     count, made = len(recording.depths), list[Shot | None]()
     own = recording.depth_cameras() if recording.depth_cameras and depth_camera is None else [depth_camera] * count
     for k, (number, (camera, pose)) in enumerate(zip(numbers_of(recording), cameras, strict=True)):
@@ -225,13 +227,13 @@ def shots_of(
 
 
 def are_placed(cameras: Sequence[tuple[Camera, Float64 | None]]) -> bool:
-    """Tell whether frames are known to be of several places; else all have one pose, as cameras have by default."""
+    """Tell whether the frames have known poses; several frames that share one pose count as without."""
     known = [pose for _, pose in cameras if pose is not None]
     return len(cameras) == 1 or any(not np.array_equal(pose, known[0]) for pose in known)
 
 
 def numbers_of(recording: Recording) -> list[int]:
-    """The frames' own numbers: those in the pictures' names, or their places among all pictures that there were."""
+    """The frames' own numbers: from the pictures' names, or places among all pictures originally found."""
     count = len(recording.colors)
     named = [number_of(color) for color in recording.colors]
     if recording.times is None and None not in named and len(set(named)) == count:
@@ -260,7 +262,7 @@ def check_numbers(colors: int, depths: int, name: str) -> None:
 
 
 def paired_files(name: str, colors: list[Path], depths: list[Path]) -> Recording:
-    """By their times if the names are times, else by the names, else by their numbers, else in order."""
+    """Pair files by times if the names are times, else by names, else by numbers, else in order."""
     color_times, depth_times = ([time_of(path) for path in paths] for paths in (colors, depths))
     if None not in color_times and None not in depth_times:
         return paired_by_time(colors, [t or 0.0 for t in color_times], depths, [t or 0.0 for t in depth_times])
@@ -280,10 +282,10 @@ def paired_files(name: str, colors: list[Path], depths: list[Path]) -> Recording
 def _of_same_numbers(
     name: str, colors: dict[tuple[int, ...], Path], depths: dict[tuple[int, ...], Path]
 ) -> Recording | None:
-    """Pair files of the same numbers, if frames are lost here and there; None if no number is in both."""
+    """Pair files of equal numbers where some frames are lost; None if no number is in both."""
     both = [own for own in colors if own in depths]
     lacking = [own for own in [*colors, *depths] if own not in colors or own not in depths]
-    shifts = {a[-1] - b[-1] for a, b in zip(colors, depths, strict=False)}  # counted from 0 and from 1, say
+    shifts = {a[-1] - b[-1] for a, b in zip(colors, depths, strict=False)}  # from 0 and from 1, for example
     if not both:
         return None
     if lacking and (2 * len(both) < max(len(colors), len(depths)) or (len(colors) == len(depths) and len(shifts) == 1)):
@@ -295,7 +297,7 @@ def _of_same_numbers(
 
 
 def _name(path: Path) -> str:
-    """Name of a file without the words that tell colour from depth."""
+    """Name of a file without the words that distinguish colour from depth."""
     return re.sub(r"[._-]?(colou?r|rgb|depth|pose)[._-]?", "", path.stem.lower())
 
 
@@ -321,7 +323,7 @@ def paired_by_time(
 
 
 def _cameras(recording: Recording, files: Sequence[Path], shared: bool) -> list[Camera]:
-    """A camera for each frame: by the names of the pictures, or in order; or one for all."""
+    """A camera for each frame: by the pictures' names, in order, or one for all."""
     colors, count = recording.colors, len(recording.depths)
     if not files:
         raise ArgumentError("camera", "a file with the camera (or --fov, --focal-35mm)", f"none for {colors[0]}")
@@ -340,20 +342,20 @@ def _cameras(recording: Recording, files: Sequence[Path], shared: bool) -> list[
 
 
 def _names_of(color: Path) -> list[str]:
-    """Names that files of cameras may give a picture: its own, with folders before it (of rigs), and its stem."""
+    """Names that camera files may use for a picture: its own, with preceding folders (of rigs), and its stem."""
     parts = color.parts
     return ["/".join(parts[-count:]) for count in range(min(len(parts), 4), 0, -1)] + [color.stem]
 
 
 def size_of(picture: Path, read: Callable[[Path], NDArray[Any]] = read_color) -> tuple[int, int]:
-    """(width, height) of a picture, or of depth, by what reads it; or of a video's frames."""
+    """(width, height) of a picture or a depth map, as `read` returns it, or of a video's frames."""
     read = first_frame if picture.suffix.lower() in SUFFIXES else read
     height, width = read(picture).shape[:2]
     return width, height
 
 
 def _poses(recording: Recording, path: Path) -> list[Float64 | None]:
-    """A pose for each frame, by its time or number, or in order; None where there is none of its time."""
+    """A pose for each frame, by its time or number, or in order; None if there is none for its time."""
     found = read_trajectory(path)
     matrices, colors, count = found.poses, recording.colors, len(recording.depths)
     if found.files is not None and (named := _by_names(colors, found.files)):
@@ -364,7 +366,7 @@ def _poses(recording: Recording, path: Path) -> list[Float64 | None]:
         pairs = dict(at_one_time(at, found.times.tolist()))
     if pairs and (recording.times or 2 * len(pairs) >= count):
         return [matrices[pairs[place]] if place in pairs else None for place in range(count)]
-    if not pairs and recording.kept is not None and len(matrices) == len(recording.kept):  # one of each that there was
+    if not pairs and recording.kept is not None and len(matrices) == len(recording.kept):  # one of each
         return [pose for pose, is_kept in zip(matrices, recording.kept, strict=True) if is_kept]
     if len(matrices) != count:
         raise FileFormatError(f"{path}: expected a pose for each of {count} frames, got {len(matrices)}")
@@ -372,7 +374,7 @@ def _poses(recording: Recording, path: Path) -> list[Float64 | None]:
 
 
 def _by_names(colors: Sequence[Path], files: Sequence[Path]) -> dict[int, int]:
-    """Places of pictures and, for each, of the pose whose file has its time, name or numbers; none if none has."""
+    """For each picture, the place of the pose whose file has its time, name or numbers; empty if no pose matches."""
     times = [[time_of(path) for path in paths] for paths in (colors, files)]
     if None not in times[0] and None not in times[1]:
         return dict(at_one_time(*([time or 0.0 for time in each] for each in times)))

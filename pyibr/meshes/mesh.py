@@ -33,41 +33,46 @@ from pyibr.meshes.normals import areas, place_of, summed_at_corners, summed_at_p
 Float32 = NDArray[np.float32]
 Sides = Literal["both", "front", "back"]
 
-_OWN_PLACES = ("positions", "normals", "colors")  # of Open3D's vertex attributes: not in `attributes`
+_OWN_PLACES = ("positions", "normals", "colors")  # Open3D's vertex attributes that `attributes` leaves out
 
 
 class Mesh(Immutable, Shown):
-    """Triangles with what is known at their corners.
+    """Triangles with normals, colours, uv and further values at their vertices.
 
     Parameters
     ----------
     vertices : array_like (N, 3)
-        In scene units, in the world. Kept as float32: see "far from the origin" in the manual's conventions.
+            Positions in the world, in scene units. Kept as float32: see "far from the origin" in the manual's
+            conventions.
     faces : array_like (M, 3), integers
-        Corners of each triangle, counter-clockwise as seen from its front. Degenerate ones draw nothing.
+            Vertices of each triangle, counter-clockwise as seen from its front. Degenerate triangles draw nothing.
     uv : array_like (N, 2) or (M, 3, 2), optional
-        Of the vertices, or of each triangle's corners. v runs down the texture's rows, texel centres are at
-        (i + 0.5) / n, and beyond 0 to 1 the texture repeats.
+            uv of the vertices, or of each triangle's corners. v runs down the texture's rows, texel centres are at
+            (i + 0.5) / n, and outside 0 to 1 the texture repeats.
     normals : array_like (N, 3), optional
-        Of the vertices, not zero; kept at unit length. The side they point to is lit as they say, the other as if
-        they were turned round, whichever way the corners run. Without them triangles that share a vertex are smooth
-        there, and so are vertices at one place, unless they face more than 60 degrees apart: so a box whose sides have
-        corners of their own has edges, and one of eight vertices is shaded round.
+            Normals of the vertices, not zero; kept at unit length. The side they point to is lit with them, the other
+            side
+            with the opposite normals, whichever way the corners run. Without normals, triangles are smooth across
+            shared
+            vertices and across vertices at one place, unless they face more than 60 degrees apart. A box whose sides
+            have
+            their own vertices therefore has sharp edges, and a box of eight vertices is shaded round.
     texture : (h, w, 3) uint8, or float32 in [0, 1], optional
         Drawn with 8 bits a channel. Needs uv.
     colors : (N, 3) uint8, or float32 in [0, 1], optional
-        Of the vertices; not shown where there is a texture.
+            Colours of the vertices; not shown where there is a texture.
     sides : {"both", "front", "back"}
-        Which sides of the triangles are drawn; the corners tell which is the front, not the normals.
+            Sides of the triangles to draw. The order of the corners decides which is the front, not the normals.
     attributes : mapping of str to (N,) or (N, k) arrays, optional
-        More numbers of the vertices, kept as float32 for other programs: `to_open3d` takes them along. Files
-        do not hold them.
+            Further values at the vertices, kept as float32 for other programs: `to_open3d` passes them on. Files do not
+            store them.
 
     Attributes
     ----------
     vertices, faces, uv, normals, texture, colors
-        float32 and int32 arrays, a row per vertex; with uv per corner, vertices are split where it differs. Locked
-        against writing through the mesh: buffers on the device are kept as well, so do not change the originals either.
+            float32 and int32 arrays, a row per vertex; with uv per corner, vertices are split where uv differs. The
+            arrays
+            are read-only, and buffers on the device are cached, so do not change the originals either.
 
     Raises
     ------
@@ -137,11 +142,12 @@ class Mesh(Immutable, Shown):
 
     @cached_property
     def smooth_normals(self) -> Float32:
-        """(N, 3) unit normals: means of the triangles' by area; (0, 0, 1) if there are none.
+        """(N, 3) unit normals: area-weighted means over adjacent triangles; (0, 0, 1) at vertices without any.
 
-        Over all vertices at one place, as along seams of uv; but where theirs are more than 60 degrees apart, as along
-        the edges of a box whose sides have corners of their own, each side has its own.
-        """
+                The mean is over all vertices at one place, as along seams of uv. Where their normals are more than 60
+                degrees
+                apart, as along the edges of a box whose sides have their own vertices, each side keeps its own.
+                """
         of_vertices = summed_at_corners(self.faces, areas(self.vertices, self.faces), len(self.vertices))
         sums, _ = summed_at_places(place_of(self.vertices), of_vertices)
         return locked(unit_or_up(sums).astype(np.float32))
@@ -150,23 +156,25 @@ class Mesh(Immutable, Shown):
     def load(cls, path: str | PathLike[str], *, texture: NDArray[Any] | None = None, axes: Axes = "opencv") -> Mesh:
         """Read a mesh: PLY, OBJ, GLB, GLTF, STL or OFF, also packed by gzip (``.ply.gz``).
 
-        Of several textures only the first is used; without one, the colours of materials are those of vertices. Skins
-        are applied as the scene's joints have them. Polygons are cut into triangles, concave ones by their ears. What
-        the file holds and the mesh does not is told by a UserWarning.
+                Of several textures only the first is used. Without a texture, colours of materials become colours of
+                vertices. Skins are applied in the pose of the scene's joints. Polygons are cut into triangles,
+                concave ones by
+                ear clipping. A UserWarning lists contents of the file that the mesh cannot hold.
 
         Parameters
         ----------
         path : path
         texture : (h, w, 3) uint8 or float32, optional
-            Instead of the file's own.
+                Replaces the file's own.
         axes : {"opencv", "gltf"}
-            The axes that the mesh is to have. As in `save`: they matter to GLB and GLTF alone.
+                Axes of the resulting mesh. As in `save`, they matter only for GLB and GLTF.
 
         Raises
         ------
         FileFormatError
-            If the file cannot be read as its suffix says, or holds no triangles, or a concave polygon of more than
-            2000 corners.
+                If the file is not readable in its suffix's format, holds no triangles, or holds a concave polygon of
+                more than
+                2000 corners.
 
         Examples
         --------
@@ -194,25 +202,29 @@ class Mesh(Immutable, Shown):
             raise FileFormatError(f"{path}: {error}") from error
 
     def save(self, path: str | PathLike[str], *, axes: Axes = "opencv") -> None:
-        """Write the mesh, whole, or leave what is there. A missing folder is made.
+        """Write the whole mesh, or leave the old file. A missing folder is made.
 
-        GLB holds all but `attributes`, OBJ too, but no `sides`; PLY no uv, OFF no normals either, STL only triangles.
-        Where there is a texture, GLB and OBJ leave `colors` out. An OBJ file's texture and materials are two more
-        files, whose names begin with its own and tell the texture by a sum, so that no other OBJ's are changed.
+                GLB stores everything except `attributes`. OBJ also lacks `sides`, PLY also lacks uv, OFF also lacks
+                normals,
+                and STL stores only triangles. If there is a texture, GLB and OBJ leave `colors` out. An OBJ file's
+                texture and
+                material are two more files. Their names begin with the OBJ's own and contain a checksum of the
+                texture, so that
+                they overwrite no other OBJ's files.
 
         Parameters
         ----------
         path : path
         axes : {"opencv", "gltf"}
-            Whose axes the mesh has: "opencv" for x right, y down, z forward, as pyibr's cameras have and as
-            `DepthMesh` makes of them; "gltf" for a mesh in a world of y up and z towards the viewer. A GLB file
-            always has glTF's, so that what is up is up in other programs. The other formats fix none: they hold the
-            mesh's numbers as they are.
+                Axes of this mesh: "opencv" for x right, y down, z forward, as for pyibr's cameras and `DepthMesh`;
+                "gltf"
+                for a mesh in a world with y up and z towards the viewer. A GLB file always has glTF's axes, so that
+                other programs show it upright. The other formats fix no axes: they store the mesh's numbers unchanged.
 
         Raises
         ------
         ArgumentError
-            If the suffix is another, or the format cannot hold the mesh's texture.
+                If the suffix is unknown, or the format cannot store the mesh's texture.
         FileFormatError
             If the file cannot be written.
         """
@@ -221,12 +233,12 @@ class Mesh(Immutable, Shown):
         write_mesh(path, arrays, axes, double_sided=self.sides == "both")
 
     def to_open3d(self) -> Any:
-        """Return it as an `open3d.t.geometry.TriangleMesh`, whose v runs up."""
+        """Return the mesh as an `open3d.t.geometry.TriangleMesh`, with v upwards."""
         o3d = open3d()
         mesh = o3d.t.geometry.TriangleMesh(np.array(self.vertices), np.array(self.faces))
         if self.normals is not None:
             mesh.vertex.normals = np.array(self.normals)
-        if self.colors is not None and self.texture is None:  # others would multiply the two
+        if self.colors is not None and self.texture is None:  # other programs would multiply the two
             scale = np.float32(1 / 255 if self.colors.dtype == np.uint8 else 1)
             mesh.vertex.colors = (self.colors * scale).astype(np.float32)
         for name, values in self.attributes.items():
@@ -250,7 +262,7 @@ class Mesh(Immutable, Shown):
         ----------
         mesh : TriangleMesh
         texture : (h, w, 3) uint8 or float32, optional
-            Instead of its own.
+                Replaces the mesh's own.
         """
         if not hasattr(mesh, "to_legacy"):
             if not hasattr(mesh, "triangle_uvs"):
@@ -263,7 +275,7 @@ class Mesh(Immutable, Shown):
             texture = _texture_of(mesh.material.texture_maps)
         normals = _usable_normals(mesh.vertex["normals"].numpy()) if "normals" in mesh.vertex else None
         colors = mesh.vertex["colors"].numpy() if "colors" in mesh.vertex else None
-        if colors is not None and colors.dtype != np.uint8:  # of bytes, in most files
+        if colors is not None and colors.dtype != np.uint8:  # most files hold 8-bit colours
             colors = np.rint(np.clip(colors, 0, 1) * 255).astype(np.uint8)
         points, faces = mesh.vertex["positions"].numpy(), mesh.triangle["indices"].numpy()
         others = {name: mesh.vertex[name].numpy() for name in mesh.vertex if name not in _OWN_PLACES}
@@ -272,23 +284,23 @@ class Mesh(Immutable, Shown):
 
     @classmethod
     def from_trimesh(cls, mesh: Any, *, texture: NDArray[Any] | None = None) -> Mesh:
-        """Take over a `trimesh.Trimesh`: the way for files of all the formats that trimesh reads.
+        """Make a mesh from a `trimesh.Trimesh`, and so from all formats that trimesh reads.
 
-        Any object with `vertices`, `faces` and, if it has colours, a `visual` like trimesh's will do. Normals are made
-        as those of other meshes without; what is not opaque becomes so, as a UserWarning tells.
+                Any object with `vertices`, `faces` and, if it has colours, a `visual` like trimesh's is accepted.
+                Normals are
+                computed as for other meshes without normals. Transparent parts become opaque, with a UserWarning.
 
         Parameters
         ----------
         mesh : Trimesh
-            Of a scene, its `to_mesh()`. The colours are those of its vertices or faces, its texture, or the material's
-            own.
+                For a scene, pass its `to_mesh()`. Colours come from vertices or faces, the texture, or the material.
         texture : (h, w, 3) uint8 or float32, optional
-            Instead of its own.
+                Replaces the mesh's own.
 
         Raises
         ------
         ArgumentError
-            If it has no vertices or faces, or no uv for the texture.
+                If the mesh has no vertices or faces, or no uv for the texture.
 
         Examples
         --------
@@ -324,12 +336,12 @@ def _texture_of(maps: Any) -> NDArray[Any] | None:
 
 
 def _turned(uv: NDArray[Any]) -> Float32:
-    """Open3D's uv of ours, and ours of Open3D's: v runs the other way."""
+    """Open3D's uv from pyibr's, or back: v runs the other way."""
     return np.stack([uv[..., 0], 1 - uv[..., 1]], axis=-1).astype(np.float32)
 
 
 def _usable_normals(normals: NDArray[Any]) -> NDArray[Any] | None:
-    """A file's normals, if all of them point somewhere."""
+    """A file's normals, or None if any is zero or not finite."""
     return normals if np.isfinite(normals).all() and (np.linalg.norm(normals, axis=1) > 0).all() else None
 
 
@@ -338,7 +350,7 @@ def _in_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _split(faces: NDArray[np.int32], uv: Float32) -> tuple[NDArray[np.int32], NDArray[np.intp], Float32]:
-    """A vertex for each pair of vertex and uv: new faces, the old vertex of each new one, uv per vertex."""
+    """Split vertices by uv: new faces, the old vertex of each new one, and uv per vertex."""
     corners = np.column_stack([faces.ravel(), uv.reshape(-1, 2).view(np.int32)])
     found, number = np.unique(corners, axis=0, return_inverse=True)
     places = np.ascontiguousarray(found[:, 1:]).view(np.float32)
@@ -346,7 +358,7 @@ def _split(faces: NDArray[np.int32], uv: Float32) -> tuple[NDArray[np.int32], ND
 
 
 def checked_faces(faces: ArrayLike, count: int) -> NDArray[np.int32]:
-    """Return `faces` as (M, 3) numbers of `count` vertices, or raise ArgumentError."""
+    """Return `faces` as (M, 3) indices of `count` vertices, or raise ArgumentError."""
     expected = "integers of shape (M, 3), M >= 1"
     array = plain_array("faces", faces, expected)
     if array.ndim != 2 or array.shape[1:] != (3,) or not len(array) or array.dtype.kind not in "iu":

@@ -71,14 +71,14 @@ def test_y_upwards_is_turned_with_the_world(tmp_path: Path):
     point = np.array([0.3, -0.2, 2.0, 1])
     pose = FLAT.orbited(30, (0, 0, 2), axis=(1, 2, 3)).world_from_camera
     data = {"width": 61, "height": 37, "fx": 50, "fy": -51, "cx": 30.5, "cy": 17.75, "world_from_camera": pose.tolist()}
-    with pytest.warns(UserWarning, match="fy < 0: y is turned"):
+    with pytest.warns(UserWarning, match="fy < 0: y is mirrored"):
         found = ibr.Camera.load(written(tmp_path, "icl.json", json.dumps(data)))
     X, Y, Z, _ = np.linalg.inv(pose) @ point
     expected = [50 * X / Z + 30.5, -51 * Y / Z + 17.75]
     np.testing.assert_allclose(found.project([(up @ point)[:3]])[0][0], expected, atol=1e-9)
     lens = ibr.Lens("brown_conrady", [0.1, 0.02, 0.03, -0.04])
     data["lens"] = {"model": "brown_conrady", "coefficients": lens.coefficients}
-    with pytest.warns(UserWarning, match="fy < 0: y is turned"):
+    with pytest.warns(UserWarning, match="fy < 0: y is mirrored"):
         found = ibr.Camera.load(written(tmp_path, "icl.json", json.dumps(data)))
     x, y = lens.distort([[X / Z, Y / Z]])[0]
     np.testing.assert_allclose(found.project([(up @ point)[:3]])[0][0], [50 * x + 30.5, -51 * y + 17.75], atol=1e-9)

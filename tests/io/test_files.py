@@ -113,8 +113,8 @@ def test_npz_with_several_arrays_is_asked_by_name(tmp_path: Path):
     with pytest.raises(ibr.FileFormatError, match="no array 'c' among a, b"):
         ibr.read_depth(tmp_path / "others.npz", channel="c")
     np.save(tmp_path / "d.npy", depth)
-    for choice, kinds in (("channel", r"\.exr and \.npz"), ("part", r"\.exr")):
-        with pytest.raises(ibr.ArgumentError, match=f"^{choice}: expected none but for {kinds}, of .*d.npy, got 'b'"):
+    for choice, kinds in (("channel", r"\.exr or \.npz"), ("part", r"\.exr")):
+        with pytest.raises(ibr.ArgumentError, match=f"^{choice}: expected none, or a file of {kinds}, for .*d.npy, got 'b'"):
             ibr.read_depth(tmp_path / "d.npy", **{choice: "b"})
 
 
