@@ -2,7 +2,7 @@
 
 Axes are OpenCV's: x right, y down, z forward. Pixel centres lie at integers: the centre of the top left
 pixel is (0, 0), the image reaches from -0.5 to width - 0.5. Depth is planar: the z of a point in the
-camera's frame. A lens moves what a pinhole would see; K turns where the lens sees it into pixels.
+camera's frame. A lens moves the positions that a pinhole would see; K maps the moved positions to pixels.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["Camera", "Projection"]
 
 
 class Camera(CameraGeometry, Shown):
-    """Pose and projection of an image: the map between its pixels and rays of the world. Immutable.
+    """Pose and projection of an image: the map between its pixels and rays in the world. Immutable.
 
     Parameters
     ----------
@@ -36,16 +36,17 @@ class Camera(CameraGeometry, Shown):
     size : (width, height)
         In pixels.
     world_from_camera : array_like (4, 4)
-        The rigid motion from the camera's frame to the world's, in scene units. Default: the identity.
+            The rigid motion from the camera's frame to the world, in scene units. Default: the identity.
     projection : "perspective" or "orthographic"
     lens : Lens, optional
-        Of a perspective camera: where it sees the position (X/Z, Y/Z), which K then turns into pixels. One that
-        distorts nothing becomes None.
+            Lens of a perspective camera: it distorts the position (X/Z, Y/Z), which K then maps to pixels. A lens
+            without
+            distortion becomes None.
 
     Raises
     ------
     ArgumentError
-        If K is not of that form, the size not two positive integers, or the pose not rigid.
+            If K does not have that form, the size is not two positive integers, or the pose is not rigid.
 
     Examples
     --------
@@ -78,9 +79,9 @@ class Camera(CameraGeometry, Shown):
             `tvec`.
         size : (width, height)
         distortion : array_like, optional
-            `distCoeffs`, see `Lens.from_opencv`. None if the image has none.
+                `distCoeffs`, see `Lens.from_opencv`. None for an undistorted image.
         fisheye : bool
-            The coefficients are those of `cv2.fisheye`.
+                Whether the coefficients are `cv2.fisheye`'s.
 
         Examples
         --------
@@ -96,7 +97,7 @@ class Camera(CameraGeometry, Shown):
         return cls(K, size, conventions.pose_from_extrinsics(R, t), lens=lens)
 
     def to_opencv(self) -> tuple[Float64, Float64, Float64]:
-        """Return OpenCV's (K, rvec (3,), tvec (3,)); its `distCoeffs` are `lens.to_opencv()`."""
+        """Return OpenCV's (K, rvec (3,), tvec (3,)); use `lens.to_opencv()` for `distCoeffs`."""
         self._require_perspective("OpenCV")
         pose = self.camera_from_world
         return self.K.copy(), rotations.rvec_from_rotation(pose[:3, :3]), pose[:3, 3].copy()
@@ -110,20 +111,21 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         camera_to_world : array_like (4, 4)
-            For column vectors, as `transform_matrix` in a NeRF `transforms.json`.
+                For column vectors, such as `transform_matrix` in a NeRF `transforms.json`.
         K : array_like (3, 3)
             In pixels, y down the image.
         size : (width, height)
         pixel_center : float
-            Where the centre of the top left pixel lies in the convention of `K`: 0.5 in OpenGL, instant-ngp
-            and nerfstudio (cx = width / 2 is the middle), 0 if `K` comes from OpenCV.
+                Position of the top left pixel's centre in the convention of `K`: 0.5 in OpenGL, instant-ngp and
+                nerfstudio
+                (cx = width / 2 is the middle), 0 if `K` comes from OpenCV.
         """
         pose = numbers("camera_to_world", camera_to_world, (4, 4)) @ conventions.CV_FROM_GL
         by = float(numbers("pixel_center", pixel_center, ()))
         return cls(conventions.with_principal_point_moved(numbers("K", K, (3, 3)), -by), size, pose)
 
     def to_opengl(self, *, pixel_center: float = 0.5) -> tuple[Float64, Float64]:
-        """Return (camera_to_world (4, 4), K (3, 3)) as `from_opengl` takes them."""
+        """Return (camera_to_world (4, 4), K (3, 3)), the arguments of `from_opengl`."""
         self._require_perspective("OpenGL", lens=False)
         K = conventions.with_principal_point_moved(self.K, float(numbers("pixel_center", pixel_center, ())))
         return self.world_from_camera @ conventions.CV_FROM_GL, K
@@ -132,13 +134,13 @@ class Camera(CameraGeometry, Shown):
     def from_colmap(
         cls, model: str, params: ArrayLike, qvec: ArrayLike, tvec: ArrayLike, size: tuple[int, int]
     ) -> Camera:
-        """Make a camera from COLMAP's, whose pixel centres are at halves.
+        """Make a camera from COLMAP's parameters, whose pixel centres are at halves.
 
         Parameters
         ----------
         model : str
-            SIMPLE_PINHOLE, PINHOLE (which is that of undistorted images), SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV,
-            SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE or OPENCV_FISHEYE.
+                SIMPLE_PINHOLE, PINHOLE (for undistorted images), SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV,
+                SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE or OPENCV_FISHEYE.
         params : array_like
             As in `cameras.txt`, in the model's order.
         qvec, tvec : array_like (4,), (3,)
@@ -153,7 +155,7 @@ class Camera(CameraGeometry, Shown):
     def to_colmap(self) -> tuple[str, Float64, Float64, Float64]:
         """Return COLMAP's (model, params, qvec (4,), tvec (3,)).
 
-        The model is PINHOLE or, by the lens, OPENCV, FULL_OPENCV or OPENCV_FISHEYE.
+        The model depends on the lens: PINHOLE, OPENCV, FULL_OPENCV or OPENCV_FISHEYE.
         """
         self._require_perspective("COLMAP", skew=False)
         model, params = conventions.colmap_from_intrinsics(self.K, self.lens)
@@ -167,8 +169,9 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         info : CameraInfo or mapping
-            The message of ROS 1 or 2, a mapping of its fields, or the content of a calibration file (`ost.yaml`).
-            Rectification is not looked at: it tells of another image.
+                The message of ROS 1 or 2, a mapping of its fields, or the content of a calibration file (`ost.yaml`).
+                Its
+                rectification is ignored, since it belongs to another image.
         world_from_camera : array_like (4, 4), optional
 
         Examples
@@ -183,7 +186,7 @@ class Camera(CameraGeometry, Shown):
         return cls(K, size, world_from_camera, lens=lens)
 
     def to_ros(self) -> conventions.RosCameraInfo:
-        """Return the fields of ROS 2's `sensor_msgs/CameraInfo` that tell of the raw image."""
+        """Return the fields of ROS 2's `sensor_msgs/CameraInfo` that describe the raw image."""
         self._require_perspective("ROS")
         return conventions.ros_from_camera(self.K, self.size, self.lens)
 
@@ -194,8 +197,9 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         intrinsics : pyrealsense2.intrinsics or mapping
-            With its attributes width, height, fx, fy, ppx, ppy, model and coeffs. The model is pyrealsense2's, its name
-            or its number; all but `ftheta`.
+                With attributes or keys width, height, fx, fy, ppx, ppy, model and coeffs. The model is pyrealsense2's
+                enum
+                value, name or number; `ftheta` is not supported.
         world_from_camera : array_like (4, 4), optional
 
         Examples
@@ -210,7 +214,7 @@ class Camera(CameraGeometry, Shown):
         return cls(K, size, world_from_camera, lens=lens)
 
     def to_realsense(self) -> conventions.RealSenseIntrinsics:
-        """Return the attributes of `pyrealsense2.intrinsics`, the model by its name."""
+        """Return the attributes of `pyrealsense2.intrinsics`, with the model's name."""
         self._require_perspective("RealSense", skew=False)
         return conventions.realsense_from_camera(self.K, self.size, self.lens)
 
@@ -221,16 +225,17 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         camera : mapping
-            With camera_model (pinhole), intrinsics, distortion_model (radtan, equidistant or none), distortion_coeffs
+                With keys camera_model (pinhole), intrinsics, distortion_model (radtan, equidistant or none),
+                distortion_coeffs
             and resolution.
         world_from_camera : array_like (4, 4), optional
-            Kalibr's own transforms (`T_cn_cnm1`, `T_cam_imu`) are not looked at: they lead to no world.
+                Kalibr's own transforms (`T_cn_cnm1`, `T_cam_imu`) are ignored: they do not lead to a world.
         """
         K, size, lens = conventions.camera_from_kalibr(camera)
         return cls(K, size, world_from_camera, lens=lens)
 
     def to_kalibr(self) -> conventions.KalibrCamera:
-        """Return an entry of Kalibr's `camchain.yaml`, as `from_kalibr` takes it."""
+        """Return an entry of Kalibr's `camchain.yaml`, the argument of `from_kalibr`."""
         self._require_perspective("Kalibr", skew=False)
         return conventions.kalibr_from_camera(self.K, self.size, self.lens)
 
@@ -243,13 +248,15 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         calibration : mapping
-            The JSON of `k4a_device_get_raw_calibration`, or of the attachment `calibration.json` of a recording.
+                The JSON of `k4a_device_get_raw_calibration`, or a recording's attachment `calibration.json`.
         mode : str
-            Which images: NFOV_UNBINNED, NFOV_2X2BINNED, WFOV_UNBINNED, WFOV_2X2BINNED or PASSIVE_IR for those of the
-            depth camera (depth and infrared), 720P, 1080P, 1440P, 1536P, 2160P or 3072P for colours. The SDK's longer
-            names, as K4A_DEPTH_MODE_NFOV_UNBINNED, and a recording's, as MJPG_720P, will do.
+                Mode of the images: NFOV_UNBINNED, NFOV_2X2BINNED, WFOV_UNBINNED, WFOV_2X2BINNED or PASSIVE_IR for the
+                depth
+                camera (depth and infrared), 720P, 1080P, 1440P, 1536P, 2160P or 3072P for colours. The SDK's longer
+                names,
+                such as K4A_DEPTH_MODE_NFOV_UNBINNED, and a recording's, such as MJPG_720P, are accepted, too.
         world_from_depth_camera : array_like (4, 4), optional
-            In metres, as the calibration. Default: the world is the depth camera's frame.
+                In metres, as in the calibration. Default: the world is the depth camera's frame.
 
         Examples
         --------
@@ -288,7 +295,7 @@ class Camera(CameraGeometry, Shown):
 
     @classmethod
     def from_normalized(cls, K: ArrayLike, size: tuple[int, int], world_from_camera: ArrayLike | None = None) -> Camera:
-        """Make a camera from a K (3, 3) in parts of the picture's width and height, as networks give it.
+        """Make a camera from a K (3, 3) in fractions of the picture's width and height, as networks return it.
 
         The middle of the picture is at (0.5, 0.5).
 
@@ -303,22 +310,24 @@ class Camera(CameraGeometry, Shown):
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, size: tuple[int, int] | None = None) -> Camera:
-        """Read a camera from a file, whose form is told by what is in it.
+        """Read a camera from a file, and detect the format from its content.
 
         Parameters
         ----------
         path : path
-            As `save` writes it, or a calibration of: Open3D, ROS (YAML, INI), OpenCV (YAML, XML, JSON), Kalibr,
-            RealSense, Azure Kinect, Orbbec, OAK (DepthAI), NeRF's `transforms.json`; or K as 3 x 3, 3 x 4 or 4 x 4
-            numbers, in pixels or in parts of the picture's size. Of several cameras a name behind the file's chooses
-            one, as in ``camchain.yaml#cam1``; an Azure Kinect's are its modes, as ``calibration.json#720P``.
+                A file from `save`, or a calibration of Open3D, ROS (YAML, INI), OpenCV (YAML, XML, JSON), Kalibr,
+                RealSense,
+                Azure Kinect, Orbbec, OAK (DepthAI) or NeRF's `transforms.json`; or K as 3 x 3, 3 x 4 or 4 x 4
+                numbers, in
+                pixels or in fractions of the picture's size. For files of several cameras, append a name, as in
+                ``camchain.yaml#cam1``; an Azure Kinect's names are its modes, as in ``calibration.json#720P``.
         size : (width, height), optional
-            Of the pictures, for files that do not tell it. Without a name it also chooses the camera.
+                The pictures' size, for files that lack it. Without a name, the camera of this size is chosen.
 
         Raises
         ------
         FileFormatError
-            If the file is none of these, or holds several cameras, which the error lists.
+                If the format is unknown, or the file holds several cameras; the error lists them.
 
         Examples
         --------
@@ -332,12 +341,12 @@ class Camera(CameraGeometry, Shown):
         return cls._of_tree(tree, file, name, None if size is None else checked_size(size))
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the camera as JSON, which `load` reads back to the same bits."""
+        """Write the camera as JSON; `load` reads it back bit for bit."""
         write_json(path, self.to_json())
 
     @classmethod
     def from_json(cls, data: object, path: str | PathLike[str] = "camera") -> Camera:
-        """Make the camera that an object of a JSON file means, as `load` reads it; `path` is for error messages."""
+        """Make a camera from an object of a JSON file, as `load` does; `path` is for error messages."""
         return cls._of_tree(data, path)
 
     @classmethod
@@ -352,7 +361,7 @@ class Camera(CameraGeometry, Shown):
             return cls(**make())
 
     def to_json(self) -> dict[str, Any]:
-        """Return the camera as `save` writes it, for JSON files that hold more than that.
+        """Return the camera as JSON objects, as in the file of `save`, for files that hold more than a camera.
 
         Examples
         --------
@@ -365,7 +374,7 @@ class Camera(CameraGeometry, Shown):
 
     def _require_perspective(self, name: str, skew: bool = True, lens: bool = True) -> None:
         if self.projection != "perspective":
-            raise ArgumentError("camera", f"a perspective one for {name}", self.projection)
+            raise ArgumentError("camera", f"a perspective camera for {name}", self.projection)
         if not skew and self.K[0, 1] != 0:
             raise ArgumentError("camera", f"no skew for {name}", f"K[0, 1] = {self.K[0, 1]:g}")
         if not lens and self.lens is not None:

@@ -17,14 +17,14 @@ from pyibr.core.errors import ArgumentError
 Float64 = NDArray[np.float64]
 
 _LENGTH_MAX = 1e18
-"""Scene units from the world's origin, and pixels: products of two are still within single precision."""
+"""Scene units from the world's origin, and pixels: products of two lengths still fit into single precision."""
 
 _Kind = TypeVar("_Kind")
 ArrayT = TypeVar("ArrayT", bound=NDArray[np.generic])
 
 
 def describe(value: object) -> str:
-    """Say in a few words what came, for an error message."""
+    """Describe a received value in a few words for an error message."""
     if isinstance(value, np.ndarray):
         array = cast("NDArray[np.generic]", value)
         return f"an array of shape {array.shape} and dtype {array.dtype}"
@@ -39,20 +39,21 @@ def shape_text(shape: tuple[int | None, ...]) -> str:
 
 
 def plain_array(argument: str, value: object, expected: str, masked: float | None = None) -> NDArray[Any]:
-    """Return `value` as an array of NumPy's own class in this machine's byte order, itself if it is one.
+    """Return `value` as an array of NumPy's own class and native byte order, without a copy if possible.
 
     Parameters
     ----------
     argument, value, expected
-        `expected` is for the error's message.
+            `expected` is for the error message.
     masked : float, optional
-        What a masked array's masked elements become; without it, or where its dtype cannot hold that, they are
-        refused: nobody knows what is meant there.
+            Value that replaces masked elements. Without it, or if the dtype cannot hold it, masked elements are
+            refused,
+            because their meaning is unknown.
 
     Raises
     ------
     ArgumentError
-        If it cannot be made an array, or elements are masked.
+            If `value` does not convert to an array, or elements are masked.
     """
     if _is_masked(value):
         array = cast("np.ma.MaskedArray[Any, Any]", value)
@@ -68,15 +69,15 @@ def plain_array(argument: str, value: object, expected: str, masked: float | Non
 
 
 def _is_masked(value: object) -> bool:
-    """Tell whether it is an array some of whose elements are masked."""
-    # NumPy imports masked arrays on first use: of a plain array it need not.
+    """Tell whether the value is an array with masked elements."""
+    # NumPy imports masked arrays on first use; plain arrays avoid that.
     if type(value) is np.ndarray or not isinstance(value, np.ndarray):
         return False
     return bool(np.ma.is_masked(cast("NDArray[Any]", value)))
 
 
 def fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
-    """Tell whether an array is of `shape`, in which None fits any length."""
+    """Tell whether an array has `shape`, in which None fits any length."""
     if array.shape == shape:
         return True
     return array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
@@ -85,7 +86,7 @@ def fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
 def numbers(argument: str, value: object, shape: tuple[int | None, ...] | None, finite: bool = True) -> Float64:
     """Return `value` as a float64 array of `shape` (None fits any length, or any shape) or raise ArgumentError.
 
-    What is masked becomes NaN, unless numbers are to be `finite`: then it is refused.
+    Masked elements become NaN; with `finite`, they are refused.
     """
     expected = f"{'finite ' if finite else ''}numbers{f' of shape {shape_text(shape)}' if shape is not None else ''}"
     if not finite and _is_masked(value) and cast("NDArray[Any]", value).dtype.kind in "iu":
@@ -139,14 +140,14 @@ def number_from(argument: str, value: float, minimum: float, maximum: float, exp
 
 
 def instance_of(argument: str, value: object, kind: type[_Kind], name: str) -> _Kind:
-    """Return `value` if it is of this class, which users know by `name`, or raise ArgumentError."""
+    """Return `value` if it is of class `kind`, called `name` in the message, or raise ArgumentError."""
     if isinstance(value, kind):
         return value
     raise ArgumentError(argument, name, describe(value))
 
 
 def checked_bool(argument: str, value: object) -> bool:
-    """Return `value` as a bool if it is one, or NumPy's, or raise ArgumentError."""
+    """Return a Python or NumPy bool as a bool, or raise ArgumentError."""
     if isinstance(value, np.bool_):
         return bool(cast("Any", value))
     return instance_of(argument, value, bool, "True or False")
@@ -176,7 +177,7 @@ def checked_size(size: object, argument: str = "size", meaning: str = "(width, h
     raise ArgumentError(argument, f"{meaning}, two integers > 0", describe(size))
 
 
-_OUTER = np.pad(np.zeros((3, 3), np.bool_), (0, 1), constant_values=True)  # of 4 x 4: the last row and column
+_OUTER = np.pad(np.zeros((3, 3), np.bool_), (0, 1), constant_values=True)  # the last row and column of 4 x 4
 
 
 def checked_intrinsics(K: object) -> Float64:
@@ -198,7 +199,7 @@ def checked_intrinsics(K: object) -> Float64:
 
 
 def warn_if_exchanged(K: Float64, size: tuple[int, int], stacklevel: int) -> None:
-    """Warn if K has the centre where the focal lengths belong, and these where it does: both cannot be told apart."""
+    """Warn if K seems to have focal lengths and principal point exchanged; a picture alone cannot tell them apart."""
     middle, focal, center = np.array(size) / 2, np.diag(K)[:2], K[:2, 2]
     is_middle = (np.abs(focal - middle) < 0.1 * middle).all()
     if is_middle and np.ptp(center) < 0.1 * center.max() and (np.abs(center - middle) > 0.5 * middle).any():
@@ -206,11 +207,11 @@ def warn_if_exchanged(K: Float64, size: tuple[int, int], stacklevel: int) -> Non
         warnings.warn(f"K: {told} look exchanged, of a picture of {size[0]}x{size[1]}", stacklevel=stacklevel)
 
 
-_EXACT, _ROUNDED = 1e-9, 1e-2  # what matrices that are written with all and with few digits are off a rotation by
+_EXACT, _ROUNDED = 1e-9, 1e-2  # errors of rotation matrices that are written with all digits, and with few
 
 
 def checked_pose(given: object, name: str = "world_from_camera") -> Float64:
-    """Return a rigid motion as a new (4, 4) array, the nearest one if it has few digits, or raise ArgumentError."""
+    """Return a rigid motion as a new (4, 4) array, the nearest one if its digits are few, or raise ArgumentError."""
     rigid = "a rigid motion [[R, t], [0, 0, 0, 1]] with R^T R = 1 and det R = 1"
     pose = numbers(name, given, (4, 4))
     if np.abs(pose[3] - (0, 0, 0, 1)).max() > 1e-9:
@@ -231,20 +232,20 @@ def checked_pose(given: object, name: str = "world_from_camera") -> Float64:
 
 
 def cut_ratio_from(value: float) -> float:
-    """Return the ratio of depths that tears neighbours apart, greater than 1, or raise ArgumentError."""
+    """Return the ratio of depths beyond which neighbours are cut, greater than 1, or raise ArgumentError."""
     return number_from("cut_ratio", value, math.nextafter(1.0, 2.0), math.inf, "a ratio greater than 1")
 
 
 def one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
     """Raise ArgumentError unless `value` is one of a Literal's strings."""
-    known = choices.__args__  # as `typing.get_args` has them, which takes longer than all the rest
+    known = choices.__args__  # same as `typing.get_args`, which takes longer than the rest of this function
     if not isinstance(value, str) or value not in known:
         expected = ", ".join(f'"{choice}"' for choice in known)
         raise ArgumentError(argument, f"one of {expected}{also}", describe(value))
 
 
 _COLOR_ROUNDING = 1e-3
-"""By which float colours may lie beyond [0, 1]: a quarter of a level of 8 bits."""
+"""Tolerance of float colours outside [0, 1]: a quarter of a level of 8 bits."""
 
 _BITS_OF_ONE = int(np.float32(1).view(np.uint32))
 
@@ -267,7 +268,7 @@ def checked_colors(argument: str, colors: object, shape: tuple[int | None, ...])
         return array
     with np.errstate(over="ignore"):
         single = array.astype(np.float32, copy=False)
-    # In one pass: as whole numbers, floats in [0, 1] are the least; negative ones, infinity and NaN are beyond them.
+    # One pass: as unsigned integers, floats in [0, 1] are the smallest; negative values, infinity and NaN are larger.
     if single.view(np.uint32).max() > _BITS_OF_ONE:
         _check_unit(argument, single, expected)
     return single
@@ -287,12 +288,12 @@ def _check_unit(argument: str, colors: NDArray[np.float32], expected: str) -> No
         raise ArgumentError(argument, expected, f"values from {least:g} to {most:g} ({hint})")
 
 
-_PIXELS_MAX = 1 << 29  # kernels number samples and colour bytes in 32 bits
-_SIDE_MAX = 1 << 20  # float32 tells places to a sixteenth of a pixel, and the rasteriser's bins have 16 bits
+_PIXELS_MAX = 1 << 29  # kernels index samples and colour bytes with 32 bits
+_SIDE_MAX = 1 << 20  # float32 resolves a sixteenth of a pixel, and bin indices of the rasteriser have 16 bits
 
 
 def check_pixels(argument: str, size: tuple[int, int], side_max: int = _SIDE_MAX) -> None:
-    """Raise ArgumentError if an image, (width, height), has more pixels, or a longer side, than kernels can number."""
+    """Raise ArgumentError if an image, (width, height), has more pixels or a longer side than kernels can index."""
     if size[0] * size[1] > _PIXELS_MAX:
         raise ArgumentError(argument, f"at most {_PIXELS_MAX} pixels", f"{size[0]} x {size[1]}")
     if max(size) > side_max:
@@ -303,18 +304,18 @@ _LENGTH_RANGE = (1e-8, 1e9)
 
 
 def check_lengths(argument: str, minimum: float, maximum: float, what: str) -> None:
-    """Raise ArgumentError if all of some lengths are too small, or too large, for products of a few in float32."""
+    """Raise ArgumentError if all lengths are too small, or too large, for products of a few of them in float32."""
     low, high = _LENGTH_RANGE
     if maximum < 0.999 * low or minimum > high:  # the minimum may be rounded
         expected = f"{what} of {low:g} to {high:g} scene units, which single precision can draw (scale the scene)"
         raise ArgumentError(argument, expected, f"{minimum:g}" if minimum == maximum else f"{minimum:g} to {maximum:g}")
 
 
-_TEXELS_MAX = 1 << 21  # from 0 on: float32 tells their places within half a texel, as the kernels need
+_TEXELS_MAX = 1 << 21  # from 0 on: float32 resolves their positions to half a texel, as the kernels need
 
 
 def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | None) -> None:
-    """Raise ArgumentError if a map's repetitions go on for longer than kernels can count its texels."""
+    """Raise ArgumentError if uv repeats a map so often that kernels cannot index its texels."""
     for image in maps:
         if image is None:
             continue
@@ -327,15 +328,15 @@ def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | 
 
 
 class Immutable:
-    """Base of what is drawn from buffers on the device: its attributes cannot be set again once it is made.
+    """Base of objects that are drawn from buffers on the device; their attributes cannot be reassigned.
 
-    Copies and pickles leave the buffers behind.
+    Copies and pickles omit the buffers.
     """
 
     @cached_property
     def device_cache(self) -> WeakKeyDictionary[Any, Any]:
         """Cached data on each device, by session; see `pyibr.opencl.device_cache`."""
-        return self.__dict__.setdefault("device_cache", WeakKeyDictionary())  # another thread may have made it
+        return self.__dict__.setdefault("device_cache", WeakKeyDictionary())  # another thread may have set it
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "device_cache"}
@@ -348,7 +349,7 @@ class Immutable:
                     array.flags.writeable = False
             self.__dict__[name] = value
 
-    _computed: ClassVar[frozenset[str]] = frozenset({"device_cache"})  # what it has by properties
+    _computed: ClassVar[frozenset[str]] = frozenset({"device_cache"})  # names of properties
 
     def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)

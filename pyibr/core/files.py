@@ -20,11 +20,11 @@ from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageError
 
 UNPACKED_MAX = 1 << 30
-"""Bytes that the content of a packed file (gzip, NPZ, EXR, glTF's repeated parts) may take once it is unpacked."""
+"""Limit on the unpacked bytes of a packed file (gzip, NPZ, EXR, glTF's repeated parts)."""
 
 _TIMES, _LITTLE = 50, 1 << 24
-"""Of packed text: so often its size, or so many bytes, may be unpacked. Once it is parsed it takes up to 60 times that;
-real meshes and scans become a tenth or more of their size by packing."""
+"""Packed text may unpack to this many times its size, or to this many bytes. Once parsed it takes up to 60 times that.
+Packing shrinks real meshes and scans to a tenth of their size or more."""
 
 _CHUNK = 1 << 20
 
@@ -48,12 +48,13 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
 
 
 def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
-    """Write a file of these bytes, or leave what is there.
+    """Write these bytes to a file, or leave the old file.
 
-    A reader never sees half a file, and of several writers one wins. A missing parent folder is made. A link is
-    followed: what it names is replaced, and keeps its mode and, if the system lets it, its owner. What a killed
-    process leaves behind is named ``.pyibr-...`` and may be deleted.
-    """
+        A reader never sees half a file, and if several processes write, one of them wins. A missing parent folder is
+        made.
+        A link is followed: its target is replaced, and keeps its mode and, if the system permits, its owner. A killed
+        process may leave a file named ``.pyibr-...``, which may be deleted.
+        """
     named, waiting = checked_path(path), _waiting.get()
     if waiting is not None:
         _stage(named, data, waiting)
@@ -64,7 +65,7 @@ def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
 
 @contextmanager
 def written_together() -> Generator[list[_Staged], None, None]:
-    """Files that are written within this block get their names at its end, in their order; if one fails, none does."""
+    """Give all files written within this block their names at its end, in order; if one fails, none is renamed."""
     files: list[_Staged] = []
     token = _waiting.set(files)
     try:
@@ -94,7 +95,7 @@ _waiting: ContextVar[list[_Staged] | None] = ContextVar("waiting", default=None)
 
 @contextmanager
 def written_whole(path: str | os.PathLike[str]) -> Generator[BinaryIO, None, None]:
-    """Yield a stream for a file that is written piece by piece; as `write_atomically`, it is whole or not there."""
+    """Yield a stream for a file that is written in pieces; as in `write_atomically`, it is whole or absent."""
     with written_together() as alone, _staged(checked_path(path), alone) as stream:
         yield stream
 
@@ -106,21 +107,21 @@ def _stage(named: Path, data: bytes, files: list[_Staged]) -> None:
 
 @contextmanager
 def _staged(named: Path, files: list[_Staged]) -> Generator[BinaryIO, None, None]:
-    """Yield a stream to a file under a name of its own, and put it to those that wait for theirs."""
+    """Yield a stream to a temporary file, and add the file to those that wait for their names."""
     try:
         named.parent.mkdir(parents=True, exist_ok=True)
         old = _replaceable(named)
         final = Path(os.path.realpath(named))
         temporary = final.with_name(f".pyibr-{secrets.token_hex(8)}")
-        # The name is new, or this fails: no link that waits there is followed. The umask has its say on new files,
-        # and while a private file is written again it stays private.
+        # O_EXCL: if the name exists, this fails, and no planted link is followed. New files obey the umask; a private
+        # file stays private while it is rewritten.
         flags = os.O_CREAT | os.O_EXCL | os.O_RDWR | getattr(os, "O_BINARY", 0)
         descriptor = os.open(temporary, flags, 0o666 if old is None else 0o600)
         files.append(_Staged(temporary, final, named))
         with os.fdopen(descriptor, "w+b") as stream:
             yield stream
             stream.flush()
-            os.fsync(descriptor)  # or a power failure might leave the new name without its content
+            os.fsync(descriptor)  # else a power failure might leave the new name without its content
         if old is not None:
             if hasattr(os, "chown"):
                 with suppress(OSError):
@@ -131,7 +132,7 @@ def _staged(named: Path, files: list[_Staged]) -> Generator[BinaryIO, None, None
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise what `write_atomically` would raise of what is there already; nothing is made or written."""
+    """Raise the errors of `write_atomically` that existing files and folders cause; nothing is made or written."""
     file = checked_path(path)
     try:
         folder = next(folder for folder in file.absolute().parents if os.path.lexists(folder))
@@ -144,7 +145,7 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 def identity(path: str | os.PathLike[str]) -> object:
-    """Return a key that is the same for all names of a file, links included, whether it is there or not."""
+    """Return a key that is equal for all names of a file, links included, whether or not the file exists."""
     file = checked_path(path)
     try:
         found = file.stat()
@@ -154,9 +155,9 @@ def identity(path: str | os.PathLike[str]) -> object:
 
 
 def _replaceable(path: Path) -> os.stat_result | None:
-    """Status of a file, through links; OSError if it is nothing that a new file may replace."""
+    """Status of a file, through links; OSError if a new file may not replace it."""
     try:
-        old = path.stat()  # by the system's rules for links, which `realpath` alone would go round
+        old = path.stat()  # obeys the system's rules for links, which `realpath` alone would bypass
     except FileNotFoundError:
         return None
     if stat.S_ISDIR(old.st_mode):
@@ -175,14 +176,14 @@ def _not_written(file: Path, error: OSError) -> FileFormatError:
 
 
 def check_exists(path: str | os.PathLike[str]) -> None:
-    """Raise FileFormatError if there is neither a file nor a folder of this name."""
+    """Raise FileFormatError if no file or folder has this name."""
     if not checked_path(path).exists():
         raise FileFormatError(f"{path}: no such file or folder")
 
 
 @contextmanager
 def reading(path: str | os.PathLike[str], kind: str) -> Generator[Path, None, None]:
-    """Yield `path` if it is a file with content; turn what a decoder raises into FileFormatError."""
+    """Yield `path` if it is a file with content; turn a decoder's errors into FileFormatError."""
     source = checked_path(path)
     try:
         found = source.stat()
@@ -200,7 +201,7 @@ def reading(path: str | os.PathLike[str], kind: str) -> Generator[Path, None, No
 
 @contextmanager
 def decoding(source: Path, kind: str, *passing: type[Exception]) -> Generator[None, None, None]:
-    """Turn what decoders of a file, or of a folder of such, raise into FileFormatError; but for what is `passing`."""
+    """Turn errors of decoders into FileFormatError, except those in `passing`; `source` is the file or folder."""
     try:
         yield
     except (FileFormatError, MissingPackageError, *passing):
@@ -211,19 +212,19 @@ def decoding(source: Path, kind: str, *passing: type[Exception]) -> Generator[No
         raise FileFormatError(f"{source}: does not fit into the memory") from error
     except Exception as error:  # decoders raise anything from OSError to struct.error
         cause = error.__cause__ or error
-        words = re.sub(r" ?<[^<>]* object at 0x[0-9a-f]+>", "", str(cause))  # which tell users nothing
+        words = re.sub(r" ?<[^<>]* object at 0x[0-9a-f]+>", "", str(cause))  # not for users
         reason = next(iter(words.strip().splitlines()), type(cause).__name__)[:200]
         raise FileFormatError(f"{source}: not a readable {kind} file, or truncated: {reason}") from error
 
 
 def check_unpacked(size: int) -> None:
-    """Raise ValueError if a packed file's content is larger than any that is read."""
+    """Raise ValueError if a packed file's content exceeds the limit."""
     if size > UNPACKED_MAX:
         raise ValueError(f"its content takes {size} bytes; up to {UNPACKED_MAX} are read from a packed file")
 
 
 def read_bytes(source: Path) -> bytes:
-    """A file's bytes, unpacked if gzip packed them, text as UTF-8; ValueError if there are too many then."""
+    """A file's bytes, unpacked if gzip packed them, text as UTF-8; ValueError if the unpacked content is too large."""
     with source.open("rb") as stream:
         if stream.read(2) == b"\x1f\x8b":
             size = stream.seek(0, os.SEEK_END)
@@ -235,21 +236,22 @@ def read_bytes(source: Path) -> bytes:
 
 
 def read_text(source: Path) -> str:
-    """Read a text, of whatever form programs write; remarks in other alphabets' bytes do no harm."""
+    """Read a text in the usual encodings; undecodable bytes in comments are replaced."""
     data = utf8_of(source.read_bytes())
     if b"\0" in data:
-        raise ValueError("it is no text, or of UTF-16 without a mark: save it as UTF-8")
+        raise ValueError("it is no text, or UTF-16 without a byte order mark: save it as UTF-8")
     return data.decode("utf-8", "replace")
 
 
 def utf8_of(data: bytes) -> bytes:
-    """Text as UTF-8 without a mark before it; programs of Windows write UTF-16 and marks. Other bytes as they are."""
+    """Text as UTF-8 without a byte order mark; programs on Windows write UTF-16 and marks. Other bytes stay
+    unchanged."""
     is_wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
     return data.decode("utf-16").encode("utf-8") if is_wide else data.removeprefix(b"\xef\xbb\xbf")
 
 
 def read_rows(source: Path) -> list[list[float]]:
-    """Read numbers of a text, a list a line, what follows a # is a remark; or of NumPy's NPY, a list for each entry."""
+    """Read numbers: a list for each line of a text, without comments after #, or for each entry of an NPY file."""
     if source.suffix.lower() == ".npy":
         array = np.load(source, mmap_mode="r", allow_pickle=False)
         return array.reshape(len(array), -1).tolist()
@@ -258,12 +260,12 @@ def read_rows(source: Path) -> list[list[float]]:
 
 
 def words_of(line: str) -> list[str]:
-    """Words of a line of numbers, as people and programs write such: also in brackets."""
+    """Words of a line of numbers, separated by spaces, commas, semicolons or brackets."""
     return re.sub(r"[,;\[\]]", " ", line).split()
 
 
 def read_at_most(stream: _Readable, size_max: int = UNPACKED_MAX) -> bytes:
-    """All of what a packed stream holds; ValueError if that is too much."""
+    """The whole content of a packed stream; ValueError if it is too large."""
     parts: list[bytes] = []
     size = 0
     while part := stream.read(_CHUNK):

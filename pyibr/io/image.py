@@ -29,10 +29,10 @@ def read_color(path: str | PathLike[str]) -> NDArray[Any]:
 
 
 def read_mask(path: str | PathLike[str], *, of_alpha: bool = False) -> NDArray[np.bool_]:
-    """(H, W) where the file's first image is opaque by half or more; of one without alpha, where it is not black.
+    """(H, W) bool: where the file's first image has alpha of a half or more; without alpha, where it is not black.
 
-    of_alpha: FileFormatError where there is none.
-    """
+        of_alpha: raise FileFormatError if there is no alpha.
+        """
     with reading(path, "mask") as source, opened(source.read_bytes()) as picture:
         if picture.mode in ("RGBA", "LA", "PA") or "transparency" in picture.info:
             return np.asarray(picture.convert("RGBA"))[..., 3] >= 128
@@ -43,10 +43,10 @@ def read_mask(path: str | PathLike[str], *, of_alpha: bool = False) -> NDArray[n
 
 
 def decoded(data: bytes) -> NDArray[Any]:
-    """The first image of what a file holds, as stored; Pillow's errors, also for one too large for any good.
+    """The first image of a file's bytes, as stored; Pillow's errors, also for extremely large images.
 
-    Colours are as in the file; those of printers (CMYK), of L*a*b* and the like become RGB.
-    """
+        Colours are unchanged, except that CMYK, YCbCr, L*a*b* and HSV become RGB.
+        """
     known, numbers = tiff.as_known(data)
     with opened(known) as picture:
         if picture.mode in _OTHER_COLORS:
@@ -55,47 +55,47 @@ def decoded(data: bytes) -> NDArray[Any]:
             return np.array(picture.convert("RGBA"))
         if picture.mode == "P" and picture.palette is not None:
             return np.array(picture.convert(picture.palette.mode))
-        if picture.mode == "I" and picture.format == "PNG":  # 16 bits, which Pillow before version 11.3 widens
+        if picture.mode == "I" and picture.format == "PNG":  # 16 bits, which Pillow before 11.3 widens
             return np.array(picture.convert("I;16"))
         return tiff.as_they_are(np.array(picture), numbers)
 
 
 def without_alpha(image: NDArray[Any], name: object = None) -> NDArray[Any]:
-    """(..., 1 or 3) of (..., 1 to 4): the colours alone; of a picture with a name it is told if any is not opaque."""
+    """Colours (..., 1 or 3) without alpha; if `name` is given, warns when any pixel is not opaque."""
     if image.shape[-1] in (1, 3):
         return image
     alpha = image[..., -1]
     if name is not None and (alpha < (1 if alpha.dtype.kind in "fb" else np.iinfo(alpha.dtype).max)).any():
-        remedy = "depth that is NaN, or a mask, leaves out what is not to be seen"
-        warnings.warn(f"{name}: transparency is left out, all is drawn as opaque; {remedy}", stacklevel=3)
+        remedy = "to hide pixels, set their depth to NaN or pass a mask"
+        warnings.warn(f"{name}: transparency is ignored, all pixels are drawn as opaque; {remedy}", stacklevel=3)
     return image[..., :-1]
 
 
 def opened(data: bytes) -> Image:
-    """The picture of Pillow's that these bytes are, as it is stored."""
+    """Pillow's picture of these bytes, as stored."""
     from PIL import Image
 
     data, _ = tiff.as_known(data)
     with Image.open(io.BytesIO(data)) as picture:
-        if picture.format == "EPS":  # a program, which Pillow would run
+        if picture.format == "EPS":  # PostScript is a program, which Pillow would run
             raise ValueError("PostScript is no picture")
-        picture.verify()  # the sums of a PNG's chunks, which decoding passes over
+        picture.verify()  # checks a PNG's checksums, which decoding skips
     return Image.open(io.BytesIO(data))
 
 
 def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
-    """Return the stored (H, W): floats, or integers of an unknown unit, 0 where there is none."""
+    """Return the stored (H, W): floats, or integers of an unknown unit, 0 for no depth."""
     stored = read_color(path)
-    if stored.shape[2:] == (3,) and (stored == stored[..., :1]).all():  # gray that is stored as colours
+    if stored.shape[2:] == (3,) and (stored == stored[..., :1]).all():  # gray stored as R, G, B
         stored = stored[..., 0]
     if stored.ndim != 2 or stored.dtype.kind not in "uif":
         expected = "gray of 8 or 16 bits, or floats, for depth"
-        raise FileFormatError(f"{path}: expected {expected}, got {describe(stored)}: colours or alpha are none")
+        raise FileFormatError(f"{path}: expected {expected}, got {describe(stored)} (colours or alpha are no depth)")
     return stored
 
 
 def encoded(image: NDArray[Any], suffix: str) -> bytes:
-    """The bytes of a file. Libraries that write files themselves may not tell of a full disk."""
+    """The bytes of a file. Libraries that write files themselves may not report a full disk."""
     if suffix == ".png":
         return png.encoded(image)
     from PIL import Image
@@ -107,7 +107,7 @@ def encoded(image: NDArray[Any], suffix: str) -> bytes:
 
 
 def check_output(path: str | PathLike[str]) -> None:
-    """Raise FileFormatError unless the suffix is that of a picture that can be written."""
+    """Raise FileFormatError unless pictures can be written with this suffix."""
     suffix = checked_path(path).suffix.lower()
     if suffix not in _WRITABLE:
         raise FileFormatError(

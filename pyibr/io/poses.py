@@ -16,7 +16,7 @@ from pyibr.core.rotations import rotation_from_quaternion
 from pyibr.io.cameras import read_cameras
 from pyibr.io.folders import files_in, units_of
 
-_TUM = 8  # numbers a line: time tx ty tz qx qy qz qw
+_TUM = 8  # numbers per line: time tx ty tz qx qy qz qw
 
 
 class Poses(NamedTuple):
@@ -26,8 +26,8 @@ class Poses(NamedTuple):
     ----------
     world_from_camera : (N, 4, 4) float64
     times : (N,) float64, or None
-        In seconds, or the frames' numbers, if the file has them. Milli-, micro- and nanoseconds since 1970 become
-        seconds.
+            In seconds, or the frames' numbers, if the file has them. Milli-, micro- and nanoseconds since 1970 become
+            seconds.
 
     Examples
     --------
@@ -41,17 +41,24 @@ class Poses(NamedTuple):
 
 
 def read_poses(path: str | PathLike[str]) -> Poses:
-    """Read a trajectory: poses of a camera with OpenCV's axes, from the camera to the world.
+    """Read a trajectory: a camera's poses with OpenCV's axes, from the camera to the world.
 
     Parameters
     ----------
     path : path
-        A text file: lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D), lines of 12 (KITTI) or 16 numbers, or of one more
-        with the time before them; or 4 x 4 matrices of a row a line (7-Scenes), also with a line of 3 numbers before
-        each, the first of which is the frame's (Redwood, Open3D). What follows a # is a remark. An NPY file of such
-        matrices. A JSON file of cameras, as `read_cameras` reads it: Open3D's trajectory. Or a folder of such text
-        files, as ``frame-000000.pose.txt``, in the order of their numbers: of those with "pose" in their names, if
-        there are any.
+            One of these forms:
+
+            - a text file with lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D);
+            - a text file with lines of 12 (KITTI) or 16 numbers, or one more with the time first;
+            - a text file of 4 x 4 matrices, one row a line (7-Scenes). A line of 3 numbers may precede each, the
+              frame's
+              number first (Redwood, Open3D);
+            - an NPY file of such matrices;
+            - a JSON file of cameras that `read_cameras` reads, such as Open3D's trajectory;
+            - a folder of such text files, for example ``frame-000000.pose.txt``, in the order of their numbers. If any
+              name contains "pose", only these files are read.
+
+            In text files, # starts a comment.
 
     Returns
     -------
@@ -60,7 +67,7 @@ def read_poses(path: str | PathLike[str]) -> Poses:
     Raises
     ------
     FileFormatError
-        If there is no such file, or it holds something else, or a pose that is no rigid motion.
+            If there is no such file, its form is unknown, or a pose is no rigid motion.
 
     Examples
     --------
@@ -78,17 +85,17 @@ def read_poses(path: str | PathLike[str]) -> Poses:
 
 
 class Trajectory(NamedTuple):
-    """Poses as a file or folder has them.
+    """Poses as stored in a file or folder.
 
     Attributes
     ----------
     poses : list of (4, 4) float64
-        None for what is no usable pose, as the infinite ones of trackers that were lost.
+            None for an unusable pose, such as the infinite poses of a tracker that lost its target.
     times : (N,) float64, or None
     files : list of Path, or None
-        Of each pose, if they are in files of their own.
+            The file of each pose, if each has its own.
     error : FileFormatError, or None
-        What is wrong with the first that cannot be used.
+            Error of the first unusable pose.
     """
 
     poses: list[Float64 | None]
@@ -98,7 +105,7 @@ class Trajectory(NamedTuple):
 
 
 def read_trajectory(source: Path) -> Trajectory:
-    """Read what `read_poses` reads; poses that cannot be used are None unless all are, which is an error."""
+    """Read a trajectory as in `read_poses`; unusable poses are None, and it is an error if all are."""
     if source.suffix.lower() == ".json":
         return Trajectory([camera.world_from_camera for camera in read_cameras(source).values()], None, None, None)
     found = _read_folder(source) if source.is_dir() else _read_file(source)
@@ -160,7 +167,7 @@ def _read_file(path: Path) -> Trajectory:
 
 
 def rigid_or_none(matrix: NDArray[np.floating[Any]]) -> Float64 | None:
-    """A pose, or the rigid motion nearest to one of few digits; None for what is none."""
+    """Nearest rigid motion to a rounded matrix; None if there is none."""
     try:
         return checked_pose(matrix)
     except ArgumentError:
@@ -168,7 +175,7 @@ def rigid_or_none(matrix: NDArray[np.floating[Any]]) -> Float64 | None:
 
 
 def pose_of(position: Float64, xyzw: Float64) -> Float64:
-    """A (4, 4) pose of a position and a quaternion (x, y, z, w); NaN for what is no rotation."""
+    """A (4, 4) pose from a position and a quaternion (x, y, z, w); NaN if the quaternion is no rotation."""
     pose = np.eye(4)
     pose[:3, 3] = position
     is_rotation = 0 < np.linalg.norm(xyzw) < np.inf
@@ -177,7 +184,7 @@ def pose_of(position: Float64, xyzw: Float64) -> Float64:
 
 
 def _stacked(path: Path, rows: list[list[float]]) -> tuple[Float64, Float64 | None]:
-    """Matrices of four lines each, and of the lines before them, if there are such, the first number."""
+    """Matrices of four lines each, and the first number of each preceding line of three, if there are such lines."""
     numbered = len(rows[0]) == 3
     lengths = [3, 4, 4, 4, 4] if numbered else [4, 4, 4, 4]
     if [len(row) for row in rows] != lengths * (len(rows) // len(lengths)):

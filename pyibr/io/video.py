@@ -1,4 +1,4 @@
-"""Videos are read through PyAV: FFmpeg's formats and codecs, as players show them, frames with their times."""
+"""Videos are read through PyAV: all formats and codecs of FFmpeg, with colours, orientation and times as in players."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from pyibr.core.files import checked_path, reading
 from pyibr.core.optional import pyav
 
 SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".webm", ".wmv")
-"""Of what is read as a video."""
+"""Suffixes that are read as videos."""
 
 LARGE = 720
-"""Rows: from here on players take colours for HDTV's, unless the file tells."""
+"""Rows from which players assume HDTV's colours, unless the file names a standard."""
 
 
 def first_frame(path: Path) -> NDArray[np.uint8]:
@@ -28,7 +28,7 @@ def first_frame(path: Path) -> NDArray[np.uint8]:
 
 
 class Video:
-    """The frames of a video, as players show them: turned if the file says so.
+    """The frames of a video, as players show them: rotated if the file says so.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Video:
     Raises
     ------
     FileFormatError
-        If there is no such file, or it is no video that FFmpeg reads.
+            If there is no such file, or FFmpeg cannot read it as a video.
     MissingPackageError
         PyAV is not installed.
 
@@ -45,9 +45,9 @@ class Video:
     ----------
     path : Path
     fps : float or None
-        Frames a second, on average, if the file tells.
+            Average number of frames per second, if the file has it.
     times : list of float
-        Of each frame, in seconds from the first.
+            Times of the frames, in seconds from the first.
     has_sound : bool
 
     Examples
@@ -82,15 +82,15 @@ class Video:
         return self.frames(range(len(self)))
 
     def frames(self, numbers: Iterable[int]) -> Iterator[NDArray[np.uint8]]:
-        """(H, W, 3) uint8 of the frames of these numbers, which grow."""
+        """(H, W, 3) uint8 of the frames with these numbers, which must be increasing."""
         for frame in self._frames(numbers):
             yield _turned(frame, frame.to_ndarray(format="rgb24", src_colorspace=_colorspace(frame)))
 
     def gray(self, numbers: Iterable[int]) -> Iterator[NDArray[np.uint16]]:
-        """(H, W) uint16 of frames that hold numbers, as depth: 0 to 255, 1023, 4095 or 65535, by the bits of the file.
+        """(H, W) uint16 of frames that hold numbers, such as depth: 0 to 255, 1023, 4095 or 65535, by the file's bits.
 
-        Gray formats are read as they are stored; of others the green, as players show it.
-        """
+                Gray formats are read as stored; from other formats the green channel is read, as players show it.
+                """
         for frame in self._frames(numbers):
             if frame.format.name.startswith("gray"):
                 yield _turned(frame, frame.to_ndarray().astype(np.uint16))
@@ -123,7 +123,7 @@ class Video:
 
 
 def _colorspace(frame: Any) -> str | None:
-    """The standard that players take colours for, where the file tells none."""
+    """The colour standard that players assume, if the file names none."""
     told = frame.colorspace
     return None if told != 2 else "ITU709" if frame.height >= LARGE else "ITU601"
 

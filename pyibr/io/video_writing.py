@@ -1,4 +1,4 @@
-"""Videos are written through PyAV, pictures that move through Pillow, too; with sound that is carried over."""
+"""Videos are written through PyAV, GIFs through Pillow; sound can be copied from another video."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ _log = logging.getLogger("pyibr")
 
 Codec = Literal["h264", "h265", "av1", "vp9", "ffv1"]
 
-_TICKS = 90_000  # a second: of frames that come at times of their own
+_TICKS = 90_000  # per second, for frames with their own times
 
 
 @dataclass(frozen=True)
 class _Encoder:
-    """FFmpeg's name of a codec, and its options: nearly no loss that eyes see, fast enough to be drawn live."""
+    """FFmpeg's name of a codec, and its options: hardly visible loss, and fast enough for live recording."""
 
     name: str
     pixels: dict[int, str]
     """Formats by bits a channel."""
     options: dict[str, str] = field(default_factory=dict[str, str])
     halves: bool = True
-    """Whether colours are kept for each other pixel: sizes are even then."""
+    """Whether colours are kept for every second pixel only; then sizes are even."""
     gray: dict[int, str] = field(default_factory=dict[int, str])
-    """Formats of gray, where it has such."""
+    """Formats of gray by bits, if the codec has any."""
 
     def of(self, frame: NDArray[Any]) -> _Encoder:
-        """The same for gray alone, if the frame is."""
+        """The encoder for gray if the frame is gray, else this one."""
         return replace(self, pixels=self.gray) if frame.ndim == 2 else self
 
 
@@ -77,7 +77,7 @@ CODECS = {
     ".webp": ("webp",),
     ".gif": ("gif",),
 }
-"""Of what can be written, by suffix; the first one is the default."""
+"""Codecs for each suffix; the first is the default."""
 
 _CONTAINERS = {".m4v": "mp4", ".mkv": "matroska"}
 
@@ -99,23 +99,25 @@ def write_video(
         Ends in .mp4, .m4v or .mov (H.264 by default, which browsers and notebooks play), .webm (VP9), .mkv (FFV1, which
         loses nothing), .avi (Motion JPEG), .gif or .webp (animated pictures).
     frames : iterable of (H, W, 3) or (H, W) arrays
-        uint8, uint16, or floats of which [0, 1] is black to white. Each is taken as it is wanted. Odd sizes lose their
-        last row or column, but in .mkv, .gif and .webp. FFV1 keeps the numbers of gray, (H, W), as they are.
+            uint8, uint16, or floats with [0, 1] from black to white. Each frame is requested when it is written. Odd
+            sizes
+            lose their last row or column, except in .mkv, .gif and .webp. FFV1 keeps the values of gray, (H, W),
+            exactly.
     fps : float
-        Frames a second.
+            Frames per second.
     codec : {"h264", "h265", "av1", "vp9", "ffv1"}, optional
-        Instead of the format's own.
+            Replaces the format's default.
     bits : {8, 10, 12, 16}
-        A channel, as far as the codec has them.
+            Bits per channel, if the codec supports them.
     sound : path, optional
-        A video whose sound is carried over from its beginning, as it is.
+            A video whose sound is copied unchanged, from its beginning.
 
     Raises
     ------
     ArgumentError
         If the codec does not fit the format, or the bits the codec; or frames differ in size.
     FileFormatError
-        If the file cannot be written. What was there before is left then.
+            If the file cannot be written. The old file is then left.
     MissingPackageError
         PyAV is not installed.
 
@@ -133,11 +135,12 @@ def write_video(
 
 
 class VideoWriter:
-    """Writes a video file, which is there once it is closed; of a film that is interrupted, what is complete of it.
+    """Writer of a video file, which appears when it is closed; if interrupted, the file holds the complete frames.
 
-    An error leaves what was there before. The parameters are `write_video`'s, which `check_video_output` has looked at;
-    start: second of the sound at which the first frame is.
-    """
+        An error leaves the old file. The parameters are those of `write_video`, already checked by
+        `check_video_output`;
+        start: time of the first frame in the sound, in seconds.
+        """
 
     def __init__(
         self,
@@ -166,7 +169,7 @@ class VideoWriter:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: Any) -> None:
         if self._film is not None and kind is not None and not issubclass(kind, Exception):
-            kind = error = trace = None  # interrupted: what is there is whole
+            kind = error = trace = None  # interrupted: the frames so far are complete
         self._stack.__exit__(kind, error, trace)
 
     def _finish(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -178,7 +181,7 @@ class VideoWriter:
             self._film.close()
 
     def add(self, color: NDArray[Any], time: float | None = None) -> None:
-        """Add a frame, `time` seconds after the first; by default at the rate, and then for all frames."""
+        """Add a frame, `time` seconds after the first; without `time` for all frames, the rate sets the times."""
         if color.ndim == 2 and (self._encoder is None or self._bits not in self._encoder.gray):
             color = np.repeat(color[..., None], 3, axis=2)
         if self._film is None:
@@ -200,7 +203,7 @@ class VideoWriter:
 
 
 class _Film:
-    """A file that FFmpeg writes."""
+    """A file written by FFmpeg."""
 
     def __init__(
         self,
@@ -219,16 +222,16 @@ class _Film:
         if not self._height or not self._width:
             raise FileFormatError(f"{path}: PyAV cannot write a video of {shape[1]}x{shape[0]}")
         self._container = self._av.open(file, "w", format=_CONTAINERS.get(suffix, suffix[1:]))
-        os.environ.setdefault("SVT_LOG", "1")  # that encoder speaks to the terminal else
+        os.environ.setdefault("SVT_LOG", "1")  # else that encoder prints to the terminal
         self._stream = self._container.add_stream(encoder.name, rate=rate, options=dict(encoder.options))
         self._stream.width, self._stream.height = self._width, self._height
         self._stream.pix_fmt = self._pixels = encoder.pixels[bits]
         context = self._stream.codec_context
-        self._ticks = rate if suffix == ".avi" else Fraction(_TICKS)  # AVI has no times of its own
+        self._ticks = rate if suffix == ".avi" else Fraction(_TICKS)  # AVI stores no times
         context.time_base = 1 / self._ticks
         self._duration = round(self._ticks / rate)
         if encoder.name == "libx265" and suffix != ".mkv":
-            context.codec_tag = "hvc1"  # by which Apple's players know it
+            context.codec_tag = "hvc1"  # Apple's players need this tag
         self._is_large = self._height >= LARGE
         if encoder.halves:
             context.color_range = 2 if self._pixels.startswith("yuvj") else 1
@@ -250,7 +253,7 @@ class _Film:
     def close(self) -> None:
         packets = self._stream.encode()
         if self._stream.codec_context.name == "libx265" and len(packets) < 3:
-            for packet in packets:  # of so short a film it leaves this unset
+            for packet in packets:  # this encoder leaves it unset in so short a film
                 packet.dts = packet.pts
         self._container.mux(packets)
         self._container.close()
@@ -262,7 +265,7 @@ class _Film:
             self._packet = next(self._sound, None)
 
     def _carried_over(self, path: Path, sound: Path, start: Fraction) -> Iterator[tuple[Fraction, Any]]:
-        """Packets of a file's sound with their times, for a stream of their own; it is made at once."""
+        """Packets of a file's sound with their times, for a new stream, which is added immediately."""
         source = self._stack.enter_context(self._av.open(str(sound)))
         if not source.streams.audio:
             return iter(())
@@ -284,7 +287,7 @@ class _Film:
 
 
 class _Gif:
-    """An animated picture, through Pillow, which finds colours for each frame."""
+    """An animated GIF, written by Pillow, with a palette for each frame."""
 
     def __init__(self, file: Any, rate: Fraction) -> None:
         self._file, self._rate = file, rate
@@ -299,7 +302,7 @@ class _Gif:
 
     def close(self) -> None:
         ends = [*self._times[1:], self._times[-1] + 1 / self._rate]
-        # A GIF counts hundredths of a second; rounded ends, not rounded durations, keep the whole as long as it is.
+        # A GIF counts hundredths of a second: rounding the end times, not the durations, keeps the total duration.
         marks = [0, *(round(100 * end) for end in ends)]
         durations = [10 * (after - before) for before, after in itertools.pairwise(marks)]
         first, *others = self._images
@@ -307,7 +310,7 @@ class _Gif:
 
 
 def check_video_output(path: Path, codec: Codec | None = None, bits: int = 8) -> None:
-    """Raise what writing a video there would raise before the first frame."""
+    """Raise the errors of writing a video before its first frame."""
     suffix = path.suffix.lower()
     if suffix not in CODECS:
         raise FileFormatError(f"{path}: no video format {path.suffix} to write; known are {', '.join(sorted(CODECS))}")
@@ -322,7 +325,7 @@ def check_video_output(path: Path, codec: Codec | None = None, bits: int = 8) ->
 
 @contextmanager
 def _written(path: Path) -> Generator[None, None, None]:
-    """Turn what FFmpeg raises into FileFormatError."""
+    """Turn FFmpeg's errors into FileFormatError."""
     try:
         yield
     except (FileFormatError, ArgumentError):
@@ -333,7 +336,7 @@ def _written(path: Path) -> Generator[None, None, None]:
 
 
 def _in_words(color: NDArray[Any], bits: int) -> NDArray[Any]:
-    """Channels as integers of so many bits, 8 or 16, from such or from floats of which [0, 1] is all."""
+    """Channels as integers of 8 or 16 bits, from integers or from floats in [0, 1]."""
     most, dtype = (1 << bits) - 1, np.uint8 if bits == 8 else np.uint16
     if color.dtype == dtype:
         return color

@@ -82,7 +82,7 @@ def test_transparency_is_told_once_a_folder_and_only_where_there_is_any(tmp_path
 
     for number in range(3):
         write(f"{number}{kind}", alpha)
-    with pytest.warns(UserWarning, match="transparency is left out") as told:
+    with pytest.warns(UserWarning, match="transparency is ignored") as told:
         for number in range(3):
             assert ibr.read_color(tmp_path / f"{number}{kind}").shape == (7, 13, 3)
     assert {str(one.message).split(":")[0] for one in told} == {str(tmp_path / f"*{Path(kind).suffix}")}

@@ -114,7 +114,7 @@ def test_npz_with_several_arrays_is_asked_by_name(tmp_path: Path):
         ibr.read_depth(tmp_path / "others.npz", channel="c")
     np.save(tmp_path / "d.npy", depth)
     for choice, kinds in (("channel", r"\.exr or \.npz"), ("part", r"\.exr")):
-        with pytest.raises(ibr.ArgumentError, match=f"^{choice}: expected none, or a file of {kinds}, for .*d.npy, got 'b'"):
+        with pytest.raises(ibr.ArgumentError, match=f"^{choice}: expected none, or a file of {kinds}, for .*npy, got 'b'"):
             ibr.read_depth(tmp_path / "d.npy", **{choice: "b"})
 
 

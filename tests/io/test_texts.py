@@ -81,7 +81,7 @@ def test_poses_of_numpy(tmp_path: Path):
 
 def test_wide_text_without_a_mark_is_named(tmp_path: Path):
     (tmp_path / "p.txt").write_bytes("1 2 3 4 0 0 0 1".encode("utf-16-le"))
-    with pytest.raises(ibr.FileFormatError, match="UTF-16 without a mark: save it as UTF-8"):
+    with pytest.raises(ibr.FileFormatError, match="UTF-16 without a byte order mark: save it as UTF-8"):
         read_poses(tmp_path / "p.txt")
 
 

@@ -43,7 +43,7 @@ def test_obj_with_a_texture_that_is_not_opaque(tmp_path: Path):
     Image.fromarray(rgba).save(tmp_path / "t.png")
     (tmp_path / "a.mtl").write_text("newmtl a\nmap_Kd t.png\n")
     (tmp_path / "m.obj").write_text("mtllib a.mtl\n" + CORNERS + "usemtl a\nf 1/1 2/2 3/3\n")
-    with pytest.warns(UserWarning, match=r"t\.png: transparency is left out"):
+    with pytest.warns(UserWarning, match=r"t\.png: transparency is ignored"):
         np.testing.assert_array_equal(ibr.Mesh.load(tmp_path / "m.obj").texture, TEXTURED.texture)
 
 

@@ -64,7 +64,7 @@ def test_transparency_is_told():
     see_through = np.dstack([TEXTURE, np.full(TEXTURE.shape[:2], 9, np.uint8)])
     textured = like(kind="texture", uv=UV, material=SimpleNamespace(image=Image.fromarray(see_through)))
     for mesh in (textured, like(kind="vertex", vertex_colors=np.full((4, 4), 9, np.uint8))):
-        with pytest.warns(UserWarning, match="transparency is left out"):
+        with pytest.warns(UserWarning, match="transparency is ignored"):
             ibr.Mesh.from_trimesh(mesh)
 
 

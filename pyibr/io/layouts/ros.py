@@ -1,4 +1,4 @@
-"""ROS bags, of ROS 1 and 2, through rosbags: images, CameraInfo and what tf tells of the camera's frame."""
+"""ROS bags, of ROS 1 and 2, through rosbags: images, CameraInfo and the camera's poses from tf."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from pyibr.io.recordings import Recording, Stored, paired_by_time
 _IMAGE, _PACKED, _INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
 _TF = "tf2_msgs/msg/TFMessage"
 _DEPTHS = {"16UC1": (np.uint16, 1000.0), "mono16": (np.uint16, 1000.0), "32FC1": (np.float32, 1.0)}
-"""Encodings of depth: what is stored, and units a metre."""
+"""Encodings of depth: stored type, and units per metre."""
 _COLORS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0), "mono8": (0, 0, 0)}
-_TRANSFORM, _DATA, _UNITS = "geometry_msgs/msg/Transform", "/image/data", "/option/Depth_Units/value"  # of RealSense
-_GAP_MAX = 0.1  # seconds between transforms, beyond which nothing is known
+_TRANSFORM, _DATA, _UNITS = "geometry_msgs/msg/Transform", "/image/data", "/option/Depth_Units/value"  # RealSense's
+_GAP_MAX = 0.1  # seconds between transforms; in longer gaps the pose is unknown
 
 
 class _Step(NamedTuple):
-    """A transform of tf: from a frame to the one above it."""
+    """A transform of tf: from a frame to its parent."""
 
     time: float
     above: str
@@ -41,7 +41,7 @@ class _Step(NamedTuple):
 
 
 class _Images(NamedTuple):
-    """An image topic: each message's own time, and the bag's."""
+    """An image topic: each message's own time stamp, and its time in the bag."""
 
     topic: str
     frame: str
@@ -51,7 +51,7 @@ class _Images(NamedTuple):
 
 
 def find_bag(folder: Path) -> Recording | None:
-    """A .bag file, or metadata.yaml with a bag of ROS 2; depth as 16UC1 (millimetres) or 32FC1 (metres)."""
+    """Find a .bag file, or metadata.yaml with a bag of ROS 2; depth is 16UC1 (millimetres) or 32FC1 (metres)."""
     bags = [folder] if folder.is_file() else sorted(folder.glob("*.bag"))
     is_second = (folder / "metadata.yaml").is_file() and any(any(folder.glob(form)) for form in ("*.db3", "*.mcap"))
     if len(bags) != 1 and not is_second:
@@ -64,7 +64,7 @@ def find_bag(folder: Path) -> Recording | None:
         units = [next(_messages(reader, one)).data for one in reader.connections if one.topic.endswith(_UNITS)]
     depth = next((one for one in topics if one is not None and one.encoding in _DEPTHS), None)
     colors = [one for one in topics if one is not None and one.encoding not in _DEPTHS]
-    color = min(colors, key=lambda one: one.encoding == "mono8", default=None)  # of infrared images at the last
+    color = min(colors, key=lambda one: one.encoding == "mono8", default=None)  # infrared images come last
     if depth is None or color is None:
         raise FileFormatError(
             f"{path}: expected topics of colour and of depth (16UC1, 32FC1), got {len(topics)} of images"
@@ -104,7 +104,7 @@ def _opened(path: Path) -> Generator[Any, None, None]:
 
 @cache
 def _store() -> Any:
-    """Types of messages for bags that do not hold them."""
+    """Message types for bags that do not contain them."""
     typesys = rosbags_types()
     return typesys.get_typestore(typesys.Stores.LATEST)
 
@@ -129,7 +129,7 @@ def _images(reader: Any, connection: Any) -> _Images | None:
 
 
 def _camera(path: Path, images: _Images, infos: dict[str, Any]) -> Camera:
-    """The camera of a topic: what lies beside it, or a level higher; of rectified images without their lens."""
+    """The camera of a topic, from CameraInfo beside it or a level higher; rectified images get no lens."""
     topic = images.topic.removesuffix("/compressed").removesuffix("/compressedDepth")
     place = topic.rsplit("/", 1)[0]
     above = place.rsplit("/", 1)[0]
@@ -137,7 +137,7 @@ def _camera(path: Path, images: _Images, infos: dict[str, Any]) -> Camera:
         f"{place}/camera_info",
         f"{above}/camera_info",
         f"{above}/info/camera_info",
-    ]  # the last in RealSense's bags
+    ]  # the last is RealSense's
     info = next((infos[name] for name in names if name in infos), None)
     if info is None:
         raise FileFormatError(f"{path}: no {names[0]} for the images of {images.topic}")
@@ -177,10 +177,11 @@ def _depth_at(path: Path, topic: str, at: int, kind: type[np.generic]) -> NDArra
 
 
 def _unpacked(path: Path, message: Any, kind: type[np.generic]) -> NDArray[np.float32]:
-    """Depth as ROS's compressedDepth: 12 bytes, and a PNG; of floats with a / (depth + a constant) as 16 bits."""
+    """Depth from ROS's compressedDepth: 12 bytes, then a PNG; floats are stored as a / (depth + constant) in 16
+    bits."""
     data = bytes(message.data)
     if data[12:16] != b"\x89PNG":
-        raise FileFormatError(f"{path}: depth as {message.format or 'something else than PNG'} is not read; PNG is")
+        raise FileFormatError(f"{path}: expected depth as PNG, got {message.format or 'another format'}")
     scale, least = struct.unpack_from("<4xff", data)
     counts = image.decoded(data[12:]).astype(np.float32)
     known = np.where(counts > 0, counts, np.float32(np.nan))
@@ -188,10 +189,10 @@ def _unpacked(path: Path, message: Any, kind: type[np.generic]) -> NDArray[np.fl
 
 
 def _steps(reader: Any) -> dict[str, list[_Step]]:
-    """The transforms of each frame in the order of their times; what is static has one time.
+    """The transforms of each frame in the order of their times; static ones have the time infinity.
 
-    Those of RealSense's streams, whose topics name the one that they start from, lead the other way.
-    """
+        Transforms of RealSense's streams, whose topics name the parent stream, have the opposite direction.
+        """
     found: dict[str, list[_Step]] = {}
     for connection in reader.connections:
         stream, _, above = connection.topic.rpartition("/tf/")
@@ -216,7 +217,7 @@ def _steps(reader: Any) -> dict[str, list[_Step]]:
 
 
 def _place(steps: dict[str, list[_Step]], frame: str, time: float) -> Float64 | None:
-    """The pose of a frame in the one that has none above; None where a transform of that time is missing."""
+    """A frame's pose in its topmost ancestor; None if a transform at that time is missing."""
     pose, seen = np.eye(4), set[str]()
     while frame in steps and frame not in seen:
         seen.add(frame)
@@ -230,7 +231,7 @@ def _place(steps: dict[str, list[_Step]], frame: str, time: float) -> Float64 | 
 
 
 def _at(steps: list[_Step], time: float) -> _Step | None:
-    """The transform of a time, between its neighbours."""
+    """The transform at a time, interpolated between its neighbours."""
     if steps[-1].time == np.inf:
         return steps[-1]
     after = int(np.searchsorted([step.time for step in steps], time))
