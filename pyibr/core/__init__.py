@@ -1,1 +1,1 @@
-"""Foundations of all of pyibr: cameras, their maps, errors, checks."""
+"""Foundations of pyibr: cameras, their maps, errors, checks."""

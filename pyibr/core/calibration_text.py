@@ -1,7 +1,7 @@
 """Text of calibration files as trees of mappings, lists, numbers and words: JSON, YAML, XML, INI, or rows of numbers.
 
-Of YAML it reads what calibration programs write: blocks, lists and mappings in brackets, remarks, tags; of several
-documents the first. A strict parser would refuse OpenCV's, which begin with `%YAML:1.0`.
+The YAML reader covers the output of calibration programs: blocks, lists and mappings in brackets, comments, tags; it
+reads the first of several documents. A strict parser would refuse OpenCV's files, which begin with `%YAML:1.0`.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from pyibr.core.files import read_rows, read_text, reading, words_of
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-_Line = tuple[int, str]  # of YAML: its indent, and what follows
+_Line = tuple[int, str]  # a line of YAML: its indent, and its text
 _SECTION = re.compile(r"\[([^\[\]{}\",]*[^\[\]{}\",\d\s.][^\[\]{}\",]*)\]")
 _ASSIGNED = re.compile(r"\w+\s*=")
 _ENTRY = re.compile(r"(\"[^\"]*\"|'[^']*'|[^\s\"'\[{][^:]*?)\s*:(?:\s+(.*))?$")
-_TAGS = r"^(?:[!&][^\s\[{]*\s*)+"  # and anchors, which tell nothing of a value
+_TAGS = r"^(?:[!&][^\s\[{]*\s*)+"  # also anchors, which do not affect a value
 _REMARK = re.compile(r"(\"[^\"]*\"|'[^']*')|(?:^|\s)#.*")
 _TOKEN = re.compile(r"[\[\]{},]|\"[^\"]*\"(?:\s*:)?|'[^']*'(?:\s*:)?|[^\[\]{},\s:][^\[\]{},:]*:?|:")
 
 
 def read_tree(path: str | PathLike[str]) -> object:
-    """Return what a calibration file holds, in whichever of the forms it is; FileFormatError if in none."""
+    """Return a calibration file's content in any of the formats; FileFormatError if none fits."""
     if str(path).lower().endswith(".json"):
         return read_json(path, "camera JSON")
     with reading(path, "camera") as source:
@@ -50,7 +50,7 @@ def read_tree(path: str | PathLike[str]) -> object:
 
 
 def _assigned(text: str) -> dict[str, object]:
-    """Lines of a name, =, and a value or, between brackets, the numbers of a matrix."""
+    """Lines `name = value`, where brackets enclose the numbers of a matrix."""
     pairs = [line.partition("=") for line in text.splitlines() if line.strip()]
     return {
         name.strip(): [float(word) for word in words_of(value)] if "[" in value else _value(value)
@@ -67,7 +67,7 @@ def _is_number(word: str) -> bool:
 
 
 def _value(word: str) -> object:
-    """A number, a truth or a word."""
+    """A number, a bool, None or a word."""
     word = re.sub(_TAGS, "", word.strip())
     if word[:1] in ("'", '"'):
         return word[1:-1]
@@ -78,7 +78,7 @@ def _value(word: str) -> object:
 
 
 def _yaml(text: str) -> object:
-    lines: list[tuple[int, list[str]]] = []  # of each its indent and its parts, several where its brackets go on
+    lines: list[tuple[int, list[str]]] = []  # indent and parts of each entry; open brackets continue it
     depth = 0
     for line in text.expandtabs().splitlines():
         if line.startswith(("%", "---", "...")):
@@ -99,7 +99,7 @@ def _yaml(text: str) -> object:
 
 
 def _block(lines: list[_Line]) -> object:
-    """The list, mapping or value that the lines begin with; the last of them is the first."""
+    """The list, mapping or value at the start of the lines, which are in reverse order."""
     indent, text = lines[-1]
     if _is_item(text):
         items: list[object] = []
@@ -131,7 +131,7 @@ def _inline(text: str) -> object:
 
 
 def _bracket(tokens: list[str]) -> object:
-    """The value that the tokens begin with; the last of them is the first."""
+    """The value at the start of the tokens, which are in reverse order."""
     opening = tokens.pop()
     if opening not in ("[", "{"):
         return _value(opening)
@@ -146,7 +146,7 @@ def _bracket(tokens: list[str]) -> object:
         else:
             items.append(_bracket(tokens))
     if not tokens:
-        raise ValueError("a bracket is open at its end")
+        raise ValueError("a bracket is not closed")
     tokens.pop()
     return items if opening == "[" else entries
 
@@ -154,8 +154,8 @@ def _bracket(tokens: list[str]) -> object:
 def _xml(text: str) -> object:
     from xml.etree import ElementTree
 
-    if "<!DOCTYPE" in text:  # which may grow without end
-        raise ValueError("a DOCTYPE is not read")
+    if "<!DOCTYPE" in text:  # its entities may expand without limit
+        raise ValueError("a DOCTYPE is not allowed")
     return _element(ElementTree.fromstring(text))
 
 
@@ -170,7 +170,7 @@ def _element(element: Element) -> object:
 
 
 def _ini(text: str) -> object:
-    """Sections of `key = value`, or, as ROS has them, of a key's line and lines of its numbers."""
+    """Sections of `key = value`, or, in ROS's form, of a key's line followed by lines of numbers."""
     tree: dict[str, dict[str, object]] = {}
     section: dict[str, object] = {}
     numbers: list[object] = []

@@ -1,4 +1,4 @@
-"""Geometry of a camera: its pose and projection, the map between an image's pixels and rays of the world."""
+"""Geometry of a camera: its pose and projection, the map between an image's pixels and rays in the world."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FILM_DIAGONAL = math.hypot(36, 24)  # millimetres
 
 
 def _focal_of(name: str, degrees: float | None, extent: int) -> float:
-    """Pixels, of a camera of which so many cover these degrees."""
+    """Focal length in pixels, if `extent` pixels cover these degrees."""
     half = np.radians(positive(name, degrees, "degrees between 0 and 180")) / 2
     if half >= np.pi / 2:
         raise ArgumentError(name, "degrees between 0 and 180", describe(degrees))
@@ -43,7 +43,7 @@ def _focal_of(name: str, degrees: float | None, extent: int) -> float:
 
 
 class CameraGeometry:
-    """Pose and projection of a `pyibr.Camera`, which adds other libraries' cameras, and files."""
+    """Pose and projection of a `pyibr.Camera`, which adds files and other libraries' cameras."""
 
     K: Float64
     size: tuple[int, int]
@@ -136,7 +136,7 @@ class CameraGeometry:
         """(4, 4) map from the camera's frame to homogeneous pixel space.
 
         (X, Y, Z, 1) becomes (U, V, W, Q) with pixel = (U/W, V/W). A larger Q/W is nearer: it is 1/Z for a
-        perspective camera and -Z for an orthographic one. A lens is left out: it is the map of a pinhole.
+                perspective camera and -Z for an orthographic one. The map ignores a lens.
         """
         matrix = np.zeros((4, 4))
         if self.projection == "perspective":
@@ -166,14 +166,14 @@ class CameraGeometry:
         Parameters
         ----------
         eye, target, up : array_like (3,)
-            World points in scene units, and the world direction that points up in the image.
+                World points in scene units, and the world direction that points up in the image.
         size : (width, height)
-            In pixels, which are square.
+                In pixels, which are square.
         fov_y : float
-            Perspective: degrees that the image's height covers, between 0 and 180.
+                Angle that the image's height covers, in degrees between 0 and 180, for a perspective camera.
         projection : "perspective" or "orthographic"
         height : float
-            Orthographic (only, and then required): scene units that the image's height covers.
+                Scene units that the image's height covers; required for an orthographic camera, else not allowed.
 
         Examples
         --------
@@ -217,16 +217,19 @@ class CameraGeometry:
         focal_35mm: float | None = None,
         world_from_camera: ArrayLike | None = None,
     ) -> _Camera:
-        """Make a perspective camera of square pixels, whose axis passes the middle of the picture.
+        """Make a perspective camera of square pixels, whose axis passes through the middle of the picture.
+
+                Pass exactly one of `fov_x`, `fov_y` and `focal_35mm`.
 
         Parameters
         ----------
         size : (width, height)
         fov_x, fov_y : float
-            Degrees that the width or the height covers, between 0 and 180.
+                Degrees that the width or the height covers, between 0 and 180.
         focal_35mm : float
-            Of these three the third that may be given alone: millimetres that the focal length would be on 35 mm
-            film, whose frame has a diagonal of 43.27 mm, as cameras and phones tell it.
+                The 35 mm equivalent of the focal length in millimetres, as cameras and phones report it; the film's
+                frame has a
+                diagonal of 43.27 mm.
         world_from_camera : array_like (4, 4), optional
 
         Examples
@@ -254,17 +257,18 @@ class CameraGeometry:
         return type(self)(self.K, self.size, pose, projection=self.projection, lens=self.lens)
 
     def orbited(self: _Camera, degrees: float, pivot: ArrayLike, *, axis: ArrayLike | None = None) -> _Camera:
-        """Return this camera turned, with its position, about a line in the world.
+        """Return this camera rotated, with its position, about a line in the world.
 
         Parameters
         ----------
         degrees : float
-            Right-handed about `axis`: with the default axis, a positive angle moves a camera that looks at
-            the pivot to its right.
+                Right-handed about `axis`. With the default axis, a positive angle moves a camera that looks at the
+                pivot to
+                its right.
         pivot : array_like (3,)
-            A world point on the line; its place in the image does not change if it is on the optical axis.
+                A world point on the line. If it is on the optical axis, its position in the image does not change.
         axis : array_like (3,)
-            The line's direction in the world. Default: the camera's up, its -y.
+                The line's direction in the world. Default: the camera's up direction, its -y.
         """
         (angle,) = np.radians(numbers("degrees", [degrees], (1,)))
         direction = -self.world_from_camera[:3, 1] if axis is None else numbers("axis", axis, (3,))
@@ -279,7 +283,7 @@ class CameraGeometry:
         return type(self)(self.K, self.size, pose, projection=self.projection, lens=self.lens)
 
     def resized(self: _Camera, size: tuple[int, int]) -> _Camera:
-        """Return the camera of the same view at another resolution; the image's borders stay."""
+        """Return the camera of the same view at another resolution; the image's borders stay in place."""
         width, height = checked_size(size)
         sx, sy = width / self.width, height / self.height
         scale = np.array([[sx, 0, (sx - 1) / 2], [0, sy, (sy - 1) / 2], [0, 0, 1]])
@@ -291,8 +295,8 @@ class CameraGeometry:
     def project(self, points: ArrayLike) -> tuple[Float64, Float64]:
         """Return the pixels (N, 2) and depths (N,) of world points (N, 3).
 
-        Nothing is clipped to the image. A perspective camera has no pixel (NaN) for a point of depth <= 0, nor for one
-        that its lens does not see.
+        Nothing is clipped to the image. A perspective camera gives NaN for points with depth <= 0, and for points that
+                its lens does not see.
         """
         world = numbers("points", points, (None, 3), finite=False)
         local = world @ self.camera_from_world[:3, :3].T + self.camera_from_world[:3, 3]
@@ -306,7 +310,7 @@ class CameraGeometry:
     def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> Float64:
         """Return the world points (N, 3) at `pixels` (N, 2) and planar `depth` (N,). Inverts `project`.
 
-        NaN at pixels at which the lens sees nothing.
+        NaN at pixels where the lens sees nothing.
         """
         at = numbers("pixels", pixels, (None, 2), finite=False)
         z = numbers("depth", depth, (len(at),), finite=False)
@@ -316,9 +320,10 @@ class CameraGeometry:
         return local @ self.world_from_camera[:3, :3].T + self.center
 
     def ideal_positions(self, pixels: ArrayLike) -> Float64:
-        """Return where the rays of `pixels` (N, 2) pass the plane z = 1 of the camera's frame: (N, 2).
+        """Return the points (N, 2) where the rays of `pixels` (N, 2) pass the plane z = 1 of the camera's frame.
 
-        Of a perspective camera (x, y, 1) is the ray's direction. NaN at pixels at which its lens sees nothing.
+                (x, y, 1) is the ray's direction if the camera is perspective. NaN at pixels where its lens sees
+                nothing.
         """
         at = numbers("pixels", pixels, (None, 2), finite=False)
         seen = (at - self.K[:2, 2]) @ np.linalg.inv(self.K[:2, :2]).T

@@ -20,18 +20,18 @@ _KEYS = ("width", "height", "K", *_PARTS, "world_from_camera", "projection", "le
 
 
 def write_json(path: str | PathLike[str], data: object) -> None:
-    """Write a JSON file, whole, or leave what is there."""
+    """Write a whole JSON file, or leave the old file."""
     write_atomically(path, (json.dumps(data, indent=1) + "\n").encode("utf-8"))
 
 
 def read_json(path: str | PathLike[str], kind: str) -> object:
-    """Return what a JSON file holds; FileFormatError if it is none. `kind` is what it should hold, for the message."""
+    """Return a JSON file's content, or raise FileFormatError; `kind` names the expected content in the message."""
     with reading(path, kind) as source:
         return json.loads(read_text(source))
 
 
 def is_own(entries: dict[str, Any]) -> bool:
-    """Tell whether a JSON object is a camera as `Camera.save` writes it, or one of Open3D's, right or wrong."""
+    """Tell whether a JSON object has the form of `Camera.save` or Open3D, valid or not."""
     if is_open3d(entries):
         return True
     is_whole = {"width", "height"} <= entries.keys() and not entries.keys().isdisjoint(("K", *_PARTS))
@@ -39,14 +39,14 @@ def is_own(entries: dict[str, Any]) -> bool:
 
 
 def camera_arguments(data: object, path: str | PathLike[str]) -> dict[str, Any]:
-    """Return the arguments of `Camera` that a JSON object holds, their values unchecked; `path` is for messages."""
+    """Return the arguments of `Camera` in a JSON object, unchecked; `path` is for messages."""
     if not isinstance(data, dict):
         raise FileFormatError(f"{path}: expected a JSON object, got {type(data).__name__}")
     entries = cast("dict[str, Any]", data)
     if is_open3d(entries):
         mixed = sorted(entries.keys() & set(_KEYS[2:]))
         if mixed:
-            raise FileFormatError(f"{path}: has {mixed[0]!r}, which Open3D's cameras have not")
+            raise FileFormatError(f"{path}: has {mixed[0]!r}, which Open3D's cameras lack")
         return open3d_arguments(entries, path)
     unknown = sorted(entries.keys() - set(_KEYS))
     if unknown:
@@ -92,7 +92,7 @@ def _read_lens(path: str | PathLike[str], entry: object) -> Lens | None:
 def camera_entries(
     K: Float64, size: tuple[int, int], world_from_camera: Float64, projection: str, lens: Lens | None
 ) -> dict[str, Any]:
-    """Return a camera as a JSON object, of which `camera_arguments` makes the same bits."""
+    """Return a camera as a JSON object; `camera_arguments` restores it bit for bit."""
     data: dict[str, Any] = {
         "width": size[0],
         "height": size[1],

@@ -1,7 +1,7 @@
 """Other libraries' camera conventions, as functions of plain arrays.
 
 pyibr's own convention: x right, y down, z forward; pixel centres at integers; `world_from_camera` maps column
-vectors. Each function here turns numbers of one other convention into these, or back.
+vectors. Each function here converts from one other convention to this one, or back.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from pyibr.core.checks import Float64, describe, numbers, positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.lens import Lens, LensModel
 
-# y up and z backward (OpenGL, NeRF) against y down and z forward; its own inverse.
+# Between y up, z backward (OpenGL, NeRF) and y down, z forward; its own inverse.
 CV_FROM_GL = np.diag([1.0, -1.0, -1.0, 1.0])
-# x left and y up (PyTorch3D) against x right and y down; its own inverse.
+# Between x left, y up (PyTorch3D) and x right, y down; its own inverse.
 CV_FROM_PYTORCH3D = np.diag([-1.0, -1.0, 1.0])
 
-# Parameters before the distortion coefficients, and the coefficients' places in OpenCV's order k1 k2 p1 p2
+# Number of parameters before the distortion coefficients, and number of coefficients, in OpenCV's order k1 k2 p1 p2
 # k3 ...
 _COLMAP_MODELS: Mapping[str, tuple[int, int]] = {
     "SIMPLE_PINHOLE": (3, 0),
@@ -37,7 +37,7 @@ _COLMAP_FISHEYES = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
 
 _ROS_MODELS = ("plumb_bob", "rational_polynomial", "equidistant")
 _KALIBR_MODELS = ("radtan", "equidistant", "none")
-# RealSense's names, in the order of its numbers; None: no lens of ours
+# RealSense's names, in the order of its numbers; None: not supported
 _REALSENSE_MODELS: Mapping[str, LensModel | None] = {
     "none": "brown_conrady",  # its coefficients are zeros
     "modified_brown_conrady": "modified_brown_conrady",
@@ -47,7 +47,7 @@ _REALSENSE_MODELS: Mapping[str, LensModel | None] = {
     "kannala_brandt4": "kannala_brandt",
 }
 
-# Azure Kinect: the side of the square that a mode makes of the depth camera's sensor, and where in it its image lies
+# Azure Kinect: side of the square that a mode makes of the depth sensor, the image's offset in it, and its size
 _KINECT_DEPTH: Mapping[str, tuple[int, tuple[int, int], tuple[int, int]]] = {
     "NFOV_UNBINNED": (1024, (192, 180), (640, 576)),
     "NFOV_2X2BINNED": (512, (96, 90), (320, 288)),
@@ -55,7 +55,7 @@ _KINECT_DEPTH: Mapping[str, tuple[int, tuple[int, int], tuple[int, int]]] = {
     "WFOV_2X2BINNED": (512, (0, 0), (512, 512)),
     "PASSIVE_IR": (1024, (0, 0), (1024, 1024)),
 }
-# The colour camera's images: as wide as its sensor, and from the middle of its height
+# The colour camera's images: as wide as the sensor, centred in its height
 _KINECT_COLOR: Mapping[str, tuple[int, int]] = {
     "720P": (1280, 720),
     "1080P": (1920, 1080),
@@ -65,12 +65,12 @@ _KINECT_COLOR: Mapping[str, tuple[int, int]] = {
     "3072P": (4096, 3072),
 }
 KINECT_MODES = (*_KINECT_DEPTH, *_KINECT_COLOR)
-_KINECT_MODEL = "CALIBRATION_LensDistortionModelBrownConrady"  # which is OpenCV's rational one
-_KINECT_RADIUS = 1.7  # what its SDK takes where the calibration has found none
+_KINECT_MODEL = "CALIBRATION_LensDistortionModelBrownConrady"  # OpenCV's rational model
+_KINECT_RADIUS = 1.7  # the SDK's default for calibrations without a radius
 
 
 class RealSenseIntrinsics(TypedDict):
-    """The attributes of `pyrealsense2.intrinsics`, `model` by its name."""
+    """The attributes of `pyrealsense2.intrinsics`, with the model's name."""
 
     width: int
     height: int
@@ -83,7 +83,7 @@ class RealSenseIntrinsics(TypedDict):
 
 
 class RosCameraInfo(TypedDict):
-    """The fields of ROS 2's `sensor_msgs/CameraInfo` that tell of the raw image."""
+    """The fields of ROS 2's `sensor_msgs/CameraInfo` that describe the raw image."""
 
     width: int
     height: int
@@ -121,12 +121,12 @@ def with_principal_point_moved(K: Float64, by: float) -> Float64:
 
 
 def intrinsics_from_normalized(K: Float64, size: tuple[int, int]) -> Float64:
-    """Return K in pixels of one in parts of the picture's width and height, whose middle is (0.5, 0.5)."""
+    """Return K in pixels for a K in fractions of the picture's width and height, whose middle is (0.5, 0.5)."""
     return with_principal_point_moved(np.diag([*size, 1.0]) @ K, -0.5)
 
 
 def mirrored(pose: Float64) -> Float64:
-    """Return the pose of a camera whose y points up as one whose y points down, in a mirrored world."""
+    """Return a pose whose y points up as one whose y points down, in a mirrored world."""
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])
     return mirror @ pose @ mirror
 
@@ -140,7 +140,7 @@ def pose_from_extrinsics(rotation: Float64, translation: Float64) -> Float64:
 
 
 def intrinsics_from_colmap(model: str, params: object) -> tuple[Float64, Float64, bool]:
-    """Return K (pixel centres at integers), OpenCV's coefficients of a COLMAP camera, and whether of a fisheye."""
+    """Return K (pixel centres at integers), OpenCV's coefficients, and whether they are a fisheye's."""
     if not isinstance(model, str) or model not in _COLMAP_MODELS:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("model", f"one of {', '.join(_COLMAP_MODELS)}", describe(model))
     linear, distorted = _COLMAP_MODELS[model]
@@ -173,22 +173,22 @@ def camera_from_ros(info: object) -> tuple[Float64, tuple[int, int], Lens]:
     if any(int(_part(region, "info", name, default=0)) for name in ("x_offset", "y_offset")):
         raise ArgumentError("info", "an image that is not cropped", "a region of interest")
     model = str(_part(info, "info", "distortion_model"))
-    of_realsense = _REALSENSE_MODELS.get(model.lower().replace(" ", "_"))  # as its recorder names them
-    if model not in ("", *_ROS_MODELS) and of_realsense is None:  # drivers of rectified cameras leave it empty
+    of_realsense = _REALSENSE_MODELS.get(model.lower().replace(" ", "_"))  # as RealSense's recorder names them
+    if model not in ("", *_ROS_MODELS) and of_realsense is None:  # drivers of rectified cameras leave the name empty
         raise ArgumentError("info", f"a distortion_model of {', '.join(_ROS_MODELS)}", repr(model))
     matrix = _part(info, "info", "k", "K", "camera_matrix")
     values = _part(info, "info", "d", "D", "distortion_coefficients", default=[])
     matrix, values = (_part(each, "info", "data", default=each) for each in (matrix, values))  # files wrap them
     K = numbers("info", np.ravel(np.asarray(matrix)), (9,)).reshape(3, 3)
     size = int(_part(info, "info", "width", "image_width")), int(_part(info, "info", "height", "image_height"))
-    coefficients = np.ravel(np.asarray(values))  # none stands for zeros
+    coefficients = np.ravel(np.asarray(values))  # an empty list means zeros
     if of_realsense is not None and coefficients.size:
         return K, size, Lens(of_realsense, coefficients[:4] if of_realsense == "kannala_brandt" else coefficients)
     return K, size, Lens.from_opencv(coefficients if coefficients.size else np.zeros(4), fisheye=model == "equidistant")
 
 
 def ros_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> RosCameraInfo:
-    """Return what a ROS `CameraInfo` says of the raw image."""
+    """Return the fields of a ROS `CameraInfo` for the raw image."""
     values = np.zeros(5) if lens is None else lens.to_opencv()
     model = {4: "equidistant", 5: "plumb_bob", 8: "rational_polynomial"}[len(values)]
     width, height = size
@@ -221,7 +221,7 @@ def realsense_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) 
     if lens is not None:
         names = {ours: name for name, ours in _REALSENSE_MODELS.items()}
         if lens.model not in names:
-            raise ArgumentError("lens", f"one that RealSense has: {', '.join(map(str, names))}", lens.model)
+            raise ArgumentError("lens", f"a lens that RealSense supports: {', '.join(map(str, names))}", lens.model)
         model, values = names[lens.model], [*lens.coefficients, 0.0][:5]
     made: RealSenseIntrinsics = {
         "width": size[0],
@@ -251,11 +251,11 @@ def camera_from_kalibr(camera: object) -> tuple[Float64, tuple[int, int], Lens]:
 
 
 def kalibr_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> KalibrCamera:
-    """Return what Kalibr's `camchain.yaml` says of a camera."""
+    """Return the entries of a camera in Kalibr's `camchain.yaml`."""
     values = np.zeros(5) if lens is None else lens.to_opencv()
     fisheye = len(values) == 4
     if values[4:].any():
-        raise ArgumentError("lens", "one that Kalibr has: k1 k2 p1 p2, or a fisheye", str(lens))
+        raise ArgumentError("lens", "a lens that Kalibr supports: k1 k2 p1 p2, or a fisheye", str(lens))
     return {
         "camera_model": "pinhole",
         "intrinsics": [float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])],
@@ -266,7 +266,7 @@ def kalibr_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> 
 
 
 def kinect_location(mode: str) -> str:
-    """Return what the calibration of an Azure Kinect calls the camera that has this mode."""
+    """Return the name of a mode's camera in an Azure Kinect's calibration."""
     return f"CALIBRATION_CameraLocation{'D0' if mode in _KINECT_DEPTH else 'PV0'}"
 
 
@@ -296,9 +296,9 @@ def camera_from_azure_kinect(calibration: object, mode: object) -> tuple[Float64
     else:
         size = _KINECT_COLOR[known]
         across, left = size[0], 0
-        down = across * sensor[1] / sensor[0]  # early calibrations are of 16:9 instead of 4:3
+        down = across * sensor[1] / sensor[0]  # early calibrations are for 16:9 instead of 4:3
         top = (down - size[1]) / 2
-    # Parts of the whole image's size, from its corner, which is half a pixel before the first one's centre
+    # Fractions of the whole image's size, from its corner, which is half a pixel before the first pixel's centre
     K = _matrix(fx * across, fy * down, cx * across - left - 0.5, cy * down - top - 0.5)
     (radius,) = numbers(name, [_part(found[0], name, "MetricRadius")], (1,)).tolist()
     rotation = numbers(name, np.ravel(_part(motion, name, "Rotation")), (9,)).reshape(3, 3)
@@ -311,7 +311,7 @@ def _matrix(fx: float, fy: float, cx: float, cy: float) -> Float64:
 
 
 def _part(thing: object, argument: str, *names: str, default: Any = None) -> Any:
-    """The first key of these that a mapping has, or attribute that an object has."""
+    """The first of these keys in a mapping, or of these attributes of an object."""
     for name in names:
         if isinstance(thing, Mapping):
             if name in thing:

@@ -1,18 +1,18 @@
-"""Installed distributions: pyibr's own, and those that bring a package that others bring, too."""
+"""Installed distributions: pyibr's own, and those that write into the same folder."""
 
 from __future__ import annotations
 
 PYIBR = "pyibr-opencl"
-"""On package indexes; another project has the name pyibr there."""
+"""Name on package indexes, where another project is called pyibr."""
 
-_OWNERS = {  # by the folder that they write into, the one to keep first
+_OWNERS = {  # by their folder; the first is the one to keep
     "pyibr": (PYIBR, "pyibr"),
     "cv2": ("opencv-contrib-python", "opencv-python", "opencv-contrib-python-headless", "opencv-python-headless"),
 }
 
 
 def version_of(distribution: str) -> str | None:
-    """Its version, if it is installed."""
+    """The version of an installed distribution, or None."""
     from importlib import metadata
 
     try:
@@ -22,7 +22,7 @@ def version_of(distribution: str) -> str | None:
 
 
 def clashes() -> list[tuple[str, str]]:
-    """(what, command that mends it) where distributions have overwritten each other's files."""
+    """(problem, command that repairs it) for distributions that have overwritten each other's files."""
     found: list[tuple[str, str]] = []
     for folder, names in _OWNERS.items():
         owners = [name for name in names if _writes_into(name, folder)]

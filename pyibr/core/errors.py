@@ -15,9 +15,9 @@ class ArgumentError(Error, ValueError):
     argument : str
         The argument's name as the caller wrote it.
     expected : str
-        What would have been right.
+            Description of a valid value.
     got : str
-        What came.
+            Description of the received value.
     """
 
     def __init__(self, argument: str, expected: str, got: str) -> None:
@@ -29,11 +29,11 @@ class ArgumentError(Error, ValueError):
 
 
 class FileFormatError(Error):
-    """A file is missing, truncated or not what its name says."""
+    """A file is missing, truncated or does not have the format of its name."""
 
 
 class MissingPackageError(Error, ImportError):
-    """An optional Python package is needed; the message holds the command that installs it."""
+    """An optional Python package is missing; the message contains the command that installs it."""
 
 
 class DeviceError(Error, RuntimeError):
@@ -41,8 +41,8 @@ class DeviceError(Error, RuntimeError):
 
 
 class OutOfMemoryError(DeviceError, MemoryError):
-    """Memory is short, the device's or the host's; the message says for what."""
+    """The device or the host has too little memory; the message says for what."""
 
 
 class BuildError(DeviceError):
-    """An OpenCL program failed to build; the message holds file, options and log."""
+    """An OpenCL program failed to build; the message contains file, options and log."""

@@ -1,7 +1,7 @@
 """Lens distortion: the map from a pinhole's image positions to the lens's, and its inverse.
 
-Positions are normalised, (X/Z, Y/Z) of a point in the camera's frame: ideal ones as a pinhole sees it, distorted ones
-as the lens does; K turns the latter into pixels.
+Positions are normalised, (X/Z, Y/Z) of a point in the camera's frame. A pinhole sees the point at the ideal position,
+the lens at the distorted position. K maps distorted positions to pixels.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pyibr.core.errors import ArgumentError
 
 LensModel = Literal["brown_conrady", "rational", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt"]
 
-_COEFFICIENT_MAX = 1e50  # and 1e-50 the least that counts: products of a few are within double precision
+_COEFFICIENT_MAX = 1e50  # and 1e-50 the smallest that counts: products of a few fit into double precision
 _COEFFICIENT_COUNTS: dict[str, tuple[int, ...]] = {
     "brown_conrady": (4, 5),
     "rational": (8,),
@@ -29,11 +29,11 @@ _COEFFICIENT_COUNTS: dict[str, tuple[int, ...]] = {
     "modified_brown_conrady": (4, 5),
     "kannala_brandt": (4,),
 }
-_ANGLE_MAX = 0.4999 * math.pi  # radians from the axis: a pinhole sees no more than half of the world
-_TABLE_ENTRIES = 4096  # of the table of radii that a search begins with
-_SLOPE_MAX = 4.0  # of how fast a lens with a pole may see what is farther out farther out
-_NEWTON_STEPS = 20  # of Newton's; a handful but for the very border of what a lens sees
-_TOLERANCE = 1e-12  # of distances between positions
+_ANGLE_MAX = 0.4999 * math.pi  # radians from the axis: a pinhole sees at most half of the world
+_TABLE_ENTRIES = 4096  # of the radius table that gives starting values for the search
+_SLOPE_MAX = 4.0  # largest derivative of distorted by ideal distance for a lens with a pole
+_NEWTON_STEPS = 20  # limit; a handful suffices except at the border of the lens's view
+_TOLERANCE = 1e-12  # for distances between positions
 _CHUNK = 1 << 14  # points at a time
 
 
@@ -44,22 +44,24 @@ class Lens:
     Parameters
     ----------
     model : str
-        - "brown_conrady": k1 k2 p1 p2 [k3], as OpenCV (and ROS's `plumb_bob`, Kalibr's `radtan`) has them.
-        - "rational": k1 k2 p1 p2 k3 k4 k5 k6, as OpenCV (and ROS's `rational_polynomial`) has them.
-        - "modified_brown_conrady": k1 k2 p1 p2 [k3] of RealSense, the tangential part taken after the radial one.
-        - "inverse_brown_conrady": k1 k2 p1 p2 [k3] of RealSense. Its library computes the same as for the modified
-          model, in both directions, and so does this.
-        - "kannala_brandt": k1 k2 k3 k4 of a fisheye, as `cv2.fisheye` (and ROS's and Kalibr's `equidistant`) has them.
+            - "brown_conrady": k1 k2 p1 p2 [k3] of OpenCV, ROS's `plumb_bob` and Kalibr's `radtan`.
+            - "rational": k1 k2 p1 p2 k3 k4 k5 k6 of OpenCV and ROS's `rational_polynomial`.
+            - "modified_brown_conrady": k1 k2 p1 p2 [k3] of RealSense; the tangential part is applied after the radial
+              part.
+            - "inverse_brown_conrady": k1 k2 p1 p2 [k3] of RealSense. As in RealSense's library, it is computed like the
+              modified model in both directions.
+            - "kannala_brandt": k1 k2 k3 k4 of a fisheye, in `cv2.fisheye` and in ROS's and Kalibr's `equidistant`.
     coefficients : array_like
-        As many as the model has.
+            The model's coefficients, in the order above.
     radius : float
-        Ideal positions farther than that from the axis are not seen, > 0: how far the calibration holds, if that is
-        known (the metric radius of an Azure Kinect).
+            Largest ideal distance from the axis that the lens sees, > 0: the range of the calibration, if known (the
+            metric
+            radius of an Azure Kinect).
 
     Raises
     ------
     ArgumentError
-        If the model is unknown, or the coefficients are not as many.
+            If the model is unknown, or the number of coefficients is wrong.
 
     Examples
     --------
@@ -80,7 +82,7 @@ class Lens:
         one_of("model", model, LensModel)
         values, counts = numbers("coefficients", coefficients, (None,)), _COEFFICIENT_COUNTS[model]
         if len(values) not in counts:
-            expected = f"{' or '.join(map(str, counts))} of them for {model}"
+            expected = f"{' or '.join(map(str, counts))} coefficients for {model}"
             raise ArgumentError("coefficients", expected, str(len(values)))
         if (largest := np.abs(values).max()) > _COEFFICIENT_MAX:
             raise ArgumentError("coefficients", f"numbers up to {_COEFFICIENT_MAX:g}", f"{largest:g}")
@@ -96,17 +98,17 @@ class Lens:
 
     @property
     def bends(self) -> bool:
-        """Tell whether it distorts anything at all; a fisheye does with any coefficients."""
+        """Tell whether the lens distorts at all; a fisheye does with any coefficients."""
         return self.model == "kannala_brandt" or any(self.coefficients) or self.radius < math.inf
 
     @classmethod
     def from_opencv(cls, distortion: ArrayLike, *, fisheye: bool = False) -> Lens:
-        """Make a lens of OpenCV's `distCoeffs` (4, 5, 8, 12 or 14 numbers), or of the 4 of `cv2.fisheye`.
+        """Make a lens from OpenCV's `distCoeffs` (4, 5, 8, 12 or 14 numbers), or from the 4 of `cv2.fisheye`.
 
         Raises
         ------
         ArgumentError
-            If they are not as many, or are of a thin prism or a tilted sensor (not 0 from the ninth on).
+                If their number is wrong, or they describe a thin prism or a tilted sensor (not 0 from the ninth on).
         """
         values = numbers("distortion", distortion, None).ravel()
         if len(values) not in ((4,) if fisheye else (4, 5, 8, 12, 14)):
@@ -120,21 +122,22 @@ class Lens:
         return cls("rational", values[:8]) if values[5:].any() else cls("brown_conrady", values[:5])
 
     def to_opencv(self) -> Float64:
-        """Return `distCoeffs` of OpenCV (5 or 8 numbers), or of `cv2.fisheye` (4) if it is a "kannala_brandt".
+        """Return `distCoeffs` of OpenCV (5 or 8 numbers), or of `cv2.fisheye` (4) for "kannala_brandt".
 
         Raises
         ------
         ArgumentError
-            If it is a model of RealSense's own with a tangential part.
+                If the model is one of RealSense's with a tangential part.
         """
         if self.model in ("inverse_brown_conrady", "modified_brown_conrady") and any(self.coefficients[2:4]):
-            raise ArgumentError("lens", "one that OpenCV has: without p1 and p2, or of another model", self.model)
+            raise ArgumentError("lens", "a lens that OpenCV supports: p1 = p2 = 0, or another model", self.model)
         return np.array(self.coefficients)
 
     def distort(self, points: ArrayLike) -> Float64:
-        """Return where the lens sees ideal positions (N, 2).
+        """Return the distorted positions (N, 2) of ideal ones.
 
-        NaN where it does not: from where on the model would see what is farther out farther in, and from `radius` on.
+                NaN where the lens sees nothing: from the distance on where the model would fold back, and from
+                `radius` on.
         """
         return _in_parts(self._distorted, numbers("points", points, (None, 2), finite=False))
 
@@ -144,7 +147,7 @@ class Lens:
 
     @cached_property
     def reach(self) -> float:
-        """Ideal distance from the axis up to which the lens sees: what is farther out, farther out."""
+        """Largest ideal distance from the axis that the lens sees: up to it, distorted distances increase."""
         if self.model == "kannala_brandt":
             k1, k2, k3, k4 = self.coefficients
             angle = math.sqrt(_first_root(Polynomial([1, 3 * k1, 5 * k2, 7 * k3, 9 * k4])))
@@ -153,7 +156,7 @@ class Lens:
         one = Polynomial([0, 1])
         rises = (top + 2 * one * top.deriv()) * bottom - 2 * one * top * bottom.deriv()  # by bottom^2: the slope
         square = _first_root(rises)
-        if _first_root(bottom) < math.inf:  # calibrations go wild before a pole, not only at it
+        if _first_root(bottom) < math.inf:  # calibrations become wrong well before a pole
             square = min(square, _first_root(_SLOPE_MAX * bottom * bottom - rises))
         return min(math.sqrt(square), math.tan(_ANGLE_MAX), self.radius)
 
@@ -164,7 +167,8 @@ class Lens:
         return np.array([1.0, k1, k2, k3]), np.array([1.0, *below])
 
     def _factor(self, square: Float64) -> tuple[Float64, Float64]:
-        """Distorted over ideal distance from the axis, at squared ideal ones, and its derivative by these."""
+        """Ratio of distorted to ideal distance from the axis for squared ideal distances, and its derivative by
+        these."""
         if self.model == "kannala_brandt":
             return self._fisheye_factor(square)
         (top, top_slope), (bottom, bottom_slope) = (_value_and_slope(part, square) for part in self._fraction)
@@ -175,14 +179,14 @@ class Lens:
         angle = np.arctan(radius)
         series, slope = _value_and_slope(np.array([1.0, *self.coefficients]), angle * angle)
         distorted, steep = angle * series, (series + 2 * angle * angle * slope) / (1 + square)
-        near = radius < 1e-4  # where the quotients round too much, their beginnings do
+        near = radius < 1e-4  # there the quotients round too much: use the first terms of their series
         by = np.where(near, 1.0, radius)
         k1 = self.coefficients[0]
         factor = np.where(near, 1 + (k1 - 1 / 3) * square, distorted / by)
         return factor, np.where(near, k1 - 1 / 3, (steep - factor) / (2 * by * by))
 
     def _map(self, points: Float64) -> tuple[Float64, Float64]:
-        """(n, 2) distorted positions, and (n, 2, 2) their derivatives by the ideal ones."""
+        """Distorted positions, (n, 2), and their derivatives by the ideal ones, (n, 2, 2)."""
         x, y = points.T
         square = x * x + y * y
         factor, slope = self._factor(square)
@@ -191,11 +195,11 @@ class Lens:
             return np.stack([x * factor, y * factor], 1), np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1)
         p1, p2 = self.coefficients[2:4]
         u, v = x * factor, y * factor
-        if self.model in ("brown_conrady", "rational"):  # the tangential part is of the ideal position
+        if self.model in ("brown_conrady", "rational"):  # tangential part at the ideal position
             du = xx + 2 * p1 * y + 6 * p2 * x, xy + 2 * p1 * x + 2 * p2 * y
             dv = xy + 2 * p2 * y + 2 * p1 * x, yy + 2 * p2 * x + 6 * p1 * y
             a, b = x, y
-        else:  # of the position that the radial part has moved, but for the distance from the axis
+        else:  # tangential part at the radially moved position, with the ideal distance from the axis
             along, across = 1 + 2 * p1 * v + 4 * p2 * u, 1 + 2 * p2 * u + 4 * p1 * v
             du = xx * along + 2 * p1 * u * xy + 2 * p2 * x, xy * along + 2 * p1 * u * yy + 2 * p2 * y
             dv = xy * across + 2 * p2 * v * xx + 2 * p1 * x, yy * across + 2 * p2 * v * xy + 2 * p1 * y
@@ -205,7 +209,7 @@ class Lens:
         return np.stack([moved_x, moved_y], 1), np.array([du, dv]).transpose(2, 0, 1)
 
     def _sees(self, points: Float64, slopes: Float64) -> Float64:
-        """(n, 1) whether ideal positions are where the lens sees each at a place of its own."""
+        """(n, 1) bool: whether the lens sees ideal positions, and each at its own distorted position."""
         inside = np.hypot(*points.T) < self.reach
         return (inside & (_determinant(slopes) > 0))[:, None]
 
@@ -214,7 +218,7 @@ class Lens:
         return np.where(self._sees(points, slopes), distorted, np.nan)
 
     def _undistorted(self, points: Float64) -> Float64:
-        """By Newton's method, from where the radial part alone would have the points."""
+        """Newton's method, started at the inverse of the radial part."""
         away = np.hypot(*points.T)
         ideal, distorted = self._radii
         start = np.asarray(np.interp(away, distorted, ideal), np.float64)
@@ -237,7 +241,7 @@ class Lens:
 
     @cached_property
     def _radii(self) -> tuple[Float64, Float64]:
-        """Ideal distances from the axis and the distorted ones that the radial part makes of them, both rising."""
+        """Ideal distances from the axis and their distorted distances by the radial part, both increasing."""
         ideal = np.tan(np.linspace(0, math.atan(self.reach), _TABLE_ENTRIES))
         return ideal, np.maximum.accumulate(ideal * self._factor(ideal * ideal)[0])
 
@@ -259,7 +263,7 @@ def _in_parts(function: Callable[[Float64], Float64], points: Float64) -> Float6
 
 
 def _value_and_slope(coefficients: Float64, at: Float64) -> tuple[Float64, Float64]:
-    """Value and slope of the polynomial with these coefficients, the constant one first."""
+    """Value and slope of a polynomial; the constant coefficient comes first."""
     value, slope = np.full_like(at, coefficients[-1]), np.zeros_like(at)
     for coefficient in coefficients[-2::-1]:
         slope = slope * at + value
@@ -272,7 +276,7 @@ def _determinant(slopes: Float64) -> Float64:
 
 
 def _first_root(polynomial: Polynomial) -> float:
-    """The least positive real root, or infinity."""
+    """The smallest positive real root, or infinity."""
     roots = np.asarray(polynomial.trim(1 / _COEFFICIENT_MAX).roots(), np.complex128)
     real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
     return float(real.min()) if len(real) else math.inf

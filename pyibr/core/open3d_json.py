@@ -1,7 +1,7 @@
 """Open3D's camera files: its PinholeCameraIntrinsic, PinholeCameraParameters and PinholeCameraTrajectory as JSON.
 
-Matrices are lists of numbers, column by column. An extrinsic leads from the world to the camera; axes and pixel centres
-are pyibr's. What else stands there, as in the `intrinsic.json` of Open3D's recordings, tells nothing of the camera.
+Matrices are lists of numbers in column order. An extrinsic leads from the world to the camera; axes and pixel centres
+are pyibr's. Other entries, as in the `intrinsic.json` of Open3D's recordings, do not describe the camera.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ _CAMERAS = "parameters"
 
 
 def is_open3d(entries: dict[str, Any]) -> bool:
-    """Tell whether a JSON object is one of Open3D's."""
+    """Tell whether a JSON object is a camera file of Open3D's."""
     return not entries.keys().isdisjoint((_MATRIX, _INTRINSIC, "class_name"))
 
 
 def open3d_arguments(entries: dict[str, Any], path: str | PathLike[str]) -> dict[str, Any]:
-    """Return the arguments of `Camera` that an object of one camera holds; `path` is for messages."""
+    """Return the arguments of `Camera` from the object of one camera; `path` is for messages."""
     if _CAMERAS in entries or _is_shared(entries):
         raise FileFormatError(f"{path}: expected one camera, got Open3D's trajectory of several")
     intrinsic = entries if _MATRIX in entries else entries.get(_INTRINSIC)
@@ -47,10 +47,10 @@ def open3d_arguments(entries: dict[str, Any], path: str | PathLike[str]) -> dict
 
 
 def open3d_cameras(entries: dict[str, Any]) -> object:
-    """Return a trajectory's cameras, an object each; None if it is no trajectory."""
+    """Return a trajectory's cameras, one object each; None if it is no trajectory."""
     if _CAMERAS in entries:
         return entries[_CAMERAS]
-    if _is_shared(entries):  # as Open3D wrote them at first: with one intrinsic for all
+    if _is_shared(entries):  # Open3D's first form: one intrinsic for all
         return [{_INTRINSIC: entries.get(_INTRINSIC), _EXTRINSIC: one} for one in entries[_EXTRINSIC]]
     return None
 

@@ -1,4 +1,4 @@
-"""Packages that only some things need: imported where they are used, and named with the extra that brings them."""
+"""Optional packages: imported where they are used; errors name the extra that installs them."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ def open3d() -> Any:
 
 
 def opencv(user: str, *names: str) -> Any:
-    """OpenCV, whichever build is installed, or a MissingPackageError: `user`, a word, needs these names of it."""
+    """OpenCV in any build, or MissingPackageError; `user` names the caller, which needs the attributes `names`."""
     libraries = "on Debian and Ubuntu: apt install libgl1 libglib2.0-0 (a headless build needs neither)"
     cv2 = _imported("cv2", f"{user} needs OpenCV", "opencv", libraries)
     lacking = [name for name in names if not hasattr(cv2, name)]
     if lacking:
         version = getattr(cv2, "__version__", "")
-        found = f"OpenCV {version} as installed lacks it" if version else "only a folder is left of the installed one"
+        found = f"the installed OpenCV {version} lacks it" if version else "only a folder is left of the installed one"
         raise MissingPackageError(
-            f"{user} needs cv2.{' and cv2.'.join(lacking)}, and {found}; to mend it: "
+            f"{user} needs cv2.{' and cv2.'.join(lacking)}, but {found}; to repair it: "
             "pip install --force-reinstall opencv-contrib-python (or the build that you had)"
         )
     return cv2
 
 
 def _package(module: str, need: str, extra: str, wheel: str = "") -> Callable[[], Any]:
-    """A function that returns a package, or raises MissingPackageError; wheel: its name for pip, if it is another."""
+    """A function that returns a package, or raises MissingPackageError; wheel: its name for pip, if different."""
     return partial(_imported, module, need, extra, f"pip install --force-reinstall {wheel or module}")
 
 
 def _imported(module: str, need: str, extra: str, remedy: str) -> Any:
     try:
         return import_module(module)
-    except Exception as error:  # what is installed by halves may raise anything
+    except Exception as error:  # broken installations may raise anything
         if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
             raise MissingPackageError(f"{need}: pip install 'pyibr-opencl[{extra}]'") from None
         raise MissingPackageError(f"{need}, which is installed but cannot be imported ({error}); {remedy}") from error

@@ -1,4 +1,4 @@
-"""From one camera's pixel space to another's: the warp equation of a pair of cameras (kernels/lib/pixelspace.h).
+"""Maps between the pixel spaces of two cameras: the warp equation (kernels/lib/pixelspace.h).
 
 A point is homogeneous (U, V, W, Q): pixel (U/W, V/W), nearness Q/W, which is 1/z for a perspective camera and -z for
 an orthographic one. One 4x4 matrix carries it from the source to the target; its last column is the epipole.
@@ -20,11 +20,11 @@ from pyibr.core.checks import Float64
 
 _GRID = [part.ravel() for part in np.meshgrid(np.linspace(0.1, 0.9, 5), np.linspace(0.1, 0.9, 5))]
 
-_ROUNDING = 1e-10  # relative: of products of a few matrices in float64
-_ROUNDING_FAR = 1e-15  # of positions as far from the world's origin as 1
+_ROUNDING = 1e-10  # relative error of products of a few matrices in float64
+_ROUNDING_FAR = 1e-15  # error of positions at a distance of 1 from the world's origin
 
 NO_PARALLAX = 1e-3
-"""Pixels: cameras between which nothing moves more differ by a rotation (or a zoom) alone."""
+"""In pixels: cameras with less parallax count as differing by a rotation (or a zoom) alone."""
 
 
 @dataclass(frozen=True)
@@ -38,26 +38,26 @@ class Rectangle:
 
     @property
     def empty(self) -> bool:
-        """Tell whether it holds no pixel."""
+        """Tell whether the rectangle holds no pixel."""
         return self.low_x >= self.high_x or self.low_y >= self.high_y
 
 
 def pitch(width: int) -> int:
-    """Row length of nearness images: whole packets, room to look beyond the last pixel or for a ring, no power of two.
+    """Row length of nearness images: whole packets, with room past the last pixel or for a ring, no power of two.
 
-    Rows of a power of two lie in one place of the cache, which walks along columns overflow.
-    """
+        Rows of a power of two share few places of the cache, which column-wise walks would overflow.
+        """
     padded = (-(-(width + 2) // 16) + 1) * 16
     return padded + 16 if padded % 256 == 0 else padded
 
 
 def longer_side(camera: Camera) -> float:
-    """Longer side of what an orthographic camera sees of its plane, in scene units: the scale of its depths."""
+    """Longer side of an orthographic camera's field of view, in scene units: the scale of its depths."""
     return float(max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]))
 
 
 def frustum(camera: Camera) -> Float64:
-    """(5, 4) planes of what a camera sees, in the world: a x + b y + c z + d >= 0 inside, unit normals."""
+    """(5, 4) planes of a camera's view in the world: a x + b y + c z + d >= 0 inside, unit normals."""
     (width, height), (u, v, w, q) = camera.size, camera.pixel_matrix @ camera.camera_from_world
     before = w if camera.projection == "perspective" else -q
     sides = u + 0.5 * w, (width - 0.5) * w - u, v + 0.5 * w, (height - 0.5) * w - v
@@ -66,19 +66,19 @@ def frustum(camera: Camera) -> Float64:
 
 
 def pixel_size(camera: Camera, point: Float64) -> float:
-    """Scene units that a pixel takes at a point of the world."""
+    """Scene units that a pixel covers at a point in the world."""
     z = float(camera.camera_from_world[2, :3] @ point + camera.camera_from_world[2, 3])
     return (abs(z) if camera.projection == "perspective" else 1.0) / float(min(camera.K[0, 0], camera.K[1, 1]))
 
 
 @dataclass(frozen=True, eq=False)
 class CameraPair:
-    """The map between two cameras, as far as it does not depend on the source's samples; by `camera_pair`.
+    """The map between two cameras, without the parts that depend on the source's samples; from `camera_pair`.
 
     Attributes
     ----------
     src, dst : Camera
-        The source, whose samples have depths, and the target.
+            The source, whose samples have depth, and the target.
     """
 
     src: Camera
@@ -102,7 +102,7 @@ class CameraPair:
 
     @cached_property
     def off_samples(self) -> float:
-        """Pixels by which aligned lines through the target's pixels run beside the source's samples, at most."""
+        """Largest distance, in pixels, from aligned lines through the target's pixels to the source's samples."""
         ends = self.dst_from_src[:2, 3], self.src_from_dst[:2, 3]
         target_axis, source_axis = (int(np.argmin(end != 0)) for end in ends)
         pixels = np.zeros((3, self.dst.size[target_axis]))
@@ -111,20 +111,21 @@ class CameraPair:
         with np.errstate(divide="ignore", invalid="ignore"):
             across = rows[0] / rows[1]
             off = np.abs(across - np.rint(across))
-        return float(np.where(np.isfinite(off), off, 0.5).max())  # lines at infinity are on no samples
+        return float(np.where(np.isfinite(off), off, 0.5).max())  # lines at infinity pass no samples
 
     @cached_property
     def corners(self) -> list[list[float]]:
-        """(U, V, W) in the target of the corners of the source's picture at nearness 0; and what nearness adds."""
+        """(U, V, W) in the target for the source's corners at nearness 0; last, the change per unit of nearness."""
         last_x, last_y = self.src.width - 0.5, self.src.height - 0.5
         at_infinity = [(x, y, 1.0, 0.0) for x, y in itertools.product((-0.5, last_x), (-0.5, last_y))]
         return (self.dst_from_src[:3] @ np.array([*at_infinity, (0, 0, 0, 1)]).T).T.tolist()
 
     @cached_property
     def grid(self) -> tuple[Float64, Float64]:
-        """(4, 3, 25) homogeneous positions in the target, at nearness 0, of a grid of source pixels and their right
-        and lower neighbours; and (4, 1, 1), what nearness adds to them.
-        """
+        """Target positions of a grid of source pixels and their right and lower neighbours.
+
+                (4, 3, 25) homogeneous at nearness 0, and (4, 1, 1) their change per unit of nearness.
+                """
         x, y = (part * (size - 1) for part, size in zip(_GRID, self.src.size, strict=True))
         points = np.array([[x, x + 1, x], [y, y, y + 1], [np.ones_like(x)] * 3])
         return np.tensordot(self.dst_from_src[:, :3], points, 1), self.dst_from_src[:, 3, None, None]
@@ -132,12 +133,12 @@ class CameraPair:
 
 @functools.lru_cache(maxsize=256)
 def camera_pair(src: Camera, dst: Camera) -> CameraPair:
-    """The pair, made once for cameras that are used again."""
+    """The pair, cached for repeated use of the same cameras."""
     return CameraPair(src, dst)
 
 
 class Ranged(Protocol):
-    """Samples of which the least and the greatest nearness are known, perhaps after a wait."""
+    """Samples with a known range of nearness, which may have to be waited for."""
 
     @property
     def low(self) -> float: ...
@@ -153,7 +154,7 @@ class PixelMap:
     ----------
     pair : CameraPair
     samples : Ranged
-        The source's.
+            The source's samples.
     """
 
     pair: CameraPair
@@ -171,16 +172,17 @@ class PixelMap:
 
     @property
     def epipole(self) -> Float64:
-        """(3,) homogeneous pixel of the source's centre in the target; negative W: an antipode; 0: there is none."""
+        """(3,) homogeneous pixel of the source's centre in the target; negative W: an antipode; 0: no epipole."""
         return self.pair.dst_from_src[:3, 3] if self.parallax >= NO_PARALLAX else np.zeros(3)
 
     @cached_property
     def parallax(self) -> float:
-        """Largest motion of the source's corners in the target, in pixels, between depths that are far apart.
+        """Largest motion of the source's corners in the target, in pixels, between two distant depths.
 
-        The depths are infinity and the nearest sample's in a perspective source; in an orthographic one the
-        farthest sample's and one as far before it as its camera sees wide, or high.
-        """
+                For a perspective source, the depths are infinity and the nearest sample's. For an orthographic one,
+                they are the
+                farthest sample's, and one nearer than that by the longer side of the camera's field of view.
+                """
         src = self.pair.src
         perspective = src.projection == "perspective"
         ends = (0.0, self.high) if perspective else (self.low, self.high + longer_side(src))
@@ -193,7 +195,7 @@ class PixelMap:
 
     @cached_property
     def most_motion(self) -> float:
-        """No place of the source moves in the target by more, in pixels, per nearness."""
+        """Upper bound on the motion of any source position in the target, in pixels per unit of nearness."""
         b = self.pair.dst_from_src[:3, 3]
         points = [*self._corners(self.low), *self._corners(self.high)]
         least = min(w for _, _, w in points)
@@ -203,7 +205,7 @@ class PixelMap:
 
     @cached_property
     def reach(self) -> Rectangle:
-        """The target's pixels that any of the source's samples, or the surface between them, may cover."""
+        """The target's pixels that the source's samples, or the surface between them, may cover."""
         width, height = self.pair.dst.size
         points = [*self._corners(self.low), *self._corners(self.high)]
         before = [w for _, _, w in points if w > 0]
@@ -212,7 +214,7 @@ class PixelMap:
         if len(before) < len(points):
             beyond = (
                 (u + 2 * w < 0, u - (width + 1) * w > 0, v + 2 * w < 0, v - (height + 1) * w > 0) for u, v, w in points
-            )  # either half-space holds all that lies between points of it
+            )  # a half-space that holds all points also holds everything between them
             return Rectangle(0, 0, 0, 0) if any(map(all, zip(*beyond, strict=True))) else Rectangle(0, width, 0, height)
         x, y = [u / w for u, _, w in points], [v / w for _, v, w in points]
         return Rectangle(
@@ -224,7 +226,7 @@ class PixelMap:
 
     @cached_property
     def density(self) -> float:
-        """Source pixels over one target pixel, along an axis, at the middle nearness where the target sees it."""
+        """Source pixels per target pixel along an axis, at the middle nearness, where the target sees them."""
         u, v, w, _ = self._middle
         with np.errstate(divide="ignore", invalid="ignore"):
             x, y = u / w, v / w
@@ -236,25 +238,26 @@ class PixelMap:
 
     @cached_property
     def typical(self) -> float:
-        """Nearness in the target of a point at the middle nearness of the source that is before both cameras."""
+        """Nearness in the target of a point at the source's middle nearness, in front of both cameras."""
         _, _, w, q = self._middle
         ahead = w[0] > 0
         return _middle_of(q[0][ahead] / w[0][ahead]) if ahead.any() else 1.0
 
     @cached_property
     def _middle(self) -> Float64:
-        """(4, 3, 25) homogeneous target positions of the pair's grid, at the middle nearness."""
+        """(4, 3, 25) homogeneous target positions of the pair's grid at the middle nearness."""
         at_infinity, per_nearness = self.pair.grid
         return at_infinity + 0.5 * (self.low + self.high) * per_nearness
 
     def _corners(self, nearness: float) -> list[tuple[float, float, float]]:
-        """(U, V, W) in the target of the source's corner pixels, at a nearness."""
+        """(U, V, W) in the target of the source's corners at a nearness."""
         *corners, (b_u, b_v, b_w) = self.pair.corners
         return [(u + nearness * b_u, v + nearness * b_v, w + nearness * b_w) for u, v, w in corners]
 
 
 def _pixels_from_pixels(one: Camera, other: Camera) -> Float64:
-    """(4, 4) from the other's pixel space to the one's; what may be mere rounding is 0: parallel cameras stay so."""
+    """(4, 4) from the other camera's pixel space to this one's; mere rounding becomes 0, so parallel cameras stay
+    so."""
     pose = one.camera_from_world @ other.world_from_camera
     turn, step = pose[:3, :3], pose[:3, 3]
     turn[np.abs(turn) < _ROUNDING] = 0.0
@@ -266,5 +269,5 @@ def _pixels_from_pixels(one: Camera, other: Camera) -> Float64:
 
 
 def _middle_of(values: Float64) -> float:
-    """The upper median, without NumPy's own, which imports masked arrays on first use."""
+    """The upper median, without NumPy's `median`, which imports masked arrays on first use."""
     return float(np.sort(values)[len(values) // 2])

@@ -1,4 +1,4 @@
-"""Rotations as matrices, as quaternions and as OpenCV's axis-angle vectors."""
+"""Rotations as matrices, quaternions and OpenCV's axis-angle vectors."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pyibr.core.errors import ArgumentError
 
 
 def rotation_from_quaternion(wxyz: Float64) -> Float64:
-    """Return the (3, 3) rotation of a quaternion (w, x, y, z), which need not be of length 1."""
+    """Return the (3, 3) rotation of a quaternion (w, x, y, z) of any length."""
     largest = float(np.abs(wxyz).max())
     if largest == 0:
         raise ArgumentError("qvec", "a quaternion (w, x, y, z) of length 1", "zeros")
-    scaled = wxyz / largest  # so that no square overflows
+    scaled = wxyz / largest  # avoids overflow of the squares
     w, x, y, z = scaled / np.linalg.norm(scaled)
     return np.array(
         [
@@ -27,8 +27,8 @@ def rotation_from_quaternion(wxyz: Float64) -> Float64:
 def quaternion_from_rotation(rotation: Float64) -> Float64:
     """Return the quaternion (w, x, y, z), w >= 0, of the rotation nearest to `rotation` (3, 3).
 
-    It is the eigenvector of the largest eigenvalue of Bar-Itzhack's symmetric matrix, which stays exact at
-    half turns, where formulas from the trace lose their digits.
+    It is the eigenvector of the largest eigenvalue of Bar-Itzhack's symmetric matrix. This stays exact at half turns,
+        where formulas from the trace lose digits.
     """
     (a, b, c), (d, e, f), (g, h, i) = rotation
     symmetric = np.array(

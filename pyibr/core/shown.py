@@ -1,6 +1,6 @@
-"""Frames, depth images, meshes and cameras as they show themselves: in notebooks, in a window, and as files.
+"""Display of frames, depth images, meshes and cameras: in notebooks, in a window, and as files.
 
-What knows how lies in rooms above, and registers here: at `picture_of` what draws, at `save_as` what writes.
+Higher packages register the implementations: renderers at `picture_of`, writers at `save_as`.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from pyibr.core.errors import ArgumentError, Error
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-_SIDE_MAX = 1600  # pixels: what is larger would make notebooks heavy
+_SIDE_MAX = 1600  # in pixels: larger pictures would bloat notebooks
 
 
 @singledispatch
 def picture_of(thing: object) -> NDArray[np.uint8]:
-    """(H, W, 3) the picture by which a thing shows itself."""
+    """(H, W, 3) picture that represents an object."""
     raise ArgumentError("thing", "something that has a picture", describe(thing))
 
 
 @singledispatch
 def save_as(thing: object, path: str | os.PathLike[str]) -> None:
-    """Write what a file of this suffix holds of a thing."""
+    """Write the part of an object that this suffix's format stores."""
     raise ArgumentError("thing", "something that files hold", describe(thing))
 
 
 class Shown:
-    """Base of what has a picture: notebooks show it by themselves, `show` does it anywhere."""
+    """Base of objects with a picture: notebooks display it automatically, `show` does so anywhere."""
 
     def _repr_png_(self) -> bytes:
         written = io.BytesIO()
@@ -44,12 +44,12 @@ class Shown:
         return written.getvalue()
 
     def show(self) -> None:
-        """Show its picture: below the cell of a notebook, else in the system's viewer of images, by Pillow.
+        """Show the object's picture: below the cell of a notebook, else in the system's image viewer, through Pillow.
 
         Raises
         ------
         Error
-            If there is neither a notebook nor a display.
+                If there is neither a notebook nor a display.
 
         Examples
         --------
@@ -65,7 +65,7 @@ class Shown:
             return
         is_blind = sys.platform.startswith("linux") and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
         if is_blind or not ImageShow.show(self._picture(), title=repr(self)):
-            raise Error("there is no display to show a picture on, nor a notebook; `save` writes a file")
+            raise Error("no display or notebook to show a picture in; `save` writes a file")
 
     def _picture(self) -> Image:
         from PIL import Image

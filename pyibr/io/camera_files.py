@@ -1,4 +1,4 @@
-"""Cameras of several images are written: as JSON of pyibr, of Open3D or of NeRF's kin, or as a COLMAP model in text."""
+"""Writers for cameras of several images: JSON for pyibr, Open3D or NeRF programs, or a COLMAP model as text."""
 
 from __future__ import annotations
 
@@ -22,22 +22,23 @@ _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4")
 
 
 def write_cameras(path: str | PathLike[str], cameras: Mapping[str, Camera], form: CameraForm = "pyibr") -> None:
-    """Write cameras so that `read_cameras` reads them, and other programs, too.
+    """Write cameras in a form that `read_cameras` and other programs read.
 
     Parameters
     ----------
     path : path
         A JSON file, or the folder of a COLMAP model.
     cameras : mapping of str to Camera
-        By their images' names, which COLMAP's and NeRF's files hold; the others are lists, of one camera itself.
+            Cameras by image name. COLMAP's and NeRF's files store the names; the others store a list, or a single
+            camera.
     form : {"pyibr", "colmap", "open3d", "nerfstudio"}
-        JSON as `Camera.save` writes it; COLMAP's cameras.txt, images.txt and points3D.txt; Open3D's
-        PinholeCameraParameters or PinholeCameraTrajectory; transforms.json.
+            JSON as in `Camera.save`; COLMAP's cameras.txt, images.txt and points3D.txt; Open3D's
+            PinholeCameraParameters or PinholeCameraTrajectory; transforms.json.
 
     Raises
     ------
     ArgumentError
-        If there is no camera, or the form cannot tell one: an orthographic camera, or its lens.
+            If there is no camera, or the form cannot store one: an orthographic camera, or its lens.
 
     Examples
     --------
@@ -67,11 +68,11 @@ def write_cameras(path: str | PathLike[str], cameras: Mapping[str, Camera], form
 
 
 def nerf_frame(camera: Camera) -> dict[str, Any]:
-    """A camera as a frame of transforms.json tells it; ArgumentError for one that it cannot tell."""
+    """A camera as a frame of transforms.json; ArgumentError if the format cannot store it."""
     model, params, _, _ = camera.to_colmap()
     values = [*params[4:].tolist(), *[0.0] * 8][:8]
     if model == "FULL_OPENCV" and any(values[5:]):
-        raise ArgumentError("camera", "a lens of k1, k2, p1, p2 and k3", str(camera.lens))
+        raise ArgumentError("camera", "a lens with k1, k2, p1, p2 and k3 only", str(camera.lens))
     if model == "OPENCV_FISHEYE":
         values = [values[0], values[1], 0.0, 0.0, values[2], values[3]]
     fx, fy, cx, cy = params[:4].tolist()
@@ -83,7 +84,7 @@ def nerf_frame(camera: Camera) -> dict[str, Any]:
 
 
 def _write_model(folder: Path, cameras: Mapping[str, Camera]) -> None:
-    """A COLMAP model without points; cameras of the same intrinsics are one."""
+    """Write a COLMAP model without points; cameras of equal intrinsics are stored once."""
     numbers, images = dict[str, int](), list[str]()
     for number, (name, camera) in enumerate(cameras.items(), 1):
         model, params, qvec, tvec = camera.to_colmap()
@@ -102,9 +103,9 @@ def _words(values: np.ndarray[Any, Any]) -> str:
 
 
 def _open3d(camera: Camera) -> dict[str, Any]:
-    """Open3D's PinholeCameraParameters, matrices column by column."""
+    """Open3D's PinholeCameraParameters, with matrices in column order."""
     if camera.projection != "perspective" or camera.lens is not None:
-        raise ArgumentError("cameras", "perspective ones without a lens for Open3D", str(camera))
+        raise ArgumentError("cameras", "perspective cameras without a lens for Open3D", str(camera))
     intrinsic = {"width": camera.width, "height": camera.height, "intrinsic_matrix": camera.K.T.ravel().tolist()}
     return {
         "class_name": "PinholeCameraParameters",

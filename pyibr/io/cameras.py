@@ -1,4 +1,4 @@
-"""The cameras of several images: of calibration files, of JSON files, or of a COLMAP model."""
+"""Readers for cameras of several images: calibration files, JSON files, COLMAP models."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pyibr.io.folders import files_in
 from pyibr.io.gltf_cameras import SUFFIXES, read_gltf_cameras
 from pyibr.io.multiview import are_parameters, read_parameters
 
-_SET = "frusta.json"  # that `pyibr.save` and `pyibr place` write
+_SET = "frusta.json"  # written by `pyibr.save` and `pyibr place`
 
 
 def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = None) -> dict[str, Camera]:
@@ -24,18 +24,21 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
     Parameters
     ----------
     path : path
-        A file as `Camera.load` reads it, of one camera or of several; a list of such cameras as JSON, Open3D's
-        PinholeCameraTrajectory, or a set's folder or its `frusta.json`; a folder of JSON files of one camera each, in
-        the order of the numbers in their names; or the folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or
-        ``.txt``), be it in a folder ``0`` there. Or a glTF scene, or the parameters of Middlebury's multi-view sets.
+            - A file that `Camera.load` reads, of one camera or of several.
+            - A JSON list of such cameras, or Open3D's PinholeCameraTrajectory.
+            - A set's folder or its `frusta.json`.
+            - A folder of JSON files of one camera each, in the order of the numbers in their names.
+            - The folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or ``.txt``), also in a subfolder ``0``.
+            - A glTF scene, or the parameters of Middlebury's multi-view sets.
     size : (width, height), optional
-        Of the images, for files that do not tell it. Where a calibration has several cameras, those of this size.
+            The images' size, for files that lack it. If a calibration has several cameras, those of this size are read.
 
     Returns
     -------
     dict of str and Camera
-        By the image's name (COLMAP, `transforms.json`, Middlebury), the file's name without its suffix (a folder), the
-        name that the file gives it, or the number in the list.
+            By the image's name (COLMAP, `transforms.json`, Middlebury), the file's name without its suffix (a
+            folder), the
+            camera's name in the file, or its number in the list.
 
     Raises
     ------
@@ -81,7 +84,7 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
 
 
 def _listed(data: object) -> object:
-    """The cameras of a set's views, or of Open3D's trajectory; anything else as it is."""
+    """The cameras of a set's views, or of Open3D's trajectory; other data unchanged."""
     if not isinstance(data, dict):
         return data
     known = cast("dict[str, object]", data)

@@ -1,4 +1,4 @@
-"""COLMAP's sparse models: cameras and images, as text or binary; the points are not read."""
+"""COLMAP's sparse models: cameras and images, as text or binary; points are skipped."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import read_text, reading
 
-# By COLMAP's numbers: names, and how many parameters each has
+# In the order of COLMAP's numbers: names, and numbers of parameters
 _MODELS: tuple[tuple[str, int], ...] = (
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -24,7 +24,7 @@ _MODELS: tuple[tuple[str, int], ...] = (
     ("RADIAL_FISHEYE", 5),
     ("THIN_PRISM_FISHEYE", 12),
 )
-_POINT_BYTES = 24  # of an image in the binary form: x, y, the point's number
+_POINT_BYTES = 24  # per point of an image in binary form: x, y, the point's number
 
 
 class _Intrinsics(NamedTuple):
@@ -41,7 +41,7 @@ class _Image(NamedTuple):
 
 
 def read_model(folder: Path) -> dict[str, Camera]:
-    """The camera of each image of a model, with its lens, by the image's name; in the order of the names."""
+    """The camera of each image of a model, with its lens, by the image's name; sorted by name."""
     suffix = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
     cameras, images = folder / f"cameras{suffix}", folder / f"images{suffix}"
     with reading(cameras, "COLMAP cameras") as source:
@@ -51,7 +51,7 @@ def read_model(folder: Path) -> dict[str, Camera]:
     made: dict[str, Camera] = {}
     for image in sorted(found, key=lambda image: image.name):
         if image.camera not in intrinsics:
-            raise FileFormatError(f"{images}: {image.name} is of camera {image.camera}, which {cameras} lacks")
+            raise FileFormatError(f"{images}: {image.name} has camera {image.camera}, which {cameras} lacks")
         model, size, params = intrinsics[image.camera]
         try:
             made[image.name] = Camera.from_colmap(model, params, image.qvec, image.tvec, size)
@@ -68,7 +68,7 @@ def _text_cameras(text: str) -> dict[int, _Intrinsics]:
 
 
 def _text_images(text: str) -> list[_Image]:
-    """Two lines each, of which the second, the points', may be empty."""
+    """Images as pairs of lines; the second line, the points', may be empty."""
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     while lines and not lines[0].strip():
         del lines[0]
@@ -82,7 +82,7 @@ def _text_images(text: str) -> list[_Image]:
 
 
 class _Bytes:
-    """Numbers out of bytes, one after the other; struct.error beyond the end."""
+    """Sequential reader of numbers in bytes; struct.error beyond the end."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self._at = data, 0

@@ -1,4 +1,4 @@
-"""Depth of many frames in one file: a video of gray, or an array of NPY or NPZ. They are read one at a time."""
+"""Depth of many frames in one file: a gray video, or an array in NPY or NPZ. Frames are read one at a time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _ARRAYS = (".npy", ".npz")
 FRAME_SUFFIXES = (*SUFFIXES, *_ARRAYS)
-"""Of files that may hold the depth of several frames."""
+"""Suffixes of files that may hold the depth of several frames."""
 
 _Depth = NDArray[np.float32]
 
@@ -37,15 +37,16 @@ class DepthFrames:
     Parameters
     ----------
     path : path
-        A video, gray of 8, 10, 12 or 16 bits, or whose green holds the numbers; or NPY or NPZ with an array (N, H, W),
-        also with axes of length 1.
+            A video in gray of 8, 10, 12 or 16 bits, or with the numbers in its green channel; or NPY or NPZ with an
+            array
+            (N, H, W), which may have axes of length 1.
     channel : str, optional
-        Of NPZ the array; by default the only one, or "depth".
+            Name of the array in an NPZ; default: the only one, or "depth".
 
     Raises
     ------
     FileFormatError
-        If there is no such file, or it holds something else.
+            If there is no such file, or it holds something else.
 
     Attributes
     ----------
@@ -73,18 +74,19 @@ class DepthFrames:
 
     @property
     def fps(self) -> float | None:
-        """Frames a second, if the file tells."""
+        """Frames per second, or None if the file lacks the rate."""
         return self._source.fps if isinstance(self._source, Video) else None
 
     def read(
         self, numbers: Iterable[int], camera: Camera | None = None, **how: Unpack[DepthReading]
     ) -> Iterator[_Depth]:
-        """(H, W) planar depth of the frames of these numbers, which grow; camera and how: as `read_depth` has them."""
+        """(H, W) planar depth of the frames with these numbers, which must be increasing; other options: as
+        `read_depth`."""
         for number in numbers:
             yield self.read_one(number, camera, how)
 
     def read_one(self, number: int, camera: Camera | None, how: DepthReading) -> _Depth:
-        """Planar depth of a frame, which is fast for one behind the last."""
+        """Planar depth of a frame; fast for the frame after the last one read."""
         kind = how.get("depth_kind", "z")
         one_of("depth_kind", kind, DepthKind)
         values = self._stored(number)
@@ -93,7 +95,7 @@ class DepthFrames:
         return depth_kinds.planar(values, kind, camera, self.path, how.get("near", 1.0), how.get("far", 10.0))
 
     def _stored(self, number: int) -> NDArray[Any]:
-        """The frame as it is stored; frames between the last one and this are passed over."""
+        """The frame as stored; frames since the last one read are skipped."""
         at, frames = self._running
         if number < at or at == 0:
             at, frames = number, self._source.gray(range(number, len(self)))
@@ -104,7 +106,7 @@ class DepthFrames:
 
 
 class _Array:
-    """An array (N, H, W), of which one frame at a time is in memory."""
+    """An array (N, H, W), read one frame at a time."""
 
     def __init__(self, path: Path, channel: str | None) -> None:
         self._path, self._channel = path, channel
@@ -117,7 +119,7 @@ class _Array:
                 with ZipFile(source) as packed, self._opened(packed) as stream:
                     shape, by_columns, self._dtype = npy.header_of(stream)
                     if by_columns:
-                        raise ValueError("its array is in Fortran's order")
+                        raise ValueError("its array is in Fortran order")
         lengths = [length for length in shape if length != 1]
         self.is_image = len(lengths) == 2
         self._shape = [1, *lengths] if self.is_image else lengths
@@ -128,7 +130,7 @@ class _Array:
         return self._shape[0]
 
     def gray(self, numbers: Iterable[int]) -> Iterator[NDArray[Any]]:
-        """(H, W) of the frames of these numbers, which grow."""
+        """(H, W) of the frames with these numbers, which must be increasing."""
         if self._mapped is not None:
             stack = self._mapped.reshape(self._shape)
             yield from (np.array(stack[number]) for number in numbers)
@@ -139,7 +141,7 @@ class _Array:
             npy.header_of(stream)
             first = stream.tell()
             for number in numbers:
-                stream.seek(first + number * size)  # it goes on from where it is
+                stream.seek(first + number * size)  # continues from its position
                 data = stream.read(size)
                 if len(data) < size:
                     raise FileFormatError(f"{self._path}: truncated: frame {number} cannot be read")
@@ -151,7 +153,7 @@ class _Array:
 
 @dataclass(frozen=True)
 class _OfFile(Stored):
-    """A frame of such a file."""
+    """A frame of a file that holds the depth of several frames."""
 
     frames: DepthFrames | None = None
     number: int = 0
@@ -162,7 +164,7 @@ class _OfFile(Stored):
 
 
 def frames_in(path: Path, channel: str | None = None) -> DepthFrames | None:
-    """The frames of a file; None if it holds one image alone."""
+    """The frames of a file; None if it holds a single image."""
     suffix = path.suffix.lower()
     if suffix not in FRAME_SUFFIXES or (suffix in _ARRAYS and _Array(path, channel).is_image):
         return None
@@ -170,7 +172,7 @@ def frames_in(path: Path, channel: str | None = None) -> DepthFrames | None:
 
 
 def recorded(colors: Sequence[Path], frames: DepthFrames, video: Path | None = None) -> Recording:
-    """The frames of depth of one file, in order, with as many pictures, or as often a video; or with none."""
+    """A recording of one depth file's frames in order, with as many pictures, or a video repeated; or without."""
     if colors:
         check_numbers(len(colors), len(frames), str(frames.path))
     stored = [_OfFile(frames=frames, number=number) for number in range(len(frames))]

@@ -1,4 +1,4 @@
-"""Kinds of depth in files: planar z, distances along the rays, or what grows as things come nearer."""
+"""Kinds of depth in files: planar z, distances along the rays, or inverse depth, larger where surfaces are nearer."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _Values = NDArray[np.float32]
 def planar(
     values: _Values, kind: DepthKind, camera: Camera | None, name: object, near: float = 1.0, far: float = 10.0
 ) -> _Values:
-    """(H, W) planar z, NaN where there is none, of what the file `name` holds; near, far: of relative depth."""
+    """(H, W) planar z, NaN for no depth, from values of the file `name`; near, far: for relative depth."""
     if kind == "z":
         return values
     if kind == "relative":
@@ -35,10 +35,10 @@ def planar(
 
 
 def scaled(stored: NDArray[Any], depth_scale: float | None, depth_offset: float, name: object) -> _Values:
-    """Values in scene units of (H, W) stored ones; integers, 0 where there is none, need a scale."""
+    """Values in scene units for (H, W) stored ones; integers, 0 for no depth, need a scale."""
     shift = np.float32(_finite(depth_offset) / (depth_scale or 1))
     if stored.dtype == np.uint8 and depth_scale is None:
-        expected = f"stored units per scene unit for the 8 bits of {name} (of a network's: --depth-is relative)"
+        expected = f"stored units per scene unit for the 8 bits of {name} (for a network's depth: --depth-is relative)"
         raise ArgumentError("depth_scale", expected, "none")
     if stored.dtype.kind in "ui":
         return depth_from_uint16(stored, required(depth_scale, name)) + shift
@@ -48,7 +48,7 @@ def scaled(stored: NDArray[Any], depth_scale: float | None, depth_offset: float,
 
 
 def required(depth_scale: float | None, name: object) -> float:
-    """The scale of the integers in the file `name`."""
+    """The scale of the integers in the file `name`; ArgumentError if there is none."""
     if depth_scale is None:
         expected = (
             "stored units per scene unit (--depth-scale on the command line; 1000 for millimetres to metres) "
@@ -67,7 +67,7 @@ def stored(
     depth_offset: float,
     whole: bool,
 ) -> NDArray[Any]:
-    """Numbers, whole ones or floats, that the file `name` shall hold for (H, W) planar z; of relative depth z, too."""
+    """Values, integers or floats, to store in the file `name` for (H, W) planar z; relative depth is stored as z."""
     values = depth
     if kind == "inverse":
         values = _inverse(depth)
@@ -85,7 +85,7 @@ def stored(
 
 def _inverse(values: _Values) -> _Values:
     found = np.full(values.shape, np.nan, np.float32)
-    with np.errstate(over="ignore"):  # what float32 does not hold is infinite
+    with np.errstate(over="ignore"):  # values beyond float32 become infinite
         np.divide(1, values, out=found, where=(values > 0) & np.isfinite(values))
     return found
 
@@ -95,9 +95,9 @@ def _finite(depth_offset: float) -> float:
 
 
 def _fitting(camera: Camera | None, values: NDArray[Any], name: object) -> Camera:
-    """The camera whose distances they are."""
+    """The camera for these distances, or ArgumentError if it is missing or has another size."""
     height, width = values.shape
     if camera is None or camera.size != (width, height):
         got = "none" if camera is None else "{}x{}".format(*camera.size)
-        raise ArgumentError("camera", f"the one whose {width}x{height} distances are in {name}", got)
+        raise ArgumentError("camera", f"the {width}x{height} camera of the distances in {name}", got)
     return camera

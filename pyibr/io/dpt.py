@@ -1,4 +1,4 @@
-"""MPI Sintel's depth (.dpt) and cameras (.cam): a tag, then numbers as they are in memory, little-endian."""
+"""MPI Sintel's depth (.dpt) and cameras (.cam): a tag, then little-endian binary numbers."""
 
 from __future__ import annotations
 

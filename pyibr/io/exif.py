@@ -1,4 +1,4 @@
-"""The focal length that a photograph's EXIF data tell."""
+"""The focal length in a photograph's EXIF data."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pyibr.core.files import reading
 
 _EXIF, _FOCAL, _FOCAL_35MM = 0x8769, 0x920A, 0xA405
 _PLANE_RESOLUTION, _PLANE_UNIT, _WIDTH = 0xA20E, 0xA210, 0xA002
-_UNITS = {2: 25.4, 3: 10.0, 4: 1.0}  # millimetres
+_UNITS = {2: 25.4, 3: 10.0, 4: 1.0}  # in millimetres
 
 
 def focal_35mm_of(path: Path, size: tuple[int, int]) -> float | None:
-    """Return the focal length that it would be on 35 mm film, in millimetres; None if nothing tells.
+    """Return the focal length's 35 mm equivalent, in millimetres; None if the data lack it.
 
-    Either the data tell it, or the focal length with the sensor's pixels. size: (width, height) of the picture.
-    """
+        It is stored as such, or follows from the focal length and the sensor's resolution. size: (width, height).
+        """
     from PIL import Image, UnidentifiedImageError
 
     with reading(path, "image") as source:
@@ -25,7 +25,7 @@ def focal_35mm_of(path: Path, size: tuple[int, int]) -> float | None:
             with Image.open(source) as picture:
                 tags = picture.getexif().get_ifd(_EXIF)
         except UnidentifiedImageError:
-            return None  # of another format, which has none
+            return None  # other formats have no EXIF
         told = float(tags.get(_FOCAL_35MM) or 0)
         if told > 0:
             return told

@@ -1,7 +1,7 @@
 """OpenEXR images: layers of half or float channels, in one part or several; colours are linear in light.
 
-A channel's name is that of its layer, a dot, and its own: `ViewLayer.Depth.Z`. Pixels are those of the display window;
-what the data window leaves of it is empty.
+A channel's full name is its layer's name, a dot, and its own name: `ViewLayer.Depth.Z`. Pixels cover the display
+window; pixels outside the data window are empty.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ _RGB = ("R", "G", "B")
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """Channels of a part whose names differ in their last word only."""
+    """Channels of a part whose names differ only in their last word."""
 
     part: str
     name: str
     channels: dict[str, NDArray[Any]]
     windows: tuple[NDArray[np.int32], ...]
-    """First and last pixel of the data, and of the display."""
+    """First and last pixel of the data window, and of the display window."""
 
     @property
     def title(self) -> str:
-        """Name of the layer, or of the part, if it has none."""
+        """Name of the layer, or of the part if the layer has none."""
         return self.name.rpartition(".")[2] or self.part
 
     def label(self, channel: str = "") -> str:
-        """Name of it, or of a channel of it, as users may give it."""
+        """Full name of the layer, or of one of its channels, as users give it."""
         return ".".join(filter(None, (self.name, channel)))
 
     def placed(self, channel: str, empty: float) -> NDArray[Any]:
-        """(H, W) of the display window."""
+        """(H, W) pixels of the display window."""
         pixels, (low, high, left, right) = self.channels[channel], self.windows
         if (low == left).all() and (high == right).all():
             return pixels
@@ -66,9 +66,9 @@ def is_light(path: Path) -> bool:
 
 
 def read_color(path: _Path, channel: str | None = None, part: str | None = None) -> NDArray[Any]:
-    """Return (H, W, 3) of channels R, G, B of the layer that is the picture, or (H, W) of Y; linear in light.
+    """Return (H, W, 3) channels R, G, B of the picture's layer, or (H, W) of Y; linear in light.
 
-    channel : name of a layer, or of one channel.
+        channel: name of a layer, or of one channel.
     """
     layers = _read(path, part)
     if channel is not None:
@@ -88,9 +88,9 @@ def read_color(path: _Path, channel: str | None = None, part: str | None = None)
 
 
 def read_depth(path: _Path, channel: str | None = None, part: str | None = None) -> NDArray[Any]:
-    """Return (H, W) of the channel that is called depth or z, or is in a layer of that name; NaN where there is none.
+    """Return the (H, W) channel named depth or z, or in a layer of such a name; NaN for no depth.
 
-    channel : its name.
+        channel: name of another channel.
     """
     layers = _read(path, part)
     if channel is not None:
@@ -122,7 +122,7 @@ def check_output(path: _Path) -> None:
 
 
 def _depth_of(layer: _Layer) -> str | None:
-    """The channel of a layer that is depth by its name, or by the layer's."""
+    """The channel of a layer that its own name, or the layer's, marks as depth."""
     if _DEPTH.search(layer.title):
         return "Z" if "Z" in layer.channels else _gray(layer)
     if {"X", "Y"} <= {name.upper() for name in layer.channels} or _NO_DEPTH.search(layer.title):
@@ -131,7 +131,7 @@ def _depth_of(layer: _Layer) -> str | None:
 
 
 def _gray(layer: _Layer) -> str | None:
-    """The channel that alone is all of a layer: of red, green and blue only if they are equal, of X, Y and Z none."""
+    """The one channel that represents a layer: R if R, G and B are equal; None for X, Y and Z."""
     if set(_RGB) <= layer.channels.keys():
         equal = all(np.array_equal(layer.channels["R"], layer.channels[name], equal_nan=True) for name in "GB")
         return "R" if equal else None
@@ -147,7 +147,7 @@ def _named(path: _Path, layers: list[_Layer], channel: str, empty: float) -> NDA
 
 
 def _only(path: _Path, layers: list[_Layer], what: str) -> _Layer:
-    """The one among them: in the first part, and there the one without a name."""
+    """The single candidate: in the first part, and there preferably the unnamed layer."""
     first = [layer for layer in layers if layer.part == layers[0].part]
     chosen = [layer for layer in first if not layer.name] or first
     if len(chosen) > 1:
@@ -157,7 +157,7 @@ def _only(path: _Path, layers: list[_Layer], what: str) -> _Layer:
 
 
 def _listed(layers: list[_Layer]) -> str:
-    """All channels, each part's after its name."""
+    """All channels, grouped by part."""
     parts = dict[str, list[str]]()
     for layer in layers:
         parts.setdefault(layer.part, []).extend(layer.label(name) for name in layer.channels)
@@ -168,7 +168,7 @@ def _listed(layers: list[_Layer]) -> str:
 def _read(path: _Path, part: str | None) -> list[_Layer]:
     exr = openexr()
     with reading(path, "OpenEXR") as source:
-        data = source.read_bytes()  # OpenEXR opens no file whose name is no text
+        data = source.read_bytes()  # OpenEXR opens no file with an undecodable name
         with exr.File(io.BytesIO(data), header_only=True) as file:
             check_unpacked(sum(_size(one.header) for one in file.parts))
         with exr.File(io.BytesIO(data), separate_channels=True) as file:
@@ -178,12 +178,12 @@ def _read(path: _Path, part: str | None) -> list[_Layer]:
             layers = [layer for name, one in parts.items() if part in (None, name) for layer in _layers(name, one)]
     chroma = [layer.label(name) for layer in layers for name in ("RY", "BY") if name in layer.channels]
     if chroma:
-        raise FileFormatError(f"{path}: colours as chroma ({', '.join(chroma)}) are not read; save R, G, B")
+        raise FileFormatError(f"{path}: colours as chroma ({', '.join(chroma)}) are not supported; save R, G, B")
     return layers
 
 
 def _layers(part: str, content: Any) -> list[_Layer]:
-    """The layers of a part, in the order of their names."""
+    """The layers of a part, sorted by name."""
     windows, found = (*content.header["dataWindow"], *content.header["displayWindow"]), dict[str, _Layer]()
     for full, channel in content.channels.items():
         layer, _, name = full.rpartition(".")
@@ -192,7 +192,7 @@ def _layers(part: str, content: Any) -> list[_Layer]:
 
 
 def _size(header: dict[str, Any]) -> int:
-    """Bytes that a part's pixels take, if all are float32."""
+    """Bytes of a part's pixels if all are float32."""
     size = 0
     for name in ("dataWindow", "displayWindow"):
         (left, top), (right, bottom) = (corner.tolist() for corner in header[name])

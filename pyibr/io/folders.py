@@ -1,4 +1,4 @@
-"""Files of a folder in the order of their numbers, and what belongs together at one time."""
+"""Files of a folder in the order of their numbers, and pairs of files by their times."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import numpy as np
 from pyibr.core.errors import FileFormatError
 
 _TIME_DIFFERENCE_MAX = 0.02
-"""Seconds: what was taken at one time may differ by that, as for the tools of the TUM data sets."""
+"""In seconds: times of one frame may differ by this, as in the tools of the TUM data sets."""
 
 
 _A_SECOND = {13: 1_000, 16: 1_000_000, 19: 1_000_000_000}
-"""By the digits of a number since 1970, from 2001 to 2286."""
+"""Units per second by the number's digits: times since 1970, for 2001 to 2286."""
 
 
 def files_in(folder: Path, suffixes: Sequence[str], word: str = "") -> list[Path]:
-    """Its files of these suffixes with a word in their names, in the order of the numbers in their names."""
+    """A folder's files with one of the suffixes and a word in their names, in the order of the numbers in the names."""
     try:
         found = [file for file in folder.iterdir() if file.suffix.lower() in suffixes and file.is_file()]
     except OSError as error:
@@ -28,16 +28,17 @@ def files_in(folder: Path, suffixes: Sequence[str], word: str = "") -> list[Path
 
 
 def in_order(path: Path) -> list[tuple[int, str]]:
-    """A key to sort names by, in which 9 is before 10."""
+    """A sort key for names, in which 9 precedes 10."""
     return [(int(part) if part.isdecimal() else -1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 def time_of(path: Path) -> float | None:
-    """The time in seconds that a name tells; None if it tells none.
+    """The time in seconds in a file's name; None if there is none.
 
-    Either it is one, as 1305031232.593722.png; or its only number counts milli-, micro- or nanoseconds since 1970, as
-    those of robots' recordings do.
-    """
+        Either the name is a time, such as 1305031232.593722.png; or its only number counts milli-, micro- or
+        nanoseconds
+        since 1970, as in robots' recordings.
+        """
     if re.fullmatch(r"\d+\.\d+", path.stem):
         return float(path.stem)
     numbers = re.findall(r"\d+", path.stem)
@@ -46,18 +47,18 @@ def time_of(path: Path) -> float | None:
 
 
 def units_of(time: float) -> int | None:
-    """Units a second of a whole number of milli-, micro- or nanoseconds since 1970; None if it is none."""
+    """Units per second if a number counts milli-, micro- or nanoseconds since 1970, else None."""
     return _A_SECOND.get(len(str(int(time)))) if time == int(time) else None
 
 
 def number_of(path: Path) -> int | None:
-    """The last whole number in a name without its suffix; None if there is none."""
+    """The last integer in a file's name without its suffix; None if there is none."""
     numbers = re.findall(r"\d+", path.stem)
     return int(numbers[-1]) if numbers else None
 
 
 def at_one_time(first: Sequence[float], second: Sequence[float]) -> list[tuple[int, int]]:
-    """Pairs of places in two lists of times that are each other's nearest, no more than 0.02 s apart."""
+    """Pairs of indices into two lists of times that are mutually nearest, and at most 0.02 s apart."""
     if not first or not second:
         return []
     to_second, to_first = _nearest(first, second), _nearest(second, first)
@@ -66,12 +67,12 @@ def at_one_time(first: Sequence[float], second: Sequence[float]) -> list[tuple[i
 
 
 def least_apart(first: Sequence[float], second: Sequence[float]) -> float:
-    """Least difference between two lists of times."""
+    """The smallest difference between two lists of times."""
     return min(abs(time - second[place]) for time, place in zip(first, _nearest(first, second), strict=True))
 
 
 def _nearest(times: Sequence[float], others: Sequence[float]) -> list[int]:
-    """For each time the place of the nearest other."""
+    """For each time, the index of the nearest other time."""
     order = np.argsort(others, kind="stable")
     wanted, ordered = np.asarray(times, np.float64), np.asarray(others, np.float64)[order]
     after = np.minimum(np.searchsorted(ordered, wanted), len(ordered) - 1)

@@ -1,8 +1,7 @@
-"""glTF 2.0: JSON that describes a scene and where in binary buffers its arrays lie; GLB holds both in one file.
+"""glTF 2.0: a JSON scene whose arrays lie in binary buffers; GLB holds both in one file.
 
-Of a scene all triangles are read, at their places in it and as its skins have them, with the first texture that shows
-their base colour, or where there is none with the colours of vertices and materials.
-Its axes are left as they are: y up, z towards the viewer.
+All triangles of the scene are read, with the transforms of nodes and skins. They get the first base colour texture or,
+without a texture, the colours of vertices and materials. Axes stay glTF's: y up, z towards the viewer.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _WHITE = 1.0, 1.0, 1.0
 _TIMES, _LITTLE = 50, 1 << 16
-"""Limits of an accessor without a buffer: so often the file's size, or so many bytes."""
+"""Limits for an accessor without a buffer: a multiple of the file's size, and a number of bytes."""
 _KNOWN = ("KHR_materials_", "KHR_lights_", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp")
-"""How the extensions open that a file may require: what they add is read here, or is no matter of triangles."""
+"""Prefixes of required extensions that are accepted: they are supported here, or do not affect triangles."""
 
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
-    """Return the mesh that a file's bytes hold."""
+    """Return the mesh in a file's bytes."""
     scene, binary = chunks_of(data)
     required = [name for name in scene.get("extensionsRequired", []) if not name.startswith(_KNOWN)]
     if required or not str(scene["asset"]["version"]).startswith("2."):
@@ -80,7 +79,7 @@ def mesh_bytes(mesh: MeshArrays, double_sided: bool) -> bytes:
 
 
 class _Writer:
-    """The arrays of a file in the making."""
+    """The arrays of a file that is being written."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
@@ -89,14 +88,14 @@ class _Writer:
         self._length = 0
 
     def view(self, data: bytes) -> int:
-        """Append bytes; return the number of their view."""
+        """Append bytes; return the index of their view."""
         self.views.append({"buffer": 0, "byteOffset": self._length, "byteLength": len(data)})
         self.parts.append(data + bytes(-len(data) % 4))
         self._length += len(self.parts[-1])
         return len(self.views) - 1
 
     def add(self, array: NDArray[Any], kind: int, form: str, bounds: bool = False) -> int:
-        """Append an array; return the number of its accessor."""
+        """Append an array; return the index of its accessor."""
         accessor = {"bufferView": self.view(array.tobytes()), "componentType": kind, "count": len(array), "type": form}
         if bounds:
             accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
@@ -113,15 +112,15 @@ class _Scene:
         self._arrays: dict[int, NDArray[Any]] = {}
 
     def mesh(self) -> MeshArrays:
-        """All triangles of the scene, in one."""
+        """All triangles of the scene as one mesh."""
         matrices, lost = node_matrices(self._scene), dict[str, None]()
         drawn = list(self._drawn(matrices, lost))
         if not drawn:
-            raise ValueError("no triangles in it")
+            raise ValueError("no triangles in the scene")
         surfaces = [self._surface(primitive) for _, primitive in drawn]
         textures = list(dict.fromkeys(used["index"] for one in surfaces if (used := one.get("baseColorTexture"))))
         if textures[1:]:
-            lost["textures but the first"] = None
+            lost["all textures except the first"] = None
         if textures and any(_factor(one) != _WHITE for one in surfaces):
             lost["colours of materials"] = None
         if any(self._material(primitive).get("alphaMode", "OPAQUE") != "OPAQUE" for _, primitive in drawn):
@@ -131,7 +130,7 @@ class _Scene:
             placing = self._placing(number, primitive, matrices)
             part = self._part(primitive, placing, first, _WHITE if textures else _factor(surface))
             first += len(part.vertices)
-            size += 3 * part.vertices.nbytes + part.faces.nbytes  # a mesh may stand in many places
+            size += 3 * part.vertices.nbytes + part.faces.nbytes  # nodes may repeat a mesh
             check_unpacked(size)
             parts.append(part)
         colors = _joined(parts, [part.colors for part in parts], 1)
@@ -147,7 +146,8 @@ class _Scene:
         )
 
     def _drawn(self, numbers: Iterable[int], lost: dict[str, None]) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Primitives of triangles, with their nodes' numbers; others and what would move them are lost."""
+        """Primitives of triangles, with their nodes' indices; other primitives and morph targets are added to
+        `lost`."""
         for number in numbers:
             node = item_of(self._scene, "nodes", number)
             if "mesh" not in node:
@@ -164,7 +164,7 @@ class _Scene:
     def _placing(
         self, number: int, primitive: dict[str, Any], matrices: dict[int, NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """(4, 4) from a node's primitive to the scene; (N, 4, 4) of each vertex, where a skin moves it."""
+        """(4, 4) transform from a node's primitive to the scene; (N, 4, 4), one for each vertex, with a skin."""
         node, attributes = item_of(self._scene, "nodes", number), primitive["attributes"]
         if "skin" not in node or "JOINTS_0" not in attributes:
             return matrices[number]
@@ -184,7 +184,7 @@ class _Scene:
     def _part(
         self, primitive: dict[str, Any], placing: NDArray[np.float64], first: int, factor: tuple[float, ...]
     ) -> MeshArrays:
-        """A primitive's triangles, whose vertices' numbers begin with `first`; colours are linear floats."""
+        """A primitive's triangles, with vertices numbered from `first`; colours are linear floats."""
         attributes = primitive["attributes"]
         points = self._array(attributes["POSITION"], 3)
         normals = self._array(attributes["NORMAL"], 3) if "NORMAL" in attributes else None
@@ -198,14 +198,14 @@ class _Scene:
         indices = self._array(primitive["indices"], 1)[:, 0] if "indices" in primitive else np.arange(len(points))
         faces = _triangles(indices.astype(np.int64), primitive.get("mode", _TRIANGLES))
         if faces.size and faces.max() >= len(points):
-            raise ValueError(f"a triangle of vertex {faces.max()}, of {len(points)}")
+            raise ValueError(f"a triangle with vertex {faces.max()}, of only {len(points)} vertices")
         if placing.ndim == 3 or (placing != np.eye(4)).any():
             points, normals, mirrored = _moved(points, normals, placing)
             faces = faces[:, ::-1] if mirrored else faces
         return MeshArrays(points, faces + first, uv, normals, colors)
 
     def _uv(self, primitive: dict[str, Any]) -> NDArray[Any] | None:
-        """Positions of the vertices in the base colour's texture (KHR_texture_transform)."""
+        """uv of the vertices in the base colour texture, with KHR_texture_transform."""
         used = self._surface(primitive).get("baseColorTexture", {})
         moved = used.get("extensions", {}).get("KHR_texture_transform", {})
         name = f"TEXCOORD_{moved.get('texCoord', used.get('texCoord', 0))}"
@@ -237,12 +237,12 @@ class _Scene:
         return None if data is None else texture_from(data)
 
     def _array(self, number: int, width: int | None) -> NDArray[Any]:
-        """An accessor's (N, width) numbers, which normalised integers tell as floats."""
+        """An accessor's (N, width) numbers; normalised integers become floats."""
         if number not in self._arrays:
             self._arrays[number] = self._accessor(item_of(self._scene, "accessors", number))
         array = self._arrays[number]
         if width is not None and array.shape[1] != width:
-            raise ValueError(f"an accessor of width {array.shape[1]} where {width} belongs")
+            raise ValueError(f"expected an accessor of width {width}, got {array.shape[1]}")
         return array
 
     def _accessor(self, accessor: dict[str, Any]) -> NDArray[Any]:
@@ -252,7 +252,7 @@ class _Scene:
             array = self._strided(accessor, kind, shape)
         else:
             if count * shape[1] * kind.itemsize > self._zeros_max:
-                raise ValueError(f"an accessor of {count} entries, and no buffer that holds them")
+                raise ValueError(f"an accessor of {count} entries without a buffer")
             array = np.zeros(shape, kind)
         if "sparse" in accessor:
             sparse, array = accessor["sparse"], array.copy()
@@ -265,21 +265,21 @@ class _Scene:
         return array
 
     def _strided(self, place: dict[str, Any], kind: np.dtype[Any], shape: tuple[int, int]) -> NDArray[Any]:
-        """Numbers of a view; ValueError if it does not hold so many."""
+        """Numbers of a view; ValueError if the view is too short."""
         data, stride = self._view(place["bufferView"])
         row = kind.itemsize * shape[1]
         stride, start = stride or row, place.get("byteOffset", 0)
         if min(shape[0], start, stride - row) < 0 or start + (shape[0] - 1) * stride + row > len(data):
-            raise ValueError(f"an accessor of {shape[0]} entries, which is more than its buffer holds")
+            raise ValueError(f"an accessor of {shape[0]} entries, more than its buffer holds")
         return np.ndarray(shape, kind, data, start, (stride, kind.itemsize))
 
     def _view(self, number: int) -> tuple[bytes, int]:
-        """A view's bytes, and the step from entry to entry, 0 if there is nothing between them."""
+        """A view's bytes, and its stride, 0 for tightly packed entries."""
         view = item_of(self._scene, "bufferViews", number)
         buffer = self._buffers[int(view["buffer"])]
         start, length = view.get("byteOffset", 0), view["byteLength"]
         if min(start, length) < 0 or start + length > len(buffer):
-            raise ValueError("a view beyond its buffer")
+            raise ValueError("a view reaches beyond its buffer")
         return buffer[start : start + length], view.get("byteStride", 0)
 
     def _buffer(self, described: dict[str, Any], binary: bytes | None) -> bytes:
@@ -287,14 +287,14 @@ class _Scene:
         if "uri" in described:
             data = _inline(described) or beside(self._folder, unquote(described["uri"]), "buffer")
         if data is None:
-            raise ValueError(f"{described.get('uri', 'its buffer')[:100]} is not there, which holds its numbers")
+            raise ValueError(f"{described.get('uri', 'its buffer')[:100]} is missing, which holds its numbers")
         if len(data) < described["byteLength"]:
-            raise ValueError(f"a buffer of {len(data)} bytes, of {described['byteLength']}")
+            raise ValueError(f"expected a buffer of {described['byteLength']} bytes, got {len(data)}")
         return data
 
 
 def node_matrices(scene: dict[str, Any]) -> dict[int, NDArray[np.float64]]:
-    """From the nodes of the scene that is shown, by their numbers, to the scene."""
+    """Transforms from the nodes of the default scene to the scene, by node index."""
     nodes = scene.get("nodes", [])
     if "scenes" in scene:
         roots = item_of(scene, "scenes", scene.get("scene", 0)).get("nodes", [])
@@ -305,7 +305,7 @@ def node_matrices(scene: dict[str, Any]) -> dict[int, NDArray[np.float64]]:
     while waiting:
         number, above = waiting.pop()
         if number in found:
-            raise ValueError(f"node {number} has two places in the scene")
+            raise ValueError(f"node {number} occurs twice in the scene")
         node = item_of(scene, "nodes", number)
         found[number] = above @ _matrix_of(node)
         waiting += [(child, found[number]) for child in reversed(node.get("children", []))]
@@ -313,19 +313,19 @@ def node_matrices(scene: dict[str, Any]) -> dict[int, NDArray[np.float64]]:
 
 
 def item_of(scene: dict[str, Any], kind: str, number: Any) -> dict[str, Any]:
-    """Return what a list of the scene's has at this place."""
+    """Return the entry of a list of the scene, by index."""
     if not isinstance(number, int) or not 0 <= number < len(scene.get(kind, [])):
-        raise ValueError(f"{kind}[{number!r}], which is not there")
+        raise ValueError(f"{kind}[{number!r}] is missing")
     return scene[kind][number]
 
 
 def chunks_of(data: bytes) -> tuple[dict[str, Any], bytes | None]:
-    """The JSON, and the binary chunk of a GLB file."""
+    """The JSON object, and the binary chunk of a GLB file."""
     if data[:4] != _MAGIC:
         return cast("dict[str, Any]", json.loads(data.decode("utf-8"))), None
     _, version, length = struct.unpack_from("<4sII", data)
     if version != 2 or length != len(data):
-        raise ValueError(f"GLB version {version} of {length} bytes, where {len(data)} are")
+        raise ValueError(f"expected GLB version 2 of {len(data)} bytes, got version {version} of {length}")
     found, at = dict[bytes, bytes](), 12
     while at < length:
         size, kind = struct.unpack_from("<I4s", data, at)
@@ -337,18 +337,18 @@ def chunks_of(data: bytes) -> tuple[dict[str, Any], bytes | None]:
 
 
 def _inline(described: dict[str, Any]) -> bytes | None:
-    """The bytes that an address holds itself, or None if it is the name of a file."""
+    """The bytes in a data URI, or None if the URI is a file's name."""
     uri: str = described["uri"]
     return base64.b64decode(uri.partition(",")[2], validate=True) if uri.startswith("data:") else None
 
 
 def _factor(surface: dict[str, Any]) -> tuple[float, ...]:
-    """The colour of a material, by which its texture or its vertices' colours are multiplied; linear in light."""
+    """A material's base colour, which multiplies its texture or its vertices' colours; linear in light."""
     return tuple(float(value) for value in surface.get("baseColorFactor", _WHITE)[:3])
 
 
 def _matrix_of(node: dict[str, Any]) -> NDArray[np.float64]:
-    """From a node to the one above."""
+    """Transform from a node to its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = (float(value) for value in node.get("rotation", (0, 0, 0, 1)))
@@ -366,7 +366,7 @@ def _matrix_of(node: dict[str, Any]) -> NDArray[np.float64]:
 def _moved(
     points: NDArray[Any], normals: NDArray[Any] | None, placing: NDArray[np.float64]
 ) -> tuple[NDArray[Any], NDArray[Any] | None, bool]:
-    """Points and normals at their places, and whether all is mirrored there; placing: one matrix, or a point's own."""
+    """Transformed points and normals, and whether all are mirrored; placing: one matrix, or one for each point."""
     turn = placing[..., :3, :3]
     mirrored = np.linalg.det(turn) < 0
     points = (turn @ points[..., None])[..., 0] + placing[..., :3, 3]
@@ -379,18 +379,18 @@ def _moved(
 
 
 def _triangles(indices: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
-    """(M, 3): the triangles of a list, a strip or a fan of vertices."""
+    """Triangles (M, 3) of a list, a strip or a fan of vertices."""
     if mode == _TRIANGLES:
         return indices.reshape(-1, 3)
     if mode == _FAN:
         return np.column_stack([np.broadcast_to(indices[:1], len(indices[2:])), indices[1:-1], indices[2:]])
     strip = np.column_stack([indices[:-2], indices[1:-1], indices[2:]])
-    strip[1::2, :2] = strip[1::2, 1::-1]  # every second runs the other way
+    strip[1::2, :2] = strip[1::2, 1::-1]  # every second triangle has the opposite direction
     return strip
 
 
 def _joined(parts: list[MeshArrays], values: list[NDArray[Any] | None], otherwise: float) -> NDArray[Any] | None:
-    """An attribute of all parts, with `otherwise` for those that lack it; None if all do."""
+    """An attribute of all parts, filled with `otherwise` for parts without it; None if no part has it."""
     width = next((value.shape[1] for value in values if value is not None), 0)
     filled = [
         np.full((len(part.vertices), width), otherwise) if value is None else value

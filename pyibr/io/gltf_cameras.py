@@ -18,7 +18,7 @@ SUFFIXES = (".gltf", ".glb")
 
 
 def read_gltf_cameras(path: Path, size: tuple[int, int] | None) -> dict[str, Camera]:
-    """The scene's cameras by their nodes' names, or numbers, for pictures of this size; pixels are square."""
+    """The scene's cameras by node name, or node number, for pictures of this size; pixels are square."""
     width, height = checked_size(size)
     with reading(path, "glTF") as source:
         scene, _ = chunks_of(read_bytes(source))
@@ -47,7 +47,7 @@ def _scales(camera: dict[str, Any], width: int, height: int) -> tuple[float, flo
 
 
 def _unscaled(matrix: Float64) -> Float64:
-    """A node's place and direction, without its scale."""
+    """A node's position and orientation, without its scale."""
     pose = matrix.copy()
     pose[:3, :3] /= np.linalg.norm(pose[:3, :3], axis=0)
     return pose

@@ -1,4 +1,4 @@
-"""HDF5 files of one array, as Hypersim has them."""
+"""HDF5 files of one array, such as Hypersim's."""
 
 from __future__ import annotations
 

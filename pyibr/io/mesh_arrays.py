@@ -1,7 +1,7 @@
-"""Contents of mesh files, as plain arrays, and functions that their formats share.
+"""Contents of mesh files as plain arrays, and functions shared by the formats.
 
-A module of a format has `read_mesh(data, folder)`, of a file's bytes and the folder that it lies in, and `mesh_bytes`
-or `mesh_files`, which make the bytes to write. Readers raise anything for bytes that they cannot read.
+A format's module has `read_mesh(data, folder)`, which takes a file's bytes and its folder, and `mesh_bytes` or
+`mesh_files`, which return the bytes to write. Readers may raise any exception for bytes that they cannot read.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from pyibr.io import image
 
 @dataclass(frozen=True)
 class MeshArrays:
-    """Triangles and what is known at their corners, unchecked."""
+    """Triangles with their vertices' attributes, unchecked."""
 
     vertices: NDArray[Any]
     """(N, 3) floats."""
     faces: NDArray[Any]
     """(M, 3) integers."""
     uv: NDArray[Any] | None = None
-    """(N, 2) floats, or (M, 3, 2) of the triangles' corners; v runs down the texture's rows."""
+    """(N, 2) floats, or (M, 3, 2) for the triangles' corners; v runs down the texture's rows."""
     normals: NDArray[Any] | None = None
     """(N, 3) floats."""
     colors: NDArray[np.uint8] | None = None
@@ -36,20 +36,20 @@ class MeshArrays:
     texture: NDArray[np.uint8] | None = None
     """(h, w, 3)."""
     left_out: tuple[str, ...] = ()
-    """Contents of the file that these arrays do not hold."""
+    """Contents of the file that these arrays cannot hold."""
 
 
 def whole(values: NDArray[Any]) -> NDArray[np.int64]:
-    """Return integers that are stored as other numbers; ValueError if one is none."""
+    """Return integers that are stored as other numbers; ValueError if one is not an integer."""
     with np.errstate(invalid="ignore"):
         integers = values.astype(np.int64)
     if (integers != values).any():
-        raise ValueError("a count or a number of a vertex is no integer")
+        raise ValueError("a count or a vertex index is no integer")
     return integers
 
 
 def count_of(text: str, maximum: int) -> int:
-    """A count as a header tells it; ValueError beyond `maximum`, the content that there is."""
+    """A count from a header; ValueError beyond `maximum`, the size of the content."""
     count = int(text) if len(text) <= 18 else maximum + 1
     if not 0 <= count <= maximum:
         raise ValueError(f"the header counts {text[:40]}, which is more than the file holds")
@@ -57,12 +57,12 @@ def count_of(text: str, maximum: int) -> int:
 
 
 def color_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
-    """Colours in [0, 1], as bytes."""
+    """Colours in [0, 1] as bytes."""
     return np.rint(np.clip(np.nan_to_num(values), 0, 1) * 255).astype(np.uint8)
 
 
 def texture_from(data: bytes, name: str | None = None) -> NDArray[np.uint8]:
-    """A picture's bytes as (h, w, 3) uint8; by its name it is told if not all is opaque."""
+    """A picture's bytes as (h, w, 3) uint8; with `name`, a warning if it is not opaque."""
     stored = image.decoded(data)
     texture = image.without_alpha(stored[..., None] if stored.ndim == 2 else stored, name)
     texture = texture if texture.shape[2] == 3 else np.repeat(texture, 3, axis=2)
@@ -76,19 +76,19 @@ def texture_from(data: bytes, name: str | None = None) -> NDArray[np.uint8]:
 
 
 def texture_beside(folder: Path, name: str) -> bytes | None:
-    """The texture that a mesh file names; None, and a warning, where there is none."""
+    """The texture that a mesh file names; None, with a warning, if it is missing."""
     data = beside(folder, name, "texture")
     if data is None:
         warnings.warn(
-            f"{name}, a mesh's texture, is not in {folder}: the mesh is without it", UserWarning, stacklevel=2
+            f"{name}, a mesh's texture, is not in {folder}: the mesh is read without it", UserWarning, stacklevel=2
         )
     return data
 
 
 def beside(folder: Path, name: str, kind: str) -> bytes | None:
-    """The bytes of another file that a mesh file names, or None where there is none."""
+    """The bytes of another file that a mesh file names, or None if it is missing."""
     path = folder / name.replace("\\", "/")
-    if not os.path.isfile(path):  # noqa: PTH113 - names of any kind are no error here
+    if not os.path.isfile(path):  # noqa: PTH113 - for odd names, it is False
         return None
     with reading(path, kind) as source:
         return source.read_bytes()

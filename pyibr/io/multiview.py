@@ -1,4 +1,4 @@
-"""Parameters of Middlebury's multi-view sets: a line a picture, of its name, K, R and t; x_camera = R x_world + t."""
+"""Parameters of Middlebury's multi-view sets: a line for each picture with name, K, R, t; x_camera = R x_world + t."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NUMBERS = 21
 
 
 def are_parameters(path: Path) -> bool:
-    """Tell whether a text file opens with a count and a line of a name and 21 numbers."""
+    """Tell whether a text file begins with a count, and a line of a name and 21 numbers."""
     try:
         first, second = (line.split() for line in read_text(path).splitlines()[:2])
     except (OSError, ValueError):
@@ -23,7 +23,7 @@ def are_parameters(path: Path) -> bool:
 
 
 def read_parameters(path: Path, size: tuple[int, int] | None) -> dict[str, Camera]:
-    """The cameras of pictures of this size, by their names."""
+    """The cameras by picture name, for pictures of this size."""
     shown = checked_size(size)
     with reading(path, "multi-view parameters") as source:
         lines = [line.split() for line in read_text(source).splitlines()[1:] if line.strip()]

@@ -19,22 +19,22 @@ CHOICE = "name one (channel=; --depth-channel)"
 
 
 def read_color(path: str | PathLike[str], channel: str | None = None) -> NDArray[Any]:
-    """Return the array as stored; channel: its name."""
+    """Return the stored array; channel: its name."""
     return _read(path, "color", channel)
 
 
 def read_depth(path: str | PathLike[str], channel: str | None = None) -> NDArray[Any]:
-    """Return the array as stored; channel: its name."""
+    """Return the stored array; channel: its name."""
     return _read(path, "depth", channel)
 
 
 def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
-    """Write the array as it is."""
+    """Write the array unchanged."""
     _write(path, "color", color)
 
 
 def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
-    """Write the array as it is."""
+    """Write the array unchanged."""
     _write(path, "depth", depth)
 
 
@@ -51,7 +51,7 @@ def _read(path: str | PathLike[str], name: str, channel: str | None) -> NDArray[
 
 
 def member_of(path: str | PathLike[str], packed: ZipFile, name: str, channel: str | None) -> ZipInfo:
-    """The file in an NPZ whose array has the name that was chosen, or by default this one, or is the only one."""
+    """The member of an NPZ with the array `channel`, by default the one called `name`, or the only one."""
     arrays = {member.filename.removesuffix(".npy"): member for member in packed.infolist()}
     wanted = channel or name
     if wanted not in arrays and (channel or len(arrays) != 1):
@@ -60,7 +60,7 @@ def member_of(path: str | PathLike[str], packed: ZipFile, name: str, channel: st
 
 
 def header_of(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """The shape of an NPY file's array, whether it is stored by columns, and its numbers' type."""
+    """The shape of an NPY file's array, whether it has Fortran order, and its dtype."""
     header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
     shape, by_columns, dtype = header(stream)
     if dtype.hasobject or min(shape, default=0) < 0:
@@ -69,7 +69,7 @@ def header_of(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
 
 
 def array_of(data: bytes) -> NDArray[Any]:
-    """The array of an NPY file. NumPy's own reader takes all the memory that a header asks for."""
+    """The array of an NPY file. NumPy's own reader would allocate as much as the header asks for."""
     stream = io.BytesIO(data)
     shape, by_columns, dtype = header_of(stream)
     expected, got = math.prod(shape) * dtype.itemsize, len(data) - stream.tell()

@@ -1,4 +1,4 @@
-"""Wavefront OBJ, with its materials (MTL): their first texture, or their colours where there is none."""
+"""Wavefront OBJ and its materials (MTL): the first texture, or the materials' colours without a texture."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pyibr.io.mesh_arrays import MeshArrays, beside, color_bytes, texture_beside
 from pyibr.io.polygons import triangles
 
 _OWN = re.compile(r"# pyibr: (\d{1,12}) vertices, (\d{1,12}) triangles\n")
-"""What files of ours open with, as the format has no counts that tell a whole file from a part."""
+"""First line of pyibr's files: OBJ has no counts, which would reveal a truncated file."""
 
 _NO_SURFACES = {"p": "points", "l": "lines", "curv": "curves", "surf": "free-form surfaces"}
 
@@ -28,14 +28,14 @@ class _Material(NamedTuple):
 
 
 class _Lines:
-    """Lines of a file, sorted by their keywords."""
+    """Lines of a file, grouped by keyword."""
 
     def __init__(self, text: str) -> None:
         self.rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "vn": []}
         self.counts: list[int] = []
         self.corners: list[str] = []
         self.libraries: list[str] = []
-        self.materials: dict[str, int] = {}  # those of faces, by number in their order
+        self.materials: dict[str, int] = {}  # materials of faces, numbered in order of appearance
         self.of_faces: list[int] = []
         self.left_out: dict[str, None] = {}
         material = ""
@@ -60,14 +60,14 @@ class _Lines:
                 self.left_out[_NO_SURFACES[keyword]] = None
 
     def _from_the_start(self, corner: str) -> str:
-        """A corner whose negative numbers count back from the last line so far."""
+        """Resolve a corner's negative numbers, which count back from the last line so far."""
         so_far = (len(rows) for rows in self.rows.values())
         parts = zip(corner.split("/"), so_far, strict=False)
         return "/".join(str(count + 1 + int(part)) if part.startswith("-") else part for part, count in parts)
 
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
-    """Return the mesh that a file's bytes hold, with the first texture of its materials, or their colours."""
+    """Return the mesh in a file's bytes, with the first texture of its materials, or the materials' colours."""
     text = data.decode("utf-8", "surrogateescape").replace("\r\n", "\n").replace("\\\n", " ").replace("\t", " ")
     lines = _Lines(text)
     points, places, directions = (_numbers(lines.rows[name], least) for name, least in (("v", 3), ("vt", 2), ("vn", 3)))
@@ -90,7 +90,7 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     if not is_tinted and _one_to_one(table, points, places, directions):
         vertex, uv, normals = slice(None), places if len(places) else None, directions if len(directions) else None
         faces = table[faces, 0]
-    else:  # a vertex for each different corner, in the order of the points
+    else:  # a vertex for each distinct corner, in the order of the points
         rank = np.empty_like(order)
         rank[order] = np.arange(len(order))
         vertex, of_uv, of_normal = table[order].T
@@ -119,12 +119,15 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
 
 
 def mesh_files(mesh: MeshArrays, stem: str) -> tuple[bytes, dict[str, bytes]]:
-    """Return an OBJ file, and by their names those that belong beside it: its materials and its texture.
+    """Return an OBJ file, and its materials and texture as further files by name.
 
-    Their names hold a sum of the texture. So what another OBJ file names is never changed: neither the one that this
-    one takes the place of, should it not come to that, nor one that was written at the same time. Of its own name they
-    have what can stand in a line: a line's end, a backslash or a space before it would lose the texture.
-    """
+        The names contain a checksum of the texture. The files of another OBJ are therefore never changed: neither
+        those of
+        an OBJ that this one replaces, in case the writing fails, nor those written at the same time. The OBJ's own
+        name is
+        reduced to characters that are valid in a line: a line end, a backslash or a leading space would lose the
+        texture.
+        """
     head = f"# pyibr: {len(mesh.vertices)} vertices, {len(mesh.faces)} triangles\n"
     others = dict[str, bytes]()
     if mesh.texture is not None:
@@ -155,16 +158,16 @@ def _lines(row: str, values: NDArray[Any]) -> str:
 
 
 def _numbers(rows: list[list[str]], least: int) -> NDArray[np.float64]:
-    """The rows as an array, as wide as the shortest."""
+    """The rows as an array, as wide as the shortest row."""
     width = min((len(row) for row in rows), default=least)
     if width < least:
-        raise ValueError(f"a line of {width} numbers, where {least} belong")
+        raise ValueError(f"a line of {width} numbers, expected at least {least}")
     words = chain.from_iterable(row[:width] for row in rows)
     return np.array([float(word) for word in words]).reshape(-1, width)
 
 
 def _of_points(points: NDArray[np.float64]) -> NDArray[np.uint8] | None:
-    """Colours behind the points' coordinates, if there are any: up to 1, or up to 255."""
+    """Colours after the points' coordinates, if there are any: up to 1, or up to 255."""
     if points.shape[1] not in (6, 7):
         return None
     stored = points[:, 3:6]
@@ -172,18 +175,18 @@ def _of_points(points: NDArray[np.float64]) -> NDArray[np.uint8] | None:
 
 
 def _indices(corners: list[str], counts: tuple[int, int, int]) -> NDArray[np.int64]:
-    """(U, 3) numbers from 0 of each corner's point, uv and normal; -1 where there is none."""
+    """(U, 3) indices, from 0, of each corner's point, uv and normal; -1 for none."""
     parts = [[int(part or 0) for part in corner.split("/")] for corner in corners]
     table = np.array([[*part, 0, 0][:3] for part in parts], np.int64).reshape(-1, 3) - 1
     if (table >= counts).any() or (table < -1).any() or (table[:, 0] < 0).any():
         raise ValueError(
-            f"a face of what is not there, among {counts[0]} vertices, {counts[1]} uv, {counts[2]} normals"
+            f"a face with an index beyond {counts[0]} vertices, {counts[1]} uv or {counts[2]} normals"
         )
     return table
 
 
 def _one_to_one(table: NDArray[np.int64], points: NDArray[Any], *others: NDArray[Any]) -> bool:
-    """Tell whether uv and normals are those of the vertices, or are none."""
+    """Tell whether uv and normals, if there are any, have the vertices' indices."""
     for column, values in enumerate(others, start=1):
         same = len(values) == len(points) and (table[:, column] == table[:, 0]).all()
         if not same and len(values):
@@ -192,17 +195,17 @@ def _one_to_one(table: NDArray[np.int64], points: NDArray[Any], *others: NDArray
 
 
 def _materials(libraries: list[str], folder: Path) -> tuple[dict[str, _Material], list[str]]:
-    """The materials of libraries by their names, and the libraries that are not there.
+    """The materials of libraries by name, and a list of missing libraries.
 
-    A line names several by spaces, or one whose name has some.
-    """
+        A line names several libraries, separated by spaces, or one whose name contains spaces.
+        """
     found, lost = dict[str, _Material](), list[str]()
     for line in libraries:
         whole = beside(folder, line, "file of materials")
         for name in line.split() if whole is None else [line]:
             data = beside(folder, name, "file of materials")
             if data is None:
-                lost.append(f"materials of {name}, which is not there")
+                lost.append(f"materials of {name}, which is missing")
             else:
                 found = _described(utf8_of(data).decode("utf-8", "surrogateescape")) | found
     return found, lost
@@ -219,6 +222,6 @@ def _described(text: str) -> dict[str, _Material]:
         elif keyword == "Kd" and name in found and words[0] not in ("spectral", "xyz"):
             found[name] = found[name]._replace(color=tuple(float(word) for word in words[:3]))
         elif keyword.lower() == "map_kd" and words and name in found:
-            # Options stand before the name, which then has no spaces.
+            # Options precede the name, which then has no spaces.
             found[name] = found[name]._replace(texture=words[-1] if rest.lstrip().startswith("-") else rest.strip())
     return found

@@ -1,4 +1,4 @@
-"""OFF: text with counts, then vertices, with their colours if it opens with COFF, then faces."""
+"""OFF: text with counts, then vertices (with colours after the keyword COFF), then faces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _KEYWORD = re.compile(r"\s*(ST)?(C)?(N)?OFF(?![^\s\d])")
 
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
-    """Return the mesh that a file's bytes hold."""
+    """Return the mesh in a file's bytes."""
     text = re.sub(r"#[^\n]*", "", data.decode("ascii"))
     keyword = _KEYWORD.match(text)
     if keyword is None:
@@ -39,14 +39,14 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     lost = ("uv",) * bool(mapped) + ("colours of faces",) * is_painted
     corners = [line[1 : 1 + count] for line, count in zip(lines[1 + vertices :], counts.tolist(), strict=True)]
     if any(len(line) != count for line, count in zip(corners, counts.tolist(), strict=True)):
-        raise ValueError("a face with fewer corners than it counts")
+        raise ValueError("a face with fewer corners than its count")
     numbers = np.array([int(word) for word in chain.from_iterable(corners)], np.int64)
     faces = numbers[triangles(counts, rows[numbers, :3])]
     return MeshArrays(rows[:, :3], faces, None, rows[:, 3:6] if directed else None, colors, left_out=lost)
 
 
 def mesh_bytes(mesh: MeshArrays) -> bytes:
-    """Return a file of vertices, their colours, and faces."""
+    """Return a file with vertices, their colours, and faces."""
     row, values = "%.9g %.9g %.9g\n", mesh.vertices
     if mesh.colors is not None:
         row, values = "%.9g %.9g %.9g %d %d %d 255\n", np.hstack([mesh.vertices, mesh.colors])

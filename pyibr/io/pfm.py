@@ -1,7 +1,7 @@
 """Portable float maps: a text header, then float32 rows from the bottom up.
 
-The sign of the header's third number tells the byte order (negative: little). Its size has no agreed meaning
-and is ignored, as most readers do.
+The sign of the header's third number gives the byte order (negative: little-endian). Its magnitude has no agreed
+meaning and is ignored, as in most readers.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _HEADER = re.compile(
 
 
 def read_color(path: str | PathLike[str]) -> NDArray[np.float32]:
-    """Return (H, W, 3) of a `PF` file, (H, W) of a `Pf` file."""
+    """Return (H, W, 3) from a `PF` file, (H, W) from a `Pf` file."""
     with reading(path, "PFM") as source:
         data = source.read_bytes()
     header = _HEADER.match(data)
@@ -41,7 +41,7 @@ def read_color(path: str | PathLike[str]) -> NDArray[np.float32]:
 
 
 def read_depth(path: str | PathLike[str]) -> NDArray[np.float32]:
-    """Return (H, W) of a `Pf` file."""
+    """Return (H, W) from a `Pf` file."""
     return read_color(path)
 
 

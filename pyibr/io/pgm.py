@@ -1,4 +1,4 @@
-"""Depth as portable gray maps of 8 or 16 bits, the high byte first."""
+"""Depth as portable gray maps of 8 or 16 bits, high byte first."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""PLY: a header that describes tables, then their rows as text or binary: vertices and what is theirs, faces.
+"""PLY: a header that describes tables, then their rows as text or binary: vertices with attributes, and faces.
 
-The name of the texture is in a comment, as MeshLab and others have it; v runs up there.
+A comment names the texture, as MeshLab and others write it; v runs up there.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _KINDS = {
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _NAMES: dict[str, Literal["little", "big"]] = {"<": "little", ">": "big"}
 _HEADER_MAX = 1 << 16  # bytes
-_LIST_MAX = 64  # entries of lists of one length that are read as a table
+_LIST_MAX = 64  # longest list in tables whose lists all have one length
 _UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 _TEXTURE = re.compile(r"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE)
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
@@ -33,7 +33,7 @@ class _Property(NamedTuple):
     name: str
     kind: str
     counted: str = ""
-    """The kind of the count that a list opens with; empty if it is no list."""
+    """The type of a list's leading count; empty for a scalar."""
 
 
 class _Element(NamedTuple):
@@ -43,11 +43,11 @@ class _Element(NamedTuple):
 
 
 _List = tuple[NDArray[Any], NDArray[Any]]
-"""How many entries each row has, and all of them one after another."""
+"""The number of entries in each row, and the entries of all rows in sequence."""
 
 
 class _Text:
-    """Rows as numbers in words."""
+    """Rows as numbers in text."""
 
     def __init__(self, body: bytes) -> None:
         text = body.decode("ascii")
@@ -116,7 +116,7 @@ class _Binary:
 
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
-    """Return the mesh that a file's bytes hold."""
+    """Return the mesh in a file's bytes."""
     elements, order, body, textures = _header(data)
     source = _Binary(body, order) if order else _Text(body)
     found = {element.name: (element, _columns(element, source)) for element in elements}
@@ -159,7 +159,7 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
 
 
 def mesh_bytes(mesh: MeshArrays) -> bytes:
-    """Return a binary file: vertices, normals and colours, but no uv and no texture."""
+    """Return a binary file with vertices, normals and colours, without uv and texture."""
     columns = [("float", name, mesh.vertices[:, axis]) for axis, name in enumerate("xyz")]
     if mesh.normals is not None:
         columns += [("float", f"n{name}", mesh.normals[:, axis]) for axis, name in enumerate("xyz")]
@@ -177,7 +177,7 @@ def mesh_bytes(mesh: MeshArrays) -> bytes:
 
 
 def _header(data: bytes) -> tuple[list[_Element], str, bytes, list[str]]:
-    """The tables, the byte order (empty for text), what follows the header, and the textures' names."""
+    """The tables, the byte order (empty for text), the content after the header, and the textures' names."""
     end = data.find(b"end_header", 0, _HEADER_MAX)
     text = data[: max(end, 0)].decode("utf-8", "surrogateescape")
     lines = text.splitlines()
@@ -205,7 +205,7 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes, list[str]]:
 
 
 def _columns(element: _Element, source: _Text | _Binary) -> dict[str, Any]:
-    """An element's columns by name; of a list, a `_List`."""
+    """An element's columns by name; lists as `_List`."""
     start = source.at
     lengths = [int(counts[0]) for counts, _ in _rows(element, source, 1)[1].values()] if element.rows else []
     source.at = start
@@ -219,7 +219,7 @@ def _columns(element: _Element, source: _Text | _Binary) -> dict[str, Any]:
 
 
 def _table(element: _Element, source: _Text | _Binary, lengths: list[int]) -> dict[str, Any] | None:
-    """The columns if all lists are as long as those of the first row, as mostly they are; else None."""
+    """The columns if all lists are as long as in the first row, which is usual; else None."""
     spans, kinds, waiting = list[tuple[_Property, int, int]](), list[str](), iter(lengths)
     for item in element.properties:
         if item.counted:
@@ -244,7 +244,7 @@ def _table(element: _Element, source: _Text | _Binary, lengths: list[int]) -> di
 
 
 def _rows(element: _Element, source: _Text | _Binary, count: int) -> tuple[dict[str, NDArray[Any]], dict[str, _List]]:
-    """Read row by row: what are no lists, and what are."""
+    """Read row by row: the scalar columns, and the lists."""
     starts = [list[int]() for _ in element.properties]
     lengths = [list[int]() for _ in element.properties]
     columns = list(zip(element.properties, starts, lengths, strict=True))
@@ -268,7 +268,7 @@ def _rows(element: _Element, source: _Text | _Binary, count: int) -> tuple[dict[
 
 
 def _places(starts: NDArray[np.int64], counts: NDArray[np.int64], step: int) -> NDArray[np.int64]:
-    """Indices of the entries of lists that begin at `starts`, each `step` after the last."""
+    """Indices of the entries of lists that begin at `starts`; entries are `step` apart."""
     before = np.cumsum(counts) - counts
     places: NDArray[np.int64] = np.repeat(starts - step * before, counts)
     return places + step * np.arange(len(places))

@@ -1,4 +1,4 @@
-"""PNG: rows as differences to the pixel on the left, deflated at once by isal, where that is installed."""
+"""PNG: rows as differences to the left neighbour, deflated in one call by isal if that is installed."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 try:
     _deflate: Any = import_module("isal.isal_zlib")
-except ImportError:  # there are no wheels of it for some processors
+except ImportError:  # some processors have no wheels of it
     _deflate = zlib
 
 _GRAY, _COLORS = 0, {3: 2, 4: 6}
-_TO_THE_LEFT = 1  # the filter that each row names
+_TO_THE_LEFT = 1  # the filter type of each row
 
 
 def encoded(image: NDArray[Any]) -> bytes:
-    """Return a file of (H, W) or (H, W, 3 or 4) uint8 or uint16."""
+    """Return a file for an (H, W) or (H, W, 3 or 4) image in uint8 or uint16."""
     height, width = image.shape[:2]
     stored = np.ascontiguousarray(image, image.dtype.newbyteorder(">")).view(np.uint8).reshape(height, -1)
     pixel = stored.shape[1] // width

@@ -1,4 +1,4 @@
-"""Polygons cut into triangles: convex ones into fans, concave ones by their ears."""
+"""Triangulation of polygons: fans for convex ones, ear clipping for concave ones."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 _CONCAVE_MAX = 2000
-"""Corners of a concave polygon: the time to cut it grows with their square."""
+"""Limit on the corners of a concave polygon: the time grows with their square."""
 
 Points = NDArray[np.float64]
 
 
 def triangles(counts: NDArray[np.int64], points: NDArray[np.floating]) -> NDArray[np.int64]:
-    """(M, 3) places in a list of corners, so many a polygon, which are at these points (of as many rows).
+    """(M, 3) triangles as indices into a list of corners at `points`; polygons have `counts` corners each.
 
     ValueError for a concave polygon of more than 2000 corners.
     """
@@ -30,7 +30,7 @@ def triangles(counts: NDArray[np.int64], points: NDArray[np.floating]) -> NDArra
     for axis in range(3):
         normals[:, axis] = np.bincount(owner, across[:, axis], len(counts))
     hollow = np.einsum("ij,ij->i", bent, normals[owner]) < 0
-    first = np.zeros(len(counts), np.int64)  # of four corners, a fan from the hollow one cuts a concave polygon, too
+    first = np.zeros(len(counts), np.int64)  # a fan from a concave corner cuts concave quads, too
     first[owner[hollow]] = place[hollow]
     inner = np.maximum(counts - 2, 0)
     done = np.cumsum(inner) - inner
@@ -40,7 +40,7 @@ def triangles(counts: NDArray[np.int64], points: NDArray[np.floating]) -> NDArra
     found = start[polygon, None] + (first[polygon, None] + fan) % counts[polygon, None]
     for number in np.unique(owner[hollow & (counts[owner] > 4)]):
         if counts[number] > _CONCAVE_MAX:
-            raise ValueError(f"a concave polygon of {counts[number]} corners; up to {_CONCAVE_MAX} are cut")
+            raise ValueError(f"a concave polygon of {counts[number]} corners; at most {_CONCAVE_MAX} are supported")
         begin = start[number]
         flat = _flat(around[begin : begin + counts[number]], normals[number])
         found[done[number] : done[number] + inner[number]] = begin + _by_ears(flat)
@@ -48,16 +48,16 @@ def triangles(counts: NDArray[np.int64], points: NDArray[np.floating]) -> NDArra
 
 
 def _flat(points: Points, normal: NDArray[np.float64]) -> Points:
-    """(n, 2), seen along the axis nearest to the normal, counter-clockwise."""
+    """(n, 2) points, projected along the axis nearest to the normal, counter-clockwise."""
     axis = int(np.abs(normal).argmax())
     across = [(axis + 1) % 3, (axis + 2) % 3]
     return points[:, across if normal[axis] > 0 else across[::-1]]
 
 
 def _by_ears(flat: Points) -> NDArray[np.int64]:
-    """(n - 2, 3): corners that no other lies before are cut off, one after another.
+    """(n - 2, 3) triangles by ear clipping: corners whose triangles hold no other corner are cut off in turn.
 
-    What crosses itself may come to have none: the rest becomes a fan.
+        A self-intersecting polygon may run out of ears: the rest becomes a fan.
     """
     count = len(flat)
     before, after = np.roll(np.arange(count), 1), np.roll(np.arange(count), -1)
@@ -69,14 +69,14 @@ def _by_ears(flat: Points) -> NDArray[np.int64]:
             found.append(ear)
             left[corner] = False
             after[ear[0]], before[ear[2]] = ear[2], ear[0]
-            waiting += (ear[2], ear[0])  # only beside it anything has changed
+            waiting += (ear[2], ear[0])  # only the neighbours have changed
     rest = np.flatnonzero(left)
     found += [(int(rest[0]), int(one), int(other)) for one, other in pairwise(rest[1:])]
     return np.array(found, np.int64)
 
 
 def _is_ear(corners: Points, others: Points) -> bool:
-    """Tell whether three corners turn left, or run straight, and no other is within them."""
+    """Tell whether three corners turn left or run straight, without another corner inside."""
     sides = [_left_of(corners[k], corners[(k + 1) % 3], others) for k in range(3)]
     return bool(_left_of(*corners) >= 0) and not ((sides[0] > 0) & (sides[1] > 0) & (sides[2] > 0)).any()
 

@@ -16,12 +16,12 @@ def read_range_grid(path: str | PathLike[str]) -> NDArray[np.float32]:
     Parameters
     ----------
     path : path
-        Ends in .ply, or .ply.gz.
+            A file that ends in .ply, or .ply.gz.
 
     Returns
     -------
     (rows, columns, 3) float32
-        Points in the scanner's frame, in the file's unit; NaN where the scanner saw nothing.
+            Points in the scanner's frame, in the file's unit; NaN where the scanner measured nothing.
 
     Raises
     ------
@@ -60,9 +60,9 @@ def read_range_grid(path: str | PathLike[str]) -> NDArray[np.float32]:
             raise ValueError(f"expected {count} vertices and {cells} cells, got {len(text)} lines")
         points = np.array([line.split()[:3] for line in text[:count]], np.float32).reshape(count, 3)
         grid = np.full((cells, 3), np.nan, np.float32)
-        # A cell is "0", or "1" and the number of its vertex.
+        # A cell is "0", or "1" and the index of its vertex.
         number = np.array([int(line[2:]) if line[:2] == "1 " else -1 for line in text[count : count + cells]])
         if number.max(initial=-1) >= count:
-            raise ValueError(f"a cell of vertex {number.max()}, of {count}")
+            raise ValueError(f"a cell with vertex {number.max()}, of only {count} vertices")
         grid[number >= 0] = points[number[number >= 0]]
         return grid.reshape(rows, columns, 3)

@@ -1,4 +1,4 @@
-"""Relief maps: a picture whose red, green and blue are a normal and whose alpha is a height, 8 bits each."""
+"""Relief maps: pictures with a normal in red, green and blue, and a height in alpha, 8 bits each."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def read_relief_map(
     Parameters
     ----------
     path : path
-        PNG, TIFF, TGA, DDS or whatever else Pillow reads with an alpha channel.
+            PNG, TIFF, TGA, DDS or another format with alpha that Pillow reads.
     green : {"down", "up"}
-        Whether green grows with v, down the picture, or against it. Makers of textures use both.
+            Whether green increases with v, down the picture, or against it. Texture tools use both.
     alpha : {"height", "depth"}
-        "depth": 0 is the surface, 255 the deepest, as in relief mapping's papers.
+            With "depth", 0 is the surface and 255 the deepest, as in the papers on relief mapping.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def read_relief_map(
     Raises
     ------
     ArgumentError
-        If `green` or `alpha` is something else.
+            If `green` or `alpha` has another value.
     FileFormatError
         If the file is missing, truncated, or has no alpha channel.
 
@@ -61,7 +61,7 @@ def read_relief_map(
         rgba = np.asarray(picture.convert("RGBA"))
     normals = rgba[..., :3].astype(np.float32) / np.float32(127.5) - np.float32(1)
     normals[..., 1] *= np.float32(1 if green == "down" else -1)
-    normals[..., 2] = np.maximum(normals[..., 2], np.float32(1e-3))  # backs are a matter of rounding
+    normals[..., 2] = np.maximum(normals[..., 2], np.float32(1e-3))  # z <= 0 is a rounding error
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     height = rgba[..., 3] if alpha == "height" else 255 - rgba[..., 3]
     return normals, np.ascontiguousarray(height)
@@ -70,14 +70,14 @@ def read_relief_map(
 def write_relief_map(
     path: str | PathLike[str], normal_map: NDArray[Any], height: NDArray[np.uint8], *, green: Green = "down"
 ) -> None:
-    """Write a relief map, as `read_relief_map` reads it.
+    """Write a relief map for `read_relief_map`.
 
     Parameters
     ----------
     path : path
         In a format with alpha: PNG, TIFF, TGA.
     normal_map : (h, w, 3) float
-        In tangent space, z > 0, of any length.
+            In tangent space, z > 0, of any length.
     height : (h, w) uint8
     green : {"down", "up"}
 

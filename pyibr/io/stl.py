@@ -1,4 +1,4 @@
-"""STL: triangles, each with corners of its own; binary, or text."""
+"""STL: triangles that share no vertices; binary, or text."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from pyibr.io.mesh_arrays import MeshArrays
 
-_HEAD = 80  # bytes of anything, before the count
+_HEAD = 80  # arbitrary bytes before the count
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
-    """Return the mesh that a file's bytes hold."""
+    """Return the mesh in a file's bytes."""
     start = _HEAD + 4
     count = int.from_bytes(data[_HEAD:start], "little")
     if len(data) >= start and len(data) == start + count * _TRIANGLE.itemsize:
@@ -22,12 +22,12 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     elif data[:_HEAD].lstrip()[:5].lower() == b"solid":
         points = _text(data)
     else:
-        raise ValueError(f"{len(data)} bytes, which is not what {count} triangles take")
+        raise ValueError(f"expected the size of {count} triangles, got {len(data)} bytes")
     return MeshArrays(points, np.arange(len(points)).reshape(-1, 3))
 
 
 def mesh_bytes(mesh: MeshArrays) -> bytes:
-    """Return a binary file of the triangles' corners and normals."""
+    """Return a binary file with the triangles' corners and normals."""
     triangles = np.zeros(len(mesh.faces), _TRIANGLE)
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -41,7 +41,7 @@ def _text(data: bytes) -> np.ndarray:
     opened, closed = (sum(line[0] == word for line in lines) for word in ("facet", "endfacet"))
     corners = [line[1:] for line in lines if line[0] == "vertex"]
     if lines[-1][0] != "endsolid" or opened != closed or len(corners) != 3 * opened:
-        raise ValueError(f"{opened} triangles begin, {closed} end, and they have {len(corners)} corners")
+        raise ValueError(f"{opened} triangles begin, {closed} end, with {len(corners)} corners in all")
     if any(len(words) != 3 for words in corners):
         raise ValueError("a corner that is not three numbers")
     return np.array([float(word) for word in chain.from_iterable(corners)]).reshape(-1, 3)

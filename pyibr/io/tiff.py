@@ -1,4 +1,4 @@
-"""TIFF as Pillow reads it right: not turned, and numbers that it does not know as integers of as many bytes."""
+"""Changes that let Pillow read TIFF: no rotation, and unsupported number types as integers of the same size."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 _ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
 _WIDTH, _BITS, _ORIENTATION, _SAMPLES, _TILE_WIDTH, _KIND = 256, 258, 274, 277, 322, 339
-_CODES = {3: "H", 4: "I"}  # of fields of one number
+_CODES = {3: "H", 4: "I"}  # types of fields with one number
 _UNSIGNED, _SIGNED, _FLOAT = 1, 2, 3
 _UNKNOWN = {(_UNSIGNED, 32): "u4", (_FLOAT, 16): "f2", (_FLOAT, 64): "f8"}
 
 
 def as_known(data: bytes) -> tuple[bytes, str]:
-    """Return a file that Pillow reads, and the kind of its numbers, for `as_they_are`; of what is no TIFF, the same."""
+    """Return a file that Pillow reads, and its numbers' type for `as_they_are`; other formats are returned
+    unchanged."""
     order = _ORDERS.get(data[:4])
     if order is None:
         return data, ""
@@ -46,10 +47,10 @@ def as_known(data: bytes) -> tuple[bytes, str]:
 
 
 def as_they_are(stored: NDArray[np.generic], numbers: str) -> NDArray[np.generic]:
-    """Return the numbers that Pillow read as integers, in this machine's byte order."""
+    """Return the integers from Pillow as the file's numbers, in native byte order."""
     native = np.ascontiguousarray(stored, stored.dtype.newbyteorder("="))
     if not numbers:
         return native
-    if numbers == ">f8":  # whose halves stand the other way round
+    if numbers == ">f8":  # its halves are in reverse order
         native = np.ascontiguousarray(native.reshape(len(native), -1, 2)[..., ::-1]).reshape(native.shape)
     return native.view(numbers[1:])

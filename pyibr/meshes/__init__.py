@@ -1,1 +1,1 @@
-"""Triangle meshes and what lies on them: textures, heights, tangents."""
+"""Triangle meshes, and their textures, heights and tangents."""

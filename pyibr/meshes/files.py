@@ -1,4 +1,4 @@
-"""Files of meshes: which there are, what each can hold, and whose axes they have."""
+"""Mesh files: the formats, their contents, and their axes."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _OF_GLTF = (".glb", ".gltf")
 
 
 def is_mesh_file(path: str | PathLike[str]) -> bool:
-    """Tell whether a file's name says that it is a mesh."""
+    """Tell whether a file's suffix is a mesh's."""
     return _suffix(checked_path(path)) in _READERS
 
 
 def read_mesh(path: str | PathLike[str], axes: Axes) -> MeshArrays:
-    """Return what a mesh file holds, in a world with these axes; FileFormatError if it cannot be read."""
+    """Return a mesh file's content in a world with these axes; FileFormatError if the file is unreadable."""
     one_of("axes", axes, Axes)
     file = checked_path(path)
     kind = _suffix(file)
@@ -51,14 +51,14 @@ def read_mesh(path: str | PathLike[str], axes: Axes) -> MeshArrays:
 
 
 def write_mesh(path: str | PathLike[str], mesh: MeshArrays, axes: Axes, double_sided: bool) -> None:
-    """Write a mesh of a world with these axes: all of the file, and of those that belong to it, or none."""
+    """Write a mesh from a world with these axes: either all its files, or none."""
     check_mesh_file(path, mesh.texture is not None, mesh.colors is not None)
     one_of("axes", axes, Axes)
     file = checked_path(path)
     kind = file.suffix.lower()
     shown = replace(mesh, texture=None) if kind not in _TEXTURED else mesh
     if shown.texture is not None:
-        shown = replace(shown, colors=None)  # others would multiply the two
+        shown = replace(shown, colors=None)  # other programs would multiply the two
     if kind == ".glb":
         write_atomically(file, gltf.mesh_bytes(_turned(shown) if axes == "opencv" else shown, double_sided))
     elif kind == ".obj":
@@ -66,14 +66,14 @@ def write_mesh(path: str | PathLike[str], mesh: MeshArrays, axes: Axes, double_s
         with written_together():
             for name, data in others.items():
                 _write_once(file.with_name(name), data)
-            write_atomically(file, content)  # last: it is what names the others
+            write_atomically(file, content)  # last: this file names the others
     else:
         module = {".off": off, ".ply": ply, ".stl": stl}[kind]
         write_atomically(file, module.mesh_bytes(shown))
 
 
 def check_mesh_file(path: str | PathLike[str], textured: bool, colored: bool) -> None:
-    """Raise what `write_mesh` would raise of this name, for a mesh with a texture or colours; nothing is written."""
+    """Raise the errors of `write_mesh` for this name and a mesh with a texture or colours; nothing is written."""
     file = checked_path(path)
     kind = file.suffix.lower()
     if kind not in _WRITTEN:
@@ -85,11 +85,11 @@ def check_mesh_file(path: str | PathLike[str], textured: bool, colored: bool) ->
 
 
 def _write_once(file: Path, data: bytes) -> None:
-    """Write a file that is named by its content, unless that is there, be it packed in another way."""
+    """Write a file that is named by its content, unless it exists, even with another compression."""
     try:
         old = file.read_bytes()
         there = old == data or (file.suffix == ".png" and np.array_equal(texture_from(old), texture_from(data)))
-    except Exception:  # what cannot be read is not what it should be
+    except Exception:  # an unreadable file is replaced
         there = False
     if not there:
         write_atomically(file, data)
@@ -101,7 +101,7 @@ def _suffix(file: Path) -> str:
 
 
 def _turned(mesh: MeshArrays) -> MeshArrays:
-    """From OpenCV's axes to glTF's, and back: half a turn about x."""
+    """Convert from OpenCV's axes to glTF's, or back: a half turn about x."""
 
     def turned(rows: NDArray[Any]) -> NDArray[Any]:
         return rows * np.array([1, -1, -1], rows.dtype) + 0  # no -0

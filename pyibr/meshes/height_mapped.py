@@ -1,4 +1,4 @@
-"""A height map over a mesh's uv: what sliced surfaces and reliefs are made of."""
+"""A height map over a mesh's uv: the base of sliced surfaces and reliefs."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from pyibr.meshes.mesh import Mesh
 
 
 class Heights(Immutable):
-    """The part of a surface that an animation replaces."""
+    """Heights of a surface, the part that an animation replaces."""
 
     def __init__(self, values: Float32) -> None:
         self.values = values
 
 
 class HeightMapped(Immutable):
-    """A mesh with heights, colours and perhaps normals over its uv.
+    """A mesh with heights, colours and optional normals over its uv.
 
     Parameters
     ----------
     base, height, color, scale, tiles, normal_map, wrap
-        As of `pyibr.SlicedSurface` and `pyibr.ReliefSurface`.
+            As in `pyibr.SlicedSurface` and `pyibr.ReliefSurface`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Height maps, as sliced surfaces and reliefs take them."""
+"""Checks and samples of height maps for sliced surfaces and reliefs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Wraps = tuple[Wrap, Wrap]  # along u and along v
 
 
 def checked_height(height: NDArray[Any]) -> Float32:
-    """Heights as float32 in [0, 1]; integers are divided by their greatest value."""
+    """Heights as float32 in [0, 1]; integers are divided by their type's maximum."""
     expected = "heights in [0, 1] of shape (h, w), float32, or uint8 or uint16"
     given, height = height, plain_array("height", height, expected)
     if height.ndim != 2 or 0 in height.shape:
@@ -31,13 +31,14 @@ def checked_height(height: NDArray[Any]) -> Float32:
 
 
 def height_pairs(height: Float32, wrap: Wraps) -> NDArray[np.uint32]:
-    """(h, w) words of two heights, 16 bits each: a texel's, and above it its right neighbour's."""
+    """(h, w) words of two 16-bit heights: a texel's in the low bits, its right neighbour's in the high bits."""
     fixed = np.rint(height * np.float32(65535)).astype(np.uint32)
     return fixed | following(fixed, 1, wrap) << np.uint32(16)
 
 
 def following(values: NDArray[Any], axis: int, wrap: Wraps) -> NDArray[Any]:
-    """Each texel's next one along an axis, 0 down (v) or 1 across (u): of the last the first, or, clamped, the last."""
+    """Each texel's successor along an axis, 0 down (v) or 1 across (u); after the last the first or, clamped, the
+    last."""
     count: int = values.shape[axis]
     order = np.arange(1, count + 1)
     order[-1] = 0 if wrap[1 - axis] == "repeat" else count - 1
@@ -45,7 +46,7 @@ def following(values: NDArray[Any], axis: int, wrap: Wraps) -> NDArray[Any]:
 
 
 def height_at(height: Float32, uv: NDArray[np.float64], wrap: Wraps) -> float:
-    """The bilinear height at one place, (2,) u and v."""
+    """The bilinear height at one position (u, v)."""
     rows, columns = height.shape
     (x, fx), (y, fy) = (divmod(float(at) * n - 0.5, 1) for at, n in zip(uv, (columns, rows), strict=True))
     across, down = (
@@ -81,7 +82,7 @@ def checked_normal_map(normal_map: NDArray[Any]) -> Float32:
 
 
 def checked_wrap(wrap: Wrap | Wraps) -> Wraps:
-    """Wrap modes of a map along u and along v, beyond uv of 0 to 1."""
+    """Wrap modes of a map along u and along v, for uv outside 0 to 1."""
     both = (wrap, wrap) if isinstance(wrap, str) else wrap
     if not isinstance(both, tuple) or len(both) != 2:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("wrap", '"repeat" or "clamp", or a pair of these', describe(wrap))
@@ -91,10 +92,10 @@ def checked_wrap(wrap: Wrap | Wraps) -> Wraps:
 
 
 def checked_tiles(tiles: tuple[int, int], wrap: Wraps) -> tuple[int, int]:
-    """Repetitions of a map along u and v; a clamped one has none."""
+    """Repetitions of a map along u and v; a clamped map has none."""
     pair = numbers("tiles", cast("ArrayLike", tiles), (2,))
     if (pair < 1).any() or (pair != np.rint(pair)).any():
         raise ArgumentError("tiles", "two whole numbers >= 1", describe(tiles))
     if any(how == "clamp" and count != 1 for how, count in zip(wrap, pair, strict=True)):
-        raise ArgumentError("tiles", '1 along what has wrap="clamp", which does not repeat', describe(tiles))
+        raise ArgumentError("tiles", '1 along an axis with wrap="clamp", which does not repeat', describe(tiles))
     return int(pair[0]), int(pair[1])

@@ -20,7 +20,7 @@ def uv_gradients(corners: Float64, uv: Float64) -> tuple[Float64, NDArray[np.boo
     Parameters
     ----------
     corners : (T, 3, 3) float64
-        Of the triangles, in the world.
+            Corners of the triangles, in the world.
     uv : (T, 3, 2) float64
 
     Returns
@@ -28,11 +28,11 @@ def uv_gradients(corners: Float64, uv: Float64) -> tuple[Float64, NDArray[np.boo
     gradients : (T, 2, 3) float64
         Within the triangle's plane, per scene unit; zero where the triangle is degenerate.
     usable : (T,) bool
-        Neither the triangle nor its uv is degenerate.
+            Whether neither the triangle nor its uv is degenerate.
     """
     sides, changes = corners[:, 1:] - corners[:, :1], uv[:, 1:] - uv[:, :1]
     across = np.cross(sides[:, 0], sides[:, 1])
-    # With the sides and the normal as rows, a linear system for each triangle.
+    # A linear system for each triangle, with two sides and the normal as rows.
     rows = np.concatenate([sides, unit(across, np.array([0.0, 0.0, 1.0]))[:, None]], axis=1)
     good = np.abs(np.linalg.det(rows)) > 1e-30
     rows[~good] = np.eye(3)

@@ -1,4 +1,4 @@
-"""Meshes of trimesh's as plain arrays; and of whatever else has the same attributes, for trimesh is not imported."""
+"""Plain arrays of trimesh's meshes, and of objects with the same attributes, since trimesh is not imported."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pyibr.io.image import without_alpha
 
 
 def arrays_of(mesh: Any) -> dict[str, Any]:
-    """Return the arguments of `Mesh` that a `trimesh.Trimesh` tells.
+    """Return a `trimesh.Trimesh` as arguments of `Mesh`.
 
-    Its `visual` is asked for the texture and `uv`, or for the colours of vertices or faces.
+        Its `visual` provides the texture and `uv`, or the colours of vertices or faces.
     """
     if not hasattr(mesh, "vertices") or not hasattr(mesh, "faces"):
         raise ArgumentError(
-            "mesh", "a mesh with vertices and faces (of a trimesh.Scene, its to_mesh())", describe(mesh)
+            "mesh", "a mesh with vertices and faces (for a trimesh.Scene, pass its to_mesh())", describe(mesh)
         )
     vertices = plain_array("mesh.vertices", mesh.vertices, "numbers of shape (N, 3)")
     faces = plain_array("mesh.faces", mesh.faces, "integers of shape (M, 3)")
@@ -30,7 +30,7 @@ def arrays_of(mesh: Any) -> dict[str, Any]:
         return made | _textured(visual, len(vertices))
     if kind == "vertex":
         return made | {"colors": _colors(visual.vertex_colors)}
-    if kind == "face":  # each has corners of its own
+    if kind == "face":  # each face gets its own corners
         corners = np.arange(3 * len(faces)).reshape(-1, 3)
         colors = np.repeat(_colors(visual.face_colors), 3, axis=0)
         return {"vertices": vertices[faces.ravel()], "faces": corners, "colors": colors}
@@ -52,5 +52,5 @@ def _textured(visual: Any, count: int) -> dict[str, Any]:
 
 
 def _colors(values: Any) -> NDArray[Any]:
-    """Colours without what they let through, which is told."""
+    """Colours without alpha, with a warning unless all is opaque."""
     return without_alpha(np.array(values), "the mesh")

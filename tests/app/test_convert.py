@@ -171,7 +171,7 @@ def test_meshes(folder: Path):
         (("camera.json", "--as", "open3d", "-o", "model"), "--output: expected a file that ends in .json, as open3d"),
         (("depth.npy", "-o", "out.json"), "--size: expected the (width, height)"),
         (("camera.json", "-o", "camera.json"), "--output: expected a file of its own"),
-        (("bent.json", "--as", "open3d", "-o", "out.json"), "cameras: expected perspective ones without a lens"),
+        (("bent.json", "--as", "open3d", "-o", "out.json"), "cameras: expected perspective cameras without a lens"),
         (("scan", "-o", "scan/out"), "--output: expected a place outside of the recording"),
     ],
 )

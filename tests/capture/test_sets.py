@@ -94,7 +94,7 @@ def write(folder, name: str, content: object) -> None:
 def test_what_is_wrong_is_said_by_name(tmp_path):
     with pytest.raises(ibr.FileFormatError, match=r"nowhere: no such folder"):
         load(tmp_path / "nowhere")
-    with pytest.raises(ibr.FileFormatError, match=r"neither frusta\.json nor frames are in it"):
+    with pytest.raises(ibr.FileFormatError, match=r"found neither frusta\.json nor frames of colour and depth"):
         load(tmp_path)
     one = {"camera": camera().to_json()}
     for content, said in (

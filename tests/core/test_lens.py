@@ -374,7 +374,7 @@ def from_kinect(calibration, *pose):
     ("call", "argument", "words"),
     [
         (lambda c: ibr.Lens("pinhole", []), "model", "brown_conrady"),
-        (lambda c: ibr.Lens("brown_conrady", [1, 2, 3]), "coefficients", "4 or 5 of them for brown_conrady, got 3"),
+        (lambda c: ibr.Lens("brown_conrady", [1, 2, 3]), "coefficients", "4 or 5 coefficients for brown_conrady, got 3"),
         (lambda c: ibr.Lens("brown_conrady", [0, 0, 0, np.nan]), "coefficients", "finite"),
         (lambda c: ibr.Lens("brown_conrady", [0, 0, 0, 1], radius=0), "radius", "> 0"),
         (lambda c: ibr.Lens.from_opencv(np.zeros(7)), "distortion", "4, 5, 8, 12 or 14"),
@@ -389,8 +389,8 @@ def from_kinect(calibration, *pose):
         ),
         (lambda c: c.to_opengl(), "camera", "no lens for OpenGL"),
         (lambda c: c.to_pytorch3d(), "camera", "no lens for PyTorch3D"),
-        (lambda c: c.to_kalibr(), "lens", "one that Kalibr has"),
-        (lambda c: ibr.Lens("modified_brown_conrady", [0, 0, 1, 1]).to_opencv(), "lens", "one that OpenCV has"),
+        (lambda c: c.to_kalibr(), "lens", "a lens that Kalibr supports"),
+        (lambda c: ibr.Lens("modified_brown_conrady", [0, 0, 1, 1]).to_opencv(), "lens", "a lens that OpenCV supports"),
         (lambda c: ibr.Camera.from_ros(FIELDS | {"distortion_model": "fov"}), "info", "plumb_bob"),
         (lambda c: ibr.Camera.from_ros(FIELDS | {"binning_x": 2}), "info", "full resolution"),
         (lambda c: ibr.Camera.from_ros(FIELDS | {"roi": {"x_offset": 2}}), "info", "not cropped"),
@@ -429,7 +429,7 @@ def test_realsense_models_that_are_none_of_ours():
     [
         (5, "expected a lens with model, coefficients"),
         ({"model": "rational"}, "its lens has no coefficients"),
-        ({"model": "rational", "coefficients": [1]}, "8 of them for rational"),
+        ({"model": "rational", "coefficients": [1]}, "8 coefficients for rational"),
         ({"model": "rational", "coefficients": [1], "k1": 5}, "unknown key 'k1'"),
     ],
 )

@@ -109,7 +109,7 @@ EXTRINSIC = np.eye(4).ravel().tolist()
         (INTRINSIC | {"intrinsic_matrix": [1, 2, 3]}, "intrinsic_matrix: expected"),
         (INTRINSIC | {"intrinsic_matrix": "K"}, "intrinsic_matrix: expected"),
         (INTRINSIC | {"intrinsic_matrix": [50, 0, 30, 0, 51, 18, 0, 0, 1]}, "K: expected"),  # row by row
-        (INTRINSIC | {"lens": None}, "has 'lens', which Open3D's cameras have not"),
+        (INTRINSIC | {"lens": None}, "has 'lens', which Open3D's cameras lack"),
         ({"class_name": "PinholeCameraParameters"}, "has no intrinsic_matrix, and no intrinsic with one"),
         ({"intrinsic": 3}, "has no intrinsic_matrix, and no intrinsic with one"),
         ({"intrinsic": INTRINSIC}, "has no extrinsic"),

@@ -138,7 +138,7 @@ def test_folders_without_cameras(tmp_path: Path):
     with pytest.raises(ibr.FileFormatError, match=r"images.txt: no such file"):
         read_cameras(tmp_path / "a")
     (tmp_path / "a/images.txt").write_text("1 1 0 0 0 0 0 0 99 x.png\n\n")
-    with pytest.raises(ibr.FileFormatError, match=r"x.png is of camera 99, which .*cameras.txt lacks"):
+    with pytest.raises(ibr.FileFormatError, match=r"x.png has camera 99, which .*cameras.txt lacks"):
         read_cameras(tmp_path / "a")
     (tmp_path / "a/images.txt").write_text("1 0 0 0 0 0 0 0 5 x.png\n\n")
     with pytest.raises(ibr.FileFormatError, match=r"x.png: qvec"):

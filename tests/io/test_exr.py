@@ -74,7 +74,7 @@ def test_depth_is_what_is_called_so(tmp_path: Path, channels):
         ({**RGB, **named("Mist", {"Z": DEPTH})}, "among B, G, Mist.Z, R"),
         (named("depth", RGB), "among depth.B, depth.G, depth.R"),
         ({"A.Depth.Z": DEPTH, "B.Depth.Z": DEPTH}, r"several layers with depth: A\.Depth, B\.Depth; name one"),
-        ({"Y": DEPTH, "RY": DEPTH, "BY": DEPTH}, r"colours as chroma \(RY, BY\) are not read"),
+        ({"Y": DEPTH, "RY": DEPTH, "BY": DEPTH}, r"colours as chroma \(RY, BY\) are not supported"),
     ],
 )
 def test_what_may_be_something_else_is_refused(tmp_path: Path, channels, words):

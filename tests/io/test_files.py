@@ -77,7 +77,7 @@ def test_distances_need_their_camera(tmp_path: Path):
     ibr.write_depth(tmp_path / "d.npy", depth_of((7, 13)))
     for given, got in ((None, "none"), (camera, "61x37")):
         with pytest.raises(
-            ibr.ArgumentError, match=f"camera: expected the one whose 7x13 distances .*d.npy, got {got}"
+            ibr.ArgumentError, match=f"camera: expected the 7x13 camera of the distances .*d.npy, got {got}"
         ):
             ibr.read_depth(tmp_path / "d.npy", depth_scale=None, depth_kind="distance", camera=given)
     with pytest.raises(ibr.ArgumentError, match='kind: expected one of "z", "distance", "inverse"'):

@@ -144,7 +144,7 @@ def test_without_common_numbers_there_must_be_as_many(tmp_path: Path):
 
 
 def test_folders_without_a_recording(tmp_path: Path):
-    with pytest.raises(ibr.FileFormatError, match=r"neither frusta\.json nor frames are in it"):
+    with pytest.raises(ibr.FileFormatError, match=r"found neither frusta\.json nor frames of colour and depth"):
         recording_in(tmp_path)
     touch(tmp_path, "rgb/1.png", "depth/notes.txt")
     with pytest.raises(ibr.FileFormatError, match="depth: no file of depth in it"):
@@ -157,7 +157,7 @@ def test_folders_without_a_recording(tmp_path: Path):
     with pytest.raises(ibr.FileFormatError, match=r"depth.txt: not a readable list of images"):
         recording_in(tmp_path)
     touch(tmp_path, "dense/images/a.jpg", "dense/stereo/depth_maps/b.jpg.geometric.bin")
-    with pytest.raises(ibr.FileFormatError, match=r"no depth map of an image, as a.jpg.geometric.bin"):
+    with pytest.raises(ibr.FileFormatError, match=r"expected a depth map for an image, such as a.jpg.geometric.bin"):
         recording_in(tmp_path / "dense")
 
 

@@ -88,5 +88,5 @@ def test_wide_text_without_a_mark_is_named(tmp_path: Path):
 def test_a_buffer_that_is_missing_is_named(tmp_path: Path):
     buffer = '{"byteLength": 36, "uri": "scene%20one.bin"}'
     (tmp_path / "m.gltf").write_text(f'{{"asset": {{"version": "2.0"}}, "buffers": [{buffer}]}}')
-    with pytest.raises(ibr.FileFormatError, match=r"m\.gltf: .*scene%20one\.bin is not there"):
+    with pytest.raises(ibr.FileFormatError, match=r"m\.gltf: .*scene%20one\.bin is missing"):
         ibr.Mesh.load(tmp_path / "m.gltf")

@@ -33,7 +33,7 @@ def test_obj_with_what_is_not_there_or_not_read(tmp_path: Path):
     (tmp_path / "a.mtl").write_text("newmtl a\nmap_Kd t.png\nnewmtl b\nmap_Kd other.png\n")
     lines = "usemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 1/1 2/2 3/3\nl 1 2\n"
     (tmp_path / "m.obj").write_text("mtllib none.mtl a.mtl\n" + CORNERS + lines)
-    words = r"m\.obj: left out: lines, materials of none\.mtl, which is not there, other\.png"
+    words = r"m\.obj: left out: lines, materials of none\.mtl, which is missing, other\.png"
     with pytest.warns(UserWarning, match=words):
         np.testing.assert_array_equal(ibr.Mesh.load(tmp_path / "m.obj").texture, TEXTURED.texture)
 

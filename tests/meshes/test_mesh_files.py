@@ -186,7 +186,7 @@ def test_obj_of_others(tmp_path: Path):
     with pytest.raises(ibr.FileFormatError, match=r"m\.obj"):
         ibr.Mesh.load(tmp_path / "m.obj")
     (tmp_path / "folder" / "t.png").unlink()
-    with pytest.warns(UserWarning, match="the mesh is without it|left out"):
+    with pytest.warns(UserWarning, match="the mesh is read without it|left out"):
         assert ibr.Mesh.load(tmp_path / "m.obj").texture is None
 
 
@@ -349,7 +349,7 @@ def test_gltf_vertex_colours_are_linear_in_light(tmp_path: Path):
     [
         ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco_mesh_compression"),
         ({"asset": {"version": "1.0"}}, "glTF 2.0"),
-        ({"buffers": [{"byteLength": 48, "uri": "gone.bin"}]}, "gone.bin is not there"),
+        ({"buffers": [{"byteLength": 48, "uri": "gone.bin"}]}, "gone.bin is missing"),
         ({"nodes": []}, "no triangles"),
         ({"nodes": [{"mesh": -1}]}, r"meshes\[-1\]"),
         ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "two places"),

@@ -262,7 +262,7 @@ def test_slopes_shade_and_cast_shadows_as_far_as_the_map_reaches(system):
 def test_what_does_not_fit_is_said(kind):
     with pytest.raises(ibr.ArgumentError, match=r"^wrap: "):
         kind(square(ON_MAP), ramp(4, 4), WHITE, 0.1, wrap="mirror")
-    with pytest.raises(ibr.ArgumentError, match=r"^tiles: expected 1 along what has wrap=\"clamp\""):
+    with pytest.raises(ibr.ArgumentError, match=r"^tiles: expected 1 along an axis with wrap=\"clamp\""):
         kind(square(ON_MAP), ramp(4, 4), WHITE, 0.1, tiles=(1, 2), wrap=("repeat", "clamp"))
     with pytest.raises(ibr.ArgumentError, match=r"^wrap: .*a pair of these, got "):
         kind(square(ON_MAP), ramp(4, 4), WHITE, 0.1, wrap=["repeat", "clamp"])

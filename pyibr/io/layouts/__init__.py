@@ -1,4 +1,4 @@
-"""Layouts of recordings in folders: which there are, how each is recognised, and in which scale and axes it is."""
+"""Layouts of recordings in folders: their names, how each is recognised, and their scales and axes."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from pyibr.io.recordings import Recording
 
 
 class Layout(NamedTuple):
-    """A way in which frames lie in folders.
+    """A layout of frames in folders.
 
     Attributes
     ----------
     name : str
     signs : str
-        What it is recognised by.
+            Files or entries that identify the layout.
     depth : str
-        What is stored of depth, and in which unit.
+            Kind and unit of the stored depth.
     poses : str
-        Axes of its poses, and which way they lead.
+            Axes and direction of the poses.
     find : callable
-        The recording in a folder; None if it is laid out otherwise.
+            Returns the recording in a folder; None if the folder has another layout.
     suffix : str
-        Of files that are such a recording by themselves.
+            Suffix of single files that hold such a recording.
     """
 
     name: str
@@ -70,30 +70,30 @@ LAYOUTS: tuple[Layout, ...] = (
     Layout("ETH3D multi-view", "images beside ground_truth_depth", "metres", _INVERSE, colmap.find_eth3d),
     Layout("TUM RGB-D, Bonn, ETH3D SLAM", "rgb.txt and depth.txt", "5000 a metre", _CV, slam.find_tum),
     Layout("ICL-NUIM", "rgb, depth, *.gt.freiburg", "5000 a metre", "camera to world, mirrored", slam.find_icl),
-    Layout("Replica, NICE-SLAM", "results and traj.txt", "6553.5 a metre, or told", _CV, synthetic.find_replica),
+    Layout("Replica, NICE-SLAM", "results and traj.txt", "6553.5 a metre, or scale", _CV, synthetic.find_replica),
     Layout("MPI Sintel", "depth and camdata_left", "as stored", _INVERSE, synthetic.find_sintel),
     Layout("Hypersim", "images and _detail", "distance in metres", _GL, synthetic.find_hypersim),
     Layout("KITTI selection", "image, groundtruth_depth, intrinsics", "256 a metre", "none", driving.find_selection),
     Layout("KITTI drive", "proj_depth, image_02, calib_cam_to_cam.txt", "256 a metre", "none", driving.find_drive),
     Layout("NYU Depth raw", "r-*.ppm and d-*.pgm", "the sensor's counts", "none", nyu.find_raw),
     Layout(".sens, unpacked", "frame-* beside _info.txt", "m_depthShift", _CV, scans.find_sens),
-    Layout("7-Scenes", "frame-*.pose.txt", "mm; 65535 is none", _CV, scans.find_seven_scenes),
+    Layout("7-Scenes", "frame-*.pose.txt", "mm; 65535 is invalid", _CV, scans.find_seven_scenes),
     Layout("ScanNet", "intrinsic_color.txt, or intrinsic.txt", "mm", _CV, scans.find_scannet),
     Layout("Open3D, Redwood", "intrinsics or trajectory.log", "mm, or depth_scale", _CV, slam.find_open3d),
     Layout("two folders", "color (or rgb, images) and depth", "--depth-scale", _CV, plain.find_folders),
     Layout("two videos", "color.mp4 and depth.mkv, .npy or .npz", "--depth-scale", _CV, plain.find_films),
     Layout("one folder", "files with color and depth in their names", "--depth-scale", _CV, plain.find_names),
 )
-"""In the order in which they are tried: what tells more comes first."""
+"""In the order in which they are tried: layouts with more information come first."""
 
 
 def may_be_recording(place: Path) -> bool:
-    """Tell whether it is a folder, or a file that may be a recording by itself."""
+    """Tell whether the path is a folder, or a file with the suffix of a recording."""
     return place.is_dir() or (place.suffix != "" and place.suffix.lower() in [layout.suffix for layout in LAYOUTS])
 
 
 def find_recording(folder: Path) -> Recording | None:
-    """The recording that a folder, or a file, holds; None if it is laid out in none of the ways that are known."""
+    """The recording in a folder or a file; None if no layout fits."""
     for layout in LAYOUTS:
         if not folder.is_dir() and layout.suffix != folder.suffix.lower():
             continue
@@ -105,11 +105,11 @@ def find_recording(folder: Path) -> Recording | None:
 
 
 def recording_in(folder: Path) -> Recording:
-    """Do as `find_recording` does; FileFormatError, which tells what was looked for, if there is none."""
+    """The recording in a folder or a file; FileFormatError, which lists the known layouts, if none fits."""
     found = find_recording(folder)
     if found is None:
         known = "; ".join(f"{layout.name} ({layout.signs})" for layout in LAYOUTS)
         raise FileFormatError(
-            f"{folder}: neither frusta.json nor frames are in it, of colour and depth. Looked for: {known}"
+            f"{folder}: found neither frusta.json nor frames of colour and depth. Looked for: {known}"
         )
     return found

@@ -1,4 +1,5 @@
-"""Pictures, a sparse model of COLMAP's (with rigs, too) and depth maps named after the pictures: dense, or ETH3D's."""
+"""COLMAP's dense folders and ETH3D's: pictures, a sparse model (also with rigs), depth maps named after the
+pictures."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ _MODELS = ("dslr_calibration_jpg", "rig_calibration")
 
 
 def find_dense(folder: Path) -> Recording | None:
-    """Folders images, sparse and stereo/depth_maps."""
+    """Find folders images, sparse and stereo/depth_maps."""
     maps, pictures = folder / "stereo" / "depth_maps", folder / "images"
     if not (maps.is_dir() and pictures.is_dir()):
         return None
@@ -24,8 +25,8 @@ def find_dense(folder: Path) -> Recording | None:
     of_image = {image: [maps / f"{image.relative_to(pictures)}.{kind}.bin" for kind in _KINDS] for image in images}
     there = {image: file for image, files in of_image.items() for file in files[::-1] if file.is_file()}
     if not there:
-        name = next((f"{image.name}.{_KINDS[0]}.bin" for image in images), "of anything")
-        raise FileFormatError(f"{maps}: no depth map of an image, as {name}")
+        name = next((f"{image.name}.{_KINDS[0]}.bin" for image in images), "image.geometric.bin")
+        raise FileFormatError(f"{maps}: expected a depth map for an image, such as {name}")
     cameras = (folder / "sparse",) if (folder / "sparse").is_dir() else ()
     left_out = [image for image in images if image not in there]
     kept = [image in there for image in images]
@@ -33,7 +34,7 @@ def find_dense(folder: Path) -> Recording | None:
 
 
 def find_eth3d(folder: Path) -> Recording | None:
-    """ETH3D's multi-view sets: images beside ground_truth_depth, raw floats under the pictures' names."""
+    """Find ETH3D's multi-view sets: images beside ground_truth_depth, raw floats with the pictures' names."""
     pictures, truth = folder / "images", folder / "ground_truth_depth"
     model = next((folder / name for name in _MODELS if (folder / name).is_dir()), None)
     if not (pictures.is_dir() and truth.is_dir()) or model is None:
@@ -42,7 +43,7 @@ def find_eth3d(folder: Path) -> Recording | None:
     images = _files(pictures)
     there = [image for image in images if image in depths]
     if not there:
-        raise FileFormatError(f"{truth}: no depth of a picture in {pictures}")
+        raise FileFormatError(f"{truth}: no depth for any picture in {pictures}")
 
     def depth(path: Path) -> Depth:
         with reading(path, "depth") as source:
@@ -55,6 +56,6 @@ def find_eth3d(folder: Path) -> Recording | None:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Pictures in it and below, by their folders and in the order of their numbers."""
+    """Pictures in the folder and its subfolders, sorted by folder and number."""
     files = [file for file in folder.rglob("*") if file.suffix.lower() in COLOR_SUFFIXES and file.is_file()]
     return sorted(files, key=lambda file: [str(file.parent), in_order(file)])

@@ -1,4 +1,4 @@
-"""KITTI's depth: 256 units a metre, of few pixels; a selection of frames, or a drive with its calibration."""
+"""KITTI's sparse depth, 256 units per metre: a selection of frames, or a drive with its calibration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _STORED = Stored(256)
 
 
 def find_selection(folder: Path) -> Recording | None:
-    """Folders image, groundtruth_depth (or velodyne_raw) and intrinsics, with one file of each frame."""
+    """Find folders image, groundtruth_depth (or velodyne_raw) and intrinsics, with one file for each frame."""
     images, intrinsics = folder / "image", folder / "intrinsics"
     depth = next((folder / name for name in _DEPTHS if (folder / name).is_dir()), None)
     if not images.is_dir() or depth is None:
@@ -32,7 +32,7 @@ def find_selection(folder: Path) -> Recording | None:
     with_depth = [color for color in colors if color.name in depths]
     files = [intrinsics / f"{color.stem}.txt" for color in with_depth]
     if not files:
-        raise FileFormatError(f"{depth}: no depth of a picture's name")
+        raise FileFormatError(f"{depth}: no depth with a picture's name")
     return Recording(
         with_depth,
         [depths[color.name] for color in with_depth],
@@ -47,7 +47,7 @@ def find_selection(folder: Path) -> Recording | None:
 
 
 def find_drive(folder: Path) -> Recording | None:
-    """image_02/data beside proj_depth/groundtruth/image_02, and calib_cam_to_cam.txt there or one folder up."""
+    """Find image_02/data beside proj_depth/groundtruth/image_02, and calib_cam_to_cam.txt there or one folder up."""
     places = [folder / _CALIBRATION, folder.resolve().parent / _CALIBRATION]
     calibration = next((place for place in places if place.is_file()), None)
     depths = [folder / "proj_depth" / kind / camera for kind in _KINDS for camera in _CAMERAS]

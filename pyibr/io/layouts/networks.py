@@ -28,14 +28,14 @@ _NAMES = {
     "extrinsics": ("extrinsics", "extrinsic"),
     "intrinsics": ("intrinsics", "intrinsic"),
 }
-"""Of Depth Anything 3's arrays and of VGGT's."""
+"""Names of arrays in Depth Anything 3's and VGGT's files."""
 
 _FOCAL = ("focallength_px", "focal_length", "focallength")
 _PLACES = ("", "exports/npz", "exports/mini_npz")
 
 
 def find_moge(folder: Path) -> Recording | None:
-    """image.jpg, depth.exr (or .npy) and fov.json with angles in degrees; mask.png tells where depth is any."""
+    """Find image.jpg, depth.exr (or .npy) and fov.json with angles in degrees; mask.png marks pixels with depth."""
     angles = folder / "fov.json"
     color, depth = (
         next((folder / f"{name}{suffix}" for suffix in suffixes if (folder / f"{name}{suffix}").is_file()), None)
@@ -58,7 +58,8 @@ def find_moge(folder: Path) -> Recording | None:
 
 
 def find_stack(folder: Path) -> Recording | None:
-    """An NPZ file of all frames: depth, conf, extrinsics (camera from world), intrinsics; image, or pictures beside."""
+    """Find an NPZ of all frames: depth, conf, extrinsics (camera from world), intrinsics, and image or picture
+    files."""
     places = [folder / place for place in _PLACES if (folder / place).is_dir()]
     files = [file for place in places for file in files_in(place, (".npz",))]
     for file in files:
@@ -69,7 +70,7 @@ def find_stack(folder: Path) -> Recording | None:
 
 
 def find_depth_pro(folder: Path) -> Recording | None:
-    """NPZ files of depth and its focal length in pixels, each beside the picture of its stem."""
+    """Find NPZ files of depth and focal length in pixels, each beside the picture of the same stem."""
     pictures = {picture.stem: picture for picture in files_in(folder, COLOR_SUFFIXES) if picture.suffix != ".npz"}
     files = [file for file in files_in(folder, (".npz",)) if file.stem.removesuffix("_depth") in pictures]
     focal = {file: name for file in files for name in _FOCAL if "depth" in (keys := _arrays(file)) and name in keys}
@@ -110,7 +111,7 @@ def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
         beside = [place for place in (folder, folder / "images", folder / "input_images") if place.is_dir()]
         pictures = [one for place in beside for one in files_in(place, COLOR_SUFFIXES) if one.suffix != ".npz"]
         if len(pictures) != count:
-            raise FileFormatError(f"{file}: has no image, and {len(pictures)} pictures lie beside it, not {count}")
+            raise FileFormatError(f"{file}: has no image; expected {count} pictures beside it, got {len(pictures)}")
         colors, read = pictures, None
     return Recording(
         colors,
@@ -126,7 +127,7 @@ def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
 def _layer(
     depths: NDArray[Any], sure: NDArray[Any] | None, read: Callable[[int], NDArray[Any]] | None, k: int
 ) -> Stored:
-    """One frame of the stack; pictures of another size are made as large as their depth."""
+    """One frame of the stack; pictures of another size are resized to their depth."""
     height, width = depths.shape[1:]
 
     def color(path: Path) -> NDArray[Any]:
@@ -143,7 +144,7 @@ def _resized(size: tuple[int, int], path: Path) -> NDArray[Any]:
 
 
 def _pictures(file: Path, name: str) -> Callable[[int], NDArray[Any]]:
-    """A reader of each picture of a stack, which is read once."""
+    """A reader of a stack's pictures by index; the stack is read once."""
     stack = functools.cache(lambda: _array(file, name))
 
     def picture(k: int) -> NDArray[Any]:
@@ -156,7 +157,7 @@ def _pictures(file: Path, name: str) -> Callable[[int], NDArray[Any]]:
 
 
 def _layers(stack: NDArray[Any], file: Path) -> NDArray[np.float32]:
-    """A stack of depth maps as (N, H, W): axes of length 1 before and behind are dropped."""
+    """A stack of depth maps as (N, H, W), without first and last axes of length 1."""
     shape = list(stack.shape)
     while len(shape) > 3 and 1 in (shape[0], shape[-1]):
         del shape[0 if shape[0] == 1 else -1]
@@ -166,7 +167,7 @@ def _layers(stack: NDArray[Any], file: Path) -> NDArray[np.float32]:
 
 
 def _keys(file: Path, is_alone: bool) -> dict[str, str]:
-    """The names that this file has for what there is in it; none if it cannot be read, and others are there."""
+    """The array names in this file, by content; empty if it is unreadable, unless it is the only file."""
     try:
         there = _arrays(file)
     except FileFormatError:

@@ -1,4 +1,4 @@
-"""NYU Depth's raw recordings: r-*.ppm and d-*.pgm of a Kinect whose calibration is the data set's own."""
+"""NYU Depth's raw recordings: r-*.ppm and d-*.pgm of one Kinect, with the data set's calibration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pyibr.io.layouts.parts import matrix
 from pyibr.io.recordings import Recording, Stored, paired_by_time
 
 _SIZE = (640, 480)
-# As its toolbox has them, which counts pixels from 1
+# From the data set's toolbox, which counts pixels from 1
 _COLOR = matrix(518.857901175, 324.582449411, 252.737616633, 519.469611121)
 _COLOR_LENS = Lens("brown_conrady", [0.207966153, -0.586138252, 0.000722314, 0.001047963, 0.498569867])
 _DEPTH = matrix(582.624481677, 312.044758708, 237.443896264, 582.691032710)
@@ -30,11 +30,11 @@ _ROTATION = np.array(
     ]
 )
 _TRANSLATION = -np.array([0.025031876, 0.000662387, -0.000293423])
-_FAR = 10.0  # metres: farther ones the toolbox takes for none
+_FAR = 10.0  # metres; the toolbox treats farther depth as invalid
 
 
 def find_raw(folder: Path) -> Recording | None:
-    """Pictures r-TIME-COUNT.ppm and depth d-TIME-COUNT.pgm."""
+    """Find pictures r-TIME-COUNT.ppm and depth d-TIME-COUNT.pgm."""
     colors = [file for file in files_in(folder, (".ppm",), "r-") if file.name.startswith("r-")]
     depths = [file for file in files_in(folder, (".pgm",), "d-") if file.name.startswith("d-")]
     if not colors or not depths:
@@ -53,12 +53,12 @@ def find_raw(folder: Path) -> Recording | None:
 def _time(file: Path) -> float:
     found = re.match(r"[rd]-(\d+\.\d+)", file.name)
     if found is None:
-        raise FileFormatError(f"{file}: expected a time in its name, as r-1294886360.208451-2996770081.ppm")
+        raise FileFormatError(f"{file}: expected a time in its name, such as r-1294886360.208451-2996770081.ppm")
     return float(found[1])
 
 
 def _metres(path: Path) -> NDArray[np.float32]:
-    """Depth of what the sensor counts, whose bytes these files have the wrong way round."""
+    """Depth in metres from the sensor's counts, whose bytes are swapped in these files."""
     counts = pgm.read_depth(path).astype(np.uint16).byteswap().astype(np.float64)
     with np.errstate(divide="ignore"):
         metres = 351.3 / (1092.5 - counts)

@@ -1,4 +1,4 @@
-"""Parts of layouts: tables of numbers, objects of JSON, files by number, cameras."""
+"""Helpers for layouts: tables of numbers, JSON objects, files by number, cameras."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ def numbers_in(path: Path) -> Float64:
 
 
 def values_in(path: Path, mark: str) -> dict[str, str]:
-    """Values of a text file's lines, each after a name and a mark."""
+    """Values of a text file's lines `name mark value`, by name."""
     with reading(path, "list of values") as source:
         pairs = [line.partition(mark) for line in read_text(source).splitlines()]
     return {name.strip(): value for name, _, value in pairs}
 
 
 def object_in(path: Path) -> dict[str, Any]:
-    """The object of a JSON file; an empty one if it holds something else, which then is no file of a layout's."""
+    """The object in a JSON file; an empty one if the file holds another type, and so fits no layout."""
     data = read_json(path, "JSON")
     return cast("dict[str, Any]", data) if isinstance(data, dict) else {}
 
 
 def camera_of(path: Path, K: ArrayLike, size: tuple[int, int], lens: Lens | None = None) -> Camera:
-    """The camera of a file's intrinsics, 3 x 3 or 4 x 4; its centre is in the picture, or they are of another one."""
+    """The camera of a file's intrinsics, 3 x 3 or 4 x 4; FileFormatError if its centre is outside the picture."""
     try:
         camera = Camera(np.asarray(K, np.float64)[:3, :3], size, lens=lens)
     except (ArgumentError, ValueError, TypeError, IndexError) as error:
@@ -53,23 +53,23 @@ def camera_of(path: Path, K: ArrayLike, size: tuple[int, int], lens: Lens | None
     (cx, cy), (width, height) = camera.K[:2, 2], size
     if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
         outside = f"({cx:g}, {cy:g}) lies outside of pictures of {width} x {height}"
-        raise FileFormatError(f"{path}: its centre {outside}, which seem to be resized")
+        raise FileFormatError(f"{path}: its centre {outside}; they seem to be resized")
     return camera
 
 
 def matrix(focal: float, cx: float, cy: float, fy: float | None = None) -> Float64:
-    """K of a focal length, or of two."""
+    """K of one focal length, or of two."""
     return np.array([[focal, 0, cx], [0, fy or focal, cy], [0, 0, 1]])
 
 
 def inverted(camera_from_world: Float64) -> Float64 | None:
-    """The pose of what files tell the other way round; None if that is none."""
+    """The pose from a file's camera_from_world; None if that is no rigid motion."""
     exact = rigid_or_none(camera_from_world)
     return None if exact is None else pose_from_extrinsics(exact[:3, :3], exact[:3, 3])
 
 
 def by_number(folder: Path, suffixes: Sequence[str], word: str = "") -> dict[int, Path]:
-    """Files by the last number in their names, in its order."""
+    """Files by the last number in their names, in that order."""
     found = {number: file for file in files_in(folder, suffixes, word) if (number := number_of(file)) is not None}
     return dict(sorted(found.items()))
 
@@ -77,10 +77,10 @@ def by_number(folder: Path, suffixes: Sequence[str], word: str = "") -> dict[int
 def joined(
     place: Path, colors: dict[int, Path], depths: dict[int, Path], *others: Container[int]
 ) -> tuple[list[int], Recording]:
-    """The numbers that all have, and the recording of their files; FileFormatError if there are none."""
+    """The numbers that all mappings have, and the recording of their files; FileFormatError if there are none."""
     numbers = [number for number in colors if all(number in other for other in (depths, *others))]
     if not numbers:
-        raise FileFormatError(f"{place}: no number of a frame of which all files are there, of {len(colors)} pictures")
+        raise FileFormatError(f"{place}: no frame has all its files, among {len(colors)} pictures")
     is_kept = dict.fromkeys(numbers, True)
     found = Recording(
         [colors[number] for number in numbers],
@@ -92,13 +92,13 @@ def joined(
 
 
 def own_camera(name: str, K: Float64, of: tuple[int, int], colors: Sequence[Path]) -> Callable[[], list[Camera]]:
-    """The camera that a data set is known to have, once it is asked for; resized for pictures of another size."""
+    """A function for the known camera of a data set, resized for pictures of another size."""
 
     def camera() -> list[Camera]:
         size, known = size_of(colors[0]), Camera(K, of)
         if size == of:
             return [known]
-        _log.warning("%s: no camera of %dx%d pixels is told; that of %s is taken, resized", colors[0], *size, name)
+        _log.warning("%s: no camera for %dx%d pixels is given; %s's camera is used, resized", colors[0], *size, name)
         return [known.resized(size)]
 
     return camera
@@ -107,13 +107,13 @@ def own_camera(name: str, K: Float64, of: tuple[int, int], colors: Sequence[Path
 def beside(
     cameras: Sequence[Camera], depth: Path, read: Callable[[Path], NDArray[Any]] | None = None
 ) -> list[Camera | None]:
-    """The cameras of depth with fewer samples than pictures have pixels, as the first's has; None if it has as many."""
+    """Resized cameras of depth with fewer samples than the first picture has pixels; None if the sizes are equal."""
     size = size_of(depth, read or (lambda path: read_depth(path, depth_scale=1)))
     return [None if size == camera.size else camera.resized(size) for camera in cameras]
 
 
 def without(nothing: float) -> Callable[[Path], NDArray[Any]]:
-    """A reader of stored depth in which this number, too, means that there is none."""
+    """A reader of stored depth that also treats this number as no depth."""
 
     def read(path: Path) -> NDArray[Any]:
         values = read_depth(path, depth_scale=1)

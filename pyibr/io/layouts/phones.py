@@ -1,4 +1,5 @@
-"""Phones with a LiDAR scanner: recordings of Stray Scanner and Record3D, whose depth has fewer samples than pixels."""
+"""Phones with a LiDAR scanner: Stray Scanner, Record3D, Polycam, 3D Scanner App. Depth has fewer samples than
+pixels."""
 
 from __future__ import annotations
 
@@ -26,11 +27,11 @@ from pyibr.io.poses import pose_of, rigid_or_none
 from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, size_of
 from pyibr.io.video import Video
 
-_MEDIUM = 1  # of ARKit's confidences 0, 1 and 2
+_MEDIUM = 1  # ARKit's confidence; 0 is low, 2 is high
 
 
 def find_stray(folder: Path) -> Recording | None:
-    """rgb.mp4 (or rgb), depth in millimetres, confidence, camera_matrix.csv and odometry.csv (OpenCV's axes)."""
+    """Find rgb.mp4 (or rgb), depth in millimetres, confidence, camera_matrix.csv and odometry.csv (OpenCV's axes)."""
     intrinsics, video = folder / "camera_matrix.csv", folder / "rgb.mp4"
     depth = plain.folder_in(folder, ("depth",))
     if not intrinsics.is_file() or depth is None:
@@ -61,7 +62,8 @@ def find_stray(folder: Path) -> Recording | None:
 
 
 def find_record3d(folder: Path) -> Recording | None:
-    """rgb, depth (metres), confidence and metadata.json: K by columns, OpenGL's poses as qx qy qz qw and position."""
+    """Find rgb, depth (metres), confidence and metadata.json: K by columns, OpenGL poses as qx qy qz qw and
+    position."""
     file = folder / "metadata.json"
     if not file.is_file() or not {"K", "poses"} <= (told := object_in(file)).keys():
         return None
@@ -80,7 +82,8 @@ def find_record3d(folder: Path) -> Recording | None:
 
 
 def find_polycam(folder: Path) -> Recording | None:
-    """Polycam's raw data: keyframes with images and cameras (OpenGL's), corrected ones, depth in mm and confidence."""
+    """Find Polycam's raw data: keyframes with images and OpenGL cameras, maybe corrected, depth in mm and
+    confidence."""
     place = folder / "keyframes" if (folder / "keyframes").is_dir() else folder
     kind = "corrected_" if (place / "corrected_cameras").is_dir() else ""
     pictures, told = place / f"{kind}images", place / f"{kind}cameras"
@@ -99,7 +102,7 @@ def find_polycam(folder: Path) -> Recording | None:
 
 
 def find_scanner_app(folder: Path) -> Recording | None:
-    """All data of 3D Scanner App: frame_00000.jpg, some without, and .json, depth_ (millimetres) and conf_00000.png."""
+    """Find 3D Scanner App's data: frame_00000.jpg (some missing), .json, depth_ (millimetres) and conf_00000.png."""
     files = by_number(folder, (".json",), "frame_")
     if not files or "cameraPoseARFrame" not in object_in(next(iter(files.values()))):
         return None
@@ -117,7 +120,7 @@ def _of_files(
     frames: tuple[dict[int, Path], dict[int, Path], dict[int, Path]],
     camera: Callable[[Mapping[str, Any]], tuple[Float64, Float64]],
 ) -> Recording:
-    """Pictures, depth in millimetres, and of each frame a file with K and a pose with OpenGL's axes."""
+    """Pictures, depth in millimetres, and a file for each frame with K and a pose with OpenGL's axes."""
     colors, depths, files = frames
     numbers, found = joined(place, colors, depths, files)
     told = [camera(object_in(files[number])) for number in numbers]
@@ -133,7 +136,8 @@ def _of_files(
 
 
 def find_r3d(place: Path) -> Recording | None:
-    """A .r3d file, alone in a folder, too, or unpacked: metadata, and in rgbd pictures, depth, confidence (LZFSE)."""
+    """Find a .r3d file, also alone in a folder or unpacked: metadata, and rgbd with pictures, depth, confidence
+    (LZFSE)."""
     within = [file for file in place.glob("*") if file.suffix.lower() == ".r3d"]
     place = within[0] if len(within) == 1 else place
     packed = zipfile.Path(place) if place.is_file() else place
@@ -154,7 +158,7 @@ def find_r3d(place: Path) -> Recording | None:
     width, height = cameras[0].size
 
     def values(kind: str, name: Path) -> NDArray[Any]:
-        """(h, w) of a packed array, whose sides are to one another as the picture's."""
+        """(h, w) of a packed array, which has the picture's aspect ratio."""
         with decoding(name, "LZFSE"):
             flat = np.frombuffer(lzfse().decompress(_bytes(frames / name.name)), kind)
             return flat.reshape(round((flat.size * height / width) ** 0.5), -1)
@@ -182,7 +186,7 @@ def _bytes(file: Path | zipfile.Path) -> bytes:
 
 
 def _told_by_record3d(told: Any, file: Path, numbers: Sequence[int]) -> tuple[list[Camera], list[Float64 | None]]:
-    """Cameras and poses of the frames of these numbers."""
+    """Cameras and poses of the frames with these numbers."""
     try:
         rows = np.array(told["poses"], np.float64).reshape(-1, 7)
         K = np.array(told["K"], np.float64).reshape(3, 3).T
@@ -197,7 +201,7 @@ def _told_by_record3d(told: Any, file: Path, numbers: Sequence[int]) -> tuple[li
 
 
 def _of_arkit(scale: float | None, files: Mapping[int, Path], numbers: Sequence[int]) -> list[Stored]:
-    """Depth with ARKit's confidence, where there is a file of it."""
+    """Storage of depth with ARKit's confidence, for frames that have a file of it."""
     reads = {number: image.read_color if file.suffix == ".png" else read_depth for number, file in files.items()}
     return [
         Stored(scale, confidence=functools.partial(reads[n], files[n]) if n in files else None, least=_MEDIUM)
@@ -211,7 +215,7 @@ def _confidences(place: Path) -> dict[int, Path]:
 
 
 def _odometry(path: Path) -> dict[int, Any]:
-    """Poses by the frames' numbers, of lines: timestamp, frame, x, y, z, qx, qy, qz, qw."""
+    """Poses by frame number, from lines: timestamp, frame, x, y, z, qx, qy, qz, qw."""
     with reading(path, "odometry") as source:
         lines = [line.replace(",", " ").split() for line in read_text(source).splitlines()[1:]]
         rows = [[float(word) for word in line[:9]] for line in lines if line]

@@ -1,4 +1,4 @@
-"""Frames in two folders, or in one by their names, and what tells of their cameras: what no layout of a name is."""
+"""Generic layouts: frames in two folders, or in one by their names, with files of cameras and poses beside them."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from pyibr.io.video import SUFFIXES, Video
 
 COLOR_FOLDERS, DEPTH_FOLDERS = ("rgb", "color", "colour", "image", "images"), ("depth", "depths")
 _POSE_FILES = ("groundtruth.txt", "trajectory.log", "trajectory.txt", "poses.txt")
-_OPEN3D = ("intrinsic.json", "camera_intrinsic.json", "camera_primesense.json")  # as its recorders and samples name it
+_OPEN3D = ("intrinsic.json", "camera_intrinsic.json", "camera_primesense.json")  # names in its recorders and samples
 _CAMERA_FILES = ("frusta.json", "camera.json", *_OPEN3D, "camera-intrinsics.txt", "intrinsics.K.txt")
 
 
 def find_folders(folder: Path) -> Recording | None:
-    """Two folders, of pictures and of depth."""
+    """Find two folders, of pictures and of depth."""
     color, depth = folder_in(folder, COLOR_FOLDERS), folder_in(folder, DEPTH_FOLDERS)
     return with_files(folder, paired(color, depth)) if color and depth else None
 
 
 def find_films(folder: Path) -> Recording | None:
-    """A video of colours, and depth as a video or as an array of all frames."""
+    """Find a video of colours, and depth as a video or as an array of all frames."""
     colors = [file for word in ("color", "rgb") for file in files_in(folder, SUFFIXES, word)]
     depths = [file for file in files_in(folder, FRAME_SUFFIXES, "depth") if file not in colors]
     if len(colors) != 1 or len(depths) != 1:
@@ -34,14 +34,14 @@ def find_films(folder: Path) -> Recording | None:
 
 
 def find_names(folder: Path) -> Recording | None:
-    """Files with color (or rgb) and depth in their names."""
+    """Find files with color (or rgb) and depth in their names."""
     depths = files_in(folder, DEPTH_SUFFIXES, "depth")
     colors = files_in(folder, COLOR_SUFFIXES, "color") or files_in(folder, COLOR_SUFFIXES, "rgb")
     return with_files(folder, paired_files(str(folder), colors, depths)) if depths and colors else None
 
 
 def folder_in(folder: Path, names: Sequence[str]) -> Path | None:
-    """The first folder in it of one of these names, in whatever case."""
+    """The first subfolder with one of these names, in any case."""
     try:
         entries = sorted(folder.iterdir(), reverse=True)
     except OSError as error:
@@ -51,7 +51,7 @@ def folder_in(folder: Path, names: Sequence[str]) -> Path | None:
 
 
 def with_files(folder: Path, found: Recording) -> Recording:
-    """The recording with the files of cameras and poses that lie in its folder."""
+    """The recording with the camera and pose files in its folder."""
     poses = next((folder / name for name in _POSE_FILES if (folder / name).is_file()), None)
     if poses is None:
         places = [
@@ -62,7 +62,7 @@ def with_files(folder: Path, found: Recording) -> Recording:
 
 
 def _camera_files(folder: Path, colors: Sequence[Path]) -> tuple[Path, ...]:
-    """A file of each frame, or of all; or COLMAP's model."""
+    """A camera file for each frame, or one for all; or COLMAP's model."""
     stems = [color.stem.removesuffix(".color") for color in colors]
     for place in (folder, folder / "camera"):
         own = [place / f"{stem}.json" for stem in stems]

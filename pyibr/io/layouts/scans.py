@@ -1,4 +1,4 @@
-"""Scanned rooms: 7-Scenes, ScanNet and its exporters, what the .sens format's tools unpack; BOP's scenes."""
+"""Scanned rooms: 7-Scenes, ScanNet and its exporters, unpacked .sens recordings; and BOP's scenes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _INFO = ("_info.txt", "info.txt")
 
 
 def find_seven_scenes(folder: Path) -> Recording | None:
-    """Files frame-000000.color.png, .depth.png (65535: none) and .pose.txt."""
+    """Find files frame-000000.color.png, .depth.png (65535: none) and .pose.txt."""
     if not any(folder.glob("frame-*.pose.txt")) or (found := plain.find_names(folder)) is None:
         return None
     known = own_camera("7-Scenes", _SEVEN_SCENES, (640, 480), found.colors)
@@ -45,7 +45,7 @@ def find_seven_scenes(folder: Path) -> Recording | None:
 
 
 def find_sens(folder: Path) -> Recording | None:
-    """Files as the tools of .sens recordings unpack them: frame-000000.* beside an _info.txt with the calibrations."""
+    """Find an unpacked .sens recording: frame-000000.* beside an _info.txt with the calibrations."""
     info = next((folder / name for name in _INFO if (folder / name).is_file()), None)
     if info is None or (found := plain.find_names(folder)) is None:
         return None
@@ -67,7 +67,7 @@ def find_sens(folder: Path) -> Recording | None:
 
 
 def find_scannet(folder: Path) -> Recording | None:
-    """Folders color, depth and pose beside intrinsic_color.txt; or pictures, depth and poses of one stem in one."""
+    """Find folders color, depth and pose beside intrinsic_color.txt; or files of equal stems in one folder."""
     for form in _INTRINSICS:
         color, depth = (folder / form.format(kind) for kind in ("color", "depth"))
         if color.is_file() and (found := plain.find_folders(folder)) is not None:
@@ -79,7 +79,7 @@ def find_scannet(folder: Path) -> Recording | None:
 
 
 def find_bop(folder: Path) -> Recording | None:
-    """Folders rgb (or gray) and depth beside scene_camera.json: K, pose in millimetres and depth's unit of each."""
+    """Find rgb (or gray) and depth beside scene_camera.json: K, pose in mm and unit of depth for each frame."""
     file = folder / "scene_camera.json"
     if not file.is_file():
         return None
@@ -104,7 +104,7 @@ def _bop_pose(told: dict[str, Any]) -> Float64 | None:
 
 
 def _scanned(found: Recording, color: Path, depth: Path) -> Recording:
-    """A recording with the intrinsics of colours and of depth, which are seen from one place."""
+    """A recording with the intrinsics of colours and of depth, which share one viewpoint."""
     count = len(found.colors)
 
     def of_colors() -> list[Camera]:
@@ -121,7 +121,7 @@ def _scanned(found: Recording, color: Path, depth: Path) -> Recording:
 
 
 def _of_one_stem(folder: Path) -> Recording | None:
-    """00000.jpg, 00000.png and 00000.txt, as exporters of posed images leave them."""
+    """Find 00000.jpg, 00000.png and 00000.txt, as exporters of posed images write them."""
     pictures = by_number(folder, (".jpg", ".jpeg"))
     depths, poses = by_number(folder, (".png",)), by_number(folder, (".txt",))
     if not pictures or pictures.keys().isdisjoint(depths):

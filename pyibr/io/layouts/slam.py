@@ -1,4 +1,4 @@
-"""Recordings for SLAM: TUM RGB-D and what is laid out as it (ICL-NUIM, Bonn, ETH3D), Open3D's and Redwood's."""
+"""Recordings for SLAM: TUM RGB-D and similar ones (ICL-NUIM, Bonn, ETH3D), Open3D's and Redwood's."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from pyibr.io.recordings import Recording, Stored, paired_by_time, size_of
 
 _SIZE = (640, 480)
 PRIMESENSE = matrix(525.0, 319.5, 239.5)
-"""ROS's intrinsics of sensors of that kind, by which TUM's depth is registered: not each camera's calibration."""
-_FREIBURG3 = matrix(535.4, 320.1, 247.6, 539.2)  # whose pictures are without their lens
+"""ROS's default intrinsics of such sensors. TUM's depth is registered with them, not with each camera's calibration."""
+_FREIBURG3 = matrix(535.4, 320.1, 247.6, 539.2)  # its pictures are already undistorted
 _BONN = matrix(542.822841, 315.593520, 237.756098, 542.576870)
 _BONN_LENS = Lens("brown_conrady", [0.039903, -0.099343, -0.000730, -0.000144, 0])
 _ICL = matrix(481.2, 319.5, 239.5, 480.0)
 
 
 def find_tum(folder: Path) -> Recording | None:
-    """Lists rgb.txt and depth.txt of times and files, and a trajectory of its own times."""
+    """Find lists rgb.txt and depth.txt of times and files, and a trajectory with its own times."""
     if not ((folder / "rgb.txt").is_file() and (folder / "depth.txt").is_file()):
         return None
     (color_times, colors), (depth_times, depths) = (_listed(folder / name) for name in ("rgb.txt", "depth.txt"))
@@ -32,7 +32,7 @@ def find_tum(folder: Path) -> Recording | None:
 
 
 def find_icl(folder: Path) -> Recording | None:
-    """Folders rgb and depth beside a trajectory *.gt.freiburg, of a camera whose y is up (its fy is negative)."""
+    """Find folders rgb and depth beside a trajectory *.gt.freiburg; the camera's y points up (fy is negative)."""
     trajectories = sorted(folder.glob("*.gt.freiburg"))
     if not trajectories or (found := plain.find_folders(folder)) is None:
         return None
@@ -42,7 +42,7 @@ def find_icl(folder: Path) -> Recording | None:
 
 
 def find_open3d(folder: Path) -> Recording | None:
-    """Two folders beside Open3D's intrinsics or a trajectory.log; depth in millimetres, or as the intrinsics tell."""
+    """Find two folders beside Open3D's intrinsics or a trajectory.log; depth in mm, or with the intrinsics' scale."""
     found = plain.find_folders(folder)
     if found is None:
         return None
@@ -55,7 +55,7 @@ def find_open3d(folder: Path) -> Recording | None:
 
 
 def _tum_camera(folder: Path, colors: Sequence[Path]) -> Callable[[], list[Camera]]:
-    """ETH3D's by its calibration.txt; those of the others by the names that the data sets have."""
+    """ETH3D's camera from calibration.txt; otherwise a camera chosen by the data set's name."""
     calibration = folder / "calibration.txt"
     if calibration.is_file():
         values = numbers_in(calibration).ravel()
@@ -71,7 +71,7 @@ def _tum_camera(folder: Path, colors: Sequence[Path]) -> Callable[[], list[Camer
 
 
 def _listed(path: Path) -> tuple[list[float], list[Path]]:
-    """Times and files of a list of a TUM data set."""
+    """Times and files in a list of a TUM data set."""
     with reading(path, "list of images") as source:
         lines = [line.split() for line in read_text(source).splitlines() if not line.startswith("#")]
         rows = sorted((float(line[0]), line[1]) for line in lines if line)

@@ -1,4 +1,4 @@
-"""Middlebury's stereo pairs since 2014, and ETH3D's, which are laid out in the same way."""
+"""Middlebury's stereo pairs since 2014, and ETH3D's, which share the layout."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ _DISPARITY = ("disp{}.pfm", "disp{}GT.pfm", "disp{}.npy", "disp{}-n.pgm")
 
 
 def find_middlebury(folder: Path) -> Recording | None:
-    """im0.png, disp0.pfm (also of the other view) and calib.txt: disparity in pixels, the baseline in millimetres."""
+    """Find im0.png, disp0.pfm (maybe also the other view) and calib.txt: disparity in pixels, baseline in
+    millimetres."""
     calibration = folder / "calib.txt"
     views = [number for number in (0, 1) if (folder / f"im{number}.png").is_file() and _disparity(folder, number)]
     if not views or not calibration.is_file():

@@ -1,4 +1,4 @@
-"""Rendered data sets: Replica as NICE-SLAM lays it out, MPI Sintel, Hypersim."""
+"""Rendered data sets: Replica in NICE-SLAM's layout, MPI Sintel, Hypersim."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, paired_files,
 
 _REPLICA = matrix(600.0, 599.5, 339.5)
 _SINTEL_PASSES = ("final", "clean", "albedo", "rgb")
-_HYPERSIM_FIELD = np.tan(np.pi / 6)  # half of it, where no table tells: 60 degrees
+_HYPERSIM_FIELD = np.tan(np.pi / 6)  # tangent of half the default field of 60 degrees
 
 
 def find_replica(folder: Path) -> Recording | None:
-    """results/frame000000.jpg and depth000000.png beside traj.txt; cam_params.json here or one folder up."""
+    """Find results/frame000000.jpg and depth000000.png beside traj.txt; cam_params.json here or one folder up."""
     results, trajectory = folder / "results", folder / "traj.txt"
     if not (trajectory.is_file() and results.is_dir()):
         return None
@@ -45,7 +45,7 @@ def find_replica(folder: Path) -> Recording | None:
 
 
 def _replica_camera(file: Path) -> tuple[Camera, float]:
-    """The camera, and stored units of depth a metre."""
+    """The camera, and stored units of depth per metre."""
     told = object_in(file)
     try:
         told = told.get("camera", told)
@@ -56,7 +56,7 @@ def _replica_camera(file: Path) -> tuple[Camera, float]:
 
 
 def find_sintel(folder: Path) -> Recording | None:
-    """Depth .dpt and cameras .cam (of depth and camdata_left) beside pictures: of a scene, or of a folder like one."""
+    """Find depth .dpt and cameras .cam (in depth and camdata_left) beside pictures, with scene folders or without."""
     places = [(folder.parent.parent, folder, folder.name)]
     places += [(folder, folder / name, "") for name in _SINTEL_PASSES]
     for root, pictures, scene in places:
@@ -76,7 +76,8 @@ def find_sintel(folder: Path) -> Recording | None:
 
 
 def find_hypersim(folder: Path) -> Recording | None:
-    """A scene's images and _detail: depth is distance in metres, cameras are OpenGL's, maybe with a tilted image."""
+    """Find a scene's images and _detail: depth is distance in metres, cameras are OpenGL's, maybe with a tilted
+    image."""
     details = sorted((folder / "_detail").glob("cam_*"))
     scenes = [(one, folder / "images" / f"scene_{one.name}") for one in details]
     found = [one for one, images in scenes if images.with_name(f"{images.name}_geometry_hdf5").is_dir()]
@@ -107,17 +108,18 @@ def find_hypersim(folder: Path) -> Recording | None:
 
 
 def untilted(path: Path, cam_from_uv: Float64 | None, size: tuple[int, int]) -> tuple[Camera, Float64]:
-    """A pinhole that looks along the normal of its image, and its pose in the frame of the camera as it is told.
+    """A pinhole that looks along the normal of its image, and its pose in the frame of the stored camera.
 
-    cam_from_uv: (3, 3), directions (x right, y up, z backward) of (u, v, 1), from -1 to 1 over the picture, v upward.
-    An image that stands aslant to the axis is one that stands upright to another: K times a rotation.
-    """
+        cam_from_uv: (3, 3), directions (x right, y up, z backward) of (u, v, 1), from -1 to 1 over the picture, v
+        upward.
+        An image plane that is oblique to the axis is upright for a rotated camera: the matrix is K times a rotation.
+        """
     width, height = size
     if cam_from_uv is None:
         cam_from_uv = np.diag([_HYPERSIM_FIELD, _HYPERSIM_FIELD * height / width, -1])
     uv_from_pixel = np.array([[2 / width, 0, 1 / width - 1], [0, -2 / height, 1 - 1 / height], [0, 0, 1]])
     pixel_from_ray = np.linalg.inv(CV_FROM_GL[:3, :3] @ cam_from_uv @ uv_from_pixel)
-    back, upper = np.linalg.qr(pixel_from_ray[::-1].T)  # K and the rotation, by rows from the last to the first
+    back, upper = np.linalg.qr(pixel_from_ray[::-1].T)  # K and the rotation, rows in reverse order
     K, rotation = upper.T[::-1, ::-1], back.T[::-1]
     signs = np.sign(np.diag(K))
     pose = np.eye(4)
@@ -126,7 +128,7 @@ def untilted(path: Path, cam_from_uv: Float64 | None, size: tuple[int, int]) -> 
 
 
 def _hypersim_scene(folder: Path) -> tuple[Float64 | None, float]:
-    """Directions of a scene's pixels, where the table of all scenes lies near, and metres a unit of its positions."""
+    """Directions of a scene's pixels, if the table of all scenes is near, and metres per unit of its positions."""
     name = "metadata_camera_parameters.csv"
     tables = [place / name for place in (folder, folder / "_detail", folder.resolve().parent)]
     for path in (table for table in tables if table.is_file()):

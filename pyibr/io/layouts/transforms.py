@@ -28,12 +28,12 @@ _Entry = dict[str, Any]
 
 _FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")
 _DEPTH = ("depth_file_path", "depth_path")
-_UNITS = ("integer_depth_scale", "depth_unit_scale_factor")  # scene units of a stored one, else a thousandth
+_UNITS = ("integer_depth_scale", "depth_unit_scale_factor")  # scene units per stored unit, default 0.001
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg")
 
 
 def find_transforms(folder: Path) -> Recording | None:
-    """Frames with a file_path, a depth_file_path (millimetres, or integer_depth_scale) and a transform_matrix."""
+    """Find frames with file_path, depth_file_path (millimetres, or integer_depth_scale) and transform_matrix."""
     found = next((folder / name for name in _FILES if (folder / name).is_file()), None)
     if found is None:
         return None
@@ -43,7 +43,7 @@ def find_transforms(folder: Path) -> Recording | None:
     if not with_depth:
         return None
     if not all({*_UNITS} & entry.keys() or str(entry[name]).lower().endswith(".png") for entry, name in with_depth):
-        _log.warning("%s: its depth is taken in millimetres, as nerfstudio does; a depth scale of 1 says metres", found)
+        _log.warning("%s: depth is read as millimetres, as in nerfstudio; for metres pass a depth scale of 1", found)
     colors = [_picture(folder, entry) for entry, _ in with_depth]
     depths = [_file(folder, entry[name]) for entry, name in with_depth]
 
@@ -62,7 +62,7 @@ def find_transforms(folder: Path) -> Recording | None:
 
 
 def _entries(path: Path, frames: object, common: _Entry) -> list[_Entry]:
-    """The frames, with what is told for all in each."""
+    """The frames, each with the file's common entries added."""
     listed = cast("list[object]", frames) if isinstance(frames, list) else [None]
     if not all(isinstance(one, dict) for one in listed):
         raise FileFormatError(f"{path}: expected a list of frames")
@@ -70,13 +70,13 @@ def _entries(path: Path, frames: object, common: _Entry) -> list[_Entry]:
 
 
 def _picture(folder: Path, entry: _Entry) -> Path:
-    """Its file, whose suffix NeRF's own files leave out."""
+    """A frame's picture; NeRF's original files omit the suffix."""
     path = _file(folder, entry.get("file_path", ""))
     return next((file for suffix in _SUFFIXES if (file := path.with_name(path.name + suffix)).is_file()), path)
 
 
 def _file(folder: Path, name: object) -> Path:
-    """The file of a name, in which programs of Windows have backslashes."""
+    """The file of a name; programs on Windows write backslashes."""
     return folder / str(name).replace("\\", "/")
 
 
@@ -101,7 +101,7 @@ def _mask(path: Path) -> Any:
 
 
 def _camera(file: Path, entry: _Entry, color: Path) -> Camera:
-    """The camera of a frame, wherever it is."""
+    """The camera of a frame, without its pose."""
     tree = {"frames": [entry | {"transform_matrix": np.eye(4).tolist()}]}
     with making(file):
         (make,) = cameras_in(tree, file, size_of(color)).values()
@@ -109,10 +109,11 @@ def _camera(file: Path, entry: _Entry, color: Path) -> Camera:
 
 
 def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
-    """Write views whose colours are color_00.png and so on as transforms.json, and depth as PNG; none if it cannot be.
+    """Write transforms.json and depth as PNG for views with pictures color_00.png and so on, if the format can store
+    them.
 
-    Colours that are floats are written as such pictures, too.
-    """
+        Float colours are also written as such pictures.
+        """
     try:
         cameras = [nerf_frame(view.camera) for view in views]
     except ArgumentError:
@@ -130,15 +131,15 @@ def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
 
 
 def write_frames(folder: Path, frames: Sequence[_Entry], unit: float) -> None:
-    """Write transforms.json: of each frame what `nerf_frame` tells, and the names of its files.
+    """Write transforms.json from frames, which are `nerf_frame`'s entries and the names of the files.
 
-    unit: scene units in a stored unit of depth.
+        unit: scene units per stored unit of depth.
     """
     model = frames[0]["camera_model"] if frames else "OPENCV"
     write_json(folder / _FILES[0], {"camera_model": model, **dict.fromkeys(_UNITS, unit), "frames": list(frames)})
 
 
 def _unit(farthest: Sequence[float]) -> float:
-    """Scene units of a stored one: a thousandth, as nerfstudio takes it, unless 16 bits hold too few of these."""
+    """Scene units per stored unit: 0.001 as in nerfstudio, unless 16 bits cannot hold or resolve the depths then."""
     far = max(farthest, default=0.0)
     return 0.001 if 1 <= far < 65.535 or far == 0 else far / 65535
