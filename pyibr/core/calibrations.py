@@ -79,8 +79,8 @@ def making(path: str | PathLike[str]) -> Generator[None, None, None]:
 def cameras_in(tree: object, path: str | PathLike[str], size: Size = None) -> Cameras:
     """Return the cameras in a tree by name; a single unnamed camera is "".
 
-        path: for messages. size: the pictures' (width, height), for files that lack it.
-        """
+    path: for messages. size: the pictures' (width, height), for files that lack it.
+    """
     return {name: partial(_arranged, make) for name, make in _as_told(tree, path, size).items()}
 
 

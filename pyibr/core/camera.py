@@ -36,17 +36,16 @@ class Camera(CameraGeometry, Shown):
     size : (width, height)
         In pixels.
     world_from_camera : array_like (4, 4)
-            The rigid motion from the camera's frame to the world, in scene units. Default: the identity.
+        The rigid motion from the camera's frame to the world, in scene units. Default: the identity.
     projection : "perspective" or "orthographic"
     lens : Lens, optional
-            Lens of a perspective camera: it distorts the position (X/Z, Y/Z), which K then maps to pixels. A lens
-            without
-            distortion becomes None.
+        Lens of a perspective camera: it distorts the position (X/Z, Y/Z), which K then maps to pixels. A lens without
+        distortion becomes None.
 
     Raises
     ------
     ArgumentError
-            If K does not have that form, the size is not two positive integers, or the pose is not rigid.
+        If K does not have that form, the size is not two positive integers, or the pose is not rigid.
 
     Examples
     --------
@@ -79,9 +78,9 @@ class Camera(CameraGeometry, Shown):
             `tvec`.
         size : (width, height)
         distortion : array_like, optional
-                `distCoeffs`, see `Lens.from_opencv`. None for an undistorted image.
+            `distCoeffs`, see `Lens.from_opencv`. None for an undistorted image.
         fisheye : bool
-                Whether the coefficients are `cv2.fisheye`'s.
+            Whether the coefficients are `cv2.fisheye`'s.
 
         Examples
         --------
@@ -111,14 +110,13 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         camera_to_world : array_like (4, 4)
-                For column vectors, such as `transform_matrix` in a NeRF `transforms.json`.
+            For column vectors, such as `transform_matrix` in a NeRF `transforms.json`.
         K : array_like (3, 3)
             In pixels, y down the image.
         size : (width, height)
         pixel_center : float
-                Position of the top left pixel's centre in the convention of `K`: 0.5 in OpenGL, instant-ngp and
-                nerfstudio
-                (cx = width / 2 is the middle), 0 if `K` comes from OpenCV.
+            Position of the top left pixel's centre in the convention of `K`: 0.5 in OpenGL, instant-ngp and nerfstudio
+            (cx = width / 2 is the middle), 0 if `K` comes from OpenCV.
         """
         pose = numbers("camera_to_world", camera_to_world, (4, 4)) @ conventions.CV_FROM_GL
         by = float(numbers("pixel_center", pixel_center, ()))
@@ -139,8 +137,8 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         model : str
-                SIMPLE_PINHOLE, PINHOLE (for undistorted images), SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV,
-                SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE or OPENCV_FISHEYE.
+            SIMPLE_PINHOLE, PINHOLE (for undistorted images), SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV,
+            SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE or OPENCV_FISHEYE.
         params : array_like
             As in `cameras.txt`, in the model's order.
         qvec, tvec : array_like (4,), (3,)
@@ -169,9 +167,8 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         info : CameraInfo or mapping
-                The message of ROS 1 or 2, a mapping of its fields, or the content of a calibration file (`ost.yaml`).
-                Its
-                rectification is ignored, since it belongs to another image.
+            The message of ROS 1 or 2, a mapping of its fields, or the content of a calibration file (`ost.yaml`). Its
+            rectification is ignored, since it belongs to another image.
         world_from_camera : array_like (4, 4), optional
 
         Examples
@@ -197,9 +194,8 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         intrinsics : pyrealsense2.intrinsics or mapping
-                With attributes or keys width, height, fx, fy, ppx, ppy, model and coeffs. The model is pyrealsense2's
-                enum
-                value, name or number; `ftheta` is not supported.
+            With attributes or keys width, height, fx, fy, ppx, ppy, model and coeffs. The model is pyrealsense2's enum
+            value, name or number; `ftheta` is not supported.
         world_from_camera : array_like (4, 4), optional
 
         Examples
@@ -225,11 +221,11 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         camera : mapping
-                With keys camera_model (pinhole), intrinsics, distortion_model (radtan, equidistant or none),
-                distortion_coeffs
+            With keys camera_model (pinhole), intrinsics, distortion_model (radtan, equidistant or none),
+            distortion_coeffs
             and resolution.
         world_from_camera : array_like (4, 4), optional
-                Kalibr's own transforms (`T_cn_cnm1`, `T_cam_imu`) are ignored: they do not lead to a world.
+            Kalibr's own transforms (`T_cn_cnm1`, `T_cam_imu`) are ignored: they do not lead to a world.
         """
         K, size, lens = conventions.camera_from_kalibr(camera)
         return cls(K, size, world_from_camera, lens=lens)
@@ -248,15 +244,13 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         calibration : mapping
-                The JSON of `k4a_device_get_raw_calibration`, or a recording's attachment `calibration.json`.
+            The JSON of `k4a_device_get_raw_calibration`, or a recording's attachment `calibration.json`.
         mode : str
-                Mode of the images: NFOV_UNBINNED, NFOV_2X2BINNED, WFOV_UNBINNED, WFOV_2X2BINNED or PASSIVE_IR for the
-                depth
-                camera (depth and infrared), 720P, 1080P, 1440P, 1536P, 2160P or 3072P for colours. The SDK's longer
-                names,
-                such as K4A_DEPTH_MODE_NFOV_UNBINNED, and a recording's, such as MJPG_720P, are accepted, too.
+            Mode of the images: NFOV_UNBINNED, NFOV_2X2BINNED, WFOV_UNBINNED, WFOV_2X2BINNED or PASSIVE_IR for the depth
+            camera (depth and infrared), 720P, 1080P, 1440P, 1536P, 2160P or 3072P for colours. The SDK's longer names,
+            such as K4A_DEPTH_MODE_NFOV_UNBINNED, and a recording's, such as MJPG_720P, are accepted, too.
         world_from_depth_camera : array_like (4, 4), optional
-                In metres, as in the calibration. Default: the world is the depth camera's frame.
+            In metres, as in the calibration. Default: the world is the depth camera's frame.
 
         Examples
         --------
@@ -315,19 +309,17 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         path : path
-                A file from `save`, or a calibration of Open3D, ROS (YAML, INI), OpenCV (YAML, XML, JSON), Kalibr,
-                RealSense,
-                Azure Kinect, Orbbec, OAK (DepthAI) or NeRF's `transforms.json`; or K as 3 x 3, 3 x 4 or 4 x 4
-                numbers, in
-                pixels or in fractions of the picture's size. For files of several cameras, append a name, as in
-                ``camchain.yaml#cam1``; an Azure Kinect's names are its modes, as in ``calibration.json#720P``.
+            A file from `save`, or a calibration of Open3D, ROS (YAML, INI), OpenCV (YAML, XML, JSON), Kalibr,
+            RealSense, Azure Kinect, Orbbec, OAK (DepthAI) or NeRF's `transforms.json`; or K as 3 x 3, 3 x 4 or 4 x 4
+            numbers, in pixels or in fractions of the picture's size. For files of several cameras, append a name, as
+            in ``camchain.yaml#cam1``; an Azure Kinect's names are its modes, as in ``calibration.json#720P``.
         size : (width, height), optional
-                The pictures' size, for files that lack it. Without a name, the camera of this size is chosen.
+            The pictures' size, for files that lack it. Without a name, the camera of this size is chosen.
 
         Raises
         ------
         FileFormatError
-                If the format is unknown, or the file holds several cameras; the error lists them.
+            If the format is unknown, or the file holds several cameras; the error lists them.
 
         Examples
         --------

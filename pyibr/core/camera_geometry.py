@@ -136,7 +136,7 @@ class CameraGeometry:
         """(4, 4) map from the camera's frame to homogeneous pixel space.
 
         (X, Y, Z, 1) becomes (U, V, W, Q) with pixel = (U/W, V/W). A larger Q/W is nearer: it is 1/Z for a
-                perspective camera and -Z for an orthographic one. The map ignores a lens.
+        perspective camera and -Z for an orthographic one. The map ignores a lens.
         """
         matrix = np.zeros((4, 4))
         if self.projection == "perspective":
@@ -166,14 +166,14 @@ class CameraGeometry:
         Parameters
         ----------
         eye, target, up : array_like (3,)
-                World points in scene units, and the world direction that points up in the image.
+            World points in scene units, and the world direction that points up in the image.
         size : (width, height)
-                In pixels, which are square.
+            In pixels, which are square.
         fov_y : float
-                Angle that the image's height covers, in degrees between 0 and 180, for a perspective camera.
+            Angle that the image's height covers, in degrees between 0 and 180, for a perspective camera.
         projection : "perspective" or "orthographic"
         height : float
-                Scene units that the image's height covers; required for an orthographic camera, else not allowed.
+            Scene units that the image's height covers; required for an orthographic camera, else not allowed.
 
         Examples
         --------
@@ -219,17 +219,16 @@ class CameraGeometry:
     ) -> _Camera:
         """Make a perspective camera of square pixels, whose axis passes through the middle of the picture.
 
-                Pass exactly one of `fov_x`, `fov_y` and `focal_35mm`.
+        Pass exactly one of `fov_x`, `fov_y` and `focal_35mm`.
 
         Parameters
         ----------
         size : (width, height)
         fov_x, fov_y : float
-                Degrees that the width or the height covers, between 0 and 180.
+            Degrees that the width or the height covers, between 0 and 180.
         focal_35mm : float
-                The 35 mm equivalent of the focal length in millimetres, as cameras and phones report it; the film's
-                frame has a
-                diagonal of 43.27 mm.
+            The 35 mm equivalent of the focal length in millimetres, as cameras and phones report it; the film's frame
+            has a diagonal of 43.27 mm.
         world_from_camera : array_like (4, 4), optional
 
         Examples
@@ -262,13 +261,12 @@ class CameraGeometry:
         Parameters
         ----------
         degrees : float
-                Right-handed about `axis`. With the default axis, a positive angle moves a camera that looks at the
-                pivot to
-                its right.
+            Right-handed about `axis`. With the default axis, a positive angle moves a camera that looks at the pivot to
+            its right.
         pivot : array_like (3,)
-                A world point on the line. If it is on the optical axis, its position in the image does not change.
+            A world point on the line. If it is on the optical axis, its position in the image does not change.
         axis : array_like (3,)
-                The line's direction in the world. Default: the camera's up direction, its -y.
+            The line's direction in the world. Default: the camera's up direction, its -y.
         """
         (angle,) = np.radians(numbers("degrees", [degrees], (1,)))
         direction = -self.world_from_camera[:3, 1] if axis is None else numbers("axis", axis, (3,))
@@ -296,7 +294,7 @@ class CameraGeometry:
         """Return the pixels (N, 2) and depths (N,) of world points (N, 3).
 
         Nothing is clipped to the image. A perspective camera gives NaN for points with depth <= 0, and for points that
-                its lens does not see.
+        its lens does not see.
         """
         world = numbers("points", points, (None, 3), finite=False)
         local = world @ self.camera_from_world[:3, :3].T + self.camera_from_world[:3, 3]
@@ -322,8 +320,7 @@ class CameraGeometry:
     def ideal_positions(self, pixels: ArrayLike) -> Float64:
         """Return the points (N, 2) where the rays of `pixels` (N, 2) pass the plane z = 1 of the camera's frame.
 
-                (x, y, 1) is the ray's direction if the camera is perspective. NaN at pixels where its lens sees
-                nothing.
+        (x, y, 1) is the ray's direction if the camera is perspective. NaN at pixels where its lens sees nothing.
         """
         at = numbers("pixels", pixels, (None, 2), finite=False)
         seen = (at - self.K[:2, 2]) @ np.linalg.inv(self.K[:2, :2]).T

@@ -44,16 +44,15 @@ def plain_array(argument: str, value: object, expected: str, masked: float | Non
     Parameters
     ----------
     argument, value, expected
-            `expected` is for the error message.
+        `expected` is for the error message.
     masked : float, optional
-            Value that replaces masked elements. Without it, or if the dtype cannot hold it, masked elements are
-            refused,
-            because their meaning is unknown.
+        Value that replaces masked elements. Without it, or if the dtype cannot hold it, masked elements are refused,
+        because their meaning is unknown.
 
     Raises
     ------
     ArgumentError
-            If `value` does not convert to an array, or elements are masked.
+        If `value` does not convert to an array, or elements are masked.
     """
     if _is_masked(value):
         array = cast("np.ma.MaskedArray[Any, Any]", value)
@@ -199,7 +198,7 @@ def checked_intrinsics(K: object) -> Float64:
 
 
 def warn_if_exchanged(K: Float64, size: tuple[int, int], stacklevel: int) -> None:
-    """Warn if K seems to have focal lengths and principal point exchanged; a picture alone cannot tell them apart."""
+    """Warn if K seems to have focal lengths and principal point exchanged, which its numbers cannot prove."""
     middle, focal, center = np.array(size) / 2, np.diag(K)[:2], K[:2, 2]
     is_middle = (np.abs(focal - middle) < 0.1 * middle).all()
     if is_middle and np.ptp(center) < 0.1 * center.max() and (np.abs(center - middle) > 0.5 * middle).any():

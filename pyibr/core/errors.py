@@ -15,9 +15,9 @@ class ArgumentError(Error, ValueError):
     argument : str
         The argument's name as the caller wrote it.
     expected : str
-            Description of a valid value.
+        Description of a valid value.
     got : str
-            Description of the received value.
+        Description of the received value.
     """
 
     def __init__(self, argument: str, expected: str, got: str) -> None:

@@ -50,11 +50,10 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
 def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
     """Write these bytes to a file, or leave the old file.
 
-        A reader never sees half a file, and if several processes write, one of them wins. A missing parent folder is
-        made.
-        A link is followed: its target is replaced, and keeps its mode and, if the system permits, its owner. A killed
-        process may leave a file named ``.pyibr-...``, which may be deleted.
-        """
+    A reader never sees half a file, and if several processes write, one of them wins. A missing parent folder is made.
+    A link is followed: its target is replaced, and keeps its mode and, if the system permits, its owner. A killed
+    process may leave a file named ``.pyibr-...``, which may be deleted.
+    """
     named, waiting = checked_path(path), _waiting.get()
     if waiting is not None:
         _stage(named, data, waiting)

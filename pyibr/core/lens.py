@@ -44,24 +44,22 @@ class Lens:
     Parameters
     ----------
     model : str
-            - "brown_conrady": k1 k2 p1 p2 [k3] of OpenCV, ROS's `plumb_bob` and Kalibr's `radtan`.
-            - "rational": k1 k2 p1 p2 k3 k4 k5 k6 of OpenCV and ROS's `rational_polynomial`.
-            - "modified_brown_conrady": k1 k2 p1 p2 [k3] of RealSense; the tangential part is applied after the radial
-              part.
-            - "inverse_brown_conrady": k1 k2 p1 p2 [k3] of RealSense. As in RealSense's library, it is computed like the
-              modified model in both directions.
-            - "kannala_brandt": k1 k2 k3 k4 of a fisheye, in `cv2.fisheye` and in ROS's and Kalibr's `equidistant`.
+        - "brown_conrady": k1 k2 p1 p2 [k3] of OpenCV, ROS's `plumb_bob` and Kalibr's `radtan`.
+        - "rational": k1 k2 p1 p2 k3 k4 k5 k6 of OpenCV and ROS's `rational_polynomial`.
+        - "modified_brown_conrady": k1 k2 p1 p2 [k3] of RealSense; the tangential part is applied after the radial part.
+        - "inverse_brown_conrady": k1 k2 p1 p2 [k3] of RealSense. As in RealSense's library, it is computed like the
+          modified model in both directions.
+        - "kannala_brandt": k1 k2 k3 k4 of a fisheye, in `cv2.fisheye` and in ROS's and Kalibr's `equidistant`.
     coefficients : array_like
-            The model's coefficients, in the order above.
+        The model's coefficients, in the order above.
     radius : float
-            Largest ideal distance from the axis that the lens sees, > 0: the range of the calibration, if known (the
-            metric
-            radius of an Azure Kinect).
+        Largest ideal distance from the axis that the lens sees, > 0: the range of the calibration, if known (the metric
+        radius of an Azure Kinect).
 
     Raises
     ------
     ArgumentError
-            If the model is unknown, or the number of coefficients is wrong.
+        If the model is unknown, or the number of coefficients is wrong.
 
     Examples
     --------
@@ -108,7 +106,7 @@ class Lens:
         Raises
         ------
         ArgumentError
-                If their number is wrong, or they describe a thin prism or a tilted sensor (not 0 from the ninth on).
+            If their number is wrong, or they describe a thin prism or a tilted sensor (not 0 from the ninth on).
         """
         values = numbers("distortion", distortion, None).ravel()
         if len(values) not in ((4,) if fisheye else (4, 5, 8, 12, 14)):
@@ -127,7 +125,7 @@ class Lens:
         Raises
         ------
         ArgumentError
-                If the model is one of RealSense's with a tangential part.
+            If the model is one of RealSense's with a tangential part.
         """
         if self.model in ("inverse_brown_conrady", "modified_brown_conrady") and any(self.coefficients[2:4]):
             raise ArgumentError("lens", "a lens that OpenCV supports: p1 = p2 = 0, or another model", self.model)
@@ -136,8 +134,7 @@ class Lens:
     def distort(self, points: ArrayLike) -> Float64:
         """Return the distorted positions (N, 2) of ideal ones.
 
-                NaN where the lens sees nothing: from the distance on where the model would fold back, and from
-                `radius` on.
+        NaN where the lens sees nothing: from the distance on where the model would fold back, and from `radius` on.
         """
         return _in_parts(self._distorted, numbers("points", points, (None, 2), finite=False))
 

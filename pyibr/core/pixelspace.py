@@ -45,8 +45,8 @@ class Rectangle:
 def pitch(width: int) -> int:
     """Row length of nearness images: whole packets, with room past the last pixel or for a ring, no power of two.
 
-        Rows of a power of two share few places of the cache, which column-wise walks would overflow.
-        """
+    Rows of a power of two share few places of the cache, which column-wise walks would overflow.
+    """
     padded = (-(-(width + 2) // 16) + 1) * 16
     return padded + 16 if padded % 256 == 0 else padded
 
@@ -78,7 +78,7 @@ class CameraPair:
     Attributes
     ----------
     src, dst : Camera
-            The source, whose samples have depth, and the target.
+        The source, whose samples have depth, and the target.
     """
 
     src: Camera
@@ -124,8 +124,8 @@ class CameraPair:
     def grid(self) -> tuple[Float64, Float64]:
         """Target positions of a grid of source pixels and their right and lower neighbours.
 
-                (4, 3, 25) homogeneous at nearness 0, and (4, 1, 1) their change per unit of nearness.
-                """
+        (4, 3, 25) homogeneous at nearness 0, and (4, 1, 1) their change per unit of nearness.
+        """
         x, y = (part * (size - 1) for part, size in zip(_GRID, self.src.size, strict=True))
         points = np.array([[x, x + 1, x], [y, y, y + 1], [np.ones_like(x)] * 3])
         return np.tensordot(self.dst_from_src[:, :3], points, 1), self.dst_from_src[:, 3, None, None]
@@ -154,7 +154,7 @@ class PixelMap:
     ----------
     pair : CameraPair
     samples : Ranged
-            The source's samples.
+        The source's samples.
     """
 
     pair: CameraPair
@@ -179,10 +179,9 @@ class PixelMap:
     def parallax(self) -> float:
         """Largest motion of the source's corners in the target, in pixels, between two distant depths.
 
-                For a perspective source, the depths are infinity and the nearest sample's. For an orthographic one,
-                they are the
-                farthest sample's, and one nearer than that by the longer side of the camera's field of view.
-                """
+        For a perspective source, the depths are infinity and the nearest sample's. For an orthographic one, they are
+        the farthest sample's, and one nearer than that by the longer side of the camera's field of view.
+        """
         src = self.pair.src
         perspective = src.projection == "perspective"
         ends = (0.0, self.high) if perspective else (self.low, self.high + longer_side(src))

@@ -28,7 +28,7 @@ def quaternion_from_rotation(rotation: Float64) -> Float64:
     """Return the quaternion (w, x, y, z), w >= 0, of the rotation nearest to `rotation` (3, 3).
 
     It is the eigenvector of the largest eigenvalue of Bar-Itzhack's symmetric matrix. This stays exact at half turns,
-        where formulas from the trace lose digits.
+    where formulas from the trace lose digits.
     """
     (a, b, c), (d, e, f), (g, h, i) = rotation
     symmetric = np.array(

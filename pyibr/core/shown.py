@@ -49,7 +49,7 @@ class Shown:
         Raises
         ------
         Error
-                If there is neither a notebook nor a display.
+            If there is neither a notebook nor a display.
 
         Examples
         --------

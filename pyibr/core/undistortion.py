@@ -86,7 +86,7 @@ class PixelPositions(Immutable):
     Attributes
     ----------
     places : (2, H, W) float32
-            u and v in the other image; NaN for pixels outside it.
+        u and v in the other image; NaN for pixels outside it.
     """
 
     def __init__(self, places: NDArray[np.float32]) -> None:
@@ -104,10 +104,10 @@ class CubeFace(Immutable):
     Attributes
     ----------
     camera : Camera
-            Camera of the undistorted image.
+        Camera of the undistorted image.
     places : (3, H, W) float32
-            u and v of the lens's pixels in the undistorted image, NaN for pixels of other faces; and the ratio of depth
-            in the lens's frame to depth in the face's frame.
+        u and v of the lens's pixels in the undistorted image, NaN for pixels of other faces; and the ratio of depth
+        in the lens's frame to depth in the face's frame.
     """
 
     def __init__(self, camera: Camera, places: NDArray[np.float32]) -> None:

@@ -111,17 +111,14 @@ def read_color(
     Parameters
     ----------
     path : path
-            Gray becomes R, G, B, and the first of several images is taken. Alpha is dropped, with a UserWarning unless
-            all of it is opaque: pyibr draws surfaces, and depth or a mask marks where there are none. 16-bit gray
-            becomes
-            float32 in [0, 1]; the decoder (Pillow) reduces 16-bit RGB to 8 bit. EXR, PFM and NPY are read unchanged:
-            EXR
-            is linear in light, and values may exceed 1.
+        Gray becomes R, G, B, and the first of several images is taken. Alpha is dropped, with a UserWarning unless
+        all of it is opaque: pyibr draws surfaces, and depth or a mask marks where there are none. 16-bit gray becomes
+        float32 in [0, 1]; the decoder (Pillow) reduces 16-bit RGB to 8 bit. EXR, PFM and NPY are read unchanged: EXR
+        is linear in light, and values may exceed 1.
     channel : str, optional
-            The layer, or one channel, of an EXR; the array of an NPZ. Default: R, G, B of the picture's layer.
+        The layer, or one channel, of an EXR; the array of an NPZ. Default: R, G, B of the picture's layer.
     part : str, optional
-            The part of an EXR: its name, or its number if it has none. Default: the first part with the channels
-            sought.
+        The part of an EXR: its name, or its number if it has none. Default: the first part with the channels sought.
 
     Returns
     -------
@@ -161,7 +158,7 @@ def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32])
     """Write an (H, W, 3) uint8 or float32 image.
 
     EXR, PFM and NPY keep float32; other formats store 8 bit, with [0, 1] scaled to 0 ... 255 and clipped. EXR
-        and PFM store uint8 divided by 255.
+    and PFM store uint8 divided by 255.
 
     Examples
     --------
@@ -237,32 +234,28 @@ def read_depth(
     Parameters
     ----------
     path : path
-            A gray PNG, PGM or TIFF, or an NPY, NPZ, PFM, EXR, COLMAP, Sintel or HDF5 file. In arrays, axes of length
-            1 are dropped.
+        A gray PNG, PGM or TIFF, or an NPY, NPZ, PFM, EXR, COLMAP, Sintel or HDF5 file. In arrays, axes of length 1
+        are dropped.
     depth_scale : float
         Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets. Required for
         integers, where 0 means no depth; 1 for floats if not given.
     depth_offset : float
-            Stored units to add before the division by the scale: for disparity in pixels, the difference of the two
-            principal points (`doffs` in Middlebury's calib.txt).
+        Stored units to add before the division by the scale: for disparity in pixels, the difference of the two
+        principal points (`doffs` in Middlebury's calib.txt).
     depth_kind : {"z", "distance", "inverse", "relative"}
-            Kind of the stored values: planar z; distances from the camera's centre along its rays; 1 / z, such as
-            disparity, whose scale is focal length times baseline (times the stored units per pixel); or relative
-            inverse
-            depth, which networks estimate from one picture. It is larger where the surface is nearer, has 8 or 16
-            bits or
-            floats, and needs no scale.
+        Kind of the stored values: planar z; distances from the camera's centre along its rays; 1 / z, such as
+        disparity, whose scale is focal length times baseline (times the stored units per pixel); or relative inverse
+        depth, which networks estimate from one picture. It is larger where the surface is nearer, has 8 or 16 bits or
+        floats, and needs no scale.
     camera : Camera, optional
-            The depth's camera, needed for distances.
+        The depth's camera, needed for distances.
     channel : str, optional
-            The channel of an EXR, such as ``"ViewLayer.Depth.Z"``; the array of an NPZ. Default: the one named depth
-            or z,
-            never one of X, Y, Z or of differing R, G, B.
+        The channel of an EXR, such as ``"ViewLayer.Depth.Z"``; the array of an NPZ. Default: the one named depth or z,
+        never one of X, Y, Z or of differing R, G, B.
     part : str, optional
-            The part of an EXR: its name, or its number if it has none. Default: the first part with the channels
-            sought.
+        The part of an EXR: its name, or its number if it has none. Default: the first part with the channels sought.
     near, far : float
-            Depths of the nearest and the farthest sample of relative depth, see `depth_from_relative`.
+        Depths of the nearest and the farthest sample of relative depth, see `depth_from_relative`.
 
     Returns
     -------
@@ -272,9 +265,9 @@ def read_depth(
     Raises
     ------
     FileFormatError
-            If the file is missing, truncated, or does not hold depth.
+        If the file is missing, truncated, or does not hold depth.
     ArgumentError
-            If the file holds integers and there is no scale, or distances without a camera of the same size.
+        If the file holds integers and there is no scale, or distances without a camera of the same size.
 
     Examples
     --------
@@ -308,8 +301,8 @@ def write_depth(
 ) -> None:
     """Write (H, W) depth so that `read_depth` with the same arguments returns it: float32, or uint16 with its scale.
 
-        PNG needs a scale, and stores the nearest integer and 0 for invalid depth; ArgumentError if a depth does not
-        fit in 16 bits. The other formats store floats, invalid ones unchanged.
+    PNG needs a scale, and stores the nearest integer and 0 for invalid depth; ArgumentError if a depth does not
+    fit in 16 bits. The other formats store floats, invalid ones unchanged.
 
     Examples
     --------

@@ -29,16 +29,15 @@ def write_cameras(path: str | PathLike[str], cameras: Mapping[str, Camera], form
     path : path
         A JSON file, or the folder of a COLMAP model.
     cameras : mapping of str to Camera
-            Cameras by image name. COLMAP's and NeRF's files store the names; the others store a list, or a single
-            camera.
+        Cameras by image name. COLMAP's and NeRF's files store the names; the others store a list, or a single camera.
     form : {"pyibr", "colmap", "open3d", "nerfstudio"}
-            JSON as in `Camera.save`; COLMAP's cameras.txt, images.txt and points3D.txt; Open3D's
-            PinholeCameraParameters or PinholeCameraTrajectory; transforms.json.
+        JSON as in `Camera.save`; COLMAP's cameras.txt, images.txt and points3D.txt; Open3D's
+        PinholeCameraParameters or PinholeCameraTrajectory; transforms.json.
 
     Raises
     ------
     ArgumentError
-            If there is no camera, or the form cannot store one: an orthographic camera, or its lens.
+        If there is no camera, or the form cannot store one: an orthographic camera, or its lens.
 
     Examples
     --------

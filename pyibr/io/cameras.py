@@ -24,21 +24,20 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
     Parameters
     ----------
     path : path
-            - A file that `Camera.load` reads, of one camera or of several.
-            - A JSON list of such cameras, or Open3D's PinholeCameraTrajectory.
-            - A set's folder or its `frusta.json`.
-            - A folder of JSON files of one camera each, in the order of the numbers in their names.
-            - The folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or ``.txt``), also in a subfolder ``0``.
-            - A glTF scene, or the parameters of Middlebury's multi-view sets.
+        - A file that `Camera.load` reads, of one camera or of several.
+        - A JSON list of such cameras, or Open3D's PinholeCameraTrajectory.
+        - A set's folder or its `frusta.json`.
+        - A folder of JSON files of one camera each, in the order of the numbers in their names.
+        - The folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or ``.txt``), also in a subfolder ``0``.
+        - A glTF scene, or the parameters of Middlebury's multi-view sets.
     size : (width, height), optional
-            The images' size, for files that lack it. If a calibration has several cameras, those of this size are read.
+        The images' size, for files that lack it. If a calibration has several cameras, those of this size are read.
 
     Returns
     -------
     dict of str and Camera
-            By the image's name (COLMAP, `transforms.json`, Middlebury), the file's name without its suffix (a
-            folder), the
-            camera's name in the file, or its number in the list.
+        By the image's name (COLMAP, `transforms.json`, Middlebury), the file's name without its suffix (a folder), the
+        camera's name in the file, or its number in the list.
 
     Raises
     ------

@@ -37,16 +37,15 @@ class DepthFrames:
     Parameters
     ----------
     path : path
-            A video in gray of 8, 10, 12 or 16 bits, or with the numbers in its green channel; or NPY or NPZ with an
-            array
-            (N, H, W), which may have axes of length 1.
+        A video in gray of 8, 10, 12 or 16 bits, or with the numbers in its green channel; or NPY or NPZ with an array
+        (N, H, W), which may have axes of length 1.
     channel : str, optional
-            Name of the array in an NPZ; default: the only one, or "depth".
+        Name of the array in an NPZ; default: the only one, or "depth".
 
     Raises
     ------
     FileFormatError
-            If there is no such file, or it holds something else.
+        If there is no such file, or it holds something else.
 
     Attributes
     ----------

@@ -68,7 +68,7 @@ def is_light(path: Path) -> bool:
 def read_color(path: _Path, channel: str | None = None, part: str | None = None) -> NDArray[Any]:
     """Return (H, W, 3) channels R, G, B of the picture's layer, or (H, W) of Y; linear in light.
 
-        channel: name of a layer, or of one channel.
+    channel: name of a layer, or of one channel.
     """
     layers = _read(path, part)
     if channel is not None:
@@ -90,7 +90,7 @@ def read_color(path: _Path, channel: str | None = None, part: str | None = None)
 def read_depth(path: _Path, channel: str | None = None, part: str | None = None) -> NDArray[Any]:
     """Return the (H, W) channel named depth or z, or in a layer of such a name; NaN for no depth.
 
-        channel: name of another channel.
+    channel: name of another channel.
     """
     layers = _read(path, part)
     if channel is not None:

@@ -35,10 +35,9 @@ def in_order(path: Path) -> list[tuple[int, str]]:
 def time_of(path: Path) -> float | None:
     """The time in seconds in a file's name; None if there is none.
 
-        Either the name is a time, such as 1305031232.593722.png; or its only number counts milli-, micro- or
-        nanoseconds
-        since 1970, as in robots' recordings.
-        """
+    Either the name is a time, such as 1305031232.593722.png; or its only number counts milli-, micro- or nanoseconds
+    since 1970, as in robots' recordings.
+    """
     if re.fullmatch(r"\d+\.\d+", path.stem):
         return float(path.stem)
     numbers = re.findall(r"\d+", path.stem)

@@ -31,8 +31,8 @@ def read_color(path: str | PathLike[str]) -> NDArray[Any]:
 def read_mask(path: str | PathLike[str], *, of_alpha: bool = False) -> NDArray[np.bool_]:
     """(H, W) bool: where the file's first image has alpha of a half or more; without alpha, where it is not black.
 
-        of_alpha: raise FileFormatError if there is no alpha.
-        """
+    of_alpha: raise FileFormatError if there is no alpha.
+    """
     with reading(path, "mask") as source, opened(source.read_bytes()) as picture:
         if picture.mode in ("RGBA", "LA", "PA") or "transparency" in picture.info:
             return np.asarray(picture.convert("RGBA"))[..., 3] >= 128
@@ -45,8 +45,8 @@ def read_mask(path: str | PathLike[str], *, of_alpha: bool = False) -> NDArray[n
 def decoded(data: bytes) -> NDArray[Any]:
     """The first image of a file's bytes, as stored; Pillow's errors, also for extremely large images.
 
-        Colours are unchanged, except that CMYK, YCbCr, L*a*b* and HSV become RGB.
-        """
+    Colours are unchanged, except that CMYK, YCbCr, L*a*b* and HSV become RGB.
+    """
     known, numbers = tiff.as_known(data)
     with opened(known) as picture:
         if picture.mode in _OTHER_COLORS:

@@ -121,13 +121,10 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
 def mesh_files(mesh: MeshArrays, stem: str) -> tuple[bytes, dict[str, bytes]]:
     """Return an OBJ file, and its materials and texture as further files by name.
 
-        The names contain a checksum of the texture. The files of another OBJ are therefore never changed: neither
-        those of
-        an OBJ that this one replaces, in case the writing fails, nor those written at the same time. The OBJ's own
-        name is
-        reduced to characters that are valid in a line: a line end, a backslash or a leading space would lose the
-        texture.
-        """
+    The names contain a checksum of the texture. The files of another OBJ are therefore never changed: neither those of
+    an OBJ that this one replaces, in case the writing fails, nor those written at the same time. The OBJ's own name is
+    reduced to characters that are valid in a line: a line end, a backslash or a leading space would lose the texture.
+    """
     head = f"# pyibr: {len(mesh.vertices)} vertices, {len(mesh.faces)} triangles\n"
     others = dict[str, bytes]()
     if mesh.texture is not None:
@@ -179,9 +176,7 @@ def _indices(corners: list[str], counts: tuple[int, int, int]) -> NDArray[np.int
     parts = [[int(part or 0) for part in corner.split("/")] for corner in corners]
     table = np.array([[*part, 0, 0][:3] for part in parts], np.int64).reshape(-1, 3) - 1
     if (table >= counts).any() or (table < -1).any() or (table[:, 0] < 0).any():
-        raise ValueError(
-            f"a face with an index beyond {counts[0]} vertices, {counts[1]} uv or {counts[2]} normals"
-        )
+        raise ValueError(f"a face with an index beyond {counts[0]} vertices, {counts[1]} uv or {counts[2]} normals")
     return table
 
 
@@ -197,8 +192,8 @@ def _one_to_one(table: NDArray[np.int64], points: NDArray[Any], *others: NDArray
 def _materials(libraries: list[str], folder: Path) -> tuple[dict[str, _Material], list[str]]:
     """The materials of libraries by name, and a list of missing libraries.
 
-        A line names several libraries, separated by spaces, or one whose name contains spaces.
-        """
+    A line names several libraries, separated by spaces, or one whose name contains spaces.
+    """
     found, lost = dict[str, _Material](), list[str]()
     for line in libraries:
         whole = beside(folder, line, "file of materials")

@@ -57,7 +57,7 @@ def _flat(points: Points, normal: NDArray[np.float64]) -> Points:
 def _by_ears(flat: Points) -> NDArray[np.int64]:
     """(n - 2, 3) triangles by ear clipping: corners whose triangles hold no other corner are cut off in turn.
 
-        A self-intersecting polygon may run out of ears: the rest becomes a fan.
+    A self-intersecting polygon may run out of ears: the rest becomes a fan.
     """
     count = len(flat)
     before, after = np.roll(np.arange(count), 1), np.roll(np.arange(count), -1)

@@ -26,8 +26,8 @@ class Poses(NamedTuple):
     ----------
     world_from_camera : (N, 4, 4) float64
     times : (N,) float64, or None
-            In seconds, or the frames' numbers, if the file has them. Milli-, micro- and nanoseconds since 1970 become
-            seconds.
+        In seconds, or the frames' numbers, if the file has them. Milli-, micro- and nanoseconds since 1970 become
+        seconds.
 
     Examples
     --------
@@ -46,19 +46,18 @@ def read_poses(path: str | PathLike[str]) -> Poses:
     Parameters
     ----------
     path : path
-            One of these forms:
+        One of these forms:
 
-            - a text file with lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D);
-            - a text file with lines of 12 (KITTI) or 16 numbers, or one more with the time first;
-            - a text file of 4 x 4 matrices, one row a line (7-Scenes). A line of 3 numbers may precede each, the
-              frame's
-              number first (Redwood, Open3D);
-            - an NPY file of such matrices;
-            - a JSON file of cameras that `read_cameras` reads, such as Open3D's trajectory;
-            - a folder of such text files, for example ``frame-000000.pose.txt``, in the order of their numbers. If any
-              name contains "pose", only these files are read.
+        - a text file with lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D);
+        - a text file with lines of 12 (KITTI) or 16 numbers, or one more with the time first;
+        - a text file of 4 x 4 matrices, one row a line (7-Scenes). A line of 3 numbers may precede each, the frame's
+          number first (Redwood, Open3D);
+        - an NPY file of such matrices;
+        - a JSON file of cameras that `read_cameras` reads, such as Open3D's trajectory;
+        - a folder of such text files, for example ``frame-000000.pose.txt``, in the order of their numbers. If any
+          name contains "pose", only these files are read.
 
-            In text files, # starts a comment.
+        In text files, # starts a comment.
 
     Returns
     -------
@@ -67,7 +66,7 @@ def read_poses(path: str | PathLike[str]) -> Poses:
     Raises
     ------
     FileFormatError
-            If there is no such file, its form is unknown, or a pose is no rigid motion.
+        If there is no such file, its form is unknown, or a pose is no rigid motion.
 
     Examples
     --------
@@ -90,12 +89,12 @@ class Trajectory(NamedTuple):
     Attributes
     ----------
     poses : list of (4, 4) float64
-            None for an unusable pose, such as the infinite poses of a tracker that lost its target.
+        None for an unusable pose, such as the infinite poses after a tracker lost track.
     times : (N,) float64, or None
     files : list of Path, or None
-            The file of each pose, if each has its own.
+        The file of each pose, if each has its own.
     error : FileFormatError, or None
-            Error of the first unusable pose.
+        Error of the first unusable pose.
     """
 
     poses: list[Float64 | None]
@@ -105,7 +104,7 @@ class Trajectory(NamedTuple):
 
 
 def read_trajectory(source: Path) -> Trajectory:
-    """Read a trajectory as in `read_poses`; unusable poses are None, and it is an error if all are."""
+    """Read a trajectory as in `read_poses`; unusable poses are None; FileFormatError if all are unusable."""
     if source.suffix.lower() == ".json":
         return Trajectory([camera.world_from_camera for camera in read_cameras(source).values()], None, None, None)
     found = _read_folder(source) if source.is_dir() else _read_file(source)

@@ -16,12 +16,12 @@ def read_range_grid(path: str | PathLike[str]) -> NDArray[np.float32]:
     Parameters
     ----------
     path : path
-            A file that ends in .ply, or .ply.gz.
+        A file that ends in .ply, or .ply.gz.
 
     Returns
     -------
     (rows, columns, 3) float32
-            Points in the scanner's frame, in the file's unit; NaN where the scanner measured nothing.
+        Points in the scanner's frame, in the file's unit; NaN where the scanner measured nothing.
 
     Raises
     ------

@@ -40,15 +40,15 @@ class Stored:
     Attributes
     ----------
     scale : float, or None
-            Stored units of depth per scene unit; None if the files or the caller give the scale.
+        Stored units of depth per scene unit; None if the files or the caller give the scale.
     offset : float
-            Stored units to add before the division by the scale.
+        Stored units to add before the division by the scale.
     kind : {"z", "distance", "inverse"}
     color, depth, confidence : callable, optional
-            Readers of the picture, of depth in stored units (NaN where there is none) and of each sample's confidence,
-            (h, w), for layouts where the file's format does not suffice. `color` and `depth` take the file's path.
+        Readers of the picture, of depth in stored units (NaN where there is none) and of each sample's confidence,
+        (h, w), for layouts where the file's format does not suffice. `color` and `depth` take the file's path.
     least : float
-            Samples of a lower confidence are left out.
+        Samples of a lower confidence are left out.
     """
 
     scale: float | None = None
@@ -95,31 +95,31 @@ class Recording(NamedTuple):
     Attributes
     ----------
     colors, depths : list of Path
-            A video repeats the same file for each frame.
+        A video repeats the same file for each frame.
     cameras : tuple of Path
-            Input of `read_cameras`: one file or folder, or a file for each frame; may be empty.
+        Input of `read_cameras`: one file or folder, or a file for each frame; may be empty.
     poses : Path or None
-            Input of `read_poses`, if there are poses.
+        Input of `read_poses`, if there are poses.
     left_out : sequence of Path
-            Colour images without a depth of the same time; if files are paired by number, also depths without colours.
+        Colour images without a depth of the same time; if files are paired by number, also depths without colours.
     times : list of float, or None
-            Times of the colours in seconds, if known.
+        Times of the colours in seconds, if known.
     kept : list of bool, or None
-            For each colour image originally found, whether it is in `colors`.
+        For each colour image originally found, whether it is in `colors`.
     known : callable, or None
-            The cameras that the layout gives, one for all frames or one for each, for recordings without files in
-            `cameras`.
+        The cameras that the layout gives, one for all frames or one for each, for recordings without files in
+        `cameras`.
     placed : list of (4, 4) arrays, or None
-            Poses that the layout gives, unless `poses` does; None for a frame without a usable pose.
+        Poses that the layout gives, unless `poses` does; None for a frame without a usable pose.
     depth_cameras : list of Camera, or None
-            Cameras of depth that does not share the pictures' cameras, in the same frame as `known`.
+        Cameras of depth that does not share the pictures' cameras, in the same frame as `known`.
     stored : list of Stored, or None
     video : Path, or None
-            The video that the colours are frames of.
+        The video that the colours are frames of.
     is_still : bool
-            Whether the recording is one picture, or several pictures of one moment.
+        Whether the recording is one picture, or several pictures of one moment.
     points_up : bool
-            Whether y points up in the poses' frames: then poses and world are mirrored.
+        Whether y points up in the poses' frames: then poses and world are mirrored.
     """
 
     colors: list[Path]
@@ -152,11 +152,11 @@ def cameras_of(
     ----------
     recording : Recording
     files : sequence of Path
-            Replace the recording's own cameras.
+        Replace the recording's own cameras.
     poses : Path, optional
-            Replaces the recording's own poses, which are used only if it has one camera.
+        Replaces the recording's own poses, which are used only if it has one camera.
     shared : bool
-            Whether one camera may serve all frames even without poses.
+        Whether one camera may serve all frames even without poses.
     """
     read = list(files) or list(recording.cameras)
     path = poses or (recording.poses if len(read) <= 1 else None)
@@ -186,9 +186,8 @@ def with_camera(recording: Recording, camera: Camera) -> Recording:
 class Shot(NamedTuple):
     """One frame: its files, the camera of its colours, and that of its depth if different.
 
-        color: None for depth alone. stored: storage of the files. number: the frame's own, used in the names of
-        results.
-        """
+    color: None for depth alone. stored: storage of the files. number: the frame's own, used in the names of results.
+    """
 
     color: Path | None
     depth: Path
@@ -210,8 +209,8 @@ def shots_of(
 ) -> list[Shot | None]:
     """The frames in the order of `cameras_of`; None for those without a pose.
 
-        depth_camera: replaces the recording's own depth camera. It moves rigidly with the camera of the colours.
-        """
+    depth_camera: replaces the recording's own depth camera. It moves rigidly with the camera of the colours.
+    """
     count, made = len(recording.depths), list[Shot | None]()
     own = recording.depth_cameras() if recording.depth_cameras and depth_camera is None else [depth_camera] * count
     for k, (number, (camera, pose)) in enumerate(zip(numbers_of(recording), cameras, strict=True)):

@@ -25,11 +25,11 @@ def read_relief_map(
     Parameters
     ----------
     path : path
-            PNG, TIFF, TGA, DDS or another format with alpha that Pillow reads.
+        PNG, TIFF, TGA, DDS or another format with alpha that Pillow reads.
     green : {"down", "up"}
-            Whether green increases with v, down the picture, or against it. Texture tools use both.
+        Whether green increases with v, down the picture, or against it. Texture tools use both.
     alpha : {"height", "depth"}
-            With "depth", 0 is the surface and 255 the deepest, as in the papers on relief mapping.
+        With "depth", 0 is the surface and 255 the deepest, as in the papers on relief mapping.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def read_relief_map(
     Raises
     ------
     ArgumentError
-            If `green` or `alpha` has another value.
+        If `green` or `alpha` has another value.
     FileFormatError
         If the file is missing, truncated, or has no alpha channel.
 
@@ -77,7 +77,7 @@ def write_relief_map(
     path : path
         In a format with alpha: PNG, TIFF, TGA.
     normal_map : (h, w, 3) float
-            In tangent space, z > 0, of any length.
+        In tangent space, z > 0, of any length.
     height : (h, w) uint8
     green : {"down", "up"}
 

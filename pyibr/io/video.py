@@ -37,7 +37,7 @@ class Video:
     Raises
     ------
     FileFormatError
-            If there is no such file, or FFmpeg cannot read it as a video.
+        If there is no such file, or FFmpeg cannot read it as a video.
     MissingPackageError
         PyAV is not installed.
 
@@ -45,9 +45,9 @@ class Video:
     ----------
     path : Path
     fps : float or None
-            Average number of frames per second, if the file has it.
+        Average number of frames per second, if the file has it.
     times : list of float
-            Times of the frames, in seconds from the first.
+        Times of the frames, in seconds from the first.
     has_sound : bool
 
     Examples
@@ -89,8 +89,8 @@ class Video:
     def gray(self, numbers: Iterable[int]) -> Iterator[NDArray[np.uint16]]:
         """(H, W) uint16 of frames that hold numbers, such as depth: 0 to 255, 1023, 4095 or 65535, by the file's bits.
 
-                Gray formats are read as stored; from other formats the green channel is read, as players show it.
-                """
+        Gray formats are read as stored; from other formats the green channel is read, as players show it.
+        """
         for frame in self._frames(numbers):
             if frame.format.name.startswith("gray"):
                 yield _turned(frame, frame.to_ndarray().astype(np.uint16))

@@ -99,25 +99,23 @@ def write_video(
         Ends in .mp4, .m4v or .mov (H.264 by default, which browsers and notebooks play), .webm (VP9), .mkv (FFV1, which
         loses nothing), .avi (Motion JPEG), .gif or .webp (animated pictures).
     frames : iterable of (H, W, 3) or (H, W) arrays
-            uint8, uint16, or floats with [0, 1] from black to white. Each frame is requested when it is written. Odd
-            sizes
-            lose their last row or column, except in .mkv, .gif and .webp. FFV1 keeps the values of gray, (H, W),
-            exactly.
+        uint8, uint16, or floats with [0, 1] from black to white. Each frame is requested when it is written. Odd sizes
+        lose their last row or column, except in .mkv, .gif and .webp. FFV1 keeps the values of gray, (H, W), exactly.
     fps : float
-            Frames per second.
+        Frames per second.
     codec : {"h264", "h265", "av1", "vp9", "ffv1"}, optional
-            Replaces the format's default.
+        Replaces the format's default.
     bits : {8, 10, 12, 16}
-            Bits per channel, if the codec supports them.
+        Bits per channel, if the codec supports them.
     sound : path, optional
-            A video whose sound is copied unchanged, from its beginning.
+        A video whose sound is copied unchanged, from its beginning.
 
     Raises
     ------
     ArgumentError
         If the codec does not fit the format, or the bits the codec; or frames differ in size.
     FileFormatError
-            If the file cannot be written. The old file is then left.
+        If the file cannot be written. The old file is then left.
     MissingPackageError
         PyAV is not installed.
 
@@ -137,10 +135,9 @@ def write_video(
 class VideoWriter:
     """Writer of a video file, which appears when it is closed; if interrupted, the file holds the complete frames.
 
-        An error leaves the old file. The parameters are those of `write_video`, already checked by
-        `check_video_output`;
-        start: time of the first frame in the sound, in seconds.
-        """
+    An error leaves the old file. The parameters are those of `write_video`, already checked by `check_video_output`;
+    start: time of the first frame in the sound, in seconds.
+    """
 
     def __init__(
         self,

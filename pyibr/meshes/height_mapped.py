@@ -25,7 +25,7 @@ class HeightMapped(Immutable):
     Parameters
     ----------
     base, height, color, scale, tiles, normal_map, wrap
-            As in `pyibr.SlicedSurface` and `pyibr.ReliefSurface`.
+        As in `pyibr.SlicedSurface` and `pyibr.ReliefSurface`.
 
     Raises
     ------

@@ -42,37 +42,32 @@ class Mesh(Immutable, Shown):
     Parameters
     ----------
     vertices : array_like (N, 3)
-            Positions in the world, in scene units. Kept as float32: see "far from the origin" in the manual's
-            conventions.
+        Positions in the world, in scene units. Kept as float32: see "far from the origin" in the manual's conventions.
     faces : array_like (M, 3), integers
-            Vertices of each triangle, counter-clockwise as seen from its front. Degenerate triangles draw nothing.
+        Vertices of each triangle, counter-clockwise as seen from its front. Degenerate triangles draw nothing.
     uv : array_like (N, 2) or (M, 3, 2), optional
-            uv of the vertices, or of each triangle's corners. v runs down the texture's rows, texel centres are at
-            (i + 0.5) / n, and outside 0 to 1 the texture repeats.
+        uv of the vertices, or of each triangle's corners. v runs down the texture's rows, texel centres are at
+        (i + 0.5) / n, and outside 0 to 1 the texture repeats.
     normals : array_like (N, 3), optional
-            Normals of the vertices, not zero; kept at unit length. The side they point to is lit with them, the other
-            side
-            with the opposite normals, whichever way the corners run. Without normals, triangles are smooth across
-            shared
-            vertices and across vertices at one place, unless they face more than 60 degrees apart. A box whose sides
-            have
-            their own vertices therefore has sharp edges, and a box of eight vertices is shaded round.
+        Normals of the vertices, not zero; kept at unit length. The side they point to is lit with them, the other side
+        with the opposite normals, whichever way the corners run. Without normals, triangles are smooth across shared
+        vertices and across vertices at one place, unless they face more than 60 degrees apart. A box whose sides have
+        their own vertices therefore has sharp edges, and a box of eight vertices is shaded round.
     texture : (h, w, 3) uint8, or float32 in [0, 1], optional
         Drawn with 8 bits a channel. Needs uv.
     colors : (N, 3) uint8, or float32 in [0, 1], optional
-            Colours of the vertices; not shown where there is a texture.
+        Colours of the vertices; not shown where there is a texture.
     sides : {"both", "front", "back"}
-            Sides of the triangles to draw. The order of the corners decides which is the front, not the normals.
+        Sides of the triangles to draw. The order of the corners decides which is the front, not the normals.
     attributes : mapping of str to (N,) or (N, k) arrays, optional
-            Further values at the vertices, kept as float32 for other programs: `to_open3d` passes them on. Files do not
-            store them.
+        Further values at the vertices, kept as float32 for other programs: `to_open3d` passes them on. Files do not
+        store them.
 
     Attributes
     ----------
     vertices, faces, uv, normals, texture, colors
-            float32 and int32 arrays, a row per vertex; with uv per corner, vertices are split where uv differs. The
-            arrays
-            are read-only, and buffers on the device are cached, so do not change the originals either.
+        float32 and int32 arrays, a row per vertex; with uv per corner, vertices are split where uv differs. The arrays
+        are read-only, and buffers on the device are cached, so do not change the originals either.
 
     Raises
     ------
@@ -144,10 +139,9 @@ class Mesh(Immutable, Shown):
     def smooth_normals(self) -> Float32:
         """(N, 3) unit normals: area-weighted means over adjacent triangles; (0, 0, 1) at vertices without any.
 
-                The mean is over all vertices at one place, as along seams of uv. Where their normals are more than 60
-                degrees
-                apart, as along the edges of a box whose sides have their own vertices, each side keeps its own.
-                """
+        The mean is over all vertices at one place, as along seams of uv. Where their normals are more than 60 degrees
+        apart, as along the edges of a box whose sides have their own vertices, each side keeps its own.
+        """
         of_vertices = summed_at_corners(self.faces, areas(self.vertices, self.faces), len(self.vertices))
         sums, _ = summed_at_places(place_of(self.vertices), of_vertices)
         return locked(unit_or_up(sums).astype(np.float32))
@@ -156,25 +150,23 @@ class Mesh(Immutable, Shown):
     def load(cls, path: str | PathLike[str], *, texture: NDArray[Any] | None = None, axes: Axes = "opencv") -> Mesh:
         """Read a mesh: PLY, OBJ, GLB, GLTF, STL or OFF, also packed by gzip (``.ply.gz``).
 
-                Of several textures only the first is used. Without a texture, colours of materials become colours of
-                vertices. Skins are applied in the pose of the scene's joints. Polygons are cut into triangles,
-                concave ones by
-                ear clipping. A UserWarning lists contents of the file that the mesh cannot hold.
+        Of several textures only the first is used. Without a texture, colours of materials become colours of
+        vertices. Skins are applied in the pose of the scene's joints. Polygons are cut into triangles, concave ones by
+        ear clipping. A UserWarning lists contents of the file that the mesh cannot hold.
 
         Parameters
         ----------
         path : path
         texture : (h, w, 3) uint8 or float32, optional
-                Replaces the file's own.
+            Replaces the file's own.
         axes : {"opencv", "gltf"}
-                Axes of the resulting mesh. As in `save`, they matter only for GLB and GLTF.
+            Axes of the resulting mesh. As in `save`, they matter only for GLB and GLTF.
 
         Raises
         ------
         FileFormatError
-                If the file is not readable in its suffix's format, holds no triangles, or holds a concave polygon of
-                more than
-                2000 corners.
+            If the file is not readable in its suffix's format, holds no triangles, or holds a concave polygon of more
+            than 2000 corners.
 
         Examples
         --------
@@ -204,27 +196,23 @@ class Mesh(Immutable, Shown):
     def save(self, path: str | PathLike[str], *, axes: Axes = "opencv") -> None:
         """Write the whole mesh, or leave the old file. A missing folder is made.
 
-                GLB stores everything except `attributes`. OBJ also lacks `sides`, PLY also lacks uv, OFF also lacks
-                normals,
-                and STL stores only triangles. If there is a texture, GLB and OBJ leave `colors` out. An OBJ file's
-                texture and
-                material are two more files. Their names begin with the OBJ's own and contain a checksum of the
-                texture, so that
-                they overwrite no other OBJ's files.
+        GLB stores everything except `attributes`. OBJ also lacks `sides`, PLY also lacks uv, OFF also lacks normals,
+        and STL stores only triangles. If there is a texture, GLB and OBJ leave `colors` out. An OBJ file's texture and
+        material are two more files. Their names begin with the OBJ's own and contain a checksum of the texture, so that
+        they overwrite no other OBJ's files.
 
         Parameters
         ----------
         path : path
         axes : {"opencv", "gltf"}
-                Axes of this mesh: "opencv" for x right, y down, z forward, as for pyibr's cameras and `DepthMesh`;
-                "gltf"
-                for a mesh in a world with y up and z towards the viewer. A GLB file always has glTF's axes, so that
-                other programs show it upright. The other formats fix no axes: they store the mesh's numbers unchanged.
+            Axes of this mesh: "opencv" for x right, y down, z forward, as for pyibr's cameras and `DepthMesh`; "gltf"
+            for a mesh in a world with y up and z towards the viewer. A GLB file always has glTF's axes, so that
+            other programs show it upright. The other formats fix no axes: they store the mesh's numbers unchanged.
 
         Raises
         ------
         ArgumentError
-                If the suffix is unknown, or the format cannot store the mesh's texture.
+            If the suffix is unknown, or the format cannot store the mesh's texture.
         FileFormatError
             If the file cannot be written.
         """
@@ -262,7 +250,7 @@ class Mesh(Immutable, Shown):
         ----------
         mesh : TriangleMesh
         texture : (h, w, 3) uint8 or float32, optional
-                Replaces the mesh's own.
+            Replaces the mesh's own.
         """
         if not hasattr(mesh, "to_legacy"):
             if not hasattr(mesh, "triangle_uvs"):
@@ -286,21 +274,20 @@ class Mesh(Immutable, Shown):
     def from_trimesh(cls, mesh: Any, *, texture: NDArray[Any] | None = None) -> Mesh:
         """Make a mesh from a `trimesh.Trimesh`, and so from all formats that trimesh reads.
 
-                Any object with `vertices`, `faces` and, if it has colours, a `visual` like trimesh's is accepted.
-                Normals are
-                computed as for other meshes without normals. Transparent parts become opaque, with a UserWarning.
+        Any object with `vertices`, `faces` and, if it has colours, a `visual` like trimesh's is accepted. Normals are
+        computed as for other meshes without normals. Transparent parts become opaque, with a UserWarning.
 
         Parameters
         ----------
         mesh : Trimesh
-                For a scene, pass its `to_mesh()`. Colours come from vertices or faces, the texture, or the material.
+            For a scene, pass its `to_mesh()`. Colours come from vertices or faces, the texture, or the material.
         texture : (h, w, 3) uint8 or float32, optional
-                Replaces the mesh's own.
+            Replaces the mesh's own.
 
         Raises
         ------
         ArgumentError
-                If the mesh has no vertices or faces, or no uv for the texture.
+            If the mesh has no vertices or faces, or no uv for the texture.
 
         Examples
         --------

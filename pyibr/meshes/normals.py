@@ -33,8 +33,8 @@ def areas(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Float64
 def place_of(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
     """(N,) equal numbers for vertices at one place, in the order of places.
 
-        Coordinates that are tiny compared with the others become 0: in floating point, the sine of pi is not exactly 0.
-        """
+    Coordinates that are tiny compared with the others become 0: in floating point, the sine of pi is not exactly 0.
+    """
     tiny = np.abs(vertices).max(initial=0.0) * np.finfo(np.float32).eps
     flushed = np.where(np.abs(vertices) < tiny, np.float32(0), vertices) + np.float32(0)  # + 0 turns -0 into 0
     bits = flushed.view(np.uint32)
@@ -70,13 +70,13 @@ def summed_at_places(place: NDArray[np.int64], own: Float64) -> tuple[Float64, N
     ----------
     place : (N,) int64
     own : (N, 3) float64
-            Normals weighted by area. A zero vector gets the sum of all vectors at its place.
+        Normals weighted by area. A zero vector gets the sum of all vectors at its place.
 
     Returns
     -------
     sums : (N, 3) float64
     at_edges : (N,) bool
-            Whether other vectors at the place face another way.
+        Whether other vectors at the place face another way.
     """
     sums, at_edges = own + 0.0, np.zeros(len(place), np.bool_)
     among = np.flatnonzero((np.bincount(place) > 1)[place])  # few in most meshes

@@ -15,7 +15,7 @@ from pyibr.io.image import without_alpha
 def arrays_of(mesh: Any) -> dict[str, Any]:
     """Return a `trimesh.Trimesh` as arguments of `Mesh`.
 
-        Its `visual` provides the texture and `uv`, or the colours of vertices or faces.
+    Its `visual` provides the texture and `uv`, or the colours of vertices or faces.
     """
     if not hasattr(mesh, "vertices") or not hasattr(mesh, "faces"):
         raise ArgumentError(

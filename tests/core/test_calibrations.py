@@ -102,7 +102,7 @@ def test_of_several_cameras_one_is_chosen(tmp_path: Path):
     ("name", "text", "message"),
     [
         ("a.yaml", "images:\n  - left.jpg\n", "a.yaml: no camera in it: expected K, or a calibration"),
-        ("a.yaml", "k: [1, 2\n", "not a readable camera file, or truncated: a bracket is open"),
+        ("a.yaml", "k: [1, 2\n", "not a readable camera file, or truncated: a bracket is not closed"),
         ("a.yaml", "a: 1\n   b: 2\n", "cannot tell what 'b: 2' belongs to"),
         ("a.xml", "<!DOCTYPE x [<!ENTITY a 'aa'>]><x/>", "a DOCTYPE is not allowed"),
         (

@@ -277,7 +277,7 @@ def test_files_of_transforms_as_people_write_them(tmp_path: Path, caplog: pytest
     for one, other in zip(first, frames_of(tmp_path), strict=True):
         np.testing.assert_allclose(other[1], one[1], rtol=1e-6)
     assert len(ibr.load(tmp_path)) == 2
-    assert "in millimetres, as nerfstudio does" in caplog.text
+    assert "as millimetres, as in nerfstudio" in caplog.text
     assert "1 files are left out, as picture or depth is missing: lone.png" in caplog.text
 
 

@@ -352,7 +352,7 @@ def test_gltf_vertex_colours_are_linear_in_light(tmp_path: Path):
         ({"buffers": [{"byteLength": 48, "uri": "gone.bin"}]}, "gone.bin is missing"),
         ({"nodes": []}, "no triangles"),
         ({"nodes": [{"mesh": -1}]}, r"meshes\[-1\]"),
-        ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "two places"),
+        ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "occurs twice"),
     ],
 )
 def test_gltf_that_is_refused(tmp_path: Path, changes, reason):

@@ -32,15 +32,15 @@ class Layout(NamedTuple):
     ----------
     name : str
     signs : str
-            Files or entries that identify the layout.
+        Files or entries that identify the layout.
     depth : str
-            Kind and unit of the stored depth.
+        Kind and unit of the stored depth.
     poses : str
-            Axes and direction of the poses.
+        Axes and direction of the poses.
     find : callable
-            Returns the recording in a folder; None if the folder has another layout.
+        Returns the recording in a folder; None if the folder has another layout.
     suffix : str
-            Suffix of single files that hold such a recording.
+        Suffix of single files that hold such a recording.
     """
 
     name: str

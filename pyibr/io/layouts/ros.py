@@ -191,8 +191,8 @@ def _unpacked(path: Path, message: Any, kind: type[np.generic]) -> NDArray[np.fl
 def _steps(reader: Any) -> dict[str, list[_Step]]:
     """The transforms of each frame in the order of their times; static ones have the time infinity.
 
-        Transforms of RealSense's streams, whose topics name the parent stream, have the opposite direction.
-        """
+    Transforms of RealSense's streams, whose topics name the parent stream, have the opposite direction.
+    """
     found: dict[str, list[_Step]] = {}
     for connection in reader.connections:
         stream, _, above = connection.topic.rpartition("/tf/")

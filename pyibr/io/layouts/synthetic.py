@@ -110,10 +110,9 @@ def find_hypersim(folder: Path) -> Recording | None:
 def untilted(path: Path, cam_from_uv: Float64 | None, size: tuple[int, int]) -> tuple[Camera, Float64]:
     """A pinhole that looks along the normal of its image, and its pose in the frame of the stored camera.
 
-        cam_from_uv: (3, 3), directions (x right, y up, z backward) of (u, v, 1), from -1 to 1 over the picture, v
-        upward.
-        An image plane that is oblique to the axis is upright for a rotated camera: the matrix is K times a rotation.
-        """
+    cam_from_uv: (3, 3), directions (x right, y up, z backward) of (u, v, 1), from -1 to 1 over the picture, v upward.
+    An image plane that is oblique to the axis is upright for a rotated camera: the matrix is K times a rotation.
+    """
     width, height = size
     if cam_from_uv is None:
         cam_from_uv = np.diag([_HYPERSIM_FIELD, _HYPERSIM_FIELD * height / width, -1])

@@ -112,8 +112,8 @@ def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
     """Write transforms.json and depth as PNG for views with pictures color_00.png and so on, if the format can store
     them.
 
-        Float colours are also written as such pictures.
-        """
+    Float colours are also written as such pictures.
+    """
     try:
         cameras = [nerf_frame(view.camera) for view in views]
     except ArgumentError:
@@ -133,7 +133,7 @@ def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
 def write_frames(folder: Path, frames: Sequence[_Entry], unit: float) -> None:
     """Write transforms.json from frames, which are `nerf_frame`'s entries and the names of the files.
 
-        unit: scene units per stored unit of depth.
+    unit: scene units per stored unit of depth.
     """
     model = frames[0]["camera_model"] if frames else "OPENCV"
     write_json(folder / _FILES[0], {"camera_model": model, **dict.fromkeys(_UNITS, unit), "frames": list(frames)})
