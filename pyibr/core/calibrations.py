@@ -134,7 +134,7 @@ def _are_numbers(values: list[object]) -> bool:
 
 
 def chosen(found: Cameras, name: str | None, path: str | PathLike[str], size: Size = None) -> Cameras:
-    """Return the camera named `name`; without a name, those with pictures of `size`, or all if there are none."""
+    """Return the camera named `name`; without a name, cameras of this `size`, or all if there are none."""
     if name is not None:
         named = [own for own in found if name.lower() in (own.lower(), PurePath(own).stem.lower())]
         if not named:

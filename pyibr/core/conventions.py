@@ -140,7 +140,7 @@ def pose_from_extrinsics(rotation: Float64, translation: Float64) -> Float64:
 
 
 def intrinsics_from_colmap(model: str, params: object) -> tuple[Float64, Float64, bool]:
-    """Return K (pixel centres at integers), OpenCV's coefficients, and whether they are a fisheye's."""
+    """Return K (pixel centres at integers), OpenCV's coefficients, and whether the lens is a fisheye."""
     if not isinstance(model, str) or model not in _COLMAP_MODELS:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("model", f"one of {', '.join(_COLMAP_MODELS)}", describe(model))
     linear, distorted = _COLMAP_MODELS[model]

@@ -1,4 +1,4 @@
-"""Errors that pyibr raises. Every message names what was expected and what came."""
+"""Errors that pyibr raises. Every message names the expected and the received value."""
 
 from __future__ import annotations
 

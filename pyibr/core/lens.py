@@ -30,7 +30,7 @@ _COEFFICIENT_COUNTS: dict[str, tuple[int, ...]] = {
     "kannala_brandt": (4,),
 }
 _ANGLE_MAX = 0.4999 * math.pi  # radians from the axis: a pinhole sees at most half of the world
-_TABLE_ENTRIES = 4096  # of the radius table that gives starting values for the search
+_TABLE_ENTRIES = 4096  # in the radius table, which gives starting values for the search
 _SLOPE_MAX = 4.0  # largest derivative of distorted by ideal distance for a lens with a pole
 _NEWTON_STEPS = 20  # limit; a handful suffices except at the border of the lens's view
 _TOLERANCE = 1e-12  # for distances between positions

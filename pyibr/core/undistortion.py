@@ -22,7 +22,7 @@ ANGLE_MAX = 75.0
 _MARGIN = 2  # pixels around the seen part: neighbours that distinguish edges from slopes
 _BORDER = 0.75  # pixels outside the image that still show its border: half an oblique undistorted pixel
 _PIXELS_RATIO_MAX = 100  # times the pixels of the lens's image; real cameras need up to 15
-_REACH_PART = 1 - 1e-9  # of a lens's reach, to stay inside it despite rounding
+_REACH_PART = 1 - 1e-9  # share of a lens's reach that stays inside it despite rounding
 _FACES = (  # right, down and forward axes of a cube's faces in the camera's frame, the front first
     ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     ((0, 0, -1), (0, 1, 0), (1, 0, 0)),

@@ -207,7 +207,7 @@ def shots_of(
     cameras: Sequence[tuple[Camera, Float64 | None]],
     depth_camera: Camera | None = None,
 ) -> list[Shot | None]:
-    """The frames in the order of `cameras_of`; None for those without a pose.
+    """The frames in the order of `cameras_of`; None for a frame without a pose.
 
     depth_camera: replaces the recording's own depth camera. It moves rigidly with the camera of the colours.
     """

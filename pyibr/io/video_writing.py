@@ -135,7 +135,7 @@ def write_video(
 class VideoWriter:
     """Writer of a video file, which appears when it is closed; if interrupted, the file holds the complete frames.
 
-    An error leaves the old file. The parameters are those of `write_video`, already checked by `check_video_output`;
+    An error leaves the old file. The parameters are as in `write_video`, already checked by `check_video_output`;
     start: time of the first frame in the sound, in seconds.
     """
 

@@ -27,7 +27,7 @@ _OF_GLTF = (".glb", ".gltf")
 
 
 def is_mesh_file(path: str | PathLike[str]) -> bool:
-    """Tell whether a file's suffix is a mesh's."""
+    """Tell whether a file has the suffix of a mesh."""
     return _suffix(checked_path(path)) in _READERS
 
 

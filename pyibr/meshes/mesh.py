@@ -150,7 +150,7 @@ class Mesh(Immutable, Shown):
     def load(cls, path: str | PathLike[str], *, texture: NDArray[Any] | None = None, axes: Axes = "opencv") -> Mesh:
         """Read a mesh: PLY, OBJ, GLB, GLTF, STL or OFF, also packed by gzip (``.ply.gz``).
 
-        Of several textures only the first is used. Without a texture, colours of materials become colours of
+        Only the first of several textures is used. Without a texture, colours of materials become colours of
         vertices. Skins are applied in the pose of the scene's joints. Polygons are cut into triangles, concave ones by
         ear clipping. A UserWarning lists contents of the file that the mesh cannot hold.
 
@@ -244,7 +244,7 @@ class Mesh(Immutable, Shown):
     def from_open3d(cls, mesh: Any, *, texture: NDArray[Any] | None = None) -> Mesh:
         """Take over an `open3d.t.geometry.TriangleMesh` or an `open3d.geometry.TriangleMesh`.
 
-        Of several textures only the first is used.
+        Only the first of several textures is used.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Calibration files of each kind become the camera that they tell of; what is wrong with others is told."""
+"""Calibration files of each kind give the camera that they describe; errors in others are reported."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.data import shared
 
 
 def same(found: ibr.Camera, expected: ibr.Camera) -> None:
-    np.testing.assert_allclose(found.K, expected.K, rtol=1e-12)  # of float64's rounding
+    np.testing.assert_allclose(found.K, expected.K, rtol=1e-12)  # rounding of float64
     np.testing.assert_allclose(found.world_from_camera, expected.world_from_camera, atol=1e-12)
     assert found.size == expected.size and (found.lens is None) == (expected.lens is None)
     point = [[0.3, -0.2, 1.0]]
@@ -23,7 +23,7 @@ def same(found: ibr.Camera, expected: ibr.Camera) -> None:
 
 
 def written(folder: Path, name: str, text: str) -> str:
-    """A file of this text, and its path with the name of the camera."""
+    """Write a file; return its path with the camera's name."""
     file = folder / name.partition("#")[0]
     file.write_text(text, encoding="utf-16" if "utf16" in name else "utf-8")
     return str(folder / name)
@@ -59,7 +59,7 @@ def test_transforms_are_those_of_opengl(tmp_path: Path):
     same(ibr.Camera.load(f"{path}#0001.jpg"), camera)
     assert ibr.Camera.load(f"{path}#0002").K[0, 0] == 60
     assert list(read_cameras(path)) == ["0001.jpg", "0002.jpg"]
-    # Of an angle alone: it reaches from border to border of the picture.
+    # With an angle alone, the field of view reaches from border to border of the picture.
     path = written(tmp_path, "angle.json", json.dumps({"camera_angle_x": np.radians(70), "frames": data["frames"][:1]}))
     expected = ibr.Camera.from_fov(SIZE, fov_x=70, world_from_camera=camera.world_from_camera)
     same(ibr.Camera.load(path, size=SIZE), expected)
@@ -92,8 +92,8 @@ def test_of_several_cameras_one_is_chosen(tmp_path: Path):
         ibr.Camera.load(f"{path}#cam7")
     with pytest.raises(ibr.FileFormatError, match="a camera_model of pinhole, got 'omni'"):
         ibr.Camera.load(f"{path}#cam1")
-    same(ibr.Camera.load(path, size=SIZE), FISHEYE)  # the other one cannot be read
-    odd = tmp_path / "a#b.json"  # names of files come first
+    same(ibr.Camera.load(path, size=SIZE), FISHEYE)  # the other camera is unreadable
+    odd = tmp_path / "a#b.json"  # existing files come first
     CAMERA.save(odd)
     assert ibr.Camera.load(odd) == CAMERA
 
@@ -133,7 +133,7 @@ def test_opencv_s_own_files(tmp_path: Path):
 
 
 def test_opencv_s_sample_sees_its_chessboard():
-    """The corners of a real photograph are where the calibration puts them: to its own 0.16 px."""
+    """The calibration predicts the corners of a real photograph, to its own 0.16 px."""
     cv2 = pytest.importorskip("cv2")
     folder = shared("formats/opencv_samples_calib")
     inside = ibr.Camera.load(folder / "left_intrinsics.yml")
@@ -166,4 +166,4 @@ def test_real_files(name, expected):
     file, _, chosen = name.partition("#")
     camera = ibr.Camera.load(f"{shared('formats') / file}{'#' * bool(chosen)}{chosen}")
     assert camera.size == expected[:2]
-    np.testing.assert_allclose([camera.K[0, 0], camera.K[0, 2]], expected[2:], atol=1e-3)  # as far as written above
+    np.testing.assert_allclose([camera.K[0, 0], camera.K[0, 2]], expected[2:], atol=1e-3)  # the digits given above

@@ -1,4 +1,4 @@
-"""Arrays of every kind that people have: converted or refused in one sentence, by all that take them alike."""
+"""Arrays in all common forms: every function that takes them converts or refuses them alike, in one sentence."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ OPTIONAL = ("color of DepthImage", "color of texture", "normal_map of SlicedSurf
 
 
 class Tagged(np.ndarray):
-    """A subclass, as libraries have them."""
+    """A subclass, such as libraries define."""
 
 
 def read_only(array: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Other libraries' conventions, both ways and against the libraries themselves where they are there."""
+"""Conversions to and from other libraries' conventions, compared with the libraries where installed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_opencv_rotation_vectors_at_the_ends(rvec):
 
 
 def test_opengl_clip_space_gives_the_same_pixels():
-    """OpenGL's own path, view then frustum then viewport, whose pixel centres are at halves."""
+    """OpenGL's pipeline of view, frustum and viewport, with pixel centres at halves."""
     camera = random_camera(7)
     pose, K = camera.to_opengl()
     (w, h), n, f = camera.size, 0.1, 100
@@ -125,7 +125,7 @@ def test_colmap_distortion_is_in_opencvs_order():
 
 
 def test_pytorch3d_ndc():
-    """The image's corners are those of NDC: +x left, +y up, the shorter side spans -1 ... 1."""
+    """The image's corners have NDC's coordinates: +x left, +y up, the shorter side spans -1 ... 1."""
     camera = random_camera(9)
     theirs = camera.to_pytorch3d()
     assert theirs["image_size"] == (37, 61)

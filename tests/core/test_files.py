@@ -1,4 +1,4 @@
-"""Writing whole files, and what names of files may be."""
+"""Atomic writes, and valid names of files."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_names_that_no_file_has(tmp_path: Path, use):
     (tmp_path / "file").touch()
     with pytest.raises(ibr.FileFormatError, match=r"no such file|file is not a folder"):
         USES[use](tmp_path / "file" / f"x{suffix}")
-    (tmp_path / "last\udcff").mkdir()  # bytes that are no text are names all the same
+    (tmp_path / "last\udcff").mkdir()  # undecodable bytes are valid in names
     if "write" in use or "save" in use:
         USES[use](tmp_path / "last\udcff" / f"x\udcff{suffix}")
         assert len(list((tmp_path / "last\udcff").iterdir())) == 1

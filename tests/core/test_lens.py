@@ -1,4 +1,4 @@
-"""Lenses: OpenCV's own, RealSense's and COLMAP's, both ways; where they see nothing; and cameras that have one."""
+"""Lenses of OpenCV, RealSense and COLMAP in both directions; limits of their view; and cameras with lenses."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ import pyibr as ibr
 from tests.core.test_camera import GOOD_K, points_before
 from tests.data import shared
 
-SLIGHT = 0.01  # pixels
-# Model, coefficients, fx fy cx cy, size: calibrations of cameras that people have
+SLIGHT = 0.01  # in pixels
+# Model, coefficients, fx fy cx cy, size: calibrations of real cameras
 CALIBRATIONS = {
     "machine vision": (
         "brown_conrady",
@@ -47,14 +47,14 @@ CALIBRATIONS = {
 
 
 def lens_and_frame(name: str) -> tuple[ibr.Lens, np.ndarray, float]:
-    """The lens, distorted positions of every fifth column and row and of the corners, and pixels a unit."""
+    """The lens, distorted positions of every fifth column and row and of the corners, and pixels per unit."""
     model, coefficients, (fx, fy, cx, cy), (width, height) = CALIBRATIONS[name]
     x, y = np.meshgrid(np.append(np.arange(0, width, 5), width - 1), np.append(np.arange(0, height, 5), height - 1))
     return ibr.Lens(model, coefficients), np.column_stack([(x.ravel() - cx) / fx, (y.ravel() - cy) / fy]), fx
 
 
 def opencvs(lens: ibr.Lens, ideal: np.ndarray) -> np.ndarray:
-    """Positions that OpenCV sees ideal ones at."""
+    """OpenCV's distorted positions of ideal ones."""
     if lens.model == "kannala_brandt":
         return cv2.fisheye.distortPoints(ideal[None], np.eye(3), lens.to_opencv())[0]
     ahead = np.column_stack([ideal, np.ones(len(ideal))])
@@ -66,7 +66,7 @@ def test_lenses_are_opencvs_both_ways(name):
     lens, seen, focal = lens_and_frame(name)
     ideal = lens.undistort(seen)
     inside = np.isfinite(ideal[:, 0])
-    assert inside.mean() > (0.78 if name == "fisheye" else 0.9999)  # its corners are behind it
+    assert inside.mean() > (0.78 if name == "fisheye" else 0.9999)  # its corners are more than 90 degrees from the axis
     assert np.abs(opencvs(lens, ideal[inside]) - seen[inside]).max() * focal < SLIGHT
     assert np.abs(lens.distort(ideal[inside]) - seen[inside]).max() * focal < 1e-6
     if lens.model == "kannala_brandt":
@@ -88,7 +88,7 @@ def test_what_a_lens_does_not_see_is_nan(name):
 
 
 def test_beyond_the_fold_nothing_is_seen():
-    """Farther out than 1.29 a lens of k1 = -0.2 would see things where it sees others already."""
+    """Farther out than 1.29, a lens with k1 = -0.2 would fold back over the inner part of its image."""
     lens = ibr.Lens("brown_conrady", [-0.2, 0, 0, 0])
     assert lens.reach == pytest.approx(np.sqrt(1 / 0.6))
     farthest = lens.reach * (1 - lens.reach**2 * 0.2)
@@ -97,7 +97,7 @@ def test_beyond_the_fold_nothing_is_seen():
 
 
 def test_a_pole_ends_what_a_rational_lens_sees():
-    """The numerator and the denominator of a real calibration are nearly the same, and 0 within its image."""
+    """A real calibration whose numerator and denominator are nearly equal, and 0 within its image."""
     k = [-4.860828876, 17.281976699, 0.000203761, 0.001025102, -25.17225075, -4.943647385, 17.514425278, -25.2907600]
     lens = ibr.Lens("rational", k)
     assert 0.6 < lens.reach < 0.68
@@ -137,16 +137,16 @@ def test_realsense_projects_the_same_pixels(model):
     points = points_before(camera)
     expected = [rs.rs2_project_point_to_pixel(theirs, point.tolist()) for point in points]
     np.testing.assert_allclose(camera.project(points)[0], expected, atol=1e-3)
-    if model != "modified_brown_conrady":  # which their library does not invert
+    if model != "modified_brown_conrady":  # RealSense's library does not invert that model
         pixels = camera.project(points[np.hypot(*points[:, :2].T) < 0.5 * points[:, 2]])[
             0
-        ]  # farther out it is not done
+        ]  # its iteration does not converge farther out
         back = [rs.rs2_deproject_pixel_to_point(theirs, pixel.tolist(), 2.0) for pixel in pixels]
         np.testing.assert_allclose(camera.unproject(pixels, np.full(len(pixels), 2.0)), back, atol=1e-4)
 
 
 def test_realsense_worked_by_hand():
-    """Figures of its own library, 2.59: the inverse model is the modified one."""
+    """Figures of RealSense's library, 2.59: the inverse model equals the modified one."""
     intrinsics = {"width": 640, "height": 480, "fx": 500, "fy": 500, "ppx": 320, "ppy": 240}
     seen = {
         "brown_conrady": [506.84375, 383.2578125],
@@ -219,7 +219,7 @@ def test_ros_ways_to_say_one_thing():
     assert cameras[0].K.ravel().tolist() == k
     fisheye = ibr.Camera.from_ros(fields | {"distortion_model": "equidistant", "d": [0.1, 0, 0, 0]})
     assert ibr.Camera.from_ros(fisheye.to_ros()) == fisheye
-    assert ibr.Camera.from_ros(fields | {"d": []}).lens is None  # not distorted, as simulators say
+    assert ibr.Camera.from_ros(fields | {"d": []}).lens is None  # no distortion, as in simulators' messages
 
 
 def test_kalibr_both_ways():
@@ -233,7 +233,7 @@ def test_kalibr_both_ways():
 
 
 def kinect(wide: float = 3 / 4, **changes) -> dict:
-    """A calibration as an Azure Kinect holds it; `wide`: the colour camera's height by its width."""
+    """An Azure Kinect's calibration; `wide`: height of the colour camera's image divided by its width."""
     k = [0.55, -0.02, -0.003, 0.89, 0.09, -0.014]
     depth = {
         "Location": "CALIBRATION_CameraLocationD0",
@@ -246,7 +246,7 @@ def kinect(wide: float = 3 / 4, **changes) -> dict:
     depth["Rt"] = {"Rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "Translation": [0, 0, 0]}
     turn = cv2.Rodrigues(np.array([-0.09, 0.001, 0.002]))[0]
     k = [0.33, -2.49, 1.45, 0.21, -2.3, 1.37]
-    middle, focal = 0.5 + (0.507 - 0.5) * 0.75 / wide, 0.6374 * 0.75 / wide  # parts of the height
+    middle, focal = 0.5 + (0.507 - 0.5) * 0.75 / wide, 0.6374 * 0.75 / wide  # fractions of the height
     color = {"Location": "CALIBRATION_CameraLocationPV0", "SensorWidth": 4096, "SensorHeight": int(4096 * wide)}
     color |= {"Intrinsics": dict(depth["Intrinsics"]), "MetricRadius": 0}
     color["Intrinsics"]["ModelParameters"] = [0.4998, middle, 0.478, focal, *k, 0, 0, -1e-4, -2e-4]
@@ -268,7 +268,7 @@ def test_an_azure_kinects_cameras_are_opencvs():
     moved = np.array([-0.032, -0.002, 0.004])  # from the depth camera's frame
     theirs = cv2.projectPoints(points, np.array([-0.09, 0.001, 0.002]), moved, K, lens)[0][:, 0]
     np.testing.assert_allclose(color.project(points)[0], theirs, atol=1e-9)
-    assert (depth.lens.radius, color.lens.radius) == (1.74, 1.7)  # that of the SDK where there is none
+    assert (depth.lens.radius, color.lens.radius) == (1.74, 1.7)  # the SDK's default replaces a missing radius
 
 
 @pytest.mark.parametrize(
@@ -287,7 +287,7 @@ def test_an_azure_kinects_cameras_are_opencvs():
 )
 @pytest.mark.parametrize("wide", [3 / 4, 9 / 16])
 def test_an_azure_kinects_modes_see_along_the_same_rays(mode, other, times, shift, wide):
-    """Images' corners are at -0.5; 4:3 ones have 120 rows of 960 more on either side than those of 16:9."""
+    """Images' corners are at -0.5; with 960 rows, a 4:3 image has 120 more on either side than a 16:9 image."""
     one, two = (ibr.Camera.from_azure_kinect(kinect(wide), each) for each in (mode, other))
     pixels = np.random.default_rng(4).uniform(0.4, 0.6, (50, 2)) * one.size
     np.testing.assert_allclose(

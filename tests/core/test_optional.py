@@ -1,4 +1,4 @@
-"""Use without the optional packages, and messages where one is missing or broken."""
+"""Use without the optional packages, and messages for missing or broken ones."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ assert (ibr.clean_depth(depth, view.color).depth > 0).any()
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Folder where `import cv2` looks first, and has not looked yet."""
+    """Folder that `import cv2` searches first; cv2 is not imported yet."""
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(sys.modules, "cv2", None)  # so that what was there comes back
+    monkeypatch.setitem(sys.modules, "cv2", None)  # so that monkeypatch restores the original
     del sys.modules["cv2"]
     return tmp_path
 
@@ -93,7 +93,7 @@ def test_a_broken_package_is_told_from_a_missing_one(source: str, reason: str, f
 def test_what_an_opencv_lacks_is_named(folder: Path):
     (folder / "cv2.py").write_text("__version__ = '4.10.0'\ndef remap(): ...")
     opencv("it", "remap")
-    with pytest.raises(MissingPackageError, match=r"it needs cv2\.quality, but the installed OpenCV 4\.10\.0 lacks it; "):
+    with pytest.raises(MissingPackageError, match=r"needs cv2\.quality, but the installed OpenCV 4\.10\.0 lacks it; "):
         opencv("it", "remap", "quality")
 
 

@@ -1,4 +1,4 @@
-"""Depth and colours that tests write into files."""
+"""Depth and colours for tests of files."""
 
 from __future__ import annotations
 

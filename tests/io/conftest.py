@@ -1,4 +1,4 @@
-"""Packages that some formats need."""
+"""Fixtures for packages that some formats need."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ import pytest
 
 @pytest.fixture
 def openexr_if_asked(request: pytest.FixtureRequest) -> None:
-    """Cases of a test that name the format are skipped where the package is missing."""
+    """Skip a test case whose parameters name EXR if OpenEXR is missing."""
     if "exr" in str(getattr(request.node, "callspec", None) and request.node.callspec.params):
         pytest.importorskip("OpenEXR")

@@ -1,7 +1,8 @@
-"""Two hundred damages of each specimen: what is read must be right, or plausible where nothing can tell, or refused.
+"""Two hundred damages of each specimen: the result must be right, or plausible if the damage is undetectable, or
+refused.
 
-Run as a program (for readers that could kill the interpreter), it takes a folder and names of specimens, and prints
-what went wrong.
+Run as a program (for readers that could crash the interpreter), this module takes a folder and names of specimens, and
+prints the faults.
 """
 
 from __future__ import annotations
@@ -18,17 +19,17 @@ import pyibr as ibr
 from tests.io.specimens import CHECKED, OTHERS, WRITERS, reader, same
 
 COUNT = 200
-SLOW = 2.0  # seconds that a file of some kilobytes may take at most
+SLOW = 2.0  # limit in seconds for a file of some kilobytes
 
 
 def quick_folder() -> Path:
-    """A new folder in memory, where there is such a thing."""
+    """Create a folder, in memory if possible."""
     memory = Path("/dev/shm")
     return Path(tempfile.mkdtemp(dir=memory if memory.is_dir() else None))
 
 
 def damaged(data: bytes, rng: random.Random, number: int) -> bytes:
-    """Flipped bits, a part of the file, other digits in its first part, or garbage after it."""
+    """Flip bits, truncate, change digits in the first part, or append garbage."""
     content = bytearray(data)
     kind = number % 4
     if kind == 0:
@@ -47,7 +48,7 @@ def damaged(data: bytes, rng: random.Random, number: int) -> bytes:
 
 
 def wrongs(name: str, folder: Path) -> list[str]:
-    """Faults of the reader on damages of the specimen of this name."""
+    """Faults of the reader on damaged copies of the specimen with this name."""
     path = folder / name
     (WRITERS | OTHERS)[name](path)
     read, whole, rng = reader(name), path.read_bytes(), random.Random(name)

@@ -1,4 +1,4 @@
-"""Mesh files as other programs write them: materials, uv of corners, concave polygons, skins."""
+"""Mesh files in other programs' forms: materials, uv of corners, concave polygons, skins."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def write_gltf(path: Path, arrays: list[np.ndarray], inline: bool = False, **sce
 
 
 def write_skinned(path: Path, **changes: object) -> None:
-    """A triangle of two joints: one moved by 5 along x, one turned from x to y; the node itself is elsewhere."""
+    """A triangle with two joints: one moves by 5 along x, one turns x to y; the mesh's own node is elsewhere."""
     used, weights = np.array([[0, 1, 0, 0]] * 3, np.uint8), np.zeros((3, 4), np.float32)
-    weights[:, :2] = [[1, 0], [0, 2], [0.5, 0.5]]  # of another sum than 1, too
+    weights[:, :2] = [[1, 0], [0, 2], [0.5, 0.5]]  # one sum of weights is not 1
     inverse, normals = np.array([np.eye(4), np.eye(4)], np.float32), np.float32([[1, 0, 0]] * 3)
-    inverse[0, 3, 1] = 2  # by columns: up by 2 before the joint
+    inverse[0, 3, 1] = 2  # column order: up by 2 before the joint
     half = np.sqrt(0.5)
     arrays = [TRIANGLE, used, weights, inverse.reshape(2, 16), normals]
     scene = {
@@ -53,14 +53,14 @@ def write_skinned(path: Path, **changes: object) -> None:
 
 
 def write_painted_obj(path: Path) -> None:
-    """Two materials, which a file beside it describes."""
+    """Two materials, described in a file beside it."""
     path.with_suffix(".mtl").write_text("newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 0.5 0\n")
     corners = "".join(f"v {x} {y} {z}\n" for x, y, z in SQUARE)
     path.write_text(f"mtllib {path.stem}.mtl\n{corners}usemtl a\nf 1 2 3 # red\nusemtl b\nf 1 3 4\n")
 
 
 def write_wedges_ply(path: Path) -> None:
-    """uv of the corners, as MeshLab writes them; binary."""
+    """uv of the corners, as in MeshLab's files; binary."""
     head = (
         "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
     )
@@ -70,6 +70,6 @@ def write_wedges_ply(path: Path) -> None:
 
 
 def write_concave_off(path: Path) -> None:
-    """A polygon like a U, its counts behind the word."""
+    """A U-shaped polygon, with the counts directly after the keyword."""
     corners = [(0, 0), (4, 0), (4, 3), (3, 3), (3, 1), (1, 1), (1, 3), (0, 3)]
     path.write_text("OFF8 1 0\n" + "".join(f"{x} {y} 0\n" for x, y in corners) + "8 0 1 2 3 4 5 6 7 # all\n")

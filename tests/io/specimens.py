@@ -1,4 +1,4 @@
-"""A file of each kind that pyibr reads, how it is read, and how each kind is written: for tests of damages."""
+"""A specimen of each file format that pyibr reads, with its reader and writer, for tests with damaged files."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _open3d_trajectory(path: Path) -> None:
 
 
 def tiff(values: np.ndarray, orientation: int = 1) -> bytes:
-    """A file by hand, its numbers in the byte order that they have."""
+    """A handmade file with the array's byte order."""
     order, kind = ">" if values.dtype.byteorder == ">" else "<", {"u": 1, "i": 2, "f": 3}[values.dtype.kind]
     height, width = values.shape
     fields = [(256, width), (257, height), (258, 8 * values.itemsize), (259, 1), (262, 1), (273, 146)]
@@ -103,7 +103,7 @@ def _tiff_of_doubles(path: Path) -> None:
 
 
 def _exr_of_parts(path: Path) -> None:
-    """Two parts, of which depth has a data window of its own."""
+    """Two parts; depth has its own data window."""
     import OpenEXR
 
     shown = (0, 0), (SIZE[0] + 4, SIZE[1] + 3)
@@ -145,7 +145,7 @@ CALIBRATIONS = {
 }
 _SCENE = {"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"camera": 0, "translation": [1, 2, 3]}]}
 _SCENE |= {"cameras": [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]}
-OTHERS: dict[str, Write] = {  # what is read, but not written
+OTHERS: dict[str, Write] = {  # formats that are read only
     "text.ply": _ply_of_text,
     "text.stl": _stl_of_text,
     "packed.ply.gz": _packed_ply,
@@ -169,14 +169,14 @@ OTHERS: dict[str, Write] = {  # what is read, but not written
     **{f"cameras.{name}": partial(Path.write_text, data=text) for name, text in CALIBRATIONS.items()},
 }
 CHECKED = ("color.png", "depth.png", "relief.png", "color.npz", "depth.npz", "packed.ply.gz")
-"""Formats with sums of all that matters: a damage is seen, or does no harm."""
+"""Formats with checksums over all relevant bytes: damage is detected, or harmless."""
 DECODED_ELSEWHERE = ["depth.png", "depth.tif", "depth.exr", "depth.doubles.tif", "depth.parts.exr", "depth.pgm"]
 DECODED_ELSEWHERE += [name for name in WRITERS if name.startswith(("color.", "relief."))]
-"""What libraries in C decode, whose faults might kill the interpreter."""
+"""Specimens that C libraries decode, which might crash the interpreter."""
 
 
 def reader(name: str) -> Read:
-    """Reader of the specimen of this name."""
+    """Reader of the specimen with this name."""
     if name == "grid.ply":
         return read_range_grid
     by_stem: dict[str, Read] = {"color": ibr.read_color, "depth": _read_depth, "relief": read_relief_map}
@@ -185,7 +185,7 @@ def reader(name: str) -> Read:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Tell whether two things that were read are equal."""
+    """Tell whether two results of a reader are equal."""
     if isinstance(one, tuple):
         return all(same(a, b) for a, b in zip(one, other, strict=True))
     if isinstance(one, np.ndarray):

@@ -1,4 +1,4 @@
-"""Files that are not what their name says, and files that cannot be written."""
+"""Files with contents that contradict their names, and files that cannot be written."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ def same(one: ibr.Camera, other: ibr.Camera) -> None:
 
 
 def model(folder: Path, kind: str) -> None:
-    """A COLMAP model with a camera an image, as text or binary."""
+    """A COLMAP model with one camera for each image, as text or binary."""
     folder.mkdir(parents=True)
     numbers = {"PINHOLE": 1, "OPENCV": 4}
     cameras, images = ["# cameras"], ["# images"]
@@ -167,7 +167,8 @@ def test_damaged_binary_models(tmp_path: Path, name):
 
 
 def test_cameras_of_a_gltf_scene(tmp_path):
-    """A node turned by 90 degrees about y looks along -x of its parent, which stands aside and is larger."""
+    """A node rotated by 90 degrees about y looks along its parent's -x; translation and scale differ from the
+    parent's."""
     lens = {"type": "perspective", "perspective": {"yfov": 2 * np.arctan(0.5), "znear": 0.1}}
     flat = {"type": "orthographic", "orthographic": {"xmag": 2, "ymag": 1, "znear": 0.1, "zfar": 9}}
     turned = {"name": "a", "camera": 0, "rotation": [0, np.sqrt(0.5), 0, np.sqrt(0.5)], "scale": [2, 2, 2]}
@@ -177,7 +178,7 @@ def test_cameras_of_a_gltf_scene(tmp_path):
     found = read_cameras(tmp_path / "scene.gltf", size=(64, 32))
     assert list(found) == ["a", "2"]
     np.testing.assert_allclose(found["a"].K, [[32, 0, 31.5], [0, 32, 15.5], [0, 0, 1]], atol=1e-12)
-    pixels, depth = found["a"].project([[3.0, 1.0, 0.0]])  # 2 before it, 1 above its axis
+    pixels, depth = found["a"].project([[3.0, 1.0, 0.0]])  # 2 in front of it, 1 above its axis
     np.testing.assert_allclose(pixels, [[31.5, -0.5]], atol=1e-9)
     np.testing.assert_allclose(depth, [2], atol=1e-12)
     pixels, _ = found["2"].project([[7.0, -1.0, -4.0]])  # at its right and lower borders
@@ -205,7 +206,7 @@ def test_what_is_written_is_read(tmp_path: Path, form):
     cameras = dict(CAMERAS) if form != "nerfstudio" else {"images/a.png": CAMERAS["image_9.jpg"], **CAMERAS}
     if form == "open3d":
         cameras = {name: camera for name, camera in CAMERAS.items() if camera.lens is None}
-    elif form != "nerfstudio":  # whose frames are all perspective, or all fisheyes
+    elif form != "nerfstudio":  # its frames are all perspective, or all fisheyes
         cameras["fish.png"] = ibr.Camera(CAMERAS["image_9.jpg"].K, (61, 37), lens=BENT)
     path = tmp_path / ("model" if form == "colmap" else "transforms.json")
     write_cameras(path, cameras, form)
@@ -217,7 +218,7 @@ def test_what_is_written_is_read(tmp_path: Path, form):
         same(found[name], camera)
         if camera.lens is not None and found[name].lens is not None:
             np.testing.assert_allclose(found[name].lens.coefficients[:4], camera.lens.coefficients[:4], rtol=1e-12)
-    if form == "colmap":  # of equal intrinsics one camera
+    if form == "colmap":  # equal intrinsics are stored once
         assert len((path / "cameras.txt").read_text().splitlines()) == 4
 
 

@@ -1,4 +1,4 @@
-"""OpenEXR: which channel is depth, which layer the picture, of files as renderers and compositors write them."""
+"""OpenEXR: choice of the depth channel and the picture's layer, in files of renderers and compositors."""
 
 from __future__ import annotations
 

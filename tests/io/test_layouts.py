@@ -1,8 +1,8 @@
-"""Layouts of recordings: what is read of a specimen of each lies on the scene's surface, in its colours.
+"""Layouts of recordings: the samples of each specimen lie on the scene's surface, with its colours.
 
-Of each sample a layout's K, pose, depth and scale tell a point. The scene's colour there must be the sample's; and
-warped from one frame to the other, colours must agree. Read by a neighbouring convention (y up, poses the other way
-round, pixel centres half a pixel aside, another scale) they do not.
+A layout's K, pose, depth and scale place each sample at a point. The scene's colour at this point must be the sample's;
+and after a warp from one frame to the other, colours must agree. Neither holds if a neighbouring convention is used
+(y up, inverse poses, pixel centres half a pixel off, another scale).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tests.io.damages import damaged, quick_folder
 from tests.io.layouts import SPECIMENS
 from tests.io.layouts.wall import GL, NORMAL, OFFSET
 
-PICTURES = (".png", ".jpg", ".ppm", ".pgm")  # whose readers are damaged elsewhere
+PICTURES = (".png", ".jpg", ".ppm", ".pgm")  # other tests damage their readers
 
 Frame = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -38,7 +38,7 @@ def folder() -> Iterator[Path]:
 
 
 def frames_of(folder: Path) -> list[Frame]:
-    """Colours, depth, K and pose of the frames that can be used; where depth has fewer samples, of these."""
+    """Colours, depth, K and pose of the usable frames; at the resolution of the depth if that is lower."""
     recording = recording_in(folder)
     found = []
     for shot in shots_of(recording, cameras_of(recording)):
@@ -47,14 +47,14 @@ def frames_of(folder: Path) -> list[Frame]:
             camera = shot.depth_camera or shot.camera
             if color.dtype != np.uint8:
                 color = np.rint(255 * color)
-            step = color.shape[0] // depth.shape[0]  # a coarse sample is as large as so many pixels
+            step = color.shape[0] // depth.shape[0]  # pixels along the side of a coarse sample
             small = color.reshape(depth.shape[0], step, depth.shape[1], step, 3).mean((1, 3))
             found.append((small, depth.astype(np.float64), camera.K, camera.world_from_camera))
     return found
 
 
 def points_of(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 3) of the samples, and (N, 3) their colours."""
+    """Points (N, 3) of the samples, and their colours (N, 3)."""
     color, depth, K, pose = frame
     y, x = np.nonzero(np.isfinite(depth) & (depth > 0))
     local = np.column_stack([x, y, np.ones(len(x))]) @ np.linalg.inv(K).T * depth[y, x, None]
@@ -67,13 +67,13 @@ def scene_colors(points: np.ndarray) -> np.ndarray:
 
 
 def off_scene(frames: list[Frame]) -> float:
-    """Difference of colours from the scene's where samples lie, in levels of 8 bits; the median."""
+    """Median difference of the samples' colours from the scene's, in levels of 8 bits."""
     each = [np.abs(scene_colors(points) - colors) for points, colors in map(points_of, frames)]
     return float(np.median(np.concatenate(each)))
 
 
 def off_other(frames: list[Frame]) -> float:
-    """Difference of the first frame's colours from the second's where these show its samples; the median."""
+    """Median difference of the first frame's colours from the second's, where that shows the same points."""
     points, colors = points_of(frames[0])
     other, _, K, pose = frames[1]
     local = (points - pose[:3, 3]) @ pose[:3, :3]
@@ -89,7 +89,7 @@ def off_other(frames: list[Frame]) -> float:
 
 
 def neighbours(frames: list[Frame]) -> dict[str, list[Frame]]:
-    """The frames by neighbouring conventions."""
+    """The frames as read by neighbouring conventions."""
     found = {f"half a pixel {by:+}": [(c, z, shifted(K, by), p) for c, z, K, p in frames] for by in (-0.5, 0.5)}
     found |= {f"{by} times as deep": [(c, z * by, K, p) for c, z, K, p in frames] for by in (0.97, 1.03)}
     if len({pose.tobytes() for *_, pose in frames}) > 1:
@@ -111,7 +111,7 @@ def test_a_specimen_beats_its_neighbours_in_convention(tmp_path: Path, name):
     frames = frames_of(tmp_path / "it")
     assert len(frames) == count
     points = np.concatenate([points_of(frame)[0] for frame in frames])
-    # A stored unit, or a pixel of disparity in float32, is less than that
+    # Less than a stored unit, or a pixel of disparity in float32
     assert np.abs(points @ NORMAL - OFFSET).max() < 0.006
     right = off_scene(frames)
     assert right < 1.5
@@ -122,18 +122,18 @@ def test_a_specimen_beats_its_neighbours_in_convention(tmp_path: Path, name):
         assert right < 2
         turned = len({pose[:3, :3].tobytes() for *_, pose in frames}) > 1
         for convention, wrong in neighbours(frames).items():
-            if turned or convention.endswith(("deep", "camera")):  # between parallel cameras the others cancel
+            if turned or convention.endswith(("deep", "camera")):  # for parallel cameras, the other errors cancel
                 assert off_other(wrong) > right, convention
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", SPECIMENS)
 def test_damaged_layouts(folder: Path, name):
-    """Damages of what tells cameras, poses and names: what is read is whole, or refused."""
+    """Damage to files of cameras, poses and names: the result is complete, or refused."""
     SPECIMENS[name][0](folder / "it")
     told = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix not in PICTURES]
     whole, rng = {file: file.read_bytes() for file in told}, random.Random(name)
-    for number in range(40 if name.startswith("ros_") else 200):  # rosbags takes its time to open one
+    for number in range(40 if name.startswith("ros_") else 200):  # rosbags opens slowly
         file = rng.choice(told)
         file.write_bytes(damaged(whole[file], rng, number))
         try:
@@ -158,7 +158,7 @@ def test_what_no_layout_is_tells_which_were_looked_for(tmp_path: Path):
 
 
 def test_raw_kinect_counts_of_nyu(tmp_path: Path):
-    """Depth by its toolbox's formula, bytes swapped; its depth camera stands 25 mm beside that of the colours."""
+    """Depth follows the toolbox's formula, with swapped bytes; its camera is 25 mm beside the colour camera."""
     Image.fromarray(np.zeros((480, 640, 3), np.uint8)).save(tmp_path / "r-1294886360.208451-2996770081.ppm")
     stored = np.full((480, 640), 917, ">u2")  # 351.3 / (1092.5 - 917) m
     stored[0] = 2047
@@ -174,7 +174,7 @@ def test_raw_kinect_counts_of_nyu(tmp_path: Path):
 
 
 def test_a_bag_of_realsenses_recorder(tmp_path: Path):
-    """Its names of topics and lenses; the depth's unit is an option's, and where streams are lies beside them."""
+    """Topics and lenses have the recorder's names; an option gives the unit of depth, and topics the streams' poses."""
     pytest.importorskip("rosbags")
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
@@ -182,7 +182,7 @@ def test_a_bag_of_realsenses_recorder(tmp_path: Path):
     store = get_typestore(Stores.ROS1_NOETIC)
     types = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
     region = types["RegionOfInterest"](0, 0, 0, 0, False)
-    turn = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])  # by a quaternion of y = 0.1 ** 0.5
+    turn = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])  # for a quaternion with y = 0.1 ** 0.5
     messages = [("/device_0/sensor_0/option/Depth_Units/value", types["Float32"](0.0001))]
     streams = (("sensor_0/Depth_0", "mono16"), ("sensor_0/Infrared_1", "mono8"), ("sensor_1/Color_0", "rgb8"))
     for stream, encoding in streams:
@@ -190,7 +190,7 @@ def test_a_bag_of_realsenses_recorder(tmp_path: Path):
             types["Header"](0, store.types["builtin_interfaces/msg/Time"](5, 0), "0"),
             stream.endswith("Color_0"),
         )
-        x, y = (-0.015, 0.1**0.5) if is_color else (0.0, 0.0)  # of this stream from the first
+        x, y = (-0.015, 0.1**0.5) if is_color else (0.0, 0.0)  # from the first stream
         told = types["Transform"](types["Vector3"](x, 0.0, 0.0), types["Quaternion"](0.0, y, 0.0, (1 - y * y) ** 0.5))
         info = types["CameraInfo"](
             head, 3, 4, "Inverse Brown Conrady", np.full(5, 0.01 * is_color), np.array([5.0, 0, 1.5, 0, 5, 1, 0, 0, 1]),
@@ -216,7 +216,7 @@ def test_a_bag_of_realsenses_recorder(tmp_path: Path):
 
 
 def test_intrinsics_of_larger_pictures_are_refused(tmp_path: Path):
-    """Exporters resize pictures, and leave the intrinsics as they are."""
+    """Exporters resize pictures, but leave the intrinsics unchanged."""
     SPECIMENS["scannet"][0](tmp_path)
     for picture in (tmp_path / "color").iterdir():
         with Image.open(picture) as image:
@@ -239,7 +239,7 @@ def test_a_file_may_be_a_recording(tmp_path: Path):
 
 
 def test_a_lens_that_is_not_known_is_named(tmp_path: Path):
-    """As that of ETH3D's pictures."""
+    """ETH3D's pictures have such a lens."""
     SPECIMENS["eth3d_views"][0](tmp_path)
     file = tmp_path / "dslr_calibration_jpg/cameras.txt"
     file.write_text("1 THIN_PRISM_FISHEYE 64 48 60 62 30.8 24.7 0.2 0.2 0 0 -0.1 0.4 0 0\n")
@@ -248,7 +248,7 @@ def test_a_lens_that_is_not_known_is_named(tmp_path: Path):
 
 
 def test_depth_of_fewer_samples_has_a_camera_of_its_own(tmp_path: Path):
-    """Phones' depth in transforms.json: each sample stands for 2 x 2 pixels, which it covers."""
+    """Phones' depth in transforms.json: each sample covers 2 x 2 pixels."""
     SPECIMENS["nerfstudio"][0](tmp_path)
     for file in tmp_path.rglob("*depth*/*.png"):
         with Image.open(file) as image:
@@ -263,7 +263,7 @@ def test_depth_of_fewer_samples_has_a_camera_of_its_own(tmp_path: Path):
 
 
 def test_files_of_transforms_as_people_write_them(tmp_path: Path, caplog: pytest.LogCaptureFixture):
-    """Names with backslashes or without a suffix; NPY in millimetres, which is told; and frames without depth are."""
+    """Names with backslashes or without a suffix; NPY in millimetres and frames without depth, both logged."""
     SPECIMENS["nerfstudio"][0](tmp_path)
     first, file = frames_of(tmp_path), tmp_path / "transforms.json"
     told = json.loads(file.read_text())
@@ -292,7 +292,7 @@ def test_frames_without_poses_are_at_no_known_place(tmp_path: Path):
 
 
 def test_unsure_samples_are_left_out(tmp_path: Path):
-    """By default those of which ARKit is less than medium sure: here an eighth of them."""
+    """The default threshold is ARKit's medium confidence: here it removes an eighth of the samples."""
     SPECIMENS["stray"][0](tmp_path)
     recording = recording_in(tmp_path)
     shot = shots_of(recording, cameras_of(recording))[0]

@@ -1,4 +1,4 @@
-"""PNG as it is written here, read by OpenCV."""
+"""pyibr's PNG files, read by OpenCV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trajectories: every form gives the same poses, and what is none is told."""
+"""Trajectories: every form gives the same poses, and invalid files are reported."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def words(numbers: object) -> str:
 
 
 def tum(number: int) -> str:
-    w, x, y, z = CAMERAS[number].to_colmap()[2] * [1, -1, -1, -1]  # of the world from the camera
+    w, x, y, z = CAMERAS[number].to_colmap()[2] * [1, -1, -1, -1]  # COLMAP's is camera from world
     return words([TIMES[number], *MATRICES[number, :3, 3], x, y, z, w])
 
 
@@ -64,7 +64,7 @@ def test_a_folder_of_files_is_read_in_the_order_of_their_numbers(tmp_path: Path)
 
 
 def test_the_cameras_of_a_json_file_have_poses(tmp_path: Path):
-    """A trajectory as Open3D's view control writes it, column by column, and a list of cameras."""
+    """Open3D's view control writes such trajectories, in column order; the other file is a list of cameras."""
     intrinsic = {"width": 7, "height": 5, "intrinsic_matrix": CAMERAS[0].K.T.ravel().tolist()}
     several = [{"extrinsic": one.camera_from_world.T.ravel().tolist(), "intrinsic": intrinsic} for one in CAMERAS]
     (tmp_path / "trajectory.json").write_text(

@@ -1,4 +1,4 @@
-"""Scans on a grid: what is read, and what is refused."""
+"""Scans on a grid: points in their cells, and invalid files."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_points_lie_in_their_cells(tmp_path):
         (HEAD.replace("obj_info num_cols 3\n", "") + BODY, "num_cols"),
         (HEAD.replace("ascii", "binary_little_endian") + BODY, "ASCII PLY"),
         (HEAD.replace("element range_grid 6", "element range_grid 5") + BODY, "a cell for each"),
-        (HEAD + BODY.replace("1 3", "1 4"), "vertex 4, of 4"),
+        (HEAD + BODY.replace("1 3", "1 4"), "vertex 4, of only 4"),
         ("solid", "ASCII PLY"),
         (HEAD + BODY.replace("5.5", "five"), "five"),
     ],
@@ -75,7 +75,7 @@ def grid(rows: int = 30, columns: int = 40) -> np.ndarray:
 def test_a_scan_as_a_depth_image():
     points = grid()
     points[12:15, 20:24] = np.nan  # a hole
-    points[:4, :5] = np.nan  # beside the outline
+    points[:4, :5] = np.nan  # at the outline
     pose = np.eye(4)
     pose[:3, 3] = 4, 5, 6
     view = scan_view(points, pose)

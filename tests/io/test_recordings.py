@@ -1,4 +1,4 @@
-"""Recordings: which files belong together, in made folders and in those of real data sets."""
+"""Recordings: pairing of files, in artificial folders and in real data sets."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_cameras_of_a_folder(tmp_path: Path):
         assert recording_in(tmp_path).cameras == (tmp_path / name,)
     touch(tmp_path, "camera/a.json", "camera/b.json")
     assert recording_in(tmp_path).cameras == (tmp_path / "camera/a.json", tmp_path / "camera/b.json")
-    touch(tmp_path, "a.json")  # but not b.json, which is missed when they are read
+    touch(tmp_path, "a.json")  # b.json is missing, which reading reports
     assert recording_in(tmp_path).cameras == (tmp_path / "a.json", tmp_path / "b.json")
     (tmp_path / "pose").mkdir()
     assert recording_in(tmp_path).poses is None
@@ -93,7 +93,7 @@ def test_names_that_are_times_go_by_time(tmp_path: Path):
 
 @pytest.mark.parametrize(("digits", "form"), [(3, "{}"), (6, "rgb_{}"), (9, "frame{}_a")])
 def test_names_that_count_parts_of_a_second_go_by_time(tmp_path: Path, digits, form):
-    """As ROS stamps them: as many of each, but not of the same moments."""
+    """ROS stamps files like this: as many of each kind, but at different times."""
     start = 1_700_000_000
 
     def name(milliseconds: int) -> str:
@@ -161,7 +161,7 @@ def test_folders_without_a_recording(tmp_path: Path):
         recording_in(tmp_path / "dense")
 
 
-# ---- which pose is whose
+# ---- pairing of poses
 
 K = {"width": 4, "height": 3, "fx": 5, "fy": 5, "cx": 1.5, "cy": 1}
 
@@ -170,9 +170,9 @@ K = {"width": 4, "height": 3, "fx": 5, "fy": 5, "cx": 1.5, "cy": 1}
     ("names", "times", "expected"),
     [
         ((0, 2, 3), (0, 1, 2, 3, 4), (0, 2, 3)),  # by number
-        ((1, 2, 3), (0.0, 0.033, 0.067), (0, 1, 2)),  # in order: these are no numbers of frames
+        ((1, 2, 3), (0.0, 0.033, 0.067), (0, 1, 2)),  # in order: the times are no frame numbers
         (("5.00", "5.03", "5.06"), (5.031, 5.0, 5.5), (1, 0, None)),  # by time
-        (("5.00", "5.03"), (0.0, 1.0), (0, 1)),  # of another clock
+        (("5.00", "5.03"), (0.0, 1.0), (0, 1)),  # another clock
         ((0, 1, 7), (0, 1, 2, 3), (0, 1, None)),
         ((4, 5), (0, 1, 2), "a pose for each of 2 frames, got 3"),
     ],
@@ -190,11 +190,11 @@ def test_poses_go_by_time_or_number_or_in_order(tmp_path: Path, names, times, ex
         assert found == list(expected)
 
 
-# ---- real ones: warped with its poses, the depth of one frame is that of another
+# ---- real recordings: one frame's depth, warped with its poses, is the other frame's depth
 
 
 REAL = {
-    # folder: (focal length, scale, the least error that its README tells, in metres)
+    # folder: (focal length, scale, the least error in its README, in metres)
     "formats/tum_rgbd_fr1_rpy": (525.0, 5000, 0.0046),
     "formats/7scenes_tsdf_fusion": (585.0, 1000, 0.0051),
     "formats/redwood_open3d": (525.0, 1000, 0.0053),
@@ -217,7 +217,7 @@ def test_poses_and_frames_of_real_recordings_belong_together(name):
     frame = ibr.warp(ibr.DepthImage(None, depths[0], cameras[0]), cameras[1])
     both = frame.valid & np.isfinite(depths[1])
     assert both.mean() > 0.3
-    assert np.median(np.abs(frame.depth - depths[1])[both]) < 1.3 * least + 0.0005  # which is told in whole millimetres
+    assert np.median(np.abs(frame.depth - depths[1])[both]) < 1.3 * least + 0.0005  # the README's rounding
 
 
 def _place(color: Path, times: np.ndarray) -> int:

@@ -1,4 +1,4 @@
-"""Text in the forms that programs write it in: what is read is the same."""
+"""Text in different encodings and line ends: the same content is read."""
 
 from __future__ import annotations
 

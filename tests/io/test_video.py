@@ -1,4 +1,4 @@
-"""Videos: what is written is read again, with its times and sound, and what is none is told in silence."""
+"""Videos: written ones read back with times and sound, and invalid ones give one quiet error."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def written(path: Path, frames: list[np.ndarray], fps: float = 12.5, **options: 
 
 
 def with_sound(path: Path, seconds: float = 2.0, turned: int = 0) -> Path:
-    """A film of 25 frames a second whose frames come at odd times, with a tone."""
+    """A film with a tone and 25 frames a second, at irregular times."""
     with av.open(str(path), "w") as container:
         video, audio = container.add_stream("libx264", rate=25), container.add_stream("aac", rate=44100)
         video.width, video.height, video.pix_fmt = 62, 36, "yuv420p"
@@ -58,7 +58,7 @@ def test_frames_come_back(tmp_path: Path, suffix: str, codec: Any):
     video = Video(written(tmp_path / f"v{suffix}", FRAMES, codec=codec))
     assert len(video) == 7 and video.fps == pytest.approx(12.5)
     np.testing.assert_allclose(video.times, np.arange(7) / 12.5, atol=2e-3)  # Matroska counts milliseconds
-    most = 0 if codec == "ffv1" else 5  # levels that compression costs a single colour
+    most = 0 if codec == "ffv1" else 5  # error of compression for a plain colour, in levels
     for numbers in (range(7), range(2, 7, 3), [6]):
         found = list(video.frames(numbers))
         assert len(found) == len(numbers)
@@ -67,7 +67,7 @@ def test_frames_come_back(tmp_path: Path, suffix: str, codec: Any):
 
 
 def test_colours_are_as_told_in_large_videos(tmp_path: Path):
-    """HDTV's: 8 levels of green lie between the two standards."""
+    """They use HDTV's standard: the two standards differ by 8 levels of green."""
     frame = np.full((720, 64, 3), (40, 200, 90), np.uint8)
     (read,) = Video(written(tmp_path / "v.mp4", [frame]))
     np.testing.assert_allclose(read.astype(int), frame, atol=3)
@@ -89,7 +89,7 @@ def test_moving_pictures(tmp_path: Path, suffix: str):
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_short_films_whatever_memory_holds(tmp_path: Path, count: int):
     mallopt, perturb = ctypes.CDLL(None).mallopt, -6
-    mallopt(perturb, 90)  # what is allocated holds this byte's complement
+    mallopt(perturb, 90)  # glibc fills allocated memory with this byte's complement
     try:
         frames = [np.full((36, 64, 3), 40 * number, np.uint8) for number in range(count)]
         video = Video(written(tmp_path / "v.mkv", frames, codec="h265"))
@@ -104,7 +104,7 @@ def test_more_bits(tmp_path: Path, codec: Any, bits: int):
     video = Video(written(tmp_path / "v.mkv", [ramp], codec=codec, bits=bits))
     (numbers,) = video.gray([0])
     assert numbers.dtype == np.uint16
-    exact = {10: 4 * 4, 12: 2 * 16, 16: 1}[bits]  # levels that compression costs a ramp of 8 bits, in these
+    exact = {10: 4 * 4, 12: 2 * 16, 16: 1}[bits]  # error of compression for an 8-bit ramp, in these levels
     np.testing.assert_allclose(numbers.astype(int), ramp[..., 0] * ((1 << bits) - 1), atol=exact)
 
 
@@ -153,11 +153,11 @@ def test_frames_are_turned_as_players_turn_them(tmp_path: Path):
     path.write_bytes(data[:matrix] + turned(0, 1, -1, 0) + data[matrix + 36 :])  # a quarter clockwise
     (shown,) = Video(path)
     assert shown.shape == (62, 36, 3)
-    np.testing.assert_allclose(shown.astype(int), np.rot90(frame, -1), atol=40)  # edges ring
+    np.testing.assert_allclose(shown.astype(int), np.rot90(frame, -1), atol=40)  # ringing at edges
 
 
 def turned(a: int, b: int, c: int, d: int) -> bytes:
-    """Matrix of a track of an MP4 file: 16.16 numbers, the last column 2.30."""
+    """Matrix of an MP4 track: 16.16 numbers, the last column 2.30."""
     words = (a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
     return b"".join(word.to_bytes(4, "big", signed=True) for word in words)
 
@@ -262,7 +262,7 @@ async () => {
 @pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".mp4", ".webm"])
 def test_chromium_plays_it(tmp_path: Path, suffix: str):
-    """To its end, of the size, the length and in the colours that were written, though no codec is named."""
+    """Chromium plays it to the end, with the written size, length and colours, though no codec is named."""
     path = written(tmp_path / f"v{suffix}", FRAMES)
     with chromium() as browser:
         page = browser.new_page()
@@ -270,4 +270,4 @@ def test_chromium_plays_it(tmp_path: Path, suffix: str):
         page.set_content(f'<video muted src="data:{kind};base64,{data}">')
         width, height, seconds, *color = page.evaluate(PLAY)
     assert (width, height) == (62, 36) and seconds == pytest.approx(7 / 12.5, abs=0.02)
-    np.testing.assert_allclose(color[:3], FRAMES[-1][20, 40], atol=6)  # as it is for what players decode
+    np.testing.assert_allclose(color[:3], FRAMES[-1][20, 40], atol=6)  # the tolerance of decoded video

@@ -1,4 +1,4 @@
-"""Height maps on meshes, as both systems that draw them describe them."""
+"""Height maps on meshes, as accepted by both systems that draw them."""
 
 from __future__ import annotations
 

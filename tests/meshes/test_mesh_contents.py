@@ -1,4 +1,4 @@
-"""Contents of mesh files beside triangles: colours of materials, textures, skins; and what is left out is told."""
+"""Contents of mesh files besides triangles: material colours, textures, skins; and warnings about omitted contents."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_obj_with_a_texture_that_is_not_opaque(tmp_path: Path):
 
 @pytest.mark.parametrize("names", ["s t", "u v", "texture_u texture_v", ""])
 def test_ply_with_a_texture(tmp_path: Path, names):
-    """Of vertices, or as MeshLab has it of the faces' corners; v runs up."""
+    """uv of vertices, or, as in MeshLab's files, of the faces' corners; v runs up."""
     ibr.write_color(tmp_path / "the texture.png", TEXTURED.texture)
     uv, rows = [(0, 0), (1, 0), (1, 0.25), (0, 1)], [" ".join(map(str, point)) for point in SQUARE]
     head = "ply\nformat ascii 1.0\ncomment TextureFile the texture.png\nelement vertex 4\n"
@@ -113,7 +113,7 @@ def test_gltf_tells_what_is_left_out(tmp_path: Path):
     write_skinned(tmp_path / "m.gltf")
     scene = json.loads((tmp_path / "m.gltf").read_text())
     scene["nodes"][0]["weights"] = [0.5]
-    scene["materials"] = [{"alphaMode": "BLEND"}]  # by default, alpha means nothing
+    scene["materials"] = [{"alphaMode": "BLEND"}]  # the default mode ignores alpha
     scene["meshes"][0]["primitives"][0]["material"] = 0
     (tmp_path / "m.gltf").write_text(json.dumps(scene))
     with pytest.warns(UserWarning, match=r"m\.gltf: left out: morph targets, transparency"):

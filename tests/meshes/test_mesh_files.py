@@ -1,4 +1,4 @@
-"""Files of meshes: what others write, what others read of ours, whose axes they have, and what belongs together."""
+"""Mesh files: exchange with other programs, axes, and files that belong together."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ def assert_equal(one: ibr.Mesh, other: ibr.Mesh, *but: str) -> None:
 def test_what_is_saved_is_loaded_to_the_bit(tmp_path: Path, name, mesh, lost, axes):
     mesh.save(tmp_path / name, axes=axes)
     again = ibr.Mesh.load(tmp_path / name, axes=axes)
-    close = set() if lost else {"normals"}  # brought to unit length once more
+    close = set() if lost else {"normals"}  # normalised again
     assert_equal(again, mesh, *lost, *close)
     if close:
         np.testing.assert_allclose(again.normals, mesh.normals, atol=1e-7)
 
 
 def test_glb_has_gltf_axes_and_others_have_the_mesh_s_own(tmp_path: Path):
-    """Things that stand in OpenCV's world, whose y runs down, stand upright in a GLB file, whose y runs up."""
+    """Objects upright in OpenCV's world, with y down, are upright in a GLB file, with y up."""
     mesh = ibr.Mesh([[0, 0, 5], [1, 0, 5], [0, -2, 5]], [[0, 1, 2]], normals=[[0, 0, -1]] * 3)
     mesh.save(tmp_path / "m.glb")
     stored = gltf.read_mesh((tmp_path / "m.glb").read_bytes(), tmp_path)
     np.testing.assert_array_equal(stored.vertices, [[0, 0, -5], [1, 0, -5], [0, 2, -5]])
     np.testing.assert_array_equal(stored.normals, [[0, 0, 1]] * 3)
     assert_equal(ibr.Mesh.load(tmp_path / "m.glb"), mesh)
-    own = ibr.Mesh(stored.vertices, mesh.faces)  # of a user whose world has y up
+    own = ibr.Mesh(stored.vertices, mesh.faces)  # for a world with y up
     own.save(tmp_path / "own.glb", axes="gltf")
     assert_equal(ibr.Mesh.load(tmp_path / "own.glb", axes="gltf"), own)
     np.testing.assert_array_equal(ibr.Mesh.load(tmp_path / "own.glb").vertices, mesh.vertices)
@@ -191,7 +191,7 @@ def test_obj_of_others(tmp_path: Path):
 
 
 def test_the_files_of_an_obj_belong_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Wherever a second save ends, what is there is the first mesh or the second."""
+    """Wherever a second save stops, the files hold the first mesh or the second."""
     file = tmp_path / "m.obj"
     other = ibr.Mesh(VERTICES + 1, FACES, uv=TEXTURED.uv, normals=NORMALS, texture=255 - TEXTURED.texture)
     replace = Path.replace
@@ -218,7 +218,7 @@ def test_the_files_of_an_obj_belong_together(tmp_path: Path, monkeypatch: pytest
 
 
 def test_a_texture_is_not_written_over_another_picture_of_it(tmp_path: Path):
-    """As the input of `pyibr mesh` might be, if it is the texture of an earlier mesh, packed better."""
+    """That file may be the input of `pyibr mesh`: the texture of an earlier mesh, compressed better."""
     from PIL import Image
 
     TEXTURED.save(tmp_path / "m.obj")
@@ -290,7 +290,7 @@ def test_gltf_scene_of_several_primitives_in_their_places(tmp_path: Path, inline
 
 def test_gltf_small_numbers_sparse_ones_and_moved_textures(tmp_path: Path):
     points = np.array([[0, 0, 0], [127, 0, 0], [127, 127, 0], [0, 127, 0]], np.int8)
-    padded = np.hstack([points, np.zeros((4, 1), np.int8)])  # entries begin at fours
+    padded = np.hstack([points, np.zeros((4, 1), np.int8)])  # entries are aligned to 4 bytes
     uv = np.array([[0, 0], [65535, 0], [65535, 65535], [0, 65535]], np.uint16)
     places, others = np.array([2], np.uint8), np.array([[64, 64, 0, 0]], np.int8)
     texture = np.frombuffer(gltf.image.encoded(TEXTURED.texture, ".png"), np.uint8)

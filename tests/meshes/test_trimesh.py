@@ -1,4 +1,4 @@
-"""Meshes of trimesh's, and of objects that look like them."""
+"""Meshes from trimesh, and from objects with the same attributes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Specimens of layouts: two frames of a scene whose points are known, as each data set, phone or network has them."""
+"""Specimens of layouts: two frames of a scene with known points, in the form of each data set, phone or network."""
 
 from __future__ import annotations
 
@@ -17,4 +17,4 @@ _MAKERS: tuple[Callable[[Path], None], ...] = (
     *(ros.ros_bag, ros.ros_packed),
 )
 SPECIMENS = {one.__name__: (one, 1 if one in (networks.moge, networks.depth_pro) else 2) for one in _MAKERS}
-"""Makers of folders, each with the number of frames that can be used."""
+"""Functions that make folders, each with the number of usable frames."""

@@ -27,7 +27,7 @@ def bop(folder: Path) -> None:
 
 
 def middlebury(folder: Path) -> None:
-    """The other camera stands to the right, its principal point doffs farther right; disparity leaves that out."""
+    """The second camera is to the right, with its principal point doffs farther right; disparity excludes doffs."""
     focal, doffs, baseline = 60.0, 2.5, 0.16
     matrices = [np.array([[focal, 0, 30.3 + k * doffs], [0, focal, 24.2], [0, 0, 1]]) for k in (0, 1)]
     steps = [np.eye(4), np.eye(4)]
@@ -43,7 +43,7 @@ def middlebury(folder: Path) -> None:
 
 
 def kitti(folder: Path) -> None:
-    """Without poses: of two cameras of the same place."""
+    """Two frames of one camera position, since this data set has no poses."""
     scene = rendered(poses=[np.eye(4), np.eye(4)])
     for number, (color, depth) in enumerate(zip(scene.colors, scene.depths, strict=True)):
         name = f"2011_09_26_drive_0002_sync_{{}}_{number:010d}_image_02"
@@ -74,7 +74,7 @@ def kitti_drive(folder: Path) -> None:
 
 
 def hypersim(folder: Path) -> None:
-    """A camera whose image is tilted: its K is skewed, and it looks along the image's normal."""
+    """A camera with a tilted image: K is skewed, and the camera looks along the image's normal."""
     h5py = pytest.importorskip("h5py")
     tilt = turned(0.08, -0.05, 0)
     aslant = np.eye(4)

@@ -1,4 +1,4 @@
-"""Specimens of scans and of reconstructions: data sets of rooms, and what COLMAP and NeRFs' tools write."""
+"""Specimens of scans and reconstructions: data sets of rooms, and files of COLMAP and NeRF tools."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def eth3d(folder: Path) -> None:
 
 
 def tum_known(folder: Path) -> None:
-    """At a tenth of its size, the camera that the data set recommends."""
+    """The data set's recommended camera, at a tenth of its size."""
     tum(folder, np.array([[52.5, 0, 31.5], [0, 52.5, 23.5], [0, 0, 1]]))
 
 
 def icl(folder: Path) -> None:
-    """The camera is as it is told, with fy < 0: y up, and its poses rigid in that mirrored frame."""
+    """ICL-NUIM's camera has fy < 0: y points up, and its poses are rigid in that mirrored frame."""
     mirror = np.diag([1.0, -1, 1, 1])
     scene = rendered(np.array([[48.12, 0, 31.5], [0, 48.0, 23.5], [0, 0, 1]]))
     lines = [tum_line(number, mirror @ pose @ mirror) for number, pose in enumerate(scene.poses, 1)]
@@ -52,7 +52,7 @@ def icl(folder: Path) -> None:
 
 
 def upward(folder: Path) -> None:
-    """Two folders of a camera whose fy is negative, and its poses."""
+    """Two folders of a camera with negative fy, and its poses."""
     mirror, scene = np.diag([1.0, -1, 1, 1]), rendered()
     matrix(folder / "camera-intrinsics.txt", K @ mirror[:3, :3])
     matrix(folder / "poses.txt", np.array([(mirror @ one @ mirror).ravel() for one in scene.poses]))
@@ -134,7 +134,7 @@ def redwood(folder: Path) -> None:
 
 
 def colmap(folder: Path) -> None:
-    """With a rig: pictures lie in a folder of each of its cameras."""
+    """A rig: each of its cameras has its own folder of pictures."""
     scene, lines = rendered(), ""
     text(folder / "sparse/cameras.txt", "# a list\n1 PINHOLE 64 48 60 62 30.8 24.7\n")
     for number, (color, depth, one) in enumerate(zip(scene.colors, scene.depths, scene.poses, strict=True)):
@@ -149,7 +149,7 @@ def colmap(folder: Path) -> None:
 
 
 def eth3d_views(folder: Path) -> None:
-    """Depth under the pictures' names; the model is of the pictures as they were taken."""
+    """Depth files have the pictures' names; the model describes the original pictures."""
     colmap(folder)
     (folder / "sparse").rename(folder / "dslr_calibration_jpg")
     maps = folder / "stereo/depth_maps"
