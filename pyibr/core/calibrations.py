@@ -337,8 +337,7 @@ def _oak(tree: _Tree, _: Size) -> Cameras | None:
 
 
 def _frames(tree: _Tree, size: Size) -> Cameras | None:
-    """NeRF's transforms.json: OpenGL's axes, pixel centres at halves; the file's entries apply to frames without
-    them."""
+    """NeRF's transforms.json: OpenGL's axes, pixel centres at halves; common entries apply to all frames."""
     frames = tree.get("frames")
     if not isinstance(frames, list):
         return None

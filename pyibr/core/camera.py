@@ -353,7 +353,7 @@ class Camera(CameraGeometry, Shown):
             return cls(**make())
 
     def to_json(self) -> dict[str, Any]:
-        """Return the camera as JSON objects, as in the file of `save`, for files that hold more than a camera.
+        """Return the camera as `save` writes it, as a JSON object for files that hold more than a camera.
 
         Examples
         --------

@@ -24,7 +24,7 @@ UNPACKED_MAX = 1 << 30
 
 _TIMES, _LITTLE = 50, 1 << 24
 """Packed text may unpack to this many times its size, or to this many bytes. Once parsed it takes up to 60 times that.
-Packing shrinks real meshes and scans to a tenth of their size or more."""
+Packed, real meshes and scans keep at least a tenth of their size."""
 
 _CHUNK = 1 << 20
 
@@ -243,8 +243,7 @@ def read_text(source: Path) -> str:
 
 
 def utf8_of(data: bytes) -> bytes:
-    """Text as UTF-8 without a byte order mark; programs on Windows write UTF-16 and marks. Other bytes stay
-    unchanged."""
+    """Text as UTF-8 without a byte order mark; programs on Windows write UTF-16 and marks. Other bytes stay."""
     is_wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
     return data.decode("utf-16").encode("utf-8") if is_wide else data.removeprefix(b"\xef\xbb\xbf")
 

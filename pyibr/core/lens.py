@@ -21,7 +21,7 @@ from pyibr.core.errors import ArgumentError
 
 LensModel = Literal["brown_conrady", "rational", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt"]
 
-_COEFFICIENT_MAX = 1e50  # and 1e-50 the smallest that counts: products of a few fit into double precision
+_COEFFICIENT_MAX = 1e50  # smaller ones than 1e-50 are dropped: products of a few fit into double precision
 _COEFFICIENT_COUNTS: dict[str, tuple[int, ...]] = {
     "brown_conrady": (4, 5),
     "rational": (8,),
@@ -134,7 +134,7 @@ class Lens:
     def distort(self, points: ArrayLike) -> Float64:
         """Return the distorted positions (N, 2) of ideal ones.
 
-        NaN where the lens sees nothing: from the distance on where the model would fold back, and from `radius` on.
+        NaN where the lens sees nothing: beyond the distance at which the model folds back, and beyond `radius`.
         """
         return _in_parts(self._distorted, numbers("points", points, (None, 2), finite=False))
 
@@ -144,7 +144,7 @@ class Lens:
 
     @cached_property
     def reach(self) -> float:
-        """Largest ideal distance from the axis that the lens sees: up to it, distorted distances increase."""
+        """Largest ideal distance from the axis that the lens sees: up to it, the distorted distance grows, too."""
         if self.model == "kannala_brandt":
             k1, k2, k3, k4 = self.coefficients
             angle = math.sqrt(_first_root(Polynomial([1, 3 * k1, 5 * k2, 7 * k3, 9 * k4])))
@@ -164,8 +164,7 @@ class Lens:
         return np.array([1.0, k1, k2, k3]), np.array([1.0, *below])
 
     def _factor(self, square: Float64) -> tuple[Float64, Float64]:
-        """Ratio of distorted to ideal distance from the axis for squared ideal distances, and its derivative by
-        these."""
+        """Ratio of distorted to ideal distance from the axis for squared ideal distances, and its derivative."""
         if self.model == "kannala_brandt":
             return self._fisheye_factor(square)
         (top, top_slope), (bottom, bottom_slope) = (_value_and_slope(part, square) for part in self._fraction)
@@ -206,7 +205,7 @@ class Lens:
         return np.stack([moved_x, moved_y], 1), np.array([du, dv]).transpose(2, 0, 1)
 
     def _sees(self, points: Float64, slopes: Float64) -> Float64:
-        """(n, 1) bool: whether the lens sees ideal positions, and each at its own distorted position."""
+        """(n, 1) bool: whether the lens sees ideal positions and does not fold there."""
         inside = np.hypot(*points.T) < self.reach
         return (inside & (_determinant(slopes) > 0))[:, None]
 

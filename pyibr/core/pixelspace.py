@@ -138,7 +138,7 @@ def camera_pair(src: Camera, dst: Camera) -> CameraPair:
 
 
 class Ranged(Protocol):
-    """Samples with a known range of nearness, which may have to be waited for."""
+    """Samples with a range of nearness; reading the range may have to wait."""
 
     @property
     def low(self) -> float: ...
@@ -255,8 +255,7 @@ class PixelMap:
 
 
 def _pixels_from_pixels(one: Camera, other: Camera) -> Float64:
-    """(4, 4) from the other camera's pixel space to this one's; mere rounding becomes 0, so parallel cameras stay
-    so."""
+    """(4, 4) from the other's pixel space to the one's; rounding errors become 0: parallel cameras stay parallel."""
     pose = one.camera_from_world @ other.world_from_camera
     turn, step = pose[:3, :3], pose[:3, 3]
     turn[np.abs(turn) < _ROUNDING] = 0.0

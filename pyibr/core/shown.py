@@ -32,7 +32,7 @@ def picture_of(thing: object) -> NDArray[np.uint8]:
 @singledispatch
 def save_as(thing: object, path: str | os.PathLike[str]) -> None:
     """Write the part of an object that this suffix's format stores."""
-    raise ArgumentError("thing", "something that files hold", describe(thing))
+    raise ArgumentError("thing", "an object that can be saved", describe(thing))
 
 
 class Shown:

@@ -33,8 +33,7 @@ _FACES = (  # right, down and forward axes of a cube's faces in the camera's fra
 
 
 def rays_of(camera: Camera) -> Float64:
-    """(H, W, 2) points of the pixels' rays on the plane z = 1 of the camera's frame; NaN where the lens sees
-    nothing."""
+    """(H, W, 2) points of the pixels' rays on the plane z = 1 of the camera's frame; NaN outside the lens's view."""
     return _rays_through(_unposed(camera)) if camera.lens else _rays(camera)
 
 

@@ -245,8 +245,8 @@ def read_depth(
     depth_kind : {"z", "distance", "inverse", "relative"}
         Kind of the stored values: planar z; distances from the camera's centre along its rays; 1 / z, such as
         disparity, whose scale is focal length times baseline (times the stored units per pixel); or relative inverse
-        depth, which networks estimate from one picture. It is larger where the surface is nearer, has 8 or 16 bits or
-        floats, and needs no scale.
+        depth, which networks estimate from one picture. Relative depth is larger where the surface is nearer, is stored
+        in 8 or 16 bits or as floats, and needs no scale.
     camera : Camera, optional
         The depth's camera, needed for distances.
     channel : str, optional
@@ -361,7 +361,7 @@ def _chosen(path: _PathLike, channel: str | None, part: str | None) -> dict[str,
 
 
 def _module(path: _PathLike, modules: dict[str, str], default: str | None = None) -> _Format:
-    if os.path.isdir(checked_path(path)):  # noqa: PTH112 - for a name that is too long, it is False
+    if os.path.isdir(checked_path(path)):  # noqa: PTH112 - False for a name that is too long
         raise FileFormatError(f"{path}: expected a file, got a folder")
     suffix = checked_path(path).suffix.lower()
     name = modules.get(suffix, default)

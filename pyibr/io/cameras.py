@@ -31,7 +31,8 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
         - The folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or ``.txt``), also in a subfolder ``0``.
         - A glTF scene, or the parameters of Middlebury's multi-view sets.
     size : (width, height), optional
-        The images' size, for files that lack it. If a calibration has several cameras, only cameras of this size are read.
+        The images' size, for files that lack it. From a calibration of several cameras, only cameras of this size are
+        read.
 
     Returns
     -------

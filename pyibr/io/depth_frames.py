@@ -79,8 +79,7 @@ class DepthFrames:
     def read(
         self, numbers: Iterable[int], camera: Camera | None = None, **how: Unpack[DepthReading]
     ) -> Iterator[_Depth]:
-        """(H, W) planar depth of the frames with these numbers, which must be increasing; other options: as
-        `read_depth`."""
+        """(H, W) planar depth of the frames with these increasing numbers; the options are those of `read_depth`."""
         for number in numbers:
             yield self.read_one(number, camera, how)
 
@@ -171,7 +170,7 @@ def frames_in(path: Path, channel: str | None = None) -> DepthFrames | None:
 
 
 def recorded(colors: Sequence[Path], frames: DepthFrames, video: Path | None = None) -> Recording:
-    """A recording of one depth file's frames in order, with as many pictures, or a video repeated; or without."""
+    """A recording of a depth file's frames in order, with a picture for each, one video for all, or none."""
     if colors:
         check_numbers(len(colors), len(frames), str(frames.path))
     stored = [_OfFile(frames=frames, number=number) for number in range(len(frames))]

@@ -146,8 +146,7 @@ class _Scene:
         )
 
     def _drawn(self, numbers: Iterable[int], lost: dict[str, None]) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Primitives of triangles, with their nodes' indices; other primitives and morph targets are added to
-        `lost`."""
+        """Primitives of triangles, with their nodes' indices; `lost` collects other primitives and morph targets."""
         for number in numbers:
             node = item_of(self._scene, "nodes", number)
             if "mesh" not in node:

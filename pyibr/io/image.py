@@ -43,7 +43,7 @@ def read_mask(path: str | PathLike[str], *, of_alpha: bool = False) -> NDArray[n
 
 
 def decoded(data: bytes) -> NDArray[Any]:
-    """The first image of a file's bytes, as stored; Pillow's errors, also for extremely large images.
+    """The first image of a file's bytes, as stored; raises Pillow's errors, also for extremely large images.
 
     Colours are unchanged, except that CMYK, YCbCr, L*a*b* and HSV become RGB.
     """

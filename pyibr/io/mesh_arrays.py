@@ -88,7 +88,7 @@ def texture_beside(folder: Path, name: str) -> bytes | None:
 def beside(folder: Path, name: str, kind: str) -> bytes | None:
     """The bytes of another file that a mesh file names, or None if it is missing."""
     path = folder / name.replace("\\", "/")
-    if not os.path.isfile(path):  # noqa: PTH113 - for odd names, it is False
+    if not os.path.isfile(path):  # noqa: PTH113 - False for odd names
         return None
     with reading(path, kind) as source:
         return source.read_bytes()

@@ -35,7 +35,7 @@ Depth = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Stored:
-    """A frame's storage in a layout.
+    """Storage of a frame in a layout.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Stored:
     least: float = 0.0
 
     def read_depth(self, path: Path, camera: Camera | None, how: DepthReading) -> Depth:
-        """Planar depth as from `pyibr.read_depth`; options in `how` replace the layout's, except "z" and 0."""
+        """Planar depth as from `pyibr.read_depth`; options in `how` replace the layout's, unless they are "z" or 0."""
         scale, kind = how.get("depth_scale") or self.scale, how.get("depth_kind", "z")
         offset = how.get("depth_offset") or self.offset
         kind = self.kind if kind == "z" else kind
@@ -75,8 +75,7 @@ class Stored:
         )
 
     def sure(self, depth: Depth, least: float | None) -> tuple[Depth, float]:
-        """Depth without samples of a confidence below `least` (None: the layout's), and the share of removed
-        samples."""
+        """Depth without samples of confidence below `least` (None: the layout's), and their share."""
         if self.confidence is None:
             return depth, 0.0
         known = self.confidence()
@@ -90,7 +89,7 @@ PLAIN = Stored()
 
 
 class Recording(NamedTuple):
-    """Files of a recording; entries at the same place belong together.
+    """Files of a recording; entries with the same index belong together.
 
     Attributes
     ----------
@@ -146,7 +145,7 @@ class Recording(NamedTuple):
 def cameras_of(
     recording: Recording, files: Sequence[Path] = (), poses: Path | None = None, shared: bool = True
 ) -> list[tuple[Camera, Float64 | None]]:
-    """The camera of each frame, and its pose there; the pose is None if none is known at the frame's time.
+    """Camera and pose of each frame; the pose is None if none is known at the frame's time.
 
     Parameters
     ----------
@@ -226,13 +225,13 @@ def shots_of(
 
 
 def are_placed(cameras: Sequence[tuple[Camera, Float64 | None]]) -> bool:
-    """Tell whether the frames have known poses; several frames that share one pose count as without."""
+    """Tell whether the frames have known poses; a pose that several frames share counts as unknown."""
     known = [pose for _, pose in cameras if pose is not None]
     return len(cameras) == 1 or any(not np.array_equal(pose, known[0]) for pose in known)
 
 
 def numbers_of(recording: Recording) -> list[int]:
-    """The frames' own numbers: from the pictures' names, or places among all pictures originally found."""
+    """The frames' own numbers: from the pictures' names, or indices among all pictures originally found."""
     count = len(recording.colors)
     named = [number_of(color) for color in recording.colors]
     if recording.times is None and None not in named and len(set(named)) == count:
@@ -241,7 +240,7 @@ def numbers_of(recording: Recording) -> list[int]:
 
 
 def posed(camera: Camera, pose: Float64) -> Camera:
-    """The camera at another place."""
+    """The camera with another pose."""
     return Camera(camera.K, camera.size, pose, projection=camera.projection, lens=camera.lens)
 
 
@@ -373,7 +372,7 @@ def _poses(recording: Recording, path: Path) -> list[Float64 | None]:
 
 
 def _by_names(colors: Sequence[Path], files: Sequence[Path]) -> dict[int, int]:
-    """For each picture, the place of the pose whose file has its time, name or numbers; empty if no pose matches."""
+    """For each picture, the index of the pose whose file has its time, name or numbers; empty if no pose matches."""
     times = [[time_of(path) for path in paths] for paths in (colors, files)]
     if None not in times[0] and None not in times[1]:
         return dict(at_one_time(*([time or 0.0 for time in each] for each in times)))

@@ -15,8 +15,7 @@ _UNKNOWN = {(_UNSIGNED, 32): "u4", (_FLOAT, 16): "f2", (_FLOAT, 64): "f8"}
 
 
 def as_known(data: bytes) -> tuple[bytes, str]:
-    """Return a file that Pillow reads, and its numbers' type for `as_they_are`; other formats are returned
-    unchanged."""
+    """Return a file that Pillow reads, and its numbers' type for `as_they_are`; other formats stay unchanged."""
     order = _ORDERS.get(data[:4])
     if order is None:
         return data, ""

@@ -113,7 +113,7 @@ def write_video(
     Raises
     ------
     ArgumentError
-        If the codec does not fit the format, or the bits the codec; or frames differ in size.
+        If the codec does not fit the format, `bits` does not fit the codec, or frames differ in size.
     FileFormatError
         If the file cannot be written. The old file is then left.
     MissingPackageError
@@ -178,7 +178,7 @@ class VideoWriter:
             self._film.close()
 
     def add(self, color: NDArray[Any], time: float | None = None) -> None:
-        """Add a frame, `time` seconds after the first; without `time` for all frames, the rate sets the times."""
+        """Add a frame `time` seconds after the first; pass `time` for all frames, or for none to use the rate."""
         if color.ndim == 2 and (self._encoder is None or self._bits not in self._encoder.gray):
             color = np.repeat(color[..., None], 3, axis=2)
         if self._film is None:

@@ -37,8 +37,7 @@ def height_pairs(height: Float32, wrap: Wraps) -> NDArray[np.uint32]:
 
 
 def following(values: NDArray[Any], axis: int, wrap: Wraps) -> NDArray[Any]:
-    """Each texel's successor along an axis, 0 down (v) or 1 across (u); after the last the first or, clamped, the
-    last."""
+    """Each texel's next one along an axis, 0 down (v) or 1 across (u); the last wraps around or, clamped, repeats."""
     count: int = values.shape[axis]
     order = np.arange(1, count + 1)
     order[-1] = 0 if wrap[1 - axis] == "repeat" else count - 1

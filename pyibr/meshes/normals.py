@@ -1,4 +1,4 @@
-"""Normals of meshes without normals: smooth over the surface, except across hard edges."""
+"""Computed normals for meshes without their own: smooth over the surface, except across hard edges."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def uv_gradients(corners: Float64, uv: Float64) -> tuple[Float64, NDArray[np.boo
     gradients : (T, 2, 3) float64
         Within the triangle's plane, per scene unit; zero where the triangle is degenerate.
     usable : (T,) bool
-        Whether neither the triangle nor its uv is degenerate.
+        False where the triangle or its uv is degenerate.
     """
     sides, changes = corners[:, 1:] - corners[:, :1], uv[:, 1:] - uv[:, :1]
     across = np.cross(sides[:, 0], sides[:, 1])

@@ -1,5 +1,4 @@
-"""Two hundred damages of each specimen: the result must be right, or plausible if the damage is undetectable, or
-refused.
+"""Two hundred damages of each specimen: each file is refused, or read correctly, or plausibly if undetectable.
 
 Run as a program (for readers that could crash the interpreter), this module takes a folder and names of specimens, and
 prints the faults.

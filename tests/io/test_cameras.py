@@ -167,8 +167,7 @@ def test_damaged_binary_models(tmp_path: Path, name):
 
 
 def test_cameras_of_a_gltf_scene(tmp_path):
-    """A node rotated by 90 degrees about y looks along its parent's -x; translation and scale differ from the
-    parent's."""
+    """A node rotated by 90 degrees about y looks along its parent's -x; the parent is moved, the node scaled."""
     lens = {"type": "perspective", "perspective": {"yfov": 2 * np.arctan(0.5), "znear": 0.1}}
     flat = {"type": "orthographic", "orthographic": {"xmag": 2, "ymag": 1, "znear": 0.1, "zfar": 9}}
     turned = {"name": "a", "camera": 0, "rotation": [0, np.sqrt(0.5), 0, np.sqrt(0.5)], "scale": [2, 2, 2]}

@@ -1,4 +1,4 @@
-"""Videos: written ones read back with times and sound, and invalid ones give one quiet error."""
+"""Videos: written files read back with times and sound, and invalid files give one quiet error."""
 
 from __future__ import annotations
 

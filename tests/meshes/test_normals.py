@@ -1,4 +1,4 @@
-"""Normals of meshes without normals, at hard edges and on smooth surfaces."""
+"""Computed normals of meshes without their own, at hard edges and on smooth surfaces."""
 
 from __future__ import annotations
 

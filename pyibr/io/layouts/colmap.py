@@ -1,5 +1,4 @@
-"""COLMAP's dense folders and ETH3D's: pictures, a sparse model (also with rigs), depth maps named after the
-pictures."""
+"""COLMAP's dense folders and ETH3D's: pictures, their depth maps, and a sparse model, also with rigs."""
 
 from __future__ import annotations
 

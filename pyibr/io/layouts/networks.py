@@ -58,8 +58,7 @@ def find_moge(folder: Path) -> Recording | None:
 
 
 def find_stack(folder: Path) -> Recording | None:
-    """Find an NPZ of all frames: depth, conf, extrinsics (camera from world), intrinsics, and image or picture
-    files."""
+    """Find an NPZ of all frames: depth, conf, extrinsics (camera from world), intrinsics, image; or picture files."""
     places = [folder / place for place in _PLACES if (folder / place).is_dir()]
     files = [file for place in places for file in files_in(place, (".npz",))]
     for file in files:

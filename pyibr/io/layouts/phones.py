@@ -1,5 +1,4 @@
-"""Phones with a LiDAR scanner: Stray Scanner, Record3D, Polycam, 3D Scanner App. Depth has fewer samples than
-pixels."""
+"""Phones with a LiDAR scanner: Stray Scanner, Record3D, Polycam, 3D Scanner App. Depth is coarser than pictures."""
 
 from __future__ import annotations
 
@@ -62,8 +61,7 @@ def find_stray(folder: Path) -> Recording | None:
 
 
 def find_record3d(folder: Path) -> Recording | None:
-    """Find rgb, depth (metres), confidence and metadata.json: K by columns, OpenGL poses as qx qy qz qw and
-    position."""
+    """Find rgb, depth (metres), confidence and metadata.json: K by columns, OpenGL poses as quaternion, position."""
     file = folder / "metadata.json"
     if not file.is_file() or not {"K", "poses"} <= (told := object_in(file)).keys():
         return None
@@ -82,8 +80,7 @@ def find_record3d(folder: Path) -> Recording | None:
 
 
 def find_polycam(folder: Path) -> Recording | None:
-    """Find Polycam's raw data: keyframes with images and OpenGL cameras, maybe corrected, depth in mm and
-    confidence."""
+    """Find Polycam's raw data: images and OpenGL cameras, maybe corrected, depth in mm, confidence."""
     place = folder / "keyframes" if (folder / "keyframes").is_dir() else folder
     kind = "corrected_" if (place / "corrected_cameras").is_dir() else ""
     pictures, told = place / f"{kind}images", place / f"{kind}cameras"
@@ -136,8 +133,7 @@ def _of_files(
 
 
 def find_r3d(place: Path) -> Recording | None:
-    """Find a .r3d file, also alone in a folder or unpacked: metadata, and rgbd with pictures, depth, confidence
-    (LZFSE)."""
+    """Find a .r3d file, also alone in a folder or unpacked: metadata; pictures, depth, confidence (LZFSE) in rgbd."""
     within = [file for file in place.glob("*") if file.suffix.lower() == ".r3d"]
     place = within[0] if len(within) == 1 else place
     packed = zipfile.Path(place) if place.is_file() else place

@@ -177,8 +177,7 @@ def _depth_at(path: Path, topic: str, at: int, kind: type[np.generic]) -> NDArra
 
 
 def _unpacked(path: Path, message: Any, kind: type[np.generic]) -> NDArray[np.float32]:
-    """Depth from ROS's compressedDepth: 12 bytes, then a PNG; floats are stored as a / (depth + constant) in 16
-    bits."""
+    """Depth from ROS's compressedDepth: 12 bytes, then a PNG; for floats, its 16 bits hold a / depth + b."""
     data = bytes(message.data)
     if data[12:16] != b"\x89PNG":
         raise FileFormatError(f"{path}: expected depth as PNG, got {message.format or 'another format'}")

@@ -67,7 +67,7 @@ def find_sens(folder: Path) -> Recording | None:
 
 
 def find_scannet(folder: Path) -> Recording | None:
-    """Find folders color, depth and pose beside intrinsic_color.txt; or files of equal stems in one folder."""
+    """Find folders color, depth and pose beside intrinsic_color.txt; or files with the same stem in one folder."""
     for form in _INTRINSICS:
         color, depth = (folder / form.format(kind) for kind in ("color", "depth"))
         if color.is_file() and (found := plain.find_folders(folder)) is not None:

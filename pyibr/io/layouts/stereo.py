@@ -14,8 +14,7 @@ _DISPARITY = ("disp{}.pfm", "disp{}GT.pfm", "disp{}.npy", "disp{}-n.pgm")
 
 
 def find_middlebury(folder: Path) -> Recording | None:
-    """Find im0.png, disp0.pfm (maybe also the other view) and calib.txt: disparity in pixels, baseline in
-    millimetres."""
+    """Find im0.png, disp0.pfm (maybe also the other view) and calib.txt: disparity in pixels, baseline in mm."""
     calibration = folder / "calib.txt"
     views = [number for number in (0, 1) if (folder / f"im{number}.png").is_file() and _disparity(folder, number)]
     if not views or not calibration.is_file():

@@ -76,8 +76,7 @@ def find_sintel(folder: Path) -> Recording | None:
 
 
 def find_hypersim(folder: Path) -> Recording | None:
-    """Find a scene's images and _detail: depth is distance in metres, cameras are OpenGL's, maybe with a tilted
-    image."""
+    """Find a scene's images and _detail: distance in metres, OpenGL's cameras, maybe with tilted images."""
     details = sorted((folder / "_detail").glob("cam_*"))
     scenes = [(one, folder / "images" / f"scene_{one.name}") for one in details]
     found = [one for one, images in scenes if images.with_name(f"{images.name}_geometry_hdf5").is_dir()]

@@ -109,8 +109,7 @@ def _camera(file: Path, entry: _Entry, color: Path) -> Camera:
 
 
 def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
-    """Write transforms.json and depth as PNG for views with pictures color_00.png and so on, if the format can store
-    them.
+    """Write transforms.json and depth as PNG for views with pictures color_00.png etc., if the format can hold them.
 
     Float colours are also written as such pictures.
     """
@@ -140,6 +139,6 @@ def write_frames(folder: Path, frames: Sequence[_Entry], unit: float) -> None:
 
 
 def _unit(farthest: Sequence[float]) -> float:
-    """Scene units per stored unit: 0.001 as in nerfstudio, unless 16 bits cannot hold or resolve the depths then."""
+    """Scene units per stored unit: 0.001 as in nerfstudio, unless depths are too large or small for 16 bits then."""
     far = max(farthest, default=0.0)
     return 0.001 if 1 <= far < 65.535 or far == 0 else far / 65535
