@@ -79,7 +79,7 @@ class DepthFrames:
     def read(
         self, numbers: Iterable[int], camera: Camera | None = None, **how: Unpack[DepthReading]
     ) -> Iterator[_Depth]:
-        """(H, W) planar depth of the frames with these increasing numbers; the options are those of `read_depth`."""
+        """(H, W) planar depth of the frames with these increasing numbers; options as in `read_depth`."""
         for number in numbers:
             yield self.read_one(number, camera, how)
 

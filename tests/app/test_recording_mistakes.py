@@ -62,7 +62,7 @@ def test_frames_without_any_depth_are_black_and_told(recorded: Recorded):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("rgb", "--move", 0, 0, 0), ("rgb: neither frusta.json nor frames", "files with color and depth")),
+        (("rgb", "--move", 0, 0, 0), ("rgb: found neither frusta.json nor frames", "files with color and depth")),
         (("rgb/0.png", "--move", 0, 0, 0), ("expected COLOR and DEPTH", "0.png")),
         (("rgb/0.png", "depth/0.png", "rgb/1.png", "--move", 0, 0, 0), ("COLOR and DEPTH", "3 paths")),
         (("rgb", "depth/0.png", "--move", 0, 0, 0), ("DEPTH: expected a folder",)),

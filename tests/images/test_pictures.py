@@ -109,7 +109,7 @@ def test_each_saves_what_the_suffix_can_hold(tmp_path: Path):
         assert ibr.Camera.load(tmp_path / "a.json") == CAMERA
         with pytest.raises(ibr.FileFormatError, match=r"no image format \.ply; known are \.png"):
             thing.save(tmp_path / "a.ply")
-    with pytest.raises(ibr.ArgumentError, match=r"path: expected a file of depth, .*: \.npy"):
+    with pytest.raises(ibr.ArgumentError, match=r"path: expected a depth file \(\.npy, .*as there is no colour"):
         ibr.DepthImage(None, view().depth, CAMERA).save(tmp_path / "b.png")
 
 

@@ -163,7 +163,7 @@ def test_images_that_a_lens_tears_apart_are_refused(draw):
     view = ibr.DepthImage(
         None, np.full((9, 13), 2.0, np.float32), ibr.Camera([[9, 0, 6], [0, 9, 4], [0, 0, 1]], (13, 9))
     )
-    with pytest.raises(ibr.ArgumentError, match="lens: expected one whose image has at most 100 times its pixels"):
+    with pytest.raises(ibr.ArgumentError, match="lens: expected a lens whose undistorted image has at most 100 times"):
         draw(view, camera)
 
 
