@@ -32,7 +32,7 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
         - A glTF scene, or the parameters of Middlebury's multi-view sets.
     size : (width, height), optional
         The images' size, for files that lack it. From a calibration of several cameras, only cameras of this size are
-        read.
+        read, if there are any.
 
     Returns
     -------
