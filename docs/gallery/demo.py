@@ -1,6 +1,6 @@
 """New views of a terrain: one depth image, warped along a path, into build/demo.png.
 
-Run by `make demo`. It prints what each view took and where the picture is.
+`make demo` runs it. It prints the time of each view and the path of the picture.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class View:
 
 
 def views_of(source: ibr.DepthImage, path: Sequence[tuple[float, float, float]]) -> list[View]:
-    """The new views along a path, holes filled from behind, each with its median time."""
+    """New views along a path, with holes filled from the background, each with its median time."""
     views: list[View] = []
     for stop in track(path, "Warping", transient=True, console=Console(stderr=True)):
         camera = camera_at(*stop, size=SIZE, fov_y=32)
@@ -65,7 +65,7 @@ def views_of(source: ibr.DepthImage, path: Sequence[tuple[float, float, float]])
 
 
 def picture(field: ibr.DepthImage, source: ibr.DepthImage, views: list[View]) -> Figure:
-    """Source and views side by side: colour, depth, and what the source did not see."""
+    """Source and views side by side: colour, depth, and disocclusions."""
     plt.rcParams |= {"font.family": "DejaVu Sans", "text.color": INK, "axes.labelcolor": INK}
     columns = 1 + len(views)
     panel, gap, left, right, top, bottom = 4.2, 0.18, 0.5, 0.85, 0.5, 0.5
@@ -111,25 +111,25 @@ def picture(field: ibr.DepthImage, source: ibr.DepthImage, views: list[View]) ->
     note = (
         f"Elevation model of the Jacksboro fault, as matplotlib ships it, {EXAGGERATION:g} times as high. "
         "Every view is warped from the source alone. "
-        "Pink: hidden from the source, and filled in the colour row from what lies behind."
+        "Pink: hidden from the source; the colour row fills it from the background."
     )
     figure.text(left / width, 0.14 / height, note, fontsize=12, color="#5b626a")
     return figure
 
 
 def show_title(axes: Axes, head: str, tail: str) -> None:
-    """A panel's heading: what it is, and a figure."""
+    """Title of a panel, and a figure."""
     axes.set_title(head, loc="left", fontsize=15, fontweight="bold", pad=7)
     axes.set_title(tail, loc="right", fontsize=15, pad=7)
 
 
 def show_depth(axes: Axes, depth: NDArray[np.float32], valid: NDArray[np.bool_], scale: Normalize) -> AxesImage:
-    """Depth in kilometres, on the scale that all panels share."""
+    """Depth in kilometres, on the scale of all panels."""
     return axes.imshow(np.where(valid, depth / 1000, np.nan), cmap="viridis_r", norm=scale)
 
 
 def show_holes(axes: Axes, frame: ibr.Frame) -> None:
-    """The view in gray, its holes in one colour, and their share of it."""
+    """The view in gray, its holes in one colour, and the share of the holes."""
     gray = (frame.color.mean(axis=2, keepdims=True) * 0.55 + 100) / 255
     axes.imshow(np.where(frame.valid[..., None], gray, to_rgb(HOLE)))
     box = {"boxstyle": "round,pad=0.35", "facecolor": HOLE, "edgecolor": "white"}
@@ -162,7 +162,7 @@ def show_map(axes: Axes, field: ibr.DepthImage, source: ibr.Camera, path: list[i
 
 
 def print_table(console: Console, source: ibr.DepthImage, views: list[View]) -> None:
-    """Print the views that were warped, and the time of each."""
+    """Print the warped views and the time of each."""
     device, _ = explain()
     width, height = source.camera.size
     table = Table()

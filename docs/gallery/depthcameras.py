@@ -1,7 +1,7 @@
-"""Depth as a camera delivers it, and what becomes of it step by step: the picture of pictures.py.
+"""Depth of a camera, and its processing step by step: a picture of pictures.py.
 
-The scene is made up, and so are its cameras: depth of 320 x 288 samples through one lens, colours of 640 x 480 pixels
-through another, 6 cm aside.
+The scene and its cameras are synthetic: depth of 320 x 288 samples through one lens, colours of 640 x 480 pixels
+through another lens, 6 cm to the side.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _HOLE = (255, 90, 200)
 
 
 def room() -> MeshScene:
-    """The knot before a corner of papered walls."""
+    """The knot in front of a corner of papered walls."""
     (points, triangles, stripes), size = knot_surface(), 33
     x, y = np.meshgrid(np.linspace(-7, 7, size), np.linspace(-7, 7, size))
     sides = [
@@ -42,7 +42,7 @@ def room() -> MeshScene:
 
 
 def cameras() -> tuple[ibr.Camera, ibr.Camera]:
-    """That of the depth and that of the colours."""
+    """The depth camera and the colour camera."""
     eye = ibr.Camera.look_at((-3.0, -9.5, 3.2), (0.3, 0, -0.4), (0, 0, 1), (320, 288), fov_y=50).world_from_camera
     aside = np.eye(4)
     aside[:3, 3] = 0.6, -0.05, 0
@@ -54,7 +54,7 @@ def cameras() -> tuple[ibr.Camera, ibr.Camera]:
 
 
 def sensed(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Depth as a sensor measures it: with noise that grows with its square, mixed at edges, missing here and there."""
+    """Depth with a sensor's errors: noise that grows with its square, mixed samples at edges, missing samples."""
     rng = np.random.default_rng(4)
     beside = np.roll(depth, 1, axis=1)
     edge = np.abs(beside - depth) > 0.1 * depth
@@ -65,7 +65,7 @@ def sensed(depth: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def steps() -> Figure:
-    """From what comes out of the camera to a new view."""
+    """The steps from the camera's images to a new view."""
     scene, (depth_camera, color_camera) = room(), cameras()
     depth = sensed(scene.capture(depth_camera).depth)
     color = scene.capture(color_camera).color
@@ -81,7 +81,7 @@ def steps() -> Figure:
         "a new view, not cleaned": _shown(ibr.warp(raw, new, samples=4)),
         "cleaned": _shown(ibr.warp(clean, new, samples=4)),
         'and fill="background"': ibr.warp(clean, new, fill="background", samples=4).color,
-        "what is there": scene.capture(new).color,
+        "the true view": scene.capture(new).color,
     }
     figure, grid = plt.subplots(2, 4, figsize=(14, 5.8), layout="constrained")
     for axes, (name, image) in zip(grid.ravel(), panels.items(), strict=True):
@@ -99,7 +99,7 @@ def _shades(depth: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _shown(frame: ibr.Frame) -> NDArray[Any]:
-    """Over the colour of holes."""
+    """The frame over the colour of holes."""
     assert frame.alpha is not None
     bare = 1 - frame.alpha[..., None]
     return np.rint(frame.color + bare * np.array(_HOLE)).clip(0, 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""The pictures of depth meshes: made by pictures.py."""
+"""Pictures of depth meshes, made by pictures.py."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def seen_from(*eye: float, size: tuple[int, int] = (420, 400)) -> ibr.Camera:
 
 
 def segmentation() -> Figure:
-    """One view of a knot from beside: stretched, segmented, and the triangles that were drawn."""
+    """One view of a knot from the side: stretched, segmented, and the drawn triangles."""
     view = object_views(knot(), 512, projection="perspective")[5]  # from above
     camera = seen_from(4.5, -5.5, 6.5)
     mesh = ibr.DepthMesh(view, tolerance=2)
@@ -38,7 +38,7 @@ def segmentation() -> Figure:
 
 
 def blending() -> Figure:
-    """Six views, exposed differently, in three blendings beside the mesh; and which views gave the colours."""
+    """Six views with different exposures in three blendings next to the mesh, and the views of each colour."""
     scene = knot()
     views = [
         ibr.DepthImage((view.color * (exposure / 1.12)).astype(np.uint8), view.depth, view.camera)
@@ -61,7 +61,7 @@ def blending() -> Figure:
 
 
 def unseen() -> Figure:
-    """A knot of six depth images from directions that none of them has."""
+    """A knot of six depth images, seen from other directions."""
     thing = ibr.DepthMeshObject(object_views(knot(), 512), blended=6)
     eyes = [(7.5, -5.5, 4), (-6, -6, 6), (-3.5, 7.5, -5), (6, 6, 6)]
     figure, row = plt.subplots(1, 4, figsize=(14, 3.4), layout="constrained")
@@ -73,7 +73,7 @@ def unseen() -> Figure:
 
 
 def stages() -> Figure:
-    """Data of a view before it is drawn; and three views' pictures, by which a new one is blended."""
+    """Data of a view before it is drawn, and the pictures of three views that are blended into a new one."""
     views = object_views(knot(), 257)
     camera = seen_from(5.1, -4.7, 6.2)
     thing = ibr.DepthMeshObject(views)
@@ -111,7 +111,7 @@ def _prepared(row: np.ndarray, mesh: ibr.DepthMesh, camera: ibr.Camera) -> None:
 
 
 def _gray(depth: np.ndarray) -> np.ndarray:
-    """Depths as gray, the nearest light, on white."""
+    """Depths as gray on white; the nearest is light."""
     known = np.isfinite(depth)
     low, high = depth[known].min(), depth[known].max()
     return np.where(known, 235 - 190 * (depth - low) / (high - low), 255)[..., None].repeat(3, axis=2).astype(np.uint8)

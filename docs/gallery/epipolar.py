@@ -1,4 +1,4 @@
-"""The pictures of epipolar lines and planes: made by pictures.py."""
+"""Pictures of epipolar lines and planes, made by pictures.py."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def bare(axes: Axes) -> Axes:
 
 
 def epipolar_lines() -> Figure:
-    """Layouts of the sweep's lines over an image: the epipole inside, beside, and at infinity."""
+    """Layouts of the sweep's lines over an image: the epipole inside, outside, and at infinity."""
     width, height = 48, 32
     cases = {
         "epipole inside": (30.0, 12.0, 1.0),
@@ -54,7 +54,7 @@ def epipolar_lines() -> Figure:
 
 
 def lines_of(group: np.void, epipole: tuple[float, float, float]) -> list[np.ndarray]:
-    """(2, 2) x and y of the ends of each line of a group, as the kernel lays it."""
+    """(2, 2) x and y of the ends of each line of a group, as in the kernel."""
     axis = int(group["axis"])
     e_along, e_across, w = epipole[axis], epipole[1 - axis], epipole[2]
     lines: list[np.ndarray] = []
@@ -71,7 +71,7 @@ def lines_of(group: np.void, epipole: tuple[float, float, float]) -> list[np.nda
 
 
 def epipolar_plane() -> Figure:
-    """One epipolar line of the source: its surface, the target's rays, and what each of them meets first."""
+    """One epipolar line of the source: its surface, the target's rays, and their first hits."""
     s = np.linspace(0, 40, 2001)
     surface = 0.34 + 0.1 * np.sin(s / 3.4 + 0.4) + 0.36 * np.exp(-(((s - 17) / 2.6) ** 2)) + 0.002 * s
     center = -6.0, 1.25
@@ -113,7 +113,7 @@ def epipolar_plane() -> Figure:
 
 
 def cameras() -> Figure:
-    """Two cameras and the plane through a point and both centres; and what that plane shows of a surface."""
+    """Two cameras, the plane through a point and both centres, and the surface in that plane."""
     figure = plt.figure(figsize=(13, 5.2), layout="constrained")
     space = figure.add_subplot(1, 2, 1, projection="3d")
     assert isinstance(space, Axes3D)
@@ -123,7 +123,7 @@ def cameras() -> Figure:
 
 
 def _in_space(axes: Axes3D) -> None:
-    """Both cameras, the images they take, and a point that both see."""
+    """Both cameras, their images, and a point that both see."""
     up, point = (0, 0, 1), np.array([0.5, 3.6, 0.7])
     pair = [
         ibr.Camera.look_at((-1.5, 0, 0), (-0.2, 3.6, 0.2), up, (40, 30), fov_y=38),
@@ -152,7 +152,7 @@ def _in_space(axes: Axes3D) -> None:
 
 
 def _in_the_plane(axes: Axes) -> None:
-    """The epipolar plane: the source's image is a line there, and part of it is what a target's ray crosses."""
+    """The epipolar plane: the source's image is a line there, and a target's ray crosses a part of it."""
     source, target, image = np.array([0.0, 0.0]), np.array([2.6, 0.7]), 1.0  # the source looks along +y
     x = np.linspace(-1.2, 3.4, 1200)
     surface = 3.1 + 0.28 * np.sin(2.1 * x + 0.6) + 0.25 * np.sin(4.3 * x)
@@ -176,7 +176,7 @@ def _in_the_plane(axes: Axes) -> None:
     for at, name, shift in (
         (epipole, "its epipole", (0.05, 0.1)),
         (infinity, "the ray's point\nat infinity", (-0.1, -0.36)),
-        (seen, "what is seen", (0.0, 0.1)),
+        (seen, "the seen point", (0.0, 0.1)),
     ):
         axes.plot(at, image, "o", color=INK, markersize=5)
         axes.annotate(name, (at + shift[0], image + shift[1]), fontsize=10, color=INK, ha="center")

@@ -1,4 +1,4 @@
-"""An object from depth images all round: the picture of pictures.py, and the second of the demo."""
+"""An object from depth images on all sides: pictures of pictures.py, and the second one of the demo."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from pyibr.capture.raycast import spread_directions
 
 
 def knot() -> MeshScene:
-    """A trefoil knot, striped along its length: an object with much that hides the rest."""
+    """A trefoil knot, striped along its length: an object with much self-occlusion."""
     vertices, faces, colors = knot_surface()
     return MeshScene(vertices, faces, colors=colors)
 
 
 def knot_surface(lit: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Its vertices, faces and the vertices' colours, with a light in them or without."""
+    """Vertices, faces and vertex colours of the knot, with or without shading."""
     a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 361)[:-1], np.linspace(0, 2 * np.pi, 49)[:-1], indexing="ij")
 
     def line(t: np.ndarray) -> np.ndarray:
@@ -51,14 +51,14 @@ def knot_surface(lit: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def by_rays(scene: MeshScene, camera: ibr.Camera) -> np.ndarray:
-    """The mesh itself on white, by four cast rays a pixel, as pictures have samples."""
+    """The mesh itself on white, by four rays a pixel, as many as the pictures have samples."""
     fine = camera.resized((2 * camera.width, 2 * camera.height))
     rays = scene.capture(fine, background=(255, 255, 255)).color.astype(np.float32)
     return rays.reshape(camera.height, 2, camera.width, 2, 3).mean(axis=(1, 3)).round().astype(np.uint8)
 
 
 def twelve_views(scene: MeshScene, size: int) -> list[ibr.DepthImage]:
-    """From twelve directions, spread evenly."""
+    """Depth images from twelve evenly spread directions."""
     return [
         scene.capture(ibr.Camera.look_at(20 * way, (0, 0, 0), np.eye(3)[np.abs(way).argmin()], (size, size), fov_y=22))
         for way in spread_directions(12)
@@ -66,7 +66,7 @@ def twelve_views(scene: MeshScene, size: int) -> list[ibr.DepthImage]:
 
 
 def what_shows_most(scene: MeshScene, views: list[ibr.DepthImage]) -> str:
-    """A sentence: how much some views leave unseen, and from where one more shows most of it."""
+    """A sentence on the surface that some views leave unseen, and the view that shows most of it."""
     mesh = ibr.Mesh(scene.vertices, scene.faces)
     surface = surface_of(mesh)
     known = [Frustum(view.camera, 2 * float(view.depth[view.valid].max())) for view in views]
@@ -75,14 +75,14 @@ def what_shows_most(scene: MeshScene, views: list[ibr.DepthImage]) -> str:
     left = [unseen_share(surface, some) for some in (seen, [*seen, surface.seen(best.capture(mesh))])]
     x, y, z = best.camera.center
     return (
-        f"The fin between the loops is what six images leave unseen, {left[0]:.1%} of the surface: no image shows that "
-        f"it is empty. One more shows most of it from ({x:.1f}, {y:.1f}, {z:.1f}), as propose_frusta says: "
-        f"{left[1]:.1%} are left."
+        f"Six images leave {left[0]:.1%} unseen, the fin between the loops: no image shows that this space is empty. "
+        f"propose_frusta proposes a view from ({x:.1f}, {y:.1f}, {z:.1f}), which shows most of the fin and leaves "
+        f"{left[1]:.1%} unseen."
     )
 
 
 def depth_object() -> Figure:
-    """A knot from six and from twelve depth images, beside the mesh, and the hull of the twelve silhouettes."""
+    """A knot from six and from twelve depth images, next to the mesh and the hull of the twelve silhouettes."""
     scene = knot()
     six, twelve = object_views(scene, 512, projection="perspective"), twelve_views(scene, 512)
     camera = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)
@@ -104,7 +104,7 @@ def depth_object() -> Figure:
 
 
 def relight() -> Figure:
-    """A knot without light in its colours, as a depth object in three lights, and the mesh in the last of them."""
+    """A knot with unshaded colours, as a depth object in three lights, and the mesh in the last light."""
     vertices, faces, colors = knot_surface(lit=False)
     thing = ibr.DepthObject(object_views(MeshScene(vertices, faces, colors=colors), 512, normals=True), slices=256)
     camera = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from tools.browser import chromium
 
 IMAGES = Path(__file__).resolve().parents[1] / "images"
-WIDE, NARROW = (1080, 680), (390, 680)  # a screen's window, and a telephone's, where controls are closed at first
+WIDE, NARROW = (1080, 680), (390, 680)  # windows of a screen, and of a phone, whose controls are collapsed at first
 QUALITY = 82  # of JPEG
 GAP = 12  # pixels between two windows
 BLANK = """
@@ -37,14 +37,14 @@ BLANK = """
     }
 }
 """
-"""Of the machine that the picture was taken on, its device and its times say nothing."""
-PATIENCE = 180.0  # seconds, until a page has drawn what it is to show
-SETTLED = 1.5  # without a change
+"""Script that hides the device's name and the times, which depend on the machine."""
+PATIENCE = 180.0  # seconds until a page has drawn its picture
+SETTLED = 1.5  # seconds without a change
 
 
 @contextmanager
 def window(browser: Any, url: str, size: tuple[int, int]):
-    """A page in a window, without the note that WebGL is slow here."""
+    """A page in a window, without the warning that WebGL is slow here."""
     context = browser.new_context(viewport={"width": size[0], "height": size[1]})
     page = context.new_page()
     page.set_default_timeout(1e3 * PATIENCE)
@@ -56,7 +56,7 @@ def window(browser: Any, url: str, size: tuple[int, int]):
 
 
 def shot(page: Any) -> Image.Image:
-    """The window, once it does not change any more."""
+    """Screenshot of the window once it no longer changes."""
     end, before = time.monotonic() + PATIENCE, b""
     while (now := page.screenshot()) != before:
         if time.monotonic() > end:
@@ -68,7 +68,7 @@ def shot(page: Any) -> Image.Image:
 
 
 def choose(page: Any, label: str, option: str) -> None:
-    """Take one of a control's words."""
+    """Choose an option of a control."""
     page.get_by_label(label, exact=True).click()
     page.get_by_role("option", name=option, exact=True).click()
 
@@ -79,7 +79,7 @@ def unfold(page: Any, folder: str) -> None:
 
 
 def view_pages(browser: Any) -> dict[str, Image.Image]:
-    """A knot before a corner, from two places: what is known, and what is not; two ways to draw it."""
+    """A knot in front of a corner from two sources: its pixel classes, and two methods to draw it."""
     scene, eyes = room(), ((-3.0, -9.5, 3.2), (1.5, -10.0, 2.2))
     cameras = [ibr.Camera.look_at(eye, (0.3, 0, -0.4), (0, 0, 1), (480, 400), fov_y=48) for eye in eyes]
     views = [scene.capture(camera) for camera in cameras]
@@ -105,7 +105,7 @@ def view_pages(browser: Any) -> dict[str, Image.Image]:
 
 
 def place_pages(browser: Any) -> dict[str, Image.Image]:
-    """Five frusta on the knot, as they are proposed: too few."""
+    """Five proposed frusta on the knot, too few to see all of it."""
     corners, faces, colors = knot_surface()
     mesh = ibr.Mesh(corners, faces, colors=colors)
     frusta = propose_frusta(mesh, 5, 256)
@@ -120,7 +120,7 @@ def place_pages(browser: Any) -> dict[str, Image.Image]:
 
 
 def taken(browser: Any, url: str, size: tuple[int, int], prepare: Callable[[Any], None]) -> Image.Image:
-    """A window of a size, prepared."""
+    """Screenshot of a window of a size, after some actions."""
     with window(browser, url, size) as page:
         if size == NARROW:
             unfold(page, "Controls")
@@ -131,7 +131,7 @@ def taken(browser: Any, url: str, size: tuple[int, int], prepare: Callable[[Any]
 
 
 def beside(*images: Image.Image) -> Image.Image:
-    """Windows in a row."""
+    """Screenshots in a row."""
     gap = np.full((images[0].height, GAP, 3), 255, np.uint8)
     parts = [part for image in images for part in (gap, np.asarray(image))][1:]
     return Image.fromarray(np.concatenate(parts, axis=1))

@@ -1,4 +1,4 @@
-"""The pictures of the README and of the manual, into docs/images: python docs/gallery/pictures.py."""
+"""Pictures of the README and the manual, into docs/images: python docs/gallery/pictures.py."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def terrain() -> Figure:
 
 
 def save(name: str, figure: Figure, dpi: int) -> None:
-    """Write one picture and say how large it is."""
+    """Write one picture and print its size."""
     path = IMAGES / name
     quality = {"quality": 88} if path.suffix == ".jpg" else None
     figure.savefig(path, dpi=dpi, facecolor="white", pil_kwargs=quality)
@@ -93,10 +93,10 @@ if __name__ == "__main__":
     save("depth-camera.jpg", depthcameras.steps(), 80)
     save("own-system.jpg", splats(), 100)
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
-    if teapot := os.environ.get("PYIBR_TEAPOT"):  # a mesh file of whoever has it
+    if teapot := os.environ.get("PYIBR_TEAPOT"):  # path of your mesh file
         save("paper-relief-teapot.jpg", reliefs.teapot(ibr.Mesh.load(teapot)), 80)
     else:
-        print(f"{IMAGES / 'paper-relief-teapot.jpg'} stays as it is: PYIBR_TEAPOT names no mesh of the teapot")
+        print(f"{IMAGES / 'paper-relief-teapot.jpg'} is not redrawn: PYIBR_TEAPOT names no mesh of the teapot")
     save("relief-distances.jpg", reliefs.distances(), 80)
     save("relief-scenes.jpg", reliefs.scenes(), 80)
     save("relief-walk.jpg", reliefwalk.walk(), 80)

@@ -1,4 +1,4 @@
-"""The pictures of the quadtree of a depth mesh: made by pictures.py."""
+"""Pictures of the quadtree of a depth mesh, made by pictures.py."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PALE = "#dfe7ee"
 
 
 def refinement() -> Figure:
-    """The quadtree's first steps, and a terrain's triangles within two errors and for a viewer."""
+    """The quadtree's first levels, and a terrain's triangles for two errors and for a viewer."""
     figure, grid = plt.subplots(2, 4, figsize=(13, 6.7), layout="constrained")
     for axes, view in zip(grid[0], _steps(), strict=True):
         mesh = ibr.DepthMesh(view, segmentation=Segmentation("none")).simplify(1e-4)
@@ -34,7 +34,7 @@ def refinement() -> Figure:
         longest = sides.argmax(axis=1)
         splits = 0.5 * (corners[rows, longest] + corners[rows, (longest + 1) % 3])
         axes.plot(*splits.T, "o", color=ORANGE, markersize=9, markeredgecolor="white")
-        _frame(axes, view, f"{len(corners)} triangles, and what splits them")
+        _frame(axes, view, f"{len(corners)} triangles, and their split points")
     terrain = _coarse_terrain()
     mesh = ibr.DepthMesh(terrain, segmentation=Segmentation("none"))
     bare(grid[1, 0]).imshow(terrain.color)
@@ -54,7 +54,7 @@ def refinement() -> Figure:
 
 
 def _steps() -> list[ibr.DepthImage]:
-    """Four depth images that take 2, 4, 8 and 16 triangles."""
+    """Four depth images that need 2, 4, 8 and 16 triangles."""
     middle = np.array([[3, 3, 3], [3, 2, 3], [3, 3, 3]], float)
     beside = np.array([[3, 2.5, 3], [2.6, 2, 2.4], [3, 2.7, 3]])
     finer = np.zeros((5, 5))
@@ -82,7 +82,7 @@ def _coarse_terrain() -> ibr.DepthImage:
 
 
 def _pixels(mesh: ibr.Mesh, view: ibr.DepthImage) -> np.ndarray:
-    """(T, 3, 2) where the view sees the corners of a mesh's triangles."""
+    """(T, 3, 2) pixels of the corners of a mesh's triangles in the view."""
     return view.camera.project(mesh.vertices)[0][mesh.faces]
 
 
@@ -95,7 +95,7 @@ def _frame(axes: Axes, view: ibr.DepthImage, title: str) -> None:
 
 
 def _strands() -> ibr.DepthImage:
-    """33 x 33 samples where strands of the knot lie before one another."""
+    """33 x 33 samples where strands of the knot overlap."""
     view = object_views(knot(), 129)[4]
     x, y = 60, 30
     K = view.camera.K - [[0, 0, x], [0, 0, y], [0, 0, 0]]
@@ -105,7 +105,7 @@ def _strands() -> ibr.DepthImage:
 
 
 def segments() -> Figure:
-    """Edges of a small view's triangles that are drawn, level by level."""
+    """Edges of the drawn triangles of a small view, level by level."""
     view = _strands()
     tree = ibr.DepthMesh(view).tree
     figure, row = plt.subplots(1, 5, figsize=(13, 2.95), layout="constrained")
@@ -121,7 +121,7 @@ def segments() -> Figure:
 
 
 def _level(tree: Tree, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(T, 3, 2) triangles of a level, two a block of side 2 step, or 1; whether some and whether not all are drawn."""
+    """(T, 3, 2) triangles of a level, two per block of side 2 step, or 1; masks: some drawn, some not drawn."""
     states = (tree.states if step else tree.cells).to_host()
     drawn, undrawn, bits = (int(constant("depthmesh/tree.h", n)) for n in ("DRAWN", "UNDRAWN", "SIDE_BITS"))
     corners: list[np.ndarray] = []
@@ -141,7 +141,7 @@ def _level(tree: Tree, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def strips() -> Figure:
-    """Triangles as one strip, and as many where there is none, and where segmentation breaks it."""
+    """Triangles as one strip, and as several around empty samples and around segmented ones."""
     view = _strands()
     whole = ibr.DepthImage(view.color, _filled(view), view.camera)
     panels = {
@@ -168,7 +168,7 @@ def strips() -> Figure:
 
 
 def _filled(view: ibr.DepthImage) -> np.ndarray:
-    """Depth with the background at the farthest sample."""
+    """Depth with the background at the depth of the farthest sample."""
     return np.where(view.valid, view.depth, view.depth[view.valid].max()).astype(np.float32)
 
 
@@ -182,13 +182,13 @@ def sections() -> Figure:
 
 
 def _section(view: ibr.DepthImage, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(n, 3) samples at pixels, in the view's camera's frame."""
+    """(n, 3) samples at pixels, in the frame of the view's camera."""
     points = view.camera.unproject(np.column_stack([x, y]), view.depth[y, x])
     return (points - view.camera.center) @ view.camera.world_from_camera[:3, :3]
 
 
 def _error(axes: Axes, view: ibr.DepthImage) -> None:
-    """Samples of a column in the plane of y and z, an edge over 16 of them, and how far its middle lies off."""
+    """Samples of a column in the plane of y and z, an edge over 16 samples, and the error at its middle."""
     y = np.arange(13, 38)
     flat = _section(view, np.full(len(y), 35), y)[:, 1:]
     a, p, b = flat[4], flat[12], flat[20]
@@ -201,7 +201,7 @@ def _error(axes: Axes, view: ibr.DepthImage) -> None:
         axes.annotate(name, point, (0, 10), textcoords="offset points", fontsize=13, color=INK, ha="center")
     d = np.linalg.norm(p - foot)
     axes.annotate(f"d = {d:.2f}", foot, (-8, -10), textcoords="offset points", fontsize=12, color=HOLE, ha="right")
-    _finish(axes, "a column of samples: what is lost without the vertex p", "y")
+    _finish(axes, "a column of samples: the error without the vertex p", "y")
 
 
 def _sheet(axes: Axes, view: ibr.DepthImage) -> None:

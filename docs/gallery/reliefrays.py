@@ -1,4 +1,4 @@
-"""The pictures of rays in reliefs, and of what lies below them: made by pictures.py."""
+"""Pictures of rays in reliefs and of depths below the base, made by pictures.py."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from pyibr.relief.quadrics import vertex_frames
 BEND = -0.62
 """a of the cross-sections' quadric z = a x^2: outwards is positive."""
 DEEP = 0.34
-"""Of their relief, in the same unit."""
+"""Depth of their relief, in the same unit."""
 
 
 def rays() -> Figure:
-    """The search, on a flat base; a ray that passes, on a flat base and on a curved one."""
+    """The search, on a flat base; a ray that misses the relief, on a flat base and on a curved one."""
     figure, row = plt.subplots(1, 3, figsize=(13, 2.7), layout="constrained")
     flat = _section(row[0], 0.0)
     _entering(row[0], flat, 0.0, (-0.55, (0.9, -0.3)), BLUE, searched=True)
@@ -39,7 +39,7 @@ def rays() -> Figure:
 
 
 def _section(axes: Axes, bend: float) -> Callable[[np.ndarray], np.ndarray]:
-    """A relief below z = bend x^2, cut open; the heights of the cut by x."""
+    """Cross-section of a relief below z = bend x^2; the heights along the cut by x."""
     heights = stones()[0][40] / 255.0
     x = np.linspace(-1.25, 1.25, 900)
 
@@ -64,7 +64,7 @@ def _entering(
     color: str,
     searched: bool = False,
 ) -> None:
-    """A ray that enters at x, up to where it meets the relief, or to where it comes out again."""
+    """A ray that enters at x, up to its hit on the relief or its exit."""
     at, way = ray
     start, way = np.array([at, bend * at**2]), np.array(way)
 
@@ -90,7 +90,7 @@ def _entering(
 
 
 def measures() -> Figure:
-    """Depths that each measure takes for a ray's point below a tube; and those along a whole ray."""
+    """Depth of a ray's point below a tube by each measure, and depths along a whole ray."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(13, 3.6), layout="constrained", width_ratios=(1.15, 1))
     radius, turn = -0.5 / BEND, np.linspace(-0.7, 1.6, 300)
     circle = radius * np.stack([np.sin(turn), np.cos(turn) - 1])
@@ -149,7 +149,7 @@ def _along_a_ray(axes: Axes) -> None:
 
 
 def quadrics() -> Figure:
-    """The quadrics that are fitted to vertices of four meshes."""
+    """Quadrics fitted to vertices of four meshes."""
     ring, ball = models.donut(64), models.donut(64, radius=1e-6, tube=1.0)
     square = quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
     cases = {

@@ -1,4 +1,4 @@
-"""The pictures of relief mapping: made by pictures.py."""
+"""Pictures of relief mapping, made by pictures.py."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def bricks() -> tuple[np.ndarray, np.ndarray]:
 
 
 def stones() -> tuple[np.ndarray, np.ndarray]:
-    """Height and colour of rounded stones beside one another."""
+    """Height and colour of rounded stones side by side."""
     rng = np.random.default_rng(8)
     centers = rng.random((46, 2)) * 256
     shifts = np.array([(i, j) for i in (-256, 0, 256) for j in (-256, 0, 256)])
@@ -91,7 +91,7 @@ def wires(axes: Axes, mesh: ibr.Mesh, camera: ibr.Camera) -> None:
 
 
 def silhouettes() -> Figure:
-    """A torus and a tube, flat and with the quadrics, and the mesh over that."""
+    """A torus and a tube, flat and with the quadrics, and with the mesh drawn over them."""
     size, up = (620, 440), (0, 0, 1)
     figure, grid = plt.subplots(2, 3, figsize=(13.5, 6.6), layout="constrained")
     camera = ibr.Camera.look_at((1.3, -2.2, 1.7), (0, 0, -0.05), up, size, fov_y=42)
@@ -112,7 +112,7 @@ def teapot(mesh: ibr.Mesh) -> Figure:
 
 
 def outlines(row: np.ndarray, mesh: ibr.Mesh, tiles: tuple[int, int], scale: float, camera: ibr.Camera) -> None:
-    """A mesh of bricks, flat and with the quadrics, and the mesh over that."""
+    """A mesh of bricks, flat and with the quadrics, and with the mesh drawn over it."""
     turn = camera.world_from_camera[:3, :3]
     light = ibr.Light(direction=turn @ (0.45, 0.45, 0.8), color=(1.4, 1.35, 1.25))
     frames = {}
@@ -126,7 +126,7 @@ def outlines(row: np.ndarray, mesh: ibr.Mesh, tiles: tuple[int, int], scale: flo
 
 
 def texture() -> Figure:
-    """Ingredients of a relief: heights, the normals that follow from them, and colours; and the relief."""
+    """Inputs of a relief: heights, their normals, and colours; and the relief."""
     height, color = stones()
     rise = 0.09 * height.astype(float) / 255  # scene units, of a tile one unit wide
     across, down = (np.roll(rise, -1, axis) - np.roll(rise, 1, axis) for axis in (1, 0))
@@ -144,7 +144,7 @@ def texture() -> Figure:
 
 
 def shadows() -> Figure:
-    """A relief's shadows on itself by both ways; and reliefs and other things that shade one another."""
+    """A relief's self-shadows by both methods, and reliefs and other objects that shade one another."""
     (height, color), stone = bricks(), stones()
     floor = quad((-2, -2, 0), (4, 0, 0), (0, 4, 0))
     view = ibr.Camera.look_at((0.6, -1.6, 1.5), (0, -0.2, 0), (0, 0, 1), (430, 330), fov_y=40)
@@ -179,7 +179,7 @@ def _post(middle: tuple[float, float, float]) -> ibr.Mesh:
 
 
 def distances() -> Figure:
-    """The paper's two distances to the quadric, side by side, and where they differ; and exact ones."""
+    """The paper's two distances to the quadric, their difference, and exact distances."""
     height, color = bricks()
     camera = ibr.Camera.look_at((1.6, -3.2, 0.5), (0, 0, 0), (0, 0, 1), (520, 400), fov_y=44)
     light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
@@ -223,7 +223,7 @@ def scenes() -> Figure:
 
 
 def room(size: tuple[int, int]) -> np.ndarray:
-    """A corner of a room, all of it reliefs, lit by one spot."""
+    """A corner of a room made of reliefs alone, lit by one spot."""
     brick, stone = bricks(), stones()
     things = [
         ibr.ReliefSurface(quad((-3, 2.2, 0), (6, 0, 0), (0, 0, 3)), *brick, 0.12, tiles=(5, 3)),

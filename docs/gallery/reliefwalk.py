@@ -1,4 +1,4 @@
-"""The picture of an eye that goes down into a relief: made by pictures.py."""
+"""Picture of a camera that descends into a relief, made by pictures.py."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SKY = (196, 214, 232)
 
 
 def canyon() -> tuple[np.ndarray, np.ndarray]:
-    """Height and colour of a plateau, tiled, with a winding canyon along u, whose walls are in layers."""
+    """Height and colour of a plateau, tiled, with a winding canyon with layered walls along u."""
     y, x = np.mgrid[:512, :512] / 512
     rough = 0.6 * noise(21, 22, 512) + 0.4 * noise(22, 7, 512)
     aside = np.abs(y - 0.5 - 0.1 * np.sin(2 * np.pi * x) - 0.03 * np.sin(6 * np.pi * x + 1))
@@ -37,7 +37,7 @@ def path(x: float) -> float:
 
 
 def walk() -> Figure:
-    """From above a floor of bricks down between them; and into a canyon and along it."""
+    """Views from above a floor of bricks down between the bricks, and into and along a canyon."""
     light = ibr.Light(direction=(0.8, 0.35, -0.75), color=(1.9, 1.8, 1.65), ambient=0.45, shadow_size=2048)
     floor = ibr.ReliefSurface(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), *bricks(), 0.14, tiles=(8, 8), shadow="search")
     land = ibr.ReliefSurface(quad((-6, -6, 0), (12, 0, 0), (0, 12, 0)), *canyon(), 0.5, tiles=(4, 4), shadow="search")
@@ -50,5 +50,5 @@ def walk() -> Figure:
             camera = ibr.Camera.look_at((x, y, z), ahead, (0, 0, 1), SIZE, fov_y=62)
             frame = ibr.render(thing, camera, light, background=SKY, samples=4, anisotropy=4)
             depth = -z / thing.scale
-            show(axes, frame.color, f"{depth:.1f} of its depth below the base" if depth > 0 else "above the base")
+            show(axes, frame.color, f"below the base by {depth:.1f} of the depth" if depth > 0 else "above the base")
     return figure

@@ -1,4 +1,4 @@
-"""A furnished room as a photograph with depth shows it, and what becomes of it: the manual's first pages."""
+"""A furnished room as a photograph with depth, and the views made of it, for the manual's first pages."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CAMERA = ibr.Camera([[600, 0, 319.5], [0, 600, 239.5], [0, 0, 1]], (640, 480))
 
 
 def box(low: Sequence[float], high: Sequence[float], texture: np.ndarray, repeats: float = 1.0) -> ibr.Mesh:
-    """A box along the axes; its texture is repeated so often per metre."""
+    """A box along the axes; its texture repeats a given number of times per metre."""
     corners = np.array([[low, high]]).reshape(2, 3)
     vertices, uv, faces = [], [], []
     for axis in range(3):
@@ -95,7 +95,7 @@ def painting() -> np.ndarray:
 def turned(
     profile: Sequence[tuple[float, float]], at: Sequence[float], color: Sequence[int], sides: int = 48
 ) -> ibr.Mesh:
-    """A turned thing that stands at a place: radii and heights of its profile, from the foot up."""
+    """A turned object at a place: radii and heights of its profile, from the foot up."""
     radius, height = np.array(profile).T
     a = np.linspace(0, 2 * np.pi, sides + 1)
     ring = np.stack([radius[:, None] * np.cos(a), -height[:, None] + 0 * a, radius[:, None] * np.sin(a)], axis=-1)
@@ -131,7 +131,7 @@ def shelf() -> list[ibr.Mesh]:
 
 @cache
 def room() -> tuple[ibr.Mesh, ...]:
-    """All that is in it."""
+    """All objects of the room."""
     wood, dark = planks(), (planks() * 0.55).astype(np.uint8)
     wall, brick = wallpaper(), bricks()[1]
     things = [
@@ -162,14 +162,14 @@ def room() -> tuple[ibr.Mesh, ...]:
 
 @cache
 def photograph() -> ibr.DepthImage:
-    """The room as a depth camera's or a network's depth would have it."""
+    """Photograph of the room with depth, as from a depth camera or a network."""
     seen = ibr.render(list(room()), CAMERA, LIGHT, samples=4)
     depth = ibr.render(list(room()), CAMERA).depth
     return ibr.DepthImage(seen.color, depth, CAMERA)
 
 
 def first_page() -> Figure:
-    """A photograph, its depth, a new view, and the same with what was hidden filled."""
+    """A photograph, its depth, a new view, and the same view with its holes filled."""
     view = photograph()
     aside = CAMERA.moved(0.25, -0.08, 0.1)
     new, filled = ibr.warp(view, aside, samples=4), ibr.warp(view, aside, fill="background", samples=4)
@@ -179,7 +179,7 @@ def first_page() -> Figure:
         "a picture": view.color,
         "its depth": near,
         "from a quarter of a metre to the right": hidden,
-        "what was hidden is filled": filled.color,
+        "the same view, holes filled": filled.color,
     }
     figure, rows = plt.subplots(2, 2, figsize=(12.8, 9.9), layout="constrained")
     for axes, (name, image) in zip(rows.ravel(), panels.items(), strict=True):

@@ -1,4 +1,4 @@
-"""The pictures of slices: made by pictures.py."""
+"""Pictures of slices, made by pictures.py."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ UNIT = ibr.Mesh(
 
 
 def slicing_directions() -> Figure:
-    """One height map, seen from above and from the side, by slices of each kind."""
+    """One height map, seen from above and from the side, with each kind of slices."""
     y, x = np.mgrid[:128, :128] / 128
     hills = np.sin(4 * np.pi * x) * np.cos(2 * np.pi * y) + 0.7 * np.sin(9 * np.pi * x + 5 * y)
     height = (0.5 + 0.26 * hills).clip(0.04, 1).astype(np.float32)
@@ -49,7 +49,7 @@ def slicing_directions() -> Figure:
 
 
 def three_directions() -> Figure:
-    """A height map by 64 slices from where the directions a, b and c face the viewer most."""
+    """A height map by 64 slices, from the views in which the directions a, b and c face the viewer most."""
     y, x = np.mgrid[:128, :128] / 128
     waves = 0.6 * np.sin(9.4 * np.hypot(x - 0.4, y - 0.55) * 2) + 0.4 * np.sin(12.6 * x) * np.sin(18.8 * y)
     height = (0.5 + 0.45 * waves).clip(0.04, 1).astype(np.float32)
@@ -92,7 +92,7 @@ def slice_counts() -> Figure:
 
 
 def bands() -> Figure:
-    """A slope and blocks of three heights by the test "band", too thin, a slice thick, and thicker."""
+    """A slope and blocks of three heights by the test "band": too thin, one slice thick, and thicker."""
     y, x = np.mgrid[:96, :96] / 96
     height = (0.04 + 0.1 * x).astype(np.float32)
     for left, rise in ((0.1, 0.15), (0.4, 0.4), (0.7, 0.75)):
@@ -202,7 +202,7 @@ def _slices_of_a_line(axes: Axes) -> None:
 
 
 def _directions(axes: Axes) -> None:
-    """A polygon's displacement volume, and slices of it across each of the directions that the library takes."""
+    """A polygon's displacement volume, and its slices across each direction that the library uses."""
     frame, height = extruded(UNIT, 0.34, (1, 1)).frames[0], 0.34
     camera = ibr.Camera.look_at((-2, -6, 3.4), (0, 0, 0), (0, 0, 1), (200, 200), projection="orthographic", height=2)
     box = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, height)])
@@ -213,7 +213,7 @@ def _directions(axes: Axes) -> None:
 
         along = box @ direction
         for at in np.linspace(along.min(), along.max(), 6)[:: -1 if name == "c" else 1]:
-            # The corners of one end, moved along; in the order of their angles in the picture
+            # Corners of one end, moved along the direction and sorted by their angles in the picture
             face = box[along < along.mean()]
             face = drawn(face + (at - along.min()) * direction)
             middle = face - face.mean(axis=0)
@@ -231,7 +231,7 @@ def _directions(axes: Axes) -> None:
 
 
 def planes() -> Figure:
-    """An orthogonal slice and a plane anywhere: the map extruded over it, the ramp of heights, and what passes."""
+    """An orthogonal slice and an arbitrary plane: the extruded map, the ramp of heights, and the passing points."""
     height, color = terrain_heights(256)
     figure = plt.figure(figsize=(13, 4.3), layout="constrained")
     grid = figure.add_gridspec(2, 5, width_ratios=(1.35, 1, 1, 1, 1))
@@ -265,15 +265,15 @@ def planes() -> Figure:
 
 
 def _plane_in_volume(axes: Axes, height: np.ndarray, color: np.ndarray, plane: np.ndarray) -> None:
-    """The displaced terrain without what lies before a slicing plane, and the plane's outline in the volume."""
+    """The displaced terrain behind a slicing plane, and the plane's outline in the volume."""
     ticks = (np.arange(256) + 0.5) / 256
     x, y = np.meshgrid(ticks, ticks)
     normal = np.cross(plane[1] - plane[0], plane[3] - plane[0])
     to_plane = (plane[0] - np.stack([x, y, 0 * x], axis=-1)) @ normal
-    # Above each place the plane stands at this height; of a vertical one all before it is taken away.
+    # Height of the plane above each point; for a vertical plane, everything in front of it is removed.
     limit = to_plane / normal[2] / 0.3 if normal[2] > 0 else np.where(to_plane < 0, 0, 1)
     left = np.minimum(height, limit.clip(0, 1)).astype(np.float32)
-    left[-1] = 0  # maps repeat: the last row borders on the first
+    left[-1] = 0  # maps repeat: the last row is next to the first
     camera = ibr.Camera.look_at((0.05, -1.6, 1.25), (0.5, 0.45, 0.09), (0, 0, 1), (520, 330), fov_y=26)
     surface = ibr.SlicedSurface(UNIT, left, color, 0.3, slices=256, slicing="screen")
     bare(axes).imshow(ibr.render(surface, camera, background=(255, 255, 255), samples=4).color)
@@ -287,7 +287,7 @@ def _plane_in_volume(axes: Axes, height: np.ndarray, color: np.ndarray, plane: n
 
 
 def intersection() -> Figure:
-    """A plane through the knot: what two of its depth images leave of it, alone and together."""
+    """A plane through the knot: the parts that two of its depth images keep, alone and together."""
     views = object_views(knot(), 512)
     ticks = np.linspace(-3.7, 3.7, 600)
     x, y = np.meshgrid(ticks, ticks)
@@ -314,7 +314,7 @@ def intersection() -> Figure:
 
 
 def one_slice() -> Figure:
-    """A slice of the knot's object: which views' tests each of its points passes, and what is drawn of it."""
+    """A slice of the knot's object: the views whose tests each point passes, and the drawn points."""
     views = object_views(knot(), 512)
     whole = ibr.DepthObject(views, slices=128)
     camera = ibr.Camera.look_at((0, 0, 12), (0, 0, 0), (0, 1, 0), (400, 400), projection="orthographic", height=7.6)
@@ -336,7 +336,7 @@ def one_slice() -> Figure:
         "the object": ibr.render(whole, oblique, **light).color,
         "tests of one slice: white passes all six": mixed.astype(np.uint8),
         f"drawn: only={number}": ibr.render(alone, camera, **light).color,
-        "the same from aside": ibr.render(alone, oblique, **light).color,
+        "the same from the side": ibr.render(alone, oblique, **light).color,
     }
     figure, row = plt.subplots(1, 4, figsize=(13, 3.5), layout="constrained")
     for axes, (name, image) in zip(row, panels.items(), strict=True):
@@ -346,7 +346,7 @@ def one_slice() -> Figure:
 
 
 def _left_by(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
-    """Tell whether each point lies behind what a view saw."""
+    """Tell whether each point lies behind the surface that a view saw."""
     pixels, z = view.camera.project(points)
     x, y = np.rint(pixels).astype(int).T
     width, height = view.camera.size
@@ -356,7 +356,7 @@ def _left_by(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
 
 
 def inputs() -> Figure:
-    """The six images that the knot's depth object is made of: colour and depth."""
+    """The six images of the knot's depth object: colour and depth."""
     figure, grid = plt.subplots(2, 6, figsize=(13, 4.4), layout="constrained")
     names = ("along x", "along -x", "along y", "along -y", "along z", "along -z")
     for (top, bottom), name, view in zip(grid.T, names, object_views(knot(), 256), strict=True):

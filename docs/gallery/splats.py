@@ -1,4 +1,4 @@
-"""The splats of docs/howto/own-system.md, drawn by the page's own code: made by pictures.py."""
+"""The splats of docs/howto/own-system.md, drawn by the page's own code for pictures.py."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 import pyibr as ibr
 
 PAGE = Path(__file__).resolve().parents[1] / "howto/own-system.md"
-LARGER, DOTS = 3, 100  # times the page's picture; dots per inch
+LARGER, DOTS = 3, 100  # factor over the page's picture; dots per inch
 
 
 def splats() -> Figure:

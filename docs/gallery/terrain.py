@@ -14,8 +14,8 @@ from PIL import Image
 import pyibr as ibr
 
 METRES_PER_DEGREE = 111_200.0
-LATITUDE = 36.6  # of the map's middle: a degree of longitude is shorter here by its cosine
-EXAGGERATION = 2.5  # heights are drawn this much larger, or 30 km of low hills would look flat
+LATITUDE = 36.6  # at the map's middle: its cosine shortens a degree of longitude
+EXAGGERATION = 2.5  # factor on heights, or 30 km of low hills would look flat
 FINER = 4  # samples of the depth image per sample of the elevation model, in x and y
 FLIGHT = 6000.0  # metres above the origin at which the map's camera stands
 PIVOT = np.array((0.0, -2000.0, EXAGGERATION * 500.0))  # the point that the views look at
@@ -32,7 +32,7 @@ def height_field() -> ibr.DepthImage:
         step_y = METRES_PER_DEGREE * float(stored["dy"]) / FINER
     rows, columns = elevation.shape
     larger = Image.fromarray(elevation).resize((columns * FINER, rows * FINER), Image.Resampling.BICUBIC)
-    height = _blurred(np.asarray(larger), 1.5)  # whole metres make steps
+    height = _blurred(np.asarray(larger), 1.5)  # heights in whole metres make steps
     rows, columns = height.shape
 
     K = [[1 / step_x, 0, (columns - 1) / 2], [0, 1 / step_y, (rows - 1) / 2], [0, 0, 1]]
@@ -45,7 +45,7 @@ def height_field() -> ibr.DepthImage:
 
 
 def _blurred(height: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """Heights blurred by a Gaussian of so many samples."""
+    """Heights blurred by a Gaussian whose width is in samples."""
     reach = round(3 * sigma)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2).astype(np.float32)
     for axis in (0, 1):
@@ -71,7 +71,7 @@ def extent_of(camera: ibr.Camera) -> tuple[float, float, float, float]:
 
 
 def camera_at(turned: float, climbed: float, nearer: float, size: tuple[int, int], fov_y: float) -> ibr.Camera:
-    """A camera that looks at the pivot: turned about it by degrees, up by metres, then nearer by a factor."""
+    """A camera that looks at the pivot: rotated by degrees, raised by metres, then moved nearer by a factor."""
     x, y, z = 0.0, -17_000.0, 11_000.0 + climbed
     a = np.radians(turned)
     offset = np.array((x * np.cos(a) - y * np.sin(a), x * np.sin(a) + y * np.cos(a), z))
@@ -79,7 +79,7 @@ def camera_at(turned: float, climbed: float, nearer: float, size: tuple[int, int
 
 
 def source_view(field: ibr.DepthImage, size: tuple[int, int] = (1500, 1000)) -> ibr.DepthImage:
-    """The terrain as one perspective camera sees it: colour and depth, and nothing of what hills hide."""
+    """The terrain as one perspective camera sees it: colour and depth, without the parts that hills hide."""
     camera = camera_at(0, 0, 1, size, fov_y=38)
     frame = ibr.warp(field, camera, edges="connect")  # a height field is one surface
     return ibr.DepthImage(frame.color, frame.depth, camera)

@@ -1,4 +1,4 @@
-"""The warping paper's figures 10 to 13 with its torus and a globe, and thin things: made by pictures.py."""
+"""The warping paper's figures 10 to 13 with its torus and a globe, and thin objects, made by pictures.py."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pyibr.warp.view import Edges
 
 COLORS = [plt.get_cmap("tab10")(number) for number in (0, 1, 2, 3, 4, 6)]
 CROSS = {(1, 0): 1, (1, 1): 4, (1, 2): 0, (1, 3): 5, (0, 1): 3, (2, 1): 2}
-"""Where the six images of `cube_cameras` lie in a cross: row, column and number."""
+"""Layout of the six images of `cube_cameras` in a cross: number by row and column."""
 
 
 def globe_of_six() -> Figure:
@@ -52,7 +52,7 @@ def globe_of_six() -> Figure:
 
 
 def torus_of_six() -> Figure:
-    """The torus with the frusta around it, the images of three of them, and the image planes that are displaced."""
+    """The torus with the frusta around it, the images of three of them, and the displaced image planes."""
     views = models.torus_from_outside(256)
     camera, close = (
         ibr.Camera.look_at((9.4, -2.6, 3.4), (0, 0.2, 0), (0, -1, 0), (560, 560), fov_y=degrees) for degrees in (56, 24)
@@ -79,7 +79,7 @@ def torus_of_six() -> Figure:
 
 
 def beside_the_original() -> Figure:
-    """The torus itself, the warp of its six images, and where they differ: cut at depth edges, and connected."""
+    """The torus itself, the warp of its six images, and their difference: cut at depth edges, and connected."""
     views = models.torus_from_outside(256)
     camera = models.view(views, (400, 400), direction=(-1, -1.2, -0.3), distance=2.6)
     scene = MeshScene.from_mesh(models.torus_mesh())
@@ -94,7 +94,7 @@ def beside_the_original() -> Figure:
         shown = np.repeat(1 - np.clip(apart / 64, 0, 1)[..., None], 3, axis=2)
         shown[truth.valid & ~frame.valid] = np.array([int(HOLE[i : i + 2], 16) for i in (1, 3, 5)]) / 255
         show(row[place], picture, f'warp, edges="{edges}"')
-        show(row[place + 1], shown, "difference, and what no image saw")
+        show(row[place + 1], shown, "difference; pink: unseen")
     return figure
 
 
@@ -128,7 +128,7 @@ def draw_lines(
     tone: tuple[float, ...],
     width: float = 1.2,
 ) -> None:
-    """Lines in the world, (2, 3) each, over a picture: faint where the picture is before them."""
+    """Lines in the world, (2, 3) each, over a picture: faint where they are hidden."""
     part = np.linspace(0, 1, 121)[:, None]
     limits = axes.get_xlim(), axes.get_ylim()
     for line in lines:
@@ -155,7 +155,7 @@ def thin_things() -> Figure:
 
 
 def fence() -> tuple[ibr.DepthImage, np.ndarray, ibr.Camera]:
-    """Wires and bars before a striped wall as a depth image, then seen from aside by rays, and by which camera."""
+    """Wires and bars before a striped wall as a depth image, its view from the side by rays, and that camera."""
     size, focal, sample = (96, 72), 100.0, 2 / 100.0
     camera = ibr.Camera([[focal, 0, 47.5], [0, focal, 35.5], [0, 0, 1]], size)
     aside = ibr.Camera(
@@ -163,7 +163,7 @@ def fence() -> tuple[ibr.DepthImage, np.ndarray, ibr.Camera]:
         (480, 360),
         camera.moved(0.06, -0.03, 0.0).world_from_camera,
     )
-    lines = [((x, -0.6), (x, 0.6)) for x in (-0.69, -0.33, 0.03, 0.39)]  # amid samples
+    lines = [((x, -0.6), (x, 0.6)) for x in (-0.69, -0.33, 0.03, 0.39)]  # at the middle of samples
     lines += [
         ((-0.9, 0.3), (0.9, 0.2)),
         ((-0.9, -0.2), (0.9, -0.42)),
