@@ -1,4 +1,4 @@
-"""Hole closing: surfaces behind the holes that segmentation leaves (Pajarola, Sainz & Meng 2003, section 4.5)."""
+"""Closing of holes: surfaces that show where segmentation leaves holes (Pajarola, Sainz & Meng 2003, section 4.5)."""
 
 from __future__ import annotations
 
@@ -18,51 +18,52 @@ from pyibr.depthmesh.viewpoints import DrawnViews
 from pyibr.opencl.memory import upload
 
 Closed = Literal["sheets"] | bool
-"""Ways of closing holes; False: they are left open."""
+"""Ways of closing holes; False leaves holes open."""
 
-_COARSE_ERROR = 0.001  # of the largest extent: that of the coarse meshes
-_BACK_ERROR = 0.003  # of the largest extent: that of their backs, which are not shown
+_COARSE_ERROR = 0.001  # relative to the largest extent: error of the coarse meshes
+_BACK_ERROR = 0.003  # relative to the largest extent: error of the back sides, which are not shown
 _SHEET_STEP = 4  # samples along the sides of sheets' cells
-_STRIDE = 0.015  # of the largest extent: from point to point along rays that look for empty space
+_STRIDE = 0.015  # relative to the largest extent: distance between points along rays that look for empty space
 
 
 @dataclass(frozen=True)
 class CoarseMesh:
-    """Triangles of a view that do not depend on the viewer: points and their numbers, as of `Triangles`."""
+    """Triangles of a view, independent of the viewer: points, and corners as numbers of points, as in `Triangles`."""
 
     points: NDArray[np.float32]
     corners: NDArray[np.int32]
 
     @classmethod
     def of(cls, tree: Tree, max_error: float) -> CoarseMesh:
-        """Those of a tree within a vertical error."""
+        """Make the coarse mesh of a tree within a vertical error."""
         found = list_triangles([tree], [active_within(tree, max_error)], rated=True)
         return cls(found.points.to_host(), found.corners.to_host())
 
     @property
     def reversed(self) -> CoarseMesh:
-        """The same with fronts and backs exchanged."""
+        """The same mesh with front and back sides exchanged."""
         return CoarseMesh(self.points, self.corners[:, ::-1])
 
 
 @dataclass
 class Closing:
-    """Surfaces that close holes, and the free space in front of them that each view has seen.
+    """Surfaces that close holes, and the free space that each view has seen in front of surfaces.
+
+    All attributes except `surfaces` and `latest` are empty if holes are closed by sheets.
 
     Attributes
     ----------
     surfaces : list of CoarseMesh
-        Of each view what shows in holes: its surface; with its rubber sheets, if these close them.
+        Surface of each view, which shows in holes; with its rubber sheets if sheets close holes.
     backs, sheets : list of CoarseMesh
-        Of each view: its surface seen from behind, and what is over that which segmentation took out. As all that
-        follows, only where rays tell what is closed.
+        For each view, the back side of its surface, and the cells whose triangles segmentation removed.
     far_sides : list of FarSides
-        Of each view: what goes on behind its depth edges.
+        For each view, the surfaces that continue behind its depth edges.
     arguments : dict
-        What kernels/depthmesh/closing.h reads of the free space: of each view how far it saw that space is free, how
-        far it is taken to be free behind its depth edges, and the least of both in each cell.
+        Free space for kernels/depthmesh/closing.h: for each view, the depth up to which it saw free space, the depth up
+        to which space counts as free behind its depth edges, and the minimum of both in each cell.
     latest : (DrawnViews, Triangles), or None
-        The triangles that were drawn last: for other views they differ.
+        Cache of the most recent triangles, and the views that they are for.
     """
 
     surfaces: list[CoarseMesh]
@@ -73,7 +74,7 @@ class Closing:
     latest: tuple[DrawnViews, Triangles] | None = None
 
     def underlay(self, drawn: DrawnViews) -> Triangles:
-        """List the triangles under the chosen views' meshes: sheets, backs, others' surfaces."""
+        """List the triangles that come before the chosen views' meshes: sheets, back sides, surfaces of other views."""
         latest = self.latest
         if latest is not None and latest[0] == drawn:
             return latest[1]
@@ -90,7 +91,7 @@ class Closing:
 
 
 def closing_of(meshes: Sequence[ViewMesh], extent: float, closed: Closed) -> Closing:
-    """Make the surfaces that close the holes of meshes whose box has this largest edge."""
+    """Make the surfaces that close the holes of meshes; `extent` is the largest edge of their box."""
     if closed == "sheets":
         trees = [build_tree(mesh.view, Segmentation("none")) for mesh in meshes]
         return Closing([CoarseMesh.of(tree, _COARSE_ERROR * extent) for tree in trees])
@@ -126,7 +127,7 @@ def closing_of(meshes: Sequence[ViewMesh], extent: float, closed: Closed) -> Clo
 
 
 def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The least of each cell's four samples, at its upper left one; 0 in the last row and column."""
+    """Minimum of each cell's four samples, at its upper left sample; 0 in the last row and column."""
     least = np.zeros_like(values)
     rows = np.minimum(values[1:], values[:-1])
     least[:-1, :-1] = np.minimum(rows[:, 1:], rows[:, :-1])
@@ -134,7 +135,7 @@ def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _sheets_of(mesh: ViewMesh) -> CoarseMesh:
-    """Find what is over cells that are not drawn in full, in coarser ones: it only tells of rays between surfaces."""
+    """Cover the cells that are not fully drawn with coarser triangles, which find rays that pass between surfaces."""
     width, height = mesh.view.camera.size
     rows, columns = (np.unique([*range(0, count, _SHEET_STEP), count - 1]) for count in (height, width))
     upper, lower = mesh.tree.drawn_cells()

@@ -1,4 +1,4 @@
-"""Drawing depth meshes: their triangles for a target, and their colours blended (kernels/depthmesh/blend.cl)."""
+"""Drawing of depth meshes: triangles for a target, and blended colours (kernels/depthmesh/blend.cl)."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ class Blending:
     Attributes
     ----------
     by : str
-        Of the names of `Blend`.
+        A name from `Blend`.
     drawn : DrawnViews
     closeness : (views,) float64
-        Of the views to the target's, in 1 / scene units: their weights.
+        Weights of the views: closeness of their viewpoints to the target's, in 1 / scene units.
     epsilon : float
-        Scene units by which surfaces that are the same may lie behind the front one.
+        Largest distance behind the front surface, in scene units, at which a surface counts as the same.
     share : float
-        Of the tolerance that each mesh has: of two surfaces that are the same either may be off.
+        Share of the tolerance for each mesh: two meshes of one surface may be off to opposite sides.
     closing : Closing, optional
-        What shows through holes.
+        Surfaces that show through holes.
     gains : (views, 3) float64, optional
-        What the views' colours are multiplied by.
+        Factors for the views' colours.
     """
 
     by: str
@@ -69,9 +69,9 @@ ONE_VIEW = Blending("quality", DrawnViews([0]), np.ones(1), 0.0, share=1.0)
 
 
 def build_ahead_of_meshes(target: Target, closed: Closed, *, is_lit: bool) -> None:
-    """Have the programs built that drawing several views' meshes needs, in their order, beside this process.
+    """Start to build the programs that draw several views' meshes, in another process and in the order of their use.
 
-    In a light, but for the one that draws: it depends on what the light is to find.
+    With lighting, all but the drawing program: this one depends on the maps that the light needs.
     """
     build_ahead("picture/begin.cl", "to_nearness")
     build_ahead("depthmesh/tree.cl", "segment")
@@ -94,32 +94,32 @@ def draw_depth_meshes(
     lighting: Lighting | None = None,
     occupancy: DeviceArray | None = None,
 ) -> None:
-    """Draw the mesh of a view, or those of several, blended, into the target.
+    """Draw one mesh, or several meshes blended, into the target.
 
     Parameters
     ----------
     target : Target
     thing : Immutable
-        That keeps its colours and its triangles on the device.
+        Object whose colours and triangles are cached on the device.
     meshes : sequence of ViewMesh
-        Of all views.
+        Meshes of all views.
     bounds : (low, high)
-        In the world.
+        Box around the surfaces in the world.
     tolerance : float
-        Pixels by which what is drawn may lie off the surface.
+        Largest distance, in pixels, between the drawn triangles and the surface.
     reuse : float
-        Of `pyibr.depthmesh.selection.Selection`.
+        As in `pyibr.depthmesh.selection.Selection`.
     blending : Blending
     lighting : Lighting, optional
     occupancy : DeviceArray (H, W) uint32, optional
-        Gets bit k set where view k gave colour.
+        Output: bit k is set where view k gave colour.
     """
     entry = _entry(target, lighting, [mesh.view for mesh in meshes], tolerance, bounds)
     camera, closing, drawn = target.camera, blending.closing, blending.drawn
     near, more = target.near(bounds), dict[str, Any](entry.arguments)
     colored = [*drawn.others, *drawn.chosen]
     listed = [*drawn.sheets, *drawn.around, *colored]
-    seen = listed if closing is None else range(len(meshes))  # free space is what any view has seen
+    seen = listed if closing is None else range(len(meshes))  # free space depends on all views
     pairs = {number: camera_pair(meshes[number].view.camera, camera) for number in seen}
     underlay, closed = None, False
     if closing is not None:
@@ -130,7 +130,7 @@ def draw_depth_meshes(
     trees = [meshes[number].tree for number in drawn.chosen]
     how = blending.share * tolerance, underlay, 0.0 if target.from_light else reuse
     triangles, projected = projected_triangles(thing, trees, camera, [pairs[number] for number in listed], *how)
-    sides = "both" if target.from_light else "front"  # backs have no colours, but cast shadows
+    sides = "both" if target.from_light else "front"  # back sides have no colours, but cast shadows
     bins = bin_primitives(target, triangles.corners, projected, near, sides)
     more |= _color_arguments(thing, meshes, blending, colored, camera, entry.normals)
     defines = _defines_of(target, closed, entry)
@@ -164,7 +164,7 @@ def draw_depth_meshes(
 
 
 def _defines_of(target: Target, closed: Closed, entry: Entry) -> dict[str, int]:
-    """Defines of the kernel that draws: how holes are closed, and what is told of pixels."""
+    """Defines of the drawing kernel, for the way holes are closed and the outputs of each pixel."""
     defines = bin_defines(3) | target.color_defines | entry.defines
     if closed:
         defines["CLOSED"] = int(constant("depthmesh/blend.cl", "BY_SHEETS" if closed == "sheets" else "BY_RAYS"))
@@ -180,7 +180,7 @@ def _color_arguments(
     camera: Camera,
     with_normals: bool,
 ) -> dict[str, Any]:
-    """Kernel arguments of the views' colours and weights; and of their normals, where they are asked for."""
+    """Kernel arguments for the views' colours and weights, and for their normals if requested."""
     far_sides = () if blending.closing is None else blending.closing.far_sides
     views = [mesh.view for mesh in meshes]
     feathers = cached_on_device(thing, "feathers", lambda: list(map(feathers_of, meshes)))
@@ -208,7 +208,7 @@ def _color_arguments(
 def _entry(
     target: Target, lighting: Lighting | None, views: Sequence[DepthImage], tolerance: float, bounds: Bounds
 ) -> Entry:
-    """Enter the meshes of views among what is lit afterwards; a light sees other triangles, and the views' noise."""
+    """Register the meshes for deferred lighting; the bias covers a light's other triangles and the views' noise."""
     if lighting is None:
         return NO_ENTRY
     low, high = bounds

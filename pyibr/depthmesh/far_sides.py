@@ -1,4 +1,4 @@
-"""Far sides of depth edges: surfaces extrapolated behind the near sides that hide them."""
+"""Far sides of depth edges: surfaces extrapolated behind the near surfaces that occlude them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pyibr.core.checks import Float64
 from pyibr.depthmesh.tree import Tree
 from pyibr.images.depth_image import DepthImage
 
-_DEPTH_RATIO_MAX = 1.5  # times the depth of its edge, that what goes on behind one may be nearer or farther
+_DEPTH_RATIO_MAX = 1.5  # largest ratio between the depths of a continued surface and of its edge, either way
 
 Float32 = NDArray[np.float32]
 Whole = NDArray[np.int64]
@@ -28,7 +28,7 @@ class ViewMesh(Protocol):
 
     @property
     def tree(self) -> Tree:
-        """Its quadtree on the current device."""
+        """Quadtree of the mesh on the current device."""
         ...
 
 
@@ -39,11 +39,11 @@ class FarSides:
     Attributes
     ----------
     depth : (H, W) float32
-        Not less than the view's own.
+        Depth of the continued surface, not less than the view's own.
     hidden : (H, W) bool
-        Where it looks behind its surface.
+        Mask of the samples where `depth` lies behind the view's surface.
     far : (H, W) bool
-        Which samples of surfaces are on the far sides of edges: those of background have no colours to go on.
+        Mask of the surface samples on the far sides of edges. Background samples are excluded: they have no colours.
     """
 
     depth: Float32
@@ -51,7 +51,7 @@ class FarSides:
     far: NDArray[np.bool_]
 
     def colored(self, words: NDArray[np.uint32]) -> NDArray[np.uint32]:
-        """(H, W) RGBA words there, spread from the edges; those of the view, (H, W), where it does not look behind."""
+        """(H, W) RGBA words: spread from the edges where `hidden`, the given words of the view, (H, W), elsewhere."""
         if not self.far.any():
             return words
         shown = words.view(np.uint8).reshape(*words.shape, 4).astype(np.float32)
@@ -62,20 +62,20 @@ class FarSides:
 def far_sides_of(mesh: ViewMesh, limit: Float32) -> FarSides:
     """Extrapolate the far sides of a view's depth edges.
 
-    Each sample continues the edge that is nearest to it in the picture: in the plane of the surface on that edge's far
-    side, or with nothing where that is background.
+    Each sample continues the edge that is nearest to it in the image: it lies in the plane of the surface on the far
+    side of that edge, or is background if the far side is.
 
     Parameters
     ----------
     mesh : ViewMesh
     limit : (H, W) float32
-        The view's depths, infinite for background and 0 where nothing is known.
+        Depths of the view: infinite for background, 0 for unknown depth.
     """
     far = _far_sides(mesh, limit)
     if not far.any():
         return FarSides(limit, far, far)
     number = np.arange(far.size).reshape(far.shape)
-    behind = (limit > 0) & np.isfinite(limit)  # what surfaces can hide: the rest is seen to be empty, or not known
+    behind = (limit > 0) & np.isfinite(limit)  # only surfaces occlude: other samples are empty or unknown
     origin = _nearest(np.where(far, number, -1), far.shape[1], behind)
     depth = _continued(mesh, limit, origin, behind)
     hidden = (depth > limit) & (limit > 0)
@@ -83,7 +83,7 @@ def far_sides_of(mesh: ViewMesh, limit: Float32) -> FarSides:
 
 
 def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
-    """Samples, (H, W) bool, of surfaces, or of background, on the far sides of depth edges."""
+    """Mask, (H, W) bool, of the samples on the far sides of depth edges, of surfaces or of background."""
     upper, lower = mesh.tree.drawn_cells()
     height, width = limit.shape
     parts = [np.s_[dy : height - 1 + dy, dx : width - 1 + dx] for dy in (0, 1) for dx in (0, 1)]
@@ -91,7 +91,7 @@ def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
     drawn = upper & lower
     low, high = corners.min(axis=0), corners.max(axis=0)
     cut = ~drawn & (low > 0) & np.isfinite(low)
-    half = np.float32(0.5)  # of each: their sum may overflow
+    half = np.float32(0.5)  # halves are added, as the sum may overflow
     twice = 2 * np.minimum(low, half * np.finfo(np.float32).max)
     middle = np.asarray(np.where(np.isinf(high), twice, half * low + half * high), np.float32)
     far, near, surface = (np.zeros(limit.shape, np.bool_) for _ in range(3))
@@ -102,11 +102,11 @@ def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
     return far & ~near & (surface | np.isinf(limit))
 
 
-_NEIGHBOUR_WEIGHTS = (9, 3, 3, 1)  # sixteenths of bilinear interpolation, of `_coarser`
+_NEIGHBOUR_WEIGHTS = (9, 3, 3, 1)  # bilinear weights, in sixteenths, of the elements that `_coarser` returns
 
 
 def _nearest(origin: Whole, width: int, wanted: NDArray[np.bool_] | Literal[True] = True, step: int = 1) -> Whole:
-    """Fill up what has no origin with that of the nearest, nearly.
+    """Give each element without an origin the origin of the approximately nearest element.
 
     Parameters
     ----------
@@ -115,9 +115,9 @@ def _nearest(origin: Whole, width: int, wanted: NDArray[np.bool_] | Literal[True
     width : int
         Samples in a row of the view.
     wanted : (h, w) bool
-        Where it is to be filled up: most of the time goes into this level.
+        Mask of the elements to fill; it saves time on the finest level, the slowest one.
     step : int
-        Samples along the side of what an element stands for: levels are halved until all of one is known.
+        Samples along the side of an element's block: levels are halved until one has no unknown element.
     """
     if (origin >= 0).all():
         return origin
@@ -135,7 +135,7 @@ def _nearest(origin: Whole, width: int, wanted: NDArray[np.bool_] | Literal[True
 
 
 def _spread(known: NDArray[np.bool_], color: Float32, wanted: NDArray[np.bool_] | Literal[True] = True) -> Float32:
-    """Fill up the colours (h, w, k) of what is wanted and not known with a blend from around: pull and push."""
+    """Fill the colours (h, w, k) of wanted, unknown elements with a blend of those around (pull and push)."""
     if known.all():
         return color
     have = _quarters(known, False).astype(np.float32)[..., None]
@@ -153,14 +153,14 @@ def _spread(known: NDArray[np.bool_], color: Float32, wanted: NDArray[np.bool_] 
 
 
 def _quarters(values: NDArray[Any], beyond: float) -> NDArray[Any]:
-    """(4, h / 2, w / 2, ...) the four that each element of the next coarser level stands for."""
+    """(4, h / 2, w / 2, ...) the four elements under each element of the next coarser level."""
     pad = [(0, values.shape[0] % 2), (0, values.shape[1] % 2), *[(0, 0)] * (values.ndim - 2)]
     padded = np.pad(values, pad, constant_values=beyond)
     return np.stack([padded[dy::2, dx::2] for dy in (0, 1) for dx in (0, 1)])
 
 
 def _coarser(y: Whole, x: Whole, shape: tuple[int, ...]) -> list[Whole]:
-    """Places in the next coarser level, (h, w, ...), of the four elements around others' middles, the own one first."""
+    """Indices of the four elements of the next coarser level, (h, w, ...), around each centre, its own block first."""
     rows, columns = (
         (at // 2, np.clip(at // 2 + 2 * (at % 2) - 1, 0, count - 1)) for at, count in zip((y, x), shape, strict=False)
     )
@@ -168,7 +168,7 @@ def _coarser(y: Whole, x: Whole, shape: tuple[int, ...]) -> list[Whole]:
 
 
 def _continued(mesh: ViewMesh, limit: Float32, origin: Whole, wanted: NDArray[np.bool_]) -> Float32:
-    """(H, W) depths of the planes of surfaces at their samples `origin`, where other samples that are wanted look."""
+    """(H, W) depths at which the rays of `wanted` samples meet the tangent planes of their samples `origin`."""
     camera = mesh.view.camera
     rows, columns = np.nonzero(wanted)
     y, x = np.divmod(origin[wanted], limit.shape[1])

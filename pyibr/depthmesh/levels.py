@@ -1,4 +1,4 @@
-"""Colours of views on the device, at several levels for targets that see them small (kernels/depthmesh/blend.cl)."""
+"""Colours of views on the device, at several levels of detail for minification (kernels/depthmesh/blend.cl)."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from pyibr.images import DepthImage
 from pyibr.meshes.textures import halved, rgba_words
 from pyibr.opencl.memory import DeviceArray, upload
 
-_FEATHER = 8  # samples within which a view's weight fades towards an end of its surface
+_FEATHER = 8  # samples over which a view's weight fades towards an end of its surface
 
 
 @dataclass(frozen=True)
 class ViewColors:
-    """Colours of views: of each all levels, half as large as the one before, one after the other.
+    """Colours of views: all levels of each view, one after the other, each half as large as the previous level.
 
     Attributes
     ----------
     words : DeviceArray (texels,) uint32
-        RGBA; A: of the finest levels, `feathers_of`; of others, 255 times the part that has samples.
+        RGBA. A holds `feathers_of` on the finest levels, and on others 255 times the share of valid samples.
     sizes : DeviceArray (levels, 3) int32
         Width, height and start of each level.
     sources : (views, 4) int32
-        Number, first and last level of each view, and whether it is perspective.
+        Number, first and last level of each view, and 1 if it is perspective.
     focals : (views,) float64
-        Samples that a scene unit takes at depth 1, or everywhere.
+        Samples per scene unit, at depth 1 in perspective views.
     far_sides : DeviceArray (samples,) uint32, or None
-        RGBA that the far sides of each view's depth edges go on with, if holes are closed.
+        RGBA colours of the continued surfaces behind each view's depth edges, if holes are closed.
     """
 
     words: DeviceArray
@@ -74,9 +74,9 @@ def _joined(images: Sequence[NDArray[np.uint32]]) -> DeviceArray:
 
 
 def feathers_of(mesh: ViewMesh) -> NDArray[np.uint8]:
-    """(H, W) weights of a view's samples: 255, 1 at the ends of its surface, 0 where there is no sample.
+    """(H, W) weights of a view's samples: 255 inside, down to 1 at the ends of the surface; 0 where depth is invalid.
 
-    Towards depth edges, holes and the image's border it fades, by the farther of both axes.
+    The weights fade towards depth edges, holes and the image border, with the chessboard distance.
     """
     upper, lower = mesh.tree.drawn_cells()
     whole = np.pad(upper & lower, 1)
@@ -93,7 +93,7 @@ def feathers_of(mesh: ViewMesh) -> NDArray[np.uint8]:
 def color_levels(
     view: DepthImage, feather: NDArray[np.uint8], gains: Float64 | None = None
 ) -> Iterator[NDArray[np.uint32]]:
-    """RGBA words (h, w) of a view's samples, down to 1x1: colours times `gains` (3,), A as of `ViewColors.words`."""
+    """RGBA words (h, w) of each level, down to 1x1: colours times `gains` (3,), A as in `ViewColors.words`."""
     height, width = view.valid.shape
     shown = view.shown_color
     if gains is not None:
@@ -102,7 +102,7 @@ def color_levels(
     words = rgba_words(shown).reshape(height, width)
     yield words & np.uint32(0xFFFFFF) | feather.astype(np.uint32) << np.uint32(24)
     sound = np.where(view.valid, words, np.uint32(0)).view(np.uint8).reshape(height, width, 4)
-    level = sound.astype(np.float32)  # colours times the part, and the part
+    level = sound.astype(np.float32)  # colours times the share of valid samples, and this share
     while max(level.shape[:2]) > 1:
         height, width = level.shape[:2]
         level = halved(np.pad(level, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge"))

@@ -1,9 +1,10 @@
-"""Triangles merged to a number of them, along depth edges, too: edges collapse, the cheapest first.
+"""Merging of triangles to a given number by edge collapses, the cheapest first.
 
-A quadtree leaves all triangles along a depth edge as fine as samples are. Garland and Heckbert's quadrics (SIGGRAPH
-1997) tell what moving a vertex costs: the sum of its squared distances from the planes of all triangles that have been
-merged in it, and from planes that stand on the outline. So no vertex lies off any of them by more than the root of it.
-Vertices stay samples: an edge's one end moves to the other. Edges that have no triangle in common collapse at once.
+A quadtree leaves all triangles along a depth edge as fine as the samples; merging removes these, too. The cost of
+moving a vertex comes from the quadrics of Garland and Heckbert (SIGGRAPH 1997): the sum of its squared distances from
+the planes of all triangles merged into it, and from planes perpendicular to the surface along its outline. So no vertex
+lies farther from any of these planes than the square root of its cost. Vertices stay samples: one end of an edge moves
+to the other. Edges without a common triangle collapse in the same round.
 """
 
 from __future__ import annotations
@@ -17,16 +18,16 @@ from pyibr.core.checks import Float64
 
 Whole = NDArray[np.int64]
 
-_ROUNDS_MAX = 400  # of collapses: each takes away some percent
-_CHEAPEST = 0.3  # the share of the edges that may collapse in a round
-_SHUFFLE = 2654435761  # a hash of numbers (Knuth): odd, and near the golden section of 2^32
-_NO_COST = 1e-6  # of the extent: less is rounding
-_AREA_MIN = 1e-3  # square pixels: smaller triangles are none
+_ROUNDS_MAX = 400  # rounds of collapses: each removes a few percent of the triangles
+_CHEAPEST = 0.3  # share of the edges that may collapse in a round
+_SHUFFLE = 2654435761  # multiplicative hash (Knuth): odd, and near the golden section of 2^32
+_NO_COST = 1e-6  # relative to the extent: smaller distances are rounding
+_AREA_MIN = 1e-3  # square pixels: smaller triangles count as degenerate
 
 
 @dataclass(frozen=True)
 class _Edges:
-    """Edges of triangles, and what collapses of their first end to the second cost."""
+    """Directed edges of triangles, and the costs of collapsing the first end to the second."""
 
     ends: Whole
     cost: Float64
@@ -38,22 +39,22 @@ def merged(points: Float64, pixels: Float64, faces: Whole, count: int, max_error
     Parameters
     ----------
     points : (N, 3) float64
-        In space.
+        Positions of the vertices.
     pixels : (N, 2) float64
-        In the view, where no triangle may turn over.
+        Pixels of the vertices in the view, where no triangle may turn over.
     faces : (T, 3) int64
     count : int
-        At most so many triangles are to be left.
+        Largest number of triangles to leave.
     max_error : float
-        Scene units by which no vertex may lie off what is merged in it.
+        Largest distance, in scene units, of a vertex from the planes merged into it.
 
     Returns
     -------
     (t, 3) int64
-        Of the same vertices, of which some are no longer used.
+        Triangles of the same vertices, some of which are no longer used.
     """
     quadrics = _quadrics(points, faces)
-    refused = np.empty(0, np.int64)  # edges, start * N + end, that could not collapse lately
+    refused = np.empty(0, np.int64)  # edges, start * N + end, whose recent collapses were rejected
     for _ in range(_ROUNDS_MAX):
         if len(faces) <= count:
             break
@@ -63,7 +64,7 @@ def merged(points: Float64, pixels: Float64, faces: Whole, count: int, max_error
         sound = _stays_in_order(pixels, faces, gone, stays, len(points))
         if not len(gone) and not len(refused):
             break
-        # What is refused may do once its surroundings have changed.
+        # A rejected collapse may succeed once its surroundings have changed.
         lately = gone[~sound] * len(points) + stays[~sound]
         refused = np.concatenate([refused, lately])[-len(faces) // 2 :] if len(gone) else refused[:0]
         gone, stays = gone[sound], stays[sound]
@@ -101,7 +102,7 @@ def _unit(vectors: Float64) -> Float64:
 
 
 def _half_edges(faces: Whole) -> tuple[Whole, Whole, Whole]:
-    """(E, 2) each triangle's edges as it is wound, (E,) the triangle, and (E,) a number that both sides share."""
+    """(E, 2) directed edges of the triangles, (E,) their triangles, and (E,) edge numbers, equal on both sides."""
     there = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     low, high = np.sort(there, axis=1).T
     _, number = np.unique(low * (int(faces.max()) + 1) + high, return_inverse=True)
@@ -109,7 +110,7 @@ def _half_edges(faces: Whole) -> tuple[Whole, Whole, Whole]:
 
 
 def _costs(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> _Edges:
-    """Either way of each edge that may collapse, but those that were refused."""
+    """Both directions of each edge that may collapse, without the refused ones, and their costs."""
     there, _, number = _half_edges(faces)
     sides = np.bincount(number)
     _, first = np.unique(number, return_index=True)
@@ -118,7 +119,7 @@ def _costs(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> 
     touches[ends[outline]] = True
     both = np.concatenate([ends, ends[:, ::-1]])
     on_outline = np.concatenate([outline, outline])
-    # What is on the outline stays on it, and edges of more than two triangles are left.
+    # Outline vertices stay on the outline, and edges of more than two triangles stay as they are.
     may = (on_outline | ~touches[both[:, 0]]) & (np.concatenate([sides, sides]) <= 2)
     may &= ~np.isin(both[:, 0] * len(points) + both[:, 1], refused)
     both = both[may]
@@ -129,9 +130,9 @@ def _costs(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> 
 
 
 def _apart(edges: _Edges, faces: Whole, vertices: int, max_error: float, most: int) -> Whole:
-    """Numbers of the cheapest edges that have no triangle in common, at most so many."""
+    """Numbers of the cheapest edges without common triangles, at most `most`."""
     allowed = np.flatnonzero(edges.cost <= max_error**2)
-    # On planes all cost the same: in the edges' own order each would wait for the one beside it.
+    # A hash breaks ties: on planes all costs are equal, and in their own order edges would wait for their neighbours.
     order = allowed[np.lexsort((allowed * _SHUFFLE % 2**32, edges.cost[allowed]))]
     order = order[: max(int(_CHEAPEST * len(edges.cost)), 16)]
     rank = np.arange(len(order))
@@ -139,7 +140,7 @@ def _apart(edges: _Edges, faces: Whole, vertices: int, max_error: float, most: i
     ends = edges.ends[order]
     for column in ends.T:
         np.minimum.at(least, column, rank)
-    for _ in range(2):  # over the triangles around, and those around these
+    for _ in range(2):  # over two rings of triangles around each vertex
         of_faces = least[faces].min(axis=1)
         for column in faces.T:
             np.minimum.at(least, column, of_faces)
@@ -148,7 +149,7 @@ def _apart(edges: _Edges, faces: Whole, vertices: int, max_error: float, most: i
 
 
 def _stays_in_order(pixels: Float64, faces: Whole, gone: Whole, stays: Whole, vertices: int) -> NDArray[np.bool_]:
-    """Tell which collapses turn no triangle over, and join no surfaces."""
+    """Find the collapses that turn no triangle over and join no surfaces: (n,) bool."""
     target = np.full(vertices, -1)
     target[gone] = stays
     number = np.full(vertices, -1)
@@ -163,7 +164,7 @@ def _stays_in_order(pixels: Float64, faces: Whole, gone: Whole, stays: Whole, ve
     before, later = _areas(pixels, some), _areas(pixels, after)
     turned = kept & (later * np.sign(before) < _AREA_MIN)
     bad[which[turned]] = True
-    # Vertices that both ends have an edge to are those of the edge's own triangles, or two sheets would be one.
+    # Only corners of the edge's own triangles may have edges to both ends: otherwise two surfaces would grow together.
     removed = np.bincount(which[~kept], minlength=len(gone))
     shared = _common_neighbours(faces, gone, stays, vertices)
     return ~bad & (shared == removed)
@@ -176,7 +177,7 @@ def _areas(pixels: Float64, faces: Whole) -> Float64:
 
 
 def _common_neighbours(faces: Whole, gone: Whole, stays: Whole, vertices: int) -> Whole:
-    """Number of vertices with edges to both ends of each of the edges, which are apart from each other."""
+    """For each of the separate edges, count the vertices with edges to both of its ends."""
     number = np.full(vertices, -1)
     number[gone] = number[stays] = np.arange(len(gone))
     there = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)

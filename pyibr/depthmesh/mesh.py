@@ -41,40 +41,41 @@ from pyibr.picture.undistort import undistorted
 
 Int32 = NDArray[np.int32]
 
-_START = 3  # times as many triangles are merged to a number
-_LEAST_ERROR, _MOST_ERROR = 1e-4, 0.02  # of the extent: those of the tree that they are merged from
+_START = 3  # merging to a number of triangles starts from this many times as many
+_LEAST_ERROR, _MOST_ERROR = 1e-4, 0.02  # relative to the extent: errors of the triangulation that merging starts from
 
 
 class DepthMesh(Immutable):
-    """A depth image as a triangle mesh that adapts to the viewer: fine where that is seen, without cracks.
+    """A depth image as a triangle mesh that adapts to the viewer: fine where the viewer sees detail, without cracks.
 
-    A sample covers its pixel: the mesh reaches half a pixel beyond the outermost samples, straight on from within.
-    A restricted quadtree over the samples is kept on the device, with the error of each vertex; a triangulation is read
-    from it for each target. `render` draws the side that the view saw, with 8 bits a channel.
+    Each sample covers its pixel, so the mesh extends half a pixel beyond the outermost samples, by linear
+    extrapolation. The device holds a restricted quadtree over the samples, with the error of each vertex, and each
+    target gets its triangulation from this tree. `render` draws the side that the view saw, with 8 bits a channel.
 
     Parameters
     ----------
     view : DepthImage
-        Perspective or orthographic, of any size from 2x2 samples on. With a lens, it is undistorted.
+        Perspective or orthographic, at least 2x2 samples. A view with a lens is undistorted first.
     tolerance : float
-        Pixels of the target, >= 0, by which `render` lets the drawn surface lie off the full grid; 0 draws it all.
+        Largest distance between the surface that `render` draws and the full grid, in pixels of the target, >= 0;
+        0 draws the full grid.
     segmentation : Segmentation, optional
-        What is taken out as bridging two surfaces; by default the paper's test.
+        Test that removes triangles which bridge two surfaces; by default the paper's test.
     errors : {"sum", "largest"}
-        How far off a surface is taken to be where a vertex and its children are left out: by the "sum" of their errors,
-        which bounds it, or by the "largest" of them, as in the paper (section 3.2), which is seldom exceeded and has
-        fewer triangles at the same tolerance. The sum is the default, as then the tolerance holds. What noise alone
-        would split counts in neither, where the view's noise is known or found (`DepthImage.noise`).
+        Estimate of the error where a vertex and its children are left out: the "sum" of their errors is an upper
+        bound; the "largest" of them, as in the paper (section 3.2), is seldom exceeded and takes fewer triangles at
+        the same tolerance. The sum is the default because the tolerance then holds. Neither counts errors that the
+        view's noise explains, if that noise is known or estimated (`DepthImage.noise`).
     reuse : float
-        What `render` draws again while the camera moves by little: 0 to 0.5, 0 for nothing. With 0.1, triangles are
-        chosen by a tolerance finer by a tenth, and for a view wider by a tenth, and drawn for as long as the tolerance
-        holds with them; so they depend on the targets that came before.
+        Reuse of triangles while the camera moves little: 0 to 0.5, 0 for none. With 0.1, the triangles are chosen
+        for a tolerance that is a tenth finer and a view that is a tenth wider, and are drawn again as long as they
+        meet the tolerance. The triangles then depend on the previous targets.
 
     Raises
     ------
     ArgumentError
         If an argument is out of its range; on first use, if the samples make no triangle, or lie so near or far that
-        single precision does not hold products of their distances.
+        products of their distances exceed single precision.
 
     Examples
     --------
@@ -118,7 +119,7 @@ class DepthMesh(Immutable):
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(low, high), each (3,), in the world: the box around the triangles, whatever isolated samples say."""
+        """(low, high), each (3,), in the world: the box around the triangles, without isolated samples."""
         return self._box
 
     @cached_property
@@ -131,13 +132,13 @@ class DepthMesh(Immutable):
             return np.min([low, *border], axis=0), np.max([high, *border], axis=0)
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the triangles in the view's colours, which hold their light, unless a light relights them."""
+        """Draw the triangles in the view's colours, which contain their light, unless a light relights them."""
         bounds, tolerance = self.bounds, self.tolerance
         draw_depth_meshes(target, self, [self], bounds, tolerance=tolerance, reuse=self.reuse, lighting=lighting)
 
     @property
     def tree(self) -> Tree:
-        """The quadtree on the current device, made once."""
+        """The quadtree on the current device, built once."""
         with current().call():
             return cached_on_device(self, "tree", self._made_tree)
 
@@ -149,14 +150,14 @@ class DepthMesh(Immutable):
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
-        """(H, W, 3) unit normals of the samples in the view's camera's frame, towards the camera."""
+        """(H, W, 3) unit normals of the samples in the frame of the view's camera, towards the camera."""
         tree = self.tree
         with tree.cells.session.call():
             return tree.sample_normals()
 
     @property
     def quality(self) -> NDArray[np.float32]:
-        """(H, W) ``|n . (0, 0, 1)|``: how much each sample faces the camera, in [0, 1]."""
+        """(H, W) ``|n . (0, 0, 1)|``, in [0, 1]: how directly each sample faces the camera."""
         return np.abs(self.normals[..., 2])
 
     def triangulate(self, camera: Camera, *, tolerance: float | None = None) -> Mesh:
@@ -165,16 +166,16 @@ class DepthMesh(Immutable):
         Parameters
         ----------
         camera : Camera
-            Perspective or orthographic. What it does not see stays coarse.
+            Perspective or orthographic. Surface outside its view stays coarse.
         tolerance : float, optional
-            Pixels of that camera, >= 0: vertices whose error is seen smaller are left out; 0 takes all. By default
-            the mesh's own.
+            Pixels of that camera, >= 0: vertices whose projected error is smaller are left out; 0 takes all vertices.
+            By default the mesh's own `tolerance`.
 
         Returns
         -------
         Mesh
-            In the world, with uv into the view's colour as texture, the vertices' colours for files that hold no
-            texture, normals, and the attribute "quality" (N,).
+            In the world, with the view's colour as texture and uv coordinates into it, with vertex colours for file
+            formats without textures, with normals, and with the attribute "quality" (N,).
 
         Raises
         ------
@@ -187,17 +188,18 @@ class DepthMesh(Immutable):
     def simplify(self, max_error: float | None = None, *, count: int | None = None) -> Mesh:
         """Triangulate the surface within an error or to a number of triangles, for any view.
 
-        With `max_error` alone triangles are the quadtree's, which is as fine as the samples along depth edges. With
-        `count` they are merged, along depth edges, too, the flattest first: for pages and files that have to be small.
+        With `max_error` alone, the triangles are those that the quadtree has; along depth edges they are as fine as the
+        samples. With `count`, triangles are merged, along depth edges too, the flattest first: for small web pages and
+        files.
 
         Parameters
         ----------
         max_error : float, optional
-            Scene units, >= 0: at every sample the mesh's depth is the sample's within that. Of what is merged to a
-            `count`, no vertex lies off the planes and outlines that are merged in it by more, and more triangles are
-            left if it takes them.
+            Scene units, >= 0: largest difference of depth between the mesh and any sample. With `count`, it bounds the
+            distance of each vertex from the planes and outlines that were merged into it, and merging stops before it
+            exceeds this error, so more triangles may remain.
         count : int, optional
-            >= 1: at most so many triangles.
+            Largest number of triangles, >= 1.
 
         Returns
         -------
@@ -241,7 +243,7 @@ class DepthMesh(Immutable):
             return self._mesh_of(samples[used], corners.reshape(-1, 3).astype(np.int32))
 
     def _start_for(self, count: int, limit: float) -> tuple[Int32, Int32]:
-        """Triangles of the tree to merge to a number: some times as many, unless edges leave more."""
+        """Triangles of the tree that merging to `count` starts from: `_START` times as many, or more at depth edges."""
         low, high = self.bounds
         error = _LEAST_ERROR * float(np.max(high - low))
         found = _triangles_of(self.tree, active_within(self.tree, min(error, limit)))
@@ -263,27 +265,27 @@ class DepthMesh(Immutable):
     def strips(
         self, camera: Camera, *, tolerance: float | None = None, normals: bool = False
     ) -> list[NDArray[np.int32]] | list[NDArray[np.void]]:
-        """Triangle strips of what `triangulate` yields, as it numbers the vertices (figure 6 of the paper).
+        """Triangle strips of the mesh from `triangulate`, with its vertex numbers (figure 6 of the paper).
 
         Parameters
         ----------
         camera, tolerance
             As for `triangulate`.
         normals : bool
-            Whether the strips carry what they show, normals with it, instead of numbers alone.
+            Whether the strips hold vertex records with normals instead of vertex numbers alone.
 
         Returns
         -------
         list of (n,) int32 arrays
-            Each three numbers in a row are a triangle, every other one wound the other way; a number that comes twice
-            turns the strip and makes a triangle without area. Strips end where a triangle is not drawn. With `normals`
-            arrays of records, as vertex buffers hold them, one after the other: "number" int32, "position" and "normal"
-            (3,) float32, in the world, the latter of unit length and towards the view, and "color" (3,) as the view's.
+            Every three consecutive numbers form a triangle, and every second triangle has the opposite winding. A
+            repeated number turns the strip and forms a triangle without area. Strips end where a triangle is not drawn.
+            With `normals`, arrays of records as in a vertex buffer: "number" int32, "position" and "normal" (3,)
+            float32 in the world, the normal of unit length and towards the view, and "color" (3,) in the view's dtype.
 
         Raises
         ------
         ArgumentError
-            As by `triangulate`.
+            As for `triangulate`.
 
         Examples
         --------
@@ -305,7 +307,7 @@ class DepthMesh(Immutable):
     def _some_triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
         samples, faces = self._triangles_for(camera, tolerance)
         if not len(faces):
-            raise ArgumentError("camera", "one for which triangles are left at this tolerance", describe(camera))
+            raise ArgumentError("camera", "a camera for which triangles remain at this tolerance", describe(camera))
         return samples, faces
 
     def _triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
@@ -329,7 +331,7 @@ class DepthMesh(Immutable):
 
 
 def _in_triangles(tree: Tree) -> NDArray[np.bool_]:
-    """Samples, (H, W) bool, that are corners of triangles that are drawn."""
+    """Mask, (H, W) bool, of the samples that are corners of drawn triangles."""
     width, height = tree.view.camera.size
     upper, lower = tree.drawn_cells()
     y, x = np.ogrid[: height - 1, : width - 1]
@@ -343,10 +345,10 @@ def _in_triangles(tree: Tree) -> NDArray[np.bool_]:
 
 
 def _triangles_of(tree: Tree, active: DeviceArray) -> tuple[Int32, Int32]:
-    """(N,) the samples y * width + x that triangles of active vertices use, and (T, 3) which of them each has."""
+    """(N,) sample numbers y * width + x of the triangles of active vertices, and (T, 3) indices into these."""
     found = list_triangles([tree], [active])
     corners = found.corners.to_host()
-    used = np.zeros(found.point_firsts[-1], np.bool_)  # not those amid segmented triangles
+    used = np.zeros(found.point_firsts[-1], np.bool_)  # False where all triangles around a point are segmented
     used[corners] = True
     x, y = pixels_of(found.points.to_host()[used], tree.view).T
     samples = (y * tree.view.camera.width + x).astype(np.int32)

@@ -1,4 +1,4 @@
-"""Several depth images of one thing, blended per pixel (Pajarola, Sainz & Meng 2003, section 4)."""
+"""Several depth images of one object or scene, blended per pixel (Pajarola, Sainz & Meng 2003, section 4)."""
 
 from __future__ import annotations
 
@@ -30,56 +30,59 @@ from pyibr.picture.target import Target
 Blend = Literal["quality", "position", "nearest"]
 Choice = Literal["closest", "facing"]
 
-_EPSILON = 0.01  # of the largest extent
-_BLENDED_MAX = 32  # views that are blended
+_EPSILON = 0.01  # relative to the largest extent
+_BLENDED_MAX = 32  # largest number of blended views
 
 
 class DepthMeshObject(Immutable):
-    """Depth images of one thing as adaptive meshes, blended per pixel.
+    """Depth images of one object or scene as adaptive meshes, blended per pixel.
 
-    For each target the views whose viewpoints are closest are triangulated, their nearest surfaces found, and the
-    colours of those close behind the front one blended. Colours have 8 bits a channel.
+    For each target, the views with the closest viewpoints are triangulated. Each pixel finds the nearest surface of
+    each view's mesh and blends the colours of the front surface and of surfaces close behind it. Colours have 8 bits
+    a channel.
 
     Parameters
     ----------
     views : sequence of DepthImage or DepthMesh
-        At any poses: six from the sides of a box around an object in the paper (`pyibr.capture.object_views`), or
-        frames of a scene. A `DepthMesh` has its own errors.
+        Views at any poses: the paper takes six from the sides of a box around an object
+        (`pyibr.capture.object_views`), but frames of a scene work as well. A `DepthMesh` keeps its own `errors`.
     tolerance : float
-        Pixels of the target, >= 0, by which surfaces that are one may lie apart: each mesh gets half of it.
+        Largest distance, in pixels of the target, >= 0, between two meshes of the same surface: each mesh gets half
+        of this tolerance.
     blend : {"quality", "position", "nearest"}
-        "quality" weighs views by the closeness of their viewpoints and, per pixel, by how much their surfaces face
-        them; "position" by the former alone. In both a view fades over 8 of its samples towards the ends of its
-        surface: depth edges, holes, its image's border. "nearest" takes the colour of the front surface.
+        "quality" weights each view by the closeness of its viewpoint and, per pixel, by how directly the surface
+        faced the view; "position" by the closeness alone. In both, a view fades over 8 of its samples towards the ends
+        of its surface: depth edges, holes, the image border. "nearest" takes the colour of the front surface.
     blended : int
-        How many views are drawn, 1 to 32: three in the paper. Fewer if there are fewer.
+        Number of views that are drawn, 1 to 32, three in the paper; at most all views.
     epsilon : float, optional
-        Scene units, >= 0: surfaces that lie less behind the front one are the same. By default 1 % of the largest
-        extent of the samples.
+        Scene units, >= 0: surfaces that lie less than this behind the front surface count as the same surface. By
+        default 1 % of the largest extent of the samples.
     closed : bool or "sheets"
-        Whether holes are closed: by coarse meshes of the other close views, and where a ray must meet surface that no
-        view saw, since it meets the back of one, or goes behind an edge and comes to nothing more that a view saw to be
-        empty: there the near surface ends half a sample beyond its samples, and behind it the one on the edge's far
-        side goes on. Such surface is a guess; `Frame.guessed` tells where it shows. A view's infinite depths, and those
-        from its `far` on, say that there is nothing; NaN and 0 say nothing. With "sheets", as in the paper (section
-        4.5): by coarse meshes of the drawn views that keep their rubber sheets, which span what is empty, too.
+        Whether and how holes are closed. True: coarse meshes of the other close views fill them. Further, a pixel is
+        closed if its ray must meet an unseen surface: the ray meets the back of a mesh, or it passes behind a depth
+        edge and then reaches no more space that a view saw to be empty. At such an edge the near surface ends half a
+        sample beyond its samples, and the surface on the far side continues behind it. Closed surface is a guess, and
+        `Frame.guessed` is its mask. Infinite depths, and depths from the view's `far` on, mark empty space; NaN and 0
+        mark unknown space. "sheets", as in the paper (section 4.5): coarse meshes of the drawn views that keep their
+        rubber sheets fill the holes; they cover empty space, too.
     segmentation : Segmentation, optional
-        Of all views; by default a `DepthMesh` has its own.
+        Segmentation for all views; by default each `DepthMesh` keeps its own.
     match_exposures : bool
-        Whether views that have been exposed differently are matched: each one's channels are multiplied so that views
-        agree where they saw the same surface. For frames of cameras that set their exposure themselves.
+        Whether different exposures of the views are matched: the channels of each view are multiplied so that views
+        agree where they saw the same surface. For cameras with automatic exposure.
     choose : {"closest", "facing"}
-        Which views are drawn: those whose viewpoints are the "closest" to the target's, or, of views that stand at
-        various distances around a thing, the close ones that see it from the same side ("facing": section 4.2 of the
-        paper). Weights are those of closeness in either case.
+        Choice of the views that are drawn: the views with the "closest" viewpoints, or, for views at various distances
+        around an object, close views that see it from the same side ("facing": section 4.2 of the paper). The weights
+        depend on closeness in either case.
     reuse : float
-        What `render` draws again while the camera moves by little, as of a `DepthMesh`: 0 to 0.5.
+        Reuse of triangles while the camera moves little, as in `DepthMesh`: 0 to 0.5.
 
     Raises
     ------
     ArgumentError
-        If an argument is out of its range, a view has no valid depth, or one lies apart from all others by more than
-        their sizes.
+        If an argument is out of its range, if a view has no valid depth, or if a view lies farther from all others
+        than their sizes allow.
 
     Examples
     --------
@@ -129,12 +132,12 @@ class DepthMeshObject(Immutable):
 
     @property
     def views(self) -> Sequence[DepthMesh]:
-        """The meshes of the views, of which the same object can be made."""
+        """The meshes of the views; the same object can be made from these."""
         return self.meshes
 
     @property
     def segmentation(self) -> Segmentation | None:
-        """Segmentation of all views; None if they differ in it."""
+        """Segmentation of all views; None if the views have different ones."""
         first, *others = {mesh.segmentation for mesh in self.meshes}
         return None if others else first
 
@@ -165,11 +168,11 @@ class DepthMeshObject(Immutable):
 
     @cached_property
     def epsilon(self) -> float:
-        """Scene units by which surfaces that are the same may lie behind the front one."""
+        """Largest distance behind the front surface, in scene units, at which a surface counts as the same."""
         return _EPSILON * self.extent if self._epsilon is None else self._epsilon
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the blended meshes in their views' colours, which hold their light, unless a light relights them."""
+        """Draw the blended meshes in the views' colours, which contain their light, unless a light relights them."""
         self._blend(target, lighting)
 
     def _blend(self, target: Target, lighting: Lighting | None, occupancy: DeviceArray | None = None) -> None:
@@ -193,7 +196,7 @@ class DepthMeshObject(Immutable):
 
     @cached_property
     def _gains(self) -> Float64 | None:
-        """(views, 3) what the views' colours are multiplied by."""
+        """(views, 3) factors for the views' colours."""
         return exposure_gains([mesh.view for mesh in self.meshes]) if self.match_exposures else None
 
     def weights(self, camera: Camera) -> Float64:
@@ -202,10 +205,11 @@ class DepthMeshObject(Immutable):
         Returns
         -------
         (views,) float64
-            Inverse to the distances of the viewpoints from the camera's, of the `blended` views that are chosen,
-            normalised, and 0 for the others. Of viewpoints that are one, those that look the same way come first; views
-            of what the camera does not see have next to none. The viewpoints of orthographic cameras lie before the
-            object's middle, as far from it as the perspective views' do on average, or twice its extent.
+            For the `blended` chosen views, the normalised inverse distance between the view's viewpoint and the
+            camera's; 0 for the others. Among views with the same viewpoint, views that look the same way as the camera
+            come first. Views whose surface the camera does not see get almost no weight. The viewpoint of an
+            orthographic camera lies in front of the centre of the object, at the average distance of the perspective
+            views, or at twice the object's extent if there are none.
         """
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         found, order = self._viewpoints.ranked(covering_camera("camera", camera), self.choose == "facing")
@@ -213,7 +217,7 @@ class DepthMeshObject(Immutable):
         return found / found.sum()
 
     def occupancy(self, camera: Camera) -> NDArray[np.uint32]:
-        """Tell the views that gave each pixel its colour (figure 12 of the paper).
+        """Find the views that gave each pixel its colour (figure 12 of the paper).
 
         Returns
         -------
@@ -223,7 +227,7 @@ class DepthMeshObject(Immutable):
         Raises
         ------
         ArgumentError
-            If there are more than 32 views: a bit each.
+            If there are more than 32 views, since each needs a bit.
         """
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         check_no_lens("camera", camera)
@@ -257,7 +261,7 @@ def _checked_meshes(views: object, segmentation: Segmentation | None) -> list[De
 
 
 def _check_connected(views: list[DepthImage]) -> None:
-    """Raise ArgumentError if views lie apart from the others by more than their own size: they show another thing."""
+    """Raise ArgumentError if a view lies farther from the others than its own size: it shows another object."""
     boxes = np.array([view.bounds for view in views])
     reach = 0.5 * (boxes[:, 1] - boxes[:, 0]).max(axis=1, keepdims=True)
     low, high = boxes[:, 0] - reach, boxes[:, 1] + reach
@@ -268,4 +272,4 @@ def _check_connected(views: list[DepthImage]) -> None:
         joined = joined | meets.any(axis=1)
     if not joined.all():
         number = int(np.argmin(joined))
-        raise ArgumentError("views", "views of one thing", f"view {number}, which shares no volume with the first ones")
+        raise ArgumentError("views", "views of one scene", f"view {number}, which shares no volume with the first ones")

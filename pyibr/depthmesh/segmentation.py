@@ -1,4 +1,4 @@
-"""Segmentation of a depth image's full grid: triangles of surfaces, and rubber sheets that bridge two of them."""
+"""Segmentation of a depth image's full grid into surface triangles and rubber sheets, which bridge two surfaces."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 
-NOISE_MAX = 1e18  # scene units: its products with depths are still within single precision
+NOISE_MAX = 1e18  # scene units: products with depths stay within single precision
 
 Test = Literal["orthogonality", "connectedness", "disparity", "none"]
 
@@ -26,21 +26,22 @@ class Segmentation:
     Parameters
     ----------
     test : {"orthogonality", "connectedness", "disparity", "none"}
-        "orthogonality": a triangle is none of a surface if it is seen edge-on and long in depth (equations 3 and 4 of
-        the paper), unless it goes on straight, as by "connectedness". "connectedness": if a sample at an edge's end
-        continues the line on the edge's other side neither way (after Mark, McMillan & Bishop 1997). "disparity": if
-        its corners' disparities differ too much (after Oliveira & Bishop 1998). "none": nothing is taken out.
+        "orthogonality" removes a triangle that is seen edge-on and long in depth (equations 3 and 4 of the paper),
+        unless its surface continues straight as "connectedness" tests it. "connectedness" removes a triangle with an
+        edge that is long in depth and continues the line of samples at neither of its ends (after Mark, McMillan &
+        Bishop 1997). "disparity" removes a triangle if the disparities of its corners differ too much (after Oliveira
+        & Bishop 1998). "none" removes nothing.
     angle : float
-        omega, degrees in (0, 90): "orthogonality" takes triangles that lines of sight meet at less than that.
+        omega, degrees in (0, 90): "orthogonality" removes only triangles at a smaller angle to the line of sight.
     depth_range : float
-        lambda, > 0: of those, the ones whose depths differ by more than that part of their own depth; in orthographic
-        views, whose depths have no fixed origin, of the samples' largest extent along x, y or z.
+        lambda, > 0: "orthogonality" removes only triangles whose depths differ by more than this share of their depth;
+        in orthographic views, whose depths have no fixed origin, of the samples' largest extent along x, y or z.
     gap : float
-        > 0: for the other tests, the largest relative difference of disparities (1 / z); in orthographic views of
-        depths, by the samples' largest extent.
+        > 0: for the other tests, the largest relative difference of disparities (1 / z) within a surface; in
+        orthographic views the largest difference of depths, relative to the samples' largest extent.
     deviations : float
-        >= 0: for all tests, differences of depth up to so many standard deviations of the view's noise (which is found
-        from its samples: `DepthImage.noise`) are no step. 0: as if there were none.
+        >= 0: for all tests, differences of depth up to this many standard deviations of the view's noise, which is
+        estimated from its samples (`DepthImage.noise`), are no step. 0 ignores the noise.
 
     Raises
     ------
@@ -71,7 +72,7 @@ class Segmentation:
             raise ArgumentError("deviations", "a number >= 0", describe(self.deviations))
 
     def record(self, view: DepthImage, depth_span: float) -> NDArray[np.void]:
-        """A record of the kernels' struct Segmentation; the view's depths differ by up to `depth_span`."""
+        """Make a record of the kernels' struct Segmentation; `depth_span` is the range of the view's depths."""
         values = np.zeros((), struct("depthmesh/samples.cl", "Segmentation"))
         values["test"] = constant("depthmesh/samples.cl", f"TEST_{self.test.upper()}")
         values["sine"] = math.sin(math.radians(self.angle))
@@ -84,7 +85,7 @@ class Segmentation:
 
 
 def _sides(view: DepthImage) -> NDArray[np.float64]:
-    """(2,) how far an orthographic view's samples lie apart along x and y, in scene units."""
+    """(2,) extents of an orthographic view's samples along x and y, in scene units."""
     y = np.flatnonzero(view.valid.any(axis=1))
     first, last = view.valid.argmax(axis=1)[y], view.camera.width - 1 - view.valid[:, ::-1].argmax(axis=1)[y]
     ends = np.stack([np.concatenate([first, last]), np.concatenate([y, y])])

@@ -1,4 +1,4 @@
-"""Selection of the quadtree vertices that a triangulation needs, and of how far it may move (kernels/depthmesh/)."""
+"""Selection of the quadtree vertices for a triangulation, with limits of the camera's motion (kernels/depthmesh/)."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from pyibr.opencl.program import kernel
 
 REUSE_MAX = 0.5
 
-_SHARES = 16  # along a tree's side, that simplification is shared out in
-CHUNK = 64  # numbers of vertices that a work-item of kernels/depthmesh/simplify.cl takes memory for at once
-_ROUNDING = 0.999  # of the room that single precision leaves
+_SHARES = 16  # blocks along a tree's side into which simplification is divided
+CHUNK = 64  # ints in a chunk of memory that a work-item of kernels/depthmesh/simplify.cl reserves
+_ROUNDING = 0.999  # share of the motion limits that is used, as they are rounded
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The vertices of trees that a camera needs, and perhaps those that it will need soon.
+    """Vertices of trees that a camera needs, with a reserve for its motion if `reuse` is not 0.
 
     Attributes
     ----------
     active : list of DeviceArray (side + 1, row) uint8
-        Of each tree marks of kernels/depthmesh/tree.h.
+        For each tree, the marks of its vertices as in kernels/depthmesh/tree.h.
     camera : Camera
     tolerance : float
-        Pixels of the camera, which the vertices keep.
+        Pixels of the camera by which the triangulation may be off.
     reuse : float
-        By what share of the tolerance they are finer than that; and how far beyond the camera's view, as a share of
-        the distance, they go.
+        Reserve: the share by which the selection is finer than the tolerance, and the distance it extends beyond the
+        camera's view, as a share of the distance from the camera.
     motion_limits : list of DeviceArray (side + 1, 2)
-        How far the camera may move, kernels/depthmesh/select.cl.
+        Bounds of the camera's motion, as in kernels/depthmesh/select.cl.
     """
 
     active: list[DeviceArray]
@@ -51,20 +51,20 @@ class Selection:
 
     @cached_property
     def motion_limit(self) -> Float64:
-        """(2,) the least of all rows of all trees."""
+        """(2,) minimum of the motion limits over all rows of all trees."""
         return np.concatenate(to_host(self.motion_limits)).min(axis=0).astype(np.float64)
 
     def holds_for(self, camera: Camera) -> bool:
-        """Tell whether a camera that has moved needs no other vertices for the tolerance."""
+        """Tell whether the selected vertices still meet the tolerance for a camera that has moved."""
         own = self.camera
         if camera.projection != own.projection or camera.size != own.size or not np.array_equal(camera.K, own.K):
             return False
-        if camera.projection == "orthographic":  # its errors are the same everywhere, and none is out of its view
+        if camera.projection == "orthographic":  # errors are the same everywhere, and with `reuse` nothing is culled
             return True
         moved = float(np.linalg.norm(camera.center - own.center))
         turned = float(np.linalg.norm((frustum(camera) - frustum(own))[:, :3], axis=1).max())
         room, nearest_out = self.motion_limit
-        # What is out of view by `reuse` of its distance stays so while the view's planes come no closer than that.
+        # A vertex out of view by `reuse` of its distance stays out until the planes of the view come that much closer.
         stays_out = not np.isfinite(nearest_out) or turned + moved / nearest_out <= _ROUNDING * self.reuse
         return moved <= _ROUNDING * room and stays_out
 
@@ -104,7 +104,7 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
     active = zeros(tree.states.shape, np.uint8)
     coarse = max(tree.side // _SHARES, 1)
     grid = (tree.side // coarse + 1,) * 2
-    # Enough for all vertices at once and a chunk that is not full for each work-item.
+    # Enough for all vertices together, and for a chunk that is not full for each work-item.
     chunks = int(np.prod(active.shape)) // (CHUNK - 2) + int(np.prod(grid)) + 1
     shared: dict[str, Any] = {
         "nearness": tree.nearness,

@@ -1,4 +1,4 @@
-"""Triangle strips along the quadtree's triangles (Pajarola 1998; Pajarola, Sainz & Meng 2003, figure 6)."""
+"""Triangle strips of a quadtree's triangles (Pajarola 1998; Pajarola, Sainz & Meng 2003, figure 6)."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ Int32 = NDArray[np.int32]
 
 
 def strips_of(samples: Int32, faces: Int32, size: tuple[int, int], side: int) -> list[Int32]:
-    """Join a quadtree's triangles to strips, in the order of the Sierpinski curve through them.
+    """Join a quadtree's triangles into strips, in the order of the Sierpinski curve through them.
 
     Parameters
     ----------
     samples : (T, 3) int32
-        y * width + x of each triangle's corners, the one at the right angle second.
+        Samples y * width + x of each triangle's corners; the second corner has the right angle.
     faces : (T, 3) int32
-        The same corners as strips are to name them.
+        The same corners, by the numbers that strips hold.
     size : (width, height)
-        Of the image.
+        Size of the image.
     side : int
         Cells along the tree's side.
 
     Returns
     -------
     list of (n,) int32
-        Three numbers in a row are a triangle, every other one wound the other way; one that comes again after one
-        other number turns the strip.
+        Every three consecutive numbers form a triangle, and every second triangle has the opposite winding. A number
+        that is repeated after one other number turns the strip.
     """
     ordered = faces[np.argsort(_along_curve(samples, size, side), kind="stable")].tolist()
     strips: list[Int32] = []
@@ -46,7 +46,7 @@ def strips_of(samples: Int32, faces: Int32, size: tuple[int, int], side: int) ->
 
 
 def with_normals(strips: list[Int32], mesh: Mesh, color: np.dtype[Any]) -> list[NDArray[np.void]]:
-    """Records instead of numbers of a mesh's vertices: number, position, normal and color, without gaps."""
+    """Replace vertex numbers in strips by packed records: number, position, normal and color."""
     fields = [("number", np.int32), ("position", np.float32, 3), ("normal", np.float32, 3), ("color", color, 3)]
     records = np.empty(len(mesh.vertices), fields)
     records["number"] = np.arange(len(records))
@@ -55,12 +55,12 @@ def with_normals(strips: list[Int32], mesh: Mesh, color: np.dtype[Any]) -> list[
 
 
 def _along_curve(samples: Int32, size: tuple[int, int], side: int) -> NDArray[np.int64]:
-    """Position of each triangle on the curve: the choices on the way down to it, as binary digits."""
-    last = np.subtract(size, 1)  # column and row, on which the padding lies (kernels/depthmesh/tree.h)
+    """Position of each triangle on the curve: a binary digit for each choice on the way down the tree."""
+    last = np.subtract(size, 1)  # last column and row, where the padding lies (kernels/depthmesh/tree.h)
     corners = np.stack(np.divmod(samples, size[0])[::-1], -1).astype(np.float64)
     middle = corners.mean(axis=1)
     upper = _turns(np.zeros(2), last, middle) < 0  # the root's diagonal runs to the lower right
-    # The curve runs from `start` to `end`, the ends of a triangle's longest side; it sees `right_angle` on the way.
+    # The curve runs from `start` to `end`, the ends of a triangle's longest side, past its `right_angle`.
     start = np.where(upper[:, None], side, 0) * np.ones(2)
     end = side - start
     right_angle = np.where(upper[:, None], (side, 0), (0, side)).astype(np.float64)
@@ -76,28 +76,28 @@ def _along_curve(samples: Int32, size: tuple[int, int], side: int) -> NDArray[np
 
 
 def _turns(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDArray[Any]:
-    """Twice the area of the triangle a, b, c; its sign tells to which side the path turns."""
+    """Twice the signed area of the triangle a, b, c; the sign is the direction of the turn at b."""
     u, v = b - a, c - a
     return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
 
 
 def _may_follow(run: list[list[int]], face: list[int]) -> bool:
-    """Tell whether a triangle shares a side with the last one of a run that the run has not come in by."""
+    """Tell whether a triangle shares a side with the last triangle of a run, other than the side it was entered by."""
     shared = set(run[-1]) & set(face)
     return len(shared) == 2 and (len(run) == 1 or not shared <= set(run[-2]))
 
 
 def _strip(run: list[list[int]]) -> Int32:
-    """The strip of triangles each of which shares a side with the next."""
+    """Make the strip of a run: triangles each of which shares a side with the next one."""
     first = run[0]
     if len(run) == 1:
         return np.array(first, np.int32)
     alone = next(k for k in range(3) if first[k] not in run[1])
-    strip = [*first[alone:], *first[:alone]]  # still wound as it was; left by the last two
+    strip = [*first[alone:], *first[:alone]]  # same winding; the strip leaves the triangle by its last two corners
     for face, following in zip(run[1:], [*run[2:], None], strict=True):
         old, last = strip[-2:]
         new = next(corner for corner in face if corner not in (old, last))
         if following is not None and last not in following:
-            strip.append(old)  # turned: the side of `old` and `new` is left by
+            strip.append(old)  # turn: the strip leaves by the side of `old` and `new`
         strip.append(new)
     return np.array(strip, np.int32)

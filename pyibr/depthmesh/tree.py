@@ -23,27 +23,27 @@ from pyibr.picture.samples import samples_of
 ErrorsBy = Literal["sum", "largest"]
 
 _KERNELS = "depthmesh/tree.cl"
-_DEPTHS = (1e-4, 1e8)  # beyond, products of four distances leave the range of float32
-_COARSE = 8  # from this step on, all rows are one work-item's: they are too few to share
+_DEPTHS = (1e-4, 1e8)  # outside, products of four distances leave the range of float32
+_COARSE = 8  # from this step on, one work-item processes all rows: they are too few to share
 
 
 @dataclass(frozen=True)
 class Tree:
-    """The quadtree of a view: what kernels/depthmesh/ tells of its samples and vertices.
+    """The quadtree of a view: device arrays that the kernels in kernels/depthmesh/ compute for samples and vertices.
 
     Attributes
     ----------
     view : DepthImage
     layout : Struct
-        Of kernels/depthmesh/tree.h.
+        The struct `Layout` of kernels/depthmesh/tree.h.
     side : int
         Cells along the side, a power of two.
     nearness : DeviceArray (H, pitch)
-        Of the samples.
+        Nearness of the samples.
     cells : DeviceArray (H, pitch) uint8
-        Whether each cell's two triangles are drawn.
+        States of the two triangles of each cell: drawn or not.
     joined : str
-        Of `ErrorsBy`: how a vertex's error is joined with its children's.
+        An `ErrorsBy`: the rule that joins a vertex's error with its children's.
     """
 
     view: DepthImage
@@ -54,14 +54,14 @@ class Tree:
     joined: ErrorsBy
 
     def drawn_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """(H - 1, W - 1) whether each cell's upper triangle is drawn, and whether its lower one is."""
+        """Masks, (H - 1, W - 1), of the cells whose upper triangle is drawn, and of those whose lower one is."""
         width, height = self.view.camera.size
         states = self.cells.to_host()[: height - 1, : width - 1]
         drawn, bits = (int(constant("depthmesh/tree.h", name)) for name in ("DRAWN", "SIDE_BITS"))
         return (states & drawn) > 0, (states & drawn << bits) > 0
 
     def vertices_of(self, samples: NDArray[np.int32]) -> tuple[Float64, Float64]:
-        """(N, 2) pixels and (N,) depths at which the vertices of samples, y * width + x, are drawn."""
+        """(N, 2) pixels and (N,) depths at which the vertices of the samples y * width + x are drawn."""
         camera, (width, height) = self.view.camera, self.view.camera.size
         y, x = np.divmod(samples, width)
         beyond = [0.5 * ((at == count - 1) * 1.0 - (at == 0)) for at, count in ((x, width), (y, height))]
@@ -72,18 +72,18 @@ class Tree:
         return np.column_stack([x + beyond[0], y + beyond[1]]), np.where(is_beyond, further, depth)
 
     def sample_normals(self) -> NDArray[np.float32]:
-        """(H, W, 3) of `normals`."""
+        """Copy `normals` to the host, as (H, W, 3)."""
         found = self.normals.to_host()[..., : self.view.camera.width]
         return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 
     @cached_property
     def normals(self) -> DeviceArray:
-        """(3, H, pitch) normals of the samples in the view's frame."""
+        """(3, H, pitch) normals of the samples in the camera frame of the view."""
         return _find_normals(self)
 
     @cached_property
     def smoothed(self) -> DeviceArray:
-        """(H, pitch) nearness of the samples without their noise, for errors."""
+        """(H, pitch) nearness of the denoised samples, for errors."""
         if not any(self.view.noise):
             return self.nearness
         found = empty(self.nearness.shape, np.float32)
@@ -93,7 +93,7 @@ class Tree:
 
     @cached_property
     def placed(self) -> DeviceArray:
-        """(H, pitch) nearness of the vertices as they are drawn, outermost ones half a pixel beyond their samples."""
+        """(H, pitch) nearness of the drawn vertices; outermost vertices lie half a pixel beyond their samples."""
         placed = empty(self.nearness.shape, np.float32)
         arguments = {"nearness": self.nearness, "cells": self.cells, "placed": placed, "layout": self.layout}
         launch(kernel(_KERNELS, "place_border"), (placed.shape[0],), **arguments)
@@ -101,23 +101,23 @@ class Tree:
 
     @cached_property
     def states(self) -> DeviceArray:
-        """(side + 1, row) uint8: which of the two triangles that a vertex splits are drawn."""
+        """(side + 1, row) uint8: states of the two triangles that each vertex splits, drawn or not."""
         return _find_states(self)
 
     @cached_property
     def errors(self) -> Errors:
-        """Errors and bounding spheres of the vertices, by which they are selected for a viewer."""
+        """Errors and bounding spheres of the vertices, for selection by viewers."""
         return _find_errors(self)
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Of a tree's vertices, (side + 1, row): errors, -1 where nothing is drawn, and bounding spheres; scene units.
+    """Errors and bounding spheres of a tree's vertices, each (side + 1, row), in scene units.
 
     Attributes
     ----------
     errors, radii, depths : DeviceArray
-        The depths are those of the spheres' centres.
+        Errors, -1 where nothing is drawn; radii of the spheres; depths of their centres.
     """
 
     errors: DeviceArray
@@ -126,7 +126,7 @@ class Errors:
 
 
 def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = "sum") -> Tree:
-    """Segment a view's grid; what else there is of its tree is found when it is first asked for."""
+    """Segment a view's grid; the tree's other arrays are computed on first use."""
     width, height = view.camera.size
     samples = samples_of(view)
     perspective = view.camera.projection == "perspective"
@@ -196,7 +196,7 @@ def _find_errors(tree: Tree) -> Errors:
 
 
 def _fine_to_coarse(of_step: Kernel, of_coarse: Kernel, side: int, height: int, **shared: Any) -> None:
-    """Launch kernels for the vertices of each step from 2 on: midpoints, then centres."""
+    """Launch the kernels for the vertices of each step from 2 on: midpoints, then centres."""
     step = 2
     while step < min(side, _COARSE):
         rows = -(-(height - 1) // step) + 1

@@ -1,4 +1,4 @@
-"""The triangles of quadtrees' active vertices (kernels/depthmesh/)."""
+"""Triangles of the active vertices of quadtrees (kernels/depthmesh/)."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from pyibr.opencl.program import kernel
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles of several trees, one tree's after the other's.
+    """Triangles of several trees, tree by tree.
 
     Attributes
     ----------
     points : DeviceArray (P, 4) float32
-        Where in its view each lies, kernels/depthmesh/tree.h, and its quality, or 0 where none was asked for.
+        Position of each point in its view, as in kernels/depthmesh/tree.h, and its quality, or 0 if not `rated`.
     corners : DeviceArray (T, 3) int32
         Numbers of points.
     point_firsts, firsts : list of int
-        Numbers of each tree's first point and first triangle; P and T.
+        Numbers of each tree's first point and first triangle, and at the end P and T.
     """
 
     points: DeviceArray
@@ -45,9 +45,9 @@ class Triangles:
 def list_triangles(
     trees: Sequence[Tree], active: Sequence[DeviceArray], before: Triangles | None = None, *, rated: bool = False
 ) -> Triangles:
-    """List the triangles of each tree's active vertices, after those of `before`, in a fixed order.
+    """List the triangles of each tree's active vertices in a fixed order, after the triangles of `before`.
 
-    With `rated`, points hold their quality, which takes the normals.
+    With `rated`, the points also get their quality, which requires the normals.
     """
     found: list[tuple[DeviceArray, DeviceArray]] = []
     for tree, marks in zip(trees, active, strict=True):
@@ -105,19 +105,19 @@ def list_triangles(
 
 
 def pixels_of(points: NDArray[np.float32], view: DepthImage) -> NDArray[np.int64]:
-    """(..., 2) the samples x and y of a view whose vertices points (..., 4) of its triangles are."""
+    """(..., 2) coordinates x and y of the samples that belong to points (..., 4) of a view's triangles."""
     x, y, z = np.moveaxis(points[..., :3].astype(np.float64), -1, 0)
     scale = 1 / z if view.camera.projection == "perspective" else np.ones_like(z)
-    last = np.subtract(view.camera.size, 1)  # half a pixel beyond which the outermost vertices lie
+    last = np.subtract(view.camera.size, 1)  # outermost vertices lie half a pixel farther out
     return np.clip(np.rint(np.stack([x * scale, y * scale], -1)), 0, last).astype(np.int64)
 
 
 def _projected(triangles: Triangles, pairs: Sequence[CameraPair]) -> DeviceArray:
-    """(P, 4) the triangles' points in a target's pixel space, by the pairs of each mesh's camera and the target."""
+    """(P, 4) points of the triangles in the target's pixel space; `pairs` join each mesh's camera with the target's."""
     maps = np.array([pair.dst_from_src for pair in pairs], np.float32)
     for pair, one in zip(pairs, maps, strict=True):
         if pair.src.projection == "orthographic":
-            one[:, 2:] = one[:, :1:-1]  # points hold nearness third, not 1
+            one[:, 2:] = one[:, :1:-1]  # the third coordinate of these points is nearness, not 1
     projected = empty(triangles.points.shape, np.float32)
     launch(
         kernel("depthmesh/tree.cl", "project_points"),
@@ -133,7 +133,7 @@ def _projected(triangles: Triangles, pairs: Sequence[CameraPair]) -> DeviceArray
 
 @dataclass(frozen=True)
 class _CachedTriangles:
-    """Triangles, what they follow, and the selection that tells for how long they hold."""
+    """Triangles, the trees and earlier triangles they were made for, and the selection that limits their reuse."""
 
     trees: list[Tree]
     before: Triangles | None
@@ -154,13 +154,13 @@ def projected_triangles(
     before: Triangles | None,
     reuse: float,
 ) -> tuple[Triangles, DeviceArray]:
-    """The triangles of a thing's trees for a camera, after those of `before`, and their points in its pixel space.
+    """Triangles of an object's trees for a camera, after those of `before`, and their points in its pixel space.
 
-    Triangles that were drawn last are taken again, if they hold. `pairs` are each mesh's and the camera's. `tolerance`
-    and `reuse` are those of `Selection`; with `reuse` 0, triangles are listed each time.
+    The latest triangles are reused as long as they meet the tolerance. `pairs` join each mesh's camera with `camera`.
+    `tolerance` and `reuse` are as in `Selection`; with `reuse` 0, the triangles are listed each time.
     """
     latest = cached_on_device(thing, "latest triangles", list[_CachedTriangles]) if reuse else []
-    # Another thread may draw the thing for another camera: what is found is put there whole.
+    # Another thread may draw the object for another camera, so the cache entry is replaced as a whole.
     found = latest[0] if latest else None
     if found is None or not found.hold_for(trees, camera, before):
         selection = select_for(trees, camera, tolerance, reuse)

@@ -1,4 +1,4 @@
-"""Viewpoints of an object's views: how close a camera is to each, and which views are drawn for it."""
+"""Viewpoints of an object's views: their closeness to a camera, and the choice of the views to draw."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pyibr.core.pixelspace import frustum
 from pyibr.images.depth_image import DepthImage
 from pyibr.images.order import ranks_of
 
-_OPPOSITE = 1e-3  # that views which look the opposite way still count for
+_OPPOSITE = 1e-3  # remaining weight of views that look the opposite way
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class DrawnViews:
     Attributes
     ----------
     chosen : list of int
-        The closest ones, which are blended.
+        The closest views, which are blended.
     others : list of int
-        Those that show in their holes: the next closest, or the same with their rubber sheets.
+        Views whose meshes show in holes: the next closest views, or the chosen ones with their rubber sheets.
     around : list of int
-        Those whose backs tell of surface that nobody saw: the others, as many of the farthest, which see the thing from
-        behind, and of the closest those that the camera may see the backs of, as of the wall of a cup that it is in.
+        Views whose back sides indicate surface that no view saw: `others`; as many of the farthest views, which see the
+        object from behind; and those of `chosen` whose back sides the camera may see, as from inside a cup.
     sheets : list of int
-        Those whose meshes are drawn over what segmentation took out of them, too.
+        Views whose rubber sheets are drawn to find rays that pass between surfaces.
     """
 
     chosen: list[int]
@@ -43,14 +43,14 @@ class DrawnViews:
 class Viewpoints:
     """Viewpoints of the views of an object.
 
-    Those of orthographic cameras lie before the object's middle, as far from it as the perspective views' do on
-    average, or twice its extent.
+    The viewpoint of an orthographic camera lies in front of the object's centre, at the average distance of the
+    perspective views, or at twice the object's extent if there are none.
 
     Parameters
     ----------
     views : sequence of DepthImage
     boxes : (views, 2, 3) float64
-        Low and high of each view's surface in the world.
+        Low and high corners of the box around each view's surface, in the world.
     """
 
     def __init__(self, views: Sequence[DepthImage], boxes: Float64) -> None:
@@ -78,15 +78,16 @@ class Viewpoints:
         ----------
         camera : Camera
         facing : bool
-            Of views that are about as close, those come first that see the thing from the same side.
+            Whether, among views that are about as close, views from the same side of the object come first.
 
         Returns
         -------
         (views,) float64
-            Closeness: inverse distances of the viewpoints from the camera's, in 1 / scene units. Of viewpoints that are
-            one, those that look the same way are closest; views of what the camera does not see have next to none.
+            Closeness: inverse distances of the viewpoints from the camera's, in 1 / scene units. Among views with the
+            same viewpoint, those that look the same way as the camera are closest. Views whose surface the camera does
+            not see have almost no closeness.
         list of int
-            The views' numbers, those first that are to be drawn; ties are broken by `order_of`.
+            Numbers of the views, best first; ties are broken by `ranks_of`.
         """
         ahead = camera.forward
         cosines = np.array([forward @ ahead for forward in self._forwards])
@@ -95,22 +96,22 @@ class Viewpoints:
         closeness: Float64 = 1.0 / (np.maximum(distances, 1e-6 * max(self.extent, self._distance)) * ties)
         planes = frustum(camera)
         low, high = self._boxes[:, None, 0], self._boxes[:, None, 1]
-        farthest = np.where(planes[:, :3] > 0, high, low)  # (views, planes, 3) the corner furthest inside
+        farthest = np.where(planes[:, :3] > 0, high, low)  # (views, planes, 3) corners farthest inside each plane
         inside = np.asarray(np.einsum("vpc,pc->vp", farthest, planes[:, :3]) + planes[:, 3]) >= 0
         closeness = closeness * np.where(inside.all(axis=1), 1.0, 1e-9)
         worth = closeness * (1 + _OPPOSITE + cosines) if facing else closeness
         return closeness, np.lexsort((self._ranks, -worth)).tolist()
 
     def drawn(self, camera: Camera, order: list[int], count: int, closed: Literal["sheets"] | bool) -> DrawnViews:
-        """Choose the views that are drawn: the first `count` of them and, to close their holes, more."""
+        """Choose the views to draw: the first `count` of `order` and, to close their holes, further ones."""
         rank = self._ranks.tolist().__getitem__
-        chosen = sorted(order[:count], key=rank)  # sums in this order are the same, to the bit
+        chosen = sorted(order[:count], key=rank)  # a fixed order of summation keeps results identical to the bit
         if not closed:
             return DrawnViews(chosen)
         if closed == "sheets":
             return DrawnViews(chosen, chosen)
         others = sorted(order[count : 2 * count], key=rank)
-        # A camera may see the back of what it is not before, along the view's direction.
+        # A camera may see back sides unless it lies in front of the whole object, along the view's direction.
         forward, center = camera.forward, camera.center
         if camera.projection == "orthographic":
             backs = [number for number in chosen if forward @ self._forwards[number] <= 0]
