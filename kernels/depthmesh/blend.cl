@@ -1,29 +1,29 @@
 /* Depth meshes of several views, blended per pixel (Pajarola, Sainz & Meng 2003, sections 4.3 to 4.5).
  *
- * The depth pass (mesh_layers.h) finds the nearest surface of each mesh that a region's pixels see. In the colour pass
- * those that lie within epsilon behind the nearest of all give their colours, weighted and normalised at once. Holes of
- * the views that are drawn show the meshes of the other views, which are coarser; and surface that no view saw, but
- * that must be there, is closed (closing.h). Views fade towards the ends of their surfaces, so that where one ends the
- * others have all weight already. BLEND_QUALITY: weights of positions times quality, per pixel (the paper's);
- * BLEND_POSITION: of positions alone; BLEND_NEAREST: the front mesh's colour.
+ * The depth pass (mesh_layers.h) finds the nearest surface of each mesh for the pixels of a region. In the colour
+ * pass, surfaces that lie within epsilon behind the nearest one give their colours, weighted and normalised in one
+ * step. Holes in the drawn views show the coarser meshes of the other views, and surface that no view saw, but that
+ * must be there, is closed (closing.h). Views fade towards the ends of their surfaces: where a view ends, the other
+ * views already have the whole weight. BLEND_QUALITY: positional weights times quality, per pixel (as in the paper);
+ * BLEND_POSITION: positional weights alone; BLEND_NEAREST: the colour of the front mesh.
  *
- * Deviations from the paper: views fade; of each mesh the nearest surface alone is blended, so surfaces that it hides
- * itself are left out, within epsilon, too; textures are projected, not stretched over triangles, and read within the
- * source's triangles, so that no colour leaks over a depth edge; triangles of coarse meshes that bridge two surfaces
- * are not drawn, unless holes are closed BY_SHEETS, but tell where rays go between surfaces.
+ * Deviations from the paper: Views fade. Only the nearest surface of each mesh is blended, so a mesh does not blend
+ * surfaces that it occludes itself, even within epsilon. Textures are projected, not stretched over triangles, and are
+ * read within the triangles of the source, so no colour leaks over a depth edge. Triangles of coarse meshes that bridge
+ * two surfaces are drawn only if holes are closed BY_SHEETS; otherwise they mark rays that pass between surfaces.
  *
- * corners, projected, points: select.cl, mesh by mesh, as `MeshCounts` names them. list, starts: raster/bins.cl.
- * firsts: (meshes + 1,) each mesh's first triangle. Of others and views: sources: (meshes, 4) number of its view, of
- * the first and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and
- * start in colors, each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of
- * the target that a scene unit takes at depth 1 of both. colors: RGBA bytes; A: of a view's finest level 255 times how
- * much each sample counts (feather_at), of others 255 times the part that has samples. weights: (meshes,) positional,
- * > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_... layer_nearness, layer_owner: (others +
- * views, items, pixels of a region) what mesh_layers.h leaves. If CLOSED BY_RAYS, of all `view_count` views what
- * closing.h calls FreeSpace: view_sizes are its sizes. depth, color, valid: the picture, whose pixels stay where they
- * are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED. guesses: (height, width)
- * gets the depth of what is closed, with GUESSES. Work-item: the regions (raster/region.h) of every `items`-th number,
- * of `items` work-items. Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
+ * corners, projected, points: select.cl, mesh by mesh in the order of `MeshCounts`. list, starts: raster/bins.cl.
+ * firsts: (meshes + 1,) first triangle of each mesh. The following arrays have an entry for each mesh of others and
+ * views. sources: (meshes, 4) number of the mesh's view, of this view's first and last level, and 1 for a perspective
+ * view. levels: (levels, 3) width, height and start in colors; each level is half as large as the previous one,
+ * rounded up. scales: (meshes,) ratio of the view's samples to the target's pixels per scene unit, both at depth 1.
+ * colors: RGBA bytes; A holds 255 times the weight of a sample (feather_at) on a view's finest level, and 255 times
+ * the share of valid samples on others. weights: (meshes,) positional weights, > 0. culled: raster/triangle.h. by:
+ * BLEND_... layer_nearness, layer_owner: (others + views, items, pixels of a region) output of mesh_layers.h. With
+ * CLOSED BY_RAYS, the FreeSpace of closing.h for all `view_count` views; view_sizes are its sizes. depth, color,
+ * valid: the picture, whose nearer pixels stay. occupancy, with OCCUPIED: (height, width) bit k is set where view k
+ * gave colour. guesses, with GUESSES: (height, width) gets the depth of closed pixels. Work-item: every `items`-th
+ * region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: the order of the list, then of the meshes.
  */
 #include "depthmesh/closing.h"
 #include "depthmesh/mesh_layers.h"
@@ -35,16 +35,16 @@
 #define BLEND_POSITION 1
 #define BLEND_NEAREST 2
 #ifndef OCCUPIED
-#define OCCUPIED 0 /* 1: which views gave colour is written, too */
+#define OCCUPIED 0 /* 1: also write the views that gave each pixel its colour */
 #endif
 #ifndef GUESSES
-#define GUESSES 0 /* 1: where what is closed was drawn is written, too */
+#define GUESSES 0 /* 1: also write the depth of closed pixels */
 #endif
-#define LEVEL_BIAS 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
-#define FACTOR_MIN 1e-3f /* so that what is seen edge-on, or at its end, by all views still has a colour */
+#define LEVEL_BIAS 0.25f /* levels: added before rounding down; prefers a little grain to blur */
+#define FACTOR_MIN 1e-3f /* > 0, so that a surface that all views see edge-on, or at its end, still gets a colour */
 
-/* Adds the colour at the pixel (x, y) of a view, from one of its levels: on the finest interpolated within the cell's
- * triangle, on a coarser one bilinearly, texels weighted by the part of them that has samples. */
+/* Adds the colour at the pixel (x, y) of a view from one of its levels. The finest level is interpolated within the
+ * cell's triangle, coarser levels bilinearly, with texels weighted by their share of valid samples. */
 void add_sample(global const uint *colors, global const int *size, int level, floatl x, floatl y, floatl weight,
                 Color *sum)
 {
@@ -75,7 +75,7 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     add_color(sum, weight / max_lanes(opaque, (floatl)1e-6f), read);
 }
 
-/* How much a view's samples count at its pixel (x, y), 0 to 1; size: of its finest level */
+/* Weight of a view's samples at its pixel (x, y), 0 to 1; size: the size of the view's finest level */
 floatl feather_at(global const uint *colors, global const int *size, floatl x, floatl y)
 {
     const Taps taps = clamped_taps(size[0], size[1], x, y);
@@ -86,7 +86,7 @@ floatl feather_at(global const uint *colors, global const int *size, floatl x, f
     return bilinear(taps, alpha[0], alpha[1], alpha[2], alpha[3]) * (1.0f / 255);
 }
 
-/* What the meshes' colours are read from and weighted by; arrays as described at the top */
+/* Sources and weights of the meshes' colours; arrays as described at the top */
 typedef struct {
     int by; /* BLEND_... */
     global const int *firsts, *sources, *levels;
@@ -94,15 +94,15 @@ typedef struct {
     global const uint *colors, *normals; /* normals with GBUFFER 2 */
 } Meshes;
 
-/* Sums of colours and normals, and of their weights. Normals do not fade where views end: small scales have many ends,
- * and the mean of few views shows less of how they face. */
+/* Weighted sums of colours and normals, and sums of weights. Normals do not fade where views end: small scales have
+ * many ends, and a mean over few views shows their orientation less well. */
 typedef struct {
     Color color, normal;
     floatl weight, normal_weight;
 } MeshBlend;
 
-/* Adds a mesh's colours, and normals, of the pixels (px, py), weighted; of those that are not `given` with weight 0.
- * n, owner: what the pixels see of the mesh, where it `shares` in them */
+/* Adds a mesh's weighted colours and normals to the pixels (px, py), with weight 0 unless `given`. n, owner: nearness
+ * and triangle of the mesh at the pixels; shares: mask of the pixels to which the mesh contributes. */
 INLINED void add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, floatl px,
                       floatl py, intl shares, intl given, MeshBlend *blend)
 {
@@ -127,7 +127,7 @@ INLINED void add_mesh(const Context *context, const Meshes *meshes, int mesh, fl
     const floatl feather = max_lanes(feather_at(meshes->colors, finest, sound_x, sound_y), least);
     const floatl unfaded = select_lanes(given, meshes->weights[mesh] * facing, (floatl)0.0f);
     const floatl weight = unfaded * feather;
-    /* One level for the whole block: of the pixel that needs the finest one */
+    /* One level for the whole block, fine enough for all of its pixels */
     const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
     const float samples = least_lane(select_lanes(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
     const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + LEVEL_BIAS), (float)(source[2] - source[1]));
@@ -147,8 +147,8 @@ INLINED void add_mesh(const Context *context, const Meshes *meshes, int mesh, fl
 #define FAR_NORMALS_PARAMETER
 #define FAR_NORMALS_ARGUMENT 0
 #endif
-/* Adds the colours, and normals, of closed surface at nearness n to the pixels (x, y) that are `given`. Returns their
- * weights. */
+/* Adds colours and normals of closed surface at nearness n, and their weights, to the pixels (x, y) that are `given`.
+ * */
 INLINED void add_closing(const FreeSpace *space, const Meshes *meshes, global const uint *far_normals, floatl x,
                          floatl y, floatl n, intl given, MeshBlend *blend, intl *views)
 {
@@ -165,7 +165,7 @@ INLINED void add_closing(const FreeSpace *space, const Meshes *meshes, global co
 #endif
 
 #if OCCUPIED
-/* Writes which views gave a block's pixels their colours, a bit each. */
+/* Writes the views that gave colour to each pixel of a block, a bit each. */
 void write_occupancy(intl views, const Region *region, int block, Screen screen, global uint *occupancy)
 {
     for (int lane = 0; lane < LANES; lane++) {
@@ -177,7 +177,7 @@ void write_occupancy(intl views, const Region *region, int block, Screen screen,
 #endif
 
 #if GUESSES
-/* Writes the depths of those pixels of a block that are `written`, and show what is closed. */
+/* Writes the depths of the `written` pixels of a block; the caller includes only pixels that show closed surface. */
 void write_guesses(intl written, const Region *region, int block, const Picture *picture, global float *guesses)
 {
     if (!any_lane(written))
@@ -221,7 +221,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
     const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors,
                             NORMALS_ARGUMENT(uint)};
     const GBuffer gbuffer = GBUFFER_VALUE;
-    const int item = get_global_id(0), end = item < items ? columns * rows : 0; /* of launches with some more, none */
+    const int item = get_global_id(0), end = item < items ? columns * rows : 0; /* surplus work-items draw nothing */
     const size_t size = BLOCKS * LANES, own = item * size;
     const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
 #if CLOSED == BY_RAYS
@@ -241,7 +241,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
         for (int block = 0; block < BLOCKS; block++) {
             const floatl px = BLOCK_X(&region, block), py = BLOCK_Y(&region, block);
             floatl front = fronts.views[block];
-            const intl hole = front == EMPTY; /* in the meshes of the views that are drawn */
+            const intl hole = front == EMPTY; /* a hole in the meshes of the drawn views */
 #if CLOSED
             if (holed)
                 front = select_lanes(hole, fronts.others[block], front);
@@ -256,7 +256,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
             if (!blank && !any_lane(mine))
                 continue;
             MeshBlend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
-            intl taken = (intl)0, views = (intl)0; /* which have their front mesh; which views gave colour, a bit each */
+            intl taken = (intl)0, views = (intl)0; /* pixels with a front mesh; views that gave colour, a bit each */
             const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
             for (int mesh = holed ? 0 : others; mesh < meshes; mesh++) {
                 const size_t at = mesh * layers.next + LANES * block;

@@ -1,37 +1,40 @@
 #ifndef DEPTHMESH_CLOSING_H
 #define DEPTHMESH_CLOSING_H
-/* Surface that no view saw, but that must be there (beside Pajarola, Sainz & Meng 2003, section 4.5).
+/* Closing of surface that no view saw, but that must be there (in addition to Pajarola, Sainz & Meng 2003, section
+ * 4.5).
  *
- * A point is free if some view saw through it: if it lies before the view's sample there. Other points are solid or
- * unknown. A pixel's ray that meets the back of a mesh before any front has entered a solid through a surface that no
- * view saw. It is closed where it left free space: walking from the back towards the eye, at the first free point.
+ * A point is free if some view saw through it, that is, if it lies in front of the view's sample there. Other points
+ * are solid or unknown. If a pixel's ray meets the back of a mesh before any front, it has entered a solid through a
+ * surface that no view saw. The pixel is closed where the ray left free space: at the first free point on the way
+ * from the back to the eye.
  *
- * A ray that goes through a rubber sheet and comes to points that are not free has met something. If it comes from
- * before the surface, to within half a sample of the surface's last samples, it has met the surface's rim. What other
- * rays have met no view saw, but surfaces on the far sides of depth edges are likely to go on behind the near ones. So
- * space is taken to be free up to these continued surfaces (`extended_depths`), and the ray is closed at the first
- * point that is not free even so; if there is none, it shows nothing. A ray that comes out of hidden space behind a
- * sheet, and goes into some again, is closed only if the scene is `enclosed`: beside an object such rays may never meet
- * anything.
+ * If a ray passes through a rubber sheet and reaches points that are not free, it has met a surface. If it comes from
+ * the front and ends within half a sample of the last samples of the near surface, it has met the rim of this
+ * surface. Otherwise no view saw the surface, but surfaces on the far sides of depth edges are likely to continue
+ * behind the near ones. So space counts as free up to these continued surfaces (`extended_depths`), and the pixel is
+ * closed at the first point of the ray that is still not free; without such a point it stays empty. If a ray leaves
+ * occluded space behind a sheet and enters occluded space again, it is closed only if the scene is `enclosed`: next
+ * to an object, such rays may never meet a surface.
  *
- * Cost: for rays that meet backs or sheets first, up to 6 MARCH_STEPS points, each looked up in the views until one saw
- * through it.
+ * Cost: up to 6 MARCH_STEPS points for rays that first meet backs or sheets; each point is looked up in the views until
+ * one of them saw through it.
  */
 #include "depthmesh/tree.h"
 #include "lib/color.h"
 #include "lib/taps.h"
 
 #define MARCH_STEPS 128   /* points along a ray */
-#define SAMPLE_REACH 0.25f /* of a step: points no farther from a sample in depth are at it */
-#define BEFORE_1 (1.0f - 1e-6f) /* of the way to the last sample: within the last cell */
-#define HALVINGS 7 /* of a step: where a ray leaves free space is known to 1/128 of one */
+#define SAMPLE_REACH 0.25f /* steps: a point within this depth of a sample is at the sample */
+#define BEFORE_1 (1.0f - 1e-6f) /* factor of the last sample's coordinate: just inside the last cell */
+#define HALVINGS 7 /* bisections of a step: they find the point where a ray leaves free space to 1/128 of a step */
 
-/* How far the views saw. free_depths: at each sample, INFINITY at background and 0 where nothing is known;
- * extended_depths: the same, or where the far side of a depth edge is continued behind the near one, that farther
- * depth; far_colors: RGBA bytes of the continued surfaces. cell_free_depths, cell_extended_depths: the least of either
- * at a cell's four samples, at the place of its upper left one. sizes: (views, 3) width, height and start in these.
- * from_target: (views, 16) from the target's pixel space to the views'. perspectives: (views,) 1 or 0. first_levels:
- * (views,) numbers of their finest levels. closeness: (views,) weights of their positions. */
+/* Depths up to which the views saw free space. free_depths: at each sample, INFINITY for background and 0 for unknown
+ * depth. extended_depths: the same, but the farther depth of the continued surface where the far side of a depth edge
+ * continues behind the near one. far_colors: RGBA bytes of the continued surfaces. cell_free_depths,
+ * cell_extended_depths: minimum of either over a cell's four samples, stored at the upper left one. sizes: (views, 3)
+ * width, height and start in these arrays. from_target: (views, 16) maps from the target's pixel space to the views'.
+ * perspectives: (views,) 1 or 0. first_levels: (views,) numbers of the finest levels. closeness: (views,) positional
+ * weights. */
 typedef struct {
     global const float *free_depths, *extended_depths;
     global const uint *far_colors;
@@ -40,15 +43,14 @@ typedef struct {
     global const float *from_target;
     global const int *perspectives, *first_levels;
     global const float *closeness;
-    float stride;    /* from point to point along a ray, in the target's depth, scene units */
-    int perspective; /* 1: the target is */
+    float stride;    /* distance between points along a ray, in depth of the target, scene units */
+    int perspective; /* 1: the target is perspective */
     int views;       /* number of all views, drawn or not */
-    int enclosed;    /* 1: no view saw background, as in a room, so that every ray meets something */
+    int enclosed;    /* 1: no view saw background, as in a room, so every ray meets a surface */
 } FreeSpace;
 
-/* Projects the points of the target's pixels (x, y) at nearness n into a view: to (u, v) at depth z. Returns which lie
- * in its image, up to the edges of its pixels; beyond its outermost samples (u, v) is the place next to them between
- * samples. */
+/* Projects the points of the target's pixels (x, y) at nearness n into a view: to (u, v) at depth z. Returns the mask
+ * of the points in the view's image, up to the edges of its pixels; (u, v) is clamped to the area between samples. */
 INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl *u, floatl *v,
                              floatl *z)
 {
@@ -64,8 +66,9 @@ INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl 
     return (inverse > 0.0f) & (*z > 0.0f) & in_columns & in_rows;
 }
 
-/* Which of the `active` points, of the pixels (x, y) at a depth, are free? depths: those of cells, so that a view must
- * have seen through at all four samples around; or with `nearest` those of samples, so that the nearest one decides. */
+/* Returns the mask of the `active` points, of the pixels (x, y) at a depth, that are free. depths: `cell_...`, so that
+ * a view must have seen through at all four samples around; or with `nearest` those of samples, so that the nearest
+ * sample decides. */
 intl is_free(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y, floatl depth,
              intl active)
 {
@@ -85,8 +88,8 @@ intl is_free(const FreeSpace *space, global const float *depths, int nearest, fl
     return free;
 }
 
-/* Which of the `active` rays have left free space at least a step before a depth, which is not free? Sets the depth at
- * which they did. */
+/* Returns the mask of the `active` rays that left free space at least a step before `depth`, which is not free. Sets in
+ * `entry` the depth at which they left it. */
 INLINED intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *entry)
 {
     floatl inside = depth, outside = depth;
@@ -111,7 +114,7 @@ INLINED intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl dept
     return entered;
 }
 
-/* Which points, of the pixels (x, y) at a depth, lie in any view's image, hidden there or not? */
+/* Returns the mask of the points, of the pixels (x, y) at a depth, that lie in any view's image, occluded or not. */
 INLINED intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl depth)
 {
     const floatl n = DEPTH_OF(space->perspective, depth);
@@ -123,9 +126,10 @@ INLINED intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl d
     return found;
 }
 
-/* Which of the `active` rays end in hidden space, behind a surface that a view saw? From a depth on they leave free
- * space, and what follows lies in a view's image; or they have left it before that depth. Sets the depth of their last
- * free point. Unless the scene is enclosed, it does not count where rays come out: most do at once. */
+/* Returns the mask of the `active` rays that end in occluded space, behind a surface that a view saw. Such a ray leaves
+ * free space behind `depth` and goes on in a view's image, or it left free space before that depth. Sets in `last` the
+ * depth of the last free point. Unless the scene is enclosed, rays that come out of occluded space are excluded: most
+ * come out within a few steps. */
 INLINED intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *last)
 {
     floatl from = depth;
@@ -146,8 +150,8 @@ INLINED intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl dept
     return ends & is_in_any_view(space, x, y, *last + space->stride);
 }
 
-/* Which of the `active` rays leave free space behind a depth? Sets the depth at which they do; depths, nearest: of
- * `is_free`. */
+/* Returns the mask of the `active` rays that leave free space behind `depth`. Sets in `exit` the depth at which they
+ * leave it; depths, nearest: as in `is_free`. */
 static intl leaves_free_space(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y,
                        floatl depth, intl active, floatl *exit)
 {
@@ -171,7 +175,8 @@ static intl leaves_free_space(const FreeSpace *space, global const float *depths
     return left;
 }
 
-/* Which of the `active` points, of the pixels (x, y) at a depth, lie at a view's sample, within its pixel? */
+/* Returns the mask of the `active` points, of the pixels (x, y) at a depth, that lie at a view's sample, in its
+ * pixel. */
 intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active)
 {
     const floatl n = DEPTH_OF(space->perspective, select_lanes(active, depth, (floatl)1.0f));
@@ -187,13 +192,13 @@ intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl
     return found;
 }
 
-/* Which of the `active` rays meet, behind a depth, the rim of a surface that a view saw, half a sample beyond its last
- * samples? Rays that come from before it leave free space at a sample, whether that is told by all samples around or by
- * the nearest one. Those that come from the side pass behind it. Sets the depth of the rim. */
+/* Returns the mask of the `active` rays that meet, behind `depth`, the rim of a surface that a view saw, half a sample
+ * beyond its last samples. Rays from the front leave free space at a sample, by the depths of cells or by the nearest
+ * sample. Rays from the side pass behind the surface. Sets in `rim` the depth of the rim. */
 static intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *rim)
 {
     const floatl start = depth -
-                         space->stride / (1 << (HALVINGS - 1)); /* free for certain: `depth` is so but for bisection */
+                         space->stride / (1 << (HALVINGS - 1)); /* certainly free: the error of bisection is less */
     floatl first, later;
     intl leaves = leaves_free_space(space, space->cell_free_depths, 0, x, y, start, active, &first);
     const intl at_once = is_at_sample(space, x, y, first, leaves);
@@ -202,8 +207,8 @@ static intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, 
     return at_once | is_at_sample(space, x, y, later, leaves);
 }
 
-/* Which of the pixels (x, y) show a surface that no view saw? The rays of some are `within` a solid, which they leave
- * at nearness `back`, those of others go `through` a sheet. Sets the surface's nearness there. */
+/* Returns the mask of the pixels (x, y) that show a surface that no view saw. Some rays are `within` a solid, which
+ * they leave at nearness `back`; others go `through` a sheet. Sets in `n` the nearness of the surface. */
 static intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through,
                floatl *n)
 {
@@ -219,9 +224,9 @@ static intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, i
     return solid | on_rim | on_far;
 }
 
-/* Closes a block's pixels (x, y) that show surface which no view saw: it is in front there. Returns which they are.
- * nearest: the near plane. back, sheet: nearness of what is seen first of the meshes' backs, and of sheets; EMPTY: none
- */
+/* Closes a block's pixels (x, y) that show surface that no view saw: sets `front` to its nearness. Returns the mask of
+ * these pixels. nearest: nearness of the near plane. back, sheet: nearness of the first back and of the first sheet;
+ * EMPTY for none. */
 static intl close_block(const FreeSpace *space, float nearest, float epsilon, floatl x, floatl y, floatl back,
                          floatl sheet, floatl *front)
 {
@@ -236,9 +241,9 @@ static intl close_block(const FreeSpace *space, float nearest, float epsilon, fl
     return closed;
 }
 
-/* A view's four samples around the points of the pixels (x, y) at nearness n. off: how far each is off in depth,
- * INFINITY where there is none; share: its bilinear weight; at: its number; own: the sample itself is as close as
- * `off`, not the continued surface behind it. */
+/* Finds a view's four samples around the points of the pixels (x, y) at nearness n. off: difference in depth, INFINITY
+ * for no sample; share: bilinear weight; at: number of the sample; own: mask of points that are closer to the sample
+ * itself than to the continued surface behind it. */
 INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl off[4],
                             floatl share[4], intl at[4], intl own[4])
 {
@@ -259,8 +264,8 @@ INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y
     }
 }
 
-/* Adds to the pixels (x, y) that are `given` the colours of those samples of all views that lie closest to their points
- * at nearness n. Returns the weights, and sets in `views` which views they are of, a bit each. */
+/* Adds to the `given` pixels (x, y) the colours of the samples, of all views, that lie closest to their points at
+ * nearness n. Returns the sums of weights, and sets in `views` a bit for each view that gave colour. */
 static floatl add_closest(const FreeSpace *space, global const uint *colors, global const int *levels, floatl x, floatl y,
                    floatl n, intl given, Color *sum, intl *views)
 {

@@ -1,42 +1,43 @@
 /* The quadtree's errors and bounding spheres, fine to coarse (Pajarola, Sainz & Meng 2003, sections 3.2 and 3.3).
  *
- * A vertex's error is its distance from the edge that it bisects, of a midpoint in the plane of z and of the direction
- * of its edge (equation 1), of a centre in space (equation 2), and that of the child with the largest. Spheres hold
- * those of all children, the finest the triangles that they split. So parents have the larger ones, and one test of
- * each vertex on its own yields a triangulation without cracks (Lindstrom & Pascucci 2001).
+ * A vertex's error joins its distance from the edge that it bisects with the largest error of its children. The
+ * distance is measured in the plane of z and the direction of the edge for a midpoint (equation 1), in space for a
+ * centre (equation 2). The sphere of a vertex contains its children's spheres; the finest spheres contain the
+ * triangles that their vertices split. So errors and spheres grow from children to parents, and an independent test
+ * of each vertex yields a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
- * Deviations from the paper: a child's error is added to the own one instead of the larger of them being taken (which
- * LARGEST does), since a surface that leaves both out may be off by both: so errors bound what they are errors of. A
- * triangle of which only a part is drawn has CUT_ERROR times its own length as an error, since all of it is lost unless
- * it is split: edges and segmentation stay at any tolerance that is of use.
+ * Deviations from the paper: the errors of vertex and child are added, since a surface without both vertices may be
+ * off by both, so the sum is a bound; LARGEST takes the larger of them, as the paper does. A partly drawn triangle
+ * has CUT_ERROR times its own length as error, since all of it is lost unless it is split: so depth edges stay at any
+ * useful tolerance.
  *
- * nearness, placed: (height, pitch), samples.cl; nearness without its noise (smooth.cl). Of each vertex, (side + 1,
- * row): states, states.cl; errors in scene units, -1 where nothing is drawn; radii of the bounding spheres, which hold
- * triangles as they are drawn; depths of their centres, which are a child's where there is no sample. Work-item: a row
- * of vertices of step 1, most of all, one after the other (`find_finest_midpoints`, which also writes what is true of
- * vertices that no cell belongs to, `find_finest_centers`), of a coarser step (`find_errors`), all rows of all coarser
- * steps (`find_coarse_errors`). Cost: O(vertices). Determinism: maxima of children in a fixed order.
+ * nearness, placed: (height, pitch), samples.cl; nearness is denoised (smooth.cl). For each vertex, (side + 1, row):
+ * states, states.cl; errors in scene units, -1 where nothing is drawn; radii of the bounding spheres, which contain
+ * the drawn triangles; depths of their centres, a child's depth if the centre has no sample. Work-item: a row of
+ * vertices of step 1, first midpoints, then centres (`find_finest_midpoints`, which also initialises vertices without
+ * cells, `find_finest_centers`), a row of a coarser step (`find_errors`), all rows of all coarser steps
+ * (`find_coarse_errors`). Cost: O(vertices). Determinism: maxima of children in a fixed order.
  */
 #include "depthmesh/tree.h"
 
 #define CUT_ERROR 4.0f
-#define UNSEEN 0.75f /* deviations of the noise: what smoothed samples (smooth.cl) lie off a side by for its sake */
-#define MARGIN 0.01f /* samples by which spheres reach beyond children's: more than what rounding may turn round */
+#define UNSEEN 0.75f /* standard deviations of noise: part of an error that remaining noise (smooth.cl) may cause */
+#define MARGIN 0.01f /* samples by which spheres extend beyond their children's: more than the rounding error */
 
 typedef struct {
     global const float *nearness, *placed;
     global const uchar *states;
     global float *errors, *radii, *depths;
-    int largest; /* 1: of a vertex's own error and its children's the largest counts, as in the paper; 0: their sum */
+    int largest; /* 1: the larger of a vertex's own error and its children's counts, as in the paper; 0: their sum */
 } Tree;
 
-/* What is known of LANES vertices */
+/* Properties of LANES vertices */
 typedef struct {
     Vector center;
     floatl error, radius, depth;
 } Vertices;
 
-/* A vertex's place among the samples: padding lies on the last column and row. */
+/* The sample of a vertex: padding lies on the last column and row. */
 #define ON_COLUMN(layout, x) min(x, (intl)((layout)->width - 1))
 #define ON_ROW(layout, y) min(y, (intl)((layout)->height - 1))
 
@@ -54,11 +55,11 @@ Vector sample_point(const Layout *layout, intl x, intl y, floatl n)
 
 /* LANES children */
 typedef struct {
-    intl at; /* 0 where there is none */
+    intl at; /* index; 0 for no child */
     floatl x, y, error, depth;
 } Children;
 
-/* The children at (x, y): takes over their errors and depths. */
+/* Loads the children at (x, y), and joins their errors and depths with the vertices'. */
 Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, intl there, Vertices *v)
 {
     Children c;
@@ -72,13 +73,13 @@ Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, in
     return c;
 }
 
-/* Of samples at a depth, in scene units */
+/* Size of samples at a depth, in scene units */
 floatl sample_size(const Layout *layout, floatl depth)
 {
     return layout->footprint * (layout->perspective ? depth : (floatl)1.0f);
 }
 
-/* Widens the spheres to hold children's. */
+/* Widens the spheres to contain the children's spheres. */
 INLINED void hold_children(const Layout *layout, const Tree *tree, const Children *c, Vertices *v)
 {
     const Vector away = minus(point_of(layout, c->x, c->y, c->depth), v->center);
@@ -87,7 +88,7 @@ INLINED void hold_children(const Layout *layout, const Tree *tree, const Childre
     v->radius = select_lanes((c->error >= 0.0f) & (reach > v->radius), reach, v->radius);
 }
 
-/* The vertices' own errors: p, of nearness n, bisects the edge from a to b; 0 where one of them is no sample. */
+/* Own errors of vertices p, of nearness n, that bisect the edges from a to b; 0 if one of the three is no sample */
 INLINED floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by,
                        floatl nb, int centers, int across)
 {
@@ -108,10 +109,10 @@ INLINED floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax
     return select_lanes(known & (off > ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z))), off, (floatl)0.0f);
 }
 
-/* The own errors of centres p, of nearness n, of blocks with these edges; corner: nearness, row by row. Where blocks
- * are `squeezed`, p lies off their diagonal in the image, too, and the error is the distance from the planes on its
- * sides, but those through a corner without a sample: surfaces with and without p differ most at p, or by a part of
- * that where the diagonal crosses an edge from p to a corner. */
+/* Own errors of centres p, of nearness n, of blocks with these edges; corner: nearness of the corners, row by row. In
+ * a `squeezed` block, p lies off the diagonal in the image, too. There the error is the distance from the planes on
+ * both sides of the diagonal, except planes through a corner without a sample: surfaces with and without p differ
+ * most at p, and less where the diagonal crosses an edge from p to a corner. */
 floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl right, intl top, intl bottom,
                     const floatl corner[4], intl main, intl squeezed)
 {
@@ -134,14 +135,14 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
     return select_lanes(squeezed, error, bisected);
 }
 
-/* What of errors is more than noise may be, at a depth */
+/* Part of the errors that noise at a depth does not explain */
 floatl beyond_noise(const Layout *layout, floatl error, floatl depth)
 {
     const float *of = layout->noise;
     return fmax(error - UNSEEN * ((of[0] * depth + of[1]) * depth + of[2]), (floatl)0.0f);
 }
 
-/* Joins the vertices' own errors with their children's, unless nothing is drawn. */
+/* Joins the vertices' own errors with their children's unless nothing is drawn. */
 void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
 {
     const intl a = STATE_A(states), b = STATE_B(states);
@@ -153,10 +154,10 @@ void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, 
     v->error = select_lanes(drawn, fmax(joined, select_lanes(partly, length, (floatl)0.0f)), v->error);
 }
 
-/* The row y of vertices of step s > 1 */
+/* Finds errors and spheres of row y of the vertices of step s > 1. */
 INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
 {
-    const int across = !(y / s & 1); /* midpoints of this row lie on edges along x */
+    const int across = !(y / s & 1); /* are the midpoints of this row on edges along x? */
     for (int start = centers || across ? s : 0; start <= layout->side && start - s < layout->width - 1;
          start += 2 * s * LANES) {
         const intl x = start + 2 * s * lane_index, mine = (x <= layout->side) & (x - s < layout->width - 1);
@@ -167,7 +168,7 @@ INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y
                       -1.0f,
                       0.0f,
                       select_lanes(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
-        Children children[4]; /* of a centre above, to the right, below and to the left, of a midpoint all around */
+        Children children[4]; /* above, right, below and left of a centre, diagonally next to a midpoint */
         for (int k = 0; k < 4; k++) {
             const int dx = centers ? (k == 1 ? s : k == 3 ? -s : 0) : (k & 1 ? s / 2 : -s / 2);
             const int dy = centers ? (k == 2 ? s : k == 0 ? -s : 0) : (k >> 1 ? s / 2 : -s / 2);
@@ -203,7 +204,7 @@ INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y
     }
 }
 
-/* Nearness of the samples next to those of a row y from x on: dx and dy in {-1, 0, 1} */
+/* Nearness of the neighbours at offset (dx, dy), each -1, 0 or 1, of the samples x of row y */
 floatl nearness_next_to(const Layout *layout, global const float *nearness, intl x, int first, int y, int dx, int dy)
 {
     if (y + dy < 0 || y + dy >= layout->height)
@@ -240,7 +241,7 @@ kernel void find_finest_midpoints(global const float *nearness, global const flo
             v.depth = select_lanes(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f);
             v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
             const floatl own = bisection_error(&layout, v.center, n, ax, (intl)ay, na, bx, (intl)by, nb, 0, across);
-            for (int k = 0; k < 5; k++) { /* corners of the triangles that it splits, and itself, as they are drawn */
+            for (int k = 0; k < 5; k++) { /* drawn corners of the triangles that the vertex splits, and the vertex */
                 const int dx = k == 0 ? -1 : k == 1, dy = k == 2 ? -1 : k == 3;
                 const floatl next = nearness_next_to(&layout, placed, x, first, y, dx, dy);
                 const floatl to_x = to_floatl(x + dx) + beyond_sample(x + dx, layout.width);
@@ -286,7 +287,7 @@ kernel void find_finest_centers(global const float *nearness, global const float
             const floatl reach = sqrt(DOT(away, away)) + radius[k] + MARGIN * sample_size(&layout, v.depth);
             v.radius = select_lanes(error[k] >= 0.0f, max_lanes(reach, v.radius), v.radius);
         }
-        const int down = y < layout.height - 1; /* to the row below, but for the image's last */
+        const int down = y < layout.height - 1; /* offset of the next row, 0 in the last row of the image */
         const intl last = x == layout.width - 1;
         floatl corner[4];
         for (int k = 0; k < 4; k++) {

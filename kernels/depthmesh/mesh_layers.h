@@ -1,27 +1,27 @@
 #ifndef DEPTHMESH_MESH_LAYERS_H
 #define DEPTHMESH_MESH_LAYERS_H
 /* The depth pass of blended depth meshes (Pajarola, Sainz & Meng 2003, section 4.3): the nearest surface of each mesh
- * that the pixels of a region (raster/region.h) see, for the colour pass in blend.cl.
+ * at the pixels of a region (raster/region.h), for the colour pass in blend.cl.
  *
- * It lies in global memory: for all meshes, that is more than private memory holds. Of views that are not drawn, and of
- * surface that no view saw, what lies in holes of those that are.
+ * The results are stored in global memory, as private memory is too small for all meshes. Views that are not drawn, and
+ * sheets, count only in holes of the drawn views.
  */
 #include "raster/nearest.h"
 
 #ifndef CLOSED
-#define CLOSED 0 /* BY_RAYS: surface that no view saw is closed (closing.h). BY_SHEETS: others show as they are */
+#define CLOSED 0 /* BY_RAYS: surface that no view saw is closed (closing.h). BY_SHEETS: the other meshes fill holes */
 #endif
 #define BY_RAYS 1
 #define BY_SHEETS 2
 
-/* Numbers of meshes of each kind, in their order. Sheets, of the triangles that segmentation took out, and backs, of
- * meshes whose backs are drawn, tell of surface that no view saw. Others, of views that are not drawn, show in
- * holes. */
+/* Numbers of meshes of each kind, in their order. Sheets (triangles that segmentation removed) and backs (meshes with
+ * fronts and backs exchanged) indicate surface that no view saw. Others, the meshes of views that are not drawn, show
+ * in holes. */
 typedef struct {
     int sheets, backs, others, views;
 } MeshCounts;
 
-/* The first place in the list, whose numbers ascend, at which they are not below `number` */
+/* First place in the ascending list whose entry is not below `number` */
 int lower_bound(BinList listed, int number)
 {
     int first = listed.first, last = listed.last;
@@ -35,8 +35,8 @@ int lower_bound(BinList listed, int number)
     return first;
 }
 
-/* Draws the meshes [first, last) of a bin's list together into the region at (x, y), where they are nearer than
- * `so_far`, nearness by block. */
+/* Draws the meshes [first, last) of a bin's list together into the region at (x, y), only where they are nearer than
+ * `so_far`, the nearness by block. */
 INLINED void draw_range(const Context *context, Region *region, BinList listed, global const int *firsts, int first,
                         int last, int x, int y, const floatl *so_far)
 {
@@ -51,14 +51,14 @@ INLINED void draw_range(const Context *context, Region *region, BinList listed, 
     draw_list(context, region, range);
 }
 
-/* What a region's pixels see of each mesh by itself, in the work-item's part of global memory */
+/* Nearness and triangle of each single mesh at a region's pixels, in the work-item's part of global memory */
 typedef struct {
     global float *nearness;
     global int *owner; /* triangle, -1: none */
     size_t next;       /* from a mesh's pixels to the next mesh's */
 } MeshLayers;
 
-/* Nearness of the nearest that a region's pixels see of the meshes of each kind */
+/* Nearness of the nearest surface of each kind of mesh, at a region's pixels */
 typedef struct {
     floatl views[BLOCKS];
 #if CLOSED
@@ -69,8 +69,8 @@ typedef struct {
 #endif
 } Fronts;
 
-/* Draws each of the meshes [first, last) by itself, into its layer, where it is nearer than `so_far`; front: nearness
- * of the nearest of them all */
+/* Draws each of the meshes [first, last) into its own layer, only where it is nearer than `so_far`. Sets in `front` the
+ * nearness of the nearest mesh. */
 INLINED void draw_layers(const Context *context, Region *region, const MeshLayers *layers, BinList listed,
                  global const int *firsts, int first, int last, int x, int y, const floatl *so_far, floatl *front)
 {
@@ -87,14 +87,14 @@ INLINED void draw_layers(const Context *context, Region *region, const MeshLayer
     }
 }
 
-/* The depth pass: what the pixels of the region at (x, y) see of each mesh. Returns whether there are holes in the
- * meshes of the views that are drawn: only then are the others' drawn, and the sheets. */
+/* The depth pass for the region at (x, y). Returns whether the meshes of the drawn views leave holes: only then are
+ * others and sheets drawn. */
 OUTLINED int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, BinList listed,
                 global const int *firsts, int x, int y, Fronts *fronts)
 {
     const int unseen = counts.sheets + counts.backs, meshes = counts.others + counts.views;
     Region region;
-    floatl so_far[BLOCKS]; /* nothing; and beside holes, what no mesh is nearer than */
+    floatl so_far[BLOCKS]; /* EMPTY at first; later INFINITY outside holes, where nothing is nearer */
     for (int block = 0; block < BLOCKS; block++)
         so_far[block] = EMPTY;
     draw_layers(context, &region, layers, listed, firsts + unseen, counts.others, meshes, x, y, so_far, fronts->views);

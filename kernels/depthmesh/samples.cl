@@ -1,22 +1,22 @@
-/* Segmentation of a depth image: which triangles of the full grid are drawn; where vertices at the border lie; and the
- * samples' normals.
+/* Segmentation of a depth image, positions of the vertices at the border, and normals of the samples.
  *
- * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST_ORTHOGONALITY is the paper's: seen
- * edge-on (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth
- * range is taken relative to the view's extent; beyond the paper, a surface that goes on straight is none, as a floor far
- * away, by TEST_CONNECTEDNESS. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if
- * it is short, or either of its samples continues the line to the other's far side, in nearness, where planes are
- * straight. TEST_DISPARITY: nearness within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps
- * everything. Beyond the papers: in all tests, differences that the sensor's noise explains are no step (`noise`).
+ * `segment` finds the triangles that bridge two surfaces (rubber sheets) and are not drawn. TEST_ORTHOGONALITY is the
+ * test of the paper: such a triangle is seen edge-on (equation 3) and is long in depth (equation 4). In orthographic
+ * views z has no fixed origin, so the depth range is relative to the extent of the view. Beyond the paper, triangles
+ * of a surface that continues straight, like a distant floor, are kept; TEST_CONNECTEDNESS decides this.
+ * TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if it is short, or if the line of samples before
+ * or after it continues over it, in nearness, where planes are linear. TEST_DISPARITY: a triangle is removed if
+ * nearness within it differs too much (Oliveira & Bishop 1998). TEST_NONE keeps all triangles. Beyond the papers, no
+ * test takes differences for steps that the sensor's noise explains (`noise`).
  *
- * `place_border` finds the nearness of the vertices that are drawn half a pixel beyond the outermost samples: on the
- * straight line through the sample and the next one within, so that the surface passes through the sample.
+ * `place_border` computes the nearness of the vertices that are drawn half a pixel beyond the outermost samples: it
+ * extrapolates the line through the sample and the next one inside, so the surface passes through the sample.
  *
  * nearness: (height, pitch), picture/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
- * placed: (height, pitch) nearness of the vertices as they are drawn: that of the samples, but at the border.
- * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to those neighbours that
- * triangles join; (0, 0, -1) where there are none.
- * Work-item: a row. Cost: O(samples). Determinism: every sample on its own.
+ * placed: (height, pitch) nearness of the drawn vertices: the samples' nearness except at the border.
+ * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to neighbours that share a
+ * drawn triangle; (0, 0, -1) if there are none.
+ * Work-item: a row. Cost: O(samples). Determinism: samples are independent.
  */
 #include "depthmesh/tree.h"
 
@@ -24,24 +24,24 @@
 #define TEST_CONNECTEDNESS 1
 #define TEST_DISPARITY 2
 #define TEST_NONE 3
-#define STRAIGHT 0.1f /* of the gap: what goes on straighter is no rubber sheet by orthogonality, either */
+#define STRAIGHT 0.1f /* relative to the gap: orthogonality keeps surfaces that continue with a smaller deviation */
 
 typedef struct {
-    int test;          /* which one finds rubber sheets, as the file's head says */
-    float sine;        /* of the angle between a triangle and the line of sight: below it, it is seen edge-on */
-    float depth_range; /* of what is one surface, relative to z or to the extent */
-    float extent;      /* of an orthographic view's samples, in scene units */
-    float gap;         /* relative difference of nearness between samples of one surface */
-    float noise[3];    /* by a z z + b z + c the depths of one surface may differ at depth z */
+    int test;          /* test that finds rubber sheets: TEST_... */
+    float sine;        /* a triangle is edge-on if the sine of its angle to the line of sight is smaller */
+    float depth_range; /* largest range of depths in a triangle of a surface, relative to z or to the extent */
+    float extent;      /* extent of an orthographic view's samples, in scene units */
+    float gap;         /* largest relative difference of nearness between neighbouring samples of a surface */
+    float noise[3];    /* a, b, c: depths of one surface may differ by a z z + b z + c at depth z */
 } Segmentation;
 
-/* By how much depths z of one surface may differ by their noise; and nearness */
+/* Largest difference that noise causes, of depths z of one surface; below, the same of nearness */
 #define NOISE_AT(rule, z) (((rule)->noise[0] * (z) + (rule)->noise[1]) * (z) + (rule)->noise[2])
 INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule, floatl n)
 {
     if (!layout->perspective)
         return NOISE_AT(rule, -n);
-    return rule->noise[0] + (rule->noise[1] + rule->noise[2] * n) * n; /* that of the depth, times n n */
+    return rule->noise[0] + (rule->noise[1] + rule->noise[2] * n) * n; /* the difference of depth, times n n */
 }
 
 #define SPREAD(a, b, c) (fmax(a, fmax(b, c)) - fmin(a, fmin(b, c)))
@@ -70,7 +70,7 @@ INLINED intl bridges(const Layout *layout, const Segmentation *rule, Vector p, V
     return (along * along < rule->sine * rule->sine * sizes) & (SPREAD(p.z, q.z, r.z) > allowed);
 }
 
-/* Do samples next to each other, with nearness a and b, belong together? before, after: the next ones on both sides. */
+/* Do neighbouring samples of nearness a and b belong to one surface? before, after: the next samples on both sides. */
 intl connected(const Layout *layout, const Segmentation *rule, floatl before, floatl a, floatl b, floatl after)
 {
     const floatl step = b - a, scale = layout->perspective ? fmax(fabs(a), fabs(b)) : (floatl)rule->extent;
@@ -80,7 +80,7 @@ intl connected(const Layout *layout, const Segmentation *rule, floatl before, fl
     return fmin(fmin(on, back), fabs(step)) <= allowed;
 }
 
-/* The same for the sample at (x, y) and the next along x or y */
+/* The same for the sample at (x, y) and the next one along x or y */
 intl is_connected(const Layout *layout, const Segmentation *rule, global const float *nearness, intl x, intl y, int dx,
                   int dy)
 {
@@ -110,8 +110,7 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
         Vector p[4];
         for (int k = 0; k < 4; k++)
             p[k] = point_of(&layout, fx + (k & 1), fy + (k >> 1), DEPTH_OF(layout.perspective, n[k]));
-        /* The diagonal's ends belong to both triangles: the other corners are the upper one's and the lower one's
-         * own. */
+        /* Each triangle has both ends of the diagonal and one other corner. */
         const Vector a = {select_lanes(main, p[3].x, p[2].x), select_lanes(main, p[3].y, p[2].y),
                           select_lanes(main, p[3].z, p[2].z)};
         const Vector b = {select_lanes(main, p[0].x, p[1].x), select_lanes(main, p[0].y, p[1].y),
@@ -138,17 +137,17 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
     }
 }
 
-/* The states of the cell at (x, y); 0 beyond the image */
+/* States of the cell at (x, y); 0 outside the image */
 int cell_at(const Layout *layout, global const uchar *cells, int x, int y)
 {
     const int in = x >= 0 && y >= 0 && x < layout->width - 1 && y < layout->height - 1;
     return in ? cells[(size_t)y * layout->pitch + x] : 0;
 }
 
-/* Is the line from the sample (x, y) to the one at (dx, dy), each -1 or 1, the diagonal of its cell? */
+/* Is the line from the sample (x, y) to its neighbour at offset (dx, dy), each -1 or 1, the diagonal of a cell? */
 #define IS_DIAGONAL(x, y, dx, dy) (((dx) == (dy)) == !((min(x, (x) + (dx)) ^ min(y, (y) + (dy))) & 1))
 
-/* Has a triangle that is drawn the edge from the sample (x, y) to the one at (dx, dy), each -1, 0 or 1? */
+/* Does a drawn triangle have the edge from the sample (x, y) to its neighbour at offset (dx, dy), each -1, 0 or 1? */
 int is_edge_drawn(const Layout *layout, global const uchar *cells, int x, int y, int dx, int dy)
 {
     const int left = min(x, x + dx), top = min(y, y + dy), byte = cell_at(layout, cells, left, top);
@@ -164,17 +163,17 @@ int is_edge_drawn(const Layout *layout, global const uchar *cells, int x, int y,
     return (states & DRAWN) != 0;
 }
 
-/* The way from an outermost sample inwards along an axis of `count` samples: 1, -1, or 0 of those within */
+/* Direction inwards from an outermost sample along an axis of `count` samples: 1 or -1, 0 at inner samples */
 #define INWARDS(x, count) ((x) == 0 ? 1 : (x) == (count) - 1 ? -1 : 0)
 
-/* Half a pixel beyond a sample nearness is off by at most half of the sample's: so depths stay positive. */
+/* Limits the change of nearness over the half pixel beyond a sample to half of its nearness: depths stay positive. */
 float limited(float beyond, float sample)
 {
     const float least = (1.0f - BORDER) * sample, most = (1.0f + BORDER) * sample;
     return clamp(beyond, fmin(least, most), fmax(least, most));
 }
 
-/* Half a pixel beyond an outermost sample, on the line from the next one within, if an edge joins them */
+/* Nearness half a pixel beyond an outermost sample, on the line from the next one inside if an edge joins them */
 INLINED float nearness_beyond(const Layout *layout, global const float *nearness, global const uchar *cells, int x, int y)
 {
     const int dx = INWARDS(x, layout->width), dy = INWARDS(y, layout->height);
@@ -184,7 +183,7 @@ INLINED float nearness_beyond(const Layout *layout, global const float *nearness
     return limited(*here + BORDER * (*here - here[dy * layout->pitch + dx]), *here);
 }
 
-/* Beyond a corner that no diagonal leads to: so that the plane of its one triangle passes through its sample */
+/* Nearness beyond a corner without a diagonal, such that the plane of its only triangle passes through its sample */
 static float nearness_beyond_corner(const Layout *layout, global const float *nearness, global const uchar *cells, int x,
                              int y)
 {
@@ -192,7 +191,7 @@ static float nearness_beyond_corner(const Layout *layout, global const float *ne
     const float n = nearness[(size_t)y * layout->pitch + x];
     if (!is_edge_drawn(layout, cells, x, y, dx, 0))
         return n;
-    /* Along the triangle's legs, of one cell */
+    /* Shares of half a pixel in the triangle's legs, which are one cell long and extended at the border */
     const float share_x = BORDER / (1.0f + BORDER * (layout->width == 2 ? 2 : 1));
     const float share_y = BORDER / (1.0f + BORDER * (layout->height == 2 ? 2 : 1));
     const float next_x = nearness_beyond(layout, nearness, cells, x + dx, y);
@@ -249,7 +248,7 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         const intl upper_right = cell_next_to(&layout, cells, x, first, y, 0, -1);
         const intl lower_left = cell_next_to(&layout, cells, x, first, y, -1, 0);
         const intl lower_right = cell_next_to(&layout, cells, x, first, y, 0, 0), main = ((x ^ y) & 1) == 0;
-        /* Diagonals turn from cell to cell, and with them the triangles that have the edges along y. */
+        /* Diagonals alternate from cell to cell, and so do the triangles with the edges along y. */
         const intl above = select_lanes(main, STATE_A(upper_left) | STATE_A(upper_right),
                                         STATE_B(upper_left) | STATE_B(upper_right));
         const intl beneath = select_lanes(main, STATE_B(lower_left) | STATE_B(lower_right),
@@ -261,7 +260,7 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         add_step(p, to_right, (after & DRAWN) != 0, &across);
         add_step(to_up, p, (above & DRAWN) != 0, &along);
         add_step(p, to_down, (beneath & DRAWN) != 0, &along);
-        /* Where there is no triangle, the surface is taken to face the camera. */
+        /* Without a triangle, the surface is assumed to face the camera. */
         across.x = select_lanes(((before | after) & DRAWN) != 0, across.x, (floatl)1.0f);
         along.y = select_lanes(((above | beneath) & DRAWN) != 0, along.y, (floatl)1.0f);
         const Vector normal = cross_product(along, across); /* towards the camera */

@@ -1,35 +1,36 @@
 /* From the quadtree to triangles (Pajarola, Sainz & Meng 2003, section 3.4).
  *
- * `activate` marks the vertices that a target needs: those whose error is seen larger than the tolerance (equation 5)
- * from the nearest point of their bounding sphere, which is within the target's view. Errors and spheres hold those of
- * all children, so every vertex can decide on its own, and no cracks arise. A triangle is part of the triangulation if
- * its vertex at the right angle is active and the one that would split it is not; it is drawn if all of it is.
- * `find_triangles` finds them, `list_points` and `list_triangles` list them.
+ * `activate` marks the vertices that a target needs: the projected error exceeds the tolerance (equation 5) at the
+ * nearest point of the bounding sphere, and the sphere lies within the target's view.Errors and spheres include all
+ * children's, so each vertex decides independently without cracks. A triangle belongs to the triangulation if the
+ * vertex at its right angle is active and the vertex that would split it is not; it is drawn if segmentation keeps
+ * all of it. `find_triangles` finds these triangles, `list_points` and `list_triangles` list them.
  *
- * Deviations from the paper: the distance is that of the sphere, not of the vertex, as the above demands. A viewer that
- * will move may select more than it needs, by a finer tolerance and a wider view: `motion_limits` bound how far it may
- * move before it needs a vertex that was not selected.
+ * Deviations from the paper: the distance is measured to the sphere, not to the vertex, as independent decisions
+ * require this. A viewer that will move may select more than it needs, by a finer tolerance and a wider view;
+ * `motion_limits` bound its motion until it needs a vertex that was not selected.
  *
- * placed: samples.cl. Of each vertex, (side + 1, row): active, tree.h; drawn: bit k where the k-th triangle with its
- * right angle there is drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and
- * triangles each row has, and the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality
- * |n z| if rated. corners: (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the
- * right angle second. motion_limits: (side + 1, 2) scene units; of each row's vertices that are not active, the least
- * that the eye may move until one of too small an error is seen larger than allowed, and the least distance of one that
- * is out of view. Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
+ * placed: samples.cl. For each vertex, (side + 1, row): active, tree.h; drawn: bit k is set if the k-th triangle with
+ * its right angle there is drawn; numbers: the numbers of listed points. counts, firsts: (side + 1, 2) numbers of
+ * points and of triangles in each row, and the numbers of its first ones. points: (points, 4) position in the view,
+ * tree.h, and quality |n z| if rated. corners: (triangles, 3) numbers of points, counter-clockwise as seen by the
+ * view, with the right angle second. motion_limits: (side + 1, 2) in scene units, over the vertices of a row that are
+ * not active: the least motion of the eye until an error that was too small exceeds `allowed`, and the least distance
+ * of a vertex out of view. Work-item: a row of vertices. Cost: O(vertices). Determinism: the order of rows and
+ * columns.
  */
 #include "depthmesh/tree.h"
 
 #define POINTS 1024
-#define AT_THE_EYE 1e-20f /* scene units, where the eye is within a sphere: not 0, so that errors of 0 are not seen there */
+#define AT_THE_EYE 1e-20f /* scene units: distance of a sphere around the eye; not 0, so that errors of 0 stay unseen */
 
 typedef struct {
-    float eye[3];      /* the target's, in the view's camera's frame */
-    float planes[5][4]; /* of what the target sees: a x + b y + c z + d >= 0 inside, unit normals */
+    float eye[3];      /* position of the target's camera in the frame of the view's camera */
+    float planes[5][4]; /* planes of the target's view: a x + b y + c z + d >= 0 inside, unit normals */
     float scale;       /* pixels per scene unit: at distance 1 (perspective), everywhere (orthographic) */
     float tolerance;   /* pixels */
-    float allowed;     /* pixels, at least the tolerance: what `motion_limits` hold for */
-    float widening;    /* of the view: scene units beyond its planes at distance 1 */
+    float allowed;     /* pixels, at least the tolerance: the error that `motion_limits` refer to */
+    float widening;    /* margin of the view, in scene units beyond its planes at distance 1 */
     int perspective;
 } Viewer;
 
@@ -54,7 +55,7 @@ kernel void activate(global const float *errors, global const float *radii, glob
             const floatl distance = viewer.perspective ? fmax(from_eye - radius, (floatl)AT_THE_EYE) : (floatl)1.0f;
             const intl large = known & (error * viewer.scale >= viewer.tolerance * distance);
             needed = large;
-            /* Children's spheres are within their parent's: so are they with this margin. */
+            /* The spheres of children lie within their parent's, also with this margin. */
             const floatl margin = radius + viewer.widening * (from_eye + radius);
             for (int k = 0; k < 5; k++) {
                 const float *plane = viewer.planes[k];
@@ -71,7 +72,7 @@ kernel void activate(global const float *errors, global const float *radii, glob
     mark_corners(&layout, active, y);
 }
 
-/* The first vertex of a row from x on that is marked, or one beyond the side */
+/* First marked vertex of a row from x on, or a number beyond the side */
 int next_marked(global const uchar *row, int x, int side)
 {
     for (; x <= side; x++) {
@@ -83,11 +84,11 @@ int next_marked(global const uchar *row, int x, int side)
     return x;
 }
 
-/* Is the triangle that the vertex `at` would split on a side (0: A, 1: B) whole and all drawn? */
+/* Is the triangle on side b (0: A, 1: B) of the vertex `at` not split, and drawn as a whole? */
 #define IS_DRAWN(at, b) (!IS_ACTIVE(active[at]) & (((b) ? STATE_B(states[at]) : STATE_A(states[at])) == DRAWN))
 
-/* The triangles with their right angle at the vertex (x, y) that are drawn, a bit each, clockwise: of a centre from the
- * one above, of others from the one to the upper left */
+/* The drawn triangles with their right angle at the vertex (x, y), a bit each, clockwise: for a centre from the one
+ * above, for a midpoint from the one to the upper left */
 int triangles_at(const Layout *layout, global const uchar *active, global const uchar *states,
                  global const uchar *cells, int x, int y)
 {
@@ -114,14 +115,14 @@ int triangles_at(const Layout *layout, global const uchar *active, global const 
     return found;
 }
 
-/* Lists the samples on which vertices of the padding lie. Work-item: those of a row, and of a column. */
+/* Lists the samples on which vertices of the padding lie. Work-item: the vertices of a row and of a column. */
 kernel void list_border(global uchar *active, Layout layout)
 {
     const int at = get_global_id(0), right = layout.width - 1, bottom = layout.height - 1;
     if (at > layout.side)
         return;
     for (int s = 1; s <= layout.side && !(at & (s - 1)); s *= 2) {
-        /* The first one beyond, of each step: others of it are no corners of triangles with an area. */
+        /* The first vertex beyond the border, of each step: farther ones are corners of no triangle with an area. */
         const int x = (right + s - 1) & -s, y = (bottom + s - 1) & -s;
         if (active[at * layout.row + x])
             active[min(at, bottom) * layout.row + right] |= LISTED;
@@ -188,7 +189,7 @@ kernel void list_triangles(global const uchar *active, global const uchar *drawn
         for (int k = 0; k < 4; k++) {
             if (!(drawn[start + x] >> k & 1))
                 continue;
-            /* All are listed, unless rounding has turned a parent and its child round: then a triangle without area. */
+            /* Rounding may leave a parent unlisted although its child is listed: then the triangle has no area. */
             next[0] = numbers[active[corner[k]] ? corner[k] : middle];
             next[1] = numbers[middle];
             next[2] = numbers[active[corner[k + 1]] ? corner[k + 1] : middle];
@@ -197,8 +198,8 @@ kernel void list_triangles(global const uchar *active, global const uchar *drawn
     }
 }
 
-/* Points of several meshes, mesh by mesh, to the target's pixel space. firsts: (meshes + 1,) numbers of each one's
- * first. maps: (meshes, 16), from (a, b, c, 1) of a mesh's points. projected: (points, 4). Work-item: POINTS points. */
+/* Projects the points of several meshes into the target's pixel space. firsts: (meshes + 1,) number of each mesh's
+ * first point. maps: (meshes, 16), applied to (a, b, c, 1). projected: (points, 4). Work-item: POINTS points. */
 kernel void project_points(global const float *points, global const int *firsts, global const float *maps, int meshes,
                            global float *projected)
 {

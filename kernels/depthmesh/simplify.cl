@@ -1,17 +1,18 @@
-/* Triangulations within a vertical error, for no viewer in particular.
+/* Triangulation within a vertical error, independent of the viewer.
  *
- * From the coarsest triangles on, those are split that are off in depth by more than max_error at any sample within
- * them, not only at the vertex that would split them: so max_error is a bound. With each go those that must be split
- * with it, so that there are no cracks. Each split is one that any triangulation within the bound has: no other has
- * fewer triangles. Planes are affine in nearness, so the differences are exact for both kinds of cameras.
+ * Starting from the coarsest triangles, each triangle is split if its depth is off by more than max_error at any
+ * sample within it, not only at the vertex that would split it, so max_error is a bound. To avoid cracks, other
+ * triangles are split with it. Every triangulation within the bound needs each of these splits, so none has fewer
+ * triangles. Planes are affine in nearness, so the differences are exact for both projections.
  *
- * nearness, placed: (height, pitch), samples.cl. states: states.cl. active: (side + 1, row), tree.h, to be filled with
- * 0 before. pool: chunks of CHUNK ints, the numbers of the chunks below and above and then vertices, of which work-
- * items make stacks; used: (1,) how many chunks are. coarse: a step. Work-item: all vertices of at least the coarse
- * step (`refine_coarse`), then each of them and whatever follows from it that no other work-item has taken (`refine`).
- * They see each other's marks late, or not; what decides is atomic. Cost: O(triangles + samples): most triangles that
- * are split are found to depart at once, and of others the rows are read LANES samples at a time. Determinism: what is
- * split follows from single vertices, so the set is the same in any order.
+ * nearness, placed: (height, pitch), samples.cl. states: states.cl. active: (side + 1, row), tree.h, filled with 0 by
+ * the caller. pool: chunks of CHUNK ints, from which work-items build stacks: the numbers of the chunks below and
+ * above, then vertices. used: (1,) number of used chunks. coarse: a step. Work-item: all vertices of at least the
+ * coarse step (`refine_coarse`); then each of these with all dependent vertices that no other work-item has taken
+ * (`refine`). Work-items may see each other's marks late or never; an atomic operation decides. Cost: O(triangles +
+ * samples): most triangles that are split fail at the first samples, and other triangles are read in rows, LANES
+ * samples at a time. Determinism: each split follows from single vertices, so the set of splits is the same in any
+ * order.
  */
 #include "depthmesh/tree.h"
 #include "depthmesh/within.h"
@@ -27,12 +28,12 @@ typedef struct {
     global const uchar *states;
     global uchar *active;
     float max_error;
-    int finest; /* step of children to be looked at */
+    int finest; /* least step of children to visit */
     global int *pool, *used;
-    int chunk, height; /* the top of a stack of active vertices whose parents and children are still to be looked at */
+    int chunk, height; /* top of the stack of active vertices whose parents and children are not visited yet */
 } Work;
 
-/* Whether planes of nearness p lie off samples of nearness n by more than max_error, in depth: no division */
+/* Are planes of nearness p off samples of nearness n by more than max_error in depth? Computed without division. */
 #define IS_OFF(p, n) (fabs((p) - (n)) > work->max_error * (layout->perspective ? fabs((p) * (n)) : 1.0f))
 #define NEARNESS_AT(v) work->nearness[(v).y * layout->pitch + (v).x]
 
@@ -46,7 +47,7 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
     triangle_within(layout, work->placed, x, y, s, b, &t);
     const int is_inner = t.low.x > 0 && t.low.y > 0 && t.high.x < layout->width - 1 && t.high.y < layout->height - 1;
     if (is_inner) {
-        /* The vertex itself and the middles of the two legs are off most often. */
+        /* Check the vertex itself and the centres of the two legs first: they are off most often. */
         const int2 start = t.corner[0], q = t.corner[1], end = t.corner[2];
         if (IS_OFF(0.5f * (t.n[0] + t.n[2]), NEARNESS_AT((int2)(x, y))))
             return 1;
@@ -76,7 +77,7 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
 #define BYTE_IN_WORD(at) (24 - 8 * ((at) & 3))
 #endif
 
-/* Puts a chunk on top of a stack: one that has been there before, or a new one. */
+/* Puts a chunk on top of a stack: one of its earlier chunks, or a new one. */
 void add_chunk(Work *work)
 {
     const int below = work->chunk;
@@ -92,7 +93,7 @@ void add_chunk(Work *work)
     work->height = 2;
 }
 
-/* Activates a vertex, unless it is one of the tree's corners, beyond, or another work-item's. */
+/* Activates a vertex unless it is a corner of the tree, outside of it, or taken by another work-item. */
 void activate_vertex(const Layout *layout, Work *work, int x, int y)
 {
     const int side = layout->side, at = y * layout->row + x, shift = BYTE_IN_WORD(at);
@@ -105,7 +106,7 @@ void activate_vertex(const Layout *layout, Work *work, int x, int y)
     work->pool[CHUNK * work->chunk + work->height++] = at;
 }
 
-/* The child (x, y) of step s of a vertex that is active: its side b is a triangle that there is. */
+/* Visits the child (x, y) of step s of an active vertex; its side b is a triangle of the triangulation. */
 void visit_child(const Layout *layout, Work *work, int x, int y, int s, int b)
 {
     const int in = x >= 0 && x <= layout->side && y >= 0 && y <= layout->side;
@@ -113,8 +114,8 @@ void visit_child(const Layout *layout, Work *work, int x, int y, int s, int b)
         activate_vertex(layout, work, x, y);
 }
 
-/* Activates what the active vertex `at` demands: its parents, and those children, of steps below `coarse`, that must be
- * split. */
+/* Activates the vertices that follow from the active vertex `at`: its parents, and children of steps below `coarse`
+ * whose triangles must be split. */
 INLINED void propagate(const Layout *layout, Work *work, int at, int coarse)
 {
     const int y = at / layout->row, x = at - y * layout->row, s = step_of(x, y);
@@ -125,18 +126,18 @@ INLINED void propagate(const Layout *layout, Work *work, int at, int coarse)
     const int child = is_center ? s : s / 2;
     if (child < work->finest || child >= coarse)
         return;
-    for (int k = 0; k < 4; k++) { /* of a centre above, to the right, below and to the left, of a midpoint all around */
+    for (int k = 0; k < 4; k++) { /* above, right, below and left of a centre, diagonally next to a midpoint */
         const int dx = is_center ? (k == 1) - (k == 3) : k & 1 ? 1 : -1;
         const int dy = is_center ? (k == 2) - (k == 0) : k >> 1 ? 1 : -1;
         visit_child(layout, work, x + child * dx, y + child * dy, child, is_center ? k % 3 == 0 : !(k >> 1));
     }
 }
 
-/* Activates what the vertices of the pool demand, one after the other; coarse: of the first */
+/* Activates the vertices that follow from those on the stack, one after the other; coarse: for the first of them */
 INLINED void propagate_all(const Layout *layout, Work *work, int coarse)
 {
     for (int vertices_left = (layout->side + 1) * (layout->side + 1); vertices_left > 0;
-         vertices_left--) { /* each comes up once */
+         vertices_left--) { /* each vertex is processed once */
         if (work->height == 2) {
             work->chunk = work->pool[CHUNK * work->chunk];
             work->height = CHUNK;

@@ -1,18 +1,18 @@
-/* Samples without their noise, for the quadtree's errors: what noise alone would split is none of a surface.
+/* Denoised samples for the errors of the quadtree, so that noise alone splits no triangle.
  *
- * Each sample's nearness goes towards the means of pairs that lie opposite each other around it, so planes stay as they
- * are, whatever their slope. Pairs whose mean is off by more than PAIR_REACH deviations of the noise lie on other
- * surfaces, and those that are off by less weigh less.
+ * The nearness of each sample moves towards the means of pairs of opposite neighbours, so planes of any slope stay
+ * unchanged. Pairs whose mean is off by more than PAIR_REACH standard deviations of the noise lie on other surfaces and
+ * are ignored; other pairs weigh less the more they are off.
  *
- * nearness, smoothed: (height, pitch), picture/nearness.cl. Work-item: a row. Cost: O(samples), 48 each. Determinism:
- * every sample on its own.
+ * nearness, smoothed: (height, pitch), picture/nearness.cl. Work-item: a row. Cost: O(samples), 48 neighbours each.
+ * Determinism: samples are independent.
  */
 #include "depthmesh/tree.h"
 
 #define PAIR_RADIUS 3     /* samples */
 #define PAIR_REACH 4.5f /* standard deviations */
 
-/* Nearness of the samples (x + dx, row); NO_SURFACE beyond the image */
+/* Nearness of the samples (x + dx, row); NO_SURFACE outside the image */
 INLINED floatl nearness_at(const Layout *layout, global const float *nearness, intl x, int first, int row, int dx)
 {
     if (row < 0 || row >= layout->height)
@@ -37,7 +37,7 @@ kernel void smooth_nearness(global const float *nearness, global float *smoothed
         const floatl n = load_lanes(nearness + at);
         const floatl deviation = layout.perspective ? of[0] + (of[1] + of[2] * n) * n : (of[0] * n - of[1]) * n + of[2];
         const floatl sharpness = 1.0f / fmax(PAIR_REACH * deviation, fabs(n) * ROUNDING);
-        floatl sum = 0.0f, weights = 1.0f; /* of the sample itself, which is off by nothing */
+        floatl sum = 0.0f, weights = 1.0f; /* the sample itself has weight 1 and offset 0 */
         for (int dy = 0; dy <= PAIR_RADIUS; dy++)
             for (int dx = dy ? -PAIR_RADIUS : 1; dx <= PAIR_RADIUS; dx++) {
                 const floatl a = nearness_at(&layout, nearness, x, first, y + dy, dx);

@@ -1,13 +1,14 @@
-/* The states of the quadtree's triangles, fine to coarse: whether all, some or none of the cells within each are drawn
- * (Pajarola, Sainz & Meng 2003, section 3.3: segmentation carried up by boolean rules).
+/* States of the quadtree's triangles, from fine to coarse: all, some or none of the cells within a triangle are drawn
+ * (Pajarola, Sainz & Meng 2003, section 3.3: segmentation passed up by boolean rules).
  *
- * A triangle's state is the union of its two halves' states; those are sides of the vertex's children. In a block that
- * is squeezed into the image (tree.h) the diagonal does not pass the centre: there each side has the union of both.
+ * The state of a triangle is the union of the states of its two halves, which are sides of children of the vertex. In
+ * a block that is squeezed into the image (tree.h), the diagonal does not pass through the centre, so each side gets
+ * the union of both.
  *
- * cells: samples.cl. states: (side + 1, row) of each vertex, both sides' (tree.h).
- * Work-item: a row of vertices, of which those of step 1 are found and of others 0 is written
- * (`find_finest_states`), a row of vertices of a coarser step (`find_states`), all rows of all coarser steps
- * (`find_coarse_states`). Cost: O(vertices). Determinism: nothing depends on an order.
+ * cells: samples.cl. states: (side + 1, row) states of both sides of each vertex (tree.h).
+ * Work-item: a row of vertices (`find_finest_states`: writes the states of step 1, and 0 for other vertices), a row of
+ * vertices of a coarser step (`find_states`), all rows of all coarser steps (`find_coarse_states`). Cost: O(vertices).
+ * Determinism: nothing depends on an order.
  */
 #include "depthmesh/tree.h"
 
@@ -24,12 +25,12 @@ kernel void find_finest_states(global const uchar *cells, global uchar *states, 
             const intl upper_right = cell_next_to(&layout, cells, x, first, y, 0, -1);
             const intl lower_left = cell_next_to(&layout, cells, x, first, y, -1, 0);
             const intl lower_right = cell_next_to(&layout, cells, x, first, y, 0, 0);
-            /* The triangles that meet the vertex from the left and from the right, from above and from below */
+            /* Triangles that meet the vertex, on its left and right, above and below */
             const intl left = STATE_B(upper_left) | STATE_A(lower_left),
                        right = STATE_A(lower_right) | STATE_B(upper_right);
             const intl above = STATE_B(upper_left) | STATE_B(upper_right),
                        below = STATE_A(lower_left) | STATE_A(lower_right);
-            /* Those of the block around a centre that do not meet it */
+            /* Triangles of the block around a centre that do not meet the centre */
             const intl top = STATE_A(upper_left) | STATE_A(upper_right),
                        bottom = STATE_B(lower_left) | STATE_B(lower_right);
             const intl a = across ? above : select_lanes(odd, top | select_lanes(main, right, left), left);
@@ -42,11 +43,11 @@ kernel void find_finest_states(global const uchar *cells, global uchar *states, 
     }
 }
 
-/* The row y of vertices of step s > 1 */
+/* Finds the states of row y of the vertices of step s > 1. */
 void find_state_row(const Layout *layout, global uchar *states, int s, int y, int centers)
 {
     const int side = layout->side, row = layout->row, half_step = s / 2;
-    const int across = !(y / s & 1); /* midpoints of this row lie on edges along x */
+    const int across = !(y / s & 1); /* are the midpoints of this row on edges along x? */
     for (int x = centers || across ? s : 0; x <= side && x - s < layout->width - 1; x += 2 * s) {
         global uchar *at = states + (size_t)y * row + x;
         if (centers) {

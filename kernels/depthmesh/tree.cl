@@ -1,4 +1,4 @@
-/* All that makes a view's mesh, as one program: building one takes longer than what is in it. */
+/* All kernels that make a view's mesh, as one program: starting a build takes longer than compiling a kernel. */
 #include "depthmesh/errors.cl"
 #include "depthmesh/samples.cl"
 #include "depthmesh/select.cl"

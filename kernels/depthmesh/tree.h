@@ -2,33 +2,36 @@
 #define DEPTHMESH_TREE_H
 /* The restricted quadtree over a depth image's samples (Pajarola 1998; Pajarola, Sainz & Meng 2003, section 3.2).
  *
- * Vertices are the points (x, y) of a square grid with a power of two of cells along its side, of which the image
- * covers the upper left part. The rest is padding: its vertices lie on the image's last column and row, so that
- * triangles there have no area, and those that reach over the border are squeezed into the image. As columns and rows
- * keep their order, no triangle turns over, and they cover the image as they covered the square. All but the four corners bisect an edge of the
- * next coarser triangulation. With s the largest power of two that divides x and y, a vertex is
+ * Vertices are the points (x, y) of a square grid. The number of cells along its side is a power of two, and the
+ * image covers the upper left part of the grid. The rest is padding: its vertices lie on the last column and row of
+ * the image, so triangles in the padding have no area, and triangles that cross the border are squeezed into the
+ * image. As columns and rows keep their order, no triangle turns over, and the triangles cover the whole image.
+ *
+ * Each vertex except the four corners bisects an edge of the next coarser triangulation. With s the largest power of
+ * two that divides x and y, a vertex is
  *   a centre   (x/s and y/s are odd): it bisects the diagonal of the block of side 2s around it;
  *   a midpoint (one of them is odd): it bisects the edge from s before to s after, along x or along y.
- * A block's diagonal runs from its upper left to its lower right corner (`main`) where the sum of its column and row
- * is even, so that all diagonals of four blocks meet in their parent's centre.
- * The two triangles that share the bisected edge are the vertex's sides: side A lies above (or left of an edge along
- * y), side B below (or right). Splitting a side makes two triangles, the sides of two further vertices that face this
- * one: its children. A midpoint's are the centres at (+-s/2, +-s/2), a centre's the midpoints at (+-s, 0) and (0, +-s).
- * In a triangulation without cracks a vertex is active only if all vertices whose child it is are.
+ * The diagonal of a block runs from its upper left to its lower right corner (`main`) if the sum of its column and
+ * row is even, so the diagonals of four blocks meet in the centre of their parent. The two triangles that share the
+ * bisected edge are the sides of the vertex: side A lies above (or left of an edge along y), side B below (or right).
+ * Splitting a side makes two triangles. Each is a side of another vertex, a child of this one. The children of a
+ * midpoint are the centres at (+-s/2, +-s/2), the children of a centre are the midpoints at (+-s, 0) and (0, +-s). In
+ * a triangulation without cracks, the parents of each active vertex are active.
  *
- * A sample covers its pixel: vertices at outermost samples are drawn half a pixel farther out, with the nearness
- * that samples.cl places there. What the tree tells of its vertices (states, errors) is told of the samples.
+ * A sample covers its pixel: vertices at outermost samples are drawn half a pixel farther out, with the nearness that
+ * samples.cl computes there. The states and errors of vertices refer to the samples.
  *
- * Points of triangles are kept as (a, b, c): of a perspective view (x z, y z, z), of an orthographic one (x, y, -z).
- * With a 1 they are homogeneous: a 4x4 map takes them to another camera's pixel space.
+ * Points of triangles are stored as (a, b, c): (x z, y z, z) in a perspective view, (x, y, -z) in an orthographic one.
+ * With a 1 appended they are homogeneous: a 4x4 map takes them to another camera's pixel space.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
 #include "lib/surface.h"
 #include "lib/vectors.h"
 
-/* A triangle's state: bits of what cells within it are, 0 where there is no triangle. Side A has the lower two bits
- * of a vertex's byte and side B the next two; in a cell's byte the upper triangle is A, the lower one B. */
+/* State of a triangle: bits for the drawn and undrawn cells within it; 0 if there is no triangle. The byte of a vertex
+ * holds side A in its lower two bits and side B in the next two. In the byte of a cell, A is the upper triangle and B
+ * the lower one. */
 #define UNDRAWN 1
 #define DRAWN 2
 #define SIDE_BITS 2
@@ -36,10 +39,10 @@
 #define STATE_B(byte) ((byte) >> SIDE_BITS & 3)
 
 typedef struct {
-    float ray[6];    /* the sample (x, y) lies on (ray[0] x + ray[1] y + ray[2], ray[3] x + ray[4] y + ray[5], 1) z, or, seen
-                        by an orthographic camera, at these x and y with its own z */
-    float footprint; /* of a sample, in scene units: at depth 1, or everywhere */
-    float noise[3];  /* at depth z the depths have a standard deviation of a z z + b z + c; 0 where it is not known */
+    float ray[6];    /* the sample (x, y) lies at (ray[0] x + ray[1] y + ray[2], ray[3] x + ray[4] y + ray[5], 1) z;
+                        in an orthographic view, at these x and y and at depth z */
+    float footprint; /* size of a sample in scene units, at depth 1 in a perspective view */
+    float noise[3];  /* a, b, c: standard deviation a z z + b z + c of the depths at depth z; 0 if not known */
     int perspective;
     int width, height; /* samples */
     int pitch;         /* samples from one row to the next */
@@ -49,7 +52,7 @@ typedef struct {
 
 #define IS_SAMPLE(nearness) ((nearness) > 0.5f * NO_SURFACE)
 
-/* The sample (x, y) with depth z in the view's camera's frame */
+/* The sample (x, y) with depth z, in the frame of the view's camera */
 Vector point_of(const Layout *layout, floatl x, floatl y, floatl z)
 {
     const float *r = layout->ray;
@@ -58,22 +61,22 @@ Vector point_of(const Layout *layout, floatl x, floatl y, floatl z)
     return p;
 }
 
-/* How far out of the image the vertex at a sample is drawn: x of `count` columns, or y of `count` rows */
+/* Offset from a sample to its drawn vertex, not 0 at the border only: for column x of `count`, or row y of `count` */
 INLINED floatl beyond_sample(intl x, int count)
 {
     return select_lanes(x == 0, (floatl)-BORDER, select_lanes(x == count - 1, (floatl)BORDER, (floatl)0.0f));
 }
 
-/* Where it is drawn: the number of the sample plus that */
+/* Coordinate of the drawn vertex: the sample's plus this offset */
 float place_of(int x, int count)
 {
     return x + (x == 0 ? -BORDER : x == count - 1 ? BORDER : 0.0f);
 }
 
-/* Does the diagonal of the block of side 2s with the centre (x, y) run to the lower right? */
+/* Does the diagonal of the block with centre (x, y) and side 2s run to the lower right? */
 #define IS_MAIN(x, y, s) (!(((x) ^ (y)) & (2 * (s))))
 
-/* The step of a vertex: the largest power of two in x and in y */
+/* Step of a vertex: the largest power of two that divides x and y */
 int step_of(int x, int y)
 {
     return (x | y) & -(x | y);
@@ -81,16 +84,16 @@ int step_of(int x, int y)
 
 #define IS_CENTER(x, y, s) (((x) & (y) & (s)) != 0)
 
-/* Which centres of step s are of blocks that reach over the last column or row, and so are squeezed into the image? */
+/* Mask of the centres of step s whose blocks cross the last column or row, and so are squeezed into the image */
 INLINED intl is_squeezed(const Layout *layout, intl x, intl y, int s)
 {
     return (x + s >= layout->width) | (y + s >= layout->height);
 }
 
-/* LANES numbers of a row from first + dx on, dx in {-1, 0, 1}; the first of a row's has no left neighbour. */
+/* Loads LANES numbers of a row from first + dx on, dx in {-1, 0, 1}; the first of a row has no left neighbour. */
 #define NEXT_TO(load, row, first, dx) ((dx) < 0 && !(first) ? shifted_lanes(load(row)) : load((row) + (first) + (dx)))
 
-/* The byte of the cell at (dx, dy), each -1 or 0, from the vertices x of a row y; 0 beyond the image */
+/* Bytes of the cells at offset (dx, dy), each -1 or 0, from the vertices x of row y; 0 outside the image */
 intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int first, int y, int dx, int dy)
 {
     if (y + dy < 0 || y + dy >= layout->height - 1)
@@ -99,15 +102,17 @@ intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int f
     return select_lanes((x + dx >= 0) & (x + dx < layout->width - 1), byte, (intl)0);
 }
 
-/* Of depths: by less than that part of their sum, three points of a straight line lie off it. Such errors are none. */
+/* Rounding error of depths, relative to their sum: three points on a line may be off it by this much, so smaller
+ * errors count as 0. */
 #define ROUNDING 0x1p-22f
 
-/* Marks of vertices of a triangulation: all corners of triangles, and of them those where right angles may be */
+/* Marks of vertices of a triangulation. LISTED: corners of triangles; ACTIVE: those that may have a right angle, too
+ * */
 #define LISTED 2
 #define ACTIVE 3
 #define IS_ACTIVE(mark) ((mark) == ACTIVE)
 
-/* Marks the four corners of the tree, of which two are at the coarsest triangles' right angles. */
+/* Marks the four corners of the tree. The right angles of the coarsest triangles lie at two of them. */
 void mark_corners(const Layout *layout, global uchar *active, int y)
 {
     if (y > 0 && y < layout->side)

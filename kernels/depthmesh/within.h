@@ -1,20 +1,18 @@
 #ifndef DEPTHMESH_WITHIN_H
 #define DEPTHMESH_WITHIN_H
-/* The samples of a row that lie within one triangle of the quadtree as it is drawn: its outermost edges are the
- * image's.
- */
+/* Samples of a row within one drawn triangle of the quadtree; drawn triangles extend to the edges of the image. */
 #include "depthmesh/tree.h"
 
-#define ON_EDGE 1e-3f /* samples: no farther from it, a sample is on an edge, and nothing lies across it */
+#define ON_EDGE 1e-3f /* samples: largest distance from an edge at which a sample counts as on the edge */
 
-/* An edge from a to b of a triangle: its point on a row y has x + (y - low) * slope */
+/* An edge of a triangle: it crosses row y at the column x + (y - low) * slope */
 typedef struct {
     float x, slope, low, high;
 } RowEdge;
 
-/* A triangle: its corners' samples, at the longest side's start, the right angle and that side's end, and where these
- * are drawn, with their nearness; its edges; and its plane, of nearness n.y + (x - at[1].x) * per_x + (y - at[1].y) *
- * per_y */
+/* A triangle. Its corners are the start of the longest side, the right angle and the end of the longest side: `corner`
+ * holds their samples, `at` their drawn positions, `n` their nearness. Its plane has the nearness
+ * n[1] + (x - at[1].x) * per_x + (y - at[1].y) * per_y. */
 typedef struct {
     int2 corner[3], low, high; /* least and greatest of the corners */
     float2 at[3];
@@ -30,7 +28,7 @@ RowEdge row_edge(float2 a, float2 b)
     return edge;
 }
 
-/* Widens a part of a row so that it reaches to where the row crosses the edge. */
+/* Widens a part of a row up to the point where the row crosses the edge. */
 void widen_to_edge(RowEdge edge, float row, float2 *part)
 {
     if (row < edge.low || row > edge.high)
@@ -46,7 +44,7 @@ int2 sample_of(const Layout *layout, int2 v)
     return min(v, (int2)(layout->width - 1, layout->height - 1));
 }
 
-/* The triangle on the side b (0: A, 1: B) of the vertex (x, y) of step s. Returns whether it has an area. */
+/* Fills in the triangle on side b (0: A, 1: B) of the vertex (x, y) of step s. Returns whether it has an area. */
 int triangle_within(const Layout *layout, global const float *placed, int x, int y, int s, int b, Within *t)
 {
     const int centers = IS_CENTER(x, y, s), across = (x & s) != 0, rises = centers && !IS_MAIN(x, y, s);
@@ -72,7 +70,7 @@ int triangle_within(const Layout *layout, global const float *placed, int x, int
     return area != 0.0f;
 }
 
-/* First and last column of the triangle's samples in a row; the first is after the last where there are none */
+/* First and last column of the triangle's samples in a row; the first exceeds the last if there are none */
 int2 columns_within(const Within *t, int row)
 {
     float2 part = (float2)(INFINITY, -INFINITY);
