@@ -1,6 +1,6 @@
-"""Cleaned depth: its time beside the NumPy twin of the tests and a bilateral filter of OpenCV alone, and what it gains.
+"""Cleaned depth: its gain, and its time next to the NumPy twin of the tests and to a bilateral filter of OpenCV.
 
-From NumPy arrays to NumPy arrays, in turns in one process.
+Times are from NumPy arrays to NumPy arrays, measured in turns in one process.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ TWIN, BILATERAL = "NumPy twin", "cv2.bilateralFilter"
 BARS = {"640 x 480": 0.1, "1280 x 720": 0.1, "1920 x 1440": 0.1}
 """At most this ratio of `CLEANED` to the twin, by size."""
 
-LOST = 0.05  # of the samples
-HOLE = 16  # pixels: a square without samples, one in each block of as many HOLEs
+LOST = 0.05  # share of the samples that are removed
+HOLE = 16  # pixels: side of a square hole; each block of BLOCK x BLOCK squares has one
 BLOCK = 8
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a size and noise."""
+    """One case for each size and noise."""
     scene, missing = scenes.standing_in(plan.rgbd_scene)
     if missing is not None:
         yield Case({"case": "cleaning"}, lambda: missing)
@@ -80,7 +80,7 @@ def _prepare(parameters: dict[str, Parameter], scene: str, size: Size, noise: fl
 
 
 def _gain(found: Depth, depth: Depth, truth: Depth) -> float:
-    """By how much the mean error of nearness is less, where there was a sample."""
+    """Reduction of the mean error of nearness, in dB, over the pixels that had a sample."""
     both = np.isfinite(depth) & np.isfinite(found) & np.isfinite(truth)
     before, after = (np.abs(1 / d - 1 / truth)[both].mean() for d in (depth, found))
     return 20 * float(np.log10(before / after))

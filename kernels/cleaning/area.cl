@@ -1,14 +1,13 @@
-/* The area in which samples may be invented: what no disc of radius `reach` without a sample covers.
+/* The area in which samples may be invented: the pixels that no disc of radius `reach` without samples covers.
  *
- * It is a closing by a disc: what is within the disc of a sample, less what is within it of what is not. Each of the
- * two takes two passes: the distance within the pixel's column, and the least circle that any column of the row is
- * within.
+ * This is a morphological closing by a disc: a dilation of the samples, then an erosion of the result. Each of them
+ * takes two passes: distances within the columns, then a search along the row for a column whose distance lies within
+ * the disc.
  *
- * marks: a plane of bytes; those that have one of `bits`, if `wanted` is 1, or none of them, if it is 0, are looked
- * for within the image. distances: a plane, up to reach + 1. near: a plane, 1 where one is within the disc.
- * Work-item: LANES columns (column_distances), `strip` packets of a row (within_disc). Cost: O(pixels * reach) at
- * most; a packet ends its search once all of its pixels have found one. Determinism: each pixel from planes that are
- * finished.
+ * marks: a plane of bytes; the search is for pixels of the image with any of `bits` if `wanted` is 1, or with none
+ * of them if it is 0. distances: a plane, up to reach + 1. near: a plane, 1 if such a pixel lies within the disc.
+ * Work-item: LANES columns (column_distances), `strip` packets of a row (within_disc). Cost: at most O(pixels * reach);
+ * a packet ends its search once all of its pixels are done. Determinism: pixels read only finished planes.
  */
 #include "cleaning/plane.h"
 

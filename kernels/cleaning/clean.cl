@@ -1,4 +1,4 @@
-/* All kernels that clean an image, as one program: building one takes longer than what is in it. */
+/* All kernels that clean an image, as one program: starting a build takes longer than compiling a kernel. */
 #include "cleaning/place.cl"
 #include "cleaning/keep.cl"
 #include "cleaning/area.cl"

@@ -1,28 +1,28 @@
-/* Depth all over an area, from its seeds outwards: where colours are alike first, so that fronts from two sides meet
- * at an edge of the colour.
+/* Region growing: spreads depth from seeds over an area, between similar colours first, so that fronts from two sides
+ * meet at colour edges.
  *
- * The colours of two neighbours are little, somewhat, much or fully unlike: a step's class, 0 to 3 (tint.h). A path
- * costs its worst class, and then how many steps it goes on since it met that: (class, steps) as one number. Each
- * pixel belongs to the seeds of the least cost; of its neighbours that cost less, it takes its depth from the one
- * whose colour is most like its own, of equal ones from the first of EACH_STEP. That is what growing regions step by
- * step does, class after class (Adams, Bischof: Seeded region growing, 1994, is of this kind), without its order in
- * time.
+ * Each step between neighbours has a class, 0 to 3: their colours differ little, somewhat, much or fully (tint.h). The
+ * cost of a path is its worst class, then the number of steps since the path first met this class: (class, steps) as
+ * one number. Each pixel belongs to the seed of least cost: among its neighbours of lower cost, it takes the depth of
+ * the one with the most similar colour, on ties of the first in EACH_STEP. The result equals region growing step by
+ * step, class after class (in the manner of Adams, Bischof: Seeded region growing, 1994), but needs no order in time.
  *
- * `relax` lowers costs tile by tile, in place, till nothing changes: a tile's own work-item alone writes them.
- * Whether it sees a neighbour's as it was or as it is to be, both belong to paths that there are, and the least costs
- * are one solution: it is the same, whoever was first. A tile whose surroundings did not change in the pass before
- * rests.
+ * `relax` lowers the costs in place, tile by tile, until nothing changes; only the tile's own work-item writes its
+ * costs. It may read an old or a new cost of a neighbour: both belong to existing paths, and the least costs are
+ * unique, so the result does not depend on the order. A tile is skipped if its surroundings did not change in the
+ * previous pass.
  *
- * marks: plane.h; begin_growth takes AREA from what `near` (area.cl) has, if it is DOUBTED. near: 1 where the area is
- * not. tint: tint.h. costs: a plane, 0 seeds. steps: a plane, 2 bits a step in the order of EACH_STEP. stamps: (down
- * + 2, across + 2), for each tile the last pass that changed it, 0 around. parents: a plane, the neighbour that depth
- * comes from, STAY for seeds. measured, before, grown: planes of depth, 0 for none. Work-item: `strip` packets of a
- * row, or a tile (relax). Cost: O(pixels + pixels that are filled * length of their paths). Determinism: see above.
+ * marks: plane.h; begin_growth removes AREA from DOUBTED pixels where `near` (area.cl) is 1. near: 1 outside the area.
+ * tint: tint.h. costs: a plane, 0 at seeds. steps: a plane, 2 bits for each step in the order of EACH_STEP. stamps:
+ * (down + 2, across + 2), for each tile the last pass that changed it, 0 around the tiles. parents: a plane, the
+ * neighbour that gives its depth, STAY at seeds. measured, before, grown: planes of depth, 0 for none. Work-item:
+ * `strip` packets of a row, or a tile (relax). Cost: O(pixels + filled pixels * length of their paths). Determinism:
+ * see above.
  */
 #include "cleaning/plane.h"
 #include "cleaning/tint.h"
 
-#define OUTSIDE 0x7ffffff8 /* the cost of what has no depth, and of none so far */
+#define OUTSIDE 0x7ffffff8 /* cost outside the area; UNREACHED: cost within it, before a path has reached the pixel */
 #define UNREACHED 0x7ffffff0
 #define CLASS_SHIFT 29
 #define GROWN_ROWS 16 /* of a tile */
@@ -67,7 +67,7 @@ kernel void begin_growth(global uchar *marks, global const uchar *near, global c
     }
 }
 
-/* Lowers the costs of a packet; tells whether any has changed. */
+/* Lowers the costs of a packet. Returns whether any has changed. */
 INLINED int relax_packet(global const int *steps, global int *costs, int at, int pitch)
 {
     const intl cost = load_lanes(costs + at), is_open = (cost > 0) & (cost < OUTSIDE);

@@ -1,23 +1,24 @@
-/* Speckle: islands of so few samples, apart from what is around them, that no surface is known to be there.
+/* Speckle: islands of few samples, apart from their surroundings, that are unlikely to be a surface.
  *
- * Samples above or beside each other that are less than 1 apart are one island. Each has the number of its first
- * pixel: runs of pixels are joined by union-find with atomic minima (Playne, Hawick: A new algorithm for parallel
- * connected-component labelling on GPUs, 2018). An island of no more than SPECKLE pixels, or a tenth of the image's,
- * is none but noise; unless one of its samples is what the frame before had there: a wire that broke into pieces.
+ * Vertical or horizontal neighbours belong to one island if they differ by at most 1. The label of an island is the
+ * number of its first pixel: runs of pixels are joined by union-find with atomic minima (Playne, Hawick: A new
+ * algorithm for parallel connected-component labelling on GPUs, 2018). An island of at most SPECKLE pixels, and
+ * at most a tenth of the image's samples, counts as noise, unless one of its samples agrees with the previous frame:
+ * then it may be a piece of a broken wire.
  *
- * values: a plane on a scale (scale.h) in which surfaces are apart by 1; measured, known: the same of what was
- * measured, and of the frame before. labels: a plane; at a run's first pixel the place of a run's before it, or its
- * own; at others that of the run's first pixel. sizes: a plane; pixels of the run, and then of the island, at the
- * first pixel; 0 at others. totals: samples, and whether a seed is speckle. marks: plane.h; speckle is DOUBTED and no
- * SEED any more. Work-item: `run` pixels of a row. O(pixels). Determinism: integers, whose minima and sums know no
- * order.
+ * values: a plane on a scale (scale.h) on which surfaces are at least 1 apart. measured, known: the same for the
+ * measured depth and for the previous frame. labels: a plane; at the first pixel of a run, the number of an earlier
+ * run's first pixel, or its own; at other pixels, the number of the run's first pixel. sizes: a plane; pixels of the
+ * run, later of the island, at its first pixel; 0 at others. totals: number of samples, and 1 if a seed is speckle.
+ * marks: plane.h; speckle becomes DOUBTED and loses SEED. Work-item: `run` pixels of a row. Cost: O(pixels).
+ * Determinism: minima and sums of integers do not depend on their order.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
 
 #define SPECKLE 40
 #define SPECKLE_PART 10
-#define OF_BEFORE (1 << 30) /* in `sizes`: the frame before had some of it */
+#define OF_BEFORE (1 << 30) /* flag in `sizes`: part of it agrees with the previous frame */
 
 #define ARE_ONE(a, b) (IS_KNOWN(a) & IS_KNOWN(b) & (fabs((a) - (b)) <= 1.0f))
 
@@ -67,7 +68,7 @@ void join_islands(global volatile int *labels, int a, int b)
         const int high = max(a, b), low = min(a, b), label = atomic_min(labels + high, low);
         if (label == high)
             return;
-        a = low, b = label; /* it got another one meanwhile */
+        a = low, b = label; /* another work-item changed the label meanwhile */
     }
 }
 

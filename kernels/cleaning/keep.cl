@@ -1,22 +1,23 @@
-/* Samples that are kept: all but flying pixels, and where none is kept, those of the frame before that still hold.
+/* Choice of the samples to keep: all except flying pixels. Other pixels keep the depth of the previous frame if it
+ * still holds.
  *
- * A flying pixel lies between two surfaces, apart from both: an edge was seen there, half of each. It is looked for
- * along rows, columns and diagonals, where the next sample to a side may be GAP pixels off; but where the line
- * through the next two samples of a side leads there, it is the surface's own. Of the frame before those samples hold
- * that are one surface, in one colour, with a kept one within GAP pixels.
+ * A flying pixel lies between two surfaces, apart from both: the camera mixed the depths at an edge. Flying pixels are
+ * detected along rows, columns and diagonals; the next sample on each side may be up to GAP pixels away. If the line
+ * through the next two samples of a side leads to the pixel, it belongs to their surface. The previous depth of a pixel
+ * holds if a kept sample within GAP pixels has the same surface and a similar colour.
  *
- * values, known: planes of the measured depth and of that before, on a scale (scale.h) in which surfaces are apart by
- * 1. tint: tint.h. marks: a plane of KEPT, AREA and DOUBTED (plane.h); held: the same with STILL. Work-item: `strip`
- * packets of a row. O(pixels). Determinism: each pixel from planes that are finished.
+ * values, known: planes of the measured and of the previous depth, on a scale (scale.h) on which surfaces are at least
+ * 1 apart. tint: tint.h. marks: a plane of KEPT, AREA and DOUBTED (plane.h). held: the same with STILL. Work-item:
+ * `strip` packets of a row. Cost: O(pixels). Determinism: pixels read only finished planes.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
 #include "cleaning/tint.h"
 
 #define GAP 2
-#define LED_TO 2.0f /* so far from where a line leads, a sample is still of it */
+#define LED_TO 2.0f /* largest distance of a sample from the line of its surface */
 
-/* The next value to a side */
+/* Next value to a side */
 INLINED floatl next_value(global const float *at, int step)
 {
     const floatl one = load_lanes(at + step);

@@ -1,10 +1,10 @@
-/* Images as planes (plane.h): depth, colours, and values of depth on a scale (scale.h).
+/* Conversion of images to planes (plane.h): depth, colours, and values of depth on a scale (scale.h).
  *
- * depth: (height, width) planar z; not finite, <= NEAREST or >= 1 / NEAREST is none. placed: its plane, 0 where there
- * is none. ranges: (rows, 2) least and greatest depth of each of the plane's rows, (inf, -inf) where there is none.
- * color: (height, width, 3). tint: the plane of its colours, TINT_BITS a channel, of which TINT_MAX is the brightest.
- * values: scale.h. Work-item: a row (place_depth), `strip` packets of a row. O(pixels). Determinism: each pixel on
- * its own.
+ * depth: (height, width) planar z; values that are not finite, <= NEAREST or >= 1 / NEAREST are invalid. placed: the
+ * plane of depth, 0 where invalid. ranges: (rows, 2) least and greatest depth of each row of the plane, (inf, -inf) for
+ * rows without depth. color: (height, width, 3). tint: the plane of colours, TINT_BITS a channel, at most TINT_MAX.
+ * values: scale.h. Work-item: a row (place_depth), `strip` packets of a row. Cost: O(pixels). Determinism: pixels are
+ * independent.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"

@@ -1,14 +1,14 @@
 #ifndef CLEANING_PLANE_H
 #define CLEANING_PLANE_H
-/* Planes: an image amid a margin in which there is nothing, so that neighbours are read without asking where it ends.
+/* Planes: images with an empty margin, so that kernels read neighbours without checks at the border.
  *
- * Rows are of `pitch` elements, whole packets; the image's first pixel is in row ABOVE and column ASIDE. What is said
- * of a plane's depth, values and bytes holds of its margin, too: it is written with the rest.
+ * A row has `pitch` elements, in whole packets; the first pixel of the image is in row ABOVE and column ASIDE. Kernels
+ * write the margin of a plane, too, with the values for no sample.
  */
 #include "lib/lanes.h"
 
-#define ABOVE 5   /* rows of margin, below the image too: as far as the smoothing looks */
-#define ASIDE 16 /* columns, a packet, to the left; to the right at least as many */
+#define ABOVE 5   /* rows of margin above the image, and below: the radius of the smoothing */
+#define ASIDE 16 /* columns of margin to the left, a packet; to the right at least as many */
 
 typedef struct {
     int width, height, pitch;
@@ -18,17 +18,17 @@ typedef struct {
 #define IS_PACKET_OF_IMAGE(plane, x, row)                                                                      \
     (IS_ROW_OF_IMAGE(plane, row) && (x) >= ASIDE && (x) < ASIDE + (plane).width)
 
-/* Lanes of a packet of an image's row that are pixels of it */
+/* Mask of the lanes of a packet that are pixels of the image, in a row of the image */
 #define IN_IMAGE(plane, x) ((x) + lane_index < (intl)(ASIDE + (plane).width))
 
-/* A work-item's packets of a row of a plane, `strip` of them: x is the first lane's column. */
+/* Loops over a work-item's packets of a row of a plane, `strip` of them: x is the first lane's column. */
 #define EACH_PACKET(plane, x)                                                                                  \
     for (int x = get_global_id(0) * strip * LANES, end_ = min(x + strip * LANES, (plane).pitch); x < end_; x += LANES)
 
-/* What bytes of a plane tell of a pixel */
-#define KEPT 1    /* was measured, and is believed */
-#define STILL 2   /* is taken from the frame before */
+/* Bits of a pixel's mark */
+#define KEPT 1    /* measured and kept */
+#define STILL 2   /* depth of the previous frame that still holds */
 #define AREA 4    /* may have depth */
-#define DOUBTED 8 /* has to be within the area of what is kept now to stay in it */
+#define DOUBTED 8 /* stays in the area only if the closing of the present seeds contains it */
 #define SEED 3  /* KEPT or STILL */
 #endif

@@ -2,16 +2,16 @@
 #define CLEANING_SCALE_H
 /* Scales: nearness (1 / depth), stretched so that 1 is the same multiple of the noise at every depth.
  *
- * A table has the values at the floats whose last KNOT_SHIFT bits are 0: their number, without these bits, is `first`
- * at its beginning. Between two of them the scale is linear. So its steps are shares of the nearness, and looking one
- * up takes no logarithm. A guide has for each of GUIDES even parts of the values, and for the end of the last, the
- * knot at or below its beginning: the inverse need not search far.
+ * A table holds the values of the scale at knots: floats whose last KNOT_SHIFT bits are 0. The other bits of the first
+ * knot, as a number, are `first`. The scale is linear between knots. So the steps of the table are shares of the
+ * nearness, and a look-up needs no logarithm. A guide shortens the search of the inverse: for the start of each of
+ * GUIDES equal parts of the values, and for the end of the last part, it holds the knot at or below.
  */
 #include "lib/lanes.h"
 
 #define KNOT_SHIFT 15
 #define GUIDES 4096
-#define MISSING 1e30f /* the value of no sample: so unlike all others that it weighs nothing */
+#define MISSING 1e30f /* value for no sample: so far from all others that its weight is 0 */
 #define IS_KNOWN(value) ((value) < 0.5f * MISSING)
 
 typedef struct {
@@ -19,9 +19,9 @@ typedef struct {
     float cells_per_value;
 } Scale;
 
-#define KNOT(scale, number) as_floatl(((number) + (scale).first) << KNOT_SHIFT) /* its nearness */
+#define KNOT(scale, number) as_floatl(((number) + (scale).first) << KNOT_SHIFT) /* nearness of a knot */
 
-/* Values of depths; MISSING where these are 0 */
+/* Values of depths; MISSING for depth 0 */
 INLINED floatl value_of_depth(global const float *table, Scale scale, floatl depth)
 {
     const floatl nearness = 1.0f / depth;
@@ -32,7 +32,7 @@ INLINED floatl value_of_depth(global const float *table, Scale scale, floatl dep
     return select_lanes(depth > 0.0f, low + (high - low) * ((nearness - begin) / (end - begin)), (floatl)MISSING);
 }
 
-/* The inverse, for values within the table: others become its ends. */
+/* Depths of values: the inverse; values outside the table are clamped to its ends. */
 INLINED floatl depth_of_value(global const float *table, global const int *guide, Scale scale, floatl value)
 {
     const intl cell = to_intl(clamp_lanes(value * scale.cells_per_value, (floatl)0.0f, (floatl)(GUIDES - 1)));

@@ -1,27 +1,27 @@
-/* Soft edges made sharp: each sample of a ramp between two surfaces goes to the nearer one, as it goes on from its
- * side.
+/* Sharpening of soft edges: each sample of a ramp between two surfaces moves to the closer one, extrapolated to it.
  *
- * Networks guess depth whose edges are ramps, several pixels wide. A ramp is looked for along rows, columns and
- * diagonals: a run of samples that all rise, or all fall, by at least RAMP_RISE of the steepest step among them.
- * Its tails belong to it, too: the surface of each side is the line through two samples farther out, by shares of the
- * ramp's length. Where the two lines, continued to a sample, differ by APART of the nearness, there is an edge. Of
- * the four directions the steepest counts. A slope that does not end within RAMP_REACH is a surface's.
+ * Depth from networks has edges that are ramps, several pixels wide. Ramps are detected along rows, columns and
+ * diagonals: a ramp is a run of samples that all rise, or all fall, by at least RAMP_RISE of the steepest step in the
+ * run. The ramp has tails, so the surface on each side is the line through two samples farther out, by shares of the
+ * ramp's length. If the two lines, extrapolated to a sample, differ by more than APART of the nearness, the ramp is
+ * an edge. If several directions have an edge, the steepest one counts. A slope that does not end within RAMP_REACH
+ * is part of a surface.
  *
- * nearness: a plane (plane.h) of 1 / depth, 0 for none. sharp: (height, width) nearness of samples that change, 0 of
- * others. Work-item: `strip` packets of a row. Cost: O(pixels * RAMP_REACH). Determinism: each pixel from a plane that
- * is finished.
+ * nearness: a plane (plane.h) of 1 / depth, 0 for none. sharp: (height, width) nearness of samples that change, 0 for
+ * others. Work-item: `strip` packets of a row. Cost: O(pixels * RAMP_REACH). Determinism: pixels read only a finished
+ * plane.
  */
 #include "cleaning/plane.h"
 
-#define RAMP_REACH 12 /* samples to each side that a ramp may have */
+#define RAMP_REACH 12 /* largest number of a ramp's samples to each side */
 #define RAMP_RISE 0.3f
 #define TAIL(length) ((length) / 3)      /* samples beyond the ramp */
-#define BASE(length) (1 + (length) / 4) /* samples between the two that a line passes */
+#define BASE(length) (1 + (length) / 4) /* distance, in samples, between the two that define a line */
 #define APART 0.04f
-#define BEYOND 0.1f /* of what is between the surfaces: so far beyond them a sample may be */
+#define BEYOND 0.1f /* largest distance of a sample beyond both surfaces, relative to their difference */
 #define RISES 1e-30f
 
-/* How many steps along a direction stay in the image */
+/* Number of steps along a direction that stay in the image */
 INLINED intl steps_inside(ImagePlane plane, int x, int row, int dx, int dy)
 {
     const intl column = x - ASIDE + lane_index;
@@ -33,8 +33,8 @@ INLINED intl steps_inside(ImagePlane plane, int x, int row, int dx, int dy)
     return max(inside, 0);
 }
 
-/* Follows samples that rise by `least`, times `sign`: how many steps, and by how much they do at most (`steepest`).
- * Lanes of `ends` in which they never stop to, before the image or what is known does, become 0. */
+/* Counts the steps along which samples, times `sign`, rise by at least `least`; sets in `steepest` the greatest rise.
+ * Clears `ends` in lanes whose run does not end before the image, the known samples or RAMP_REACH do. */
 INLINED intl length_of_run(global const float *at, int step, intl inside, floatl sign, floatl least, floatl *steepest,
                            intl *ends)
 {
@@ -56,7 +56,7 @@ INLINED intl length_of_run(global const float *at, int step, intl inside, floatl
     return length;
 }
 
-/* The surface at the end of a ramp, continued back to its sample */
+/* The surface at the end of a ramp, extrapolated back to the sample */
 INLINED floatl continued(global const float *values, int at, int step, intl end, intl length, intl inside, floatl steep)
 {
     const intl close = min(end + TAIL(length), inside), far = min(close + BASE(length), inside);
@@ -69,7 +69,7 @@ INLINED floatl continued(global const float *values, int at, int step, intl end,
     return select_lanes(is_known, there, (floatl)(gather(values, own + end * step)));
 }
 
-/* Takes the nearer surface of a direction's ramp, if it is the steepest so far. */
+/* Takes the closer surface of the ramp in one direction if it is the steepest so far. */
 INLINED void sharpen_along(global const float *values, ImagePlane plane, int x, int row, int dx, int dy, floatl *found,
                            floatl *steepest)
 {

@@ -1,27 +1,28 @@
-/* Noise smoothed away: a bilateral filter around each sample's own plane, and what the frame before had.
+/* Smoothing of noise: a bilateral filter around a local plane of each sample, and blending with the previous frame.
  *
- * Without the planes, steep surfaces would differ from pixel to pixel by more than noise does, and keep theirs. Their
- * slopes are those of what a first, wider filter makes (`roughen`). Weights are exp(-u / 2), of u = (values apart /
- * RANGE)^2 + (pixels apart / SPACING)^2, as (1 - u / SUPPORT)^4: nothing beyond, and cheap. What was known before
- * draws a value by BEFORE_WEIGHT exp(-d^2 / 2) of how far it is off, d, over `strength`: noise does, and no move.
+ * The planes are needed on steep surfaces: there, neighbours differ by more than the noise, which would stay. The
+ * slopes of the planes come from a first, wider filter (`roughen`). The weights approximate exp(-u / 2) by the cheap
+ * (1 - u / SUPPORT)^4, 0 beyond u = SUPPORT, with u = (difference of values / RANGE)^2 + (distance in pixels /
+ * SPACING)^2. The previous value pulls the new one by BEFORE_WEIGHT exp(-d^2 / 2) of their difference, where d is
+ * this difference over `strength`: so differences due to noise shrink, and motion stays.
  *
- * values, rough: planes on a scale (scale.h) on which noise has a standard deviation of 1; before, grown: of depth, 0
- * for none. marks: plane.h. strength: 0 for none. depth: (height, width), NaN for none; invented: (height, width). A
- * value that does not change keeps its depth. Work-item: `strip` packets of a row. Cost: O(pixels), 81 samples each,
- * twice. Determinism: each pixel from planes that are finished.
+ * values, rough: planes on a scale (scale.h) on which noise has a standard deviation of 1. before, grown: planes of
+ * depth, 0 for none. marks: plane.h. strength: 0 for no smoothing. depth: (height, width), NaN for none. invented:
+ * (height, width). A value that does not change keeps its depth. Work-item: `strip` packets of a row. Cost: O(pixels),
+ * 81 samples each, twice. Determinism: pixels read only finished planes.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
 
 #define SPACING 3.0f /* pixels */
-#define RANGE 3.3f /* standard deviations of the noise: what differs by ten is left apart */
+#define RANGE 3.3f /* standard deviations of the noise: samples that differ by ten of them get no weight */
 #define ROUGH_RANGE (2.0f * RANGE)
-#define REACH 3 /* pixels to either side over which a slope is found */
+#define REACH 3 /* pixels to either side for the estimate of a slope */
 #define BEFORE_WEIGHT 0.9f
 #define SUPPORT 10.0f
 #define SHARPNESS(range) min(1.0f / (SUPPORT * (range) * (range)), 1e30f) /* 0 times it is still 0 */
 
-/* exp(-u / 2), of 1 - u / SUPPORT */
+/* Approximates exp(-u / 2) from 1 - u / SUPPORT. */
 INLINED floatl weight_of(floatl rest)
 {
     floatl weight = max_lanes(rest, (floatl)0.0f);
@@ -29,7 +30,7 @@ INLINED floatl weight_of(floatl rest)
     return weight * weight;
 }
 
-/* The samples of a row `y` off the middle, up to `reach` to both sides */
+/* Adds the samples of the row at offset y, up to `reach` to both sides. */
 #define ADD_ROW(y, reach)                                                                                      \
     {                                                                                                          \
         const floatl plane_y = middle + (float)(y) * down;                                                     \
@@ -43,7 +44,8 @@ INLINED floatl weight_of(floatl rest)
         }                                                                                                      \
     }
 
-/* By how much values are off the mean of those around them, less a plane of slopes `across` and `down` */
+/* Difference between the weighted mean around values and the values, relative to a plane of slopes `across` and
+ * `down` */
 INLINED floatl off_mean(global const float *values, int pitch, floatl across, floatl down, float range)
 {
     const floatl middle = load_lanes(values);
@@ -52,7 +54,7 @@ INLINED floatl off_mean(global const float *values, int pitch, floatl across, fl
     ADD_ROW(-5, 0) ADD_ROW(-4, 3) ADD_ROW(-3, 4) ADD_ROW(-2, 4) ADD_ROW(-1, 4)
     ADD_ROW(0, 5)
     ADD_ROW(1, 4) ADD_ROW(2, 4) ADD_ROW(3, 4) ADD_ROW(4, 3) ADD_ROW(5, 0)
-    return total / weights; /* the middle one's is 1 */
+    return total / weights; /* not 0: the middle sample has weight 1 */
 }
 
 kernel void roughen(global const float *values, global float *rough, ImagePlane plane, int strip, float strength)
@@ -68,13 +70,13 @@ kernel void roughen(global const float *values, global float *rough, ImagePlane 
             value = load_lanes(values + at);
             const intl is_known = IS_KNOWN(value);
             if (any_lane(is_known))
-                value += off_mean(values + at, plane.pitch, 0.0f, 0.0f, ROUGH_RANGE * strength); /* of MISSING 0 */
+                value += off_mean(values + at, plane.pitch, 0.0f, 0.0f, ROUGH_RANGE * strength); /* 0 if MISSING */
         }
         store_lanes(value, rough + at);
     }
 }
 
-/* How much values change from pixel to pixel: the lesser change of the two sides', 0 where they disagree */
+/* Change of values per pixel: the lesser of the changes on both sides, 0 if their signs differ */
 INLINED floatl slope_along(global const float *rough, int step)
 {
     const floatl low = load_lanes(rough - REACH * step), high = load_lanes(rough + REACH * step);

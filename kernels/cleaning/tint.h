@@ -1,12 +1,12 @@
 #ifndef CLEANING_TINT_H
 #define CLEANING_TINT_H
-/* Colours of 10 bits a channel in one word, and how unlike two of them are: their channels' differences, added. */
+/* Colours of 10 bits a channel in one word, and their difference: the sum of the channels' differences. */
 #include "lib/lanes.h"
 
 #define TINT_BITS 10
-#define TINT_MAX 1020.0f /* a multiple of 255: bytes are exact */
-#define UNLIKE_LITTLE 30 /* of TINT_MAX: holes grow together where colours are no more unlike, then in the order */
-#define UNLIKE_SOME 102  /* of these, and at last whatever the colours */
+#define TINT_MAX 1020.0f /* brightest value; a multiple of 255, so bytes are exact */
+#define UNLIKE_LITTLE 30 /* largest differences of the classes 0, 1 and 2 of steps (grow.cl); larger ones are class 3 */
+#define UNLIKE_SOME 102
 #define UNLIKE_MUCH 306
 
 #define TINT_LEVEL(value, full) WIDE(convert_uint)((value) * (TINT_MAX / (full)) + 0.5f)

@@ -67,7 +67,7 @@ INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl 
 }
 
 /* Returns the mask of the `active` points, of the pixels (x, y) at a depth, that are free. depths: `cell_...`, so that
- * a view must have seen through at all four samples around; or with `nearest` those of samples, so that the nearest
+ * a view must have seen through at all four samples around; or with `nearest` the samples' depths, so that the nearest
  * sample decides. */
 intl is_free(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y, floatl depth,
              intl active)

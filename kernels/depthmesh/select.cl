@@ -1,7 +1,7 @@
 /* From the quadtree to triangles (Pajarola, Sainz & Meng 2003, section 3.4).
  *
  * `activate` marks the vertices that a target needs: the projected error exceeds the tolerance (equation 5) at the
- * nearest point of the bounding sphere, and the sphere lies within the target's view.Errors and spheres include all
+ * nearest point of the bounding sphere, and the sphere lies within the target's view. Errors and spheres include all
  * children's, so each vertex decides independently without cracks. A triangle belongs to the triangulation if the
  * vertex at its right angle is active and the vertex that would split it is not; it is drawn if segmentation keeps
  * all of it. `find_triangles` finds these triangles, `list_points` and `list_triangles` list them.

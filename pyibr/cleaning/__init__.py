@@ -1,4 +1,4 @@
-"""Depth as cameras deliver it, made fit for new views."""
+"""Cleaning of depth from cameras and networks, for use in view synthesis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth as cameras deliver it, made fit for new views: flying pixels, speckle, small holes and noise."""
+"""Cleaning of depth from cameras: flying pixels, speckle, small holes and noise."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from pyibr.opencl.device import one_call
 
 Mask = NDArray[np.bool_]
 
-_NOISE_MIN = 5e-4  # of the depth: what is less is none
-_CELLS = 20_000  # that tell the noise, while the device works: it is right to 3 %
-_GIVEN = 64  # places of nearness at which noise that was given is looked at
-_NOISE_MAX = 1e30  # of nearness: the scales stay finite
-_APART, _LEAST_APART = 5.0, 0.02  # deviations, and a share of depth: two surfaces are at least that far apart
+_NOISE_MIN = 5e-4  # relative to the depth: smaller noise is ignored
+_CELLS = 20_000  # cells for the estimate of the noise, found while the device works: accurate to 3 %
+_GIVEN = 64  # values of nearness at which the noise is sampled
+_NOISE_MAX = 1e30  # noise of nearness: keeps the scales finite
+_APART, _LEAST_APART = 5.0, 0.02  # least distance of two surfaces: standard deviations, and a share of the depth
 
 
 class CleanedDepth(NamedTuple):
@@ -29,9 +29,9 @@ class CleanedDepth(NamedTuple):
     Attributes
     ----------
     depth : (H, W) float32
-        Planar z in scene units; NaN where there is none.
+        Planar z in scene units; NaN where there is no depth.
     invented : (H, W) bool
-        Where it was not measured: holes that were filled, flying pixels and speckle that were replaced.
+        Mask of pixels whose depth was not measured: filled holes, and replaced flying pixels and speckle.
 
     Examples
     --------
@@ -53,42 +53,42 @@ def clean_depth(
     holes: int = 8,
     strength: float = 1.0,
 ) -> CleanedDepth:
-    """Clean the depth that a camera delivers: flying pixels, speckle, small holes and noise.
+    """Clean the depth of a camera: remove flying pixels and speckle, fill small holes, smooth noise.
 
-    How much noise there is at which depth is found from the samples themselves, unless it is given, so that structured
-    light, stereo and time of flight are treated alike. Samples between two surfaces go, which are half of each, and
-    islands of a few samples. Small holes are filled from their edges inwards, where colours are alike first, so that
-    depth edges follow those of the colour. Then a bilateral filter around each sample's own plane smooths what differs
-    from it by no more than noise does: edges stay as sharp as they are. It works on nearness (1 / depth), in which
-    planes are linear.
+    The noise at each depth is estimated from the samples unless it is given, so the function suits structured light,
+    stereo and time of flight. It removes flying pixels (samples between two surfaces, mixed from both) and small
+    islands of samples. It fills small holes from their edges inwards, between similar colours first, so depth edges
+    follow colour edges. Then a bilateral filter around the local plane of each sample smooths deviations up to the
+    size of the noise, and edges stay sharp. All steps work on nearness (1 / depth), in which planes are linear.
 
-    Frame by frame, what is left of the noise flickers, and so does what is filled. With `before` the depth is steady:
-    where the last frame's and this one's agree within the noise, most of the last one's stays, and so do wires that
-    break into pieces; where they do not, something has moved, and this frame's counts alone. What moves slowly is
-    behind by at most 0.55 `strength` of the noise's standard deviation.
+    If frames of a video are cleaned independently, remaining noise and filled holes flicker. `before` makes the depth
+    steady: where the previous and the current frame agree within the noise, most of the previous depth stays, also on
+    wires that break into pieces. Where they disagree, something has moved, and only the current frame counts. A slowly
+    moving surface lags behind by at most 0.55 `strength` standard deviations of the noise.
 
     Parameters
     ----------
     depth : (H, W) float32
-        Planar z in scene units; NaN, infinite or <= 0 where there is none.
+        Planar z in scene units; NaN, infinite or <= 0 where there is no depth.
     color : (H, W, 3) uint8, or float32 in [0, 1], optional
-        Registered to the depth: what it guides is which side of an edge a filled sample belongs to.
+        Colours registered to the depth. They decide to which side of an edge a filled sample belongs.
     before : (H, W) float32, optional
-        In a sequence, the last frame's cleaned depth as this frame's camera sees it, NaN where unknown: as it was
-        returned, if the camera stands still; else carried over, see the example.
+        In a sequence, the cleaned depth of the previous frame as seen by the current camera, NaN where unknown. If the
+        camera moves, warp the previous depth to the new camera as in the example.
     noise : float, (a, b, c) or callable, optional
-        The depth's noise, as `DepthImage` takes it: the standard deviation of 1 / depth (`disparity_noise`); three
-        numbers: at depth z it is a z^2 + b z + c; or a function of depths. By default it is found from the samples.
+        Noise of the depth, as for `DepthImage`: the standard deviation of 1 / depth (`disparity_noise`); three
+        numbers, for a standard deviation of a z^2 + b z + c at depth z; or a function of depths. By default it is
+        estimated from the samples.
     holes : int
-        0 to 1000 pixels: gaps up to twice as wide are filled, if there is depth around them.
+        0 to 1000 pixels: gaps up to twice this width are filled if there is depth around them.
     strength : float
-        0 to 10: how much of the noise is smoothed away. 0: samples that stay keep their depth.
+        Strength of the smoothing, 0 to 10. With 0, samples that are not removed keep their depth.
 
     Returns
     -------
     CleanedDepth
-        The depth, and which of it is invented. Nothing is invented outside of the hull that discs of radius `holes`
-        leave of the valid samples, and of those that are taken from `before` within 2 pixels of them.
+        The depth, and the mask of its invented samples. Invented samples lie only in the closing, by a disc of radius
+        `holes`, of the valid samples and of samples taken from `before` within 2 pixels of these.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def clean_depth(
 
 
 def _noise_at(noise: tuple[float, float, float], nearest: float, farthest: float) -> tuple[Float64, Float64]:
-    """Nearness (1 / depth) from the farthest to the nearest depth, growing, and the noise of nearness there."""
+    """Ascending nearness (1 / depth) from the farthest to the nearest depth, and the noise of nearness there."""
     at = np.geomspace(1 / farthest, 1 / nearest, _GIVEN)
     a, b, c = noise
     with np.errstate(over="ignore"):
@@ -147,7 +147,7 @@ def _noise_at(noise: tuple[float, float, float], nearest: float, farthest: float
 
 
 def _settle(image: Image, placed: Placed, last: Placed | None, apart: Scale, reach: int) -> None:
-    """Depth all over the area: from samples that are no flying pixels, and once more without those that are speckle."""
+    """Fill the area with depth: first from all samples except flying pixels, then, if needed, again without speckle."""
     values = image.on_scale(placed.depth, apart)
     known = None if last is None else image.on_scale(last.depth, apart)
     image.keep(values, known if reach > 0 else None)

@@ -1,4 +1,4 @@
-"""Scales of nearness on which noise is the same at every depth (kernels/cleaning/scale.h)."""
+"""Scales of nearness on which noise is equal at every depth (kernels/cleaning/scale.h)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct
 from pyibr.opencl.memory import DeviceArray, upload
 
-_VALUE_MIN = 1e-30  # of the last: where noise is that much more than all of the nearness, one guide is enough
+_VALUE_MIN = 1e-30  # least end of the scale: if the noise exceeds all nearness by this much, one guide is enough
 
 
 @dataclass(frozen=True)
 class Scale:
-    """A scale on the device: `table`, `guide` and `record`, as kernels take them."""
+    """A scale on the device: the kernel arguments `table`, `guide` and `record`."""
 
     table: DeviceArray
     guide: DeviceArray
@@ -24,23 +24,23 @@ class Scale:
 
 
 def scale_of(nearest: float, farthest: float, at: Float64, noise: Float64, least: float) -> Scale:
-    """Nearness (1 / depth), stretched so that 1 is the same multiple of the noise at every depth.
+    """Make a scale: nearness (1 / depth), stretched so that 1 is the same multiple of the noise at every depth.
 
     Parameters
     ----------
     nearest, farthest : float
-        Depths that it covers.
+        Range of depths that the scale covers.
     at, noise : (k,) float64
-        Nearness, and what is to be 1 there.
+        Values of nearness, and the differences of nearness that the scale maps to 1 there.
     least : float
-        It is that share of the nearness at least.
+        Smallest difference that the scale maps to 1, as a share of the nearness.
     """
     shift = int(constant("cleaning/scale.h", "KNOT_SHIFT"))
     first, last = (int(np.float32(1 / depth).view(np.int32)) >> shift for depth in (farthest, nearest))
-    knots = np.arange(first - 1, last + 3, dtype=np.int32)  # quotients may be rounded otherwise on the device
+    knots = np.arange(first - 1, last + 3, dtype=np.int32)  # with a margin, as the device may round quotients otherwise
     nearness = (knots << shift).view(np.float32).astype(np.float64)
     found = least * nearness
-    if len(at):  # Nearer than what was looked at it grows with nearness: a stray sample must not stretch the scale.
+    if len(at):  # Beyond `at`, noise grows with nearness, so that a single near outlier does not stretch the scale.
         found = np.maximum(found, np.interp(nearness, at, noise) * np.maximum(nearness / at[-1], 1))
     values = np.append(0, np.cumsum(2 * np.diff(nearness) / (found[1:] + found[:-1]))).astype(np.float32)
     guides = int(constant("cleaning/scale.h", "GUIDES"))

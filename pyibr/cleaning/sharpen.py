@@ -1,4 +1,4 @@
-"""Soft edges of depth that networks guess, made sharp."""
+"""Sharpening of the soft edges in depth from networks."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from pyibr.opencl.device import one_call
 
 
 def sharpen_depth(depth: Depth) -> Depth:
-    """Sharpen the edges of depth that a network has guessed, or that was enlarged with interpolation.
+    """Sharpen the edges of depth that was estimated by a network or enlarged with interpolation.
 
-    Such depth goes from one surface to the next by a ramp of several pixels: seen from aside, things smear over it.
-    Each sample of a ramp of up to 24 pixels is moved to the nearer one of the two surfaces, as that goes on from its
-    side. All other samples keep their depth to the bit. Depth of cameras needs `clean_depth` instead: it has noise.
+    Such depth has ramps of several pixels between surfaces, and in new views surfaces smear along these ramps. Each
+    sample of a ramp of up to 24 pixels is moved to the closer of the two surfaces, which is extrapolated to the sample.
+    All other samples keep their depth to the bit. Depth of cameras is noisy and needs `clean_depth` instead.
 
     Parameters
     ----------
     depth : (H, W) float32
-        Planar z in scene units; NaN, infinite or <= 0 where there is none.
+        Planar z in scene units; NaN, infinite or <= 0 where there is no depth.
 
     Returns
     -------
     (H, W) float32
-        NaN where there is none.
+        Sharpened depth; NaN where there is no depth.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def sharpen_depth(depth: Depth) -> Depth:
     given = checked_depth(depth, (None, None))
     known = (given > 0) & (given < np.inf)
     nearness = np.zeros(given.shape, np.float32)
-    with np.errstate(over="ignore"):  # what float32 does not hold is left as it is
+    with np.errstate(over="ignore"):  # samples whose nearness exceeds float32 stay unchanged
         np.divide(1, given, out=nearness, where=known)
     with one_call():
         image = Image(given.shape[1], given.shape[0])

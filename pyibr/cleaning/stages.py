@@ -1,4 +1,4 @@
-"""The stages of cleaning an image, on the device: which kernels of kernels/cleaning run, with what."""
+"""Stages of cleaning an image on the device: launches of the kernels in kernels/cleaning."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, to_host, upload, zeros
 from pyibr.opencl.program import kernel
 
-_PASSES = 4  # that regions grow in, between two looks whether they still do
+_PASSES = 4  # passes of region growing between two checks for changes
 
 
 def _of_planes(name: str) -> int:
-    """A number of kernels/cleaning/plane.h."""
+    """Look up a constant of kernels/cleaning/plane.h."""
     return int(constant("cleaning/plane.h", name))
 
 
 @dataclass(frozen=True)
 class Placed:
-    """A depth image as a plane, 0 where there is none, and the range of its rows."""
+    """A depth image as a plane, 0 where there is no depth, and the range of depths in each row."""
 
     depth: DeviceArray
     ranges: DeviceArray
@@ -55,12 +55,12 @@ class Placed:
 
 
 class Image:
-    """State of an image while it is cleaned, as planes of kernels/cleaning/plane.h. The session is held.
+    """State of an image during cleaning, as planes of kernels/cleaning/plane.h; the caller must hold the session.
 
     Attributes
     ----------
     grown : DeviceArray
-        Depth all over the area, since `fill`.
+        Depth of the whole area, set by `fill`.
     """
 
     grown: DeviceArray
@@ -68,9 +68,9 @@ class Image:
     def __init__(self, width: int, height: int) -> None:
         self._size = width, height
         packets = -(-width // _of_planes("ASIDE")) + 2
-        packets += packets % 16 == 0  # no power of two, as `pyibr.core.pixelspace.pitch`
+        packets += packets % 16 == 0  # avoids powers of two, like `pyibr.core.pixelspace.pitch`
         self._shape = height + 2 * _of_planes("ABOVE"), packets * _of_planes("ASIDE")
-        check_pixels("depth", (self._shape[1], self._shape[0]))  # the margin is numbered, too
+        check_pixels("depth", (self._shape[1], self._shape[0]))  # pixels of the margin have numbers, too
         record = np.zeros((), struct("cleaning/plane.h", "ImagePlane"))
         record["width"], record["height"], record["pitch"] = width, height, self._shape[1]
         self._plane = Struct("ImagePlane", record)
@@ -82,19 +82,19 @@ class Image:
         return empty((self._shape[0] if rows is None else rows, self._shape[1]), dtype)
 
     def _launch(self, name: str, **arguments: Any) -> None:
-        """Over strips of all rows of the planes."""
+        """Launch a kernel over strips of all rows of the planes."""
         profile = current().profile
         grid = profile.packets(self._shape[1], self._shape[0], profile.strip)
         launch(kernel("cleaning/clean.cl", name), grid, plane=self._plane, strip=profile.strip, **arguments)
 
     def _launch_runs(self, name: str, **arguments: Any) -> None:
-        """Over runs of the image's rows."""
+        """Launch a kernel over runs of the image's rows."""
         run, (width, height) = current().profile.run, self._size
         grid = -(-width // run), height
         launch(kernel("cleaning/clean.cl", name), grid, plane=self._plane, run=run, **arguments)
 
     def place(self, depth: NDArray[np.float32]) -> Placed:
-        """A depth image as a plane."""
+        """Copy a depth image into a plane."""
         placed = Placed(self._new(np.float32), empty((self._shape[0], 2), np.float32))
         launch(
             kernel("cleaning/clean.cl", "place_depth"),
@@ -107,7 +107,7 @@ class Image:
         return placed
 
     def place_colors(self, color: NDArray[Any] | None) -> None:
-        """The colours that guide what is filled."""
+        """Upload the colours that guide the filling of holes, if there are any."""
         self._has_color = color is not None
         if color is not None:
             self._tint = self._new(np.uint32)
@@ -115,13 +115,13 @@ class Image:
             self._launch(name, color=upload(np.ascontiguousarray(color)), tint=self._tint)
 
     def on_scale(self, placed: DeviceArray, scale: Scale) -> DeviceArray:
-        """Values of a plane of depth."""
+        """Map a plane of depth to values on a scale."""
         values = self._new(np.float32)
         self._launch("to_scale", placed=placed, values=values, table=scale.table, scale=scale.record)
         return values
 
     def keep(self, values: DeviceArray, known: DeviceArray | None) -> None:
-        """Marks of the samples that are kept, and of those that were known before and still hold."""
+        """Mark the samples that are kept, and missing samples for which the previous depth still holds."""
         self._launch("keep", values=values, marks=self._marks)
         if known is not None:
             held = self._new(np.uint8)
@@ -130,7 +130,7 @@ class Image:
             self._marks = held
 
     def fill(self, measured: Placed, before: Placed | None, reach: int) -> None:
-        """Depth from the seeds outwards, all over the area that they leave."""
+        """Grow depth from the seeds over the whole area: their closing by a disc of radius `reach`."""
         near, distances = self._new(np.uint8), self._new(np.int32)
         for marks, bits, wanted in ((self._marks, _of_planes("SEED"), 1), (near, 1, 0)):
             launch(
@@ -154,7 +154,7 @@ class Image:
         self._launch("grow", marks=self._marks, costs=costs, parents=parents, **depths)
 
     def _relax(self, costs: DeviceArray, steps: DeviceArray) -> None:
-        """Lower the costs till none changes."""
+        """Lower the costs until none changes."""
         (width, height), rows = self._size, int(constant("cleaning/grow.cl", "GROWN_ROWS"))
         across, down = current().profile.packets(width, -(-height // rows))
         stamps = zeros((down + 2, across + 2), np.int32)
@@ -165,7 +165,7 @@ class Image:
                 return
 
     def drop_speckle(self, values: DeviceArray, measured: DeviceArray, known: DeviceArray | None) -> bool:
-        """Islands of few samples are no seeds any more; tells whether any was one."""
+        """Remove the seeds in islands of few samples; return whether there were any."""
         labels, sizes, totals = self._new(np.int32), self._new(np.int32), zeros((2,), np.int32)
         before = {"measured": measured, "known": measured if known is None else known, "has_before": known is not None}
         told = {"labels": labels, "sizes": sizes}
@@ -176,7 +176,7 @@ class Image:
         return bool(totals.to_host()[1])
 
     def sharpen(self, nearness: Placed) -> NDArray[np.float32]:
-        """Nearness of the samples of soft edges, 0 of all others."""
+        """Sharpened nearness of the samples in soft edges; 0 for all other samples."""
         profile, (width, height) = current().profile, self._size
         sharp = empty((height, width), np.float32)
         launch(
@@ -192,7 +192,7 @@ class Image:
     def smooth(
         self, before: Placed | None, scale: Scale, strength: float
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """Depth without noise, and where it is invented."""
+        """Smooth the depth; return it with the mask of invented samples."""
         profile, (width, height) = current().profile, self._size
         table = {"table": scale.table, "guide": scale.guide, "scale": scale.record}
         values = rough = self.grown

@@ -88,7 +88,7 @@ def _may_follow(run: list[list[int]], face: list[int]) -> bool:
 
 
 def _strip(run: list[list[int]]) -> Int32:
-    """Make the strip of a run: triangles each of which shares a side with the next one."""
+    """Make the strip of a run, in which each triangle shares a side with the next one."""
     first = run[0]
     if len(run) == 1:
         return np.array(first, np.int32)

@@ -154,7 +154,7 @@ def projected_triangles(
     before: Triangles | None,
     reuse: float,
 ) -> tuple[Triangles, DeviceArray]:
-    """Triangles of an object's trees for a camera, after those of `before`, and their points in its pixel space.
+    """Triangles of an object's trees for a camera, after the triangles `before`, and their points in its pixel space.
 
     The latest triangles are reused as long as they meet the tolerance. `pairs` join each mesh's camera with `camera`.
     `tolerance` and `reuse` are as in `Selection`; with `reuse` 0, the triangles are listed each time.

@@ -29,7 +29,7 @@ class DrawnViews:
         Views whose meshes show in holes: the next closest views, or the chosen ones with their rubber sheets.
     around : list of int
         Views whose back sides indicate surface that no view saw: `others`; as many of the farthest views, which see the
-        object from behind; and those of `chosen` whose back sides the camera may see, as from inside a cup.
+        object from behind; and views in `chosen` whose back sides the camera may see, as from inside a cup.
     sheets : list of int
         Views whose rubber sheets are drawn to find rays that pass between surfaces.
     """
