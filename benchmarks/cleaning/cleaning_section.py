@@ -12,9 +12,9 @@ from benchmarks.tables import table, verdict
 CLEANING = """## Cleaned depth
 
 Frame 0 of the scene of *Real RGB-D*, with disparity noise (in pixels, by row), {lost:.0%} of the samples removed, and
-holes of 16 pixels; colours guide the cleaning. Times are in milliseconds, from NumPy arrays to NumPy arrays, measured in
-turns in one process. The {twin} is the reference of the tests, in NumPy and OpenCV; {bilateral} is one filter of the same
-radius, without treatment of holes, edges or planes. *Gain* is the reduction of the mean error of nearness.
+holes of 16 pixels; colours guide the cleaning. Times are in milliseconds, from NumPy arrays to NumPy arrays, measured
+in turns in one process. The {twin} is the reference of the tests, in NumPy and OpenCV; {bilateral} is one filter of the
+same radius, without treatment of holes, edges or planes. *Gain* is the reduction of the mean error of nearness.
 """
 
 _SUBJECTS = (CLEANED, STEADY, TWIN, BILATERAL)

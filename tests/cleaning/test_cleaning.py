@@ -1,4 +1,4 @@
-"""Cleaned depth: nearer to the truth by most of what the noise cost, with edges where they were."""
+"""Cleaned depth: most of the error due to noise is gone, and edges stay in place."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FOCAL, BASELINE = 525.0, 0.075
 
 
 def room() -> np.ndarray:
-    """A slanted floor, a box before it, a wire before both."""
+    """Depth of a slanted floor, with a box in front of it and a wire in front of both."""
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
     depth = 1 / (0.25 + 0.002 * y + 0.0004 * x)
     depth[30:70, 40:90] = 1 / (0.6 + 0.001 * x[30:70, 40:90])
@@ -38,7 +38,7 @@ def test_noise_is_smoothed_and_edges_stay(kind):
     cleaned = ibr.clean_depth(noisy)
     measured = np.isfinite(noisy)
     before, after = (np.abs(d / truth - 1)[measured] for d in (noisy, cleaned.depth))
-    # Of independent noise, a Gaussian of 3 pixels leaves 1 / (2 sqrt(pi) 3) = 9 %; edges and the wire keep theirs.
+    # A Gaussian of 3 pixels leaves 1 / (2 sqrt(pi) 3) = 9 % of independent noise; edges and the wire keep their noise.
     assert after.mean() < 0.4 * before.mean()
     box = np.zeros(SIZE, bool)
     box[30:70, 40:90] = True
@@ -79,14 +79,14 @@ def test_without_noise_no_shape_is_taken_for_it():
 def test_what_has_no_noise_stays():
     truth = room()
     cleaned = ibr.clean_depth(truth)
-    # 0.05 % of depth is the least noise: about planes, 3.3 of it on either side are smoothed over.
+    # The least assumed noise is 0.05 % of the depth: deviations from planes up to 3.3 times that are smoothed.
     np.testing.assert_allclose(cleaned.depth, truth, rtol=3.3 * 5e-4)
     assert not cleaned.invented.any()
     np.testing.assert_array_equal(ibr.clean_depth(truth, strength=0).depth, truth)
 
 
 def test_coarse_steps_are_smoothed():
-    """Cameras that tell depth in steps of disparity, with next to no noise besides, see stairs in every slope."""
+    """Depth from quantised disparity with almost no other noise has stairs on every slope."""
     truth = room()
     steps = FOCAL * BASELINE / truth + np.random.default_rng(8).normal(0, 0.01, SIZE)
     coarse = (FOCAL * BASELINE / (np.round(steps * 8) / 8)).astype(np.float32)
@@ -111,12 +111,12 @@ def test_planes_at_few_depths_are_no_steps_of_a_scale():
 def test_flying_pixels_and_speckle_are_replaced():
     truth = room()
     depth = truth.copy()
-    depth[30:70, 40] = 0.5 * (truth[30:70, 39] + truth[30:70, 41])  # half of the box, half of the floor
+    depth[30:70, 40] = 0.5 * (truth[30:70, 39] + truth[30:70, 41])  # mean of box and floor
     depth[10:12, 10:13] = 0.3
     cleaned = ibr.clean_depth(depth)
     assert cleaned.invented[31:69, 40].mean() > 0.95 and cleaned.invented[10:12, 10:13].all()
     either = np.minimum(np.abs(cleaned.depth / truth - 1), np.abs(cleaned.depth / np.roll(truth, 1, axis=1) - 1))
-    assert np.nanmax(either[32:68, 40]) < 0.03, "the box's or the floor's depth, nothing between"
+    assert np.nanmax(either[32:68, 40]) < 0.03, "the depth of the box or of the floor, nothing between"
     np.testing.assert_allclose(cleaned.depth[10:12, 10:13], truth[10:12, 10:13], rtol=0.05)
 
 
@@ -126,7 +126,7 @@ def test_edges_of_filled_holes_follow_the_colours():
     color = np.zeros((*SIZE, 3), np.uint8)
     color[:, 60:] = 200
     torn = depth.copy()
-    torn[20:80, 54:63] = np.nan  # the edge at 60 is not in its middle
+    torn[20:80, 54:63] = np.nan  # the edge at 60 is not in the middle of the hole
     np.testing.assert_allclose(ibr.clean_depth(torn, color).depth, depth, rtol=1e-6)
     assert not np.allclose(ibr.clean_depth(torn).depth, depth, rtol=1e-6)
 
@@ -164,7 +164,7 @@ def test_the_input_stays_as_it_is_and_the_answer_is_the_same_again():
 
 
 def sequence(truths: list[np.ndarray], kind: str = "disparity", steady: bool = True) -> list[np.ndarray]:
-    """Cleaned depth of frames with noise, a twentieth of whose samples is missing."""
+    """Cleaned depth of noisy frames; a twentieth of the samples is missing."""
     cleaned: list[np.ndarray] = []
     for number, truth in enumerate(truths):
         rng = np.random.default_rng(number)
@@ -182,7 +182,7 @@ def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
         later = np.stack(sequence(16 * [truth], kind, steady)[8:])
         changes.append(later.std(axis=0))
         errors.append(np.abs(later / truth - 1).mean())
-    # Nine parts of ten kept, sqrt(0.1 / 1.9) = 0.23 of the deviation would be left, if all agreed.
+    # With nine tenths of the previous value, sqrt(0.1 / 1.9) = 0.23 of the deviation would remain if all frames agreed.
     assert changes[0].mean() < 0.4 * changes[1].mean()
     assert np.quantile(changes[0], 0.99) < np.quantile(changes[1], 0.99)
     assert errors[0] < 0.8 * errors[1]
@@ -190,18 +190,18 @@ def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
 
 @pytest.mark.parametrize("kind", ["disparity", "flight"])
 def test_at_rest_next_to_no_sample_changes_more_than_it_was_measured_to(kind):
-    """A wire, too, whose lost samples leave pieces that a single frame takes for speckle."""
+    """A wire stays steady, too, although missing samples break it into pieces that look like speckle in single frames."""
     truth = room()
     measured = np.stack([with_noise(truth, np.random.default_rng(number), kind) for number in range(30)])
     steady, single = (np.stack(sequence(30 * [truth], kind, steady)) for steady in (True, False))
     assert (steady.std(axis=0) <= measured.std(axis=0)).mean() >= 0.99
     wall = 1.5  # the wire is at 1.2
-    torn = [(frames[1:, :, 110] > wall).any(axis=1).sum() for frames in (steady, single)]  # the first one has no before
+    torn = [(frames[1:, :, 110] > wall).any(axis=1).sum() for frames in (steady, single)]  # the first frame has no previous one
     assert torn[0] == 0 and torn[1] >= 3
 
 
 def test_what_moves_leaves_nothing_behind():
-    """A box comes by in steps of 3 pixels, one fifth nearer than the wall."""
+    """A box, a fifth nearer than the wall, moves by in steps of 3 pixels."""
     truths: list[np.ndarray] = []
     for number in range(12):
         truths.append(np.full(SIZE, 2.5, np.float32))
@@ -211,14 +211,14 @@ def test_what_moves_leaves_nothing_behind():
     for truth, *cleaned in zip(truths[1:], steady[1:], single[1:], strict=True):
         for count, depth in zip(wrong, cleaned, strict=True):
             count += (depth < 2.2) != (truth < 2.2)
-    # Of the 2 x 50 pixels along its sides, in 11 frames, some single samples are missing, and told by their neighbours.
+    # Among the 2 x 50 pixels along its sides, in 11 frames, a few samples are missing and are filled from neighbours.
     assert wrong[0].sum() <= 1.1 * wrong[1].sum() + 11
     inside = [np.abs(d - t)[t > 2.2].mean() for cleaned in (steady, single) for d, t in [(cleaned[-1], truths[-1])]]
     assert inside[0] < inside[1]
 
 
 def test_what_moves_is_not_smeared_over_its_shadow():
-    """Beside a box, the camera sees no pattern on the wall: 7 pixels without depth go along with it."""
+    """Next to a box, the camera sees no pattern on the wall: a shadow of 7 pixels without depth moves with the box."""
     before = None
     for number in range(8):
         left = 20 + 3 * number
@@ -228,21 +228,21 @@ def test_what_moves_is_not_smeared_over_its_shadow():
         torn = depth.copy()
         torn[20:70, left - 7 : left] = np.nan
         before = ibr.clean_depth(torn, color, before=before).depth
-        assert np.abs(before - depth)[:, : left - 2].max() < 0.02, "the wall, but for 2 pixels"
+        assert np.abs(before - depth)[:, : left - 2].max() < 0.02, "the wall, except 2 pixels"
 
 
 @pytest.mark.parametrize(
     "step", [0.03, 0.3, 3.0, *(pytest.param(step, marks=pytest.mark.thorough) for step in (0.1, 1.0))]
 )
 def test_what_drifts_is_behind_by_half_of_the_noise_at_most(step):
-    """So many of the noise's standard deviations from frame to frame."""
-    deviation = np.hypot(0.3, 0.125 / np.sqrt(12)) / (FOCAL * BASELINE)  # of nearness, with the disparity's steps
+    """`step` is the change from frame to frame, in standard deviations of the noise."""
+    deviation = np.hypot(0.3, 0.125 / np.sqrt(12)) / (FOCAL * BASELINE)  # of nearness, with quantisation
     truths = [np.full(SIZE, 1 / (0.5 + number * step * deviation), np.float32) for number in range(25)]
     behind = [(1 / d - 1 / t).mean() / deviation for d, t in zip(sequence(truths), truths, strict=True)]
-    # 0.55 of the noise that is found, which is good to a tenth in single frames
+    # 0.55 of the estimated noise, which is accurate to a tenth in single frames
     assert min(behind) > -0.62 and max(behind) < 0.05
     if step == 0.3:
-        assert behind[-1] < -0.3, "it is behind, or this tests nothing"
+        assert behind[-1] < -0.3, "the test is empty unless the depth lags behind"
 
 
 def test_missing_samples_are_those_of_before_if_their_surface_is_still_beside():
@@ -258,7 +258,7 @@ def test_missing_samples_are_those_of_before_if_their_surface_is_still_beside():
         assert cleaned.invented[30:60, 49:51].all() and cleaned.invented.sum() == 60
 
     gone = np.full(SIZE, 3, np.float32)
-    gone[40:60, 60:80] = 1  # a box that is not there any more, as far as is known
+    gone[40:60, 60:80] = 1  # a box that the current frame no longer shows
     now = np.full(SIZE, 3, np.float32)
     now[38:62, 58:82][::2, ::2] = np.nan
     np.testing.assert_allclose(ibr.clean_depth(now, before=gone).depth, 3, rtol=1e-6)
@@ -279,7 +279,7 @@ def test_before_does_not_do_what_is_switched_off(choices):
 
 @pytest.mark.thorough
 def test_a_camera_that_moves_takes_along_what_it_knows():
-    """Five frames of a real path, carried from camera to camera."""
+    """Five frames of a real camera path; each previous depth is warped to the next camera."""
     folder = shared("rgbd_livingroom1")
     camera = scenes.depth_camera(scenes.LIVINGROOM, 0, (640, 480))
     poses = np.loadtxt(folder / "poses_gt_cam_to_frame0.txt")
@@ -305,7 +305,7 @@ def test_a_camera_that_moves_takes_along_what_it_knows():
 
 @pytest.mark.thorough
 def test_a_real_camera_at_rest_is_steady():
-    """Ten frames of an Asus Xtion, whose depth toggles between coarse steps, where nothing moves."""
+    """Ten frames of a static scene from an Asus Xtion, whose depth toggles between coarse steps."""
     folder = shared("formats/asus_xtion_unregistered")
     frames = np.stack(
         [ibr.read_depth(folder / f"depth1_{number:02d}.png", depth_scale=1000) for number in range(1, 11)]
@@ -342,7 +342,7 @@ def test_wrong_arguments(arguments, message):
 @pytest.mark.thorough
 @pytest.mark.parametrize("motion", [(50, 0), (4, 0)])
 def test_most_of_what_noise_costs_a_new_view_comes_back(motion):
-    """At 0.3 pixels of disparity noise and 5 % of the samples lost: 60 % of the depth's error and of the PSNR."""
+    """60 % of the loss in depth and in PSNR, at 0.3 pixels of disparity noise and with 5 % of the samples missing."""
     shared("rgbd_livingroom1")
     source, target = motion
     size = (640, 480)
@@ -359,7 +359,7 @@ def test_most_of_what_noise_costs_a_new_view_comes_back(motion):
     assert error["noisy"] - error["cleaned"] > 0.6 * (error["noisy"] - error["clean"])
     assert np.log(squares["noisy"] / squares["cleaned"]) > 0.6 * np.log(squares["noisy"] / squares["clean"])
 
-    # Foreground: nearer than the middle of what is within 7 pixels, where that spans a quarter of the depth.
+    # Foreground: nearer than the middle of the depths within 7 pixels, if their range exceeds a quarter of the depth.
     import cv2
 
     lowest, highest = (f(np.nan_to_num(clean.depth), np.ones((15, 15))) for f in (cv2.erode, cv2.dilate))
@@ -370,7 +370,7 @@ def test_most_of_what_noise_costs_a_new_view_comes_back(motion):
 
 
 def test_strength_tells_how_much_is_smoothed_and_kept():
-    """Of noise, and of the last frame: the stronger, the more of a step of two standard deviations stays."""
+    """Strength smooths noise, and keeps more of the previous frame after a step of two standard deviations."""
     rng = np.random.default_rng(5)
     wall = np.full((80, 100), 2.0)
     noisy = (wall + rng.normal(0, 0.01, wall.shape)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Cleaned depth beside the NumPy twin: as good, in the same places, however the kernels order their work."""
+"""Cleaned depth compared with the NumPy twin: equal quality, equal masks, independent of the order of work."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FOCAL, BASELINE = 525.0, 0.075
 
 
 def scene(size: tuple[int, int], seed: int, noise: float = 0.3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Truth, noisy depth and colours of boxes before a slanted wall; a tenth of the samples is missing, and a hole."""
+    """Truth, noisy depth and colours of boxes before a slanted wall; the depth has a hole and lacks a tenth of samples."""
     rng, (height, width) = np.random.default_rng(seed), size
     y, x = np.mgrid[:height, :width]
     truth = 1 / (0.3 + 0.001 * x + 0.0007 * y)
@@ -39,7 +39,7 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def error(found: np.ndarray, truth: np.ndarray, noisy: np.ndarray) -> float:
-    """Mean error of nearness, in decibels, where there was a sample."""
+    """Mean error of nearness, in decibels, over the pixels that had a sample."""
     both = np.isfinite(noisy) & np.isfinite(found) & np.isfinite(truth)
     return 20 * float(np.log10(np.abs(1 / found - 1 / truth)[both].mean()))
 
@@ -53,7 +53,7 @@ def test_it_is_as_good_and_in_the_same_places(seed, guided):
     for _ in range(2):
         ours, twin = (f(noisy, color, before=before) for f in (ibr.clean_depth, reference.clean_depth))
         assert error(ours.depth, truth, noisy) < error(twin.depth, truth, noisy) + 0.1
-        # Of single samples the sixteenths of the twin's islands, and medians of other samples, decide otherwise.
+        # Single samples differ: the twin quantises its islands to sixteenths, and takes medians of other samples.
         assert overlap(np.isfinite(ours.depth), np.isfinite(twin.depth)) > 0.999
         assert overlap(ours.invented, twin.invented) > 0.98
         _, noisy, _ = scene((97, 131), seed)
@@ -74,9 +74,9 @@ def test_the_same_area_is_filled(holes):
 @pytest.mark.parametrize("size", [(7, 13), (61, 37), (40, 160)])
 @pytest.mark.parametrize("colors", ["none", "quarters", "bytes"])
 def test_regions_grow_as_they_do_step_by_step(size, colors):
-    """On noise, through mazes of colours: of each pixel the same seed, to the bit.
+    """Each pixel gets the same seed as in the twin, to the bit, on noise and through mazes of colours.
 
-    In sums of bytes / 255, rounding decides in the twin which of two equal ones is the more alike.
+    With colours from bytes / 255, the twin breaks ties of equal differences by rounding.
     """
     rng = np.random.default_rng(size[0])
     quarters = (rng.integers(0, 5, (*size, 3)) / 4).astype(np.float32)
@@ -104,7 +104,7 @@ def test_one_lane_cleans_as_sixteen(size):
 @pytest.mark.parametrize("frame", [1, 50])
 @pytest.mark.parametrize("noise", [0.1, 0.3, 0.6])
 def test_it_is_as_good_in_a_real_room(frame, noise):
-    """A tenth of a decibel, and masks that are the same but for a thousandth of their pixels."""
+    """Errors agree to a tenth of a decibel, and the masks of valid depth except for a thousandth of the pixels."""
     shared("rgbd_livingroom1")
     view = scenes.rgbd(scenes.LIVINGROOM, frame, (640, 480))
     rng = np.random.default_rng(frame)
@@ -124,5 +124,5 @@ def test_a_real_sensor_is_cleaned_in_the_same_places(file):
     assert overlap(np.isfinite(ours.depth), np.isfinite(twin.depth)) > 0.999
     assert overlap(ours.invented, twin.invented) > 0.99
     both = np.isfinite(ours.depth) & np.isfinite(twin.depth)
-    # Half of the noise of this sensor, at 1 m 1.4 mm between its steps
+    # Half of the noise of this sensor, whose steps are 1.4 mm at 1 m
     assert np.quantile(np.abs(ours.depth / twin.depth - 1)[both], 0.99) < 7e-4
