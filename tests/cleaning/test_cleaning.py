@@ -190,13 +190,13 @@ def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
 
 @pytest.mark.parametrize("kind", ["disparity", "flight"])
 def test_at_rest_next_to_no_sample_changes_more_than_it_was_measured_to(kind):
-    """A wire stays steady, too, although missing samples break it into pieces that look like speckle in single frames."""
+    """A wire stays steady, too, although missing samples break it into pieces that a single frame takes for speckle."""
     truth = room()
     measured = np.stack([with_noise(truth, np.random.default_rng(number), kind) for number in range(30)])
     steady, single = (np.stack(sequence(30 * [truth], kind, steady)) for steady in (True, False))
     assert (steady.std(axis=0) <= measured.std(axis=0)).mean() >= 0.99
     wall = 1.5  # the wire is at 1.2
-    torn = [(frames[1:, :, 110] > wall).any(axis=1).sum() for frames in (steady, single)]  # the first frame has no previous one
+    torn = [(frames[1:, :, 110] > wall).any(axis=1).sum() for frames in (steady, single)]  # frame 0 has no `before`
     assert torn[0] == 0 and torn[1] >= 3
 
 
@@ -236,7 +236,7 @@ def test_what_moves_is_not_smeared_over_its_shadow():
 )
 def test_what_drifts_is_behind_by_half_of_the_noise_at_most(step):
     """`step` is the change from frame to frame, in standard deviations of the noise."""
-    deviation = np.hypot(0.3, 0.125 / np.sqrt(12)) / (FOCAL * BASELINE)  # of nearness, with quantisation
+    deviation = np.hypot(0.3, 0.125 / np.sqrt(12)) / (FOCAL * BASELINE)  # nearness, with quantisation
     truths = [np.full(SIZE, 1 / (0.5 + number * step * deviation), np.float32) for number in range(25)]
     behind = [(1 / d - 1 / t).mean() / deviation for d, t in zip(sequence(truths), truths, strict=True)]
     # 0.55 of the estimated noise, which is accurate to a tenth in single frames

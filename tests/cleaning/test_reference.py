@@ -17,7 +17,7 @@ FOCAL, BASELINE = 525.0, 0.075
 
 
 def scene(size: tuple[int, int], seed: int, noise: float = 0.3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Truth, noisy depth and colours of boxes before a slanted wall; the depth has a hole and lacks a tenth of samples."""
+    """Truth, noisy depth and colours of boxes before a slanted wall; depth has a hole and lacks a tenth of samples."""
     rng, (height, width) = np.random.default_rng(seed), size
     y, x = np.mgrid[:height, :width]
     truth = 1 / (0.3 + 0.001 * x + 0.0007 * y)
