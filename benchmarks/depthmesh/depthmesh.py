@@ -1,7 +1,7 @@
-"""Depth meshes beside the paper's tables 1 and 2, the meshes that they were taken of, and the epipolar warp.
+"""Depth meshes compared with tables 1 and 2 of the paper, with the models themselves, and with the epipolar warp.
 
-The paper (Pajarola, Sainz & Meng 2003) measured on a Pentium 4 of 2.2 GHz with a GeForce4 4600 Ti. Its dragon is ours;
-its other models are not to be had, the humans stand in for its "Male" and "Female".
+The paper (Pajarola, Sainz & Meng 2003) measured on a Pentium 4 of 2.2 GHz with a GeForce4 4600 Ti. The dragon is the
+same model; the paper's other models are not available, so other humans replace its "Male" and "Female".
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ PAPER_RENDERING = {
     "male": Rendering(4, 22_423, 11.4, 15.9, 16.2, 0.08, 21),
 }
 BARS = {"selection": 5.0, "rate": 60.0, "overlap": 0.97, "tolerance": 0.5}
-"""Milliseconds; frames per second; IoU of the silhouettes; dB. At tolerance 1, of the dragon."""
+"""Bars for the dragon at tolerance 1: milliseconds; frames per second; IoU of the silhouettes; dB."""
 
 CAPTURE, HIERARCHY, FRESH = "capture", "hierarchy", "fresh view and hierarchy"
 FRAME, SELECTION = "frame", "selection"
@@ -95,7 +95,7 @@ MOVING = {
     "reuse 0.1": 0.1,
     "reuse 0.2": 0.2,
 }
-"""Shares of the tolerance that triangles are finer by, to be drawn again."""
+"""Values of `reuse`: shares of the tolerance by which triangles are finer, to be drawn again."""
 MESH, MESH_FULL, WARP = "depth mesh, 1 px", "depth mesh, full grid", "epipolar warp"
 FRESH_MESH, FRESH_WARP = f"{MESH}, fresh view", f"{WARP}, fresh view"
 
@@ -105,7 +105,7 @@ _FILES = {
     "male": "human_male_makehuman.obj.gz",
     "spot": "spot/spot_triangulated.obj",
 }
-_FRONT = (0.4, 0.3, 1.0)  # where frames are seen from
+_FRONT = (0.4, 0.3, 1.0)  # direction from the object to the camera of frames
 _KERNEL_RUNS = 5
 _ORBIT = 30  # frames
 _STEPS = (0.1, 0.5, 2.0)  # degrees from frame to frame
@@ -113,7 +113,7 @@ _TURN = 15.0  # degrees between a warped view and its target
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """Tables 1 and 2, the dragon's quality, the epipolar warp; then simplification."""
+    """Tables 1 and 2, quality of the dragon, the epipolar warp, moving cameras; then simplification."""
     for name, repeats in plan.depthmesh_models.items():
         parameters: dict[str, Parameter] = {"case": "construction", "model": name}
         yield Case(parameters, functools.partial(_construction, name, repeats, plan))
@@ -147,7 +147,7 @@ def _scene(name: str, scan: str) -> MeshScene | Skip:
 
 @functools.cache
 def _meshes(name: str, scan: str, side: int, projection: Projection) -> list[ibr.DepthMesh] | Skip:
-    """Of the six sides, as the paper takes them."""
+    """Meshes of the six sides, as in the paper."""
     scene = _scene(name, scan)
     return (
         scene
@@ -163,7 +163,7 @@ def _construction(name: str, repeats: int, plan: Plan) -> Work | Skip:
         return scene if isinstance(scene, Skip) else Skip(name, "it has no views")
     view = meshes[5].view
 
-    # In turns of their own: the memory that these take and free slows whatever comes after them.
+    # Measured in separate turns: these subjects allocate and free much memory, which slows the subjects after them.
     others: dict[str, Subject] = {
         CAPTURE: functools.partial(scene.capture, view.camera),
         FRESH: lambda: simplification.hierarchy(ibr.DepthMesh(again(view)).tree),
@@ -179,7 +179,7 @@ def _construction(name: str, repeats: int, plan: Plan) -> Work | Skip:
 
 
 def again(view: ibr.DepthImage) -> ibr.DepthImage:
-    """The same depth image, nothing of it known yet."""
+    """Copy of a depth image without cached results."""
     return ibr.DepthImage(view.color, view.depth, view.camera, far=view.far)
 
 
@@ -194,7 +194,7 @@ def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work 
 
     def select() -> Triangles:
         found = list_triangles(trees, select_for(trees, camera, 0.5 * tolerance).active)
-        found.corners.to_host()  # by then all are there
+        found.corners.to_host()  # waits until all triangles are listed
         return found
 
     def read() -> Iterator[Record]:
@@ -215,7 +215,7 @@ def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work 
 
 
 def _moving(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
-    """An orbit, with triangles chosen for each frame and drawn again."""
+    """An orbit, with triangles chosen for each frame, and with triangles drawn again."""
     meshes = _meshes(str(parameters["model"]), plan.dragon_mesh, plan.depthmesh_side, "perspective")
     if isinstance(meshes, Skip):
         return meshes
@@ -244,7 +244,7 @@ def _moving(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
 
 
 def _filled(thing: ibr.DepthMeshObject, side: int) -> ibr.Camera:
-    """Sees the object fill the picture."""
+    """Camera in whose picture the object fills the frame."""
     low, high = thing.bounds
     middle, edges = 0.5 * (low + high), high - low
     away = 2.2 * float(np.linalg.norm(edges))
@@ -254,7 +254,7 @@ def _filled(thing: ibr.DepthMeshObject, side: int) -> ibr.Camera:
 
 
 def _quality(parameters: dict[str, Parameter], count: int, plan: Plan) -> Work | Skip:
-    """The blendings from random directions, beside the mesh itself."""
+    """The blendings from random directions, compared with the model itself."""
     name, projection = str(parameters["model"]), parameters["projection"]
     scene = _scene(name, plan.dragon_mesh)
     meshes = _meshes(
@@ -295,13 +295,13 @@ def _quality(parameters: dict[str, Parameter], count: int, plan: Plan) -> Work |
 
 def structural_similarity(a: NDArray[Any], b: NDArray[Any], valid: NDArray[np.bool_]) -> float:
     """Mean SSIM (uint8, Gaussian window of 11 pixels) over the valid pixels; the others are black in both."""
-    cv2 = opencv("SSIM", "quality")  # of its contributed modules
+    cv2 = opencv("SSIM", "quality")  # a contributed module of OpenCV
     _, every = cv2.quality.QualitySSIM_compute(*(np.where(valid[..., None], image, np.uint8(0)) for image in (a, b)))
     return float(every[valid].mean())
 
 
 def _warp(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
-    """One depth image, seen from a little aside."""
+    """One depth image, seen from 15 degrees to the side."""
     scene = _scene(str(parameters["model"]), plan.dragon_mesh)
     meshes = _meshes(str(parameters["model"]), plan.dragon_mesh, plan.depthmesh_side, "perspective")
     if isinstance(scene, Skip) or isinstance(meshes, Skip):

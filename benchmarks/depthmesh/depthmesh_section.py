@@ -16,57 +16,60 @@ HEAD = "## Depth meshes\n"
 
 CONSTRUCTION = """### Construction
 
-The paper's table 1: milliseconds for one depth image of 512 x 512. *Capture* is ray casting (Open3D), the paper's
-is rendering by OpenGL and reading its z-buffer. *Hierarchy*: segmentation, normals, errors and spheres, the view being
-on the device; *fresh view*: of a `DepthImage` made anew, too. The paper's female and male are other models.
+Table 1 of the paper: milliseconds for one depth image of 512 x 512. *Capture* is ray casting (Open3D); in the paper it
+is rendering by OpenGL and reading the z-buffer. *Hierarchy* makes segmentation, normals, errors and spheres of a view
+that is on the device; *fresh view* starts from a new `DepthImage`. The paper's female and male are other models.
 """
 
 FRAMES = """### Frames
 
-The paper's table 2: three of six depth images of 512 x 512, blended, fill a picture of that size. *Selection* and
-*frame* are whole calls, the other stages the kernels' times; ours draws depth, colours and their blend in one kernel.
+Table 2 of the paper: three of six depth images of 512 x 512, blended, fill a picture of the same size. *Selection* and
+*frame* are times of whole calls, the other columns are kernel times; pyibr draws and blends depth and colours in one
+kernel.
 """
 
 QUALITY = """### Quality
 
-Means and least values over {count} cameras in random directions, beside the {model} itself. PSNR (dB) and SSIM
-on the pixels that all cover.
+Means, and minima in brackets, over {count} cameras in random directions, compared with the {model} itself. PSNR (dB)
+and SSIM are over the pixels that all pictures cover.
 """
 
-WARP = """### Beside the epipolar warp
+WARP = """### Comparison with the epipolar warp
 
-One depth image of the {model} from 15 degrees aside, against rays. Colour and depth on the pixels that all cover, depth
-errors of the largest extent; *covered* and *beside it* of the pixels that see the {model}.
+One depth image of the {model}, seen from 15 degrees to the side, compared with ray casting. Errors of colour and depth
+are over the pixels that all pictures cover; depth errors are relative to the largest extent. *Covered* and *beside it*
+are relative to the number of pixels that see the {model}.
 """
 
 MOVING = """### While the camera moves
 
-{frames} frames around the {model}, some degrees apart: milliseconds a frame, all frames on average, and for how many of
-them triangles were chosen. Those of `reuse` are finer than the tolerance asks, and are drawn for as long as it holds.
+{frames} frames around the {model}, some degrees apart: mean milliseconds per frame, and the number of frames for which
+triangles were chosen. With `reuse`, triangles are finer than the tolerance requires, and are drawn as long as they meet
+it.
 """
 
 SIMPLIFICATION = """### Simplification
 
-Triangles over the largest vertical error at the samples, measured by rays. pymartini's own error is that of its
-vertices' midpoints, of ours and pydelatin's it is a bound for all samples.
+Number of triangles over the largest vertical error at the samples, measured by rays. The nominal error of pymartini is
+taken at the midpoints of its edges; for pyibr and pydelatin the nominal error is a bound for all samples.
 
 ![Triangles by measured error](depthmesh-simplification.png)
 """
 
-TIMES = """Milliseconds, in turns, at 30 m on the Fuji tile, all from `DepthImage`s made anew but for *triangles* and
-*simplify*. *Triangles* are points and their numbers, as pymartini's and pydelatin's; *simplify* makes a `Mesh` with
-normals and uv of them. *Hierarchy*: normals, errors and spheres, too; triangles need none of them.
+TIMES = """Milliseconds, measured in turns, at 30 m on the Fuji tile. All but *triangles* and *simplify* start from a new
+`DepthImage`. *Triangles* are points and corner numbers, like the output of pymartini and pydelatin; *simplify* makes a
+`Mesh` of them, with normals and uv. *Hierarchy* includes normals, errors and spheres, which triangles do not need.
 """
 
-DECIMATION = """### Beside quadric decimation
+DECIMATION = """### Comparison with quadric decimation
 
-Open3D decimates the full grid to as many triangles. Errors in depth at the samples; *missed* are samples that no
-triangle is behind or before.
+Open3D decimates the full grid to the same number of triangles. Errors are in depth at the samples; *missed* is the
+share of samples whose rays meet no triangle.
 """
 
 
 def depthmesh_section(result: Result, folder: Path) -> list[str]:
-    """The paper's two tables, quality, the epipolar warp, simplification, decimation."""
+    """Make the section: the paper's two tables, quality, epipolar warp, moving cameras, simplification, decimation."""
     parts = [
         HEAD,
         *_construction(result),
@@ -200,7 +203,7 @@ def _moving(result: Result) -> list[str]:
 
 
 def _point(result: Result, record: Record) -> tuple[float, float, float]:
-    """Largest and rms error, and triangles, of a record of triangles."""
+    """Largest error, rms error and number of triangles for a record of triangles."""
     largest, rms = (
         only(result.select(subject=record.subject, quantity=quantity, **record.parameters))[0]
         for quantity in ("largest error", "rms error")
@@ -239,7 +242,7 @@ def _simplification(result: Result, folder: Path) -> list[str]:
 
 
 def _bars(result: Result) -> list[list[str]]:
-    """Of the Fuji tile."""
+    """Rows of the table of bars, for the Fuji tile."""
     rows: list[list[str]] = []
 
     def judge(what: str, ratio: float, bar: float) -> None:
@@ -261,7 +264,7 @@ def _bars(result: Result) -> list[list[str]]:
         worst = max(a / b for a, b in zip(same, their, strict=True))
         judge("triangles / pymartini's, at its measured errors, at worst", worst, simplification.BARS["triangles"])
         worst = max(a / b for a, b in zip(nominal, their, strict=True))
-        rows.append(["the same at its nominal errors, which its meshes exceed", f"{worst:.2f}", "", ""])
+        rows.append(["the same at pymartini's nominal errors, which its meshes exceed", f"{worst:.2f}", "", ""])
     if run := found(simplification.DELATIN, simplification.DELATIN, "end to end"):
         (ours,) = found(simplification.DELATIN, simplification.BOTH, "end to end")
         judge("depth image to triangles / pydelatin", ours / run[0], simplification.BARS["delatin"])

@@ -1,7 +1,7 @@
-"""Simplified depth images beside pymartini, pydelatin and Open3D's quadric decimation.
+"""Simplified depth images compared with pymartini, pydelatin and Open3D's quadric decimation.
 
-Heights are depths of an orthographic view. What a mesh departs by from its samples is measured by rays at the samples,
-for everybody: pymartini's error is none of the mesh, and no bound.
+Heights are depths of an orthographic view. For all libraries, rays measure the distances of the mesh from the samples:
+the nominal error of pymartini is neither an error of its mesh nor a bound.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ HIERARCHY, TRIANGLES, BOTH = "pyibr, hierarchy", "pyibr, triangles", "pyibr, dep
 MESH, WHOLE = "pyibr, simplify", "pyibr, depth image to mesh"
 MARTINI_TILE, MARTINI_MESH, MARTINI_BOTH = "pymartini, tile", "pymartini, mesh", "pymartini, tile and mesh"
 BARS = {"hierarchy": 1.0, "triangles": 1.0, "delatin": 0.25}
-"""On the Fuji tile, at most: hierarchy over pymartini's tile, triangles over pymartini's at its measured error, and
-depth image to triangles over pydelatin's whole run."""
+"""Largest allowed ratios on the Fuji tile: time of the hierarchy to pymartini's tile, number of triangles to
+pymartini's at its measured error, and time from depth image to triangles to pydelatin's whole run."""
 
-_EXTENT = (0.0005, 0.001, 0.002, 0.004, 0.008)  # errors, of the largest extent
+_EXTENT = (0.0005, 0.001, 0.002, 0.004, 0.008)  # errors, relative to the largest extent
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Samples to be simplified."""
+    """Depth image to simplify, with the errors to try."""
 
     view: ibr.DepthImage
     segmentation: Segmentation
     errors: tuple[float, ...]  # scene units
-    error: float  # of them, what is timed
+    error: float  # the one of `errors` that is timed
 
     @property
     def side(self) -> int:
@@ -54,7 +54,7 @@ class Surface:
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """Each surface on its own and beside each peer, then decimation."""
+    """Each surface by itself and compared with each peer, then decimation."""
     beside = {"errors": _ours, MARTINI: _martini, DELATIN: _delatin}
     for name, repeats in plan.simplification.items():
         for case, prepare in beside.items():
@@ -80,7 +80,7 @@ def _prepare(prepare: Any, parameters: dict[str, Parameter], repeats: int, plan:
 def _surface(name: str, side: int, scan: str) -> Surface | Skip:
     """Return "fuji", "relief" (always there), "dragon" (with holes), or "dragon, filled": on a plane behind it."""
     if name in ("fuji", "relief"):
-        # The tree and pymartini want one sample more than a power of two.
+        # The size that suits the tree and pymartini is a power of two plus one sample.
         heights = terrain() if name == "fuji" else (-relief(side + 1)[1], 2 / side)
         if isinstance(heights, Skip):
             return heights
@@ -105,7 +105,7 @@ def _surface(name: str, side: int, scan: str) -> Surface | Skip:
 
 
 def _from_above(heights: NDArray[np.float32], spacing: float) -> ibr.DepthImage:
-    """The depth image of square heights, `spacing` apart."""
+    """Make a depth image of a square grid of heights with the given spacing."""
     side, middle = len(heights), (len(heights) - 1) / 2
     K = [[1 / spacing, 0, middle], [0, 1 / spacing, middle], [0, 0, 1]]
     camera = ibr.Camera(K, (side, side), projection="orthographic")
@@ -114,9 +114,9 @@ def _from_above(heights: NDArray[np.float32], spacing: float) -> ibr.DepthImage:
 
 
 def departures(view: ibr.DepthImage, vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float32]:
-    """Distances in depth of triangles from the view's valid samples, as their rays see it; infinite where none is.
+    """Distances in depth between the view's valid samples and triangles on their rays; infinite if a ray meets none.
 
-    Rays beside the sample by a thousandth of its pixel help those that would slip through an edge or past the border.
+    Additional rays, offset by a thousandth of a pixel, replace rays that slip through an edge or past the border.
     """
     o3d: Any = import_module("open3d")
     scene = o3d.t.geometry.RaycastingScene()
@@ -138,7 +138,7 @@ def departures(view: ibr.DepthImage, vertices: NDArray[Any], faces: NDArray[Any]
 def _errors(
     subject: str, surface: Surface, error: float, mesh: tuple[Any, Any], parameters: dict[str, Parameter]
 ) -> Iterator[Record]:
-    """Triangles and their measured errors; of samples without a triangle only the share."""
+    """Number of triangles, measured errors, and the share of samples without a triangle."""
     here = {**parameters, "error": error}
     yield Record(subject, "triangles", "count", here, [len(mesh[1])])
     off = departures(surface.view, *mesh)
@@ -161,15 +161,15 @@ def _fresh(surface: Surface) -> ibr.DepthMesh:
 
 
 def _triangles(tree: Tree, error: float) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Points and triangles as pymartini's `get_mesh` yields them, too: no mesh yet."""
+    """Points and triangles, like the output of pymartini's `get_mesh`, without a `Mesh`."""
     found = list_triangles([tree], [active_within(tree, error)])
     return found.points.to_host(), found.corners.to_host()
 
 
 def hierarchy(tree: Tree) -> Any:
-    """Have a tree's normals, errors and spheres made, too, which otherwise wait until they are asked for."""
+    """Compute a tree's normals, errors and spheres, which otherwise are computed on first use."""
     _, known = tree.normals, tree.errors
-    return known.errors.to_host()  # by then all are there
+    return known.errors.to_host()  # waits until all are computed
 
 
 def _ours(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:
@@ -187,7 +187,7 @@ def _ours(surface: Surface, parameters: dict[str, Parameter], repeats: int, modu
 
 
 def _martini(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:
-    """The set-up for a size of tiles counts for nothing: it is made once."""
+    """Comparison with pymartini; its set-up for a tile size is not timed, as it is done once."""
     depth, error, mesh = surface.view.depth, surface.error, _fresh(surface)
     martini = module.Martini(surface.side)
     tile = martini.create_tile(depth)
@@ -239,7 +239,7 @@ def _delatin(surface: Surface, parameters: dict[str, Parameter], repeats: int, m
 
 
 def _open3d(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:
-    """Quadric decimation of the full grid to as many triangles."""
+    """Quadric decimation of the full grid to the same number of triangles."""
     mesh = _fresh(surface)
     grid, geometry, utility = mesh.triangulate(surface.view.camera, tolerance=0), module.geometry, module.utility
     corners = utility.Vector3dVector(grid.vertices.astype(np.float64)), utility.Vector3iVector(np.array(grid.faces))
