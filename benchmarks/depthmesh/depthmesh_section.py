@@ -56,9 +56,10 @@ taken at the midpoints of its edges; for pyibr and pydelatin the nominal error i
 ![Triangles by measured error](depthmesh-simplification.png)
 """
 
-TIMES = """Milliseconds, measured in turns, at 30 m on the Fuji tile. All but *triangles* and *simplify* start from a new
-`DepthImage`. *Triangles* are points and corner numbers, like the output of pymartini and pydelatin; *simplify* makes a
-`Mesh` of them, with normals and uv. *Hierarchy* includes normals, errors and spheres, which triangles do not need.
+TIMES = """Milliseconds, measured in turns, at 30 m on the Fuji tile. All but *triangles* and *simplify* start from a
+new `DepthImage`. *Triangles* are points and corner numbers, like the output of pymartini and pydelatin; *simplify*
+makes a `Mesh` of them, with normals and uv. *Hierarchy* includes normals, errors and spheres, which triangles do not
+need.
 """
 
 DECIMATION = """### Comparison with quadric decimation

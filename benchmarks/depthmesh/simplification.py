@@ -46,7 +46,7 @@ class Surface:
     view: ibr.DepthImage
     segmentation: Segmentation
     errors: tuple[float, ...]  # scene units
-    error: float  # the one of `errors` that is timed
+    error: float  # for timing, one of `errors`
 
     @property
     def side(self) -> int:

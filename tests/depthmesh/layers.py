@@ -1,4 +1,4 @@
-"""A plate before a wall, as depth images whose samples are labelled: what bridges the two is known."""
+"""Depth images of a plate before a wall with labelled samples, so that the triangles which bridge the two are known."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PLATES: dict[str, tuple[Shape, Shape]] = {  # depths of the plate and of the wal
 
 
 def layered(name: str, size: scenes.Size, projection: str) -> tuple[DepthImage, np.ndarray]:
-    """The view, and (H, W) bool where it sees the plate: a disc and a bar aslant, with edges in all directions."""
+    """The view, and the mask (H, W) of the plate: a disc and an oblique bar, with edges in all directions."""
     near, far = PLATES[name]
     a, b = scenes.image_coordinates(size)
     plate = ((a + 0.3) ** 2 + (b + 0.2) ** 2 < 0.13) | ((np.abs(a - b - 0.2) < 0.15) & (np.abs(a + b - 0.4) < 0.4))
@@ -33,7 +33,7 @@ def layered(name: str, size: scenes.Size, projection: str) -> tuple[DepthImage, 
 
 
 def bridging(plate: np.ndarray) -> np.ndarray:
-    """(H - 1, W - 1, 2) which of each cell's triangles, the upper and the lower one, join plate and wall."""
+    """Mask, (H - 1, W - 1, 2), of the upper and lower triangles of cells that join plate and wall."""
     y, x = np.mgrid[: plate.shape[0] - 1, : plate.shape[1] - 1]
     four = np.stack([plate[y, x], plate[y, x + 1], plate[y + 1, x], plate[y + 1, x + 1]], -1)
     main = ((x + y) % 2 == 0)[..., None]

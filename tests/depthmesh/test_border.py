@@ -1,4 +1,4 @@
-"""Depth meshes reach to the edges of their images' pixels."""
+"""Depth meshes extend to the outer edges of their images' pixels."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WHOLE = Segmentation("none")
 
 
 def plane(size: scenes.Size, projection: str, x0: int = 0) -> tuple[ibr.DepthImage, np.ndarray]:
-    """A part of a picture of a plane aslant, from column x0 on, and the plane (a, b, c): a . point = 1."""
+    """Part of an image of an oblique plane, from column x0 on, and the plane as a normal n with n . point = 1."""
     K = np.array([[60.0, 0, 20 - x0], [0, 50, 12], [0, 0, 1]])
     camera = Camera(K, size, scenes.pose(yaw=10, center=(1, 2, 3)), projection=projection)
     y, x = np.mgrid[: size[1], : size[0]]
@@ -30,13 +30,13 @@ def plane(size: scenes.Size, projection: str, x0: int = 0) -> tuple[ibr.DepthIma
 
 
 def check_own_camera(size: scenes.Size, projection: str) -> None:
-    """All of a view is covered at its own camera, twice as fine and with several samples; depths are the samples'."""
+    """Assert full coverage at the view's own camera, also at twice the resolution or with several samples per pixel."""
     view = rough(np.random.default_rng(3), size, projection, 0.05)
     thing, (width, height) = ibr.DepthMesh(view, tolerance=0, segmentation=WHOLE), size
     frame = ibr.render(thing, view.camera)
     assert frame.valid.all()
-    # 1/z and back in float32, and corners that the rasteriser moves by up to 1/512 pixel: the waves' slopes and the
-    # noise are below 0.4 a sample.
+    # Rounding of 1/z and back in float32; and the rasteriser moves corners by up to 1/512 pixel, where the slopes of
+    # waves and noise are below 0.4 per sample.
     np.testing.assert_allclose(frame.depth, view.depth, atol=2e-3)
     assert ibr.render(thing, view.camera.resized((2 * width, 2 * height))).valid.all()
     several = ibr.render(thing, view.camera, samples=4)
@@ -63,7 +63,7 @@ def test_planes_go_on_as_planes(size, projection):
     thing = ibr.DepthMesh(view, segmentation=WHOLE)
     for mesh in (thing.triangulate(view.camera, tolerance=0), thing.simplify(1e-3)):
         points = (mesh.vertices - view.camera.center) @ view.camera.world_from_camera[:3, :3]
-        # float32 depths of 4 pass through their inverses
+        # float32 depths of about 4 pass through their inverses.
         np.testing.assert_allclose(points @ normal, 1, atol=1e-5)
         np.testing.assert_array_equal(mesh.uv.min(axis=0), [0, 0])
         np.testing.assert_array_equal(mesh.uv.max(axis=0), [1, 1])
@@ -86,7 +86,7 @@ def test_tiles_of_a_picture_meet(projection, blended):
     np.testing.assert_array_equal(tiles.valid, expected.valid)
     assert 0.3 < tiles.valid.mean() < 1
     np.testing.assert_allclose(tiles.depth[tiles.valid], expected.depth[tiles.valid], rtol=1e-5)
-    # Colours stay as they are in the outer halves of the outermost pixels: here by half of 1 off.
+    # Colours are constant in the outer halves of the outermost pixels, so they are off by up to half a level here.
     assert np.abs(tiles.color.astype(int) - expected.color).max() <= 1
 
 
@@ -108,13 +108,14 @@ def test_the_images_of_a_cube_map_meet(closed):
 
 
 def test_the_border_of_another_surface_does_not_lead_on():
-    """An outermost column of a nearer surface, and one beside a step, go on by themselves."""
+    """Columns at the border that belong to another surface do not affect the extrapolation."""
     depth = np.full((9, 9), 4, np.float32)
     depth[:, 7:] = 2 + np.arange(2) * 0.1
     camera = Camera([[9, 0, 4], [0, 9, 4], [0, 0, 1]], (9, 9))
     view = ibr.DepthImage(np.zeros((9, 9, 3), np.uint8), depth, camera)
     frame = ibr.render(ibr.DepthMesh(view, tolerance=0), camera.resized((18, 18)))
-    # Pixels of twice the resolution lie a quarter beyond the outermost samples: 1/z goes on from 1/2 to 1/2.1.
+    # At twice the resolution, the outermost pixels lie a quarter of a sample beyond the outermost samples, where 1/z
+    # is extrapolated from 1/2 and 1/2.1.
     beyond = 1 / (1 / 2.1 + 0.25 * (1 / 2.1 - 1 / 2))
     np.testing.assert_allclose(frame.depth[:, -1], beyond, rtol=1e-3)
     np.testing.assert_allclose(frame.depth[:, 0], 4, rtol=1e-6)

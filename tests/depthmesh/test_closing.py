@@ -1,4 +1,4 @@
-"""Holes: what is surface is closed though no view saw it, and nothing is drawn where there is none."""
+"""Closing of holes: unseen surface is closed, and empty space stays empty."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SIZE = (240, 180)
 
 @cache
 def knot() -> MeshScene:
-    """A trefoil: a tube that hides much of itself from any six views, striped."""
+    """A striped trefoil: a tube that occludes much of itself in any six views."""
     a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 241)[:-1], np.linspace(0, 2 * np.pi, 33)[:-1], indexing="ij")
 
     def line(t: np.ndarray) -> np.ndarray:
@@ -46,7 +46,7 @@ def knot() -> MeshScene:
 
 @cache
 def donut() -> MeshScene:
-    """Its innermost faces are upright: orthographic views from above and below see them from their edges alone."""
+    """A donut whose innermost faces are vertical: orthographic views from above and below see them only edge-on."""
     return MeshScene.from_mesh(models.donut())
 
 
@@ -55,7 +55,7 @@ def against(scene: MeshScene, thing: ibr.DepthMeshObject, camera: Camera) -> tup
 
 
 def missed_and_false(frame: ibr.Frame, truth: ibr.DepthImage) -> tuple[int, int]:
-    """Pixels of the surface that are not drawn; drawn ones more than one beside its outline."""
+    """Number of surface pixels that are not drawn, and of drawn pixels more than one pixel outside the silhouette."""
     near = cv2.dilate(truth.valid.astype(np.uint8), np.ones((3, 3))) > 0
     return int((truth.valid & ~frame.valid).sum()), int((frame.valid & ~near).sum())
 
@@ -68,28 +68,29 @@ def test_a_donut_is_whole(samples, eye, projection):
     frame, truth = against(donut(), thing, Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=45))
     missed, false = missed_and_false(frame, truth)
     assert truth.valid.sum() > 16_000
-    # Of the outline, 700 pixels long, up to half a sample is lost. One of 256 is 0.8 pixels: a tenth on average.
+    # Along the outline, 700 pixels long, up to half a sample is lost. With 256 samples, a sample is 0.8 pixels wide; a
+    # tenth of a pixel is lost on average.
     assert missed <= 60 * 256 / samples and false == 0
     inside = cv2.erode(truth.valid.astype(np.uint8), np.ones((5, 5))) > 0
     assert frame.valid[inside].all()
     both = frame.valid & truth.valid
-    # A sample is 2 % of the donut's extent and the eye is closer than that: closed surface bulges by less.
+    # A sample is 2 % of the donut's extent, and the eye is closer than the extent: closed surface bulges by less.
     assert (np.abs(frame.depth - truth.depth)[both] > 0.02 * truth.depth[both]).mean() < 0.005
     assert metrics.psnr(frame.color, truth.color, valid=both) > 45
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_a_cup_is_whole_for_an_eye_close_above(projection):
-    """Its inner wall was seen by orthographic views from its edge alone; its outside, by the closest views."""
+    """Orthographic views see the inner wall only edge-on; the closest views see the outside."""
     camera = looking(cup(), (0.2, 1.5, 0.2), SIZE, near=0.75)
     frame, truth = against(cup(), ibr.DepthMeshObject(object_views(cup(), 256, projection=projection)), camera)
     missed, false = missed_and_false(frame, truth)
-    # The bottom's edge, 350 pixels long, is a crack of one pixel at most where the wall is closed a sample off.
+    # The edge of the bottom, 350 pixels long, may be a crack of one pixel, as the wall is closed up to a sample off.
     assert truth.valid.sum() > 40_000 and missed <= 350 and false == 0
     y, x = np.nonzero(frame.valid & truth.valid)
     points = camera.unproject(np.stack([x, y], axis=-1).astype(float), frame.depth[y, x].astype(float))
     wall = np.hypot(points[:, 0], points[:, 2])[(points[:, 1] > -0.75) & (points[:, 1] < 0.95)]
-    assert (np.abs(wall - 0.65) < 2 * 1.664 / 256).all()  # a cell around a sample of the rim is not known to be empty
+    assert (np.abs(wall - 0.65) < 2 * 1.664 / 256).all()  # cells around samples of the rim are not known to be empty
 
 
 @pytest.mark.thorough
@@ -103,19 +104,19 @@ def test_a_knot_gets_no_shards(eye):
     assert false == 0
     assert missed <= 0.2 * missed_and_false(bare, truth)[0]
     assert metrics.psnr(frame.color, truth.color) >= metrics.psnr(bare.color, truth.color) + 3
-    # Nor does a farther strand show through a hole of a nearer one.
+    # Farther strands seldom show through holes of nearer ones.
     through, before = farther(frame, truth), farther(bare, truth)
     assert through <= (0.3 * before if before > 50 else before)
 
 
 def farther(frame: ibr.Frame, truth: ibr.DepthImage) -> int:
-    """Pixels that show what lies behind the surface."""
+    """Number of pixels that show something behind the nearest surface."""
     both = frame.valid & truth.valid
     return int((frame.depth - truth.depth > 0.05 * truth.depth)[both].sum())
 
 
 def test_what_is_open_stays_open():
-    """Two plates, one before the other: nothing tells that they are joined, and their edges have been seen."""
+    """The gap between two plates, one before the other, stays open, since views saw their edges."""
     plates = joined([box((0, 0, 0.5), (0.8, 0.8, 0.02)), box((0.1, 0.2, -0.5), (0.9, 0.7, 0.02))])
     thing = ibr.DepthMeshObject(object_views(plates, 128))
     for eye in ((4, 1, 1.4), (3, 3, 0.8), (1, 4, -1)):
@@ -132,7 +133,7 @@ def test_closed_surface_names_the_views_of_its_colours():
     closed = frame.valid & ~ibr.render(ibr.DepthMeshObject(views, blended=6, closed=False), camera).valid
     inside = closed & (cv2.erode(frame.valid.astype(np.uint8), np.ones((9, 9))) > 0)
     assert inside.sum() > 200
-    assert (named[inside] & 0b110000 > 0).all()  # those from above and below saw what is next to the slit
+    assert (named[inside] & 0b110000 > 0).all()  # the views from above and below saw the surface next to the slit
 
 
 @pytest.mark.thorough
@@ -141,7 +142,7 @@ def test_the_same_in_one_lane():
     wide = ibr.render(ibr.DepthMeshObject(views), camera)
     with one_lane():
         one = ibr.render(ibr.DepthMeshObject(views), camera)
-    # A pixel at an outline, or a point at a limit of what a view saw to be empty.
+    # Pixels at an outline, and points at a limit of the free space, may differ.
     assert (wide.valid != one.valid).mean() <= 1e-3
     both = wide.valid & one.valid
     assert np.isclose(wide.depth, one.depth, rtol=1e-3)[both].mean() >= 0.995

@@ -1,4 +1,4 @@
-"""Behind depth edges: the surface on their far sides goes on, where a room is closed, and nowhere else."""
+"""Far sides of depth edges: surfaces continue behind near ones where a room needs closing, and nowhere else."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from tests.depthmesh.views import PROJECTIONS
 from tests.shadowed import box, joined
 
 SIZE = (160, 120)
-STEP = 2.0  # the near part's depth
+STEP = 2.0  # depth of the near part
 
 
 def room(slope: float) -> MeshScene:
-    """A box before a wall that is `slope` times as deep as it is wide, larger than any view."""
+    """A box before a wall that is larger than any view; the depth of the wall grows by `slope` per unit of width."""
     corners = np.array([[-30, -30, 0], [30, -30, 0], [30, 30, 0], [-30, 30, 0]], float)
     corners[:, 2] = 5 + slope * corners[:, 0]
     near = joined([box((0.1, 0.2, 2.5), (0.5, 0.4, 0.2))])
@@ -48,14 +48,14 @@ def test_the_wall_goes_on_behind_a_box(projection, kind, slope):
     view, camera = scene.capture(camera_at(0.0, kind)), camera_at(1.0, projection, 25)
     truth, things = scene.capture(camera), [ibr.DepthMeshObject([view], closed=b) for b in (False, True)]
     bare, frame = (ibr.render(thing, camera) for thing in things)
-    # The box' right wall, which nobody saw either, is not told from the wall behind it.
+    # The right side of the box is unseen, too; only pixels of the wall behind it are checked.
     wall = truth.valid & (truth.color[..., 0] < 100)
     closed = frame.valid & ~bare.valid & wall
     hole = cv2.erode((~bare.valid & wall).astype(np.uint8), np.ones((3, 3))) > 0
     assert closed.sum() > 200
     assert frame.valid[hole].mean() >= 0.98
     off = np.abs(frame.depth - truth.depth) / truth.depth
-    # Points along rays are found to a 128th of 1.5 % of the extent, at most 4 depths here; the plane is the wall's own.
+    # Points along rays are found to 1/128 of 1.5 % of the extent, which is at most 4 depths; the plane is exact.
     assert np.median(off[closed]) <= 1e-3 and (off[closed] <= 0.01).mean() >= 0.97
     assert (np.abs(frame.color.astype(int) - truth.color)[closed].max(axis=1) <= 2).mean() >= 0.97
     same = bare.valid & (frame.depth == bare.depth)
@@ -65,12 +65,12 @@ def test_the_wall_goes_on_behind_a_box(projection, kind, slope):
 
 @pytest.mark.parametrize("given", [True, False])
 def test_what_goes_on_behind_a_box_is_relit_by_its_own_normals(given):
-    """Whatever the colours are."""
+    """Relighting depends on the normals of the continued surface, not on its colours."""
     slope, way = 0.3, np.array([0.5, 0.4, 1.0])
     view, camera = room(slope).capture(camera_at(0.0, "perspective")), camera_at(1.0, "perspective", 25)
     truth, light = room(slope).capture(camera), ibr.Light(direction=way, shadow_size=0, relight=True)
     normal = np.array([slope, 0, -1]) / np.hypot(slope, 1)
-    if given:  # of the wall; of the box, too, which is not looked at
+    if given:  # the wall's normal everywhere, even on the box, which is not checked
         own = (normal @ view.camera.world_from_camera[:3, :3]).astype(np.float32)
         view = DepthImage(view.color, view.depth, view.camera, normals=np.broadcast_to(own, (*SIZE[::-1], 3)))
     bare, frame = (ibr.render(ibr.DepthMeshObject([view], closed=b), camera, light) for b in (False, True))
@@ -78,14 +78,14 @@ def test_what_goes_on_behind_a_box_is_relit_by_its_own_normals(given):
     assert closed.sum() > 200
     lambert = -normal @ way / np.linalg.norm(way)
     expected = np.array([60, 120, 30]) * (light.ambient + (1 - light.ambient) * lambert)
-    # Normals have 8 bits a channel: 0.004 of colours up to 120.
+    # Normals have 8 bits a channel, so errors are up to 0.004 of colours up to 120.
     assert (np.abs(frame.color - expected)[closed].max(axis=1) <= 1.5).mean() >= 0.97
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_surfaces_end_half_a_sample_beyond_their_last_ones(projection):
-    """From where the view was taken, more finely: between the box and the wall the nearest sample tells which it is."""
-    times = 3  # more pixels than samples: none lies halfway between two
+    """From the view's own position, at higher resolution, the nearest sample decides between box and wall."""
+    times = 3  # pixels per sample: odd, so that no pixel lies halfway between two samples
     view = room(0.0).capture(camera_at(0.0, projection))
     camera = view.camera
     K = np.diag([times, times, 1]) @ camera.K
@@ -99,13 +99,13 @@ def test_surfaces_end_half_a_sample_beyond_their_last_ones(projection):
     for near in (True, False):
         part = closed & ((nearest < 3) == near)
         assert part.sum() > 0.3 * closed.sum()
-        # Points along rays are found to a 128th of 1.5 % of the extent.
+        # Points along rays are found to 1/128 of 1.5 % of the extent.
         assert (np.abs(frame.depth - nearest) <= 1e-3 * nearest)[part].mean() >= 0.98
         assert (np.abs(frame.color[..., 0].astype(int) - (220 if near else 60)) <= 2)[part].mean() >= 0.98
 
 
 def test_several_views_close_what_one_sees_past():
-    """From either side of a box: a hole that is left is behind the sheets of both."""
+    """Two views see a box from its two sides; the remaining hole lies behind the sheets of both."""
     scene = room(0.0)
     views = [scene.capture(camera_at(x, "perspective")) for x in (-0.4, 0.4)]
     camera = camera_at(1.6, "perspective", 25)
@@ -118,7 +118,7 @@ def test_several_views_close_what_one_sees_past():
 
 
 def test_nothing_goes_on_behind_what_stands_alone():
-    """The same box without its wall: what no view saw behind it stays empty."""
+    """Without the wall, the unseen space behind the box stays empty."""
     near = joined([box((0.1, 0.2, 2.5), (0.5, 0.4, 0.2)), box((1.2, 0.2, 4.5), (0.3, 0.4, 0.2))])
     views = [near.capture(camera_at(x, "perspective")) for x in (-0.4, 0.4)]
     for x in (-1.6, 1.6):
@@ -129,7 +129,7 @@ def test_nothing_goes_on_behind_what_stands_alone():
 
 
 def stepped(size: scenes.Size, projection: str, far: float = 4.0) -> DepthImage:
-    """The left half is at STEP, the right one farther; one colour each."""
+    """A view whose left half is at depth STEP and whose right half is farther, each in one colour."""
     x = np.broadcast_to(np.arange(size[0]), size[::-1])
     depth = np.where(x < size[0] // 2, STEP, far).astype(np.float32)
     color = np.where((x < size[0] // 2)[..., None], np.uint8(200), np.uint8(50))
@@ -145,7 +145,7 @@ def test_what_goes_on_behind_a_step(size, projection):
     found = far_sides_of(mesh, view.depth)
     depth, color = found.depth, found.colored(words)
     assert depth.dtype == np.float32 and color.dtype == np.uint32
-    np.testing.assert_allclose(depth, 4, rtol=1e-6)  # a plane that faces the view goes on at its depth
+    np.testing.assert_allclose(depth, 4, rtol=1e-6)  # a plane that faces the view continues at constant depth
     np.testing.assert_array_equal(color, 0xFF323232)
 
 
@@ -154,7 +154,7 @@ def test_nothing_goes_on_where_there_is_no_edge(projection):
     flat = scenes.flat((17, 11), projection)
     words = np.arange(17 * 11, dtype=np.uint32).reshape(11, 17)
     holed = flat.depth.copy()
-    holed[3:5, 4:9] = 0  # of holes nothing is known: they have no far side
+    holed[3:5, 4:9] = 0  # unknown depth has no far side
     for limit in (flat.depth, holed):
         view = DepthImage(flat.color, limit, flat.camera)
         found = far_sides_of(ibr.DepthMesh(view), limit)
@@ -169,7 +169,7 @@ def test_background_goes_on_as_background():
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_background_lends_no_colour_to_what_goes_on_beside_it(projection):
-    """A near part between a farther surface and background, which is black."""
+    """The near part lies between a farther surface and black background."""
     x = np.broadcast_to(np.arange(31), (17, 31))
     depth = np.select([x < 6, x < 20], [np.float32(4), np.float32(STEP)], np.float32(np.inf))
     color = np.select([x < 6, x < 20], [np.uint8(50), np.uint8(200)], np.uint8(0))

@@ -1,4 +1,4 @@
-"""Views fade towards the ends of their surfaces, so that their blend has no seams there."""
+"""Feathers: views fade towards the ends of their surfaces, so that the blend has no seams there."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def test_samples_count_by_their_distance_to_the_ends(projection):
 
 @pytest.mark.parametrize("blend", ["quality", "position"])
 def test_where_a_view_ends_the_other_has_all_weight(blend):
-    """Two views of a wall from one place, of which one sees it up to the middle of the other's image."""
+    """Two views of a wall from one place; the second starts in the middle of the first one's image."""
     whole = ibr.Camera([[60, 0, 40], [0, 60, 20], [0, 0, 1]], (81, 41))
-    half = ibr.Camera([[60, 0, 0], [0, 60, 20], [0, 0, 1]], (41, 41))  # from the column 40 on
+    half = ibr.Camera([[60, 0, 0], [0, 60, 20], [0, 0, 1]], (41, 41))  # from column 40 of `whole` on
     one, other = (
         ibr.DepthImage(np.full((41, camera.width, 3), gray, np.uint8), np.full((41, camera.width), 2.0), camera)
         for camera, gray in ((whole, 50), (half, 250))
@@ -39,6 +39,6 @@ def test_where_a_view_ends_the_other_has_all_weight(blend):
     x = np.arange(81)
     ends = [np.minimum(np.minimum(x, 80 - x), FADED), np.clip(np.minimum(x - 40, 80 - x), 0, FADED)]
     first, second = (np.maximum(255 * end // FADED, 1) * (x >= start) for end, start in zip(ends, (0, 40), strict=True))
-    # Half a level of rounding; weights have 8 bits, too.
+    # Half a level of rounding, and weights of 8 bits.
     assert np.abs(row - (50 * first + 250 * second) / (first + second)).max() <= 1
     assert np.abs(np.diff(row[8:73])).max() <= 200 / FADED

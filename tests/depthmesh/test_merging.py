@@ -1,4 +1,4 @@
-"""Triangles merged to a number of them: as many, no cracks or folds, and close to the samples."""
+"""Merging to a number of triangles: the number is met, without cracks or folds, and close to the samples."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def pixels_of(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
 
 
 def check_sound(mesh: ibr.Mesh, camera: Camera) -> None:
-    """Assert that no triangle is turned over, and none lies over another: areas add up to what the picture shows."""
+    """Assert that no triangle is turned over and no two overlap: the sum of areas is the area in the picture."""
     a, b, c = np.moveaxis(pixels_of(mesh, camera), 1, 0)
     u, v = b - a, c - a
     areas = -0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
     assert (areas > 0).all()
     edges = np.concatenate([mesh.faces[:, k] for k in ([0, 1], [1, 2], [2, 0])])
-    assert len(np.unique(edges, axis=0)) == len(edges)  # each is wound the other way on its other side
-    # Pixels are counted by their centres: of random outlines as many are in as out.
+    assert len(np.unique(edges, axis=0)) == len(edges)  # neighbours traverse their common edge in opposite directions
+    # Pixels count if their centre is inside; along random outlines the errors cancel.
     shown = ibr.render(mesh, camera).valid.sum()
     assert abs(areas.sum() - shown) < 0.01 * shown
 
@@ -42,15 +42,15 @@ def test_as_many_as_are_asked_for(count):
     check_sound(mesh, view.camera)
     frame = ibr.render(mesh, view.camera)
     off = np.abs(frame.depth - clean)[frame.valid]
-    # A quarter of them on half a ball of radius 0.6 have sides e with e^2 = 9 / count: they lie e^2 / (8 r) = 2 / count
-    # below it, and along the lines of sight, towards its outline, several times that.
+    # With a quarter of the triangles on a half ball of radius 0.6, their sides e have e^2 = 9 / count. They lie
+    # e^2 / (8 r) = 2 / count below the ball, and several times that along lines of sight near its outline.
     assert np.quantile(off, 0.95) < 20 / count
     whole = ibr.render(thing, view.camera).valid
     assert (frame.valid == whole).mean() > {4000: 0.999, 1000: 0.995, 200: 0.98}[count]
 
 
 def test_the_error_holds_whatever_the_count():
-    """More triangles are left where the count would take more than the error."""
+    """More triangles than `count` remain if fewer would exceed the error."""
     clean = corner_of_a_room()
     view = view_of(clean)
     thing = ibr.DepthMesh(view)
@@ -59,8 +59,8 @@ def test_the_error_holds_whatever_the_count():
         assert 10 < len(mesh.faces) < 0.8 * len(thing.simplify(bound).faces)
         check_sound(mesh, view.camera)
         frame = ibr.render(mesh, view.camera)
-        # Vertices lie off the planes by that, and triangles between them: but across, not along the lines of sight,
-        # which meet the floor at a sixth of a right angle and more.
+        # Vertices, and triangles between them, are off the planes by `bound` perpendicular to the planes, and by more
+        # along lines of sight, which meet the floor at a sixth of a right angle or more.
         assert np.quantile(np.abs(frame.depth - clean)[frame.valid], 0.99) < 6 * bound
 
 

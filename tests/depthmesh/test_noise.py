@@ -1,4 +1,4 @@
-"""Tolerances know noise: what noise alone would split stays whole, and surfaces stay where they are."""
+"""Noise in depth meshes: noise alone splits no triangles, and surfaces stay in place."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NOISE = {"stereo": (0.0008, 0, 0), "time of flight": (0, 0.002, 0.003), "slight"
 
 
 def corner_of_a_room() -> np.ndarray:
-    """(H, W) depth of two walls, a floor and a ball before them."""
+    """(H, W) depth of two walls and a floor, with a ball in front of them."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     ray = np.stack([(x - 165) / 300, (y - 125) / 300, np.ones(x.shape)], -1)
     planes = [((0, 0, 1), 4.0), ((0, 1, 0), 1.1), ((1, 0, 0.5), 2.6)]
@@ -38,7 +38,7 @@ def view_of(depth: np.ndarray, **options: object) -> ibr.DepthImage:
 
 
 def off_by(thing: ibr.DepthMesh, clean: np.ndarray, deviation: np.ndarray) -> tuple[int, np.ndarray]:
-    """Number of triangles within a pixel, and the pixels' errors, in tolerances and two deviations of the noise."""
+    """Number of triangles at 1 pixel, and errors of pixels relative to 1 pixel plus two deviations of the noise."""
     camera = thing.view.camera
     mesh = thing.triangulate(camera, tolerance=1)
     frame = ibr.render(mesh, camera)
@@ -59,37 +59,37 @@ def test_noise_takes_few_triangles(kind, known):
     unknowing, _ = off_by(ibr.DepthMesh(view_of(noisy, noise=0)), clean, deviation)
     assert found < 1.7 * count
     assert found < 0.2 * unknowing or kind == "slight"
-    # Two deviations hold 95 % of normal noise; surfaces beside edges and creases are as smooth as noise is large.
+    # Two deviations contain 95 % of normal noise; the tolerance of 1 pixel adds to them.
     assert (off < 1).mean() > 0.98
     assert (off < 2).mean() > 0.998
 
 
 def test_a_noisy_room():
-    """Of an RGB-D camera, simulated: 37,000 triangles without noise, 260,000 if nothing is known of it."""
+    """A simulated RGB-D camera: 37,000 triangles without noise, 260,000 with noise that is ignored."""
     folder = shared("rgbd_livingroom1")
     clean, noisy = (
         cv2.imread(str(folder / name / "00000.png"), cv2.IMREAD_UNCHANGED) / 1000 for name in ("depth", "depth_noisy")
     )
     view = view_of(noisy)
     mesh = ibr.DepthMesh(view)
-    # By the noise that is found: it has longer tails than normal noise, and of the samples themselves fewer are within.
+    # With the estimated noise: the true noise has longer tails than normal noise, and even fewer samples are within.
     found = np.polyval(view.noise, clean)
     _, off = off_by(mesh, clean, found)
     samples = (np.abs(view.depth - clean) / (clean / 525 + 2 * found))[view.valid & (clean > 0)]
-    assert (off < 1).mean() > (samples < 1).mean() > 0.77  # half a step is found
-    # Neighbours share most of this noise, so that what is found, from differences between them, is half of it. Its
-    # standard deviation, at each depth, is what 68 % of the samples are off by at most.
+    assert (off < 1).mean() > (samples < 1).mean() > 0.77  # the estimate includes quantisation, half a step
+    # Neighbours share most of this noise, so the estimate from their differences is half of it. The standard deviation
+    # at each depth is the error that 68 % of the samples stay below.
     wrong, known, shell = np.abs(view.depth - clean), view.valid & (clean > 0), (clean / 0.5).astype(int)
     deviation = np.ones_like(clean)
     for number in np.unique(shell[known]):
         deviation[shell == number] = np.quantile(wrong[known & (shell == number)], 0.68)
     count, off = off_by(mesh, clean, deviation)
     assert count < 60_000
-    assert (off < 1).mean() > 0.95  # two deviations of normal noise hold as much
+    assert (off < 1).mean() > 0.95  # two deviations contain as much of normal noise
 
 
 def test_shapes_are_no_noise():
-    """Second differences that grow with the distance are a surface's: of such views no triangle changes."""
+    """Second differences that grow with the distance come from shape, so the triangles of such views do not change."""
     for depth in (corner_of_a_room(), 4 + 0.3 * np.sin(np.arange(SIZE[0]) / 3) + np.zeros(SIZE[::-1])):
         view, sure = view_of(depth), view_of(depth, noise=0)
         assert not any(view.noise)
@@ -103,7 +103,7 @@ def test_shapes_are_no_noise():
 
 
 def test_all_samples_are_vertices_of_noisy_views_too():
-    """Vertices are samples as they are, and tolerance 0 takes all."""
+    """Vertices are the samples without denoising, and tolerance 0 takes all of them."""
     noisy = corner_of_a_room()
     noisy += np.random.default_rng(3).normal(0, 0.01, noisy.shape)
     view = view_of(noisy)

@@ -39,9 +39,9 @@ def test_trees_in_one_lane(test, projection):
             one = made()
         for a, b in zip(wide, one, strict=True):
             if a.shape == b.shape:
-                # The compiler may join products and sums otherwise: a rounding of 2^-24 of 5, a few times over.
+                # The compiler may fuse products and sums differently: a few roundings of values of 5, 2^-24 each.
                 assert np.isclose(a, b, rtol=1e-5, atol=1e-5).mean() >= 0.999
-            else:  # an error just at the limit
+            else:  # errors just at the limit
                 assert abs(len(a) - len(b)) <= 0.01 * len(a)
 
 
@@ -65,7 +65,7 @@ def test_pictures_in_one_lane(blend, projection):
         one = drawn()
     for a, b in zip(wide[:2], one[:2], strict=True):
         assert a.valid.sum() > 2000
-        # Corners are rounded to 1/256 of a pixel relative to the work-item's region: a pixel at an outline, or on an
+        # Corners are rounded to 1/256 of a pixel relative to the work-item's region, so pixels at an outline, or on an
         # edge of two triangles, may differ.
         assert (a.valid != b.valid).mean() <= 5e-4
         both = a.valid & b.valid

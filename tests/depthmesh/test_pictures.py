@@ -1,4 +1,4 @@
-"""Depth meshes in pictures: with other things, under lights, and their colours from close by and from afar."""
+"""Depth meshes in pictures: with other objects, under lights, and with colours seen from near and from far."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def test_shadows_are_cast_and_received(shape):
     views = object_views(joined([solid]), 128)
     scene, light = embree(solid, bar, floor), ibr.Light(**shape, ambient=AMBIENT)
     for thing in (ibr.DepthMeshObject(views), ibr.DepthMeshObject([ibr.DepthMesh(view) for view in views], blended=6)):
-        # Samples are 0.01 apart: the horizon of the ball as the light sees it is known to that.
+        # Samples are 0.01 apart, which limits the accuracy of the ball's silhouette as seen from the light.
         assert agreement([thing, bar, floor], scene, CAMERAS["perspective"], light) >= 0.97
 
 
 def test_images_are_not_shaded():
-    """Their colours hold their light already: only in another thing's shadow they keep the ambient part alone."""
+    """Colours of images contain their light, so only the shadow of another object changes them, to the ambient part."""
     thing = ibr.DepthMeshObject(six())
     camera = target()
     plain = ibr.render(thing, camera)
@@ -53,7 +53,7 @@ def test_images_are_not_shaded():
 
 
 def test_frames_from_one_place_are_told_by_where_they_look():
-    """A room's panorama: every direction is covered by those frames that show it."""
+    """In a panorama of a room, each direction is covered by the frames that show it."""
     scene = joined([box((0, 0, 0), (2, 2, 2))])
     views = [scene.capture(camera) for camera in cube_cameras((0.1, 0, 0), 65)]
     thing = ibr.DepthMeshObject(views, blended=3, closed=False)
@@ -72,7 +72,7 @@ def test_frames_of_something_else_come_last():
 
 
 def test_a_lit_surface_does_not_shade_itself():
-    """Whatever its tolerance: the light sees other triangles than the picture."""
+    """No tolerance causes false shadows, although the light sees other triangles than the camera."""
     y, x = np.mgrid[:192, :192]
     depth = (4 + 0.15 * np.sin(x / 11) + 0.15 * np.cos(y / 9)).astype(np.float32)
     camera = Camera([[192, 0, 95.5], [0, 192, 95.5], [0, 0, 1]], (192, 192))
@@ -86,7 +86,7 @@ def test_a_lit_surface_does_not_shade_itself():
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_views_seen_small_are_averaged(projection):
-    """A board of squares of two samples turns grey from afar; holes stay out of its mean, and up close it is sharp."""
+    """A checkerboard is gray from far away, without the colours of holes, and sharp from near."""
     size = (203, 131)
     y, x = np.mgrid[: size[1], : size[0]]
     light = (x // 2 + y // 2) % 2 == 0
@@ -101,13 +101,13 @@ def test_views_seen_small_are_averaged(projection):
         assert small.valid.mean() > 0.8
         seen = small.color[small.valid].astype(float)
         assert abs(seen.mean() - 140) < 5 and seen.std() < spread, scale
-        assert np.ptp(seen, axis=-1).max() == 0  # nothing of the red that has no depth
+        assert np.ptp(seen, axis=-1).max() == 0  # no red, which has no depth
     same = ibr.render(thing, camera)
     assert same.valid.mean() > 0.97 and set(np.unique(same.color[same.valid])) == {40, 240}
 
 
 def test_colours_stay_sharp_where_views_stand_in_the_middle():
-    """Six views from a room's middle: how far the middle is from either camera says nothing of how large things are."""
+    """With views from the middle of a room, the distance from the room's centre is no measure of minification."""
     walls = box((0, 0, 0), (1, 1, 1))
     corners = np.array(walls.vertices)
     points = MeshScene(corners, walls.faces, uv=corners[:, [0, 1]] * 0.4 + 0.5, texture=checkers())
@@ -116,7 +116,7 @@ def test_colours_stay_sharp_where_views_stand_in_the_middle():
     truth, frame = points.capture(camera), ibr.render(ibr.DepthMeshObject(views, tolerance=0.0, blended=6), camera)
     both = frame.valid & truth.valid
     assert both.mean() > 0.95
-    assert np.abs(frame.color.astype(int) - truth.color)[both].mean() <= 10  # of edges between 40 and 220
+    assert np.abs(frame.color.astype(int) - truth.color)[both].mean() <= 10  # mean error at edges between 40 and 220
 
 
 def checkers() -> np.ndarray:
@@ -137,7 +137,7 @@ def test_from_within_and_from_behind():
 
 
 def test_many_triangles_in_a_large_picture():
-    """400,000 of them, 6,656 bins of pixels: their product is more than 32 bits hold."""
+    """400,000 triangles and 6,656 bins of pixels: their product exceeds 32 bits."""
     n = 450
     depth = (2 + 0.02 * np.random.default_rng(1).normal(size=(n, n))).astype(np.float32)
     view = ibr.DepthImage(

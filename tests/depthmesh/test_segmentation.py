@@ -1,4 +1,4 @@
-"""Rubber sheets: what is known to bridge two surfaces is taken out, and hardly anything else."""
+"""Rubber sheets: triangles known to bridge two surfaces are removed, and hardly any others."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_how_a_camera_lies_in_the_world_changes_nothing(test):
     view, plate = layered("flat", SIZE, "orthographic")
     turned = ibr.DepthImage(view.color, view.depth, view.camera.orbited(50, (1, 2, 3), axis=(1, -2, 0.5)))
     step, (low, high) = 4.8 - 3.2, view.bounds
-    for limit, whole in ((0.95, False), (1.05, True)):  # of the step
+    for limit, whole in ((0.95, False), (1.05, True)):  # relative to the step
         part = limit * step / (high - low).max()
         rule = Segmentation(test, depth_range=part, gap=part)
         drawn, same = (cells_of(ibr.DepthMesh(v, segmentation=rule)) for v in (view, turned))
@@ -70,7 +70,7 @@ def test_the_extent_is_that_of_the_valid_samples(skew, span):
         depth = np.where(shown, 3 + span * (x + y) / (x + y)[shown].max(), np.nan).astype(np.float32)
         view = ibr.DepthImage(np.zeros((height, width, 3), np.uint8), depth, camera)
         apart = np.nanmax(depth) - np.nanmin(depth)
-        expected = np.ptp(view.points, axis=0).max()  # the camera's frame is the world's
+        expected = np.ptp(view.points, axis=0).max()  # the camera frame is the world frame
         assert Segmentation().record(view, float(apart))["extent"] == pytest.approx(expected, rel=1e-6)
 
 
@@ -84,7 +84,7 @@ def test_the_angle_and_the_range_both_decide():
         for angle in (2, 5, 10, 20):
             for depth_range in (0.01, 0.06, 0.3):
                 drawn = cells_of(ibr.DepthMesh(view, segmentation=Segmentation("orthogonality", angle, depth_range)))
-                # The sample is (4 to 4 + step) / 100 wide; not decided here is what lies close to a limit.
+                # The sample is (4 to 4 + step) / 100 wide; cases close to a limit are not checked.
                 slopes, range_of = (4 / 100 / step, (4 + step) / 100 / step), step / (4 + step / 2)
                 if max(slopes) < 0.8 * np.tan(np.radians(angle)) and range_of > 1.2 * depth_range:
                     assert not drawn[:, 19].any()
@@ -108,13 +108,13 @@ def test_stricter_thresholds_take_out_more(test):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("name", ["tilted", "curved"])
 def test_noise_is_no_step(name, projection, test):
-    """Differences that the sensor's noise explains stay, though rougher than the thresholds; steps are still found."""
+    """Differences due to noise are no steps, even above the thresholds, and true steps are still found."""
     clean, plate = layered(name, SIZE, projection)
     noise = np.random.default_rng(4).normal(0, 0.06, clean.depth.shape).astype(np.float32)
     view, rubber = ibr.DepthImage(clean.color, clean.depth + noise, clean.camera), bridging(plate)
     rules = [Segmentation(test, deviations=0), Segmentation(test)]
     unaware, aware = (cells_of(ibr.DepthMesh(view, segmentation=rule)) for rule in rules)
-    # Three samples span more than 4 deviations once in 75 times, more than 4 of what is found, 6 % less, once in 47.
+    # Three samples span more than 4 deviations once in 75 times; with the estimate, 6 % less, once in 47 times.
     assert (~aware)[~rubber].mean() < min(1 / 47, 0.7 * (~unaware)[~rubber].mean())
     assert (~aware)[rubber].mean() >= 0.99  # steps of 20 deviations and more
 
@@ -130,12 +130,12 @@ def test_clean_depth_is_segmented_as_if_there_were_no_noise():
 
 
 def triangle_points(view: ibr.DepthImage, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """World points (4, n, 3) within some of the grid's triangles, and the triangles' places (n, 3) y, x, side."""
+    """World points (4, n, 3) within some triangles of the grid, and these triangles as (n, 3) y, x, side."""
     height, width = view.depth.shape
     y, x, side = np.meshgrid(np.arange(0, height - 1, every), np.arange(0, width - 1), (0, 1), indexing="ij")
     y, x, side = y.ravel(), x.ravel(), side.ravel()
     main = (x + y) % 2 == 0
-    # The diagonal's ends, and the corner that is the triangle's own
+    # The ends of the diagonal, and the third corner
     dx = np.stack([np.where(main, 0, 1), np.where(main, 1, 0), np.where(main == (side == 0), 1, 0)])
     dy = np.stack([np.zeros_like(x), np.ones_like(x), side])
     known = view.valid[y + dy, x + dx].all(axis=0)
@@ -148,10 +148,10 @@ def triangle_points(view: ibr.DepthImage, every: int) -> tuple[np.ndarray, np.nd
 
 @cache
 def labelled(number: int, others: tuple[int, ...], every: int = 3) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (n, 3) of a frame that others have seen through, and such that they have seen as a surface.
+    """Triangles (n, 3) of a frame that other frames saw through, and triangles that other frames saw as a surface.
 
-    Seen through: its middle, or that of a side, lies more than 1 % before what another frame sees there. A surface:
-    all of these lie within 0.5 % of what some frame sees, depth being in whole millimetres.
+    Seen through: the centre of the triangle, or of a side, is more than 1 % nearer than another frame's depth there.
+    Surface: all of these points lie within 0.5 % of some frame's depth; depths are in whole millimetres.
     """
     points, triangles = triangle_points(room(number), every)
     through = np.zeros(len(triangles), bool)
@@ -180,14 +180,14 @@ def test_the_defaults_hold_on_a_room(test):
 
 @pytest.mark.parametrize("test", TESTS)
 def test_what_is_left_in_a_room_is_below_the_thresholds(test):
-    """Frame 50 has many steps of 1 to 2 % of their depth: equation 4 lets triangles be that span less than lambda."""
+    """Frame 50 has many steps of 1 to 2 % of their depth; equation 4 keeps triangles that span less than lambda."""
     view, rule = room(50), Segmentation(test)
     rubber, surface = labelled(50, (0, 1, 2, 3, 4))
     drawn = cells_of(ibr.DepthMesh(view, segmentation=rule))
     y, x, side = rubber.T
     main = (x + y) % 2 == 0
     four = np.stack([view.depth[y + dy, x + dx] for dy in (0, 1) for dx in (0, 1)])
-    apart = np.where(side == 0, np.where(main, 2, 3), np.where(main, 1, 0))  # the corner that is not the triangle's
+    apart = np.where(side == 0, np.where(main, 2, 3), np.where(main, 1, 0))  # corner outside the triangle
     three = np.where(np.arange(4)[:, None] == apart, np.nan, four)
     spans = (np.nanmax(three, axis=0) - np.nanmin(three, axis=0)) / np.nanmean(three, axis=0)
     large = rubber[spans > (rule.depth_range if test == "orthogonality" else rule.gap)]
@@ -209,6 +209,6 @@ def test_floors_that_recede_are_whole_and_small_steps_are_none(height, turned):
     assert (~frame.valid)[inside].mean() < 1e-3
     depth = np.minimum(depth, 10.0)
     depth[60:200, 240:400] = 9.7  # a box before a wall
-    there = camera.moved(2, 0, 0)  # which moves it by 3 pixels against the wall
+    there = camera.moved(2, 0, 0)  # the box moves by 3 pixels against the wall
     frame = ibr.render(ibr.DepthMesh(ibr.DepthImage(None, depth.astype(np.float32), camera)), there)
     assert ((~frame.valid[80:180, :400]).sum(axis=1) >= 3).all()

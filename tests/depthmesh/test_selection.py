@@ -1,4 +1,4 @@
-"""Vertices and triangles that are drawn again while the camera moves: enough for it, and only for so long."""
+"""Reuse of vertices and triangles while the camera moves: reused selections suffice, and are reused no longer."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from tests.one_lane import one_lane
 
 
 def nudged(rng: np.random.Generator, camera: Camera, by: float) -> Camera:
-    """The camera, moved and turned at random by up to so many scene units and as many radians."""
+    """The camera, moved and turned at random by up to `by` scene units and radians."""
     aside, turn = rng.uniform(-by, by, 3), rng.uniform(-by, by, 2)
     way = scenes.pose(yaw=np.degrees(turn[0]), pitch=np.degrees(turn[1]), center=tuple(aside))
     return Camera(camera.K, camera.size, camera.world_from_camera @ way, projection=camera.projection)
 
 
 def moved_by(camera: Camera, way: np.ndarray) -> Camera:
-    """The camera elsewhere in the world, looking the same way."""
+    """The camera, translated in the world without rotation."""
     there = camera.world_from_camera.copy()
     there[:3, 3] += way
     return Camera(camera.K, camera.size, there, projection=camera.projection)
@@ -39,7 +39,7 @@ def needs_more(thing: ibr.DepthMesh, kept: Selection, camera: Camera) -> bool:
 
 
 def check_held_selections(rounds: int) -> None:
-    """Selections that hold for another camera have each vertex that it needs; they hold for little moves alone."""
+    """Assert that a selection holding for a moved camera has all needed vertices, and holds for small moves only."""
     rng = np.random.default_rng(5)
     held = {by: [] for by in (0.0, 0.01, 0.1, 1.0)}
     for number in range(rounds):
@@ -65,10 +65,10 @@ def test_held_selections_are_enough_in_one_lane():
 
 
 def test_they_hold_no_longer_than_they_are_enough():
-    """At 0.95 of the room they do, whatever the way; at 1.3 they would lack something on one of the ways."""
+    """Selections suffice for 0.95 of the allowed motion in all directions; at 1.3 a vertex is missing in some."""
     view = rough(np.random.default_rng(6), (90, 70), "perspective")
     thing, wide = ibr.DepthMesh(view), view.camera.moved(0, 0, -4.0)
-    kept = select_for([thing.tree], wide, 1.0, 0.1)  # all of it is in view
+    kept = select_for([thing.tree], wide, 1.0, 0.1)  # the whole surface is in view
     room, nearest_out = kept.motion_limit
     assert 0.1 < room < 2 and np.isinf(nearest_out)
     ways = view.points[:: len(view.points) // 40] - wide.center
@@ -78,7 +78,7 @@ def test_they_hold_no_longer_than_they_are_enough():
         assert any(needs_more(thing, kept, camera) for camera in moved) != enough
 
     narrow = Camera(wide.K * [[4, 1, 1], [1, 4, 1], [1, 1, 1]], wide.size, wide.world_from_camera)
-    kept = select_for([thing.tree], narrow, 0.0, 0.05)  # all that is in view is active
+    kept = select_for([thing.tree], narrow, 0.0, 0.05)  # all vertices in view are active
     for share, enough in ((0.95, True), (1.3, False)):
         angle = np.degrees(2 * np.arcsin(share * kept.reuse / 2))
         turns = [scenes.pose(yaw=yaw * angle, pitch=pitch * angle) for yaw, pitch in ((-1, 0), (1, 0), (0, -1), (0, 1))]
@@ -110,10 +110,10 @@ def same(a: ibr.Frame, b: ibr.Frame) -> bool:
 
 @pytest.mark.parametrize("blended", [False, True])
 def test_triangles_are_drawn_again_while_the_tolerance_holds(blended):
-    """They are those of the finer tolerance for the camera that they were chosen for, bit for bit."""
+    """For the camera of the selection, the picture equals the picture with the finer tolerance, bit for bit."""
     view = rough(np.random.default_rng(4), (90, 70), "perspective")
     views = [view, ibr.DepthImage(view.color, view.depth, view.camera.moved(0.1, 0, 0))]
-    camera = view.camera.moved(0, 0, -4.0)  # all of it is in view
+    camera = view.camera.moved(0, 0, -4.0)  # the whole surface is in view
 
     def made(tolerance: float, reuse: float = 0.0) -> ibr.DepthMesh | ibr.DepthMeshObject:
         if blended:
@@ -136,7 +136,7 @@ def test_triangles_are_drawn_again_while_the_tolerance_holds(blended):
 
 
 def test_lights_do_not_choose_for_viewers():
-    """A light sees other triangles: what is kept stays the viewer's."""
+    """A light sees other triangles, but the viewer's triangles stay in the cache."""
     view = rough(np.random.default_rng(4), (90, 70), "perspective")
     kept = ibr.DepthMesh(view, reuse=0.25)
     camera = view.camera.moved(0, 0, -4.0)
@@ -148,7 +148,7 @@ def test_lights_do_not_choose_for_viewers():
 
 
 def test_another_threads_turn_amid_a_choice_does_no_harm(monkeypatch):
-    """Long launches let other threads draw the same thing: what is kept is one thread's choice as a whole."""
+    """Long launches let other threads draw the same object; the cache always holds a complete choice of one thread."""
     view = rough(np.random.default_rng(4), (90, 70), "perspective")
     here, there = view.camera.moved(0, 0, -4.0), view.camera.moved(1.5, 0, 1.0)
     kept = ibr.DepthMesh(view, reuse=0.1)

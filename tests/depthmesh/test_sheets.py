@@ -23,7 +23,7 @@ def test_sheets_show_in_holes_only(projection):
     assert not (bare.valid & closed.guessed).any()
     np.testing.assert_array_equal(closed.depth[bare.valid], bare.depth[bare.valid])
     np.testing.assert_array_equal(closed.color[bare.valid], bare.color[bare.valid])
-    # The stretched grid shows there, but for what its coarse mesh is off at an outline.
+    # The stretched grid shows there, except where its coarse mesh is off at an outline.
     sheets = closed.guessed & whole.valid
     assert sheets.sum() >= 0.98 * closed.guessed.sum()
     assert np.isclose(closed.depth, whole.depth, rtol=0.005)[sheets].mean() >= 0.95

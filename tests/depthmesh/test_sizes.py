@@ -1,4 +1,4 @@
-"""Images of any size: none of it is lost, and planes take two triangles."""
+"""Images of any size: no part is lost, and planes take two triangles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WHOLE = Segmentation("none")
 
 
 def plane(size: scenes.Size, projection: str, slope: tuple[float, float]) -> ibr.DepthImage:
-    """Of a plane from 1.5 to 4 away: as far across as it is away."""
+    """View of a plane at distances from 1.5 to 4, as wide as its distance."""
     width, height = size
     camera = Camera([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], size, projection=projection)
     y, x = np.mgrid[:height, :width]
@@ -29,7 +29,7 @@ def plane(size: scenes.Size, projection: str, slope: tuple[float, float]) -> ibr
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_planes_take_two_triangles_and_lose_no_pixel(size, projection):
-    """Walls and floors, seen from before them and from amid the spheres around their vertices."""
+    """Walls and floors, seen from the front and from within the spheres around their vertices."""
     for slope in ((0, 0), (0.2, 0.1), (-0.05, 0.35)):
         view = plane(size, projection, slope)
         thing = ibr.DepthMesh(view, segmentation=WHOLE)
@@ -39,13 +39,13 @@ def test_planes_take_two_triangles_and_lose_no_pixel(size, projection):
         whole = ibr.render(ibr.DepthMesh(view, tolerance=0, segmentation=WHOLE), view.camera)
         coarse = ibr.render(ibr.DepthMesh(view, tolerance=16, segmentation=WHOLE), view.camera)
         assert coarse.valid.all() and whole.valid.all()
-        # Corners lie half a pixel beyond samples a pixel apart: a few roundings of 2^-24 come several times larger.
+        # Corners are extrapolated by half a pixel from samples a pixel apart, which multiplies roundings of 2^-24.
         np.testing.assert_allclose(coarse.depth, whole.depth, rtol=2**-16)
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_no_border_is_lost_at_any_tolerance(projection):
-    """Of surfaces without a hole all is drawn, however coarse."""
+    """Surfaces without holes are drawn as a whole at any tolerance."""
     for number, size in enumerate([(7, 13), (50, 33), (18, 64), (3, 2), (31, 30)]):
         thing = ibr.DepthMesh(rough(np.random.default_rng(number), size, projection, 0.02), segmentation=WHOLE)
         for tolerance in (0, 2, 16, 1e9):
@@ -56,7 +56,7 @@ def test_no_border_is_lost_at_any_tolerance(projection):
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_rims_of_a_pixel_stay_at_the_border(projection):
-    """Two columns, or rows, of another surface at an image's last ones: a rim of a pixel's cells."""
+    """The last two columns, or rows, belong to another surface: a rim that is one cell wide."""
     for size in ((50, 33), (33, 50), (64, 64)):
         for axis in (0, 1):
             depth = np.full(size[::-1], 3, np.float32)
@@ -65,12 +65,12 @@ def test_rims_of_a_pixel_stay_at_the_border(projection):
             thing = ibr.DepthMesh(ibr.DepthImage(np.zeros((*depth.shape, 3), np.uint8), depth, camera))
             drawn = cells_of(thing)
             assert drawn.sum() == 2 * (depth.size - sum(depth.shape) + 1) - 2 * (depth.shape[axis] - 1)
-            for tolerance in (0, 1, 5):  # of halves of cells, 2 samples long, each counts as four times that
+            for tolerance in (0, 1, 5):  # partly drawn triangles are 2 samples long and count four times that
                 np.testing.assert_array_equal(coverage(samples_for(thing, camera, tolerance), size), drawn)
 
 
 def test_tolerances_hold_whatever_the_size():
-    """Of a gently waved surface: what lies off is seen from before it, so depths tell how far."""
+    """Tolerances hold on a gently waved surface; errors are seen from the front, as differences of depth."""
     for size in ((65, 65), (66, 66), (100, 37), (61, 120)):
         a, b = scenes.image_coordinates(size)
         depth = (4 + 0.03 * np.sin(9 * a) + 0.03 * np.cos(7 * b)).astype(np.float32)

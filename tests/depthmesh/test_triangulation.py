@@ -1,4 +1,4 @@
-"""Triangulations: no cracks, errors within their bounds, and what the meshes bring along."""
+"""Triangulations: no cracks, errors within their bounds, and attributes of the meshes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_no_triangulation_has_cracks():
                 covered = check_crack_free(samples_for(thing, camera, tolerance), size)
                 assert not (covered & ~drawn).any()
                 partly += 0 < covered.sum() < drawn.sum()
-    assert partly > 30  # with lost triangles at edges
+    assert partly > 30  # some triangulations lose triangles at edges
 
 
 def test_tolerance_0_is_the_full_grid():
@@ -63,19 +63,19 @@ def test_tolerance_0_is_the_full_grid():
 
 
 def test_no_edge_is_lost_at_common_tolerances():
-    """Triangles drawn in part count four times their length: the least ones, 2 pixels long, as 8."""
+    """Partly drawn triangles count four times their length, so the smallest, 2 pixels long, count as 8."""
     rng = np.random.default_rng(5)
     for number in range(24):
         thing = some_mesh(rng, number)
         view = thing.view
-        for tolerance in (1, 4):  # the cameras' rays run up to 1.4 times the depth
+        for tolerance in (1, 4):  # distances along rays are up to 1.4 times the depth
             np.testing.assert_array_equal(
                 coverage(samples_for(thing, view.camera, tolerance), view.camera.size), cells_of(thing)
             )
 
 
 def test_vertices_are_the_samples():
-    """Whatever the image's width, its points pass through (x z, y z, z) and back."""
+    """Points pass through (x z, y z, z) and back, exactly for images of any width."""
     for projection in PROJECTIONS:
         for size in ((2, 521), (1031, 3), (61, 37)):
             view = rough(np.random.default_rng(1), size, projection, 0.3)
@@ -99,7 +99,7 @@ def test_larger_tolerances_have_fewer_triangles(tolerance):
 
 
 def vertical_error(mesh: ibr.Mesh, view: ibr.DepthImage) -> float:
-    """Distances in depth of samples from the triangles that cover them."""
+    """Largest distance in depth between samples and the triangles that cover them."""
     depth = view.depth.astype(np.float64)
     perspective = view.camera.projection == "perspective"
     z = view.camera.project(mesh.vertices.astype(np.float64))[1]
@@ -124,30 +124,30 @@ def test_simplify_never_exceeds_its_error():
             corners = samples_within(thing, bound)
             np.testing.assert_array_equal(check_crack_free(corners, thing.view.camera.size), drawn)
             worst = vertical_error(thing.simplify(bound), thing.view)
-            # The kernel's depths of 4 pass through their inverses and back: a few roundings of 2^-22.
+            # Depths of 4 pass through their inverses and back in the kernel: a few roundings of 2^-22.
             assert worst <= bound + 4 * 2**-20
             used.append(worst / bound if bound and len(corners) < drawn.sum() else 0)
-    assert np.quantile(used, 0.75) > 0.8  # and it is made use of
+    assert np.quantile(used, 0.75) > 0.8  # the bound is used almost fully
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_simplify_sees_every_single_sample(projection):
-    """A spike on a plane, wherever it is: on borders, of holes too, no second triangle would see it."""
+    """A spike on a plane is found at any sample, even at borders and holes, where only one triangle has it."""
     side, bound = 9, 0.05
     flat = plane((side, side), projection)
     y, x = np.mgrid[:side, :side]
-    for beyond in (0 * x, x + y - 8, 8 - x - y, x - y, y - x):  # > 0: there is nothing
+    for beyond in (0 * x, x + y - 8, 8 - x - y, x - y, y - x):  # > 0: no samples
         for at in zip(*np.nonzero(beyond == 0), strict=True):
             depth = np.where(beyond > 0, np.float32(np.nan), flat.depth)
             depth[at] += 0.1
             view = ibr.DepthImage(flat.color, depth, flat.camera)
             thing = ibr.DepthMesh(view, segmentation=Segmentation("none"))
-            # Depths of 6 in float32
+            # The rounding of depths of 6 in float32
             assert vertical_error(thing.simplify(bound), view) <= bound + 2**-21, at
 
 
 def plane(size: scenes.Size, projection: str) -> ibr.DepthImage:
-    """Aslant; 1/z is straight on planes."""
+    """View of an oblique plane, on which 1/z is linear."""
     y, x = np.mgrid[: size[1], : size[0]]
     straight = 0.3 - 0.0007 * x + 0.001 * y
     depth = (1 / straight if projection == "perspective" else 20 * straight).astype(np.float32)
@@ -157,28 +157,29 @@ def plane(size: scenes.Size, projection: str) -> ibr.DepthImage:
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_simplify_leaves_few_triangles_of_planes(projection):
     assert len(ibr.DepthMesh(plane((65, 65), projection)).simplify(1e-4).faces) == 2
-    # What is no power of two large ends in ever smaller blocks: their number goes with the border's length, 159.
+    # Other sizes than powers of two end in ever smaller blocks; their number grows with the length of the border, 159.
     thing = ibr.DepthMesh(plane((100, 61), projection))
     assert len(thing.simplify(1e-4).faces) <= 2 * 159
     assert cells_of(thing).sum() == 2 * 99 * 60
 
 
 def test_simplify_gives_fewer_triangles_than_errors_that_bound():
-    """It asks triangles themselves: smooth hills at a thousandth of their depth need a tenth of the grid."""
+    """Simplification tests the triangles themselves: smooth hills at 1/1000 of their depth need a tenth of the grid."""
     for projection in PROJECTIONS:
         thing = ibr.DepthMesh(scenes.smooth((129, 129), projection), segmentation=Segmentation("none"))
         counts = [len(thing.simplify(bound).faces) for bound in (0.0, 0.004, 0.016, 0.064)]
-        assert counts[0] > 0.99 * 2 * 128 * 128  # a few are flat
-        # Bends fall with the square of the size: four times the error is a quarter of the triangles and a bit more.
+        assert counts[0] > 0.99 * 2 * 128 * 128  # a few triangles are flat and merge
+        # Errors fall with the square of the triangle size: four times the error takes little more than a quarter of the
+        # triangles.
         assert counts[1] < 0.15 * counts[0]
         assert counts[2] < 0.45 * counts[1] and counts[3] < 0.45 * counts[2]
 
 
-# --- errors as seen by the target ---------------------------------------------------------------------
+# --- projected errors -----------------------------------------------------------------------------------
 
 
 def errors_in_pixels(fine: ibr.Mesh, coarse: ibr.Mesh, camera: Camera) -> np.ndarray:
-    """From what each pixel sees of either mesh to the other, where it sees both; their outlines are not counted."""
+    """Distances from the points of either mesh that pixels see to the other mesh, in pixels, except at outlines."""
     rays, scenes_of = rays_of(camera), (embree(fine), embree(coarse))
     t = [scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().astype(np.float64) for scene in scenes_of]
     both = np.isfinite(t[0]) & np.isfinite(t[1])
@@ -195,7 +196,7 @@ def errors_in_pixels(fine: ibr.Mesh, coarse: ibr.Mesh, camera: Camera) -> np.nda
 
 @cache
 def seen(name: str) -> list[tuple[ibr.DepthMesh, Camera]]:
-    """Meshes, and cameras that see them otherwise."""
+    """Meshes, and cameras away from their views."""
     found = []
     if name == "torus":
         camera = Camera.look_at((1.5, 1.2, 3), (0, 0, 0), (0, 1, 0), (200, 160), fov_y=45)
@@ -206,7 +207,7 @@ def seen(name: str) -> list[tuple[ibr.DepthMesh, Camera]]:
     for projection in PROJECTIONS:
         for noise in (0.0, 0.01):
             view = rough(np.random.default_rng(4), (120, 90), projection, noise)
-            view = ibr.DepthImage(view.color, view.depth, view.camera, noise=0)  # to the samples, not what they are of
+            view = ibr.DepthImage(view.color, view.depth, view.camera, noise=0)  # errors refer to the noisy samples
             own = view.camera.world_from_camera
             for move in ({"yaw": -30, "center": (2, 0.3, 0.5)}, {"pitch": 15, "center": (0, 0.8, 1.5)}):
                 camera = Camera(scenes.target_intrinsics((200, 150)), (200, 150), own @ scenes.pose(**move))
@@ -224,14 +225,14 @@ def test_errors_in_pixels(name, tolerance):
         off.append(errors_in_pixels(fine, coarse, camera))
     together = np.concatenate(off)
     assert (together <= 1.5 * tolerance).mean() >= 0.995
-    # Errors are sums over the levels, most of which are far from reached.
+    # Errors are sums over the levels, which true errors seldom reach.
     assert (together <= tolerance).mean() >= 0.9995
     assert np.mean(left) < {1: 0.95, 2: 0.8, 4: 0.6}[tolerance]
 
 
 @pytest.mark.parametrize("name", ["torus", "rough"])
 def test_the_largest_errors_take_fewer_triangles(name):
-    """A sum is at least its largest part: the paper's rule never takes a triangle more, and is seldom off by more."""
+    """The paper's rule never takes more triangles, as a sum is at least its largest term; errors are seldom larger."""
     for tolerance in (1, 4):
         counts, off = [], []
         for thing, camera in seen(name):
@@ -243,7 +244,7 @@ def test_the_largest_errors_take_fewer_triangles(name):
             off.append(errors)
         assert all(sums >= largest for sums, largest in counts)
         assert sum(largest for _, largest in counts) < sum(sums for sums, _ in counts)
-        # Bends fall to a quarter from level to level: of one sign, they add up to 4/3 of the largest.
+        # Errors fall to a quarter from level to level: with equal signs, they add up to 4/3 of the largest.
         assert (np.concatenate(off) <= 4 / 3 * tolerance).mean() >= 0.9995
     np.testing.assert_array_equal(
         paper.triangulate(camera, tolerance=0).faces, thing.triangulate(camera, tolerance=0).faces
@@ -257,7 +258,7 @@ def test_far_away_and_out_of_view_it_is_coarse():
     near, far = (Camera(K, (200, 150), own @ scenes.pose(center=(0, 0, -z))) for z in (0, 100))
     fine = len(thing.triangulate(near, tolerance=1).faces)
     assert len(thing.triangulate(far, tolerance=1).faces) < 0.05 * fine
-    # Through a lens that sees a quarter of the width: there it is as fine as with all of it, the rest is coarse.
+    # A camera that sees a quarter of the width gets the same fine triangles there, and coarse ones elsewhere.
     K = np.array([[600, 0, 600], [0, 600, 75], [0, 0, 1]])
     whole, part = Camera(K, (1200, 150), own), Camera(K, (300, 150), own)
     both = [thing.triangulate(camera, tolerance=0.5) for camera in (whole, part)]
@@ -269,7 +270,7 @@ def test_far_away_and_out_of_view_it_is_coarse():
     assert len(thing.triangulate(turned, tolerance=0).faces) < 100
 
 
-# --- what meshes bring along --------------------------------------------------------------------------
+# --- attributes of meshes -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
@@ -286,7 +287,7 @@ def test_vertices_are_samples(projection):
         pixel, z = view.camera.project(mesh.vertices.astype(np.float64))
         samples = samples_of(mesh, view.camera)
         x, y = samples.T
-        # float32 places of 5 units, seen by 60 pixels a unit at most
+        # float32 positions of 5 units, at most 60 pixels per unit
         drawn = drawn_pixels(samples, view.camera.size)
         np.testing.assert_allclose(pixel, drawn, atol=1e-4)
         expected = [structure.drawn_at((x, y))[2] for x, y in samples.tolist()]
@@ -296,7 +297,7 @@ def test_vertices_are_samples(projection):
         turned = mesh.normals @ view.camera.world_from_camera[:3, :3]
         np.testing.assert_allclose(turned, thing.normals[y, x], atol=1e-6)
         np.testing.assert_array_equal(mesh.attributes["quality"], thing.quality[y, x])
-        # Fronts are what the camera sees.
+        # The camera sees front sides.
         corner = mesh.vertices[mesh.faces].astype(np.float64)
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         sight = corner.mean(axis=1) - view.camera.center if projection == "perspective" else view.camera.forward
@@ -331,7 +332,7 @@ def test_a_mesh_drawn_as_a_mesh_is_the_depth_mesh_drawn():
 
 
 def decoded(strips: list[np.ndarray]) -> np.ndarray:
-    """Triangles of strips, every other one turned; those with a number twice have no area."""
+    """Triangles of strips with uniform winding, without triangles that repeat a number."""
     found = []
     for strip in strips:
         three = np.stack([strip[:-2], strip[1:-1], strip[2:]], -1)
@@ -341,7 +342,7 @@ def decoded(strips: list[np.ndarray]) -> np.ndarray:
 
 
 def in_order(faces: np.ndarray) -> np.ndarray:
-    """Each triangle from its least number on, and all of them sorted."""
+    """Sorted triangles, each starting with its least number."""
     first = faces.argmin(axis=1)[:, None]
     turned = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
     return turned[np.lexsort(turned.T)]
@@ -365,15 +366,15 @@ def test_strips_are_long_where_nothing_is_cut():
     for tolerance in (0, 2):
         camera = thing.view.camera.moved(0.3, 0, 0)
         strips, faces = thing.strips(camera, tolerance=tolerance), thing.triangulate(camera, tolerance=tolerance).faces
-        assert len(strips) == 1  # one curve through all of them
-        # As triangles they would take 3 numbers each; a strip 1, and 1 more at a turn.
+        assert len(strips) == 1  # one curve through all triangles
+        # Separate triangles take 3 numbers each; a strip takes 1, and 1 more at a turn.
         assert sum(map(len, strips)) < 2 * len(faces)
 
 
 @pytest.mark.parametrize("floats", [False, True])
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_strips_carry_normals(projection, floats):
-    """Those of the mesh they are strips of; of a plane its own, wherever the camera is turned to."""
+    """Strips have the normals of their mesh, and on a plane the plane's normal, for a camera in any pose."""
     view = plane((40, 31), projection)
     color = np.random.default_rng(0).integers(0, 256, view.color.shape, np.uint8)
     turned = Camera(view.camera.K, view.camera.size, scenes.pose(30, 10, center=(1, 2, 3)), projection=projection)
@@ -391,5 +392,5 @@ def test_strips_carry_normals(projection, floats):
             np.testing.assert_array_equal(record["color"], mesh.colors[strip])
             np.testing.assert_array_equal(record["normal"], mesh.normals[strip])
             assert record["color"].dtype == view.color.dtype and record.dtype.itemsize == (40 if floats else 31)
-            # Places of 5 units are rounded to 2^-22 of them, neighbours lie 0.05 apart and more.
+            # Positions of 5 units are rounded to 2^-22 of that, and neighbours are at least 0.05 apart.
             np.testing.assert_allclose(record["normal"], np.broadcast_to(expected, (len(strip), 3)), atol=2e-4)

@@ -1,4 +1,4 @@
-"""Depth meshes blended against the true mesh, against real scans and against real frames."""
+"""Blended depth meshes compared with the true mesh, with real scans and with real frames."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BLENDS = ("quality", "position", "nearest")
 
 @cache
 def sources(name: str, size: int) -> tuple[MeshScene, list[ibr.DepthMesh], list[tuple[ibr.DepthImage, Camera]]]:
-    """A mesh, six views of it, and what is to be seen at cameras that are none of them."""
+    """A model, depth meshes of its six views, and ground truth at other cameras."""
     scene = torus() if name == "torus" else MeshScene.from_mesh(ibr.Mesh.load(shared(f"meshes/{name}")))
     cameras = [looking(scene, d, (size, size), near=1.6) for d in np.random.default_rng(5).normal(size=(6, 3))]
     meshes = [ibr.DepthMesh(view) for view in object_views(scene, size, projection="perspective")]
@@ -30,7 +30,7 @@ def sources(name: str, size: int) -> tuple[MeshScene, list[ibr.DepthMesh], list[
 
 
 def scores(name: str, size: int = 256, **options) -> tuple[float, float, float]:
-    """Mean PSNR on what both cover, mean and least IoU."""
+    """Mean PSNR over the pixels that both cover, mean IoU and least IoU."""
     _, meshes, tests = sources(name, size)
     thing = ibr.DepthMeshObject(meshes, **options)
     found = []
@@ -42,8 +42,8 @@ def scores(name: str, size: int = 256, **options) -> tuple[float, float, float]:
     return float(quality.mean()), float(iou.mean()), float(iou.min())
 
 
-# Least mean IoU with views and targets of 256 pixels: of an outline up to one sample is lost, and thin limbs are all
-# outline.
+# Least mean IoU with views and targets of 256 pixels: up to one sample is lost along an outline, and thin limbs consist
+# mostly of outline.
 MODELS = {
     "torus": 0.99,
     "dragon_vrip_res3.ply.gz": 0.975,
@@ -59,7 +59,7 @@ def test_six_views_against_the_mesh(name):
     quality, iou, least = found["quality"]
     assert iou >= MODELS[name]
     assert least >= MODELS[name] - 0.02
-    # Best or equal: 0.05 dB is no difference that is seen.
+    # Best or equal: a difference of 0.05 dB is invisible.
     assert quality >= found["position"][0] - 0.05
     assert quality >= found["nearest"][0] - 0.05
     assert quality > 28
@@ -91,7 +91,7 @@ def test_the_bunny_from_six_real_scans():
         away = 0.45 * np.array(direction) / np.linalg.norm(direction)
         camera = Camera.look_at(middle + away, middle, (0, 1, 0), (300, 260), fov_y=26)
         truth, frame = scene.capture(camera), ibr.render(thing, camera)
-        # What no scan saw around the ears and beneath is missing.
+        # Unseen surface around the ears and at the bottom is missing.
         assert silhouette_iou(frame.valid, truth.valid) >= 0.94
         # The scans lie 0.2 mm off the mesh.
         assert metrics.median_depth_error(frame.depth, truth.depth, valid=frame.valid & truth.valid) <= 0.2e-3
@@ -101,24 +101,23 @@ def test_the_bunny_from_six_real_scans():
 def test_a_room(numbers, number):
     views, truth = [room(n) for n in numbers], room(number)
     frame = ibr.render(ibr.DepthMeshObject(views), truth.camera)
-    # 2 %: far above the millimetre that is asked for, far below the steps between objects.
+    # 2 %: far above the required millimetre, far below the steps between objects.
     both = frame.valid & truth.valid & (np.abs(frame.depth - truth.depth) <= 0.02 * truth.depth)
-    # 1 mm: depth is in whole millimetres. 2 of 255: reprojection of the samples gives 1.7 and 1.8.
+    # 1 mm, as depth is in whole millimetres. 2 of 255, as reprojection of the samples gives 1.7 and 1.8.
     assert metrics.median_depth_error(frame.depth, truth.depth, valid=both) <= 1e-3
     assert metrics.median_color_error(frame.color, truth.color, valid=both) <= 2
-    # Together they show more than the best of them does on its own, and than the warp of it, but for what
-    # lies just before the cut.
+    # The views together show more than the warp of any single view, except near cut edges.
     for view in views:
         warped = ibr.warp(view, truth.camera, edges="cut")
         right = warped.valid & truth.valid & (np.abs(warped.depth - truth.depth) <= 0.02 * truth.depth)
         assert both.mean() >= right.mean() - 0.002
-    # Without the coarse meshes' guesses behind what no view saw, hardly anything is drawn before the true surface.
+    # Without closing, hardly anything is drawn in front of the true surface.
     bare = ibr.render(ibr.DepthMeshObject(views, closed=False), truth.camera)
     assert (bare.valid & truth.valid & (truth.depth - bare.depth > 0.05 * truth.depth)).mean() <= 0.005
 
 
 def test_a_noisy_room():
-    """Disparities off by 0.3 pixels, of a sensor with a base of 75 mm: the surface stays whole."""
+    """The surface stays whole with disparity noise of 0.3 pixels, for a sensor with a baseline of 75 mm."""
     rng, truth, clean = np.random.default_rng(0), room(1), [room(n) for n in (0, 2, 4)]
     noisy: list[ibr.DepthImage] = []
     for view in clean:
@@ -128,6 +127,6 @@ def test_a_noisy_room():
         noisy.append(ibr.DepthImage(view.color, depth, view.camera))
     exact, frame = (ibr.render(ibr.DepthMeshObject(v, closed=False), truth.camera) for v in (clean, noisy))
     assert frame.valid.sum() >= 0.99 * exact.valid.sum()
-    # The frames are closer to one another than the sensor's base: colours are off by less than 0.3 pixels.
+    # The frames are closer together than the sensor's baseline, so colours are off by less than 0.3 pixels.
     quality = [metrics.psnr(f.color, truth.color, valid=f.valid & truth.valid) for f in (exact, frame)]
     assert quality[1] >= quality[0] - 1

@@ -1,4 +1,4 @@
-"""Depth images for the depth meshes' tests, and their triangulations as sets of the grid's own triangles."""
+"""Depth images for the tests of depth meshes, and their triangulations as sets of triangles of the grid."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tests import scenes
 from tests.slicing.solids import looking, torus, views_of_torus
 
 PROJECTIONS = ("perspective", "orthographic")
-TESTS = ("orthogonality", "connectedness", "disparity", "none")  # of segmentation
+TESTS = ("orthogonality", "connectedness", "disparity", "none")  # tests of `Segmentation`
 SIZE = (180, 150)
 DIRECTIONS = ((0.5, 0.4, 1), (-1, 0.3, 0.2), (0.2, -1, -0.5))
 
 
 def rough_depth(rng: np.random.Generator, size: scenes.Size, noise: float = 0.02, holes: float = 0.0) -> np.ndarray:
-    """(H, W) float32: waves and noise about 4, with a share of holes."""
+    """(H, W) float32 depths: waves and noise around 4, with a share of holes."""
     a, b = scenes.image_coordinates(size)
     phase = rng.uniform(0, 6, 2)
     depth = 4 + 0.4 * np.sin(3 * a + phase[0]) + 0.4 * np.cos(4 * b + phase[1]) + rng.normal(0, noise, a.shape)
@@ -36,32 +36,32 @@ def rough(
 
 
 def cells_of(thing: ibr.DepthMesh) -> np.ndarray:
-    """(H - 1, W - 1, 2) bool: which of each cell's triangles, the upper and the lower one, are drawn."""
+    """Mask, (H - 1, W - 1, 2), of the upper and lower triangles of cells that are drawn."""
     width, height = thing.view.camera.size
     states = thing.tree.cells.to_host()[: height - 1, : width - 1]
     return np.stack([states & 3, states >> 2 & 3], -1) == 2
 
 
 def samples_for(thing: ibr.DepthMesh, camera: Camera, tolerance: float) -> np.ndarray:
-    """(T, 3, 2) x and y of the corners of the triangles for a camera, the right angle's second."""
+    """(T, 3, 2) x and y of the corners of the triangles for a camera; the second corner has the right angle."""
     samples, faces = thing._triangles_for(camera, tolerance)
     return corners_of(samples[faces], thing)
 
 
 def samples_within(thing: ibr.DepthMesh, max_error: float) -> np.ndarray:
-    """The same, of `simplify`."""
+    """(T, 3, 2) x and y of the corners of the triangles from `simplify`."""
     mesh = thing.simplify(max_error)
     return samples_of(mesh, thing.view.camera)[mesh.faces]
 
 
 def samples_of(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
-    """(N, 2) x and y of the samples that a view's vertices are; at the border these lie half a pixel beyond them."""
+    """(N, 2) x and y of the samples of vertices; at the border, vertices lie half a pixel beyond their samples."""
     assert mesh.uv is not None
     return np.clip(np.rint(mesh.uv * camera.size - 0.5), 0, np.subtract(camera.size, 1)).astype(np.int64)
 
 
 def drawn_pixels(samples: np.ndarray, size: scenes.Size) -> np.ndarray:
-    """(..., 2) the pixels at which the vertices of samples (..., 2) are drawn: the surface ends with its pixels."""
+    """(..., 2) pixels at which the vertices of samples (..., 2) are drawn, half a pixel farther out at the border."""
     return samples - 0.5 * (samples == 0) + 0.5 * (samples == np.subtract(size, 1))
 
 
@@ -90,7 +90,7 @@ def weights_in(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def by_extent(corners: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Triangles (n, 3, 2) with boxes of one size, and the samples (n, k, 2) in their boxes, row by row."""
+    """Triangles (n, 3, 2) with boxes of equal size, and the samples (n, k, 2) in their boxes, row by row."""
     low, extent = corners.min(axis=1), np.ptp(corners, axis=1)
     for width, height in np.unique(extent, axis=0):
         same = (extent == (width, height)).all(axis=1)
@@ -99,14 +99,14 @@ def by_extent(corners: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 
 
 def leaf_middles(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Middles of a cell's upper and lower triangle; its diagonal turns from cell to cell."""
+    """Centres of a cell's upper and lower triangle; diagonals alternate from cell to cell."""
     main = (x + y) % 2 == 0
     upper = np.stack([x + np.where(main, 2, 1) / 3, y + 1 / 3], -1)
     return upper, np.stack([x + np.where(main, 1, 2) / 3, y + 2 / 3], -1)
 
 
 def coverage(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
-    """(H - 1, W - 1, 2) how many triangles cover each of the cells' two: some point in it that is on no edge."""
+    """Number of triangles, (H - 1, W - 1, 2), that cover each triangle of a cell, tested at a point on no edge."""
     count = np.zeros((size[1] - 1, size[0] - 1, 2), np.int64)
     for some, points in by_extent(corners):
         x, y = points[..., 0], points[..., 1]
@@ -117,10 +117,10 @@ def coverage(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
 
 
 def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
-    """Assert that triangles share whole edges wherever two of them meet; return what they cover."""
+    """Assert that triangles share whole edges wherever two of them meet; return their `coverage` as a mask."""
     edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0]
-    assert (areas < 0).all()  # wound as the camera, whose y runs down, sees counter-clockwise
+    assert (areas < 0).all()  # counter-clockwise as seen by the camera, whose y axis points down
     covered = coverage(corners, size)
     assert covered.max() <= 1
     number = corners[..., 1] * size[0] + corners[..., 0]
@@ -137,7 +137,7 @@ def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
     )
     diagonal = (np.abs(run) == np.abs(rise)) & ((cell % 2 == 0) == (run * rise > 0))
     aslant = (run != 0) & (rise != 0) & ~diagonal
-    if aslant.any():  # of triangles squeezed into the image, beside one that is lost: nothing there either
+    if aslant.any():  # edges of triangles squeezed into the image, next to a lost one: nothing may be beyond them
         along = (end - start)[aslant] / np.linalg.norm((end - start)[aslant], axis=1, keepdims=True)
         beyond = 0.5 * (end + start)[aslant] + 0.01 * np.stack([-along[:, 1], along[:, 0]], -1)
         assert not (weights_in(corners, np.broadcast_to(beyond, (len(corners), *beyond.shape))) > 0).all(axis=-1).any()
@@ -146,10 +146,10 @@ def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
     start, end = start[~aslant], end[~aslant]
     steps = np.abs(end - start).max(axis=1)
     unit = (end - start) // steps[:, None]
-    # Just beyond each unit of an edge that has no other side there must be nothing.
+    # Nothing may lie just beyond any unit of an edge with a triangle on one side only.
     number = np.repeat(np.arange(len(start)), steps)
     along = np.arange(len(number)) - np.repeat(np.cumsum(steps) - steps, steps) + 0.5
-    right = np.stack([-unit[:, 1], unit[:, 0]], -1)  # of its direction, as y runs down
+    right = np.stack([-unit[:, 1], unit[:, 0]], -1)  # right of the direction, as y points down
     beyond = start[number] + along[:, None] * unit[number] + 0.1 * right[number]
     cell = np.floor(beyond).astype(int)
     inside = ((cell >= 0) & (cell < np.subtract(size, 1))).all(axis=1)
@@ -160,7 +160,7 @@ def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
 
 
 def some_mesh(rng: np.random.Generator, number: int) -> ibr.DepthMesh:
-    """A random field of random size, every third one with holes, segmented by all tests in turn."""
+    """Mesh of a random field of random size; every third one has holes, and the segmentation tests take turns."""
     size = tuple(int(n) for n in rng.integers(2, 90, 2))
     noise, holes = rng.choice([0, 0.02, 0.3]), 0.01 * (number % 3 == 0)
     view = rough(rng, size, PROJECTIONS[number % 2], noise, holes)
@@ -168,7 +168,7 @@ def some_mesh(rng: np.random.Generator, number: int) -> ibr.DepthMesh:
 
 
 def some_camera(rng: np.random.Generator, view: ibr.DepthImage) -> Camera:
-    """Anywhere within, around and behind the surface, looking anywhere near it."""
+    """Random camera within, around or behind the surface, which looks at a point near the surface."""
     low, high = view.bounds
     extent = np.maximum(high - low, 0.5)
     eye, at = rng.uniform(low - extent, high + extent), rng.uniform(low, high)
