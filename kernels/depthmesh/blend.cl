@@ -13,8 +13,8 @@
  * two surfaces are drawn only if holes are closed BY_SHEETS; otherwise they mark rays that pass between surfaces.
  *
  * corners, projected, points: select.cl, mesh by mesh in the order of `MeshCounts`. list, starts: raster/bins.cl.
- * firsts: (meshes + 1,) first triangle of each mesh. The following arrays have an entry for each mesh of others and
- * views. sources: (meshes, 4) number of the mesh's view, of this view's first and last level, and 1 for a perspective
+ * firsts: (meshes + 1,) first triangle of each mesh. The following `meshes` are the others and views only.
+ * sources: (meshes, 4) number of the mesh's view, of this view's first and last level, and 1 for a perspective
  * view. levels: (levels, 3) width, height and start in colors; each level is half as large as the previous one,
  * rounded up. scales: (meshes,) ratio of the view's samples to the target's pixels per scene unit, both at depth 1.
  * colors: RGBA bytes; A holds 255 times the weight of a sample (feather_at) on a view's finest level, and 255 times
@@ -94,8 +94,8 @@ typedef struct {
     global const uint *colors, *normals; /* normals with GBUFFER 2 */
 } Meshes;
 
-/* Weighted sums of colours and normals, and sums of weights. Normals do not fade where views end: small scales have
- * many ends, and a mean over few views shows their orientation less well. */
+/* Weighted sums of colours and normals, and sums of weights. Normals do not fade where views end: fine scales have many
+ * ends, and a mean over fewer views is less accurate. */
 typedef struct {
     Color color, normal;
     floatl weight, normal_weight;

@@ -193,8 +193,8 @@ intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl
 }
 
 /* Returns the mask of the `active` rays that meet, behind `depth`, the rim of a surface that a view saw, half a sample
- * beyond its last samples. Rays from the front leave free space at a sample, by the depths of cells or by the nearest
- * sample. Rays from the side pass behind the surface. Sets in `rim` the depth of the rim. */
+ * beyond its last samples. A ray from the front leaves free space at a sample, judged by the four samples around
+ * or by the nearest one. Rays from the side pass behind the surface. Sets in `rim` the depth of the rim. */
 static intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *rim)
 {
     const floatl start = depth -

@@ -21,7 +21,7 @@
 #include "depthmesh/tree.h"
 
 #define CUT_ERROR 4.0f
-#define UNSEEN 0.75f /* standard deviations of noise: part of an error that remaining noise (smooth.cl) may cause */
+#define UNSEEN 0.75f /* standard deviations: the part of an error that noise may cause after denoising (smooth.cl) */
 #define MARGIN 0.01f /* samples by which spheres extend beyond their children's: more than the rounding error */
 
 typedef struct {
@@ -59,7 +59,7 @@ typedef struct {
     floatl x, y, error, depth;
 } Children;
 
-/* Loads the children at (x, y), and joins their errors and depths with the vertices'. */
+/* Loads the children at (x, y), and updates the vertices' largest child error, and their depth if it is missing. */
 Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, intl there, Vertices *v)
 {
     Children c;

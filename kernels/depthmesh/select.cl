@@ -2,27 +2,26 @@
  *
  * `activate` marks the vertices that a target needs: the projected error exceeds the tolerance (equation 5) at the
  * nearest point of the bounding sphere, and the sphere lies within the target's view. Errors and spheres include all
- * children's, so each vertex decides independently without cracks. A triangle belongs to the triangulation if the
+ * children's, so vertices are tested independently, and no cracks arise. A triangle belongs to the triangulation if the
  * vertex at its right angle is active and the vertex that would split it is not; it is drawn if segmentation keeps
  * all of it. `find_triangles` finds these triangles, `list_points` and `list_triangles` list them.
  *
- * Deviations from the paper: the distance is measured to the sphere, not to the vertex, as independent decisions
- * require this. A viewer that will move may select more than it needs, by a finer tolerance and a wider view;
- * `motion_limits` bound its motion until it needs a vertex that was not selected.
+ * Deviations from the paper: the distance is measured to the sphere, not to the vertex, as the independent tests
+ * require. A viewer that will move may select more than it needs, by a finer tolerance and a wider view;
+ * `motion_limits` bound the motion for which the selection suffices.
  *
  * placed: samples.cl. For each vertex, (side + 1, row): active, tree.h; drawn: bit k is set if the k-th triangle with
  * its right angle there is drawn; numbers: the numbers of listed points. counts, firsts: (side + 1, 2) numbers of
  * points and of triangles in each row, and the numbers of its first ones. points: (points, 4) position in the view,
  * tree.h, and quality |n z| if rated. corners: (triangles, 3) numbers of points, counter-clockwise as seen by the
- * view, with the right angle second. motion_limits: (side + 1, 2) in scene units, over the vertices of a row that are
- * not active: the least motion of the eye until an error that was too small exceeds `allowed`, and the least distance
- * of a vertex out of view. Work-item: a row of vertices. Cost: O(vertices). Determinism: the order of rows and
- * columns.
+ * view, with the right angle second. motion_limits: (side + 1, 2) minima over the inactive vertices of a row, in scene
+ * units: the motion of the eye after which the projected error may exceed `allowed`, and the distance of a vertex out
+ * of view. Work-item: a row of vertices. Cost: O(vertices). Determinism: the order of rows and columns.
  */
 #include "depthmesh/tree.h"
 
 #define POINTS 1024
-#define AT_THE_EYE 1e-20f /* scene units: distance of a sphere around the eye; not 0, so that errors of 0 stay unseen */
+#define AT_THE_EYE 1e-20f /* scene units: distance if the eye is within a sphere; > 0, so that errors of 0 never count */
 
 typedef struct {
     float eye[3];      /* position of the target's camera in the frame of the view's camera */

@@ -61,7 +61,7 @@ Vector point_of(const Layout *layout, floatl x, floatl y, floatl z)
     return p;
 }
 
-/* Offset from a sample to its drawn vertex, not 0 at the border only: for column x of `count`, or row y of `count` */
+/* Offset from a sample to its drawn vertex, 0 except at the border: for column x of `count`, or row y of `count` */
 INLINED floatl beyond_sample(intl x, int count)
 {
     return select_lanes(x == 0, (floatl)-BORDER, select_lanes(x == count - 1, (floatl)BORDER, (floatl)0.0f));

@@ -188,9 +188,8 @@ class DepthMesh(Immutable):
     def simplify(self, max_error: float | None = None, *, count: int | None = None) -> Mesh:
         """Triangulate the surface within an error or to a number of triangles, for any view.
 
-        With `max_error` alone, the triangles are those that the quadtree has; along depth edges they are as fine as the
-        samples. With `count`, triangles are merged, along depth edges too, the flattest first: for small web pages and
-        files.
+        With `max_error` alone, the triangles come from the quadtree; along depth edges they are as fine as the samples.
+        With `count`, triangles are merged, along depth edges too, the flattest first: for small web pages and files.
 
         Parameters
         ----------

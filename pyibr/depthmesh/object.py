@@ -81,8 +81,8 @@ class DepthMeshObject(Immutable):
     Raises
     ------
     ArgumentError
-        If an argument is out of its range, if a view has no valid depth, or if a view lies farther from all others
-        than their sizes allow.
+        If an argument is out of its range, if a view has no valid depth, or if the distance of a view's surface from
+        all others exceeds their sizes.
 
     Examples
     --------
