@@ -1,6 +1,6 @@
 /* Smoothing of noise: a bilateral filter around a local plane of each sample, and blending with the previous frame.
  *
- * The planes are needed on steep surfaces: there, neighbours differ by more than the noise, which would stay. The
+ * On steep surfaces neighbours differ by more than the noise, so the noise would stay without the planes. The
  * slopes of the planes come from a first, wider filter (`roughen`). The weights approximate exp(-u / 2) by the cheap
  * (1 - u / SUPPORT)^4, 0 beyond u = SUPPORT, with u = (difference of values / RANGE)^2 + (distance in pixels /
  * SPACING)^2. The previous value pulls the new one by BEFORE_WEIGHT exp(-d^2 / 2) of their difference, where d is
@@ -44,8 +44,8 @@ INLINED floatl weight_of(floatl rest)
         }                                                                                                      \
     }
 
-/* Difference between the weighted mean around values and the values, relative to a plane of slopes `across` and
- * `down` */
+/* Weighted mean offset of the samples around from the plane through the middle value, with slopes `across` and `down`
+ * */
 INLINED floatl off_mean(global const float *values, int pitch, floatl across, floatl down, float range)
 {
     const floatl middle = load_lanes(values);

@@ -11,7 +11,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct
 from pyibr.opencl.memory import DeviceArray, upload
 
-_VALUE_MIN = 1e-30  # least end of the scale: if the noise exceeds all nearness by this much, one guide is enough
+_VALUE_MIN = 1e-30  # least length of a scale: if the noise exceeds all nearness by this much, one guide is enough
 
 
 @dataclass(frozen=True)

@@ -130,7 +130,7 @@ class Image:
             self._marks = held
 
     def fill(self, measured: Placed, before: Placed | None, reach: int) -> None:
-        """Grow depth from the seeds over the whole area: their closing by a disc of radius `reach`."""
+        """Grow depth from the seeds over the whole area, the closing of the seeds by a disc of radius `reach`."""
         near, distances = self._new(np.uint8), self._new(np.int32)
         for marks, bits, wanted in ((self._marks, _of_planes("SEED"), 1), (near, 1, 0)):
             launch(

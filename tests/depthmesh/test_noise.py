@@ -76,7 +76,7 @@ def test_a_noisy_room():
     found = np.polyval(view.noise, clean)
     _, off = off_by(mesh, clean, found)
     samples = (np.abs(view.depth - clean) / (clean / 525 + 2 * found))[view.valid & (clean > 0)]
-    assert (off < 1).mean() > (samples < 1).mean() > 0.77  # the estimate includes quantisation, half a step
+    assert (off < 1).mean() > (samples < 1).mean() > 0.77  # the estimate is half a quantisation step
     # Neighbours share most of this noise, so the estimate from their differences is half of it. The standard deviation
     # at each depth is the error that 68 % of the samples stay below.
     wrong, known, shell = np.abs(view.depth - clean), view.valid & (clean > 0), (clean / 0.5).astype(int)
