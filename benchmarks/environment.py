@@ -28,6 +28,9 @@ PACKAGES = {
 }
 
 
+_SOURCES = (":(top)", ":(top,exclude)benchmarks/results")  # a run writes its results one by one
+
+
 def environment() -> dict[str, Any]:
     """Device, driver, versions, processor, commit, and how busy the machine was."""
     import pyibr as ibr
@@ -71,7 +74,7 @@ def commit() -> str | None:
         return done.stdout.strip()
 
     try:
-        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
+        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no", "--", *_SOURCES) else "")
     except (OSError, subprocess.CalledProcessError):
         return None
 
