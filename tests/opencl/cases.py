@@ -371,6 +371,12 @@ def _splats(setting: Setting) -> Cases:
     yield "splats", partial(ibr.warp, view, view.camera.moved(0.1, 0, 0), method="forward")
 
 
+def _ribbons(setting: Setting) -> Cases:
+    for size in ((13, 7), (1, 1), (37, 5))[: setting.choose(2, 2, 3)]:
+        view = _rough(setting, size, "perspective", 0.5)
+        yield f"ribbons {size}", partial(ibr.warp, view, view.camera.moved(0.1, 0.05, 0.1), thin=True)
+
+
 def _cleanings(setting: Setting) -> Cases:
     sizes = ((13, 7), (1, 1), (37, 5), (1, 37), (67, 33), (16, 17))[: setting.choose(2, 3, 6)]
     ways: tuple[dict[str, Any], ...] = ({}, {"holes": 40}, {"strength": 0, "holes": 0})
@@ -386,7 +392,7 @@ def _cleanings(setting: Setting) -> Cases:
 
 FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
     "lib": (_registrations, _splats),
-    "picture": (_lenses, _bridges, _bounds, _registrations, _relit, _marked),
+    "picture": (_lenses, _bridges, _bounds, _registrations, _relit, _marked, _ribbons),
     "cleaning": (_cleanings,),
     "warp": (_warps, _bridges, _lenses, _registrations),
     "raster": (_meshes, _sorted),
