@@ -1,4 +1,4 @@
-"""Planar depth from other kinds of depth and back, and images without a lens's distortion."""
+"""Conversions between planar depth and other kinds of depth."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def depth_from_disparity(disparity: ArrayLike, focal: float, baseline: float, *,
     Parameters
     ----------
     disparity : array_like
-        In pixels. Not finite is unknown. With `offset` 0, so is 0; otherwise a 0 that stands for "unknown"
-        must be made NaN first.
+        In pixels; not finite where unknown. With `offset` 0, a disparity of 0 is also unknown. With another `offset`,
+        replace a 0 that stands for "unknown" by NaN first.
     focal : float
         In pixels.
     baseline : float
@@ -79,10 +79,10 @@ def depth_from_euclidean(distance: ArrayLike, camera: Camera) -> Depth:
     Parameters
     ----------
     distance : array_like (H, W)
-        In scene units from the camera's centre (perspective) or from its image plane (orthographic, whose
-        distances are planar already).
+        In scene units, from the camera's centre (perspective) or from its image plane (orthographic, where distances
+        are already planar).
     camera : Camera
-        Of size (W, H).
+        Its size is (W, H).
 
     Returns
     -------
@@ -120,7 +120,7 @@ def euclidean_from_depth(depth: ArrayLike, camera: Camera) -> Depth:
 
 @np.errstate(all="ignore")
 def depth_from_uint16(stored: NDArray[np.uint16], scale: float) -> Depth:
-    """Return depth = stored / scale, as depth sensors write it into 16-bit PNG files.
+    """Return depth = stored / scale, for the 16-bit PNG files of depth sensors.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def uint16_from_depth(depth: ArrayLike, scale: float) -> NDArray[np.uint16]:
 
 @np.errstate(all="ignore")
 def depth_from_mpeg(level: ArrayLike, near: float, far: float, *, zero_is_invalid: bool = False) -> Depth:
-    """Return the depth of MPEG's normalised inverse depth.
+    """Return the depth for MPEG's normalised inverse depth.
 
     Parameters
     ----------
@@ -208,19 +208,19 @@ def depth_from_mpeg(level: ArrayLike, near: float, far: float, *, zero_is_invali
 
 @np.errstate(all="ignore")
 def depth_from_relative(values: ArrayLike, *, near: float = 1.0, far: float = 10.0) -> Depth:
-    """Return a depth for the relative inverse depth of networks, which grows as things come nearer, in no unit.
+    """Return a depth for the relative inverse depth of networks, which has no unit and is greater for nearer surfaces.
 
     Parameters
     ----------
     values : array_like
-        Integers of any width, or floats; not finite is unknown. The greatest is at `near`, the least at `far`, and 1 /
-        depth is linear in between.
+        Integers of any width, or floats; not finite where unknown. The greatest value maps to `near`, the least to
+        `far`, and 1 / depth is linear in between.
     near, far : float
         In scene units, 0 < near < far. The nearer `far` is to `near`, the flatter the scene.
 
     Returns
     -------
-    float32, NaN where unknown. Edges stay as soft as networks make them: `sharpen_depth`.
+    float32, NaN where unknown. Soft edges of the network's depth stay; `sharpen_depth` sharpens them.
 
     Examples
     --------
@@ -233,7 +233,7 @@ def depth_from_relative(values: ArrayLike, *, near: float = 1.0, far: float = 10
     known = np.isfinite(relative)
     low, high = np.min(relative, initial=np.inf, where=known), np.max(relative, initial=-np.inf, where=known)
     if not low < high:
-        raise ArgumentError("values", "some that differ, as near and far things have", describe(values))
+        raise ArgumentError("values", "values that are not all equal", describe(values))
     _check_range(near, far)
     level = (np.where(known, relative, np.nan) - low) / (high - low)
     return (1 / (1 / far + level * (1 / near - 1 / far))).astype(np.float32)
@@ -257,7 +257,7 @@ def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
     _check_range(near, far)
     z = _positive_or_nan(numbers("depth", depth, None, finite=False))
     endless = far >= 1000
-    # float32 depth at the very ends may lie beyond them by its rounding
+    # float32 depth may exceed the range's ends by its rounding
     _within("depth", z, near * (1 - 1e-6), math.inf if endless else far * (1 + 1e-6), f"{near:g} to {far:g}")
     level = near / z if endless else near * (far - z) / (z * (far - near))
     return np.nan_to_num(np.clip(level, 0, 1), nan=0).astype(np.float32)
@@ -265,16 +265,16 @@ def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
 
 @np.errstate(all="ignore")
 def depth_from_zbuffer(value: ArrayLike, near: float, far: float, *, reverse: bool = False) -> Depth:
-    """Return the depth of a perspective z-buffer, as OpenGL, Direct3D and Vulkan have it.
+    """Return the depth of a perspective z-buffer of OpenGL, Direct3D or Vulkan.
 
     Parameters
     ----------
     value : array_like of floats in [0, 1]
-        0 at `near`, 1 at `far`, where nothing was drawn. NaN is invalid. OpenGL's rows run upward: turn them first.
+        0 at `near`, 1 at `far` or where nothing was drawn. NaN is invalid. OpenGL's rows run upward: flip them first.
     near, far : float
         Depths of the clip planes in scene units, 0 < near < far; `far` may be infinite.
     reverse : bool
-        1 at `near`, 0 at `far`, as Unity and Unreal have it.
+        1 at `near`, 0 at `far`, as in Unity and Unreal.
 
     Returns
     -------
@@ -294,7 +294,7 @@ def depth_from_zbuffer(value: ArrayLike, near: float, far: float, *, reverse: bo
 
 @np.errstate(all="ignore")
 def zbuffer_from_depth(depth: ArrayLike, near: float, far: float, *, reverse: bool = False) -> Depth:
-    """Invert `depth_from_zbuffer`: float32 values in [0, 1], those of nothing drawn where the depth is invalid.
+    """Invert `depth_from_zbuffer`: float32 values in [0, 1]; where the depth is invalid, the value of an empty pixel.
 
     Raises
     ------
@@ -309,7 +309,7 @@ def zbuffer_from_depth(depth: ArrayLike, near: float, far: float, *, reverse: bo
     """
     ends = _nearness_of_planes(near, far)
     z = _positive_or_nan(numbers("depth", depth, None, finite=False))
-    _within("depth", z, near * (1 - 1e-6), far * (1 + 1e-6), f"{near:g} to {far:g}")  # by float32's rounding
+    _within("depth", z, near * (1 - 1e-6), far * (1 + 1e-6), f"{near:g} to {far:g}")  # tolerance for float32 rounding
     b = np.nan_to_num(np.clip((ends[0] - 1 / z) / (ends[0] - ends[1]), 0, 1), nan=1)
     return (1 - b if reverse else b).astype(np.float32)
 
@@ -319,7 +319,7 @@ def _positive_or_nan(values: Float64) -> Float64:
 
 
 def _ray_lengths(camera: Camera) -> Float64:
-    """Length of each pixel's ray up to a depth of 1, (H, W); 1 for an orthographic camera."""
+    """(H, W) length of each pixel's ray up to a depth of 1; 1 for an orthographic camera."""
     if camera.projection == "orthographic":
         return np.ones((camera.height, camera.width))
     x, y = np.moveaxis(rays_of(camera), 2, 0)

@@ -1,8 +1,7 @@
 """An image with depth: a sampled surface.
 
-Depth in pyibr is planar: the z of a surface point in the camera's frame, in scene units. A sample whose
-depth is not finite or not > 0 is invalid: there is no surface. Infinite depth is known to be empty space; all else that
-is invalid is unknown.
+Depth in pyibr is planar: the z of a surface point in the camera's frame, in scene units. A sample whose depth is not
+finite or not > 0 is invalid: it has no surface. Infinite depth means empty space; any other invalid depth is unknown.
 """
 
 from __future__ import annotations
@@ -38,13 +37,13 @@ from pyibr.images.pictures import Pictured
 Color = NDArray[np.uint8] | NDArray[np.float32]
 Depth = NDArray[np.float32]
 Side = Literal["front", "back", "both"]
-"""Which side of a depth image's surface: the one that faces its camera, the other, or either."""
+"""Side of a depth image's surface: the front faces its camera."""
 DefaultDepth = Literal["farthest"]
 
-_UNIT = 1e-3  # squares of lengths may be off by that: they are normals in float32, or rounded ones
-_LEAST_NEAR = 1e-3  # of a sample's nearness: how far its surface may go on, half a pixel beside it
-_EVEN = 0.005  # of the nearness, by which neighbours differ that nothing tears
-_CHUNK = 1 << 15  # samples at a time: of more, float64 values take several times longer
+_UNIT = 1e-3  # tolerance for squared lengths of normals, as float32 and rounded ones differ from 1
+_LEAST_NEAR = 1e-3  # least nearness half a pixel beside a sample, relative to the sample's nearness
+_EVEN = 0.005  # relative difference of nearness below which neighbours are one surface
+_CHUNK = 1 << 15  # samples per chunk: float64 values of larger chunks take several times longer
 
 
 class DepthImage(Immutable, Pictured):
@@ -53,35 +52,38 @@ class DepthImage(Immutable, Pictured):
     Parameters
     ----------
     color : (H, W, 3) uint8, or float32 in [0, 1]; or None
-        None: depth alone. `pyibr.warp` carries depth over then, and nothing else; in pictures such a view is white.
+        With None, the image holds depth alone: `pyibr.warp` then renders only depth, and pictures show the view in
+        white.
     depth : (H, W) float32
-        Planar z in scene units. Infinite: the ray is known to meet nothing, so that other views' surfaces end there.
-        NaN or <= 0: unknown, which tells other views nothing. Other kinds of depth are converted
-        first: `depth_from_uint16`, `depth_from_disparity`, `depth_from_euclidean`, `depth_from_mpeg`.
+        Planar z in scene units. Infinite depth means that the ray meets no surface; other views' surfaces end there.
+        NaN or a depth <= 0 is unknown and does not affect other views. Convert other kinds of depth first, with
+        `depth_from_uint16`, `depth_from_disparity`, `depth_from_euclidean` or `depth_from_mpeg`.
     camera : Camera
-        Of size (W, H). With a lens, it is drawn as `pyibr.undistorted` makes it.
+        Its size is (W, H). An image with a lens is drawn after `pyibr.undistorted` removes the distortion.
     far : float
-        Samples at this depth or beyond it are no surface: space is known to be empty along their rays.
+        Samples at this depth or beyond are not surface: their rays pass through empty space.
     default_depth : float or "farthest", optional
-        A depth for what is no surface, as sky and windows, so that new views show its colours instead of holes; or
-        "farthest": that of the farthest sample. `depth` is copied with it, and no `far` is left.
+        Depth for samples without a surface, such as sky and windows, so that new views show their colours instead of
+        holes; "farthest" takes the depth of the farthest sample. `depth` is copied, and `far` becomes infinite.
     normals : (H, W, 3) float32, optional
-        Of the surface, in the camera's frame (x right, y down, z forward) and towards it, of any length; NaN or 0 where
-        they are not known. A `Light` with `relight` shades by them; where there are none, the depths tell them.
+        Surface normals in the camera's frame (x right, y down, z forward), towards the camera, of any length; NaN or 0
+        where unknown. A `Light` with `relight` shades by them. Unknown normals are computed from the depths.
     noise : float, (a, b, c) or callable, optional
-        The depth's noise. A number: the standard deviation of 1 / depth, as of stereo and structured light
-        (`disparity_noise`); of an orthographic camera, that of the depth. Three: at depth z it is a z^2 + b z + c. Or a
-        function of depths, (n,) float64 to (n,). By default it is found from the samples. It tells depth edges from
-        noise, and how much views count that are blended; `clean_depth` takes the same.
+        Noise of the depth. A number is the standard deviation of 1 / depth, as for stereo and structured light
+        (`disparity_noise`); for an orthographic camera, it is the standard deviation of the depth. Three numbers give
+        a z^2 + b z + c at depth z. A function maps depths, (n,) float64, to deviations, (n,). By default, the noise is
+        estimated from the samples. It separates depth edges from noise and weights views that are blended;
+        `clean_depth` takes the same.
 
     Attributes
     ----------
     noise : (a, b, c)
-        The depth's noise has a standard deviation of about a z^2 + b z + c at depth z. If it is found, on first use.
+        The depth's noise has a standard deviation of about a z^2 + b z + c at depth z. If not given, it is estimated on
+        first use.
     color, depth, camera, far, normals
-        As given, but for `default_depth`; `color` of shape (H, W, 0) if there is none; `normals` of length 1, NaN where
-        unknown, or None. The arrays are kept without a copy if they are C-contiguous, and locked against writing
-        through this object. Change neither them nor their originals afterwards: buffers on the device are kept as well.
+        As given, except where `default_depth` changes them. `color` has the shape (H, W, 0) if there is none; `normals`
+        have length 1, NaN where unknown, or are None. C-contiguous arrays are not copied, and are read-only through
+        this object. Do not change the arrays or their originals afterwards: copies on the device would not follow.
 
     Raises
     ------
@@ -125,7 +127,7 @@ class DepthImage(Immutable, Pictured):
         self.depth = locked(stored if default_depth is None else _backed(stored, limit, default_depth))
         self.far = limit if default_depth is None else math.inf
         self.normals = None if normals is None else locked(_checked_normals(normals, camera))
-        if not isinstance(noise, DepthNoise):  # else another image's, of the same depth
+        if not isinstance(noise, DepthNoise):  # a DepthNoise comes from another image with the same depth
             given = None if noise is None else checked_noise(noise, self.depth, self.far, camera.projection)
             noise = DepthNoise(self.depth, self.far, given)
         self._noise = noise
@@ -145,22 +147,22 @@ class DepthImage(Immutable, Pictured):
 
     @property
     def has_color(self) -> bool:
-        """Tell whether it is more than depth alone."""
+        """Tell whether the image has colours."""
         return self.color.shape[2] > 0
 
     @cached_property
     def shown_color(self) -> Color:
-        """(H, W, 3) the colours; white if it has none. Made on first use."""
+        """(H, W, 3) colours; white if there are none. Computed on first use."""
         return self.color if self.has_color else locked(np.full((*self.depth.shape, 3), 255, np.uint8))
 
     @property
     def in_color(self) -> DepthImage:
-        """The same image with the colours it is shown in; itself if it has any. Made on first use."""
+        """The same image with `shown_color`; itself if it has colours. Computed on first use."""
         return self if self.has_color else self._in_white
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """(H, W) True where the depth is finite, > 0, nearer than `far`, and in the lens's sight. Made on first use."""
+        """(H, W) True where the depth is finite, > 0, < `far`, and the lens has a ray. Computed on first use."""
         valid = (self.depth > 0) & (self.depth < self.far)
         if self.camera.lens is not None:
             valid &= np.isfinite(rays_of(self.camera)[..., 0])
@@ -168,15 +170,15 @@ class DepthImage(Immutable, Pictured):
 
     @property
     def known_depth(self) -> Depth:
-        """(H, W) the depth, NaN where it is not valid."""
+        """(H, W) depth, NaN where invalid."""
         return np.where(self.valid, self.depth, np.float32(np.nan))
 
     @property
     def in_float(self) -> DepthImage:
-        """The same image with float32 colours, itself if they are. Made on first use, so that it keeps its buffers."""
+        """The same image with float32 colours; itself if it has them. Cached, so that its buffers are reused."""
         return self if self.color.dtype == np.float32 else self._from_bytes
 
-    # Not these two, but what is made is kept: an image that kept itself would outlive its last use.
+    # The two properties above are not cached: an image that refers to itself is freed late, by garbage collection.
     @cached_property
     def _in_white(self) -> DepthImage:
         return self._with_color(self.shown_color)
@@ -191,17 +193,17 @@ class DepthImage(Immutable, Pictured):
 
     @property
     def depth_noise(self) -> DepthNoise:
-        """The depth's noise, which images of the same depth in other colours share."""
+        """The depth's noise, shared with images of the same depth in other colours."""
         return self._noise
 
     @property
     def steps(self) -> tuple[float, float, float]:
-        """(a, b, c): at depth z its values lie a z^2 + b z + c apart, if its scale has steps. Found on first use."""
+        """(a, b, c): if depths are quantized, levels at depth z lie a z^2 + b z + c apart. Estimated on first use."""
         return self._noise.steps
 
     @property
     def points(self) -> Float64:
-        """(N, 3) float64: the valid samples in the world, in scene units, row by row."""
+        """(N, 3) float64: positions of the valid samples in the world, in scene units, row by row."""
         return self._points_of(self.valid)
 
     def _points_of(self, which: NDArray[np.bool_]) -> Float64:
@@ -218,14 +220,14 @@ class DepthImage(Immutable, Pictured):
 
     @cached_property
     def surface_bounds(self) -> tuple[Float64, Float64]:
-        """(low, high), each (3,): the box around its surface, which reaches to the edges of its samples' pixels."""
+        """(low, high), each (3,): the box around the surface, which extends to the edges of the samples' pixels."""
         low, high = self.bounds
         beyond = self._beyond
         return np.min([low, *beyond], axis=0), np.max([high, *beyond], axis=0)
 
     @property
     def _beyond(self) -> Float64:
-        """(N, 3) float64: corners of the pixels of samples beside the border, holes and steps, where surfaces go on."""
+        """(N, 3) float64: surface points at the pixel edges of samples next to the border, to holes and to steps."""
         if self.camera.lens is not None:
             return np.empty((0, 3))
         perspective = self.camera.projection == "perspective"
@@ -235,12 +237,12 @@ class DepthImage(Immutable, Pictured):
         here = near[1:-1, 1:-1]
         change = {(1, 0): near[1:-1, 2:] - here, (-1, 0): near[1:-1, :-2] - here}
         change |= {(0, 1): near[2:, 1:-1] - here, (0, -1): near[:-2, 1:-1] - here}
-        even = [np.abs(by) <= _EVEN * np.abs(here) for by in change.values()]  # not of what is missing
+        even = [np.abs(by) <= _EVEN * np.abs(here) for by in change.values()]  # False next to missing samples
         y, x = np.nonzero(self.valid & ~np.logical_and.reduce(even))
         here = here[y, x]
-        rises: dict[tuple[int, int], list[Float64]] = {}  # to the edge of the pixel, at least and at most
+        rises: dict[tuple[int, int], list[Float64]] = {}  # least and greatest change to the edge of the pixel
         for (dx, dy), by in change.items():
-            straight = np.clip(-change[-dx, -dy][y, x], -np.abs(here), np.abs(here))  # beyond the image's border
+            straight = np.clip(-change[-dx, -dy][y, x], -np.abs(here), np.abs(here))  # extrapolated
             ways = [np.nan_to_num(by[y, x]) / 2, np.nan_to_num(straight) / 2, np.zeros(len(here))]
             rises[dx, dy] = [np.min(ways, axis=0), np.max(ways, axis=0)]
         pixels, depths = list[Float64](), list[Float64]()
@@ -254,9 +256,9 @@ class DepthImage(Immutable, Pictured):
         return points[np.isfinite(points).all(axis=1)]
 
     def bounds_of(self, which: NDArray[np.bool_], axes: Float64 | None = None) -> tuple[Float64, Float64]:
-        """(low, high), each (3,): the box around those of the valid samples, (H, W) bool, along the world's axes.
+        """(low, high), each (3,): the box around the samples selected by `which`, (H, W) bool, all of them valid.
 
-        With `axes`, (3, 3), along its rows.
+        The box is aligned with the rows of `axes`, (3, 3), or with the world's axes.
         """
         rows_of = np.eye(3) if axes is None else axes
         center = rows_of @ self.camera.center
@@ -282,23 +284,23 @@ class DepthImage(Immutable, Pictured):
 
 
 def _backed(depth: Depth, far: float, default_depth: float | DefaultDepth) -> Depth:
-    """The depth with a surface where there is none before `far`."""
+    """The depth, with a surface also where there is none before `far`."""
     valid = (depth > 0) & (depth < far)
     if isinstance(default_depth, str):
         one_of("default_depth", default_depth, DefaultDepth, " or a depth > 0")
         if not valid.any():
-            raise ArgumentError("default_depth", "a depth > 0 for a view without any", describe(default_depth))
+            raise ArgumentError("default_depth", "a depth > 0 for a view with no samples", describe(default_depth))
         behind = depth[valid].max()
     else:
         with np.errstate(over="ignore"):
             behind = np.float32(positive("default_depth", default_depth, 'a depth > 0 or "farthest"'))
         if not 0 < behind < np.inf:
-            raise ArgumentError("default_depth", "a depth that float32 holds", describe(default_depth))
+            raise ArgumentError("default_depth", "a depth in the range of float32", describe(default_depth))
     return np.where(valid, depth, behind)
 
 
 def _checked_normals(normals: object, camera: Camera) -> NDArray[np.float32]:
-    """Normals at unit length, NaN where they are not known."""
+    """Normals of unit length, NaN where unknown."""
     shape = camera.height, camera.width, 3
     expected = f"float32 of shape {shape_text(shape)}, normals in the camera's frame"
     array = plain_array("normals", normals, expected, math.nan)
@@ -307,8 +309,8 @@ def _checked_normals(normals: object, camera: Camera) -> NDArray[np.float32]:
     made = array.astype(np.float32, copy=False)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         squares = np.einsum("yxc,yxc->yx", made, made)[..., None]
-        if not (abs(squares - 1) < _UNIT).all():  # else they are kept as they are
-            largest = abs(made).max(axis=-1, keepdims=True)  # squares may leave the range of float32
+        if not (abs(squares - 1) < _UNIT).all():  # unit normals are kept without a copy
+            largest = abs(made).max(axis=-1, keepdims=True)  # squares may exceed float32
             near_1 = made / largest
             known = np.isfinite(largest) & (largest > 0)
             made = np.where(known, near_1 / np.linalg.norm(near_1, axis=-1, keepdims=True), np.float32(np.nan))
@@ -331,5 +333,5 @@ def checked_depth(depth: object, shape: tuple[int | None, ...], argument: str = 
         raise ArgumentError(argument, expected, describe(array if isinstance(depth, np.ndarray) else depth) + hint)
     if array.dtype == np.float32:
         return array
-    with np.errstate(over="ignore"):  # what float32 does not hold is infinite
+    with np.errstate(over="ignore"):  # depths beyond the range of float32 become infinite
         return array.astype(np.float32)

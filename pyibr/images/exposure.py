@@ -1,4 +1,4 @@
-"""Exposures of several views of one scene, told from the colours of what they show together."""
+"""Exposures of several views of one scene, estimated from the colours of surfaces that they share."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from pyibr.core.pixelspace import longer_side
 from pyibr.images.depth_image import DepthImage
 from pyibr.images.order import order_of
 
-_SAMPLES = 3_000  # of a view that are looked up in others
-_NEAREST, _FARTHER = 6, 3  # views that a view is looked up in: those next to it, and some of all others
-_DEVIATIONS = 4.0  # of both views' noise, within which depths are one surface's
-_SAME = 0.005  # of the depth, or of what an orthographic camera sees: without noise
-_OVERLAP_MIN = 200  # samples of an overlap that tell anything
-_DARKEST, _BRIGHTEST = 0.08, 0.98  # of a channel's range: beyond, sensors do not tell
-_SURE, _ROUNDS = 0.02, 8  # residuals that count in full; rounds in which larger ones count less and less
-_TIED = 1e-9  # of an overlap's weight: what holds views that nothing else does
+_SAMPLES = 3_000  # samples per view that are looked up in other views
+_NEAREST, _FARTHER = 6, 3  # views that a view is compared with: its nearest neighbours, and some of the others
+_DEVIATIONS = 4.0  # depths within so many standard deviations of both views' noise are one surface
+_SAME = 0.005  # tolerance beside noise, relative to the depth or to the extent of an orthographic camera's image
+_OVERLAP_MIN = 200  # fewest usable samples of an overlap
+_DARKEST, _BRIGHTEST = 0.08, 0.98  # usable part of a channel's range: sensors clip outside
+_SURE, _ROUNDS = 0.02, 8  # residuals up to _SURE have full weight; rounds of reweighting
+_TIED = 1e-9  # weight of the prior that keeps views without overlap at gain 1, relative to the largest overlap
 
 
 Colors = NDArray[np.floating[Any]]
@@ -38,9 +38,9 @@ class Overlap:
     first, second : int
         The views' numbers.
     ratio : (3,) float64
-        Logarithm of the first one's red, green and blue over the second one's.
+        Logarithm of the first view's red, green and blue over the second view's.
     count : int
-        Samples that tell it.
+        Number of samples behind the ratio.
     """
 
     first: int
@@ -50,20 +50,20 @@ class Overlap:
 
 
 def exposure_gains(views: Sequence[DepthImage]) -> Float64:
-    """Tell what each view's colours are to be multiplied by, so that views agree where they saw one surface.
+    """Estimate gains for the colours of each view, so that views agree where they saw one surface.
 
-    Some samples of each view are looked up in those next to it, and in a few of the others; the medians of their
-    colours' ratios tell pairs of exposures apart, and all pairs together a gain for each view.
+    Some samples of each view are looked up in its nearest neighbours and in a few other views. The median ratio of
+    their colours gives the relative exposure of two views; all pairs together give a gain for each view.
 
     Parameters
     ----------
     views : sequence of DepthImage
-        In any order, which changes nothing.
+        Their order does not affect the result.
 
     Returns
     -------
     (N, 3) float64
-        By view, of red, green and blue.
+        Gains of red, green and blue for each view.
     """
     order = order_of(views)
     ordered = [views[number] for number in order]
@@ -83,10 +83,10 @@ def exposure_gains(views: Sequence[DepthImage]) -> Float64:
 
 
 def matching_gains(views: int, overlaps: Iterable[Overlap]) -> Float64:
-    """(views, 3) what each view's colours are to be multiplied by, so that they agree where they overlap.
+    """(views, 3) gains for each view's colours, so that views agree where they overlap.
 
-    Least squares, in which pairs that contradict the others count little. Views that nothing is known of keep their
-    colours. So does the one in the middle of those that overlaps connect: most cameras are right.
+    The gains are a robust least-squares fit: pairs that contradict the others get little weight. Views without overlaps
+    keep their colours. In each group of views connected by overlaps, the median gain is 1: most cameras are right.
     """
     found = list(overlaps)
     logs = np.zeros((views, 3))
@@ -113,7 +113,7 @@ def matching_gains(views: int, overlaps: Iterable[Overlap]) -> Float64:
 
 
 def _connected(views: int, pairs: Iterable[tuple[int, int]]) -> NDArray[np.int64]:
-    """(views,) the least number of those that pairs connect with each view."""
+    """(views,) a label for each group of connected views: the lowest number in the group."""
     group = np.arange(views)
     for first, second in pairs:
         one, other = sorted((group[first], group[second]))
@@ -122,7 +122,7 @@ def _connected(views: int, pairs: Iterable[tuple[int, int]]) -> NDArray[np.int64
 
 
 def _pairs(places: Float64) -> list[tuple[int, int]]:
-    """Pairs of views that are compared, the lower number first: so many a view, however many there are."""
+    """Pairs of views to compare, the lower number first. Each view adds a fixed number of pairs."""
     found: set[tuple[int, int]] = set()
     for number, place in enumerate(places):
         by_distance = np.argsort(((places - place) ** 2).sum(axis=1), kind="stable")
@@ -135,7 +135,7 @@ def _pairs(places: Float64) -> list[tuple[int, int]]:
 
 
 def compared_colors(first: Colors, second: Colors) -> tuple[Float64, int] | None:
-    """Ratio and count of an `Overlap`, by (n, 3) colours in [0, 1] of the same points; None if too few tell it."""
+    """Ratio and count of an `Overlap` from (n, 3) colours in [0, 1] of the same points; None if too few are usable."""
     both = np.stack([first, second])
     tells = ((both > _DARKEST) & (both < _BRIGHTEST)).all(axis=(0, 2))
     if (count := int(np.count_nonzero(tells))) < _OVERLAP_MIN:
@@ -156,16 +156,16 @@ class _Sampled:
 
     @cached_property
     def points(self) -> Float64:
-        """(n, 3) in the world; NaN where a lens does not see."""
+        """(n, 3) positions in the world; NaN where the lens has no ray."""
         return self.view.camera.unproject(np.column_stack([self.x, self.y]), self.z)
 
     @cached_property
     def colors(self) -> NDArray[np.float32]:
-        """(n, 3) in [0, 1]."""
+        """(n, 3) colours in [0, 1]."""
         return _colors(self.view, self.y, self.x)
 
     def compared_with(self, other: DepthImage) -> tuple[Float64, int] | None:
-        """Ratio and count of an `Overlap` with another view; None if too little tells it."""
+        """Ratio and count of an `Overlap` with another view; None if too few samples are usable."""
         pixels, z = other.camera.project(self.points)
         with np.errstate(invalid="ignore"):
             at = np.rint(pixels)
@@ -180,13 +180,13 @@ class _Sampled:
 
 
 _known: WeakKeyDictionary[DepthImage, WeakKeyDictionary[DepthImage, tuple[Float64, int] | None]] = WeakKeyDictionary()
-"""How views compare with others, for as long as both are there."""
+"""Cached ratios and counts of pairs of views, for as long as both views exist."""
 
 _places: WeakKeyDictionary[DepthImage, Float64] = WeakKeyDictionary()
 
 
 def _place_of(view: DepthImage) -> Float64:
-    """(6,) where a view was taken from, and the middle of some of what it sees."""
+    """(6,) the camera's centre, and the median of some of the view's points."""
     if view not in _places:
         points = _Sampled(view, 100).points
         points = points[np.isfinite(points).all(axis=1)]
@@ -206,7 +206,7 @@ def _noise(view: DepthImage, z: Float64) -> Float64:
 
 
 def _unit(view: DepthImage, z: Float64) -> Float64 | float:
-    """The scale of depths, which orthographic cameras' own have not."""
+    """Scale for relative tolerances: the depth, or the image's longer side for an orthographic camera."""
     return longer_side(view.camera) if view.camera.projection == "orthographic" else z
 
 

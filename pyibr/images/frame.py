@@ -1,4 +1,4 @@
-"""A rendered view, and what its pixels are."""
+"""A rendered view and the classes of its pixels."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from pyibr.images.pictures import Pictured
 
 
 class PixelClass(IntEnum):
-    """Class of a pixel of a new view. Of several views' answers for a hole the least counts: what knows most.
+    """Class of a pixel of a new view.
 
-    A hole's class is what begins beyond the last place where the pixel's ray was seen to pass through free space; of a
-    ray that never was, what it began in.
+    A hole's class is that of the region where the pixel's ray leaves the last stretch of observed free space. If the
+    ray crosses no observed free space, the class is that of the region where the ray starts. If several views disagree
+    about a hole, the lowest value wins, since it is the most specific.
 
     Examples
     --------
@@ -27,13 +28,13 @@ class PixelClass(IntEnum):
     """
 
     SEEN = 0
-    """The source saw what is there."""
+    """The source saw this surface."""
     HIDDEN = 1
-    """What is there was hidden from the source by something nearer."""
+    """A nearer surface occludes this region in the source."""
     UNOBSERVED = 2
-    """The source has no depth there."""
+    """The source has no depth for this region."""
     OUTSIDE = 3
-    """What is there lies outside of the source's image."""
+    """This region lies outside of the source's image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,30 +44,30 @@ class Frame(Pictured):
     Attributes
     ----------
     color : (H, W, 3)
-        In the dtype of the input's colour; black where not valid, unless holes were filled. (H, W, 0) of views that
-        are depth alone.
+        Colours, in the dtype of the input's colour; black where not valid, unless holes were filled. The shape is
+        (H, W, 0) if the views are depth alone.
     depth : (H, W) float32
         Planar z in `camera`'s frame; NaN where not valid.
     valid : (H, W) bool
-        False in holes: pixels that no surface was seen through.
+        False in holes: pixels that show no surface.
     camera : Camera
     classes : (H, W) uint8, or None
-        If they were asked for: what each pixel is, a `PixelClass`.
+        If requested: the `PixelClass` of each pixel.
     source : (H, W, 2) float32, or None
-        If they were asked for: the place (x, y) in the source where each pixel's ray meets the surface, between its
-        samples (whatever `sample` is); NaN where not valid. What belongs to the source (labels, features, flow)
-        is carried over with it, by `cv2.remap` or by indexing.
+        If requested: the position (x, y) in the source where each pixel's ray meets the surface, with subpixel
+        precision (for any `sample`); NaN where not valid. It transfers other data of the source (labels, features,
+        flow), by `cv2.remap` or by indexing.
     view : (H, W) int32, or None
-        If they were asked for: the number of the view that it comes from, -1 where not valid.
+        If requested: the number of the view that each pixel comes from, -1 where not valid.
     alpha : (H, W) float32, or None
-        Of several samples a pixel: the share of them through which something was seen, 0 to 1. The colour is the mean
-        of all of them; without a background, and unless holes were filled, that is the things' own colour times alpha.
-        Filled samples make up the rest of a pixel's colour, but change neither its alpha nor its depth, which is of
-        what is in front among what was seen; where nothing was, it is that of the filled samples.
+        With several samples per pixel: the share of samples that show a surface, 0 to 1. The colour is the mean of all
+        samples; without a background and without filled holes, it is the surface's colour times alpha. Filled samples
+        contribute to the pixel's colour, but not to its alpha. The depth is that of the front surface among the seen
+        samples, or of the filled samples where none was seen.
     guessed : (H, W) bool, or None
-        If a thing was drawn that guesses, as a `DepthMeshObject` that is closed: the pixels that show surface which no
-        view saw; of several samples a pixel those with any such sample. They are valid, to be looked at; what was seen,
-        to be measured with, is `valid & ~guessed`. Holes that were filled are not valid and are not told here.
+        If a drawable that guesses was drawn, such as a closed `DepthMeshObject`: the pixels that show surface which no
+        view saw. With several samples per pixel, one such sample suffices. Guessed pixels are valid, but only for
+        viewing: `valid & ~guessed` are the pixels to measure with. Filled holes are not valid and not marked here.
 
     Examples
     --------

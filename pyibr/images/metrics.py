@@ -1,7 +1,7 @@
-"""Measures of how far apart two pictures are, or the depths of two frames.
+"""Metrics that compare two pictures, or the depths of two frames.
 
-Each says which pixels it counts. Where no pixel counts there is no answer: ArgumentError, not a NaN. SSIM and FLIP are
-scikit-image's and NVIDIA's own (extra `metrics`); the others need NumPy alone.
+Each metric documents the pixels that it counts. If no pixel counts, it raises ArgumentError instead of returning NaN.
+SSIM and FLIP come from scikit-image and NVIDIA (extra `metrics`); the others need only NumPy.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Image = NDArray[np.number[Any]]
 Space = Literal["rgb", "ycbcr"]
 
 _SSIM_SIDE, _SSIM_SIGMA = 11, 1.5  # pixels: the window of Wang et al. 2004
-_DESK = 3840 * math.pi / 180  # pixels a degree
+_DESK = 3840 * math.pi / 180  # pixels per degree
 _LUMA = 0.2126, 0.7152, 0.0722  # of red, green and blue: BT.709
 
 
@@ -52,7 +52,7 @@ def psnr(a: Image, b: Image, *, valid: Mask | None = None) -> float:
     -------
     float
         10 log10(peak^2 / mean squared difference) over all channels of the pixels that count, in dB;
-        infinite where they are equal.
+        infinite if the images are equal there.
 
     Raises
     ------
@@ -71,21 +71,21 @@ def psnr(a: Image, b: Image, *, valid: Mask | None = None) -> float:
 
 
 def ws_psnr(a: Image, b: Image, *, latitudes: float = 180.0, valid: Mask | None = None) -> float:
-    """WS-PSNR of two panoramas (equirectangular): PSNR, each row weighted by the share of the sphere that it shows.
+    """WS-PSNR of two equirectangular panoramas: PSNR with rows weighted by their share of the sphere.
 
     By Sun, Lu and Yu (IEEE Signal Processing Letters 2017): the weight of row j of N is cos((j + 0.5 - N / 2) pi / N).
 
     Parameters
     ----------
     a, b, valid
-        As `psnr` has them.
+        As in `psnr`.
     latitudes : float
-        Degrees that the rows cover, as many of them above the horizon as below it.
+        Degrees that the rows cover, half of them above the horizon.
 
     Returns
     -------
     float
-        In dB, over all channels; infinite where they are equal.
+        In dB, over all channels; infinite if the images are equal.
 
     Examples
     --------
@@ -107,28 +107,28 @@ def ws_psnr(a: Image, b: Image, *, latitudes: float = 180.0, valid: Mask | None 
 def iv_psnr(
     a: Image, b: Image, *, valid: Mask | None = None, space: Space = "rgb", bits: int = 8, reach: int = 2
 ) -> float:
-    """IV-PSNR of two pictures, for views that are synthesised: PSNR that forgives small shifts and exposures.
+    """IV-PSNR of two pictures, for synthesised views: PSNR that tolerates small shifts and changes of exposure.
 
-    By Dziembowski et al. (IEEE TCSVT 2022), with the parameters of MPEG: each pixel is compared with that of 5 x 5 of
-    the other picture that is most alike, after the mean difference of each component, up to 1 % of the range, is taken
-    away; once from either side, of which the lesser counts. Components weigh 4 : 1 : 1.
+    By Dziembowski et al. (IEEE TCSVT 2022), with the parameters of MPEG. First, the mean difference of each component
+    is removed, up to 1 % of the range. Then each pixel is compared with the most similar of 5 x 5 pixels of the other
+    picture. Both directions are evaluated, and the lower value counts. Components are weighted 4 : 1 : 1.
 
     Parameters
     ----------
-    a, b : (H, W, 3), both uint8 or both floats in [0, 1]; of YCbCr also integers of that many bits
+    a, b : (H, W, 3), both uint8 or both floats in [0, 1]; YCbCr may also be integers of `bits` bits
     valid : (H, W) bool, optional
-        The pixels that count, and are compared with; all if not given.
+        The pixels that count, and that others are compared with; all if not given.
     space : {"rgb", "ycbcr"}
-        RGB becomes YCbCr by BT.709, as videos have it (16 to 235).
+        RGB is converted to YCbCr by BT.709, in the range of videos (16 to 235).
     bits : int
-        A component of YCbCr, 8 to 16.
+        Bits per component of YCbCr, 8 to 16.
     reach : int
-        Pixels that the search goes to each side.
+        Distance of the search to each side, in pixels.
 
     Returns
     -------
     float
-        In dB; infinite where they are equal.
+        In dB; infinite if the pictures are equal.
 
     Examples
     --------
@@ -147,15 +147,15 @@ def iv_psnr(
 
 
 def ssim(a: Image, b: Image, *, valid: Mask | None = None) -> float:
-    """Structural similarity of two images (Wang et al. 2004), -1 to 1, where 1 is equal: by scikit-image.
+    """Structural similarity of two images (Wang et al. 2004), -1 to 1, where 1 is equal; by scikit-image.
 
-    These are Gaussian, of 11 x 11 pixels and a sigma of 1.5; those that lie within the image count. Of several channels
-    it is the mean.
+    Windows are Gaussian, of 11 x 11 pixels and a sigma of 1.5; only windows inside the image count. Several channels
+    are averaged.
 
     Parameters
     ----------
     a, b, valid
-        As `psnr` has them, of 11 x 11 pixels or more.
+        As in `psnr`, of 11 x 11 pixels or more.
 
     Raises
     ------
@@ -190,9 +190,10 @@ def ssim(a: Image, b: Image, *, valid: Mask | None = None) -> float:
 
 
 def flip(a: Image, b: Image, *, valid: Mask | None = None, pixels_per_degree: float = _DESK) -> float:
-    """Mean FLIP of two pictures, 0 to 1: the difference that eyes see (Andersson et al. 2020), by NVIDIA.
+    """Mean FLIP of two pictures, 0 to 1: the perceived difference (Andersson et al. 2020), by NVIDIA.
 
-    It is the mean of flip-evaluator's map, whose own figure, a sum of float32, is off in the fifth digit of 1080p.
+    It is the mean of flip-evaluator's error map. The package's own mean is a float32 sum, which is off in the fifth
+    digit for 1080p.
 
     Parameters
     ----------
@@ -201,7 +202,7 @@ def flip(a: Image, b: Image, *, valid: Mask | None = None, pixels_per_degree: fl
     valid : (H, W) bool, optional
         The pixels that count; all if not given.
     pixels_per_degree : float
-        Of the eye's view; by default 67.02, those of a 4K screen of 0.7 m at a distance of 0.7 m.
+        Angular resolution for the viewer; by default 67.02, for a 4K screen 0.7 m wide at a distance of 0.7 m.
 
     Raises
     ------
@@ -226,7 +227,7 @@ def flip(a: Image, b: Image, *, valid: Mask | None = None, pixels_per_degree: fl
 
 
 def median_color_error(a: Image, b: Image, *, valid: Mask | None = None) -> float:
-    """Median absolute difference of two images, over all channels of what counts, in their units.
+    """Median absolute difference of two images, over all channels of the pixels that count, in the images' units.
 
     Parameters
     ----------
@@ -265,7 +266,7 @@ def depth_rmse(depth: Image, truth: Image, *, valid: Mask | None = None) -> floa
 
 
 def median_depth_error(depth: Image, truth: Image, *, valid: Mask | None = None) -> float:
-    """Median absolute difference of two depth images, in scene units; the pixels of `depth_rmse` count.
+    """Median absolute difference of two depth images, in scene units; counts the same pixels as `depth_rmse`.
 
     Examples
     --------
@@ -278,14 +279,14 @@ def median_depth_error(depth: Image, truth: Image, *, valid: Mask | None = None)
 
 
 def hole_ratio(valid: Mask, *, expected: Mask | None = None) -> float:
-    """Share of the pixels that are holes.
+    """Fraction of pixels that are holes.
 
     Parameters
     ----------
     valid : (H, W) bool
-        Where something was seen, as `Frame.valid`.
+        True where a surface was seen, as `Frame.valid`.
     expected : (H, W) bool, optional
-        The pixels that count: those where something can be seen. All if not given.
+        The pixels that count: those where a surface can be seen. All if not given.
 
     Examples
     --------
@@ -300,7 +301,7 @@ def hole_ratio(valid: Mask, *, expected: Mask | None = None) -> float:
 
 
 def silhouette_iou(a: Mask, b: Mask) -> float:
-    """Pixels in both silhouettes over pixels in either, 0 to 1; all pixels of the image count.
+    """Intersection over union of two silhouettes, 0 to 1; all pixels of the image count.
 
     Parameters
     ----------
@@ -323,7 +324,7 @@ def silhouette_iou(a: Mask, b: Mask) -> float:
 
 
 def _pictures(a: object, b: object) -> tuple[Image, Image, float]:
-    """Two pictures of one shape and kind, and their peak."""
+    """Two pictures of equal shape and kind, and their peak."""
     first, second = _pair("a", a, "b", b)
     if not first.dtype == second.dtype == np.uint8 and {first.dtype.kind, second.dtype.kind} != {"f"}:
         raise ArgumentError("b", "uint8 as a, or floats as a", f"{second.dtype}, and a is {first.dtype}")
@@ -340,7 +341,7 @@ def _decibels(error: float, peak: float) -> float:
 
 
 def _components(image: Image, space: Space, bits: int) -> NDArray[np.int32]:
-    """(H, W, 3) YCbCr as integers of so many bits."""
+    """(H, W, 3) YCbCr as integers of `bits` bits."""
     if space == "ycbcr" and image.dtype.kind != "f":
         return image.astype(np.int32)
     shown = image / 255.0 if image.dtype == np.uint8 else np.nan_to_num(image.astype(np.float64))
@@ -353,7 +354,7 @@ def _components(image: Image, space: Space, bits: int) -> NDArray[np.int32]:
 
 
 def _pair(name: str, a: object, other: str, b: object) -> tuple[Image, Image]:
-    """Two images of one shape."""
+    """Two images of equal shape."""
     first, second = _image(name, a), _image(other, b)
     if first.shape != second.shape:
         raise ArgumentError(other, f"the shape of {name}, {first.shape}", describe(b))
@@ -375,7 +376,7 @@ def _depth_differences(depth: Image, truth: Image, valid: Mask | None) -> Float6
 
 
 def _counting(argument: str, mask: Mask | None, shape: tuple[int, ...]) -> Mask:
-    """The mask of pixels that count, all if it is None; ArgumentError if none does."""
+    """Mask of the pixels that count, all if `mask` is None; ArgumentError if none counts."""
     counts = np.ones(shape, np.bool_) if mask is None else _checked_mask(argument, mask, shape)
     if not counts.any():
         raise ArgumentError(argument, "a pixel that counts", "none")

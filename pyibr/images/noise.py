@@ -22,15 +22,15 @@ Found = tuple[Terms, Terms]
 Noise = float | Terms | Callable[[Float64], Float64]
 """Noise of depth, as `DepthImage` and `clean_depth` take it."""
 
-_PLACES = 16  # depths at which a function of noise is sampled
+_PLACES = 16  # depths at which a noise function is sampled
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
-_ROUNDS, _CLOSE = 3, 0.02  # fits; a larger difference in one weighs less in the next
-_SIMPLER = 0.03  # by so much a fit must be closer to have one more term
-_RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
+_ROUNDS, _CLOSE = 3, 0.02  # number of fits; differences above _CLOSE have less weight in the next fit
+_SIMPLER = 0.03  # improvement that a fit needs for each additional term
+_RIDGE = 1e-9  # regularization: samples at a single depth cannot separate the terms
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
 )
-"""Which of the three kinds of noise there are: (7, 3) bool, the fewest first."""
+"""Subsets of the three terms that a fit may have: (7, 3) bool, the smallest first."""
 _CHOSEN_PAIRS = _CHOICES[:, :, None] & _CHOICES[:, None, :]
 _OTHERS = np.eye(3) * np.where(_CHOICES, _RIDGE, 1.0)[:, None]
 
@@ -38,23 +38,23 @@ _estimators: list[Callable[[DepthNoise], Found]] = []
 
 
 def estimated_by(estimate: Callable[[DepthNoise], Found]) -> Callable[[DepthNoise], Found]:
-    """Have noise estimated by a function that knows a device, which images do not; a decorator."""
+    """Register the function that estimates noise on a device; a decorator. Images themselves know no device."""
     _estimators[:] = [estimate]
     return estimate
 
 
 class DepthNoise(Immutable):
-    """Noise of an image's depth, and the steps of its scale: each found on first use, or given.
+    """Noise of an image's depth, and the quantization steps of its scale. Both are estimated on first use.
 
     Parameters
     ----------
     depth : (H, W) float32
-        Not finite, <= 0 or >= `far` is no sample.
+        Depths that are not finite, <= 0 or >= `far` are ignored.
     far : float
     given : (a, b, c), optional
-        The deviation, if it is known.
+        The standard deviation, if known; it is then not estimated.
     cells : int
-        Number of cells that are sampled: from 6,000, noise is found to some percent.
+        Number of cells that are sampled. With 6,000, the estimate is accurate to a few percent.
     """
 
     def __init__(self, depth: Depth, far: float = np.inf, given: Terms | None = None, cells: int = 6_000) -> None:
@@ -64,14 +64,17 @@ class DepthNoise(Immutable):
     def deviation(self) -> Terms:
         """(a, b, c), none negative: at depth z the noise has a standard deviation of about a z^2 + b z + c.
 
-        Stereo and structured light have the first kind, time of flight the others. A scale's noise is at least half a
-        step, since depths between two levels are rounded to either.
+        The first term is the noise of stereo and structured light, the others that of time of flight. The deviation is
+        at least half a step of the scale, since depths between two levels are rounded to either.
         """
         return self._found[0] if self.given is None else self.given
 
     @property
     def steps(self) -> Terms:
-        """(a, b, c), none negative: at depth z, levels of a coarse scale (disparity, whole units) lie as far apart."""
+        """(a, b, c), none negative: at depth z, levels of a quantized scale lie a z^2 + b z + c apart.
+
+        Such scales are, for example, disparities or whole units.
+        """
         return self._found[1]
 
     @cached_property
@@ -80,9 +83,9 @@ class DepthNoise(Immutable):
 
 
 def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) -> Terms:
-    """(a, b, c), none negative: deviations (n,) at depths z (n,) are about a z^2 + b z + c; zeros do not count.
+    """(a, b, c), none negative: fit a z^2 + b z + c to deviations (n,) at depths z (n,); zero deviations do not count.
 
-    counts: numbers of samples behind the deviations.
+    counts: number of samples behind each deviation.
     """
     known = deviations > 0
     number = np.count_nonzero(known)
@@ -93,8 +96,8 @@ def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) 
     terms = np.empty((number, 3))
     terms[:, 0], terms[:, 1], terms[:, 2] = z * z, z, 1.0
     terms /= in_depth[:, None]
-    # Least differences of each choice of terms, by weighted squares: what is far off, as a sky whose noise is cut off
-    # at no nearness, tells nothing. In normal equations the terms that are not of a choice are the identity's.
+    # Least absolute differences for each subset of terms, by reweighted squares: outliers, such as a sky whose noise
+    # is clipped at nearness 0, have little weight. In the normal equations, terms outside a subset have identity rows.
     sizes: Float64 = np.sqrt(np.add.reduce(terms * terms, axis=0))
     scaled = terms / sizes
     products = (scaled[:, :, None] * scaled[:, None, :]).reshape(number, 9)
@@ -115,9 +118,10 @@ def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) 
 
 
 def checked_noise(noise: object, depth: Depth, far: float = np.inf, projection: Projection = "perspective") -> Terms:
-    """Return (a, b, c) of the noise of depth as users give it, or raise ArgumentError.
+    """Return (a, b, c) of the noise that a user gives, or raise ArgumentError.
 
-    depth, far: the samples, whose range tells where a function is looked at. projection: of a number, what it is of.
+    depth, far: the samples; a function is evaluated over their range. projection: decides whether a number is the
+    deviation of 1 / depth (perspective) or of depth (orthographic).
     """
     expected = "a number >= 0, three of them or a function of depth"
     if not callable(noise):
@@ -139,7 +143,7 @@ def checked_noise(noise: object, depth: Depth, far: float = np.inf, projection: 
 
 
 def disparity_noise(pixels: float, focal: float, baseline: float) -> float:
-    """Return the noise of depth from disparity: the standard deviation of 1 / depth, as `DepthImage` takes it.
+    """Return the noise of depth from disparity as the standard deviation of 1 / depth, for `DepthImage`.
 
     Parameters
     ----------
@@ -148,12 +152,12 @@ def disparity_noise(pixels: float, focal: float, baseline: float) -> float:
     focal : float
         > 0: focal length of the camera, in pixels.
     baseline : float
-        > 0: between the two cameras (or camera and projector), in scene units.
+        > 0: distance of the two cameras (or camera and projector), in scene units.
 
     Raises
     ------
     ArgumentError
-        If one is out of its range.
+        If a value is out of range.
 
     Examples
     --------

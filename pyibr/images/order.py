@@ -1,4 +1,4 @@
-"""An order of views that depends on what they are alone, not on how they are listed."""
+"""An order of views that depends on their content, not on their order in a list."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ View = DepthImage | Silhouette
 
 
 def order_of(views: Sequence[View]) -> list[int]:
-    """The views' numbers, in an order that is the same however the views are listed: sums in it are, to the bit.
+    """Numbers of the views, in an order that does not depend on the list's order, so that sums have the same bits.
 
-    By their cameras; views of one camera by what they hold. Only views that are the same in all keep their places.
+    Views are sorted by camera; views with equal cameras, by content. Only identical views keep their relative order.
     """
-    if len(views) < 2:  # most pictures are of one view
+    if len(views) < 2:  # fast path: most pictures have one view
         return list(range(len(views)))
     cameras = [_camera_key(view) for view in views]
     count = Counter(cameras)
@@ -30,14 +30,14 @@ def order_of(views: Sequence[View]) -> list[int]:
 
 
 def ranks_of(views: Sequence[View]) -> NDArray[np.intp]:
-    """(views,) the views' places in that order: they break ties between views."""
+    """(views,) each view's rank in the order of `order_of`, to break ties between views."""
     return np.argsort(order_of(views))
 
 
 def _camera_key(view: View) -> bytes:
     camera = view.camera
     kind = repr((camera.size, camera.projection)).encode()
-    return b"".join([(camera.world_from_camera + 0.0).tobytes(), camera.K.tobytes(), kind])  # 0 is -0
+    return b"".join([(camera.world_from_camera + 0.0).tobytes(), camera.K.tobytes(), kind])  # + 0.0 turns -0 into 0
 
 
 _contents: WeakKeyDictionary[View, bytes] = WeakKeyDictionary()

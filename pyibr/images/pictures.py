@@ -1,4 +1,4 @@
-"""Pictures to look at: depth as colours, an image beside its depth, a camera's frustum; a camera that sees a box."""
+"""Preview pictures: depth as colours, an image next to its depth, a camera's frustum; a camera that sees a box."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _RAMP = np.column_stack(
 ).astype(np.uint8)
 """(256, 3) colours from far to near."""
 
-_ENDS = (1.0, 99.0)  # per cent of the pixels between which the ramp lies: what is far out does not count
-_SAMPLES = 4096  # that tell where these are
-_DRAWN = (640, 480)  # pixels of a camera's picture, before it is made half as large
-_BENT = 33  # points of a side of what it sees, which a lens bends
+_ENDS = (1.0, 99.0)  # percentiles at the ends of the ramp, which exclude outliers
+_SAMPLES = 4096  # pixels from which the percentiles are computed
+_DRAWN = (640, 480)  # pixels of a camera's picture, before its size is halved
+_BENT = 33  # points on each side of the image's border, which a lens bends
 _PAPER, _INK, _AXES = (255, 255, 255), (90, 90, 90), ((210, 50, 50), (40, 150, 60), (50, 80, 210))
 
 
@@ -39,11 +39,11 @@ class Pictured(Shown):
 
     @property
     def known_depth(self) -> NDArray[np.float32]:
-        """(H, W) the depth, NaN where there is none."""
+        """(H, W) depth, NaN where there is none."""
         return self.depth
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write its colours, its depth or its camera, by the file's suffix. A missing folder is made.
+        """Write the colours, the depth or the camera, by the file's suffix. A missing folder is created.
 
         Parameters
         ----------
@@ -55,7 +55,7 @@ class Pictured(Shown):
         Raises
         ------
         FileFormatError
-            If the suffix is another, or the file cannot be written.
+            If the suffix is unknown, or the file cannot be written.
 
         Examples
         --------
@@ -81,7 +81,7 @@ def in_bytes(color: NDArray[Any]) -> Image:
 
 
 def depth_colors(of: Pictured, background: tuple[int, int, int] = (0, 0, 0)) -> Image:
-    """Depth as colours, light is near; even in 1 / depth for a perspective camera, as disparities are."""
+    """Depth as colours, lighter when nearer. For a perspective camera, the ramp is linear in 1 / depth."""
     depth = of.known_depth
     seen = np.isfinite(depth)
     near = 1 / depth[seen] if of.camera.projection == "perspective" else -depth[seen]
@@ -94,7 +94,7 @@ def depth_colors(of: Pictured, background: tuple[int, int, int] = (0, 0, 0)) -> 
 
 
 def camera_before(low: Float64, high: Float64, up: Float64) -> Camera:
-    """A camera that sees all of a box, from above and aside; `up` is a direction of any length."""
+    """A camera that sees a whole box, obliquely from above; `up` is a direction of any length."""
     up = up / np.linalg.norm(up)
     side = np.cross(up, np.eye(3)[np.abs(up).argmin()])
     side /= np.linalg.norm(side)
@@ -111,7 +111,7 @@ def _(thing: Pictured) -> Image:
 
 @picture_of.register
 def _(thing: Camera) -> Image:
-    """Its image at one depth, as its lens bends it, the rays there, and its axes: x red, y green, z blue."""
+    """The camera's image border at one depth, as the lens bends it, rays to it, and axes: x red, y green, z blue."""
     from PIL import Image, ImageDraw
 
     own = Camera(thing.K, thing.size, projection=thing.projection, lens=thing.lens)
@@ -123,7 +123,7 @@ def _(thing: Camera) -> Image:
     starts = border * (0, 0, 0) if own.projection == "perspective" else border * (1, 1, 0)
     rays = np.stack([starts, border], axis=1)[::_BENT]
     axes = np.stack([np.zeros((3, 3)), reach * np.eye(3)], axis=1)
-    ends = np.concatenate([border, starts, *axes])  # a lens may see nothing along the whole border
+    ends = np.concatenate([border, starts, *axes])  # the whole border may have no rays
     low, high = np.nanmin(ends, axis=0), np.nanmax(ends, axis=0)
     away = np.array([-0.8, -0.7, -0.6]) * 1.3 * np.linalg.norm(high - low)
     view = Camera.look_at((low + high) / 2 + away, (low + high) / 2, (0, -1, 0), _DRAWN, fov_y=50)

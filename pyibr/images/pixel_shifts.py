@@ -1,19 +1,19 @@
-"""Differences of pictures whose pixels may lie a little elsewhere, as IV-PSNR takes them."""
+"""Differences of pictures that tolerate small shifts of pixels, for IV-PSNR."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-_ROWS = 32  # of a band, which fits into a processor's cache
+_ROWS = 32  # rows per band, which fits into a processor's cache
 
-_WEIGHTS = 4, 1, 1  # of luma and chroma, in the search and in the mean
+_WEIGHTS = 4, 1, 1  # weights of luma and chroma, in the search and in the mean
 
 
 def searched_psnr(
     reference: NDArray[np.int32], image: NDArray[np.int32], valid: NDArray[np.bool_], peak: int, reach: int
 ) -> float:
-    """IV-PSNR of two (H, W, 3) pictures in YCbCr: the lesser one of either being the reference."""
+    """IV-PSNR of two (H, W, 3) pictures in YCbCr: the lower value when either picture is the reference."""
     most = round(0.01 * peak)
     mean = (reference - image)[valid].mean(axis=0)
     shift = np.clip(np.rint(mean).astype(np.int32), -most, most)
@@ -49,7 +49,7 @@ def _one_sided(
 def _nearest(
     image: NDArray[np.int32], wide: NDArray[np.int32], known: NDArray[np.bool_], reach: int
 ) -> NDArray[np.int64]:
-    """(3, h, w) squared differences to the pixel of the reference nearby that is most alike."""
+    """(3, h, w) squared differences to the most similar nearby pixel of the reference."""
     _, height, width = image.shape
     least = np.full((height, width), np.iinfo(np.int64).max)
     found = np.zeros(image.shape, np.int64)

@@ -1,4 +1,4 @@
-"""Images of which only the object's outline is known."""
+"""Images with the object's outline instead of depth."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pyibr.images.depth_image import DepthImage
 
 
 class Silhouette(Immutable):
-    """An image of which only the object's outline is known, and the camera that took it.
+    """An image with the object's outline instead of depth, and the camera that took it.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Silhouette(Immutable):
     color, camera
         As given, read-only.
     valid : (H, W) bool
-        The mask, by the name that a depth image has it by.
+        The mask, under the name that `DepthImage` uses.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class Silhouette(Immutable):
     (13, 7)
     """
 
-    normals = None  # which a depth image may have
+    normals = None  # only a depth image may have normals
 
     def __init__(self, color: NDArray[Any], mask: NDArray[np.bool_], camera: Camera) -> None:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
@@ -63,12 +63,12 @@ class Silhouette(Immutable):
 
     @property
     def shown_color(self) -> NDArray[Any]:
-        """(H, W, 3) the colours, by the name that a depth image has them by."""
+        """(H, W, 3) colours, under the name that `DepthImage` uses."""
         return self.color
 
 
 def is_opposite(a: Silhouette | DepthImage, b: Silhouette | DepthImage) -> bool:
-    """Tell whether two orthographic views look along one line from both sides and show one silhouette, mirrored."""
+    """Tell whether two orthographic views look along one line from opposite sides and show mirrored silhouettes."""
     if a.camera.projection != "orthographic" or b.camera.projection != "orthographic":
         return False
     facing = float(a.camera.world_from_camera[:3, 2] @ b.camera.world_from_camera[:3, 2])
@@ -77,7 +77,8 @@ def is_opposite(a: Silhouette | DepthImage, b: Silhouette | DepthImage) -> bool:
     from_a = a.camera.world_from_camera @ np.linalg.inv(a.camera.pixel_matrix)
     to_b = b.camera.pixel_matrix @ b.camera.camera_from_world @ from_a
     width, height = a.camera.size
-    # At any nearness, as they look along one line: whole steps along b's rows or columns for those along a's
+    # The views look along one line, so this holds for any depth. A step along a's rows or columns must be a whole step
+    # along b's rows or columns.
     exact, whole = to_b[:2, :3], np.rint(to_b[:2, :3]).astype(int)
     corners = np.array([[0, width - 1, 0, width - 1], [0, 0, height - 1, height - 1], [1, 1, 1, 1]])
     if np.abs((exact - whole) @ corners).max() > 1e-3:

@@ -124,10 +124,10 @@ COLOR, DEPTH = image_of((61, 37))
         ({"camera": camera_of((37, 61))}, "color", r"\(61, 37, 3\)"),
         ({"far": 0}, "far", "> 0"),
         ({"default_depth": 0}, "default_depth", 'a depth > 0 or "farthest", got '),
-        ({"default_depth": 1e39}, "default_depth", "a depth that float32 holds, got float 1e"),
-        ({"default_depth": 1e-50}, "default_depth", "a depth that float32 holds, got float 1e-50"),
+        ({"default_depth": 1e39}, "default_depth", "a depth in the range of float32, got float 1e"),
+        ({"default_depth": 1e-50}, "default_depth", "a depth in the range of float32, got float 1e-50"),
         ({"default_depth": "near"}, "default_depth", "one of \"farthest\" or a depth > 0, got str 'near'"),
-        ({"default_depth": "farthest", "far": 1e-6}, "default_depth", "a depth > 0 for a view without any"),
+        ({"default_depth": "farthest", "far": 1e-6}, "default_depth", "a depth > 0 for a view with no samples"),
         ({"far": math.nan}, "far", "> 0"),
     ],
 )
@@ -205,7 +205,7 @@ def test_relative_depth_has_its_ends_at_near_and_far():
     np.testing.assert_allclose(depth, [[6, 4], [np.nan, 2]], rtol=1e-6)
     for kind in (np.uint8, np.uint16, np.float16):
         np.testing.assert_array_equal(ibr.depth_from_relative(values[:, 1].astype(kind)), np.float32([10, 1]))
-    with pytest.raises(ibr.ArgumentError, match="values: expected some that differ"):
+    with pytest.raises(ibr.ArgumentError, match="values: expected values that are not all equal"):
         ibr.depth_from_relative([2, 2])
     with pytest.raises(ibr.ArgumentError, match="far: expected a depth beyond near = 3"):
         ibr.depth_from_relative([1, 2], near=3, far=2)
