@@ -1,1 +1,1 @@
-"""The picture: what things draw themselves into, in which light."""
+"""Pictures: render targets, lights, and the drawing of things."""

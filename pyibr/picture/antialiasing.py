@@ -1,4 +1,4 @@
-"""Several samples a pixel: a picture is drawn finer and averaged, so that silhouettes and depth edges are smooth."""
+"""Antialiasing: a picture is drawn with several samples per pixel and averaged."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _SIDES = {side * side: side for side in range(1, 9)}
 
 
 def checked_side(samples: int) -> int:
-    """Return the samples a pixel along each of its sides, or raise ArgumentError.
+    """Return the number of samples along each side of a pixel, or raise ArgumentError.
 
     Raises
     ------
     ArgumentError
-        Unless `samples` is a square, 1 to 64.
+        If `samples` is not a square number from 1 to 64.
     """
     if samples.__class__ is int and samples in _SIDES:
         return _SIDES[samples]
-    expected = f"{', '.join(map(str, _SIDES))} samples a pixel"
+    expected = f"{', '.join(map(str, _SIDES))} samples per pixel"
     count = integer_from("samples", samples, 1, max(_SIDES), expected)
     if count not in _SIDES:
         raise ArgumentError("samples", expected, str(count))
@@ -35,12 +35,12 @@ def checked_side(samples: int) -> int:
 
 
 def finer(camera: Camera, side: int) -> Camera:
-    """The camera whose pixels are the samples of a camera's: (side * width, side * height).
+    """Return a camera of size (side * width, side * height), whose pixels are the given camera's samples.
 
     Raises
     ------
     ArgumentError
-        If there are more than pictures may have pixels.
+        If the finer picture has too many pixels.
     """
     if side == 1:
         return camera
@@ -50,7 +50,7 @@ def finer(camera: Camera, side: int) -> Camera:
 
 
 def averaged(fine: Target, camera: Camera, side: int, out: Frame | None = None) -> Target:
-    """The picture of a camera from that of its `finer` one; `out`: a frame whose arrays are written."""
+    """Return a camera's picture from the picture of its `finer` camera; `out`: a frame whose arrays are written."""
     if side == 1:
         return fine
     target = Target(camera, fine.color.dtype, out=out, channels=fine.color.shape[-1])

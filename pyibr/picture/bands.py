@@ -1,4 +1,4 @@
-"""Pictures for which the device has not the memory at once: one after the other, and large ones in bands of rows."""
+"""Pictures that exceed the device's memory: drawn one after the other, and large ones in bands of rows."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pyibr.core.errors import OutOfMemoryError
 from pyibr.images.frame import Frame
 from pyibr.opencl.device import Session
 
-_PIXELS_MIN = 1 << 20  # of a band: where that does not fit, it is for the things
+_PIXELS_MIN = 1 << 20  # fewest pixels per band: if that does not fit, the things need the memory, not the picture
 
 Begin = Callable[[Camera, Frame | None], Callable[[], Frame]]
-"""Begins to draw a camera's picture, if given into a frame's arrays; once the session was waited for, the rest."""
+"""Begins to draw a picture, into a frame's arrays if given. The returned function finishes it after a wait."""
 
 
 def frames_in_memory(
@@ -26,9 +26,10 @@ def frames_in_memory(
     begin: Callable[[], Begin],
     in_bands: bool = True,
 ) -> list[Frame]:
-    """Draw cameras' pictures: at once if there is memory, else in as few bands as halving them leads to.
+    """Draw pictures for several cameras: together if they fit in memory, otherwise one by one.
 
-    `begin` makes what begins pictures that are drawn at once. Without `in_bands` no picture is cut.
+    A picture that does not fit is halved into bands of rows until they fit, unless `in_bands` is False. `begin` is
+    called once for each group of pictures that are drawn together.
     """
 
     def at_once() -> list[Frame]:
@@ -46,7 +47,7 @@ def frames_in_memory(
         width, height = cameras[0].size
         if len(cameras) == 1 and not (in_bands and height > 1 and width * height >= 2 * _PIXELS_MIN):
             raise
-        session.wait()  # what is in flight keeps its memory
+        session.wait()  # commands in flight keep their memory
     if len(cameras) > 1:
         return [alone(camera, out) for camera, out in zip(cameras, outs, strict=True)]
     (camera,), (out,) = cameras, outs
@@ -66,7 +67,7 @@ def _rows_of(camera: Camera, rows: slice) -> Camera:
 
 
 def _put(frame: Frame, told: dict[str, Any], rows: slice, height: int) -> None:
-    """Copy what a frame tells to some rows of what is told of all."""
+    """Copy a band's arrays into the rows of the whole picture's arrays."""
     arrays: dict[str, NDArray[Any]] = {name: each for name, each in vars(frame).items() if isinstance(each, np.ndarray)}
     for name, values in arrays.items():
         told.setdefault(name, np.zeros((height, *values.shape[1:]), values.dtype))[rows] = values

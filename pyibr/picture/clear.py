@@ -1,4 +1,4 @@
-"""Arrays on the device set to one value."""
+"""Clearing of arrays on the device."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pyibr.opencl.program import kernel
 
 
 def clear(array: DeviceArray, value: float) -> None:
-    """Set all elements of a float32 or uint32 array, on all processors."""
+    """Set all elements of a float32 or uint32 array to one value, on all processors."""
     count, profile = math.prod(array.shape), current().profile
     launch(
         kernel("picture/begin.cl", "clear_uints" if array.dtype == np.uint32 else "clear"),

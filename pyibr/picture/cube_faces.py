@@ -1,4 +1,4 @@
-"""Pictures of cameras with lenses: drawn by pinholes, one or several, and read where each pixel's ray passes."""
+"""Pictures of cameras with lenses: drawn by one or several pinhole cameras, then resampled along the pixels' rays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pyibr.picture.undistort import positions_on_device
 
 
 def cube_face_cameras(camera: Camera) -> list[Camera]:
-    """The cameras without lenses whose targets `joined_faces` takes: itself, if it has none."""
+    """Return the pinhole cameras whose targets `joined_faces` takes; the camera itself if it has no lens."""
     if camera.lens is None:
         return [camera]
     world = camera.world_from_camera
@@ -27,14 +27,14 @@ def cube_face_cameras(camera: Camera) -> list[Camera]:
 
 
 def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = None) -> Target:
-    """The picture of a camera from those of its `pane_cameras`.
+    """Return a camera's picture from the targets of its `cube_face_cameras`.
 
     Parameters
     ----------
     targets : sequence of Target
     camera : Camera
     out : Frame, optional
-        Its arrays are written.
+        Frame whose arrays are written.
     """
     if camera.lens is None:
         return targets[0]

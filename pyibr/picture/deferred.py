@@ -1,4 +1,4 @@
-"""Light on what is made of images, once all things are drawn (kernels/picture/deferred.cl)."""
+"""Lighting of surfaces made from images, after all things are drawn (kernels/picture/deferred.cl)."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from pyibr.picture.target import Target
 
 @dataclass(frozen=True)
 class Entry:
-    """Defines and arguments of kernels that draw a thing which is lit afterwards; empty, if it is not lit.
+    """Defines and arguments of kernels that draw a thing with deferred lighting; empty without it.
 
     Attributes
     ----------
     normals : bool
-        Whether the thing's normals are to be drawn, too.
+        Whether the kernels also draw the thing's normals.
     defines : dict
-        For `pyibr.opencl.program.kernel`.
+        Defines for `pyibr.opencl.program.kernel`.
     arguments : dict
-        For `pyibr.opencl.launch.launch`.
+        Arguments for `pyibr.opencl.launch.launch`.
     """
 
     normals: bool = False
@@ -36,7 +36,7 @@ class Entry:
     arguments: dict[str, Any] = field(default_factory=dict[str, Any])
 
     def with_arrays(self, **arrays: DeviceArray) -> Entry:
-        """The same with further arguments, as the images of normals that are drawn."""
+        """Return the same with further arguments, such as normal images."""
         return replace(self, arguments=self.arguments | arrays)
 
 
@@ -52,30 +52,31 @@ def entry_for(
     fade: float = 0.1,
     normals: bool = False,
 ) -> Entry:
-    """Enter a thing whose colours hold the light that they were taken in among those that are lit afterwards.
+    """Register a thing for deferred lighting, because its colours already contain light.
 
-    It gets its shadows; or, by a light with `Light.relight`, all of the light.
+    The thing then receives shadows; a light with `Light.relight` shades it completely.
 
     Parameters
     ----------
     target : Target
-        That it is about to be drawn into.
+        Target that the thing is about to be drawn into.
     lighting : Lighting, optional
-        Without one, or without its shadows if it does not relight, nothing happens.
+        Without a light, or without both shadows and `relight`, nothing happens.
     bias : float
-        Scene units by which the thing may lie before its surface.
+        Shadow bias in scene units: how far drawn points may lie in front of the true surface.
     apart : int
-        Pixels between the depths that tell its normals.
+        Pixels between the depths from which normals are computed.
     fade : float
-        Cosine between light and normal from which it fades as it turns away; 0 for solids, whose fronts hide their
-        backs. Relit, it fades by Lambert's law.
+        Cosine between light and normal below which direct light fades out; 0 for solids, whose fronts shadow their
+        backs. With `relight`, Lambert's law applies instead.
     normals : bool
-        Whether it can draw normals of its own, for a light that relights; else the picture's depths tell them.
+        Whether the thing's kernels can draw normals, for `relight`; otherwise they are computed from the picture's
+        depths.
 
     Returns
     -------
     Entry
-        For the kernels that draw it.
+        For the kernels that draw the thing.
     """
     if lighting is None or not (lighting.light.relight or lighting.maps is not None):
         return NO_ENTRY
@@ -92,12 +93,12 @@ def entry_for(
 
 
 def light_things(target: Target, lighting: Lighting | None) -> None:
-    """Light all that was entered while it was drawn into a target."""
+    """Light all registered things in a target."""
     gbuffer = target.gbuffer
     if lighting is None or gbuffer is None:
         return
     target.gbuffer = None
-    origin = target.camera.center  # float32 holds what is near 0 best
+    origin = target.camera.center  # float32 is most accurate near 0
     relit = lighting.light.relight
     more = {"normals": gbuffer.depth if gbuffer.normal is None else gbuffer.normal} if relit else {}
     records = np.array(gbuffer.things, np.float64).clip(0, np.finfo(np.float32).max).astype(np.float32)

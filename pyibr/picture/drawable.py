@@ -1,4 +1,4 @@
-"""Contract of what `render` draws, between a picture and the systems, which it knows nothing of."""
+"""Protocols of things that `render` draws. They keep the picture independent of the systems."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from pyibr.picture.target import Target
 class Drawable(Protocol):
     """A thing that draws itself.
 
-    Whatever has these two is drawn by `pyibr.render` beside all others, and casts shadows on them. What it keeps on
-    the device is its own affair; `pyibr.opencl.device_cache.cached_on_device` makes it once a device. A class of
-    your own needs no more than that: no base, no registration. It may have two more: `Finishing.finish`, and a
-    `color_dtype`, the dtype of its colours: where that is float32, the picture is in floats.
+    `pyibr.render` draws any object with these two members together with other things, and the things cast shadows on
+    each other. A class of your own needs no base class and no registration. It may have two more members:
+    `Finishing.finish`, and `color_dtype`, the dtype of its colours; if that is float32, so is the picture. Objects
+    manage their own data on the device; `pyibr.opencl.device_cache.cached_on_device` creates it once per device.
 
     Examples
     --------
@@ -33,7 +33,7 @@ class Drawable(Protocol):
 
     @property
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """(low, high), each (3,), finite, in the world: a box around all that it draws, for lights to aim at."""
+        """(low, high), each (3,), finite, in the world: a box around the thing, which shadow maps cover."""
         ...
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
@@ -42,45 +42,48 @@ class Drawable(Protocol):
         Parameters
         ----------
         target : Target
-            If it is `blank`, every pixel is written: where there is nothing, depth NaN, colour 0, valid 0; or
-            `Target.clear` does that first. Else what is drawn replaces what is farther. Of two that are equally far
-            the one that was there stays: compare depths, as nearness is rounded there and back. Afterwards it is not
-            blank, unless nothing was written at all. If it is `from_light`, its depths alone count: draw what hides
-            light, from both its sides.
+            If the target is `blank`, write every pixel (empty ones get depth NaN, colour 0 and valid 0), or call
+            `Target.clear` first. Otherwise, replace only pixels that are farther; at equal depth, the earlier pixel
+            stays. Compare depths, since converting to nearness and back rounds. Afterwards, set `blank` to False,
+            unless nothing was written. If the target is `from_light`, only depths count: draw all surface that blocks
+            light, from both sides.
         lighting : Lighting or None
-            None: show the thing's own colours. Else shade it: kernels with normals of their own take
-            `Lighting.arguments`; what holds its light is entered by `pyibr.picture.deferred.entry_for`.
+            With None, show the thing's own colours. Otherwise, shade the thing: kernels with normals take
+            `Lighting.arguments`; for colours that already contain light, call `pyibr.picture.deferred.entry_for`.
         """
         ...
 
 
 @runtime_checkable
 class Finishing(Protocol):
-    """A thing with a second step, once all things have drawn."""
+    """A thing with a second step, after all things are drawn."""
 
     def finish(self, target: Target) -> None:
-        """Add what depends on all things, as colours for holes: in their order, never over what was seen."""
+        """Add results that depend on all things, such as colours for holes. Never overwrite seen surface.
+
+        Things finish in their order.
+        """
         ...
 
 
 def color_dtype_of(drawables: Iterable[Drawable]) -> np.dtype[Any]:
-    """The dtype of a picture's colours: float32 if those of a thing are (`color_dtype`), else uint8."""
+    """Return the dtype of a picture's colours: float32 if a thing has this `color_dtype`, else uint8."""
     found = (getattr(drawable, "color_dtype", np.uint8) for drawable in drawables)
     return np.dtype(np.float32 if any(dtype == np.float32 for dtype in found) else np.uint8)
 
 
 @functools.singledispatch
 def as_drawable(thing: object) -> Drawable:
-    """The `Drawable` that stands for a thing: itself if it is one.
+    """Return the `Drawable` for a thing: the thing itself if it is one.
 
-    Systems register what draws a class that knows no OpenCL (`as_drawable.register`), as images and meshes.
+    Systems register drawables (`as_drawable.register`) for classes without OpenCL, such as images and meshes.
 
     Raises
     ------
     ArgumentError
-        If nothing draws it.
+        If no drawable is registered for the thing.
     """
-    if isinstance(thing, Drawable) and not isinstance(thing, type):  # a class has them, too
+    if isinstance(thing, Drawable) and not isinstance(thing, type):  # a class itself has these members, too
         return thing
     known = ", ".join(sorted(kind.__name__ for kind in as_drawable.registry if kind is not object))
     raise ArgumentError("things", f"things that draw themselves (`pyibr.Drawable`), or {known}", describe(thing))

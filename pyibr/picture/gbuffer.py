@@ -1,4 +1,4 @@
-"""The G-buffer (Saito & Takahashi 1990): what light is to know of a picture's pixels."""
+"""The G-buffer (Saito & Takahashi 1990): geometry of a picture's pixels, for deferred lighting."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from pyibr.opencl.memory import DeviceArray, empty
 
 
 class GBuffer:
-    """Thing, depth and normal of the pixels that are lit once all things are drawn.
+    """Thing, depth and normal of the pixels that are lit after all things are drawn.
 
-    Kernels that draw such things write it (kernels/lib/gbuffer.h).
+    The kernels that draw these things write the buffers (kernels/lib/gbuffer.h).
 
     Parameters
     ----------
     camera : Camera
-        Of the picture.
+        Camera of the picture.
 
     Attributes
     ----------
     depth, thing : (H, W) DeviceArray
-        float32 and int32. Where the depth is not the picture's, there is no such thing.
+        float32 and int32. Where the depth differs from the picture's depth, the pixel shows another thing.
     normal : (H, W, 3) float32 DeviceArray, or None
-        Once a thing with normals has been drawn.
+        None until a thing with normals is drawn.
     things : list of tuples
-        Of each thing what `light_things` is to know.
+        Parameters of each thing for `light_things`.
     """
 
     def __init__(self, camera: Camera) -> None:

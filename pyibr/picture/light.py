@@ -11,45 +11,46 @@ from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.headers import struct
 
 _SHADOW_MAX = 16384
-_FADE = 0.02  # of a spot's angle, at its edge
-_ANGLE_MIN = 1e-3  # degrees: single precision knows no cosine of less
-_BRIGHTNESS_MAX = 1e6  # brightness; beyond, products leave the range of single precision
+_FADE = 0.02  # share of a spot's angle over which it fades
+_ANGLE_MIN = 1e-3  # degrees: in single precision, the cosine of a smaller angle is 1
+_BRIGHTNESS_MAX = 1e6  # above, products may exceed single precision
 _DISTANCE_MAX = 1e15  # scene units
 
 
 class Light(Immutable):
-    """A light: far away, at a point, or a spot. Surfaces follow Lambert's law, with highlights, and cast shadows.
+    """A directional light, point light or spot. Shading is Lambert's law with highlights; surfaces cast shadows.
 
-    It cannot be changed once it is made, and keeps its shadow maps for further pictures of the same things.
+    A light is immutable, and keeps its shadow maps for further pictures of the same things.
 
     Parameters
     ----------
     direction : array_like (3,), optional
-        Where the light goes, in the world; not zero. Alone, the light is far away.
+        Direction in which the light travels, in the world; not zero. Without a position, the light is far away.
     position : array_like (3,), optional
-        Where it is, in the world. It does not fall off with distance. Alone, it shines everywhere; with a direction it
-        is a spot.
+        Position of the light, in the world. Light does not fall off with distance. Without a direction, it shines in
+        all directions; with a direction, it is a spot.
     color : array_like (3,)
-        Of what it lights straight on, 0 to 1e6; 1 is white.
+        Colour of the light, 0 to 1e6; 1 is white.
     ambient : float
-        The part of the light that comes from everywhere, 0 to 1.
+        Ambient part of the light, 0 to 1.
     angle : float
-        The opening of a spot's cone, degrees, from 0.001 on and less than 180. It fades over the last 2 % of that.
+        Full opening angle of a spot's cone, from 0.001 to less than 180 degrees. The light fades over the last 2 %.
     specular : float
         Strength of highlights, 0 to 1e6.
     shininess : float
-        How narrow they are: the power of the cosine between normal and halfway vector, > 0, up to 1e6.
+        Exponent of the cosine between the normal and the halfway vector, > 0, up to 1e6; higher for narrower
+        highlights.
     shadow_size : int
-        Texels a side of the shadow map; 0 for no shadows.
+        Texels per side of the shadow map; 0 for no shadows.
     relight : bool
-        Whether depth images, and what is made of images, are shaded as meshes are, by the normals that they were given
-        or that their depths tell. Their colours are then to be the surface's own, without light, as photographs'
-        are not: those would be lit twice.
+        Whether depth images, and surfaces made from images, are shaded like meshes, by given normals or by normals
+        from their depths. Their colours must then be the surface's colours without light; photographs would be lit
+        twice.
 
     Raises
     ------
     ArgumentError
-        If neither direction nor position is given, or a value is out of its range.
+        If neither direction nor position is given, or a value is out of range.
 
     Examples
     --------
@@ -84,7 +85,7 @@ class Light(Immutable):
             raise ArgumentError("direction", "a direction that is not zero", "(0, 0, 0)")
         if self.position is not None and np.abs(self.position).max() > _DISTANCE_MAX:
             raise ArgumentError(
-                "position", f"numbers up to {_DISTANCE_MAX:g} (farther lights have a direction)", describe(position)
+                "position", f"numbers up to {_DISTANCE_MAX:g} (use a direction for farther lights)", describe(position)
             )
         if (self.color < 0).any() or (self.color > _BRIGHTNESS_MAX).any():
             raise ArgumentError("color", f"numbers from 0 to {_BRIGHTNESS_MAX:g}", describe(color))
@@ -104,7 +105,7 @@ class Light(Immutable):
         return f"<Light {' '.join(parts)}>"
 
     def struct(self, origin: Float64) -> NDArray[np.void]:
-        """A record of the kernels' struct Light, for points relative to an origin, (3,) in the world."""
+        """Return a record of the kernels' struct Light, for points relative to an origin, (3,) in the world."""
         values = np.zeros((), struct("lib/light.h", "Light"))
         axis = np.zeros(3) if self.direction is None else _unit(self.direction)
         if self.position is None:
@@ -121,7 +122,7 @@ class Light(Immutable):
 
 
 def _unit(direction: Float64) -> Float64:
-    """A direction at unit length; its square may leave the range of numbers."""
+    """A direction at unit length, computed without overflow of its square."""
     near_1 = direction / np.abs(direction).max()
     return near_1 / np.linalg.norm(near_1)
 
@@ -136,7 +137,7 @@ def _in_range(argument: str, value: float, low: float, high: float) -> float:
 
 
 def light_for(thing: object, up: ArrayLike) -> Light | None:
-    """A light that shows the form of a mesh without colours, from above; None for what has its own."""
+    """Return a light from above for a mesh without colours; None for all other things."""
     if not isinstance(thing, Mesh) or thing.colors is not None or thing.texture is not None:
         return None
     upward = numbers("up", up, (3,))

@@ -1,4 +1,4 @@
-"""The noise of depth, and the steps of its scale, on the device (kernels/picture/noise.cl)."""
+"""Estimates of depth noise and quantization steps on the device (kernels/picture/noise.cl)."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class NoiseOnDevice:
     Attributes
     ----------
     array : DeviceArray float32
-        (a, b, c) of the deviation a z^2 + b z + c at depth z; then of the steps of the scale, where both were found.
+        (a, b, c) of the deviation a z^2 + b z + c at depth z. If estimated, (a, b, c) of the quantization steps follow.
     values : float32, or None
-        The same on the host, once somebody has waited for them.
+        The same on the host, after a wait for the launch.
     """
 
     def __init__(self, array: DeviceArray) -> None:
@@ -33,7 +33,7 @@ class NoiseOnDevice:
 
 
 def noise_on_device(noise: DepthNoise, depth: DeviceArray | None = None) -> NoiseOnDevice:
-    """The noise: given, or found once, without waiting for it; `depth` if that is on the device."""
+    """Return the noise, given or estimated once, without a wait; `depth`: the depth, if it is on the device."""
     if noise.given is not None:
         return NoiseOnDevice(upload(np.array(noise.given, np.float32)))
     return _found(noise, depth)
@@ -42,7 +42,7 @@ def noise_on_device(noise: DepthNoise, depth: DeviceArray | None = None) -> Nois
 def _found(noise: DepthNoise, depth: DeviceArray | None = None) -> NoiseOnDevice:
     def made() -> NoiseOnDevice:
         height, width = noise.depth.shape
-        # A strip of n samples is n + 2 long, and there are cells / (2 n) + 1 of them at most; then a packet's room.
+        # A strip of n samples takes n + 2 values, and there are at most cells / (2 n) + 1 strips. The rest is a packet.
         strips = 3 * (3 * noise.cells + width + height + 64)
         found = NoiseOnDevice(empty((2, 3), np.float32))
         launch(

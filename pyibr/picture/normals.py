@@ -1,4 +1,4 @@
-"""Normals of a depth image's surface: from images of normals, or from its depths (kernels/picture/normals.cl)."""
+"""Normals of a depth image's surface: from normal images, or from depths (kernels/picture/normals.cl)."""
 
 from __future__ import annotations
 
@@ -21,30 +21,31 @@ from pyibr.opencl.memory import empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import cut_of, samples_of
 
-_CUT_RATIO = 1.05  # as by default in pictures
-NEIGHBOUR_OFFSET_MAX = 64  # pixels between depths that tell normals
-_DEVIATIONS = 3.0  # of its noise: as far a surface may lie before itself
-_MOST_OF = 0.9  # of a view's samples are nearer than the depth whose noise counts
+_CUT_RATIO = 1.05  # the default in pictures
+NEIGHBOUR_OFFSET_MAX = 64  # pixels between the depths from which normals are computed
+_DEVIATIONS = 3.0  # shadow bias in standard deviations of the noise
+_MOST_OF = 0.9  # quantile of the depths at which the noise is evaluated
 _SLOPE_ERROR_MAX = (
-    0.1  # the standard deviation of slopes that noise may make: 6 degrees of a surface that faces the camera
+    0.1  # highest standard deviation of slopes due to noise: 6 degrees for a surface that faces the camera
 )
 
 
 def normals_of(view: DepthImage) -> NDArray[np.float32]:
-    """The normals of a view's samples: those that it was given, and where it has none, those that its depths tell.
+    """Return the normals of a view's samples: the given ones, and estimates from depths where none are given.
 
-    Each is that of the plane that fits best to the samples around it on the same surface: one to each side, or up to
-    eight of depths that are so noisy that fewer would not tell how it slopes (`DepthImage.noise`).
+    An estimate is the normal of the plane that best fits the surrounding samples on the same surface: one sample to
+    each side, or up to eight if the depths are noisy (`DepthImage.noise`).
 
     Parameters
     ----------
     view : DepthImage
-        Without a lens.
+        A view without a lens.
 
     Returns
     -------
     (H, W, 3) float32
-        Unit vectors in the camera's frame, from depths towards the camera. Where there is no sample, anything.
+        Unit vectors in the camera's frame. Estimates point towards the camera. Pixels without samples have arbitrary
+        values.
 
     Raises
     ------
@@ -70,9 +71,10 @@ def normals_of(view: DepthImage) -> NDArray[np.float32]:
 
 
 def showing_normals(view: DepthImage) -> DepthImage:
-    """The view with its normals for colours: x, y, z in the world as 0.5 + 0.5 x, made once.
+    """Return the view with normals as colours: each world component n is stored as 0.5 + 0.5 n. Cached.
 
-    So whatever mixes and blends colours of views does so with normals, for the G-buffer (kernels/lib/gbuffer.h).
+    Code that interpolates and blends colours of views then works on normals, too, for the G-buffer
+    (kernels/lib/gbuffer.h).
     """
 
     def made() -> DepthImage:
@@ -108,22 +110,22 @@ def _found(view: DepthImage) -> NDArray[np.float32]:
 
 
 def noise_bias(views: Sequence[DepthImage], camera: Camera, middle: Float64) -> tuple[float, int]:
-    """Shadow bias for the noise of images' surfaces, so that they do not shadow themselves.
+    """Return the shadow bias that keeps noisy surfaces of images from shadowing themselves.
 
     Parameters
     ----------
     views : sequence of DepthImage
-        What is drawn is made of them.
+        The views from which the surface is made.
     camera : Camera
-        Of the picture.
+        Camera of the picture.
     middle : (3,) float64
-        A point amid what is drawn, in the world.
+        A point in the middle of the surface, in the world.
 
     Returns
     -------
     float, int
-        `bias` and `apart` of `pyibr.picture.deferred.entry_for`: scene units, and the picture's pixels between depths
-        that tell how it slopes. 1 pixel without noise.
+        `bias` and `apart` of `pyibr.picture.deferred.entry_for`: the bias in scene units, and the distance, in pixels
+        of the picture, between the depths from which slopes are computed. The distance is 1 without noise.
     """
     pixel, bias, apart = pixel_size(camera, middle), 0.0, 1
     for view in views:
@@ -143,20 +145,20 @@ def _noise_at(view: DepthImage, z: float) -> float:
 
 
 def _far_noise(view: DepthImage) -> float:
-    """Noise, in scene units, where the view's samples are far away."""
+    """Noise of the view's far samples, in scene units."""
     return _noise_at(view, float(np.quantile(view.depth[view.valid], _MOST_OF))) if view.valid.any() else 0.0
 
 
 def _radius(view: DepthImage) -> int:
-    """Samples to each side of one that tell its normal: as few as its noise allows."""
+    """Samples to each side from which a normal is estimated: as few as the noise allows."""
     if not view.valid.any():
         return 1
     z, camera = float(np.median(view.depth[view.valid].astype(np.float64))), view.camera
-    pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # of a scene unit, at depth 1 or everywhere
+    pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # per scene unit, at depth 1 or everywhere
     noise = _noise_at(view, z) * pixels / (z if camera.projection == "perspective" else 1.0)
     radius_max = int(constant("picture/normals.cl", "RADIUS_MAX"))
     for radius in range(1, radius_max):
-        squares = (2 * radius + 1) ** 2 * radius * (radius + 1) / 3  # the sum of x^2 over them: of a slope's variance
+        squares = (2 * radius + 1) ** 2 * radius * (radius + 1) / 3  # sum of x^2 over the window
         if noise <= _SLOPE_ERROR_MAX * np.sqrt(squares):
             return radius
     return radius_max

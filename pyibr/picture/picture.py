@@ -1,6 +1,6 @@
-"""A camera's picture as its parts: drawn by pinholes and with several samples a pixel, then joined and averaged.
+"""Pictures of cameras with lenses, and with several samples per pixel: drawn in parts, then joined and averaged.
 
-What draws knows of neither: it gets targets of cameras without lenses, whose pixels are samples.
+Drawing code sees neither lenses nor samples: its targets have pinhole cameras, and their pixels are the samples.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from pyibr.picture.target import Target
 
 
 class PictureParts:
-    """The pinholes' pictures that a camera's is made of.
+    """The pinhole pictures that make up a camera's picture.
 
     Parameters
     ----------
     camera : Camera
         With or without a lens.
     samples : int
-        A pixel.
+        Samples per pixel.
 
     Raises
     ------
     ArgumentError
-        If `samples` is none of its choices, or a part has more pixels than pictures may have.
+        If `samples` is not one of its choices, or a part has too many pixels.
     OutOfMemoryError
-        If the machine has not the memory for the rays of a lens.
+        If the rays of a lens do not fit in the machine's memory.
     """
 
     def __init__(self, camera: Camera, samples: int) -> None:
@@ -59,16 +59,16 @@ class PictureParts:
         out: Frame | None = None,
         pool: dict[tuple[int, int], DeviceArray] | None = None,
     ) -> Target:
-        """Draw each part, and make the camera's picture of them.
+        """Draw each part, and combine the parts to the camera's picture.
 
         Parameters
         ----------
         draw : callable
-            Draws all that is to be seen into a target.
+            Draws the scene into a target.
         dtype, channels, origins, classes, anisotropy, pool
-            Of the targets.
+            As in `Target`.
         out : Frame, optional
-            Its arrays are written, instead of new ones.
+            Frame whose arrays are written, instead of new ones.
         """
         whole = out if self._side == 1 else None
         own = whole if self._fine.lens is None else None

@@ -1,4 +1,4 @@
-"""Any mix of things in one picture."""
+"""Rendering of things of any kind into one picture."""
 
 from __future__ import annotations
 
@@ -39,33 +39,33 @@ def render(
     Parameters
     ----------
     things : thing or sequence of things
-        `DepthImage` (drawn as a `WarpedView` of it, whose options are the defaults), `WarpedView`, `Mesh`,
-        `SlicedSurface`, `ReliefSurface`, `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, their
-        subclasses, and whatever else is a `Drawable`. Options are the things' own. Where two are equally far, the
-        first one stays. Holes are filled once all things are drawn.
+        `DepthImage` (drawn as a `WarpedView` with default options), `WarpedView`, `Mesh`, `SlicedSurface`,
+        `ReliefSurface`, `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, their subclasses, and any other
+        `Drawable`. Each thing has its own options. At equal depth, the first thing wins. Holes are filled after all
+        things are drawn.
     camera : Camera
-        Perspective or orthographic. With a lens, the picture is drawn without it and then read where the pixels' rays
-        pass, with depth edges kept.
+        Perspective or orthographic. With a lens, the picture is drawn without distortion and then resampled along the
+        pixels' rays, with depth edges kept.
     light : Light, optional
-        Shades what has normals; without it things show their own colours. Depth images, and what is made of images,
-        are not shaded, since their colours hold the light that they were taken in; in shadow, and where a surface is
-        turned away from it, they keep its ambient part. A light with `relight` shades them, too. All things cast
-        shadows (`shadow_size=0`: none), a depth image from both its sides, with the `edges` that it is drawn with.
+        Shades things with normals; without a light, things show their own colours. Depth images, and surfaces made from
+        images, are not shaded, since their colours contain the light of the scene; in shadow, and where they face away
+        from the light, they keep the ambient part. A light with `relight` shades them, too. All things cast shadows
+        (`shadow_size=0`: none), depth images from both sides, with the `edges` that they are drawn with.
     background : (r, g, b)
-        Colour where there is nothing, in the range of the frame's dtype.
+        Colour of empty pixels, in the range of the frame's dtype.
     samples : int
-        A pixel, on a regular grid within it: 1, 4, 9, 16, 25, 36, 49 or 64. Several make silhouettes and depth edges
-        smooth, at as many times the cost; `Frame.alpha` tells how much of each pixel the things cover.
+        Samples per pixel, on a regular grid: 1, 4, 9, 16, 25, 36, 49 or 64. Several samples make silhouettes and depth
+        edges smooth, and multiply the cost; `Frame.alpha` is the coverage of each pixel.
     anisotropy : int
-        1 to 64: how often the colours and normal maps of meshes, sliced surfaces and reliefs are read for a pixel at
-        most, along what it covers of them. 1 reads once; 8 shows surfaces that are seen at 7 degrees or more without
-        blur and moire, at 1.1 to 1.9 times the cost.
+        Maximum number of reads, 1 to 64, along a pixel's footprint in the colours and normal maps of meshes, sliced
+        surfaces and reliefs. 1 reads once; 8 avoids blur and moire on surfaces seen at 7 degrees or more, at 1.1 to 1.9
+        times the cost.
 
     Returns
     -------
     Frame
-        float32 if a depth image has float32 colours, else uint8. Depth is planar z. `guessed` tells which pixels show
-        surface that no view saw, if a `DepthMeshObject` that is closed is among the things.
+        The colour is float32 if a depth image has float32 colours, else uint8. Depth is planar z. `guessed` marks
+        pixels that show surface which no view saw, if a closed `DepthMeshObject` is among the things.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def render(
         def draw_for_light(target: Target) -> None:
             for drawable in drawables:
                 drawable.draw(target, None)
-            target.clear()  # if none has written anything
+            target.clear()  # if nothing was drawn
 
         lit = None if light is None else lighting(light, several, bounds, draw_for_light, dtype)
 
@@ -110,7 +110,7 @@ def render(
             target.clear()
             light_things(target, lit)
             for drawable in drawables:
-                if hasattr(drawable, "finish"):  # which `isinstance` asks, too, but for twenty times as long
+                if hasattr(drawable, "finish"):  # `isinstance` takes twenty times as long
                     cast("Finishing", drawable).finish(target)
 
         drawn = parts.drawn(draw_all, dtype, anisotropy=readings)
@@ -128,12 +128,12 @@ def _checked_background(background: ArrayLike, dtype: np.dtype[Any]) -> Float64:
     if (around < 0).any() or (around > (1 if in_float else 255)).any():
         raise ArgumentError("background", f"a colour in the range of {dtype}", describe(background))
     if not in_float and around.max() <= 1 and (around % 1).any():
-        raise ArgumentError("background", "a colour from 0 to 255, as of the things", describe(background))
+        raise ArgumentError("background", "a colour from 0 to 255, since colours are uint8", describe(background))
     return around
 
 
 def _put_over(frame: Frame, background: Float64, filled: bool) -> None:
-    """Let a colour show where there is nothing; nor does it beside what is seen where holes are filled."""
+    """Show a colour in empty pixels, and in the uncovered part of other pixels unless holes are filled."""
     color, dtype = frame.color, frame.color.dtype
 
     def stored(values: Float64) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""A depth image on the device, as every system reads it: nearness instead of depth (kernels/lib/pixelspace.h)."""
+"""Depth images on the device, with nearness instead of depth (kernels/lib/pixelspace.h)."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class Samples:
     Attributes
     ----------
     nearness : DeviceArray (H, pitch) float32
-        1/z (perspective) or -z (orthographic); NO_SURFACE where there is none.
+        1/z (perspective) or -z (orthographic); NO_SURFACE where invalid.
     color : DeviceArray (H, W, 3)
     ranges : DeviceArray (pieces, 2) float32
-        Least and greatest nearness of each part of a row, (inf, -inf) where it has none.
+        Least and greatest nearness of each piece of a row, (inf, -inf) if it has no samples.
     perspective : bool
         Whether nearness is 1/z.
     noise : NoiseOnDevice
-        Of the depth.
+        Noise of the depth.
     """
 
     nearness: DeviceArray
@@ -64,7 +64,7 @@ class Samples:
         return self.low_and_high(self.ranges.to_host())  # waits for the device
 
     def low_and_high(self, ranges: NDArray[np.float32]) -> tuple[float, float]:
-        """Least and greatest nearness by `ranges` on the host; raises ArgumentError if there is no nearness."""
+        """Return the least and greatest nearness from `ranges` on the host; ArgumentError if there are no samples."""
         low, high = float(ranges[:, 0].min()), float(ranges[:, 1].max())
         if low > high:
             raise ArgumentError(
@@ -76,57 +76,57 @@ class Samples:
 
 
 def cut_of(camera: Camera, ratio: float | None, noise: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.void]:
-    """A record of the kernels' struct Cut: which neighbours of a camera's depth image are torn apart.
+    """Return a record of the kernels' struct Cut, which decides where neighbours in a depth image are torn apart.
 
     Parameters
     ----------
     camera : Camera
     ratio : float or None
-        Of depths, that tears; of an orthographic camera, 1 more than their difference by the longer side of what it
-        sees. None: all neighbours are one surface.
+        Ratio of depths that tears neighbours apart. For an orthographic camera, it is 1 plus their difference in units
+        of the image's longer side. With None, all neighbours are one surface.
     noise : (float, float)
-        What noise adds to it: a part of the nearness, and so much nearness.
+        Tolerance for noise: a part relative to the nearness, and an absolute nearness.
     """
     values = np.zeros((), struct("lib/surface.h", "Cut"))
     if ratio is None:
         return values
     far_scale, least = ratio + noise[0], noise[1]
-    if camera.projection == "orthographic":  # depths have no origin: what the camera sees gives the scale
+    if camera.projection == "orthographic":  # depths have no origin, so the image's size sets the scale
         far_scale, least = 1.0, least + (ratio - 1.0) * longer_side(camera)
     values["near_scale"], values["far_scale"], values["least"] = 1.0, min(far_scale, _LARGEST), min(least, _LARGEST)
     return values
 
 
 def samples_of(view: DepthImage) -> Samples:
-    """The view's nearness and colour on the current device, made once."""
+    """Return the view's nearness and colour on the current device. Cached."""
     return cached_on_device(view, "samples", lambda: _converted(*_begun(view)))
 
 
 def begun_samples(view: DepthImage) -> tuple[Samples, dict[str, Any]]:
-    """The same if they are made; else room for them, and the arguments of the launch that will make them.
+    """Return cached samples; or else empty buffers for them, and the arguments of the launch that fills them.
 
-    After that launch, `keep_samples` keeps them for others.
+    After that launch, `keep_samples` adds them to the cache.
     """
     known = known_on_device(view, "samples")
     return _begun(view) if known is None else (known, {})
 
 
 def keep_samples(view: DepthImage, samples: Samples) -> None:
-    """Keep samples of `begun_samples`, whose launch is made."""
+    """Cache the samples of `begun_samples`, after the launch that fills them."""
     cached_on_device(view, "samples", lambda: samples)
 
 
 def bridged_samples(view: DepthImage, cut: NDArray[np.void]) -> Samples:
-    """The same, with single samples that are missing amid a surface as their neighbours have it; each time anew.
+    """Return the view's samples with single missing samples inside a surface interpolated. Not cached.
 
-    `cut` is a record of the kernels' struct Cut.
+    cut: a record of the kernels' struct Cut.
     """
     samples, arguments = _begun(view)
     return _converted(samples, {**arguments, "cut": Struct("Cut", cut)}, "to_bridged_nearness")
 
 
 def view_of(target: Target) -> DepthImage:
-    """The picture as a depth image whose samples on the device are made of the target's buffers, without an upload."""
+    """Return the picture as a depth image whose samples come from the target's buffers, without an upload."""
     frame = target.frame()
     view = DepthImage(frame.color, frame.depth, frame.camera)
     cached_on_device(view, "samples", lambda: _converted(*_begun(view, target)))
@@ -134,7 +134,7 @@ def view_of(target: Target) -> DepthImage:
 
 
 def _begun(view: DepthImage, target: Target | None = None) -> tuple[Samples, dict[str, Any]]:
-    """Room for samples, and the arguments of the launch that makes them."""
+    """Empty buffers for samples, and the arguments of the launch that fills them."""
     check_pixels("views", view.camera.size)
     width, height = view.camera.size
     depth = upload(view.depth) if target is None else target.depth
@@ -146,7 +146,7 @@ def _begun(view: DepthImage, target: Target | None = None) -> tuple[Samples, dic
         perspective=view.camera.projection == "perspective",
         noise=noise_on_device(view.depth_noise, depth),
     )
-    far = min(view.far, 1 / constant("lib/surface.h", "NEAREST"))  # beyond, nearness would be invalid
+    far = min(view.far, 1 / constant("lib/surface.h", "NEAREST"))  # for greater depths, nearness would be invalid
     return samples, {"depth": depth, "ranges": samples.ranges, "far": far}
 
 
@@ -168,8 +168,8 @@ def _converted(samples: Samples, arguments: dict[str, Any], name: str = "to_near
 
 
 def at_least_a_word(color: Any) -> Any:
-    """The colours as kernels may read them.
+    """Return the colours, padded to at least four bytes.
 
-    They read a pixel's as four bytes: an image of one pixel has three.
+    Kernels read four bytes per pixel, but an image of one pixel has three.
     """
     return np.resize(color, (1, 2, 3)) if color.size == 3 else color

@@ -1,4 +1,4 @@
-"""Shadow maps: the scene's depths as its light sees them (Williams 1978)."""
+"""Shadow maps: depths of the scene from the light (Williams 1978)."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from pyibr.picture.target import Target
 Bounds = tuple[NDArray[Any], NDArray[Any]]
 
 _ANGLE_MAX = (
-    120.0  # degrees that one perspective map may cover, whose texels grow towards its edge; beyond, it takes six
+    120.0  # degrees that one perspective map may cover; for wider angles, texels at its edge get too large: six maps
 )
 _MARGIN = 4  # texels left free around a map: points are moved by up to 2, and 1 more is read
-_THIN = 1e-6  # of the longer side: the least extent of a map
+_THIN = 1e-6  # least extent of a map, relative to the longer side
 _ANGLE_MIN = 1e-3  # degrees
 
 
 @dataclass(frozen=True)
 class Lighting:
-    """A light and what it sees: all that a system needs to shade its things.
+    """A light and its shadow maps.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Lighting:
     maps : DeviceArray or None
         (M * size, size) float32: planar depths, M maps one below the other; None without shadows.
     cameras : list of Camera
-        The maps'.
+        Cameras of the maps.
     """
 
     light: Light
@@ -48,18 +48,18 @@ class Lighting:
 
     @property
     def defines(self) -> dict[str, int]:
-        """For kernels with a light."""
+        """Defines of kernels with a light."""
         return {"LIT": 1} if self.maps is None else {"LIT": 1, "SHADOWED": 1}
 
     def arguments(self, *, bias: float = 0.0, origin: Float64 | None = None) -> dict[str, Any]:
-        """Of kernels with a light, by name.
+        """Return the arguments of kernels with a light, by name.
 
         Parameters
         ----------
         bias : float
-            Scene units by which a thing may lie before its surface.
+            Shadow bias in scene units: how far drawn points may lie in front of the true surface.
         origin : (3,), optional
-            In the world: what the kernel's points are relative to.
+            Origin of the kernel's points, in the world.
         """
         start = np.zeros(3) if origin is None else origin
         made: dict[str, Any] = {"light": Struct("Light", self.light.struct(start))}
@@ -69,7 +69,7 @@ class Lighting:
         return made
 
     def _views(self, origin: Float64) -> NDArray[np.float32]:
-        """The maps' cameras as the kernels know them, for points relative to an origin."""
+        """Return the maps' cameras in the kernels' format, for points relative to an origin."""
         shift = np.eye(4)
         shift[:3, 3] = origin
         from_origin = [camera.camera_from_world @ shift for camera in self.cameras]
@@ -79,17 +79,17 @@ class Lighting:
         return np.array(pixel_maps, np.float32)
 
     def _shadow(self, bias: float) -> NDArray[np.void]:
-        """A record of the kernels' struct Shadow."""
+        """Return a record of the kernels' struct Shadow."""
         values = np.zeros((), struct("lib/light.h", "Shadow"))
         values["maps"], values["size"] = len(self.cameras), self.light.shadow_size
         values["texel_x"], values["texel_y"] = 1 / self.cameras[0].K[0, 0], 1 / self.cameras[0].K[1, 1]
-        values["bias"] = min(bias, float(np.finfo(np.float32).max))  # noise of absurd depths, squared, is more
+        values["bias"] = min(bias, float(np.finfo(np.float32).max))  # noise of extreme depths may exceed float32
         return values
 
 
 @dataclass(frozen=True)
 class _CachedMaps:
-    """The last that a light has looked at, and what it saw; not the light, which would keep itself."""
+    """Shadow maps of the last scene of a light. Without a reference to the light, which would keep itself alive."""
 
     things: Sequence[weakref.ref[Immutable]]
     maps: DeviceArray
@@ -106,26 +106,26 @@ def lighting(
     draw: Callable[[Target], None],
     dtype: np.dtype[Any],
 ) -> Lighting:
-    """Let the light look at the scene, if it casts shadows.
+    """Return the lighting of a scene; draw its shadow maps, if the light casts shadows.
 
-    A light keeps the maps of its last scene: as long as no thing changes, pictures from other cameras find them there.
+    A light keeps the maps of its last scene: pictures from other cameras reuse them as long as no thing changes.
 
     Parameters
     ----------
     light : Light
     things : sequence
-        The scene. Of those that are no `Immutable`, nobody knows whether they have changed.
+        The scene. Maps are kept only if all things are `Immutable`; others may change unnoticed.
     bounds : sequence of (low, high)
-        Of each thing, in the world.
+        Bounds of each thing, in the world.
     draw : callable
-        Draws what all things hide from the light into a target.
+        Draws all shadow casters into a target.
     dtype : dtype
-        Of the picture's colours, which `draw` expects.
+        Type of the picture's colours, which `draw` expects.
     """
     if not light.shadow_size:
         return Lighting(light)
     last = cached_on_device(light, "seen", lambda: list[_CachedMaps]())
-    for seen in list(last):  # another thread may let the light look at another scene
+    for seen in list(last):  # a copy: another thread may draw maps of another scene
         if seen.is_of(things):
             return Lighting(light, seen.maps, seen.cameras)
     last.clear()
@@ -143,7 +143,7 @@ def lighting(
 
 
 def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
-    """One camera that sees all of the scene from the light, or six around a wide spot or a point near the things."""
+    """Return one camera at the light that sees the whole scene, or six for a wide spot or a light near the scene."""
     low = np.min([np.asarray(b[0], np.float64) for b in bounds], axis=0)
     high = np.max([np.asarray(b[1], np.float64) for b in bounds], axis=0)
     corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
@@ -153,7 +153,7 @@ def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
     assert light.position is not None
     if light.direction is not None:
         axis, angle = light.direction, light.angle
-    else:  # all of the ball around the box
+    else:  # covers the sphere around the box
         axis = middle - light.position
         radius, distance = float(np.linalg.norm(high - low)) / 2, float(np.linalg.norm(axis))
         angle = 2 * float(np.degrees(np.arcsin(radius / distance))) if radius < distance else 180.0
@@ -164,7 +164,7 @@ def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
 
 
 def _pose(position: Float64, forward: Float64) -> Float64:
-    forward = forward / np.abs(forward).max()  # its square may leave the range of numbers
+    forward = forward / np.abs(forward).max()  # avoids overflow of squares
     forward /= np.linalg.norm(forward)
     right = np.cross(np.eye(3)[np.abs(forward).argmin()], forward)
     right /= np.linalg.norm(right)
@@ -175,7 +175,7 @@ def _pose(position: Float64, forward: Float64) -> Float64:
 
 
 def _inside(n: int) -> int:
-    """Texels of a side without the margins."""
+    """Texels per side without the margins."""
     return max(n - 2 * _MARGIN, n // 2)
 
 
@@ -185,7 +185,7 @@ def _camera(position: Float64, forward: Float64, n: int, angle: float) -> Camera
 
 
 def _far_camera(direction: Float64, corners: Float64, n: int) -> Camera:
-    """Orthographic, around the corners of the scene's box."""
+    """An orthographic camera around the corners of the scene's box."""
     pose = _pose(np.zeros(3), direction)
     inside = corners @ pose[:3, :3]
     low, high = inside.min(axis=0), inside.max(axis=0)

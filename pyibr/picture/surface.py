@@ -1,4 +1,4 @@
-"""The surface of a depth image on the device: which samples are torn apart, and half a pixel more at its border."""
+"""The surface of a depth image on the device: edges between samples, and half a pixel more at the border."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, upload, zeros
 from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.samples import Samples, begun_samples, cut_of, keep_samples, samples_of
 
-_STEEPEST = 8.0  # depth over width: a surface that recedes by less from sample to sample faces the camera
-_SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # mostly there are fewer margins; else they are found once more
-_STEEP = 0.025  # share of the nearness: with few samples a surface may be steeper, but edges are as small
+_STEEPEST = 8.0  # depth over width: a surface with a smaller slope between samples faces the camera
+_SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # initial capacity; if there are more margins, they are found again
+_STEEP = 0.025  # limit relative to the nearness: in small images, _STEEPEST alone would hide small edges
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class Margins:
     Attributes
     ----------
     quarters : DeviceArray (MARGIN_PLANES, capacity) float32
-        kernels/lib/margins.h.
+        See kernels/lib/margins.h.
     count : int
-        How many there are.
+        Number of margins.
     """
 
     quarters: DeviceArray
@@ -46,22 +46,23 @@ class Margins:
 
 @dataclass(frozen=True)
 class Surface:
-    """A depth image's surface on the device, whose launches need not be done yet.
+    """A depth image's surface on the device. Its launches may still be running.
 
     Attributes
     ----------
     nearness : DeviceArray (H + 2, pitch) float32
-        The image's samples within a ring of further ones, with the bits of kernels/picture/edges.cl.
+        The image's samples and a ring of samples around them, with the bits of kernels/picture/edges.cl.
     color : DeviceArray (H, W, 3)
+        Colours. An image of one pixel has two.
     size : (W, H)
-        The image's: an image of one pixel has colours of two.
+        Size of the image.
     test : EdgeTest
         The test that found the edges.
     prominence : DeviceArray (H, ceil(W / 16), 2) float32
-        By how much of nearness a sample of 16 stands out most, as seen from the front and from the back: inf if it is
-        torn off, -inf if noise explains it.
+        Maximum prominence in nearness over blocks of 16 samples, seen from the front and from the back: inf if a sample
+        is torn off, -inf if noise explains the differences.
     wait : callable
-        Waits for the launches, at first use, and returns the least and the greatest nearness, and the margins.
+        Waits for the launches on the first call, and returns the least and the greatest nearness, and the margins.
     """
 
     nearness: DeviceArray
@@ -83,11 +84,11 @@ class Surface:
 
     @property
     def margins(self) -> Margins:
-        """The parts of pixels of samples beside edges that no triangle covers."""
+        """Parts of pixels next to edges that no triangle covers."""
         return self.wait()[2]
 
     def with_margins(self, margins: Margins) -> Surface:
-        """The same surface with other margins."""
+        """Return the same surface with other margins."""
         return replace(self, wait=lambda: (self.low, self.high, margins))
 
     @property
@@ -127,14 +128,14 @@ class Surface:
 
 @dataclass(frozen=True)
 class EdgeTest:
-    """Test that tells which neighbours in a depth image are torn apart.
+    """Test that decides which neighbours in a depth image are torn apart.
 
     Attributes
     ----------
     cut : record
-        Of the kernels' struct Cut: by their depths alone; with `straight`, for pairs of which nothing else is known.
+        The kernels' struct Cut, a test of depths alone. With `straight`, it tests only pairs that `straight` cannot.
     straight : record
-        Of the kernels' struct EdgeTest.
+        The kernels' struct EdgeTest.
     """
 
     cut: NDArray[np.void]
@@ -142,17 +143,17 @@ class EdgeTest:
 
 
 def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = False) -> Surface:
-    """The view's surface on the current device, made once for each way to tell its edges.
+    """Return the view's surface on the current device; cached for each edge test.
 
     Parameters
     ----------
     view : DepthImage
-        Of a camera without a lens.
+        A view without a lens.
     cut_ratio : float or None
-        Of depths, that tears neighbours apart, as `cut_of` takes it. None: what does not go on straight does, if noise
-        does not explain it.
+        Ratio of depths that tears neighbours apart, as in `cut_of`. With None, neighbours are torn where the surface
+        does not continue straight, unless noise explains it.
     connected : bool
-        All neighbours are one surface.
+        Whether all neighbours are one surface.
     """
 
     def made() -> Surface:
@@ -169,9 +170,10 @@ def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = Fals
 
 
 def straightness_test(camera: Camera, torn_by: NDArray[np.void] | None = None) -> EdgeTest:
-    """Surfaces go on straight, or face the camera; noise and the steps of a scale are no edges.
+    """Return the test that tears neighbours unless they are explained without an edge.
 
-    torn_by: a record of the kernels' struct Cut; what it does not tear is none, either.
+    They are if the surface continues straight or faces the camera, or by noise or the steps of a quantized scale.
+    torn_by: a record of the kernels' struct Cut, which must tear the pair as well.
     """
     cut, values = cut_of(camera, 1.0), _record(camera)
     values["straight"] = True
@@ -181,12 +183,12 @@ def straightness_test(camera: Camera, torn_by: NDArray[np.void] | None = None) -
 
 
 def test_by_cut(camera: Camera, cut: NDArray[np.void]) -> EdgeTest:
-    """By a record of the kernels' struct Cut alone."""
+    """Return the test by a record of the kernels' struct Cut alone."""
     return EdgeTest(cut, _record(camera))
 
 
 def _record(camera: Camera) -> NDArray[np.void]:
-    """A record of the kernels' struct EdgeTest, which knows how steep surfaces are that face the camera."""
+    """A record of the kernels' struct EdgeTest, with the limits for slopes of surfaces that face the camera."""
     values = np.zeros((), struct("lib/surface.h", "EdgeTest"))
     values["perspective"] = camera.projection == "perspective"
     across, down = 1 / camera.K[0, 0], 1 / camera.K[1, 1]
@@ -203,9 +205,9 @@ def make_surface(
     tear: Callable[[DeviceArray], None] | None = None,
     depth: dict[str, Any] | None = None,
 ) -> Surface:
-    """Begin to make the surface of samples of an image.
+    """Begin to make the surface of an image's samples.
 
-    `tear` launches what tears more of its `nearness`; `depth` are the arguments of `begun_samples`.
+    tear: launches kernels that mark further edges in the surface's `nearness`. depth: the arguments of `begun_samples`.
     """
     width, height = size
     surface = empty((height + 2, pitch(width)), np.float32)
@@ -254,7 +256,7 @@ def _kernel(name: str) -> Kernel:
 
 @dataclass(frozen=True)
 class _Room:
-    """Room for margins that are still to be found, and their count, 0 yet."""
+    """Buffer for margins, and their count, before they are found."""
 
     quarters: DeviceArray
     count: DeviceArray
@@ -265,6 +267,6 @@ class _Room:
 
 
 def _room_for_margins(capacity: int) -> _Room:
-    # Packets at the end read beyond the last one.
+    # The last packet reads beyond the last margin.
     planes = int(constant("lib/margins.h", "MARGIN_PLANES"))
     return _Room(empty((planes, capacity + current().profile.lanes), np.float32), zeros((1,), np.int32))

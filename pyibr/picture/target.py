@@ -1,4 +1,4 @@
-"""The picture in the making: what every system draws into, one depth buffer for all."""
+"""The render target that all systems draw into, with one depth buffer."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, output
 from pyibr.opencl.memory_pool import rounded
 from pyibr.picture.gbuffer import GBuffer
 
-_NEAR = 1e-5  # of the distance to the farthest point of a thing: what lies nearer than that is not drawn
+_NEAR = 1e-5  # near plane, relative to the distance of the farthest point that is drawn
 
-_NEAREST = 1e-30  # scene units: of a point that the camera stands in
+_NEAREST = 1e-30  # scene units: near plane for a point at the camera's centre
 
 
 def color_defines(dtype: np.dtype[Any], channels: int) -> dict[str, int]:
-    """Defines of the colour's type and channels (kernels/lib/channel.h)."""
+    """Return the defines for a colour's type and channels (kernels/lib/channel.h)."""
     return {"COLOR_BYTES": dtype.itemsize, "CHANNELS": channels}
 
 
@@ -34,38 +34,38 @@ class Target:
     ----------
     camera : Camera
     dtype : dtype
-        Of the colour: uint8 or float32.
+        Type of the colour: uint8 or float32.
     channels : int
-        Of the colour: 3, or 0 for depth alone.
+        Number of colour channels: 3, or 0 for depth alone.
     from_light : bool
-        Only its depths count: they are a light's map of what casts shadows.
+        The target is a light's shadow map, and only depths count.
     out : Frame, optional
-        Its arrays are written, instead of new ones.
+        Frame whose arrays are written, instead of new ones.
     origins : bool
-        Where in which view each pixel comes from is written, too.
+        Whether the source view and the position in it are written for each pixel.
     classes : bool
-        What each pixel is, is written, too.
+        Whether pixel classes are written.
     anisotropy : int
-        How often a map is read along a pixel's footprint at most; 1: once, as if that were as long as wide.
+        Maximum number of texture reads along a pixel's footprint; 1 treats each footprint as round.
     pool : dict, optional
         Scratch memory by size, for targets that are drawn one after the other.
 
     Attributes
     ----------
     alpha : (H, W) float32 DeviceArray, or None
-        Of several samples a pixel: the share of them that show something.
+        With several samples per pixel: the share of samples that show a surface.
     guesses : (H, W) float32 DeviceArray, or None
-        Depths at which guessed surface was drawn, once a thing that guesses was: a pixel shows it only as long as that
-        is the picture's depth.
+        Depths at which guessed surface was drawn, or None if none was. A pixel shows guessed surface only if this is
+        the picture's depth.
     blank : bool
-        Nothing has been written yet: who draws first writes every pixel, who draws later keeps what is nearer.
+        Whether nothing has been written yet. The first thing writes every pixel; later things keep nearer pixels.
     filled : bool
-        Its holes have been filled: they have colours and depths, though they are not valid.
+        Whether holes have been filled: they then have colours and depths, but are not valid.
     mixable : bool
-        Whether its colours may be mixed on surfaces, where it is a part of another picture: things whose colours stand
-        for something, as labels, say that they may not.
+        Whether colours may be interpolated on surfaces when this target becomes part of another picture. Things whose
+        colours are labels set it to False.
     gbuffer : GBuffer, or None
-        What is lit once all things are drawn, if anything is (`pyibr.picture.deferred`).
+        Pixels to light after all things are drawn, if there are any (`pyibr.picture.deferred`).
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Target:
         self.gbuffer: GBuffer | None = None
 
     def layer(self) -> Target:
-        """A target of the same kind, for a part of what is to be seen in this one: with its classes."""
+        """Return a target of the same kind, for a part of this picture. It shares the buffer of classes."""
         layer = Target(
             self.camera,
             self.color.dtype,
@@ -119,14 +119,14 @@ class Target:
         return layer
 
     def scratch(self, count: int, number: int = 0) -> DeviceArray:
-        """(count,) float32, or some more, that launches may use until the next who asks for this number does."""
-        size = rounded(4 * count) // 4  # views ask for much the same, each for its own
+        """Return scratch memory of at least `count` float32, valid until the next request with the same number."""
+        size = rounded(4 * count) // 4  # rounding lets views of similar sizes share it
         if (size, number) not in self._pool:
             self._pool[size, number] = empty((size,), np.float32)
         return self._pool[size, number]
 
     def clear(self) -> None:
-        """Write every pixel, if none is written yet: nothing there. For systems that then write only what they see."""
+        """Clear every pixel, if none is written yet. For systems that write only the pixels that they cover."""
         if self.blank:
             self.color.fill(0)
             self.depth.fill(np.nan)
@@ -134,18 +134,18 @@ class Target:
             self.blank = False
 
     def outputs(self) -> dict[str, DeviceArray]:
-        """The three buffers by their kernels' names."""
+        """Return the three buffers, by the names of kernel arguments."""
         return {"depth": self.depth, "color": self.color, "valid": self.valid}
 
     @property
     def origins(self) -> dict[str, DeviceArray]:
-        """The buffers that tell where pixels come from by their kernels' names, if there are any."""
+        """Buffers with the origins of pixels, by the names of kernel arguments; empty if there are none."""
         if self.source is None or self.source_view is None:
             return {}
         return {"source": self.source, "source_view": self.source_view}
 
     def made_guesses(self) -> DeviceArray:
-        """The depths of guessed surface, of which there is none yet if nothing that guesses was drawn before."""
+        """Return the depths of guessed surface; the buffer is created, all NaN, if there is none."""
         if self.guesses is None:
             self.guesses = empty(self.depth.shape, np.float32)
             self.guesses.fill(np.nan)
@@ -153,37 +153,35 @@ class Target:
 
     @property
     def color_defines(self) -> dict[str, int]:
-        """Defines of the colour's type and channels (kernels/lib/channel.h)."""
+        """Defines for the colour's type and channels (kernels/lib/channel.h)."""
         return color_defines(self.color.dtype, self.color.shape[-1])
 
     @property
     def filter_defines(self) -> dict[str, int]:
-        """Defines of how maps are filtered (kernels/lib/footprint.h)."""
+        """Defines for texture filtering (kernels/lib/footprint.h)."""
         return {"ANISOTROPIC": 1} if self.anisotropy > 1 else {}
 
     @property
     def filter_arguments(self) -> dict[str, int]:
-        """Of kernels that are built with `filter_defines`."""
+        """Arguments of kernels that are built with `filter_defines`."""
         return {"anisotropy": self.anisotropy} if self.anisotropy > 1 else {}
 
     @cached_property
     def from_world(self) -> NDArray[np.float64]:
-        """(4, 4) homogeneous pixel space over the world, see kernels/lib/pixelspace.h."""
+        """(4, 4) matrix from the world to homogeneous pixel space, see kernels/lib/pixelspace.h."""
         return self.camera.pixel_matrix @ self.camera.camera_from_world
 
     def near(self, bounds: tuple[NDArray[Any], NDArray[Any]]) -> float:
-        """Least homogeneous W that a thing within a box, (low, high) in the world, is drawn at: its near plane."""
+        """Return the near plane for a thing within a box, (low, high) in the world: the least homogeneous W."""
         low, high = (np.asarray(corner, np.float64) for corner in bounds)
         middle, eye = 0.5 * (low + high), self.camera.world_from_camera[:3, 3]
         far = float(np.linalg.norm(middle - eye) + 0.5 * np.linalg.norm(high - low))
         if far > 0:
-            check_lengths(
-                "light" if self.from_light else "things", far, far, "a distance to the farthest of a thing's points"
-            )
+            check_lengths("light" if self.from_light else "things", far, far, "a distance to a thing's farthest point")
         return 0.5 if self.camera.projection == "orthographic" else max(_NEAR * far, _NEAREST)  # W is 1, or z
 
     def screen(self, near: float, origin: NDArray[Any] | None = None) -> NDArray[np.void]:
-        """A record of the kernels' struct Screen; with an `origin`, (3,) in the world, for points relative to it."""
+        """Return a record of the kernels' struct Screen; points are relative to `origin`, (3,) in the world."""
         from_world = self.from_world
         if origin is not None:
             shift = np.eye(4)
@@ -200,7 +198,7 @@ class Target:
 
     @property
     def on_device(self) -> dict[str, DeviceArray]:
-        """Buffers of all that its frame tells of pixels, by the frame's names; of `guessed` the guesses' depths."""
+        """Buffers of all per-pixel data, by the names of `Frame`; `guessed` holds the depths of guessed surface."""
         told = {
             "color": self.color,
             "depth": self.depth,
@@ -214,7 +212,7 @@ class Target:
         return {name: array for name, array in told.items() if array is not None}
 
     def begin_frame(self) -> Callable[[], Frame]:
-        """Begin to copy the picture to the host; once its session was waited for, what is returned makes the frame."""
+        """Begin to copy the picture to the host. After the session's wait, the returned function makes the frame."""
         names, arrays = zip(*self.on_device.items(), strict=True)
         values: dict[str, Any] = dict(zip(names, begin_to_host(arrays), strict=True))
 
@@ -229,7 +227,7 @@ class Target:
         return finished
 
     def frame(self) -> Frame:
-        """The picture on the host, once all launches are done."""
+        """Wait for all launches and return the picture on the host."""
         finished = self.begin_frame()
         self.depth.session.wait()
         return finished()

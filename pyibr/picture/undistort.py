@@ -1,4 +1,4 @@
-"""Images undistorted on the device: what a pinhole would have seen from where a lens did, with depth edges kept."""
+"""Undistortion of images on the device: resampling from a lens to a pinhole camera, with depth edges kept."""
 
 from __future__ import annotations
 
@@ -31,31 +31,31 @@ from pyibr.picture.samples import at_least_a_word, cut_of
 
 Interpolation = Literal["linear", "nearest"]
 
-_CACHED_MAX = 4  # undistorted copies of a view, by where it is cut
+_CACHED_MAX = 4  # undistorted copies of a view, one for each cut
 
 
 def undistorted(
     view: DepthImage, *, cut_ratio: float | None = 1.05, interpolation: Interpolation = "linear"
 ) -> DepthImage:
-    """Return what a pinhole camera would have seen from where a view's lens did: the view itself, if it has no lens.
+    """Return the view of a pinhole camera at the same pose; the view itself if it has no lens.
 
-    All that draws a view with a lens does this first. It has the same or finer sampling everywhere. Holes stay holes,
-    and what the lens did not see is one.
+    All functions that draw a view with a lens call this first. The sampling is the same or finer everywhere. Holes stay
+    holes, and pixels that the lens did not see become holes.
 
     Parameters
     ----------
     view : DepthImage
-        It keeps the outcome, for the next time.
+        The view, which caches the result.
     cut_ratio : float or None
-        Neighbours whose depths have a greater ratio are two surfaces: there, depth and colour are the nearest
-        sample's, elsewhere what lies between the samples. None: all neighbours are one surface.
+        Neighbours whose depths have a greater ratio are two surfaces. Between them, depth and colour are taken from the
+        nearest sample; elsewhere they are interpolated. With None, all neighbours are one surface.
     interpolation : {"linear", "nearest"}
-        Whether colours are mixed between samples, or are the nearest sample's everywhere.
+        Interpolation of colours between samples.
 
     Raises
     ------
     ArgumentError
-        If there is valid depth farther than 75 degrees from the axis: no pinhole image holds it.
+        If there is valid depth farther than 75 degrees from the axis, which no pinhole image can hold.
     DeviceError
         No OpenCL device works.
 
@@ -79,7 +79,7 @@ def undistorted(
 
 
 def undistorted_view(view: DepthImage, cut: NDArray[np.void], linear: bool = True) -> DepthImage:
-    """`undistorted`, with the samples torn apart by a record of the kernels' struct Cut."""
+    """Return the same as `undistorted`, with a record of the kernels' struct Cut instead of a ratio."""
     if view.camera.lens is None:
         return view
     with one_call():
@@ -88,12 +88,12 @@ def undistorted_view(view: DepthImage, cut: NDArray[np.void], linear: bool = Tru
 
 
 def undistorted_silhouette(view: Silhouette) -> Silhouette:
-    """The outline that a pinhole camera would have seen from there: the view itself, if its camera has no lens.
+    """Return the silhouette of a pinhole camera at the same pose; the view itself if it has no lens.
 
     Raises
     ------
     ArgumentError
-        If the object is seen farther than 75 degrees from the axis: no pinhole image holds it.
+        If the object is seen farther than 75 degrees from the axis, which no pinhole image can hold.
     """
     if view.camera.lens is None:
         return view
@@ -105,7 +105,7 @@ def undistorted_silhouette(view: Silhouette) -> Silhouette:
 
 
 def positions_on_device(thing: CubeFace | PixelPositions) -> DeviceArray:
-    """The places of a thing that `kernels/lib` reads, rows of `pitch` with NaN beyond their end, made once."""
+    """Return the positions for kernels, with rows padded to `pitch` by NaN. Cached."""
     return cached_on_device(thing, "places", lambda: _padded(thing.places))
 
 
@@ -124,7 +124,7 @@ def _undistorted_view(view: DepthImage, cut: NDArray[np.void], linear: bool) -> 
     if view.normals is not None:
         normals, _ = _undistorted(view.normals, view.depth, view.far, view.camera, cut, linear)
     camera = undistorted_camera(view.camera)
-    # What lies between samples is less noisy than they are, here and there: their own noise tells edges.
+    # Interpolated samples are unevenly smoothed, so edges are detected with the noise of the original samples.
     colors = color if view.has_color else None
     return DepthImage(colors, depth, camera, far=view.far, normals=normals, noise=view.noise)
 

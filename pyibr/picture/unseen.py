@@ -1,4 +1,4 @@
-"""Parts of a thing that no depth image has seen (kernels/picture/unseen.cl)."""
+"""Marks on the parts of a thing that no depth image has seen (kernels/picture/unseen.cl)."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ from pyibr.picture.drawable import Drawable
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 
-_SHARE = 0.6  # of the mark, in a pixel's colour
+_SHARE = 0.6  # weight of the mark in a pixel's colour
 
 
 class MarkedUnseen:
-    """A thing as it is, but for what none of some depth images has seen: that is drawn in another colour.
+    """A thing with a mark on surface that none of the given depth images has seen.
 
     Parameters
     ----------
     thing : Drawable
     views : sequence of DepthImage
-        Without lenses.
+        Views without lenses.
     side : {"front", "back", "both"}
-        Which side of the surface counts, as a picture shows it: seen by an image on the same side as the picture's
-        camera; or on the other, as from the middle of a globe.
+        Side of the surface from which an image must have seen it: the side of the picture's camera ("front"), or the
+        other side, as from the middle of a globe ("back").
     color : (r, g, b)
-        Of the mark, 0 to 255.
+        Colour of the mark, 0 to 255.
     within : (2, 3), optional
-        A box, (low, high) in the world: only what lies in it is marked.
+        A box, (low, high) in the world. Only surface inside the box is marked.
 
     Raises
     ------
     ArgumentError
-        If a view has a lens, or the side is none.
+        If a view has a lens, or `side` is unknown.
 
     Examples
     --------
@@ -76,7 +76,7 @@ class MarkedUnseen:
 
     @property
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """(low, high), each (3,), in the world: the thing's."""
+        """(low, high), each (3,): the thing's bounds in the world."""
         return self.thing.bounds
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
@@ -86,9 +86,9 @@ class MarkedUnseen:
             return
         own = target.layer()
         self.thing.draw(own, lighting)
-        own.clear()  # if it has written nothing
+        own.clear()  # if nothing was drawn
         light_things(own, lighting)
-        origin = target.camera.center  # float32 holds what is near 0 best
+        origin = target.camera.center  # float32 is most accurate near 0
         maps, records, places = _on_device(self.views, origin)
         part = np.zeros((), struct("picture/unseen.cl", "Bounds"))
         part["low"], part["high"] = self.within - origin
@@ -117,7 +117,7 @@ class MarkedUnseen:
 
 
 def _on_device(views: Sequence[DepthImage], origin: Float64) -> tuple[DeviceArray, DeviceArray, DeviceArray]:
-    """Make the kernel's `maps`, `views` and `places`, for points relative to an origin."""
+    """Upload the kernel's `maps`, `views` and `places`, for points relative to an origin."""
     floats, ints = (int(constant("picture/unseen.cl", name)) for name in ("VIEW_FLOATS", "VIEW_INTS"))
     records, places = np.zeros((max(len(views), 1), floats), np.float32), np.zeros((max(len(views), 1), ints), np.int32)
     maps = empty((max(sum(view.depth.size for view in views), 1),), np.float32)
@@ -138,5 +138,5 @@ def _on_device(views: Sequence[DepthImage], origin: Float64) -> tuple[DeviceArra
 
 
 def _depths(view: DepthImage) -> NDArray[np.float32]:
-    """Depths, 0 where there are none."""
+    """Depths, 0 where invalid."""
     return np.ascontiguousarray(np.where(view.valid, view.depth, np.float32(0)))

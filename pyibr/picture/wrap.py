@@ -1,4 +1,4 @@
-"""Wrap modes of maps beyond uv of 0 to 1, as defines of kernels (kernels/lib/wrap.h)."""
+"""Wrap modes of textures outside uv from 0 to 1, as defines of kernels (kernels/lib/wrap.h)."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from pyibr.meshes.heights import Wraps
 
 
 def wrap_defines(wrap: Wraps) -> dict[str, int]:
-    """The defines that are not what they are without."""
+    """Return the defines for axes that clamp; without a define, an axis repeats."""
     return {name: 1 for name, how in zip(("CLAMPED_U", "CLAMPED_V"), wrap, strict=True) if how == "clamp"}
