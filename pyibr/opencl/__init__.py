@@ -1,1 +1,1 @@
-"""The OpenCL host: which device, which program, how a kernel is launched. Nothing here knows any system."""
+"""The OpenCL host: devices, programs, memory and launches. It is independent of all systems."""

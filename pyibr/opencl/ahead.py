@@ -1,4 +1,4 @@
-"""Programs built or loaded before a picture needs them, while what comes first is done."""
+"""Building and loading of programs in advance, while earlier steps of a picture run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pyibr.opencl.watch import watches
 
 
 class _Thread:
-    """A thread that does one thing after the other, and ends when there is nothing left to do."""
+    """A thread that makes one call after the other, and ends when none is left."""
 
     def __init__(self) -> None:
         self._left: deque[Callable[[], object]] = deque()
@@ -25,11 +25,11 @@ class _Thread:
         self._works = False
 
     def do(self, one: Callable[[], object]) -> None:
-        """Do this, too."""
+        """Add a call."""
         with self._lock:
             self._left.append(one)
             if not self._works:
-                with suppress(RuntimeError):  # the process ends: who needs it does it
+                with suppress(RuntimeError):  # at the end of the process, no thread can start; the picture builds it
                     threading.Thread(target=self._work, name="pyibr ahead").start()
                     self._works = True
 
@@ -40,7 +40,7 @@ class _Thread:
                     self._works = False
                     return
                 one = self._left.popleft()
-            with suppress(Exception):  # who needs it meets the same
+            with suppress(Exception):  # the picture that needs the program raises the same error
                 one()
 
 
@@ -48,18 +48,18 @@ _thread = _Thread()
 
 
 def build_ahead(file: str, name: str, *, compiled: bool = False, **defines: int) -> None:
-    """Have a program of pyibr's built or loaded beside this thread, which will need it in its first picture.
+    """Build or load one of pyibr's programs in a thread, before the first picture needs it.
 
-    A thread does so, one program after the other in the order in which they are asked for. It waits for the process
-    that has tested the device, where that is there to build (`builder`).
+    The thread handles programs in the order of the requests. If there is a builder process (`builder`), the thread
+    waits for its builds.
 
     Parameters
     ----------
     file, name, **defines
-        As of `kernel`.
+        As in `kernel`.
     compiled : bool
-        That process also compiles this kernel for its launches: one that others are launched before, and that takes
-        long to compile.
+        Whether the builder process also compiles this kernel for launches. Use it for kernels that take long to compile
+        and are launched after others.
     """
     if watches:
         return

@@ -1,6 +1,6 @@
-"""Runs modules of pyibr's in processes of their own, for whatever may crash or hang.
+"""Separate processes for modules of pyibr that may crash or hang.
 
-They run in Python's isolated mode, where neither the folder that it starts in nor the environment can bring code.
+They run in Python's isolated mode, which loads no code from the current folder or from paths in the environment.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from pyibr.core.errors import ArgumentError
 from pyibr.opencl.unlisted import LOADER_VARIABLES
 
 VARIABLE = "PYIBR_TIMEOUT"
-_TIMEOUT = 90.0  # seconds, unless the environment says otherwise: emulated machines start slowly
-_ENDING = 5.0  # seconds until a process that was killed is gone
+_TIMEOUT = 90.0  # seconds, by default: emulated machines start slowly
+_ENDING = 5.0  # seconds to wait for the end of a killed process
 
 _CODE = """
 import importlib, site, sys
@@ -34,7 +34,7 @@ importlib.import_module(sys.argv[1]).main(*sys.argv[3:count])
 
 @dataclass(frozen=True)
 class Ended:
-    """Lines that a process printed, its status, and what went wrong if its last line is no result."""
+    """Lines that a process printed, its exit status, and the fault to report if the last line is not a result."""
 
     lines: list[str]
     status: int
@@ -47,16 +47,16 @@ class Ended:
 
 
 class Apart:
-    """A process that runs a module's `main`. A thread reads what it prints, and sees it off when it ends.
+    """A process that runs a module's `main`. A thread reads its output and waits for its end.
 
     Attributes
     ----------
     lines : list of str
-        What it has printed so far.
+        Lines that it has printed so far.
     """
 
     def __init__(self, command: list[str], environment: dict[str, str]) -> None:
-        import subprocess  # most processes need none
+        import subprocess  # imported late: most processes need no subprocess
 
         self.lines: list[str] = []
         self._messages: list[str] = []
@@ -64,7 +64,7 @@ class Apart:
         self._status: int | None = None
         self._timeout = timeout()
         pipe = subprocess.PIPE
-        # Without buffers there are no locks, which a thread must not hold as Python ends.
+        # Unbuffered: a buffer has a lock, which a thread must not hold when Python exits.
         self._process = subprocess.Popen(
             command,
             cwd=Path(sys.executable).anchor,
@@ -79,11 +79,11 @@ class Apart:
 
     @property
     def has_ended(self) -> bool:
-        """Tell whether it has."""
+        """Tell whether the process has ended."""
         return self._status is not None
 
     def wait(self, until: Callable[[], bool] = lambda: False) -> bool:
-        """Wait until its lines are as wanted, or it has ended; False, and it is killed, if that takes too long."""
+        """Wait until `until()` is True or the process has ended. After a timeout, kill it and return False."""
         with self._changed:
             if self._changed.wait_for(lambda: self._status is not None or until(), self._timeout):
                 return True
@@ -91,17 +91,17 @@ class Apart:
         return False
 
     def send(self, line: str) -> None:
-        """Give it a line to read; one that has ended reads none."""
-        with suppress(OSError, ValueError):  # ValueError: closed
+        """Send a line to the process; ignored if it has ended."""
+        with suppress(OSError, ValueError):  # ValueError: a closed pipe
             cast("BinaryIO", self._process.stdin).write(f"{line}\n".encode())
 
     def kill(self) -> None:
-        """End it at once."""
+        """End the process immediately."""
         self._process.kill()
         self._thread.join(_ENDING)
 
     def ended(self, task: str) -> Ended:
-        """Result, once it has ended; `task` is what it was to do."""
+        """Return the result of the ended process; `task` names its task in the fault."""
         status = self._status or 0
         if status < 0:
             return Ended(self.lines, status, f"the runtime crashed on {task} (signal {-status})")
@@ -129,19 +129,19 @@ class Apart:
 
 
 def start_apart(module: str, *arguments: str) -> Apart | None:
-    """Run a module's `main` in a process of its own; None where no Python can be started.
+    """Start a module's `main` in a separate process; None if Python cannot be started.
 
     Parameters
     ----------
     module : str
-        Its full name.
+        Full name of the module.
     *arguments : str
-        Those of `main`.
+        Arguments of `main`.
     """
     if not _may_start_python():
         return None
     command = [sys.executable, "-I", "-c", _CODE, module, str(len(arguments)), *arguments, *_folders()]
-    # It starts in the root folder, from which relative paths lead elsewhere.
+    # The process starts in the root folder, so relative paths are made absolute.
     paths = {name: os.environ.get(name, "") for name in LOADER_VARIABLES}
     absolute = {name: str(Path(path).absolute()) for name, path in paths.items() if os.access(path, os.F_OK)}
     try:
@@ -151,16 +151,16 @@ def start_apart(module: str, *arguments: str) -> Apart | None:
 
 
 def run_apart(module: str, *arguments: str, task: str) -> Ended | None:
-    """The same, to its end; None where no Python can be started.
+    """Run a module's `main` in a separate process until it ends; None if Python cannot be started.
 
     Parameters
     ----------
     module : str
-        Its full name.
+        Full name of the module.
     *arguments : str
-        Those of `main`, which prints its result as the last line.
+        Arguments of `main`, which prints its result as the last line.
     task : str
-        What it does with a runtime, for the fault: "a tiny kernel".
+        Name of the task for the fault, such as "a tiny kernel".
     """
     process = start_apart(module, *arguments)
     if process is None:
@@ -169,12 +169,12 @@ def run_apart(module: str, *arguments: str, task: str) -> Ended | None:
 
 
 def too_slow(task: str) -> Ended:
-    """Result of a process that was killed, since it took too long."""
+    """Return the result of a process that was killed after the timeout."""
     return Ended([], 0, f"{task} did not end within {timeout():g} s")
 
 
 def timeout() -> float:
-    """Seconds that such a process may take."""
+    """Return the timeout of a separate process in seconds."""
     given = os.environ.get(VARIABLE)
     if not given:
         return _TIMEOUT
@@ -185,19 +185,19 @@ def timeout() -> float:
 
 
 def _may_start_python() -> bool:
-    """In an application frozen into one file, ``sys.executable`` is the application."""
+    """Tell whether ``sys.executable`` is Python; in a frozen application, it is the application."""
     return bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
 def _folders() -> list[str]:
-    """Folders where this process has the packages that it needs, in its own order."""
+    """Folders from which this process loads the packages that it needs, in the order of its path."""
     roots = [Path(__file__).parents[2]]
     for name in ("numpy", "pyopencl", "pytools"):
         if file := getattr(sys.modules.get(name), "__file__", None):
             roots.append(Path(file).parents[1])
     try:
         here = Path.cwd()
-    except OSError:  # it has been removed, so that nothing comes from there
+    except OSError:  # the current folder was removed, so no package comes from it
         here = Path(Path(sys.executable).anchor)
     folders = dict.fromkeys(str(here / root) for root in roots)
     order = {str(here / folder): place for place, folder in reversed([*enumerate(sys.path)])}

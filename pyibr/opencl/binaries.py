@@ -1,8 +1,8 @@
-"""Programs' binaries for the cache: read at once where a runtime has them, else when nobody waits.
+"""Program binaries for the cache: read immediately if the runtime has them, otherwise in idle time.
 
-PoCL compiles every kernel of a program once more, for work-groups of any size, before it hands out its binary; that
-takes longer than a first picture should. So a thread asks for it after the first picture. What it has not read when the
-process ends is built again by the next one, for which PoCL keeps kernels of its own.
+Before it returns a binary, PoCL compiles every kernel of the program again, for work-groups of any size; that takes too
+long for a first picture. So a thread reads binaries after the first picture. The next process builds the programs that
+were not read before the end of this one again, with help from PoCL's own cache of kernels.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 VARIABLE = "PYIBR_BINARIES"
 _CHOICES = ("later", "now", "never")
-_QUIET = 1.0  # seconds without a build or a call, after which nobody waits for a picture
-_NICE = 10  # how much less the thread counts than others that want the processor
+_QUIET = 1.0  # seconds without a build or a call before binaries are read
+_NICE = 10  # added to the thread's nice value
 
 reading = threading.RLock()
-"""Held while a binary is read: whoever ends or forks the process waits for that."""
+"""Held while a binary is read: the end or a fork of the process waits for it."""
 
 
 class _Waiting(NamedTuple):
@@ -47,25 +47,25 @@ _thread: threading.Thread | None = None
 
 
 def keep_binary(program: cl.Program, entry: Entry, head: bytes, compiles_for_it: bool, calls: Calls) -> None:
-    """Put a program that was just built into the cache, now or later, as ``$PYIBR_BINARIES`` says.
+    """Put a program that was just built into the cache, now, later or never, according to ``$PYIBR_BINARIES``.
 
     Parameters
     ----------
     program : pyopencl.Program
         The program.
     entry : Entry
-        Where it is kept.
+        Cache entry for the binary.
     head : bytes
-        What comes before its binary there.
+        Data before the binary in the entry.
     compiles_for_it : bool
-        Whether its runtime compiles anew to hand it out: then "later" is the default, else "now".
+        Whether the runtime compiles again to return a binary. If so, the default is "later", otherwise "now".
     calls : Calls
-        Those that somebody waits for.
+        Calls in progress; binaries are read between them.
 
     Raises
     ------
     ArgumentError
-        The variable is something else.
+        The variable has another value.
     """
     chosen = os.environ.get(VARIABLE) or ("later" if compiles_for_it else "now")
     if chosen not in _CHOICES:
@@ -77,7 +77,7 @@ def keep_binary(program: cl.Program, entry: Entry, head: bytes, compiles_for_it:
 
 
 def read_all(progress: Callable[[int, int], object]) -> None:
-    """Read all that the thread has not read yet; `progress` is told how many are left, and of how many."""
+    """Read all binaries that are still waiting; `progress` gets the number that are left, and the total."""
     total = len(_waiting)
     progress(total, total)
     while _keep_next():
@@ -85,7 +85,7 @@ def read_all(progress: Callable[[int, int], object]) -> None:
 
 
 def forget_all() -> None:
-    """In a process that was forked: the thread stayed behind, and so did the runtime."""
+    """Forget waiting binaries in a forked process, which has neither the thread nor the runtime."""
     global _thread
     _waiting.clear()
     _thread = None
@@ -103,7 +103,7 @@ def _keep_later(one: _Waiting) -> None:
 
 
 def _read_when_quiet() -> None:
-    with suppress(AttributeError, OSError):  # Linux has a priority for each thread
+    with suppress(AttributeError, OSError):  # on Linux, each thread has its own priority
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
     while True:
         with _changed:
@@ -117,7 +117,7 @@ def _read_when_quiet() -> None:
 
 
 def _keep_next() -> bool:
-    """Keep the program that waits longest; False if none does."""
+    """Store the binary of the program that has waited longest; False if there is none."""
     with reading:
         with _changed:
             if not _waiting:
@@ -128,12 +128,12 @@ def _keep_next() -> bool:
 
 
 def _keep(program: cl.Program, entry: Entry, head: bytes) -> None:
-    if binary := _binary_of(program):  # some runtimes have none
+    if binary := _binary_of(program):  # some runtimes have no binaries
         entry.write(head + binary)
 
 
 def _binary_of(program: cl.Program) -> bytes:
-    """The binary, as pyopencl reads it, but without Python's lock, for which all other threads would wait."""
+    """The binary, read without the GIL, which pyopencl would hold while the runtime compiles."""
     import pyopencl as cl
 
     info = _program_info()
@@ -151,7 +151,7 @@ def _binary_of(program: cl.Program) -> bytes:
 
 @functools.cache
 def _program_info() -> Callable[..., int] | None:
-    """``clGetProgramInfo`` of the loader that pyopencl is linked with; None where the linker does not find it there."""
+    """``clGetProgramInfo`` of the loader that pyopencl is linked with; None if it is not found there."""
     import pyopencl._cl as module
 
     try:

@@ -1,4 +1,4 @@
-"""Tests a device in a process of its own, which then builds programs for the one that asked (`builder`)."""
+"""Process that tests a device, and then builds programs for the process that started it (`builder`)."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from pyibr.opencl.runtimes import found_devices
 if TYPE_CHECKING:
     import pyopencl as cl
 
-_IDLE = 5.0  # seconds without a request, after which nobody draws a first picture
-_ZEROS = np.zeros(1 << 17)  # what buffers hold of kernels that are compiled
+_IDLE = 5.0  # seconds without a request after which the process ends
+_ZEROS = np.zeros(1 << 17)  # content of the buffers for kernels that are compiled
 
 
 class _Request(NamedTuple):
@@ -36,7 +36,7 @@ class _Request(NamedTuple):
 
 
 class _Requests:
-    """Those that the standard input has, as they come."""
+    """Requests from standard input, read by a thread."""
 
     def __init__(self) -> None:
         self._programs, self._kernels = deque[_Request](), deque[_Request]()
@@ -44,7 +44,7 @@ class _Requests:
         threading.Thread(target=self._read, daemon=True).start()
 
     def next(self) -> _Request | None:
-        """The next one, programs before kernels; None if none comes for a while."""
+        """Return the next request, programs before kernels; None if there is none for `_IDLE` seconds."""
         with self._changed:
             if not self._changed.wait_for(lambda: len(self._programs) + len(self._kernels) > 0, _IDLE):
                 return None
@@ -59,19 +59,19 @@ class _Requests:
                     request = request._replace(answer="", compiled=False)
                 self._programs.append(request)
                 self._changed.notify()
-        os._exit(0)  # whoever asked is gone
+        os._exit(0)  # the parent process has ended
 
 
 def main(key: str, _: str) -> None:
-    """Print that this process could start, and the outcome for the device with that key as JSON; then build."""
+    """Print that this process has started, and the outcome for the device with this key as JSON; then build."""
     os.environ[VARIABLE] = "never"
-    os.environ.setdefault("POCL_AFFINITY", "0")  # so that it compiles on a processor that is idle
+    os.environ.setdefault("POCL_AFFINITY", "0")  # not pinned, so that it compiles on an idle processor
     everything = found_devices()
     print("\n" + selftest.READY, flush=True)
     found = next((found for found in everything if found.key == key), None)
     if found is None:
         sys.exit("another process does not find this device")
-    remember(found, Outcome(True))  # so that it is opened, and tested as it is
+    remember(found, Outcome(True))  # so that it is opened before its test
     with use_device(found.index):
         outcome = selftest.test(found.handle, measure=False, context=_context())
         print("\n" + outcome.to_json(), flush=True)
@@ -82,7 +82,7 @@ def main(key: str, _: str) -> None:
 def _context() -> cl.Context | None:
     try:
         return current().context
-    except DeviceError:  # it cannot be opened, which its test tells
+    except DeviceError:  # it cannot be opened, which the test reports
         return None
 
 
@@ -98,7 +98,7 @@ def _serve() -> None:
 
 
 def zeros() -> cl.Buffer:
-    """Memory of zeros on the current device."""
+    """Return a buffer of zeros on the current device."""
     import pyopencl as cl
 
     flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
@@ -106,10 +106,10 @@ def zeros() -> cl.Buffer:
 
 
 def compile_for_launches(built: Kernel, memory: cl.Buffer) -> None:
-    """Have a kernel compiled by a launch of a single work-item that has nothing to do: all sizes are 0.
+    """Compile a kernel by a launch of one work-item without work: all sizes are 0.
 
-    PoCL compiles a kernel for a work-group's size as it is launched with it, and in no other way. All arrays are the
-    same `memory` of zeros, which stays as it is.
+    PoCL compiles a kernel for a work-group size only when it is launched with this size. All arrays are the same
+    `memory` of zeros, which does not change.
     """
     import pyopencl as cl
 

@@ -1,9 +1,9 @@
-"""The process that tested a device, which goes on to build programs while this one draws its first picture.
+"""A process that builds programs while this process draws its first picture.
 
-PoCL's compiler takes half a second to start, and a lock keeps threads of one process from compiling side by side. The
-process of the test has it started. What that one builds, PoCL keeps on disk, so this process never starts its own, and
-kernels that are launched last are compiled while this one compiles and launches those before them. Where that process
-is missing, late or broken, this one builds as if there had been none.
+PoCL's compiler takes half a second to start, and a lock prevents threads of one process from compiling in parallel. The
+process that tested the device has already started its compiler, so it builds programs for this process, which finds the
+results in PoCL's folder on disk. Kernels that are launched last are compiled there while this process compiles and
+launches earlier ones. If the builder is missing, late or broken, this process builds the programs itself.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from pathlib import Path
 from pyibr.opencl.apart import Apart
 
 BUILT = "built"
-"""Begins the lines by which it tells that something is done."""
+"""Start of the lines that report a finished request."""
 
 
 class Builder:
-    """Such a process, as this one knows it.
+    """Handle of a builder process.
 
     Attributes
     ----------
     key : str
-        Of the device that it builds for.
+        Key of the device for which it builds.
     """
 
     def __init__(self, process: Apart, key: str) -> None:
         self.key = key
         self._process = process
-        self._lines: dict[tuple[str, str], str] = {}  # that tell that a program is done, and a kernel of it
+        self._lines: dict[tuple[str, str], str] = {}  # lines expected for finished programs and kernels
         self._of_program: dict[str, set[str]] = {}
 
     def ask(self, file: str | Path, name: str, defines: Mapping[str, int], *, compiled: bool = False) -> str:
-        """Have a kernel's program built; the kernel compiled for launches, too, if that is said.
+        """Request the build of a kernel's program; with `compiled`, also compile the kernel for launches.
 
-        What it will print once that is done is returned.
+        Returns the line that the process prints when it is done.
         """
         program = _program(file, defines)
         request = (program, name if compiled else "")
@@ -49,13 +49,13 @@ class Builder:
         return self._lines[request]
 
     def wait(self, file: str | Path, name: str, defines: Mapping[str, int]) -> None:
-        """Wait until a kernel's program is built, and whatever else was asked for of it is done."""
+        """Wait until a kernel's program is built and all other requests for this program are done."""
         wanted = self._of_program.get(_program(file, defines)) or {self.ask(file, name, defines)}
         self._process.wait(lambda: wanted.issubset(self._process.lines))
 
     @property
     def has_ended(self) -> bool:
-        """Tell whether it builds no more."""
+        """Tell whether the process has ended."""
         return self._process.has_ended
 
     def end(self) -> None:
@@ -64,7 +64,7 @@ class Builder:
 
 
 def _program(file: str | Path, defines: Mapping[str, int]) -> str:
-    """Name of a program."""
+    """Key of a program."""
     return json.dumps([str(file), sorted(defines.items())])
 
 
@@ -73,13 +73,13 @@ builders: list[Builder] = []
 
 
 def keep_builder(process: Apart, key: str) -> None:
-    """Have the process that tested the device with that key build from now on."""
+    """Use the process that tested the device with this key as the builder from now on."""
     end_builder()
     builders.append(Builder(process, key))
 
 
 def builder_of(key: str) -> Builder | None:
-    """The builder for the device with that key, if there is one, and it has not ended."""
+    """Return the builder for the device with this key; None if there is none or it has ended."""
     if builders and builders[0].has_ended:
         builders.clear()
     return next((one for one in builders if one.key == key), None)
@@ -87,10 +87,10 @@ def builder_of(key: str) -> Builder | None:
 
 @atexit.register
 def end_builder() -> None:
-    """End the process, if there is one."""
+    """End the builder process, if there is one."""
     while builders:
         builders.pop().end()
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=builders.clear)  # it is the parent's
+    os.register_at_fork(after_in_child=builders.clear)  # the builder belongs to the parent

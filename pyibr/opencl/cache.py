@@ -1,8 +1,7 @@
-"""The cache on disk: what one process learned for the next, test outcomes and programs; all that knows of its files.
+"""The cache on disk for test outcomes and programs. Only this module knows its files.
 
-What lies there becomes native code of this process. So an entry is believed only where nobody but the user can have
-written it, and only if its checksum is right, which holds for this entry's own name alone. Whatever is doubtful is as
-good as missing: it is made anew.
+Entries become native code of this process. Therefore an entry is used only if nobody but the user can have written it,
+and if its checksum, which covers the entry's identity, is right. Any other entry counts as missing and is made again.
 """
 
 from __future__ import annotations
@@ -23,20 +22,20 @@ from typing import Literal
 from pyibr.core.errors import ArgumentError
 
 _VARIABLE = "PYIBR_CACHE"
-_SCHEMA = b"pyibr cache 1\n"  # of entries, with what their makers write into them
+_SCHEMA = b"pyibr cache 1\n"  # version of the file format, and of the content that callers write
 _SHA256 = 32  # bytes
-_BYTES_MAX = 1 << 28  # of a room: some hundred programs of CPUs, whose binaries are the largest
+_BYTES_MAX = 1 << 28  # bytes per folder: some hundred programs for CPUs, whose binaries are the largest
 _DAY = 86400.0  # seconds
-_TEMPORARY = ".part-"  # begins the names of entries that are being written
+_TEMPORARY = ".part-"  # prefix of files that are being written
 _OPEN_FLAGS = sum(
     getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY")
-)  # no link; a pipe never waits
+)  # rejects links, and does not block on pipes
 
 _warned: set[Path] = set()
 
 
 def cache_folder() -> Path:
-    """Folder of pyibr's cache: ``$PYIBR_CACHE``, else the platform's folder for caches.
+    """Return the folder of pyibr's cache: ``$PYIBR_CACHE``, or else the platform's folder for caches.
 
     Returns
     -------
@@ -46,7 +45,7 @@ def cache_folder() -> Path:
     Raises
     ------
     ArgumentError
-        ``$PYIBR_CACHE`` names no folder.
+        ``$PYIBR_CACHE`` is not a folder's path.
 
     Examples
     --------
@@ -56,14 +55,14 @@ def cache_folder() -> Path:
     if chosen := os.environ.get(_VARIABLE):
         try:
             return Path(chosen).expanduser().absolute()
-        except (OSError, RuntimeError) as error:  # no such user; or a relative path from a folder that is gone
+        except (OSError, RuntimeError) as error:  # unknown user, or a relative path while the current folder is gone
             raise ArgumentError(f"${_VARIABLE}", "a folder's path", f"{chosen!r}: {error}") from None
-    # A relative path there is invalid by the XDG specification.
+    # The XDG specification forbids relative paths.
     if sys.platform == "linux" and (base := Path(os.environ.get("XDG_CACHE_HOME", ""))).is_absolute():
         return base / "pyibr"
     try:
         home = Path.home()
-    except RuntimeError:  # a user without a name, as in containers
+    except RuntimeError:  # a user without a name, for example in containers
         return Path(f"/tmp/pyibr-{_user()}")
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA") or home / "AppData/Local") / "pyibr" / "Cache"
@@ -71,17 +70,17 @@ def cache_folder() -> Path:
 
 
 def cache_fault() -> tuple[str, str] | None:
-    """Fault of the cache, and what mends it; None where it can be used."""
+    """Return the fault of the cache and its remedy; None if the cache can be used."""
     folder = cache_folder()
     for used in (folder, folder / "devices", folder / "programs"):
         if fault := distrust(used):
             why, remedy = fault
             return f"the cache folder {used} is not used, because {why}", remedy
-    trial = Entry("programs", "trial", os.urandom(8).hex())  # of this call alone: others may remove theirs meanwhile
+    trial = Entry("programs", "trial", os.urandom(8).hex())  # unique, since other calls remove their own
     trial.write(b"")
     if trial.read() is None:
-        what = f"the cache folder {folder} cannot be written, so that each process compiles its kernels"
-        return what, f"set {_VARIABLE} to a folder that can be written"
+        what = f"the cache folder {folder} cannot be written, so each process compiles its kernels again"
+        return what, f"set {_VARIABLE} to a writable folder"
     trial.forget()
     return None
 
@@ -93,11 +92,11 @@ class Entry:
     Attributes
     ----------
     room : {"devices", "programs"}
-        The folder that it lies in.
+        The file's folder.
     name : str
-        For people: what its file's name begins with.
+        Start of the file name, for people.
     identity : str
-        All that its content depends on.
+        Text with everything that the content depends on.
     """
 
     room: Literal["devices", "programs"]
@@ -105,7 +104,7 @@ class Entry:
     identity: str
 
     def read(self) -> bytes | None:
-        """The content; None where there is none that is to be trusted."""
+        """Return the content; None if there is none, or it cannot be trusted."""
         room = self._room()
         if room is None:
             return None
@@ -120,7 +119,7 @@ class Entry:
             data = os.read(handle, status.st_size)
             if abs(time.time() - status.st_mtime) > _DAY:
                 with suppress(OSError):
-                    os.utime(self._path(room))  # it was used today: others are pruned before it
+                    os.utime(self._path(room))  # marks it as used today, for pruning
         except OSError:
             return None
         finally:
@@ -129,9 +128,9 @@ class Entry:
         return content if data == self._head(content) + content else None
 
     def write(self, content: bytes) -> None:
-        """Keep it for the processes to come, where the folder can be written: a cache is a convenience, never an error.
+        """Store the content for later processes. If the folder cannot be written, nothing happens.
 
-        A process that reads meanwhile, or after a crash, sees the old entry or the new one.
+        A concurrent reader, or a process after a crash, sees either the old entry or the new one.
         """
         room = self._room(make=True)
         if room is None:
@@ -151,12 +150,12 @@ class Entry:
                 part.unlink(missing_ok=True)
 
     def forget(self) -> None:
-        """Remove it."""
-        with suppress(OSError):  # a cache that cannot be written was not written by us
+        """Remove the entry."""
+        with suppress(OSError):  # in a cache that cannot be written, there is nothing to remove
             self._path(cache_folder() / self.room).unlink(missing_ok=True)
 
     def _room(self, make: bool = False) -> Path | None:
-        """Its folder, if that and the one above may be used."""
+        """The entry's folder, if it and its parent can be trusted."""
         folder = cache_folder()
         for used in (folder, folder / self.room):
             if make:
@@ -176,38 +175,38 @@ class Entry:
         return room / f"{self.name[:40]}-{hashlib.sha256(self.identity.encode()).hexdigest()[:24]}"
 
     def _head(self, content: bytes) -> bytes:
-        """Head of a file. Its checksum binds the content to its identity: files cannot be exchanged."""
+        """Header of a file. Its checksum covers the identity, so files cannot be swapped."""
         known = hashlib.sha256(f"{self.room}\0{self.identity}".encode()).digest()
         return _SCHEMA + hashlib.sha256(_SCHEMA + known + content).digest()
 
 
 def distrust(folder: Path) -> tuple[str, str] | None:
-    """Why a folder that is there is not used, and what mends it."""
+    """Return the reason why an existing folder is not trusted, and the remedy; None if it is."""
     try:
         link, status = folder.lstat(), folder.stat()
     except OSError:
-        return None  # it is not there, and if it cannot be made, nothing is kept
+        return None  # the folder does not exist; if it cannot be created, nothing is cached
     elsewhere = f"set {_VARIABLE} to a folder of your own"
     if not stat.S_ISDIR(status.st_mode):
         return "it is not a folder", elsewhere
     writers = _writers(status) or ("" if link.st_uid == status.st_uid else "another user, who made the link,")
     if not writers:
         return None
-    is_for_all = writers != _OTHERS or status.st_mode & stat.S_ISVTX  # as /tmp, which must stay so
+    is_for_all = writers != _OTHERS or status.st_mode & stat.S_ISVTX  # sticky, such as /tmp, which must stay shared
     remedy = elsewhere if is_for_all else f"chmod go-w {shlex.quote(str(folder))}"
-    return f"{writers} can change what lies there", remedy
+    return f"{writers} can change its files", remedy
 
 
-_OTHERS = "others than its owner"
+_OTHERS = "users other than its owner"
 
 
 def _user() -> int | None:
-    """Number of the user that runs this process. Windows keeps none; there, the user's profile is the user's own."""
+    """ID of the user that runs this process; None on Windows, where only the user can write to the user's profile."""
     return os.geteuid() if os.name == "posix" else None
 
 
 def _writers(status: os.stat_result) -> str:
-    """Others who can write a file or a folder; empty where nobody can."""
+    """Other users who can write to a file or folder; empty if there are none."""
     if _user() is None:
         return ""
     if status.st_uid != _user():
@@ -216,14 +215,14 @@ def _writers(status: os.stat_result) -> str:
 
 
 def _put(part: Path, path: Path) -> None:
-    """Let a file take its place, and a folder's that lies there."""
+    """Move a file to its path. A folder at this path is removed."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     part.replace(path)
 
 
 def _prune(room: Path) -> None:
-    """Remove what was used longest ago, beyond the most bytes, and what processes left that were killed."""
+    """Remove the least recently used files beyond `_BYTES_MAX`, and temporary files of killed processes."""
     now = time.time()
     found: list[tuple[float, int, str]] = []
     with os.scandir(room) as entries:

@@ -1,4 +1,4 @@
-"""Calls of several threads on one device: who is in one, who goes first, and how all of them are awaited."""
+"""Calls of several threads on one device: their order, and waits for their end."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from dataclasses import dataclass, field
 
 from pyibr.opencl.in_flight import InFlight
 
-_AHEAD_SECONDS = 0.05  # seconds that a long call leaves the device to one that began later
-_GAP = 1e-3  # seconds between looks at calls that are awaited
+_AHEAD_SECONDS = 0.05  # seconds that a long call waits for a call that began later
+_GAP = 1e-3  # seconds between checks for the end of calls
 
 
 @dataclass(eq=False)
 class _Call:
-    number: int  # calls that began later have greater ones
+    number: int  # increases with the start of calls
     in_flight: InFlight
-    going_on: threading.Lock = field(default_factory=threading.Lock)  # held until it has ended
+    going_on: threading.Lock = field(default_factory=threading.Lock)  # held until the call ends
 
     def wait(self, seconds: float) -> None:
-        """Until it has ended, for so long at most."""
+        """Wait until the call ends, or for `seconds`."""
         if self.going_on.acquire(timeout=seconds):
             self.going_on.release()
 
 
 class Calls:
-    """The calls in progress on a device, one a thread."""
+    """The calls in progress on a device, one per thread."""
 
     def __init__(self) -> None:
         self._running: dict[int, _Call] = {}
@@ -37,15 +37,15 @@ class Calls:
 
     @property
     def others(self) -> list[_Call]:
-        """Those of other threads."""
+        """Calls of other threads."""
         me = threading.get_ident()
         return [call for thread, call in list(self._running.items()) if thread != me]
 
     @contextmanager
     def one(self, in_flight: InFlight, wait: Callable[[], None]) -> Generator[None, None, None]:
-        """Be in a call of this thread, which has that in flight; one within another is a part of that.
+        """Enter a call of this thread, with its launches in flight. A nested call is a part of the outer call.
 
-        If it fails, it is waited for: it may not have asked for its results.
+        If the call fails, wait for its launches, as it may not have waited for its results.
         """
         me = threading.get_ident()
         within = me in self._running
@@ -65,7 +65,7 @@ class Calls:
                 ended.going_on.release()
 
     def let_others(self) -> None:
-        """Let calls that began after this thread's and wait for the device end first: once, and only short ones."""
+        """Let later calls that use the device end first: each only once, and for at most `_AHEAD_SECONDS`."""
         mine = self._running.get(threading.get_ident())
         if mine is None:
             return
@@ -75,9 +75,9 @@ class Calls:
                 mine.number = max(mine.number, other.number)
 
     def stop(self, end: float) -> threading.RLock | None:
-        """Wait until no other thread is in a call, until `end` by `time.monotonic`, and let no further one begin.
+        """Block new calls, and wait until no other thread is in a call, or until `time.monotonic()` reaches `end`.
 
-        Returns the lock to let go of for calls to go on; None if even that was not to be had.
+        Returns the lock whose release lets calls start again; None if it could not be acquired in time.
         """
         if not self._gate.acquire(timeout=max(0.0, end - time.monotonic())):
             return None

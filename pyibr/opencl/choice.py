@@ -1,4 +1,4 @@
-"""Choice of a device among those found, and the error where none will do. Nothing here touches a device."""
+"""Choice of a device from a list, and the error if none works. This module does not access devices."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ class Device:
     Attributes
     ----------
     index : int
-        Its place in `devices`.
+        Position in `devices`.
     platform, name : str
-        As the runtime gives them.
+        Names from the runtime.
     version, driver : str
         The platform's version text and the driver's version.
     kind : {"cpu", "gpu", "accelerator"}
-        What it is.
+        Kind of device.
     works : bool
-        Whether it builds and runs a tiny kernel, with the right result.
+        Whether the device builds and runs a tiny kernel with the right result.
     reason, remedy : str
-        Why it does not work and the command that mends it; empty where it works.
+        Why the device does not work, and the command that fixes it; empty if it works.
     speed : Speed or None
-        Figures of its speed, where they were measured.
+        Measured speed, if any.
     """
 
     index: int
@@ -53,7 +53,7 @@ class Device:
 
 
 def describe(found: Found, outcome: Outcome) -> Device:
-    """Join a device that was found with the outcome of its test."""
+    """Return a `Device` from a listed device and the outcome of its test."""
     return Device(
         index=found.index,
         platform=found.platform,
@@ -69,14 +69,14 @@ def describe(found: Found, outcome: Outcome) -> Device:
 
 
 def choose(found: Sequence[Found], examine: Examine, picture_time: Callable[[Found], float]) -> Device:
-    """The first GPU that works, else the fastest CPU runtime that works, else anything that works.
+    """Return the first GPU that works, else the fastest CPU runtime that works, else any device that works.
 
-    No more devices are examined than the choice needs, and no times are asked for where one CPU runtime works alone.
+    Only as many devices are examined as necessary. Times are measured only if several CPU runtimes work.
 
     Raises
     ------
     DeviceError
-        None works.
+        No device works.
     """
     broken: list[Device] = []
     for kind in ("gpu", "cpu", "accelerator"):
@@ -96,26 +96,26 @@ def choose(found: Sequence[Found], examine: Examine, picture_time: Callable[[Fou
 
 
 def select(found: Sequence[Found], examine: Examine, selector: int | str, argument: str) -> Device:
-    """The device that a user's words mean.
+    """Return the device that a user's selector names.
 
     Parameters
     ----------
     found : sequence of Found
-        What there is.
+        The listed devices.
     examine : callable
-        Tells whether one of them works.
+        Returns the outcome of a device's test.
     selector : int or str
-        An index or a part of a name. Platforms' names come first: processors are of Intel's, too, whose own runtime is
-        another. Of several that match, the first that works is meant, which the logger "pyibr" tells.
+        An index or a part of a name. Platform names have priority, since "intel" also occurs in the processor's name on
+        other runtimes. If several devices match, the first that works is used, and the logger "pyibr" reports it.
     argument : str
-        Where the words came from, for the error.
+        Name of the argument or variable, for errors.
 
     Raises
     ------
     ArgumentError
-        Nothing found matches.
+        No device matches.
     DeviceError
-        Nothing is found, or what matches does not work.
+        There are no devices, or no matching device works.
     """
     if not found:
         raise DeviceError(_nothing_works([]))
@@ -134,14 +134,14 @@ def select(found: Sequence[Found], examine: Examine, selector: int | str, argume
         if device.works:
             others = "; ".join(f"{f.index} = {f.platform}: {f.name}" for f in matches if f is not match)
             if others:
-                _log.info("%s=%r is %d = %s; it fits %s, too", argument, selector, device.index, device, others)
+                _log.info("%s=%r is %d = %s; it also matches %s", argument, selector, device.index, device, others)
             return device
         broken.append(device)
-    raise DeviceError(f"the device asked for by {argument}={selector!r} does not work.\n{explain_broken(broken)}")
+    raise DeviceError(f"the device requested by {argument}={selector!r} does not work.\n{explain_broken(broken)}")
 
 
 def explain_broken(broken: Sequence[Device]) -> str:
-    """Each device that does not work, why, and what mends it."""
+    """Return a text with each broken device, the reason and the remedy."""
     return "\n".join(f"  {d}: {d.reason}\n    to mend it: {d.remedy}" for d in broken)
 
 
@@ -152,5 +152,5 @@ def _nothing_works(broken: Sequence[Device]) -> str:
     lines += [f"  {p.what}" for p in faults]
     commands = dict.fromkeys([*(p.remedy for p in faults), *cpu_remedies()])
     lines += ["To get one, run one of:", *(f"  {command}" for command in commands)]
-    lines.append("`pyibr doctor` shows every device and what it lacks.")
+    lines.append("`pyibr doctor` shows every device and its problems.")
     return "\n".join(lines)

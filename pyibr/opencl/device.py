@@ -1,8 +1,8 @@
-"""The device in use: opened once per process, chosen anew by nobody but the user.
+"""The device in use, which is opened once per process and changes only at the user's request.
 
-The choice: the device named by `use_device`, else by ``$PYIBR_DEVICE``, else the first GPU that works, else
-the CPU runtime that works and draws fastest. A device counts only after it has built and run a tiny kernel; the outcome
-is kept on disk, so a later process opens its device at once. Importing this module imports no pyopencl.
+It is the device named by `use_device`, else by ``$PYIBR_DEVICE``, else the first GPU that works, else the fastest CPU
+runtime that works. A device must first build and run a tiny kernel. The outcome is kept on disk, so later processes
+open their device immediately. Importing this module does not import pyopencl.
 """
 
 from __future__ import annotations
@@ -52,29 +52,29 @@ class Session:
     Attributes
     ----------
     device : Device
-        What was opened.
+        The open device.
     context : pyopencl.Context
-        Its context, of this one device.
+        The device's context.
     queue : pyopencl.CommandQueue
-        Its queue, of all threads; commands run in order.
+        The device's queue, shared by all threads; commands run in order.
     profile : DeviceProfile
-        How it is used, since it is a CPU or a GPU.
+        Parameters for this kind of device.
     kernels : dict
-        What `kernel` has built here.
+        Kernels that `kernel` has built.
     memory_pool : MemoryPool
-        Memory that `empty` hands out again.
+        Free device memory, which `empty` reuses.
     pinned_pool : MemoryPool
-        The same of memory on the host that the device copies to by itself.
+        Free pinned memory on the host.
     pinned : Room
-        How much of that frames may hold: the system can move none of it.
+        Limit of pinned memory for frames, which the system cannot move.
     building : dict of threading.RLock
-        Held while a program is built or loaded, each by one; others' calls go on with what there is.
+        A lock for each program, held while it is built or loaded; calls that need other programs continue.
     ahead : set
-        Programs that `build_ahead` was asked for.
+        Programs requested by `build_ahead`.
     calls : Calls
-        Those in progress.
+        Calls in progress.
     flights : dict of int to InFlight
-        What the queue still has to do, by thread.
+        Launches in flight, by thread.
     """
 
     device: Device
@@ -92,12 +92,12 @@ class Session:
 
     @property
     def in_flight(self) -> InFlight:
-        """This thread's part of what the queue still has to do."""
+        """This thread's launches in flight."""
         return self.flights[threading.get_ident()]
 
     @cached_property
     def copies(self) -> cl.CommandQueue:
-        """Queue of copies to the host, which run beside later launches; where nothing is copied, the launches' own."""
+        """Queue of copies to the host, which overlap with later launches; `queue` itself on devices without copies."""
         import pyopencl as cl
 
         made = self.queue if self.profile.in_place else cl.CommandQueue(self.context)
@@ -109,11 +109,11 @@ class Session:
         return self.__dict__.setdefault("room", Room(self.context.devices[0].global_mem_size))
 
     def call(self) -> AbstractContextManager[None]:
-        """Be in a call of this thread, which is awaited if it fails: it may not have asked for its results."""
+        """Enter a call of this thread. If the call fails, wait for its launches."""
         return self.calls.one(self.in_flight, self.wait)
 
     def mark(self) -> Callable[[], None]:
-        """Mark what is in the queues now; the function that is returned waits for that alone."""
+        """Mark the current end of the queues; the returned function waits only for the commands before it."""
         import pyopencl as cl
 
         queues = (self.queue,) if self.copies is self.queue else (self.queue, self.copies)
@@ -132,7 +132,7 @@ class Session:
         return wait
 
     def wait(self) -> None:
-        """Until all that is in the queues now is done. Other threads run meanwhile; Ctrl-C counts afterwards."""
+        """Wait until all commands in the queues are done. Other threads run meanwhile; Ctrl-C works only afterwards."""
         start = time.perf_counter()
         self.mark()()
         self.in_flight.finish(time.perf_counter() - start)
@@ -144,13 +144,13 @@ _sessions: dict[int, Session] = {}
 _failed_here: dict[int, Outcome] = {}
 _forked = False
 _at_fork: list[list[threading.RLock]] = []
-_EXIT_TIMEOUT = 30.0  # seconds that a call in another thread may still take when the process ends: it may be compiling
+_EXIT_TIMEOUT = 30.0  # longest wait, when the process ends, for calls in other threads, which may be compiling
 
 
 def _take_locks() -> list[threading.RLock]:
-    """All that no call is made without, once other threads' calls are done, or after a while."""
+    """Acquire all locks that calls need, after other threads' calls are done or a timeout."""
     end = time.monotonic() + _EXIT_TIMEOUT
-    taken = [_lock] if _lock.acquire(timeout=_EXIT_TIMEOUT) else []  # from here on no session is opened
+    taken = [_lock] if _lock.acquire(timeout=_EXIT_TIMEOUT) else []  # from here on, no session can be opened
     if reading.acquire(timeout=_EXIT_TIMEOUT):
         taken.append(reading)
     gates = [session.calls.stop(end) for session in list(_sessions.values())]
@@ -158,7 +158,7 @@ def _take_locks() -> list[threading.RLock]:
 
 
 def _before_fork() -> None:
-    """Nothing is in flight when a process is forked: Intel's runtime in the child would wait for it for ever."""
+    """Wait for all calls before a fork: Intel's runtime in the child would wait forever for launches in flight."""
     _at_fork.append(_take_locks())
 
 
@@ -180,26 +180,26 @@ if hasattr(os, "register_at_fork"):
 
 @atexit.register
 def _at_exit() -> None:
-    """Wait for calls of daemon threads, and keep the locks: Python ends such threads amid their C++, which aborts.
+    """Wait for calls of daemon threads, and keep the locks, since Python would abort if it ended them inside C++ code.
 
-    This thread can still make calls. Another's next call waits for a lock, which is a safe place to be ended in.
+    This thread can still make calls. A daemon thread's next call waits for a lock, where it can end safely.
     """
-    if not _forked:  # other threads did not come along
+    if not _forked:  # a forked process has no other threads
         _take_locks()
 
 
 def devices(*, fresh: bool = False) -> list[Device]:
-    """All OpenCL devices found, those that do not work included.
+    """Return all OpenCL devices, including devices that do not work.
 
     Parameters
     ----------
     fresh : bool
-        Test every device now and measure its speed, whatever earlier processes found.
+        Test every device now and measure its speed, regardless of earlier results.
 
     Returns
     -------
     list of Device
-        In the loader's order. A device that was never tested before is tested now, which takes a second.
+        Devices in the loader's order. A device that was never tested is tested now, which takes a second.
 
     Examples
     --------
@@ -217,23 +217,23 @@ def devices(*, fresh: bool = False) -> list[Device]:
 
 @contextmanager
 def use_device(device: Device | int | str) -> Generator[Device, None, None]:
-    """Work on a certain device inside the ``with`` block.
+    """Use a certain device inside the ``with`` block.
 
-    Blocks nest. The choice holds for the current thread (or task); other threads keep theirs.
+    Blocks can be nested. The choice applies to the current thread (or task) only.
 
     Parameters
     ----------
     device : Device, int or str
-        One of `devices`, its index there, or a part of its platform's or its own name, version or kind, such
-        as ``"intel"``, ``"pocl"`` or ``"gpu"``; upper and lower case are the same. Platforms' names count first. Of
-        several that match, the first that works is taken.
+        One of `devices`, its index there, or a part of its platform, name, version or kind, such as ``"intel"``,
+        ``"pocl"`` or ``"gpu"``, in upper or lower case. Matches of the platform's name have priority. If several
+        devices match, the first that works is used.
 
     Raises
     ------
     ArgumentError
-        Nothing found matches.
+        No device matches.
     DeviceError
-        What matches does not work; the message says why and what mends it.
+        No matching device works; the message has the reasons and the remedies.
 
     Examples
     --------
@@ -254,7 +254,7 @@ def use_device(device: Device | int | str) -> Generator[Device, None, None]:
 @contextmanager
 def _choosing(device: Device) -> Generator[None, None, None]:
     before = _chosen.get()
-    try:  # Ctrl-C may come once it is set, too, before anything else is done
+    try:  # around `set`, too, since Ctrl-C may come right after it
         _chosen.set(device)
         yield
     finally:
@@ -262,20 +262,20 @@ def _choosing(device: Device) -> Generator[None, None, None]:
 
 
 def current() -> Session:
-    """The session of the device in use; opened on the first call, the same object after that.
+    """Return the session of the device in use; it is opened on first use.
 
     Raises
     ------
     DeviceError
-        No device works, or the one asked for does not; or this process was forked from one that used OpenCL.
+        No device works, or the requested device does not; or this process was forked from one that used OpenCL.
     ArgumentError
-        ``$PYIBR_DEVICE`` matches nothing.
+        ``$PYIBR_DEVICE`` matches no device.
     """
     chosen = _chosen.get()
     session = None if chosen is None or _forked else _sessions.get(chosen.index)
-    if session is not None:  # as amid a call
+    if session is not None:  # the fast path, inside calls
         return session
-    if _forked:  # the runtime's threads stayed behind: its next kernel would wait for them for ever
+    if _forked:  # the runtime's threads are missing here, and its next kernel would wait for them forever
         raise DeviceError(
             "OpenCL was in use when this process was forked and does not survive that; "
             "start worker processes with multiprocessing.get_context('spawn')"
@@ -287,14 +287,14 @@ def current() -> Session:
 
 @contextmanager
 def one_call() -> Generator[Session, None, None]:
-    """The session of the device in use, for one call alone: until it is done, its device stays the one in use.
+    """Enter a call on the device in use, which stays in use until the call ends.
 
-    Memory that is short is an OutOfMemoryError, whatever ran out of it.
+    All out-of-memory errors become OutOfMemoryError.
     """
     session, before = current(), _chosen.get()
     with session.call():
         try:
-            _chosen.set(session.device)  # `current` need not look at the environment each time
+            _chosen.set(session.device)  # saves `current` from reading the environment each time
             yield session
         except Exception as error:
             tell_shortage(error, session.device)
@@ -304,7 +304,7 @@ def one_call() -> Generator[Session, None, None]:
 
 
 def explain() -> tuple[Device, str]:
-    """The device that `current` uses here, and why that one."""
+    """Return the device that `current` uses, and the reason for this choice."""
     device = current().device
     if _chosen.get() is not None:
         return device, "named by use_device"
@@ -333,7 +333,7 @@ def _default_session(selector: str) -> Session:
             try:
                 return _session(device)
             except DeviceError:
-                continue  # it counts as failed now, and the next best is chosen
+                continue  # the device is now marked as failed, and the next best is chosen
 
 
 def _session(device: Device) -> Session:
@@ -363,5 +363,5 @@ def _examine(found: Found, doubted: Doubted = "nothing", measure: bool = False) 
 
 
 def _examine_broken_again(found: Found) -> Outcome:
-    """Test a broken device again, once a process: what the disk says of it may be out of date."""
+    """Test a broken device again, once per process, since the outcome on disk may be out of date."""
     return _examine(found, "broken")

@@ -1,4 +1,4 @@
-"""Cache of what a thing has on a device."""
+"""Cache of data that belong to a thing on a device."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _Made = TypeVar("_Made")
 
 
 class DeviceCache(dict["tuple[str, Hashable]", Any]):
-    """Things that are kept for a thing on one device, by name and key, and the lock of whoever makes more."""
+    """Cached data of a thing on one device, by name and key, with a lock for making more."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -21,16 +21,17 @@ class DeviceCache(dict["tuple[str, Hashable]", Any]):
 
 
 def known_on_device(thing: Immutable, name: str, key: Hashable = None) -> Any:
-    """Return what `cached_on_device` has made under this name, or None."""
+    """Return the cached data of this name, or None."""
     return thing.device_cache.get(current(), {}).get((name, key))
 
 
 def cached_on_device(
     thing: Immutable, name: str, make: Callable[[], _Made], key: Hashable = None, latest: int | None = None
 ) -> _Made:
-    """Return what `make` makes for `thing` on the current device, made once under this name.
+    """Return the data that `make` computes for `thing` on the current device, cached under a name.
 
-    Where a name has several, each has a `key`, and so many of the `latest` stay. Threads wait for one that makes it.
+    A `key` distinguishes several entries of one name; with `latest`, only so many of them are kept. One thread at a
+    time calls `make`; others wait for it.
     """
     caches, session = thing.device_cache, current()
     cache = caches.get(session)

@@ -1,4 +1,4 @@
-"""The report behind ``pyibr doctor``: what OpenCL devices are here, which work, and what mends the others."""
+"""The report of ``pyibr doctor``: OpenCL devices, whether they work, and remedies for those that do not."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ class Report:
     Attributes
     ----------
     versions : dict of str to str
-        pyibr's, Python's and its main packages' versions.
+        Versions of pyibr, Python and the main packages.
     cache : Path
-        Where probe results and program binaries are kept.
+        Folder of test outcomes and program binaries.
     devices : list of Device
-        All that were found, tested just now.
+        All devices, freshly tested.
     problems : list of Problem
         Runtimes that are installed but cannot be loaded, packages that have overwritten each other, and a cache that
         cannot be used.
     chosen : Device or None
-        What a call would run on.
+        The device that a call would use.
     why : str
-        Why that one; where there is none, what to do.
+        Reason for the choice; without a device, instructions to get one.
     """
 
     versions: dict[str, str]
@@ -50,7 +50,7 @@ class Report:
 
 
 def report() -> Report:
-    """Test every device afresh, measure its speed, and tell which one pyibr would use.
+    """Test every device again, measure its speed, and report which one pyibr would use.
 
     Examples
     --------
@@ -76,19 +76,19 @@ def print_report(console: Console | None = None) -> bool:
     Parameters
     ----------
     console : rich.console.Console, optional
-        Where to; standard output by default.
+        Output console; standard output by default.
 
     Returns
     -------
     bool
-        Whether a call would find a device to run on.
+        Whether a device works.
     """
     from rich.console import Console
     from rich.text import Text
 
     if console is None:
         console = Console(highlight=False)
-        with suppress(AttributeError):  # files and terminals may have an encoding that lacks the marks
+        with suppress(AttributeError):  # the output's encoding may lack the marks
             cast("Any", sys.stdout).reconfigure(errors="replace")
     with console.status("testing the OpenCL devices"):
         result = report()

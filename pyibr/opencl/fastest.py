@@ -1,4 +1,4 @@
-"""Times of pyibr's own pictures on CPU runtimes, measured once and kept on disk: the fastest is chosen by them."""
+"""Times of pyibr's pictures on CPU runtimes, for the choice of the fastest; measured once and kept on disk."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from pyibr.opencl.cache import Entry, cache_fault
 from pyibr.opencl.runtimes import Found
 
 _TRIAL = "pyibr.app.trial"
-"""The pictures: a module by its name, since it draws with systems, which lie above this room."""
+"""Module that draws the pictures. It is only named here, since it uses systems, which are in a higher layer."""
 
 _log = logging.getLogger("pyibr")
 
 
 @functools.cache
 def picture_time(found: Found) -> float:
-    """Seconds that a small warp and a small relief take; infinite where they fail.
+    """Return the seconds that a small warp and a small relief take; infinite if they fail.
 
-    Their kernels are built for it, which takes seconds: where no cache keeps the outcome, they are left undrawn.
+    Their kernels must be built first, which takes seconds. So without a cache for the result, nothing is measured.
     """
     entry = _entry(found)
     if (kept := entry.read()) is not None:
@@ -43,7 +43,7 @@ def picture_time(found: Found) -> float:
 
 
 def forget_picture_time(found: Found) -> None:
-    """Have it measured again."""
+    """Forget the time, so that it is measured again."""
     picture_time.cache_clear()
     _entry(found).forget()
 

@@ -1,4 +1,4 @@
-"""Declarations of the kernels' C text for the host: structs and named numbers are read from it, not copied."""
+"""Declarations read from the kernels' sources, so that the host need not repeat structs and constants."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pyibr.core.errors import ArgumentError, BuildError
 
 _CODES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "ulong": "u8"}
 SCALARS: dict[str, np.dtype[Any]] = {name: np.dtype(code) for name, code in [*_CODES.items(), ("float", "f4")]}
-"""Numbers as C names them."""
+"""dtypes of numbers by their names in C."""
 
 _INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
 _COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
@@ -28,25 +28,27 @@ _REAL = re.compile(r"([-+]?(?:\d+\.\d*|\.\d+|\d+(?=[eE]))(?:[eE][-+]?\d+)?)[fF]?
 
 
 def kernels_folder() -> Path:
-    """The folder of the OpenCL sources: inside the installed package, beside it in a checkout."""
+    """Return the folder of the OpenCL sources: inside the installed package, or next to it in a checkout."""
     package = Path(__file__).parent.parent
     installed = package / "kernels"
     return installed if installed.is_dir() else package.parent / "kernels"
 
 
 def display_name(file: str | Path) -> str:
-    """A file as messages name it."""
+    """Return the name of a file for messages."""
     return str(file) if isinstance(file, Path) else f"kernels/{file}"
 
 
 def expanded(file: str | Path) -> str:
-    """The source with each ``#include "..."`` replaced by its text once, so that binaries know what they hold.
+    """Return the source with each ``#include "..."`` replaced by the file's text, once per file.
+
+    The cache of binaries identifies a program by this text.
 
     Parameters
     ----------
     file : str or Path
-        Below the kernels' folder, whose files include each other; or the absolute path of a user's own, which may
-        include what lies beside it, too.
+        Path below the kernels' folder, whose files include each other; or the absolute path of a user's file, which may
+        also include files in its own folder.
     """
     kernels = kernels_folder()
     seen: set[Path] = set()
@@ -68,7 +70,7 @@ def expanded(file: str | Path) -> str:
                     inside = text_of(path_of_it, folders[number:])
                     if not isinstance(file, Path):
                         return inside
-                    line = text.count("\n", 0, match.end()) + 2  # for compilers, who name lines in their logs
+                    line = text.count("\n", 0, match.end()) + 2  # for line numbers in compiler logs
                     return f'\n#line 1 "{name}"\n{inside}\n#line {line} "{path.name}"'
             places = " or ".join(map(str, folders))
             raise BuildError(f'{path} includes "{name}", which is not in {places}')
@@ -78,26 +80,26 @@ def expanded(file: str | Path) -> str:
     if isinstance(file, Path):
         return f'#line 1 "{file.name}"\n{text_of(file, [file.parent, kernels])}'
     if not (kernels / file).is_file():
-        raise ArgumentError("file", f"one below {kernels}, or the absolute path of one of your own", describe(file))
+        raise ArgumentError("file", f"a file below {kernels}, or the absolute path of your own file", describe(file))
     return text_of(kernels / file, [kernels])
 
 
 @functools.cache
 def _own_text(path: Path) -> str:
-    """Text of a file that lies among pyibr's kernels."""
+    """Text of one of pyibr's kernel files."""
     return path.read_text(encoding="utf-8")
 
 
 @functools.cache
 def struct(file: str, name: str) -> np.dtype[np.void]:
-    """The C struct that ``kernels/<file>``, or what it includes, defines under this name.
+    """Return the dtype of a C struct that ``kernels/<file>`` or its includes define.
 
-    Structs of the same members are one dtype object.
+    Structs with equal members share one dtype object.
 
     Raises
     ------
     BuildError
-        If there is none, or the host cannot lay it out: see `structs`.
+        If there is no such struct, or the host cannot lay it out: see `structs`.
     """
     found = structs(file, _source(file), [name])
     if not found:
@@ -107,12 +109,12 @@ def struct(file: str, name: str) -> np.dtype[np.void]:
 
 @functools.cache
 def constant(file: str, name: str) -> int | float:
-    """The number that ``kernels/<file>``, or what it includes, ``#define``s under this name, as it is written there.
+    """Return the number that ``kernels/<file>`` or its includes ``#define`` under this name.
 
     Raises
     ------
     BuildError
-        If there is none, it is no single number, or several are defined under that name.
+        If the name is not defined, is defined differently in two places, or is not a single number.
     """
     try:
         return _number_of(_COMMENT.sub(" ", _source(file)), name)
@@ -123,14 +125,14 @@ def constant(file: str, name: str) -> int | float:
 def structs(
     file: str | Path, source: str, names: Collection[str], defines: Mapping[str, int] | None = None
 ) -> dict[str, np.dtype[np.void]]:
-    """Memory layouts of those of the `names` that are structs of a file; `source` is its expanded text.
+    """Return the memory layouts of the structs of a file that are in `names`; `source` is the file's expanded text.
 
-    Members are numbers of C, and arrays of them, whose sizes are numbers, defined numbers or products of those.
+    Members are C numbers and arrays of them. Array sizes are numbers, defined numbers, or products of both.
 
     Raises
     ------
     BuildError
-        If a member is something else, C would pad it, or the source defines several structs of that name.
+        If a member has another type, C would insert padding, or the source defines different structs of one name.
     """
     code = _COMMENT.sub(" ", source)
     found: dict[str, np.dtype[np.void]] = {}
@@ -146,7 +148,7 @@ def structs(
 
 
 def difference(declared: np.dtype[Any], given: np.dtype[Any]) -> str:
-    """Describe the difference of a dtype from the declared one."""
+    """Describe how a dtype differs from the declared dtype."""
     if declared.names is None or given.names is None:
         return given.name
     missing, unknown = sorted({*declared.names} - {*given.names}), sorted({*given.names} - {*declared.names})
@@ -161,7 +163,7 @@ def difference(declared: np.dtype[Any], given: np.dtype[Any]) -> str:
 
 
 def _written(name: str, kind: np.dtype[Any]) -> str:
-    """A member as C declares it."""
+    """Declaration of a member in C."""
     scalar = next((c for c, known in SCALARS.items() if known == kind.base), kind.base.name)
     return f"{scalar} {name}" + "".join(f"[{size}]" for size in kind.shape)
 
@@ -204,7 +206,7 @@ def _layout_of(head: str, body: str, code: str, defines: Mapping[str, int]) -> n
 
 
 def _size_of(text: str, code: str, defines: Mapping[str, int]) -> int:
-    """Of an array: a product of numbers; what a build defines counts before what the source does."""
+    """Size of an array, a product of numbers. Defines of the build override the source."""
     size = 1
     for factor in map(str.strip, text.split("*")):
         number = int(factor) if factor.isdecimal() else defines.get(factor) or _number_of(code, factor)

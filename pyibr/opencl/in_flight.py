@@ -1,4 +1,4 @@
-"""Work in flight on a queue, and its expected time: nobody can stop what the device has been given."""
+"""Launches in flight on a queue, and their expected time. Commands in a queue cannot be stopped."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pyopencl as cl
 
-UNSPLIT_SECONDS = 0.005  # seconds that a launch may take, by what its kernel took before, to be one piece
-QUEUED_SECONDS_MAX = 0.04  # seconds of launches that may wait in the queue
-PIECE_SECONDS = 0.06  # seconds that a piece of a launch is meant to take
-SHARED_PIECE_SECONDS = 0.02  # the same while other threads are in calls
-_GROWTH = 4  # at most, from piece to piece: what comes next may take longer
-_SHORT, _GROWTH_OF_SHORT = 0.0005, 32  # seconds of a piece, and growth after it: the next is no long one, even so
-_FORGETTING = 0.9  # of what is known, by each launch: the same kernel may have much to do in every tenth
-_UNEXPECTED = 4  # times as long as expected: what was expected is wrong
+UNSPLIT_SECONDS = 0.005  # longest expected time of a launch that is not split
+QUEUED_SECONDS_MAX = 0.04  # longest expected time of launches that wait in the queue
+PIECE_SECONDS = 0.06  # target time of a piece of a launch
+SHARED_PIECE_SECONDS = 0.02  # target time while other threads are in calls
+_GROWTH = 4  # limit of growth from piece to piece, as the next items may be slower
+_SHORT, _GROWTH_OF_SHORT = 0.0005, 32  # after pieces up to _SHORT seconds, the growth may be larger
+_FORGETTING = 0.9  # decay of the known cost per launch: a kernel may be slow only in every tenth launch
+_UNEXPECTED = 4  # launches that take so many times the expected time update the estimate
 
 
 @dataclass(eq=False)
@@ -27,18 +27,22 @@ class KernelCost:
     Attributes
     ----------
     seconds_per_item : float
-        Seconds that a work-item took, on average, in the slowest launch of late; infinite as long as nobody knows.
+        Mean seconds per work-item in the slowest recent launch; infinite while unknown.
     """
 
     seconds_per_item: float = math.inf
 
     def add(self, seconds_per_item: float) -> None:
-        """A launch took so long: those to come may be as slow as that, or as some before it."""
+        """Add the cost of a launch. The estimate is the maximum of it and of earlier costs, which decay."""
         known = self.seconds_per_item if math.isfinite(self.seconds_per_item) else 0.0
         self.seconds_per_item = max(seconds_per_item, _FORGETTING * known)
 
     def piece_after(self, items: int, seconds: float, shared: bool) -> int:
-        """Work-items of the next piece, after one of so many that took so long; 0 before the first."""
+        """Return the number of work-items of the next piece.
+
+        items, seconds: work-items and time of the previous piece; 0 items before the first. shared: whether other
+        threads are in calls.
+        """
         if not items:
             return max(int(UNSPLIT_SECONDS / self.seconds_per_item), 1)
         slowest = max(seconds / items, self.seconds_per_item if math.isfinite(self.seconds_per_item) else 0.0)
@@ -52,9 +56,9 @@ class InFlight:
     Attributes
     ----------
     used : list
-        What it reads and writes: that must stay until it is done.
+        Buffers that the launches use, kept alive until they finish.
     seconds : float
-        How long it takes, as far as is known.
+        Expected time of the launches.
     """
 
     def __init__(self) -> None:
@@ -63,12 +67,12 @@ class InFlight:
         self._launches: list[tuple[KernelCost, int, cl.Event]] = []
 
     def add(self, cost: KernelCost, items: int, event: cl.Event) -> None:
-        """A launch of so many work-items joins."""
+        """Add a launch of `items` work-items."""
         self._launches.append((cost, items, event))
         self.seconds += items * cost.seconds_per_item
 
     def finish(self, waited: float) -> None:
-        """All of it is done; `waited` seconds for that. Launches that took far longer than expected are slower."""
+        """Clear the finished launches after a wait of `waited` seconds, and raise estimates that were far too low."""
         for cost, items, event in self._launches if waited > QUEUED_SECONDS_MAX else ():
             slow = seconds_of(event) / items
             if slow > _UNEXPECTED * cost.seconds_per_item:
@@ -79,14 +83,15 @@ class InFlight:
 
 
 def seconds_of(event: cl.Event) -> float:
-    """Seconds that the device took for a command, whatever else waited in the queue."""
+    """Return the seconds that the device took for a command, without time in the queue."""
     return 1e-9 * (event.profile.end - event.profile.start)
 
 
 def piece_of(grid: Sequence[int], done: int, items_max: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Offset and size of the next piece of a grid of which so many work-items are done: whole rows, or within one.
+    """Return the offset and size of the next piece of a grid, after `done` work-items.
 
-    A row is what `items_max` work-items make none of: of one axis, or of several.
+    A piece is a number of whole slices along the last axis. If a slice has more than `items_max` work-items, the piece
+    lies within one slice.
     """
     *inner, last = grid
     row = math.prod(inner)

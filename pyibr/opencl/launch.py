@@ -1,4 +1,4 @@
-"""One way to call a kernel: by argument names, checked against its source."""
+"""Kernel launches with arguments by name, checked against the kernel's source."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Struct:
-    """A value of a C struct that a kernel file defines; ``values`` is its bytes as a NumPy record."""
+    """A value of a C struct that a kernel file defines; ``values`` is a NumPy record with its bytes."""
 
     name: str
     values: np.ndarray[Any, np.dtype[np.void]]
 
 
 def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Struct | float) -> None:
-    """Enqueues ``kernel`` over ``grid`` work-items; in pieces, each of which is awaited, if that takes long.
+    """Enqueue ``kernel`` over ``grid`` work-items. Long launches are split into pieces, with a wait after each.
 
     Parameters
     ----------
     kernel : Kernel
-        From :func:`pyibr.opencl.program.kernel`.
+        A kernel from :func:`pyibr.opencl.program.kernel`.
     grid : tuple of int
-        Work-items along x, y, ...; kernels test their bounds themselves.
+        Work-items along x, y, ...; kernels check bounds themselves.
     **arguments
         One value per argument in the kernel's source: a :class:`DeviceArray` for a pointer, a :class:`Struct` for a
         struct, a number for a scalar.
@@ -44,7 +44,7 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
     Raises
     ------
     ArgumentError
-        If a name is missing or unknown, or a value's type is not what the source declares; a struct's members included.
+        If a name is missing or unknown, or the type of a value or of a struct's member differs from the source.
     """
     if not watches:
         _enqueue(kernel, grid, arguments)
@@ -78,10 +78,10 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], arguments: dict[str, Any]) -
 
 
 def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, Any]) -> None:
-    """Python sees Ctrl-C only between pieces, and so do drivers that end what keeps a display waiting."""
+    """Launch in pieces, so that Ctrl-C takes effect between them, and no launch runs so long that a driver stops it."""
     session, items, unknown = kernel.session, math.prod(map(int, grid)), math.isinf(kernel.cost.seconds_per_item)
     alone = items <= math.prod(session.profile.group)  # work-items of one group may wait for each other
-    session.wait()  # for what came before, so that Ctrl-C ends the call within a piece
+    session.wait()  # for earlier launches, so that Ctrl-C ends the call within one piece
     done = count = timed = 0
     took = spent = 0.0
     while done < items:
@@ -93,7 +93,7 @@ def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, An
         session.wait()
         count, took = math.prod(size), seconds_of(piece)
         done += count
-        if not unknown or done > count or done == items:  # runtimes may compile with the first piece ever
+        if not unknown or done > count or done == items:  # a kernel's first piece may include its compilation
             timed, spent = timed + count, spent + took
     kernel.cost.add(spent / max(timed, 1))
 
@@ -106,11 +106,11 @@ def _start(
     session, local = kernel.session, None
     group = session.profile.group
     if group == (1, 1, 1):
-        # Runtimes for CPUs compile a kernel anew for launches with an offset: all have one, if only in a direction that
-        # no kernel knows of.
+        # CPU runtimes compile a kernel again for launches with an offset. So all launches get an offset, at least along
+        # an axis that no kernel uses.
         beyond = group[len(size) :]
         offset, size, local = offset + beyond, size + beyond, group
-    elif whole:  # some work-items more, so that all groups are whole; what is beyond a piece is the next one's
+    elif whole:  # padded to whole groups; not for pieces, as work-items beyond a piece belong to the next one
         local = group[: len(size)]
         size = tuple(-(-items // side) * side for items, side in zip(size, local, strict=True))
     packed = _packed(kernel, arguments)
@@ -118,14 +118,14 @@ def _start(
         with kernel.lock:  # another thread may launch it, too
             kernel.handle.set_args(*packed)
             return cl.enqueue_nd_range_kernel(session.queue, kernel.handle, size, local, offset)
-    except cl.MemoryError as error:  # some drivers find room for a buffer when it is first used
+    except cl.MemoryError as error:  # some drivers allocate buffers on first use
         used = sum(value.nbytes for value in arguments.values() if isinstance(value, DeviceArray))
         what = f"the {used / 2**20:.0f} MiB that {kernel.name}() reads and writes"
         raise OutOfMemoryError(f"not enough memory on {session.device} for {what}") from error
 
 
 def _packed(kernel: Kernel, arguments: Mapping[str, Any]) -> list[Any]:
-    """The arguments as pyopencl takes them. What is of the very types that the source declares needs no second look."""
+    """Arguments in pyopencl's form. Values that already have the declared types take a fast path."""
     packed: list[Any] = []
     for name, kind, dtype, argument in kernel.plan:
         value = arguments[name]
@@ -145,7 +145,7 @@ def _pointer(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | f
     if isinstance(value, DeviceArray) and value.dtype == argument.dtype:
         if value.is_input and not argument.constant:
             raise ArgumentError(
-                f"{kernel.name}({argument.name})", "a device array to be written", "one that was uploaded"
+                f"{kernel.name}({argument.name})", "a writable device array", "a read-only one from `upload`"
             )
         return value.buffer
     got = difference(argument.dtype, value.dtype) if isinstance(value, DeviceArray) else type(value).__name__

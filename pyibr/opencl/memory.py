@@ -25,32 +25,32 @@ if TYPE_CHECKING:
 _Made = TypeVar("_Made")
 
 _HUGE_PAGE = 1 << 21
-_POOL_BYTES_MAX = 1 << 28  # how much memory a session keeps for its next calls
+_POOL_BYTES_MAX = 1 << 28  # free memory that a session keeps for its next calls
 
 
 @dataclass(frozen=True, eq=False)
 class DeviceArray:
-    """A device buffer with the shape and dtype of what lies in it."""
+    """A device buffer with a shape and a dtype."""
 
     buffer: cl.Buffer
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    host: NDArray[Any] | None  # the memory itself, where the device works in place; elsewhere where its values go
+    host: NDArray[Any] | None  # the memory itself if the device works in place; otherwise the destination of copies
     session: Session
-    is_own: bool = True  # the memory is of whole pages, which runtimes for CPUs work in (`pyibr.opencl.selftest`)
-    is_input: bool = False  # kernels only read it: what they wrote might be seen on the host, or not
+    is_own: bool = True  # whole pages, in which CPU runtimes work in place (`pyibr.opencl.selftest`)
+    is_input: bool = False  # read-only for kernels: their writes may or may not reach the host
 
     @property
     def nbytes(self) -> int:
-        """Bytes that its values take."""
+        """Size of the values in bytes."""
         return math.prod(map(int, self.shape)) * self.dtype.itemsize
 
     def to_host(self) -> NDArray[Any]:
-        """The values, once all launches are done."""
+        """Wait for all launches and return the values."""
         return to_host([self])[0]
 
     def fill(self, value: float) -> None:
-        """Sets every element, in the order of launches."""
+        """Set every element, in order with launches."""
         import pyopencl as cl
 
         self.session.in_flight.used.append(self)
@@ -58,23 +58,24 @@ class DeviceArray:
 
 
 def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
-    """The values of arrays of one session, once all launches are done: one wait for all of them."""
+    """Return the values of arrays of one session, after one wait for all launches."""
     values = begin_to_host(arrays)
     arrays[0].session.wait()
     return values
 
 
 def begin_to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
-    """Arrays that hold the values of others, of one session, once it has been waited for.
+    """Return host arrays that hold the values of device arrays of one session, after a later wait for it.
 
-    These are copied when the launches made so far are done, beside those that follow, which must not write them.
+    Copies start when the launches made so far are done. They overlap with later launches, which must not write the
+    arrays.
     """
     import pyopencl as cl
 
     session = arrays[0].session
     values: list[NDArray[Any]] = []
     launches = None if session.profile.in_place else [cl.enqueue_marker(session.queue)]
-    session.queue.flush()  # before another queue waits for it
+    session.queue.flush()  # required before another queue waits for it
     for array in arrays:
         if 0 in array.shape:
             values.append(np.empty(array.shape, array.dtype))
@@ -83,7 +84,7 @@ def begin_to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
             if watches:
                 watches[-1].download(array.nbytes)
             done = cl.enqueue_copy(session.copies, host, array.buffer, is_blocking=False, wait_for=launches)
-            # Letting go of such an event waits for it, while no other thread of Python runs.
+            # Kept: releasing such an event waits for it while holding the GIL.
             session.in_flight.used.append((array, done))
             values.append(host)
         elif array.is_own:
@@ -99,7 +100,7 @@ def begin_to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
 
 
 def upload(array: NDArray[Any]) -> DeviceArray:
-    """``array`` (C-contiguous) as a read-only input. It must not change while launches read it."""
+    """Return ``array`` (C-contiguous) as a read-only input. It must not change while launches read it."""
     import pyopencl as cl
 
     session = current()
@@ -121,7 +122,7 @@ def upload(array: NDArray[Any]) -> DeviceArray:
 
 
 def output(array: NDArray[Any]) -> DeviceArray:
-    """``array`` (C-contiguous, writable) for launches to write: in place on a CPU, elsewhere `to_host` copies there."""
+    """Return ``array`` (C-contiguous, writable) as an output: in place on a CPU, otherwise `to_host` copies into it."""
     import pyopencl as cl
 
     session = current()
@@ -137,7 +138,7 @@ def output(array: NDArray[Any]) -> DeviceArray:
 
 
 def copy(source: DeviceArray, target: DeviceArray, at: int = 0) -> None:
-    """Copies all of `source` to `target` from its element `at` on, in the order of launches."""
+    """Copy all of `source` to `target`, starting at element `at`, in order with launches."""
     import pyopencl as cl
 
     if source.nbytes:
@@ -147,13 +148,13 @@ def copy(source: DeviceArray, target: DeviceArray, at: int = 0) -> None:
 
 
 def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = None) -> DeviceArray:
-    """An uninitialised array for launches to write; `to_host` copies it `into` another one, where memory is copied.
+    """Return an uninitialised array for launches to write; on devices that copy, `to_host` copies it `into` an array.
 
-    Its memory is handed out again once nobody refers to the array, on the device or on the host: the system takes
-    longer to give a process fresh pages than a kernel to fill them.
+    Its memory is reused when there are no more references to the array, on the device or on the host: fresh pages from
+    the system take longer than the kernels that fill them.
     """
     session = current()
-    kind, whole = np.dtype(dtype), tuple(map(int, shape))  # NumPy's integers would overflow in who counts with them
+    kind, whole = np.dtype(dtype), tuple(map(int, shape))  # NumPy's integers would overflow in products
     size = math.prod(whole) * kind.itemsize
     block = _take(session, size)
     if block.pages is None:
@@ -163,7 +164,7 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = 
 
 
 def zeros(shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
-    """An array of zeros for launches to write."""
+    """Return an array of zeros for launches to write."""
     array = empty(shape, dtype)
     if array.host is not None and array.session.profile.in_place:  # no launch uses it yet
         array.host[...] = 0
@@ -187,16 +188,16 @@ def _copied(
 
 
 def _lying_in(block: Block, pool: MemoryPool, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """An array in a block's pages, which go back to the pool once nobody refers to them."""
-    # Views of an array keep alive the one that is made of the pages themselves.
+    """An array in a block's pages, which return to the pool when there are no more references to them."""
+    # `when_gone` watches the base array, which views keep alive.
     pages = np.frombuffer(block.pages, dtype, math.prod(shape), block.start)
     when_gone(pages, _give_back, pool, block)
     return pages.reshape(shape)
 
 
 def _copied_fast(array: DeviceArray) -> NDArray[Any]:
-    """An array on the host for the values of one on the device: in memory that the device copies to by itself, several
-    times as fast, unless too much of that is held."""
+    """A host array for a device array's values: in pinned memory, where copies are several times as fast, up to a limit
+    of pinned memory."""
     session, size = array.session, rounded(array.nbytes)
     block = session.pinned_pool.take(size)
     if block is None:
@@ -210,14 +211,14 @@ def _copied_fast(array: DeviceArray) -> NDArray[Any]:
 
 
 def _take(session: Session, size: int) -> Block:
-    """A block for `size` bytes: a spare one, else a new one."""
+    """A block for `size` bytes, from the pool or new."""
     size = rounded(size)
     spare = session.memory_pool.take(size)
     return _within_room(session, size, lambda: _new(session, size)) if spare is None else spare
 
 
 def _within_room(session: Session, size: int, make: Callable[[], _Made]) -> _Made:
-    """Make something with `size` bytes of the device; if they are not there, what lies idle goes first."""
+    """Call `make`, which allocates `size` bytes on the device; if they are short, first free unused memory."""
 
     def made() -> _Made:
         session.room.require(size)
@@ -230,11 +231,11 @@ def _within_room(session: Session, size: int, make: Callable[[], _Made]) -> _Mad
     except Exception as error:
         if not is_shortage(error):
             raise
-    session.wait()  # what is in flight keeps its memory
-    gc.collect()  # and errors keep that of the calls that they ended
+    session.wait()  # launches in flight keep their memory
+    gc.collect()  # errors keep the memory of their failed calls
     session.memory_pool.clear()
     room, most = session.room, session.context.devices[0].max_mem_alloc_size
-    there = f"{_mib(room.taken)} of {_mib(room.total)} are taken, one piece has {_mib(most)} at most"
+    there = f"{_mib(room.taken)} of {_mib(room.total)} are in use, one buffer has {_mib(most)} at most"
     try:
         return made()
     except Exception as error:
@@ -276,11 +277,11 @@ def _give_back(pool: MemoryPool, block: Block) -> None:
 
 
 def _pages(size: int) -> mmap.mmap:
-    """Whole pages, which CPU runtimes use in place; huge ones for large sizes, where the system has them.
+    """Whole pages, which CPU runtimes use in place; huge pages for large sizes, if the system has them.
 
-    Kernels walk columns as well as rows, and with small pages every step of such a walk misses the TLB.
+    Kernels also walk along columns, and with small pages each step down a column misses the TLB.
     """
-    # Private: shared pages stay small, and a forked child would write into its parent's frames.
+    # Private, since shared pages stay small, and a forked child would write into its parent's frames.
     private: dict[str, Any] = {"flags": mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS} if hasattr(mmap, "MAP_PRIVATE") else {}
     if size < _HUGE_PAGE or not hasattr(mmap, "MADV_HUGEPAGE"):
         return mmap.mmap(-1, size, **private)

@@ -1,4 +1,4 @@
-"""Device memory: how much of it is taken, and what nobody refers to any more, kept for those who ask next."""
+"""Device memory: a count of bytes in use, and a pool of free blocks for reuse."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SIZE_MIN = 1 << 12  # bytes: a page
 
 
 class _Last(weakref.ref[Any]):
-    """A weak reference that makes a call once what it refers to is gone."""
+    """A weak reference that makes a call when its object is gone."""
 
     __slots__ = ("arguments", "call")
     call: Callable[..., object]
@@ -27,13 +27,13 @@ class _Last(weakref.ref[Any]):
 
 
 _waiting: set[_Last] = set()
-atexit.register(_waiting.clear)  # after that, nobody is told: modules are taken apart
+atexit.register(_waiting.clear)  # at exit, no calls are made, since modules are being torn down
 
 
 def when_gone(owner: object, call: Callable[..., object], *arguments: Any) -> None:
-    """Make a call once nobody refers to its owner any more, but not when the process ends.
+    """Make a call when its owner is garbage-collected, but not at the end of the process.
 
-    It is `weakref.finalize`, in a third of the time: a picture asks for it some thirty times.
+    It takes a third of the time of `weakref.finalize`, and a picture uses it some thirty times.
     """
     last = _Last(owner, _make_call)
     last.call, last.arguments = call, arguments
@@ -47,35 +47,35 @@ def _make_call(last: _Last) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A piece of device memory, and where it lies on the host, if it does."""
+    """A block of device memory, and its pages if it lies on the host."""
 
     buffer: cl.Buffer
     size: int
     pages: Any = None  # an mmap, or a memoryview
-    start: int = 0  # in the pages
+    start: int = 0  # offset in the pages
 
 
 @functools.lru_cache(maxsize=1024)
 def rounded(size: int) -> int:
-    """Bytes of the block for `size` of them: up to an eighth more, so that sizes that are much the same are one."""
+    """Return the block size for `size` bytes: up to an eighth more, so that similar sizes share blocks."""
     step = max(1 << max(size.bit_length() - 4, 0), _SIZE_MIN)
     return -(-max(size, 1) // step) * step
 
 
 class Room:
-    """Memory of a device by its own figure, in bytes: runtimes may promise more than there is."""
+    """Count of a device's memory in bytes, since runtimes may allocate more than the device reports."""
 
     def __init__(self, total: int, taken: int = 0) -> None:
         self.total, self.taken = total, taken
         self._lock = threading.RLock()
 
     def require(self, size: int) -> None:
-        """Raise MemoryError if there are not so many bytes."""
+        """Raise MemoryError if fewer than `size` bytes are free."""
         if size > self.total - self.taken:
             raise MemoryError
 
     def hold(self, owner: object, size: int) -> None:
-        """So many bytes are taken until their owner is gone."""
+        """Count `size` bytes as in use until their owner is gone."""
         self._add(size)
         when_gone(owner, self._add, -size)
 
@@ -85,18 +85,18 @@ class Room:
 
 
 class MemoryPool:
-    """Blocks by size. Finalizers give them back, in any thread and at any time: amid `take` and `give`, too."""
+    """Free blocks by size. Finalizers return blocks in any thread and at any time, even during `take` and `give`."""
 
     def __init__(self) -> None:
         self.size = 0
-        self._blocks: OrderedDict[int, list[Block]] = OrderedDict()  # lists stay, if empty: `give` may hold one
+        self._blocks: OrderedDict[int, list[Block]] = OrderedDict()  # empty lists stay, as `give` may be using one
         self._lock = threading.RLock()
 
     def __iter__(self) -> Iterator[Block]:
         return iter([block for blocks in self._blocks.values() for block in blocks])
 
     def take(self, size: int) -> Block | None:
-        """A block of that size, the one given last, or None."""
+        """Return the block of this size that was given last, or None."""
         with self._lock:
             blocks = self._blocks.get(size)
             block = blocks.pop() if blocks else None
@@ -105,9 +105,9 @@ class MemoryPool:
             return block
 
     def give(self, block: Block, size_max: int) -> None:
-        """Keep a block, and at most that many bytes: blocks of the size that was given longest ago go first."""
+        """Keep a block. Above `size_max` bytes, drop blocks of the least recently given size first."""
         with self._lock:
-            self.size += block.size  # first: where Ctrl-C comes between, it is too large, and counted anew
+            self.size += block.size  # first: if Ctrl-C comes next, the sum is too large and is computed again below
             self._blocks.setdefault(block.size, []).append(block)
             self._blocks.move_to_end(block.size)
             if self.size > size_max:
@@ -118,6 +118,6 @@ class MemoryPool:
                     self.size -= oldest.size
 
     def clear(self) -> None:
-        """Let go of all of them."""
+        """Release all blocks."""
         while (block := next(iter(self), None)) is not None:
             self.take(block.size)

@@ -9,10 +9,10 @@ from typing import cast
 
 @dataclass(frozen=True)
 class Speed:
-    """A few figures measured in a fraction of a second: a hint, not a benchmark."""
+    """Speed from measurements of a fraction of a second: a hint, not a benchmark."""
 
     copy: float
-    """GB/s, bytes read and bytes written together."""
+    """GB/s, the sum of bytes read and bytes written."""
     mad: float
     """Gflop/s of 16-wide float32 multiply-adds."""
 
@@ -26,12 +26,12 @@ class Outcome:
     speed: Speed | None = None
 
     def to_json(self) -> str:
-        """As one line of text."""
+        """Return the outcome as one line of text."""
         return json.dumps(asdict(self))
 
     @staticmethod
     def from_json(text: str) -> Outcome | None:
-        """The inverse of `to_json`; None if the text is damaged or of another version."""
+        """Invert `to_json`; None if the text is damaged or from another version."""
         try:
             raw = cast("dict[str, object]", json.loads(text))
             speed = cast("dict[str, float] | None", raw["speed"])

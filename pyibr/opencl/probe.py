@@ -1,7 +1,7 @@
-"""Find out whether a device works, and how fast it is, and remember it on disk.
+"""Tests of devices: whether they work, and how fast they are. Outcomes are kept on disk.
 
-A broken runtime may not only fail but crash or hang, so its test (`selftest`) runs in a process of its own. One that
-works then builds what the first picture needs (`builder`), if what it builds is kept where this process finds it.
+A broken runtime may crash or hang, so its test (`selftest`) runs in a separate process. If the device works, and the
+runtime keeps compiled kernels on disk, that process then builds programs for the first picture (`builder`).
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.runtimes import Found, runtime_of
 
 Doubted = Literal["nothing", "broken", "all"]
-"""Which outcomes of earlier processes are not believed."""
+"""Outcomes of earlier processes that are not trusted."""
 
 _TASK = "a tiny kernel"
-_tested: dict[str, Outcome] = {}  # by this process, by the devices' keys
+_tested: dict[str, Outcome] = {}  # outcomes of this process, by device key
 
 
 def probe(found: Found, measure: bool = False, doubted: Doubted = "nothing") -> Outcome:
-    """Does this device work? Answered from what is known where it was asked before.
+    """Return whether a device works, from the cache if it was tested before.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def probe(found: Found, measure: bool = False, doubted: Doubted = "nothing") -> 
     measure : bool
         Also measure its speed.
     doubted : {"nothing", "broken", "all"}
-        What of the disk is not believed; with "all", not even what this process found before.
+        Outcomes on disk that are not trusted; "all" also ignores earlier outcomes of this process.
     """
     known = None if doubted == "all" else _tested.get(found.key) or _kept(found, doubted)
     if known is not None and (known.speed is not None or not measure or not known.works):
@@ -43,12 +43,12 @@ def probe(found: Found, measure: bool = False, doubted: Doubted = "nothing") -> 
 
 
 def remember(found: Found, outcome: Outcome) -> None:
-    """Take it that the device was tested with this outcome, in this process alone."""
+    """Set the device's outcome, in this process only."""
     _tested[found.key] = outcome
 
 
 def forget(found: Found) -> None:
-    """Forget what is known of this device, so that it is probed again."""
+    """Forget the device's outcome, so that it is tested again."""
     _tested.pop(found.key, None)
     _entry(found).forget()
 
@@ -64,7 +64,7 @@ def _kept(found: Found, doubted: Doubted) -> Outcome | None:
 
 
 def _test_apart(found: Found, measure: bool) -> Outcome:
-    """Tested by a process of its own; by this one where no Python can be started that has the packages."""
+    """Test the device in a separate process, or in this one if no Python with the packages can be started."""
     builds = not measure and runtime_of(found).keeps_kernels()
     module, what = ("build_server", "builds") if builds else ("selftest", "speed" if measure else "works")
     process = start_apart(f"pyibr.opencl.{module}", found.key, what)
@@ -85,5 +85,5 @@ def _test_apart(found: Found, measure: bool) -> Outcome:
 
 
 def _outcome_in(lines: list[str]) -> Outcome | None:
-    """That which a test has printed last."""
+    """Outcome in the last line that a test has printed."""
     return Outcome.from_json(lines[-1]) if lines else None

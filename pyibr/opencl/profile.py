@@ -1,4 +1,4 @@
-"""Profiles of kinds of devices: options of builds and launches, and where arrays lie."""
+"""Profiles of kinds of devices: parameters of builds, launches and memory."""
 
 from __future__ import annotations
 
@@ -12,48 +12,48 @@ class DeviceProfile:
     """Parameters of builds, launches and memory for a kind of device."""
 
     lanes: int
-    """Neighbours that a work-item computes at once (``LANES``): compilers for CPUs leave scalar what branches."""
+    """Neighbours that a work-item computes together (``LANES``): CPU compilers do not vectorize code with branches."""
     in_place: bool
-    """Whether kernels use the host's memory: a CPU's is the same, a GPU's own is much faster."""
+    """Whether kernels work in the host's memory: on a CPU it is the same memory, on a GPU the device's is faster."""
     group: tuple[int, int, int]
-    """Work-items of a work-group along a row, across rows, and beyond: a CPU's are large enough to stand alone."""
+    """Work-items of a work-group along x, y and z; 1 on CPUs, whose work-items are large."""
     bin: int
-    """Side of a bin of the rasteriser in pixels: a CPU's work-item sets up what is there once, a GPU's for a pixel."""
+    """Side of a bin of the rasteriser in pixels: primitives are set up once per bin on CPUs, once per pixel on GPUs."""
     chunks: int
-    """Parts that primitives are binned in, a work-item each: a GPU needs many, and each takes a row of counts."""
+    """Work-items that bin primitives: a GPU needs many, but each takes a row of counts."""
     drawers: int
-    """Work-items that draw depth meshes, a region of pixels after the other: each has memory for what it sees of every
-    mesh, which a CPU's caches are to hold."""
+    """Work-items that draw depth meshes, each one region of pixels after the other. Each needs memory for every mesh,
+    which should fit in a CPU's caches."""
     segment: int
-    """Pixels of an epipolar line that a work-item of the sweep settles, each walked for on its own; 0: all."""
+    """Pixels of an epipolar line per work-item of the sweep; 0 for the whole line."""
     strip: int
-    """Packets of a row that a work-item goes through: STRIP of kernels/lib/lanes.h, told by LANES."""
+    """Packets of a row per work-item: STRIP of kernels/lib/lanes.h, which follows from LANES."""
     run: int
-    """Pixels of a row that a work-item fills: on a CPU, starting one takes longer than most pixels."""
+    """Pixels of a row that a work-item fills: on a CPU, starting a work-item takes longer than most pixels."""
     piece: int
-    """Samples of a row that a work-item goes through where a view's surface is found, a multiple of `lanes`; 0: all."""
+    """Samples of a row per work-item of the kernels that find surfaces, a multiple of `lanes`; 0 for the whole row."""
     band: int
-    """Rows of a band that a work-item makes a surface of, in one launch; 0: in several, of pieces."""
+    """Rows of a band for which a work-item finds the surface in one launch; 0 for several launches over pieces."""
     share: int
-    """Elements of an array that a work-item sets or converts, for the same reason."""
+    """Elements of an array that a work-item sets or converts: larger on CPUs, as for `run`."""
     block: int
-    """Side of the square of pixels that the lanes are in a bin: BLOCK of kernels/raster/region.h, told by LANES."""
+    """Side of the square of pixels that the lanes cover in a bin: BLOCK of kernels/raster/region.h, from LANES."""
 
     def packets(self, width: int, height: int, strip: int = 1) -> tuple[int, int]:
-        """Work-items for all pixels, if each takes `strip` times `lanes` pixels of a row."""
+        """Return the grid of work-items for all pixels, if each takes `strip` times `lanes` pixels of a row."""
         return -(-width // (strip * self.lanes)), height
 
     def pieces(self, width: int) -> tuple[int, int]:
-        """Samples of a `piece` of a row of so many, and how many pieces that makes."""
+        """Return the number of samples per piece of a row, and the number of pieces."""
         piece = self.piece or width
         return piece, -(-width // piece)
 
     def shares(self, count: int) -> tuple[int]:
-        """Work-items for so many elements, `share` each."""
+        """Return the number of work-items for `count` elements, `share` each."""
         return (-(-count // self.share),)
 
     def grid(self, bins: tuple[int, int], pixels: tuple[int, int]) -> tuple[int, int]:
-        """Work-items that draw a picture's bins: one goes through a whole bin in its lanes, or through a pixel."""
+        """Return the grid of work-items that draw a picture's bins: one per bin with lanes, or one per pixel."""
         return pixels if self.lanes == 1 else bins
 
 
@@ -90,5 +90,5 @@ GPU = DeviceProfile(
 
 
 def profile_of(kind: Kind) -> DeviceProfile:
-    """The profile of a kind of device; accelerators are taken for GPUs."""
+    """Return the profile of a kind of device; accelerators use the GPU profile."""
     return CPU if kind == "cpu" else GPU

@@ -1,4 +1,4 @@
-"""Builds OpenCL programs from ``kernels/`` and keeps their binaries on disk."""
+"""Building of OpenCL programs from ``kernels/``, with a cache of their binaries on disk."""
 
 from __future__ import annotations
 
@@ -36,34 +36,34 @@ if TYPE_CHECKING:
 _Signatures = dict[str, list[tuple[str, str, bool]]]  # name, type and constant of each argument
 
 _NO_DENORMALS = "-cl-denorms-are-zero"
-"""They mean nothing in any kernel, and CPUs take a hundred cycles for one. Binaries do not hold this option."""
+"""No kernel needs denormals, and a CPU takes a hundred cycles for one. Binaries do not store this option."""
 
-_SIGNATURE_FORMAT = "constant"  # part of entries' names: what they tell of arguments beyond names and types
+_SIGNATURE_FORMAT = "constant"  # part of the cache key: entries store this flag besides names and types
 _OPTIONS = ["-cl-std=CL1.2", _NO_DENORMALS, "-cl-kernel-arg-info"]
-"""Those that every program is built with."""
+"""Build options of all programs."""
 
 VARIABLE = "PYIBR_BUILD_OPTIONS"
-"""Further ones: tests' ``-Werror``, which no user's compiler is to stumble over."""
+"""Environment variable with further options. Tests set ``-Werror``, which would break builds with users' compilers."""
 
 _log = logging.getLogger("pyibr")
-_LONG = 0.3  # seconds of building: of one program if its device's compiler starts with it, else of several
-_spent = 0.0  # seconds that this process has built
-_filtering = threading.Lock()  # of warnings, which is the process's
+_LONG = 0.3  # seconds of building after which a message is logged: one program if the compiler starts, else several
+_spent = 0.0  # seconds that this process has spent on builds
+_filtering = threading.Lock()  # warning filters are global to the process
 _building: ContextVar[Callable[[str], object]] = ContextVar("building", default=lambda _: None)
 
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument of a kernel, as its source declares it."""
+    """One argument of a kernel, as declared in the source."""
 
     name: str
     type: str  # without address space and qualifiers: "float*", "int", "PixelMap"
-    constant: bool  # what it points to is not written
-    dtype: np.dtype[Any]  # of its elements, as the source declares them; empty: nothing that the host knows
+    constant: bool  # a pointer to const
+    dtype: np.dtype[Any]  # dtype of the elements; np.void if the host does not know the type
 
     @cached_property
     def kind(self) -> Literal["pointer", "number", "struct"]:
-        """Kind of the argument: how it is passed."""
+        """Kind of the argument, which decides how it is passed."""
         if self.type.endswith("*"):
             return "pointer"
         return "number" if self.type in SCALARS else "struct"
@@ -71,7 +71,7 @@ class Argument:
 
 @dataclass(frozen=True)
 class Kernel:
-    """A built kernel of one session, with what its source says of its arguments."""
+    """A built kernel of one session, with the arguments that its source declares."""
 
     session: Session
     handle: cl.Kernel
@@ -82,12 +82,12 @@ class Kernel:
 
     @cached_property
     def names(self) -> frozenset[str]:
-        """Of the arguments."""
+        """Names of the arguments."""
         return frozenset(argument.name for argument in self.arguments)
 
     @cached_property
     def plan(self) -> tuple[tuple[str, type | None, np.dtype[Any], Argument], ...]:
-        """Name, Python's type of a number, dtype, and all that is known: of each argument, in order."""
+        """Name, Python type (None unless a number), dtype and `Argument` of each argument, in order."""
         kinds = [_number_type(argument) for argument in self.arguments]
         return tuple((one.name, kind, one.dtype, one) for one, kind in zip(self.arguments, kinds, strict=True))
 
@@ -97,25 +97,26 @@ def _number_type(argument: Argument) -> type | None:
 
 
 def kernel(file: str | Path, name: str, **defines: int) -> Kernel:
-    """The kernel ``name`` of a file, built for the current device once per set of defines.
+    """Return the kernel ``name`` of a file, built once for the current device and each set of defines.
 
     Parameters
     ----------
     file : str or Path
-        Of pyibr's: its path below the kernels' folder, e.g. ``"warp/epipolar.cl"``. Of your own: a `Path`, or an
-        absolute path. What such a file includes is looked for in its folder, then among pyibr's kernels, so that
-        ``#include "lib/screen.h"`` finds pyibr's. It is built anew once it has changed; its headers are not watched.
+        For pyibr's files, the path below the kernels' folder, e.g. ``"warp/epipolar.cl"``. For your own files, a `Path`
+        or an absolute path. Their includes are searched in the file's folder, then among pyibr's kernels, so that
+        ``#include "lib/screen.h"`` finds pyibr's header. A changed file is built again; changed headers are not
+        detected.
     name : str
         The kernel function.
     **defines : int
-        Becomes ``-D`` options; ``LANES`` is given by the device unless it is among them.
+        Defines, passed as ``-D`` options. ``LANES`` defaults to the device's value.
 
     Raises
     ------
     ArgumentError
-        There is no such file, or it has no such kernel.
+        The file does not exist, or has no such kernel.
     BuildError
-        With file, options and the compiler's log; or a file that it includes is not there.
+        The build fails; the message has the file, the options and the compiler's log. Or an included file is missing.
     """
     if watches:
         return watches[-1].build(name, defines, lambda all_of_them: _found(file, name, all_of_them))
@@ -142,7 +143,7 @@ def _found(file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
 
 
 def _own(file: str | Path) -> Path | None:
-    """Path of a file that is not pyibr's."""
+    """Path of a user's file; None for pyibr's files."""
     if isinstance(file, Path):
         return file.absolute()
     return Path(file) if _is_absolute(file) else None
@@ -154,19 +155,19 @@ def _is_absolute(file: str) -> bool:
 
 
 def _time_of(own: Path) -> int:
-    """When it was written last."""
+    """Time of the file's last change, in nanoseconds."""
     try:
         return own.stat().st_mtime_ns
-    except (OSError, ValueError) as error:  # the latter: a name with a NUL
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         reason = error.strerror if isinstance(error, OSError) else error
         raise ArgumentError("file", "a file of kernels", f"{own}: {reason}") from None
 
 
 def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, int]) -> list[Kernel]:
-    """All kernels of a file, since they are one program."""
+    """Build all kernels of a file as one program."""
     named = {"LANES": session.profile.lanes, **defines}
     source = expanded(file)
-    # A home may be shared by machines whose processors differ, and the names of their devices do not.
+    # Machines with a shared home folder may have different processors under the same device name: the key differs.
     device = found_devices()[session.device.index]
     runtime = runtime_of(device)
     defined = (f"-D{define}={value}" for define, value in sorted(named.items()))
@@ -190,7 +191,7 @@ def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, 
 
 
 def _rounding(session: Session) -> list[str]:
-    """Quotients and roots rounded as a CPU rounds them, so that pictures are the same: GPUs need to be told."""
+    """Option for correctly rounded quotients and roots on GPUs, so that pictures equal a CPU's."""
     import pyopencl as cl
 
     able = session.context.devices[0].single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT
@@ -208,7 +209,7 @@ def _compiled(session: Session, file: str | Path, source: str, options: list[str
 
 @contextmanager
 def telling_builds(tell: Callable[[str], object]) -> Generator[None, None, None]:
-    """Within it, `tell` is called before each program that this thread builds."""
+    """Call `tell` before each program that this thread builds inside the ``with`` block."""
     token = _building.set(tell)
     try:
         yield
@@ -218,7 +219,7 @@ def telling_builds(tell: Callable[[str], object]) -> Generator[None, None, None]
 
 @contextmanager
 def _told(file: str | Path) -> Generator[None, None, None]:
-    """Say that a program is being built, and once why the first picture takes its time."""
+    """Report that a program is being built, and log once why the first picture takes long."""
     global _spent
     start = time.perf_counter()
     _building.get()(f"kernels are being built for this device, once: {display_name(file)}")
@@ -227,7 +228,7 @@ def _told(file: str | Path) -> Generator[None, None, None]:
     finally:
         before, _spent = _spent, _spent + time.perf_counter() - start
     if before < _LONG <= _spent:
-        _log.info("kernels are being built for this device; `pyibr doctor --build` does so beforehand, for good")
+        _log.info("kernels are being built for this device; `pyibr doctor --build` builds all of them in advance")
 
 
 def _kernel_of(
@@ -241,22 +242,22 @@ def _kernel_of(
 
     arguments = tuple(Argument(*one, known.get(one[1].rstrip("*"), np.dtype(np.void))) for one in signature)
     handle: Any = cl.Kernel(program, name)
-    handle.set_arg_types([_passed_as(argument) for argument in arguments])  # twenty times as fast as without
+    handle.set_arg_types([_passed_as(argument) for argument in arguments])  # makes set_args twenty times as fast
     return Kernel(session, handle, name, arguments)
 
 
 def _passed_as(argument: Argument) -> np.dtype[Any] | None:
-    """Type by which pyopencl passes an argument: buffers as such, the others' bytes."""
+    """Type by which pyopencl passes an argument: None for buffers, else a type of the same bytes."""
     return {"pointer": None, "number": argument.dtype, "struct": np.dtype("V1")}[argument.kind]
 
 
 def _quietly_built(program: cl.Program, options: list[str]) -> cl.Program:
-    """Built without pyopencl's own cache, and without its warning that a compiler said something."""
+    """Build without pyopencl's cache, and without its warnings about compiler output."""
     import pyopencl as cl
 
     with _filtering, warnings.catch_warnings():
         warnings.simplefilter("ignore", cl.CompilerWarning)
-        return program.build(options=options, cache_dir=cast("str", False))  # its stubs forget False
+        return program.build(options=options, cache_dir=cast("str", False))  # the stubs lack False
 
 
 def _signature(handle: cl.Kernel) -> list[tuple[str, str, bool]]:
@@ -271,7 +272,7 @@ def _signature(handle: cl.Kernel) -> list[tuple[str, str, bool]]:
 
 
 def _load(session: Session, kept: bytes | None) -> tuple[cl.Program, _Signatures] | None:
-    """Load a program from an entry of the cache; None where there is none, or the runtime does not take it."""
+    """Load a program from a cache entry; None if there is none, or the runtime rejects it."""
     import pyopencl as cl
 
     if kept is None:
@@ -281,4 +282,4 @@ def _load(session: Session, kept: bytes | None) -> tuple[cl.Program, _Signatures
         program = cl.Program(session.context, [session.context.devices[0]], [binary])
         return _quietly_built(program, [_NO_DENORMALS]), json.loads(described)
     except cl.Error:
-        return None  # built by another version of the runtime, which calls itself the same
+        return None  # built by another runtime version with the same name

@@ -1,7 +1,7 @@
-"""Find the OpenCL runtimes of this machine, those that pip installed included.
+"""Discovery of this machine's OpenCL runtimes, including runtimes installed by pip.
 
-What each of them needs stands in `RUNTIMES`. It is there while the loader reads its list, without a file left behind
-and without an environment variable that stays set, but for a missing ``PATH``.
+`RUNTIMES` lists the needs of each runtime. They are met while the loader reads its list. No file is left behind, and no
+environment variable stays set, except a missing ``PATH``.
 """
 
 from __future__ import annotations
@@ -47,33 +47,33 @@ Kind = Literal["cpu", "gpu", "accelerator"]
 _THREAD_VARIABLES = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
 
 _until_exit = ExitStack()
-atexit.register(_until_exit.close)  # after calls have ended, whose module is imported after this one
+atexit.register(_until_exit.close)  # runs after calls have ended: their module is imported later
 
 
 @dataclass(frozen=True)
 class Found:
-    """An OpenCL device that a runtime lists; whether it works is another question (see `probe`)."""
+    """An OpenCL device that a runtime lists. It may not work: see `probe`."""
 
     index: int
     platform: str
     name: str
     vendor: str
     version: str
-    """The platform's version: the standard's and the runtime's."""
+    """The platform's version: the version of OpenCL, and of the runtime."""
     driver: str
     kind: Kind
     key: str
-    """A digest of all that decides whether the device works; the same in every process of this machine."""
+    """A hash of everything that affects whether the device works; equal in all processes of this machine."""
     handle: cl.Device = field(repr=False, compare=False)
 
     def words(self) -> str:
-        """All that a user may name it by, in lower case."""
+        """Return all texts by which a user may select the device, in lower case."""
         return "\n".join([self.platform, self.name, self.version, self.driver, self.kind]).lower()
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A runtime that is installed but cannot be loaded, and the command that mends it."""
+    """A runtime that is installed but cannot be loaded, and the command that fixes it."""
 
     what: str
     remedy: str
@@ -81,47 +81,47 @@ class Problem:
 
 @dataclass(frozen=True)
 class Runtime:
-    """A CPU's runtime, and all that is particular to it."""
+    """An OpenCL runtime for CPUs and its particulars."""
 
     name: str
     platform: str
-    """A part of its platform's name, in lower case."""
+    """A part of the platform's name, in lower case."""
     mend: Callable[[], str] = lambda: cpu_remedies()[-1]
-    """The command to run where it is listed but does not work; unless there is one, another runtime helps."""
+    """Returns the command that fixes a listed runtime that does not work; by default, it installs another runtime."""
     install: Callable[[], str] = str
-    """The command that installs it here, or nothing."""
+    """Returns the command that installs the runtime here; empty if there is none."""
     wheel: str = ""
-    """Its package on PyPI, if only the driver's version, which begins with that, tells it from others."""
+    """Package on PyPI, for runtimes recognized by version: the driver's version starts with the package's version."""
     environment: Callable[[], dict[str, str]] = dict
-    """Variables that it reads as devices are listed; none where the user has chosen."""
+    """Returns variables that the runtime reads when devices are listed; empty where the user has set them."""
     compiling: Callable[[], dict[str, str]] = dict
-    """Those that its compiler reads as a context is made."""
+    """Returns variables that the compiler reads when a context is created."""
     options: Callable[[Found], list[str]] = lambda _: []
-    """Those that programs for a device of its own are built with, beside others."""
+    """Returns additional build options for programs on one of the runtime's devices."""
     compiles_for_binaries: bool = False
-    """True of one that compiles all kernels once more to hand out a binary."""
+    """Whether the runtime compiles all kernels again to return a binary."""
     keeps_kernels: Callable[[], bool] = lambda: False
-    """Tells whether it keeps what it has compiled on disk itself, where other processes find it."""
+    """Returns whether the runtime keeps compiled kernels on disk, where other processes find them."""
     stem: str = ""
-    """What the name of its library begins with."""
+    """Start of the library's file name."""
     needs: tuple[str, ...] = ()
-    """Libraries beside its own that the dynamic linker does not find, or finds elsewhere: they are loaded first."""
+    """Libraries next to it that the dynamic linker does not find, or finds elsewhere: they are loaded first."""
     needs_from: str = ""
-    """The command that installs them."""
+    """The command that installs these libraries."""
 
     def is_of(self, found: Found) -> bool:
-        """Tell whether a device is its own."""
+        """Tell whether a device belongs to this runtime."""
         version = version_of(self.wheel) if self.wheel else ""
         return self.platform in found.platform.lower() and version is not None and found.driver.startswith(version)
 
     def needed_by(self, library: Path) -> list[Path]:
-        """Libraries that a library needs, if it is this runtime's."""
+        """Return the libraries that `library` needs, if it belongs to this runtime."""
         return [library.parent / name for name in self.needs if library.name.startswith(self.stem)]
 
 
 @functools.cache
 def found_devices() -> tuple[Found, ...]:
-    """All devices that the OpenCL loader lists, in its order. Nothing is built or run on them.
+    """Return all devices that the OpenCL loader lists, in its order. Nothing is built or run on them.
 
     Raises
     ------
@@ -129,18 +129,18 @@ def found_devices() -> tuple[Found, ...]:
         pyopencl or the OpenCL loader cannot be imported.
     """
     if os.name == "posix" and not os.environ.get("PATH"):
-        # Where programs are found without it, too; but PoCL's compiler finds no linker then, and ends the process.
+        # Programs are found without PATH, too, but PoCL's compiler then finds no linker and ends the process.
         os.environ["PATH"] = os.defpath
     try:
-        # Its own cache holds code in a folder that need not be safe, or not even be there: then it cannot be imported.
+        # pyopencl's cache holds code in a folder that may be unsafe; if the folder is missing, the import fails.
         with environment({"PYOPENCL_NO_CACHE": "1"}):
             import pyopencl as cl
     except ImportError as error:
-        remedy = "pip install --force-reinstall pyopencl"  # with the loader that it needs
+        remedy = "pip install --force-reinstall pyopencl"  # also installs the loader
         raise DeviceError(f"pyopencl cannot be imported ({error}); to mend it: {remedy}") from error
 
     listed: list[tuple[cl.Platform, list[cl.Device]]] = []
-    with _all_listed(), suppress(cl.Error):  # the loader's way to say that there is none
+    with _all_listed(), suppress(cl.Error):  # raised if there is no platform
         for entry in cl.get_platforms():
             with suppress(cl.Error):
                 listed.append((entry, entry.get_devices()))
@@ -151,7 +151,7 @@ def found_devices() -> tuple[Found, ...]:
             names = [entry.name, handle.name, handle.vendor]
             versions = [entry.version, handle.version, handle.driver_version, cl.VERSION_TEXT]
             text = json.dumps([names, versions, _processor()])
-            seen[text] += 1  # equal cards differ by their number alone
+            seen[text] += 1  # equal cards differ only in their number
             key = hashlib.sha256(f"{text}{seen[text]}".encode()).hexdigest()[:20]
             kind: Kind = "accelerator"
             if handle.type & cl.device_type.GPU:
@@ -175,44 +175,44 @@ def found_devices() -> tuple[Found, ...]:
 
 
 def problems() -> list[Problem]:
-    """Runtimes that are installed but cannot be loaded, each with the command that mends it."""
+    """Return the runtimes that are installed but cannot be loaded, each with the command that fixes it."""
     found: list[Problem] = []
     unlisted = unlisted_runtimes()
     for variable in (name for name in LOADER_VARIABLES if os.environ.get(name)):
         others = [str(one.path) for one in unlisted if one.path.name != Path(os.environ[variable]).name]
-        hidden = f" and hides {', '.join(others)}" if others else ""
+        hidden = f" and does not find {', '.join(others)}" if others else ""
         if hidden or not found_devices():
-            what = f"${variable} is set to {os.environ[variable]!r}, so the loader looks nowhere else{hidden}"
+            what = f"${variable} is set to {os.environ[variable]!r}, so the loader searches only there{hidden}"
             found.append(Problem(what, f"unset {variable}"))
     for runtime, one in itertools.product(RUNTIMES, unlisted):
         if missing := [path.name for path in runtime.needed_by(one.path) if not path.exists()]:
             found.append(Problem(f"{runtime.name} ({one.path}) lacks {', '.join(missing)}", runtime.needs_from))
     if has_nvidias_driver() and not has_nvidias_library():
-        what = f"NVIDIA's driver is here, but not its OpenCL library, {NVIDIA}"
+        what = f"NVIDIA's driver is installed, but its OpenCL library, {NVIDIA}, is missing"
         found.append(Problem(what, "set NVIDIA_DRIVER_CAPABILITIES=all in a container, else install that library"))
     return found
 
 
 def cpu_remedies() -> list[str]:
-    """The commands that install an OpenCL runtime for the CPU here, best first."""
+    """Return the commands that install an OpenCL runtime for the CPU on this machine, best first."""
     commands = [command for runtime in RUNTIMES if (command := runtime.install())]
     return commands or ["conda install -c conda-forge pyopencl pocl"]
 
 
 def remedy_for(found: Found) -> str:
-    """The command that mends a device that is listed but does not work."""
+    """Return the command that fixes a device that is listed but does not work."""
     if found.kind == "gpu":
         return f"update the OpenCL driver of {found.vendor or found.platform}"
     return runtime_of(found).mend()
 
 
 def runtime_of(found: Found) -> Runtime:
-    """The runtime of a device; one without particulars where it is none of `RUNTIMES`."""
+    """Return the runtime of a device; one without particulars if it is not in `RUNTIMES`."""
     return next((runtime for runtime in RUNTIMES if runtime.is_of(found)), Runtime("", ""))
 
 
 def new_context(device: cl.Device) -> cl.Context:
-    """A context of a device, whose compiler sees what it wants."""
+    """Return a context for a device, created with the variables that its compiler needs."""
     import pyopencl as cl
 
     with environment({name: value for runtime in RUNTIMES for name, value in runtime.compiling().items()}):
@@ -221,24 +221,25 @@ def new_context(device: cl.Device) -> cl.Context:
 
 @contextmanager
 def _all_listed() -> Generator[None, None, None]:
-    """While it is open, the loader sees the system's runtimes and the unlisted ones, and they see what they want.
+    """Let the loader see the system's runtimes and the unlisted ones, with the variables that they need.
 
-    A user who set the loader's own variables is left alone.
+    Variables of the loader that the user has set stay unchanged.
     """
     wanted = {name: value for runtime in RUNTIMES for name, value in runtime.environment().items()}
     unlisted = [] if any(os.environ.get(name) for name in LOADER_VARIABLES) else unlisted_runtimes()
     for needed in (path for one in unlisted for runtime in RUNTIMES for path in runtime.needed_by(one.path)):
-        with suppress(OSError):  # `problems` tells what is missing
+        with suppress(OSError):  # `problems` reports missing libraries
             _load(needed)
     with environment(wanted), seen_by_the_loader(unlisted):
         yield
 
 
 def _load(needed: Path) -> None:
-    """Load a library that a runtime needs, in its own version.
+    """Load a library that a runtime needs, in the runtime's own version.
 
-    The linker would take a library of that name that another package has loaded, Open3D's older TBB for Intel's. What
-    all can see comes before that. Others have found what they need: Python has their names looked up as it loads them.
+    The linker would otherwise take a library of the same name that another package has loaded, such as Open3D's older
+    TBB for Intel's. A library loaded with RTLD_GLOBAL takes precedence. Packages that are already loaded are not
+    affected: Python resolves their symbols while it loads them.
     """
     try:
         ctypes.CDLL(needed.name, mode=getattr(os, "RTLD_NOLOAD", 0))
@@ -249,10 +250,10 @@ def _load(needed: Path) -> None:
 
 
 def _processor() -> str:
-    """Description of this processor: a folder for caches may be shared by machines that differ in nothing else."""
+    """Description of this processor, since machines that differ only in it may share a cache folder."""
     try:
         with Path("/proc/cpuinfo").open() as file:
-            text = file.read(8192).split("\n\n", 1)[0]  # one processor is enough, and there may be hundreds
+            text = file.read(8192).split("\n\n", 1)[0]  # the first processor
     except OSError:
         return f"{platform.machine()} {platform.processor()}"
     wanted = ("model", "stepping", "flags", "CPU", "Features")
@@ -276,17 +277,17 @@ def _install_pocl() -> str:
 
 
 def _pinned_threads() -> dict[str, str]:
-    """PoCL keeps each thread that it starts on a processor of its own.
+    """Variables that make PoCL pin each of its threads to its own processor.
 
-    Linux wakes threads that have slept side by side on one processor, and spreads them after milliseconds: longer than
-    most frames take. A user who chose the processors, or set PoCL's own variables, is left alone.
+    Linux wakes threads that slept together on one processor, and spreads them only after milliseconds, longer than most
+    frames take. There are no variables if the user chose processors or set PoCL's own variables.
     """
     everywhere = sys.platform == "linux" and os.sched_getaffinity(0) == set(range(os.cpu_count() or 0))
     return {} if not everywhere or any(name in os.environ for name in _THREAD_VARIABLES) else {"POCL_AFFINITY": "1"}
 
 
 def _kernels_of_pocl() -> Path | None:
-    """The folder that PoCL keeps kernels in; None where that is one that everybody may have made."""
+    """PoCL's folder for kernels; None where it is a shared folder that any user may have created."""
     for variable, below in (("POCL_CACHE_DIR", ""), ("XDG_CACHE_HOME", "pocl/kcache"), ("HOME", ".cache/pocl/kcache")):
         if chosen := os.environ.get(variable):
             return Path(chosen) / below
@@ -294,7 +295,7 @@ def _kernels_of_pocl() -> Path | None:
 
 
 def _shares_kernels() -> bool:
-    """Tell whether PoCL's folder is one that it can write and that nobody else can."""
+    """Tell whether this user, and nobody else, can write to PoCL's folder."""
     folder = _kernels_of_pocl()
     if folder is None or distrust(folder) is not None:
         return False
@@ -306,7 +307,10 @@ def _shares_kernels() -> bool:
 
 
 def _safe_kernels() -> dict[str, str]:
-    """PoCL lists no device where it cannot write its folder, and loads what lies there: then a private one serves."""
+    """Variables that give PoCL a private folder, unless its own is safe and writable.
+
+    PoCL loads code from its folder, and lists no device if it cannot write there.
+    """
     if _shares_kernels():
         return {}
     private = temporary_folder(_until_exit)
@@ -314,25 +318,26 @@ def _safe_kernels() -> dict[str, str]:
 
 
 def _optimized_once(found: Found) -> list[str]:
-    """PoCL optimizes a program, and then each kernel with all that it calls, which is enough: half of a build's time.
+    """Build options that make PoCL optimize each kernel, but not the whole program first: half of the build time.
 
-    It looks at options between spaces, and clang at what tabs part there; so do the releases that were read. From LLVM
-    18 on a pass ends the process if it has not done all at once, and so it may where none has gone before.
+    PoCL splits options at spaces, clang also at tabs, so only clang sees this option, as the sources of the matched
+    releases show. From LLVM 18 on, a pass ends the process if the program as a whole was not optimized.
     """
     was_read = found.kind == "cpu" and re.search(r"PoCL [3-7]\..*LLVM 1[4-7]\.", found.version)
     return ["-DBY_KERNEL\t-disable-llvm-passes"] if was_read else []
 
 
 def _mend_pocl_wheel() -> str:
-    """Its compiler is older than many processors; the distribution's build is not."""
+    """Command that replaces PoCL's wheel, whose compiler is older than many processors, by the distribution's build."""
     here = (SYSTEM_ICDS / "pocl.icd").exists()
     return "pip uninstall pocl-binary-distribution" if here else cpu_remedies()[0]
 
 
 def _items_apart() -> dict[str, str]:
-    """Intel's compiler puts work-items into lanes; of kernels that have lanes already it makes ten times as much code.
+    """Variables that keep Intel's compiler from vectorizing over work-items.
 
-    On CPUs without AVX-512 that takes it minutes, for code that never runs: a work-group is one work-item.
+    Kernels are vectorized already, so it would generate ten times as much code. On CPUs without AVX-512 that takes
+    minutes, and the code would never run, since a work-group is one work-item.
     """
     variable = "CL_CONFIG_CPU_VECTORIZER_MODE"
     return {} if variable in os.environ else {variable: "1"}
@@ -365,4 +370,4 @@ _INTEL = Runtime(
     needs_from="pip install intel-cmplr-lib-rt tbb",
 )
 RUNTIMES = (_POCL_WHEEL, _POCL, _INTEL)
-"""All that need anything: a device is of the first that says so, and the first that can be installed is best."""
+"""Runtimes with particulars. A device belongs to the first that matches; the first that can be installed is best."""

@@ -1,4 +1,4 @@
-"""Build and run tiny kernels on one device: does it work, and how fast is it?"""
+"""Test of one device with tiny kernels: whether it works, and how fast it is."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
 READY = "ready to test"
-"""What `main` prints first."""
+"""First line that `main` prints."""
 
 _SOURCE = """
-/* Three times in[i], and i. Mesa's rusticl 25 loses structs that are copied in loops which it unrolls. */
+/* out[i] = 3 * in[i] + i. Mesa's rusticl 25 loses structs that are copied in unrolled loops. */
 typedef struct { uint value; } Held;
 kernel void check(global const uint *in, global uint *out, uint n) {
     const uint i = get_global_id(0);
@@ -35,7 +35,7 @@ kernel void check(global const uint *in, global uint *out, uint n) {
 }
 
 #if WIDE
-/* What kernels for CPUs ask of clang (kernels/lib/lanes.h); Mesa's llvmpipe has clang, and ends the process here. */
+/* clang builtins of kernels for CPUs (kernels/lib/lanes.h). Mesa's llvmpipe has clang, but ends the process here. */
 kernel void foresee(global const int16 *in, global int *out) {
 #ifdef __has_builtin
 #if __has_builtin(__builtin_prefetch) && __has_builtin(__builtin_reduce_or)
@@ -73,7 +73,7 @@ def test(device: cl.Device, measure: bool, context: cl.Context | None = None) ->
     measure : bool
         Also measure its speed, in under a second.
     context : pyopencl.Context, optional
-        Its context, if there is one: PoCL's compiler starts anew in another.
+        The device's context, if it is open: in another context, PoCL's compiler would start again.
     """
     import pyopencl as cl
 
@@ -81,8 +81,8 @@ def test(device: cl.Device, measure: bool, context: cl.Context | None = None) ->
         context = context or new_context(device)
         queue = cl.CommandQueue(context)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a compiler's remarks
-            # False turns pyopencl's cache off (a kept binary would prove nothing); its annotation lacks that.
+            warnings.simplefilter("ignore")  # compiler output
+            # False turns off pyopencl's cache, since a cached binary would prove nothing; its annotation lacks False.
             uncached = cast("str", False)
             options = ["-cl-std=CL1.2", f"-DWIDE={int(bool(device.type & cl.device_type.CPU))}"]
             program = cl.Program(context, _SOURCE).build(options, cache_dir=uncached)
@@ -110,7 +110,7 @@ def _is_right(queue: cl.CommandQueue, program: cl.Program) -> bool:
 
 
 def _is_in_place(queue: cl.CommandQueue, program: cl.Program) -> bool:
-    """Tell whether kernels and the host share whole pages of memory, with no copy between."""
+    """Tell whether kernels and the host share whole pages of memory without a copy."""
     import pyopencl as cl
 
     n = mmap.PAGESIZE // 4
@@ -141,7 +141,7 @@ def _speed(queue: cl.CommandQueue, program: cl.Program) -> Speed:
             run()
             queue.finish()
             times.append(time.perf_counter() - start)
-        return min(times[1:])  # the first one may still compile
+        return min(times[1:])  # the first run may include compilation
 
     items = width * width // 16
     copying = seconds(lambda: copy(queue, (items,), None, a, b))
@@ -150,7 +150,7 @@ def _speed(queue: cl.CommandQueue, program: cl.Program) -> Speed:
 
 
 def _readable(message: str) -> str:
-    """The one line of a build log or a status that says what went wrong."""
+    """The line of a build log or status that names the error."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     for line in lines:
         if re.search(r"\berror:", line, re.IGNORECASE):
@@ -159,7 +159,7 @@ def _readable(message: str) -> str:
 
 
 def main(key: str, what: str) -> None:
-    """Print that this process could start, and the outcome for the device with that key as JSON (for `probe`)."""
+    """Print that this process has started, and the outcome for the device with this key as JSON (for `probe`)."""
     everything = found_devices()
     print("\n" + READY, flush=True)
     for found in everything:

@@ -1,4 +1,4 @@
-"""Memory that is short, told as pyibr tells errors, wherever that shows."""
+"""Conversion of all out-of-memory errors to pyibr's OutOfMemoryError."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pyibr.core.errors import Error, OutOfMemoryError
 
 @contextmanager
 def telling_shortage(device: object) -> Generator[None, None, None]:
-    """Within, memory that is short is told by `tell_shortage`."""
+    """Convert out-of-memory errors inside the ``with`` block by `tell_shortage`."""
     try:
         yield
     except Exception as error:
@@ -20,15 +20,15 @@ def telling_shortage(device: object) -> Generator[None, None, None]:
 
 
 def tell_shortage(error: Exception, device: object, needed: str | None = None) -> None:
-    """Raise OutOfMemoryError if that is what an error of NumPy's, the system's or OpenCL's is.
+    """Raise OutOfMemoryError if an error from NumPy, the system or OpenCL means a lack of memory.
 
     Parameters
     ----------
     error : Exception
     device : object
-        Whose name the message holds.
+        The device to name in the message.
     needed : str, optional
-        For what; else it is what the error says.
+        Purpose of the memory, for the message; by default, the message quotes the error.
     """
     if not isinstance(error, Error) and is_shortage(error):
         what = f" for {needed}" if needed else f": {error}" if str(error) else ""
@@ -36,7 +36,7 @@ def tell_shortage(error: Exception, device: object, needed: str | None = None) -
 
 
 def is_shortage(error: Exception) -> bool:
-    """Tell whether NumPy, the system or OpenCL want for memory, or the device takes no buffer as large."""
+    """Tell whether an error means that memory is short, or that a buffer is too large for the device."""
     import pyopencl as cl
 
     if isinstance(error, (MemoryError, cl.MemoryError)) or getattr(error, "errno", None) == errno.ENOMEM:

@@ -1,7 +1,8 @@
-"""Runtimes that are here although the OpenCL loader's own list lacks them.
+"""Installed runtimes that are missing in the OpenCL loader's list.
 
-pip and conda put them into a Python environment, where the loader of pyopencl's wheels does not look; the ``.icd``
-files of Intel's wheels hold a path of the machine that packed them; containers get NVIDIA's library without its file.
+There are three reasons. pip and conda install runtimes into a Python environment, where the loader of pyopencl's wheels
+does not search. The ``.icd`` files of Intel's wheels contain a path of the build machine. Containers get NVIDIA's
+library without its ``.icd`` file.
 """
 
 from __future__ import annotations
@@ -18,22 +19,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 LOADER_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH", "OCL_ICD_FILENAMES")
-"""With which a user tells the OpenCL loader where to look."""
+"""Variables with which a user sets the OpenCL loader's search path."""
 SYSTEM_ICDS = Path("/etc/OpenCL/vendors")
 NVIDIA = "libnvidia-opencl.so.1"
-_ON_WINDOWS = {"libintelocl.so": "intelocl64.dll"}  # its wheel's file has Linux' name there, too
+_ON_WINDOWS = {"libintelocl.so": "intelocl64.dll"}  # the ``.icd`` file of the wheel has the Linux name on Windows, too
 
 
 @dataclass(frozen=True)
 class Unlisted:
-    """A runtime's library, by its path or a name that the dynamic linker finds, and the name of its ``.icd`` file."""
+    """A runtime's library, as a path or as a name for the dynamic linker, and the name of its ``.icd`` file."""
 
     icd: str
     path: Path
 
 
 def unlisted_runtimes() -> list[Unlisted]:
-    """All of them; none where the loader's own list has them already."""
+    """Return all installed runtimes that are not in the loader's list."""
     listed = {icd.name: text for icd in _icds(SYSTEM_ICDS) if (text := _text(icd))}
     found: list[Unlisted] = []
     for prefix in _prefixes():
@@ -48,12 +49,12 @@ def unlisted_runtimes() -> list[Unlisted]:
 
 @contextmanager
 def seen_by_the_loader(runtimes: list[Unlisted]) -> Generator[None, None, None]:
-    """While it is open, the loader sees these runtimes beside the system's."""
+    """Let the loader see these runtimes in addition to the system's inside the ``with`` block."""
     with ExitStack() as stack:
         if runtimes and os.name == "nt":
             libraries = [str(one.path) for one in runtimes]
             folders = dict.fromkeys(str(one.path.parent) for one in runtimes)
-            # For as long as the process lives: they load more of their own as they compile.
+            # Until the process ends, since the runtimes load further libraries when they compile.
             os.environ["PATH"] = os.pathsep.join([*folders, os.environ.get("PATH", "")])
             stack.enter_context(environment({"OCL_ICD_FILENAMES": os.pathsep.join(libraries)}))
         elif runtimes and (folder := temporary_folder(stack)):
@@ -67,7 +68,7 @@ def seen_by_the_loader(runtimes: list[Unlisted]) -> Generator[None, None, None]:
 
 @contextmanager
 def environment(variables: dict[str, str]) -> Generator[None, None, None]:
-    """While it is open, the environment has these, too."""
+    """Set environment variables inside the ``with`` block."""
     before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)
     try:
@@ -81,7 +82,7 @@ def environment(variables: dict[str, str]) -> Generator[None, None, None]:
 
 
 def temporary_folder(stack: ExitStack) -> Path | None:
-    """A folder of this process alone, which goes when the stack is closed; None where nothing can be written."""
+    """Return a private folder, which is removed when the stack is closed; None if no folder can be created."""
     try:
         folder = Path(tempfile.mkdtemp(prefix="pyibr-"))
     except OSError:
@@ -92,8 +93,8 @@ def temporary_folder(stack: ExitStack) -> Path | None:
 
 
 def has_nvidias_library() -> bool:
-    """Tell whether the dynamic linker finds it."""
-    if os.name != "posix":  # Windows' drivers list themselves
+    """Tell whether the dynamic linker finds NVIDIA's OpenCL library."""
+    if os.name != "posix":  # on Windows, drivers register themselves
         return False
     with suppress(OSError):
         ctypes.CDLL(NVIDIA)
@@ -102,12 +103,12 @@ def has_nvidias_library() -> bool:
 
 
 def has_nvidias_driver() -> bool:
-    """Tell whether the kernel has NVIDIA's driver, as containers see, too."""
+    """Tell whether the Linux kernel has NVIDIA's driver; this also works in containers."""
     return Path("/proc/driver/nvidia/version").exists()
 
 
 def _prefixes() -> list[Path]:
-    """Folders where pip and conda put what belongs to a runtime: this environment, the user's folder, the machine's."""
+    """Folders where pip and conda install runtimes: this environment, the user's folder, the machine's folder."""
     return [Path(p) for p in dict.fromkeys([sys.prefix, site.getuserbase(), "/usr/local"])]
 
 
@@ -122,7 +123,7 @@ def _text(icd: Path) -> str:
 
 
 def _library(prefix: Path, text: str) -> Path | None:
-    """The library that an ``.icd`` file of an environment means: where it says, or where the environment keeps it."""
+    """The library of an ``.icd`` file: at the path in the file, or in the library folder of the environment."""
     named = Path(text)
     places = [named, prefix / "lib" / named.name, prefix / "Library/bin" / _ON_WINDOWS.get(named.name, named.name)]
     return next((place for place in places if place.is_absolute() and place.is_file()), None)

@@ -1,4 +1,4 @@
-"""Seeing what is built, uploaded and launched: for benchmarks, tests and pages that show where the time goes."""
+"""Observation of builds, uploads and launches, for benchmarks, tests and pages that show times."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from typing import Any, TypeVar
 
 
 class Watch:
-    """Stands between whoever asks the device for something and what is done; this one changes nothing."""
+    """Base of observers, which intercept requests to the device. The base passes them on unchanged."""
 
     def build(self, name: str, defines: Mapping[str, int], make: Callable[[Mapping[str, int]], Any]) -> Any:
-        """The kernel `name` with these defines, which `make` builds or finds."""
+        """Return the kernel `name` with these defines, which `make` builds or finds."""
         return make(defines)
 
     def launch(
         self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
     ) -> None:
-        """A launch, which `enqueue(**arguments)` makes; it takes further arguments of the kernel, too."""
+        """Make a launch by `enqueue(**arguments)`, which also takes further arguments of the kernel."""
         enqueue(**arguments)
 
     def upload(self, nbytes: int) -> None:
-        """An array of so many bytes becomes an input of kernels."""
+        """Observe that an array of `nbytes` bytes becomes an input of kernels."""
 
     def download(self, nbytes: int) -> None:
-        """So many bytes are to be copied to the host."""
+        """Observe a copy of `nbytes` bytes to the host."""
 
     def wait(self) -> None:
-        """The host waits for the device."""
+        """Observe that the host waits for the device."""
 
 
 class Traffic(Watch):
@@ -39,7 +39,7 @@ class Traffic(Watch):
     Attributes
     ----------
     of : list of (str, str, int)
-        In order: "launch" with the kernel's name and its work-items, "upload" and "download" with bytes, "wait".
+        Events in order: "launch" with the kernel's name and work-items, "upload" and "download" with bytes, "wait".
     """
 
     def __init__(self) -> None:
@@ -48,40 +48,40 @@ class Traffic(Watch):
     def launch(
         self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
     ) -> None:
-        """Make the launch, in one piece however long it takes here, and note it."""
+        """Make the launch in one piece, for any duration, and record it."""
         known, kernel.cost.seconds_per_item = kernel.cost.seconds_per_item, 0.0
         enqueue(**arguments)
         kernel.cost.seconds_per_item = known
         self.of.append(("launch", kernel.name, math.prod(map(int, grid))))
 
     def upload(self, nbytes: int) -> None:
-        """Note it."""
+        """Record an upload."""
         self.of.append(("upload", "", nbytes))
 
     def download(self, nbytes: int) -> None:
-        """Note it."""
+        """Record a download."""
         self.of.append(("download", "", nbytes))
 
     def wait(self) -> None:
-        """Note it."""
+        """Record a wait."""
         self.of.append(("wait", "", 0))
 
     def count(self, what: str) -> int:
-        """Number of launches, uploads, downloads or waits."""
+        """Return the number of launches, uploads, downloads or waits."""
         return sum(kind == what for kind, _, _ in self.of)
 
     def total(self, what: str) -> int:
-        """Work-items of all launches, or bytes of all uploads or downloads."""
+        """Return the work-items of all launches, or the bytes of all uploads or downloads."""
         return sum(size for kind, _, size in self.of if kind == what)
 
 
 class LaunchTimes(Watch):
-    """Times of launches; the queue is awaited before and after each.
+    """Times of launches, measured with a wait for the queue before and after each.
 
     Attributes
     ----------
     of : dict
-        Seconds by kernel, one value a launch.
+        Seconds by kernel name, one value per launch.
     """
 
     def __init__(self) -> None:
@@ -101,12 +101,12 @@ class LaunchTimes(Watch):
 _Watching = TypeVar("_Watching", bound=Watch)
 
 watches: list[Watch] = []
-"""Those that are open; the last one sees everything."""
+"""Active observers. Only the last one is called."""
 
 
 @contextmanager
 def watching(watch: _Watching) -> Generator[_Watching, None, None]:
-    """Within it, `watch` sees all kernels and launches of this process."""
+    """Let `watch` observe all kernels and launches of this process inside the ``with`` block."""
     watches.append(watch)
     try:
         yield watch

@@ -114,7 +114,7 @@ def test_names_of_platforms_come_before_those_of_processors(caplog: pytest.LogCa
         assert select([pocl, intel], examiner, "xeon", "device").index == 0
         assert select([pocl], examiner, "intel", "device").index == 0
     (said,) = caplog.messages
-    assert said.startswith("device='xeon' is 0 = ") and "it fits 1 = Intel(R) OpenCL: Intel(R) Xeon(R), too" in said
+    assert said.startswith("device='xeon' is 0 = ") and "it also matches 1 = Intel(R) OpenCL: Intel(R) Xeon(R)" in said
 
 
 @pytest.mark.parametrize("selector", ["radeon", 7, -1, "", "  "])
@@ -125,7 +125,7 @@ def test_a_name_that_matches_nothing(selector: int | str):
 
 
 def test_a_named_device_that_does_not_work_is_not_replaced():
-    with pytest.raises(DeviceError, match="asked for by device='one'") as caught:
+    with pytest.raises(DeviceError, match="requested by device='one'") as caught:
         select(
             [found(0, "one", "cpu"), found(1, "two", "cpu")],
             Examiner(one=BROKEN, two=1.0),

@@ -265,7 +265,7 @@ def test_a_launch_refuses_other_structs_and_numbers(take):
         ("many", Struct("Thing", np.zeros((), kind)), "a device array of Thing, got Struct"),
         ("sums", upload(np.zeros(2, kind)), "a device array of float, got void160"),
         ("sums", empty((2,), np.float64), "a device array of float, got float64"),
-        ("sums", upload(np.zeros(2, "f4")), "a device array to be written, got one that was uploaded"),
+        ("sums", upload(np.zeros(2, "f4")), "a writable device array, got a read-only one from `upload`"),
     ):
         with pytest.raises(ArgumentError, match=re.escape(f"take({name}): expected {wrong}")):
             launch(take, (2,), **{**good, name: bad})

@@ -129,7 +129,7 @@ def test_a_log_names_lines_of_the_users_file(own):
 def test_what_is_not_there_is_said_in_one_sentence(own):
     with pytest.raises(ArgumentError, match=r"^file: expected a file of kernels, got .*none\.cl: No such file"):
         program.kernel(own.with_name("none.cl"), "write")
-    with pytest.raises(ArgumentError, match=r"^file: expected one below .*kernels, or the absolute path .* 'own.cl'$"):
+    with pytest.raises(ArgumentError, match=r"^file: expected a file below .*kernels, or the absolute .* 'own.cl'$"):
         program.kernel("own.cl", "write")
     with pytest.raises(ArgumentError, match=r"^name: expected a kernel of .*own\.cl: write, got 'wrote'$"):
         program.kernel(own, "wrote", VALUE=0)

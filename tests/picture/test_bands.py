@@ -41,7 +41,7 @@ def test_pictures_without_the_memory_for_them_are_drawn_in_bands(little, monkeyp
     expected = ibr.warp(view, targets, classes=classes)
     outs = [ibr.Frame(*map(np.zeros_like, (one.color, one.depth, one.valid)), one.camera) for one in expected]
     little(10 * SIZE[0] * SIZE[1])  # 12 bytes a pixel are those of the picture and the sweep
-    with pytest.raises(ibr.OutOfMemoryError, match=r"for \d+ MiB more: \d+ MiB of \d+ MiB are taken"):
+    with pytest.raises(ibr.OutOfMemoryError, match=r"for \d+ MiB more: \d+ MiB of \d+ MiB are in use"):
         ibr.warp(view, targets, classes=classes)
     monkeypatch.setattr(bands, "_PIXELS_MIN", 1 << 12)
     with pytest.raises(ibr.OutOfMemoryError):  # what fills a hole may lie in another band
@@ -77,4 +77,4 @@ def test_pictures_of_8192_pixels_a_side_need_2_gib():
     """PoCL takes the limit for its device's memory, a quarter of which goes in one piece."""
     done = run_within(300, [sys.executable, "-c", PLANE], POCL_MEMORY_LIMIT="2")
     assert done.returncode == 0, done.stderr
-    assert "of 2048 MiB are taken, one piece has 512 MiB at most" in done.stdout
+    assert "of 2048 MiB are in use, one buffer has 512 MiB at most" in done.stdout
