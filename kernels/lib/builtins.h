@@ -1,16 +1,17 @@
 #ifndef LIB_BUILTINS_H
 #define LIB_BUILTINS_H
-/* OpenCL's built-in functions of inner loops, inlined, with the same bits.
+/* Inlined versions of OpenCL's built-in functions for inner loops, with the same bits.
  *
- * PoCL 6 leaves them calls, around which all registers are saved, for twice the time (CONTRIBUTING.md shows why).
- * Comparisons, bits and packed structs are an instruction or two everywhere. Only Clang knows C functions of one name
- * for several types; other compilers keep the built-ins, and so does the form of one lane.
+ * PoCL 6 compiles the built-ins to calls. All registers are saved around a call, which doubles the time
+ * (CONTRIBUTING.md shows why). Comparisons, bit operations and packed structs take one or two instructions everywhere.
+ * Only Clang supports C functions with one name for several types; other compilers use the built-ins, and so does the
+ * one-lane form.
  */
 #ifdef __clang__
 
 #define OVERLOADED static inline __attribute__((overloadable, always_inline))
 
-/* Of fmin and fmax a NaN yields the other argument. */
+/* If one argument of fmin or fmax is NaN, the result is the other. */
 #define INLINED_OF_FLOATS(type, bits)                                                                          \
     OVERLOADED type inlined_fabs(type x)                                                                       \
     {                                                                                                          \
@@ -31,7 +32,7 @@ INLINED_OF_FLOATS(float4, int4)
 INLINED_OF_FLOATS(float8, int8)
 INLINED_OF_FLOATS(float16, int16)
 
-/* A NaN in a yields b, so that clamp makes the least of it; OpenCL leaves that open. */
+/* If a is NaN, the result is b, so clamp turns NaN into its lower bound; OpenCL leaves this undefined. */
 #define INLINED_OF_ALL(type)                                                                                   \
     OVERLOADED type inlined_min(type a, type b)                                                                \
     {                                                                                                          \
@@ -57,7 +58,7 @@ INLINED_OF_ALL(long)
 INLINED_OF_ALL(long16)
 INLINED_OF_ALL(ulong)
 
-/* The second argument of vectors may be one number. */
+/* The second argument of vector functions may be a scalar. */
 #define WITH_NUMBER(name, type, number)                                                                        \
     OVERLOADED type name(type a, number b)                                                                     \
     {                                                                                                          \
@@ -77,7 +78,7 @@ WITH_NUMBERS(int2, int)
 WITH_NUMBERS(int4, int)
 WITH_NUMBERS(int16, int)
 
-/* Unaligned, in one instruction */
+/* Unaligned accesses in one instruction */
 #define LOADED_AND_STORED(space, type, count)                                                                  \
     typedef struct __attribute__((packed)) {                                                                   \
         type##count values;                                                                                    \
@@ -100,7 +101,7 @@ LOADED_AND_STORED(global, uint, 16)
 LOADED_AND_STORED(private, float, 16)
 LOADED_AND_STORED(private, int, 16)
 
-/* Three lie in memory as four would: each on its own. */
+/* A struct of a 3-vector has the size of a 4-vector, so components are accessed one by one. */
 #define THREE_LOADED_AND_STORED(type)                                                                          \
     OVERLOADED type##3 inlined_vload3(size_t number, global const type *p)                                     \
     {                                                                                                          \
@@ -115,7 +116,7 @@ LOADED_AND_STORED(private, int, 16)
 THREE_LOADED_AND_STORED(float)
 THREE_LOADED_AND_STORED(uchar)
 
-/* Runtimes may have the names as macros. */
+/* Runtimes may define these names as macros. */
 #undef fabs
 #undef fmin
 #undef fmax

@@ -1,18 +1,18 @@
 #ifndef LIB_CHANNEL_H
 #define LIB_CHANNEL_H
-/* A colour channel: uchar (0 to 255) or float. Macros, so that launches see the type in a kernel's arguments. */
+/* A colour channel: uchar (0 to 255) or float. It is a macro, so that launches see the type of a kernel's arguments. */
 #ifndef COLOR_BYTES
-#define COLOR_BYTES 1 /* a channel: 1 (uchar) or 4 (float) */
+#define COLOR_BYTES 1 /* bytes per channel: 1 (uchar) or 4 (float) */
 #endif
 #ifndef CHANNELS
-#define CHANNELS 3 /* of a colour; 0: images are of depth alone, and no colour is read or written */
+#define CHANNELS 3 /* channels of a colour; 0: images have only depth, and no colour is read or written */
 #endif
 #if COLOR_BYTES == 1
 #define channel uchar
 #define CHANNEL_MAX 255.0f
 #define to_channel(value) convert_uchar_sat_rte(value)
-#define to_channels(values) convert_uchar4_sat_rte(values) /* of a float4, at the cost of one */
-#define rounded_channel(value) floor((value) + 0.5f) /* halves up, as vectors of pixels are */
+#define to_channels(values) convert_uchar4_sat_rte(values) /* converts a float4 at the cost of one channel */
+#define rounded_channel(value) floor((value) + 0.5f) /* rounds halves up, as `write_color` does */
 #else
 #define channel float
 #define CHANNEL_MAX 1.0f

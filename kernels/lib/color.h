@@ -1,6 +1,6 @@
 #ifndef LIB_COLOR_H
 #define LIB_COLOR_H
-/* Colour of LANES pixels: three channels, interleaved, uchar (0 to 255) or float. */
+/* Colours of LANES pixels: three interleaved channels, uchar (0 to 255) or float. */
 #include "lib/channel.h"
 #include "lib/lanes.h"
 
@@ -8,10 +8,10 @@ typedef struct {
     floatl r, g, b;
 } Color;
 
-/* The words of RGBA texels */
+/* RGBA texels as words */
 #define texels_at(texels, at) as_intl((uintl)(gather(texels, at)))
 
-/* Red, green and blue from a word's lowest byte on */
+/* Colour from a word, with red in the lowest byte, then green and blue */
 INLINED Color color_of(intl word)
 {
     const Color c = {to_floatl(word & 255), to_floatl((word >> 8) & 255), to_floatl((word >> 16) & 255)};
@@ -39,7 +39,7 @@ INLINED Color select_color(intl mask, Color yes, Color no)
 
 #define color_lane(c, lane) (float3)(float_lane((c).r, lane), float_lane((c).g, lane), float_lane((c).b, lane))
 
-/* Unaligned, in one instruction: vload4 and vstore4 of uchar go byte by byte. */
+/* An unaligned access in one instruction; vload4 and vstore4 of uchar go byte by byte. */
 typedef struct __attribute__((packed)) {
     uint bytes;
 } Word;
@@ -64,7 +64,8 @@ INLINED void write_pixel(global channel *image, float3 color)
 {
 }
 #elif COLOR_BYTES == 1
-/* Four bytes at once, one of them a neighbour's: the image has at least four, and the last pixel is read shifted. */
+/* Reads four bytes per pixel, including one of its neighbour. The image has at least four; the last pixel is read one
+ * byte earlier and shifted. */
 #if LANES == 16
 #define WORD(l) ((global const Word *)(image + offset.s##l))->bytes
 #define WORDS                                                                                                  \
@@ -86,7 +87,7 @@ INLINED float3 read_pixel(global const uchar *image)
     return convert_float3(vload3(0, image));
 }
 
-/* Writes LANES pixels from `image` on; rounds to nearest. */
+/* Writes LANES pixels, starting at `image`, rounded to the nearest value. */
 INLINED void write_color(global uchar *image, Color c)
 {
     const intl word = to_intl(c.r + 0.5f) | (to_intl(c.g + 0.5f) << 8) | (to_intl(c.b + 0.5f) << 16);

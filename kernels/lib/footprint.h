@@ -1,18 +1,17 @@
 #ifndef LIB_FOOTPRINT_H
 #define LIB_FOOTPRINT_H
-/* Footprints of pixels on tiled maps. Seen aslant, a footprint is longer than wide: with ANISOTROPIC the map is read at
- * several probes along the longer side, from the level whose texels are as large as the shorter one (McCormack et al.
- * 1999, by the footprint's exact ellipse), at most `anisotropy` of them. Without, it is read at one.
+/* Footprints of pixels on maps. On an oblique surface, a footprint is longer than wide. With ANISOTROPIC, the map is
+ * read at up to `anisotropy` probes along the longer side, from the level whose texels are as large as the shorter side
+ * (McCormack et al. 1999, with the footprint's exact ellipse). Otherwise, it is read at one probe.
  *
- * Cost: as many probes as the ratio of the sides, to the nearest whole number: surfaces that are seen straight on have
- * one.
+ * Cost: the number of probes is the rounded ratio of the sides, so surfaces that face the camera have one.
  */
 #include "lib/normals.h"
 #include "lib/screen.h"
 #include "lib/texture.h"
 
 #ifndef ANISOTROPIC
-#define ANISOTROPIC 0 /* 1: the kernel has `int anisotropy`, and reads maps as above */
+#define ANISOTROPIC 0 /* 1: the kernel has `int anisotropy`, and reads several probes */
 #endif
 
 #if ANISOTROPIC
@@ -24,12 +23,12 @@
 #endif
 
 typedef struct {
-    floatl texels_2; /* square of the side that a probe covers, in texels of the first level */
-    floatl count;    /* of probes */
-    floatl u, v;     /* the longer side, along which the probes lie evenly, around the middle */
+    floatl texels_2; /* squared side that a probe covers, in texels of the first level */
+    floatl count;    /* number of probes */
+    floatl u, v;     /* the longer side, along which the probes are spaced evenly */
 } Footprint;
 
-/* Of one probe */
+/* A footprint of one probe */
 INLINED Footprint isotropic_footprint(floatl texels_2)
 {
     const Footprint f = {texels_2, (floatl)1.0f, (floatl)0.0f, (floatl)0.0f};
@@ -37,17 +36,17 @@ INLINED Footprint isotropic_footprint(floatl texels_2)
 }
 
 #if ANISOTROPIC
-#define MORE_PROBES 0.75f /* added to the ratio of the sides: the whole part of the sum is the number of probes */
+#define MORE_PROBES 0.75f /* added to the ratio of the sides before truncation to the number of probes */
 
-/* By how much u and v change from a pixel to the next along x, and along y */
+/* Changes of u and v per pixel along x and along y */
 typedef struct {
     floatl u_x, v_x, u_y, v_y;
     int anisotropy; /* the greatest number of probes */
 } UvSteps;
 
-/* On a plane that is seen at nearness n in the unit direction `ahead`; normal: the plane's, of any length; along_u,
- * along_v: gradients in the world. A plane so aslant that footprints were longer than `anisotropy` times their width is
- * taken to be less so, and their width stays: slopes at outlines are not smeared. */
+/* Steps on a plane at nearness n in the unit direction `ahead`. normal: the plane's normal, of any length; along_u,
+ * along_v: gradients in the world. Footprints longer than `anisotropy` times their width are shortened, as on a less
+ * oblique plane; their width stays, so steep surfaces at outlines are not smeared. */
 INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, Vector along_u, Vector along_v,
                          int anisotropy)
 {
@@ -68,7 +67,7 @@ INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, V
     return made;
 }
 
-/* A round pixel is an ellipse on the map, whose axes are the singular values of the steps in texels. */
+/* The footprint of a round pixel: an ellipse on the map, whose axes are the singular values of the steps in texels. */
 INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 {
     const floatl a = s.u_x * width, b = s.u_y * width, c = s.v_x * height, d = s.v_y * height;
@@ -84,7 +83,7 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
     if (!any_lane(f.count > 1.0f))
         return f;
     f.texels_2 = max_lanes(long_2 / (f.count * f.count), short_2);
-    /* The longer axis: the eigenvector of the matrix (uu, uv; uv, vv), by the row that rounding harms less */
+    /* The longer axis: the eigenvector of the matrix (uu, uv; uv, vv), from the row with less rounding error */
     const floatl x = select_lanes(half_ >= 0.0f, long_2 - vv, uv), y = select_lanes(half_ >= 0.0f, uv, long_2 - uu);
     const floatl unit = select_lanes(f.count > 1.0f, sqrt(long_2 / max_lanes(x * x + y * y, (floatl)1e-30f)),
                                      (floatl)0.0f);
@@ -94,8 +93,8 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 }
 #endif
 
-/* The probes of a footprint: their numbers i, which lanes have number i, its place along the footprint, -0.5 to 0.5,
- * and its weight */
+/* The probes of a footprint: a loop over their numbers i, a mask of lanes with probe i, its position along the
+ * footprint, -0.5 to 0.5, and its weight */
 #if ANISOTROPIC
 #define EACH_PROBE(f, i) for (int i = 0; any_lane((f).count > (float)i); i++)
 #define HAS_PROBE(f, i) ((f).count > (float)(i))
@@ -103,8 +102,7 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 #define PROBE_WEIGHT(f, i) select_lanes(HAS_PROBE(f, i), 1.0f / (f).count, (floatl)0.0f)
 #endif
 
-/* The same footprint on a level whose texels are twice as large, where half of the probes are as close together in
- * texels */
+/* The footprint on a level with texels twice as large, where half as many probes have the same spacing in texels */
 INLINED Footprint on_coarser(Footprint f)
 {
     f.texels_2 *= 4.0f;
@@ -130,7 +128,7 @@ OUTLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footp
 }
 
 #if ANISOTROPIC
-/* The mean of a map of normals over a pixel around (u, v) */
+/* The mean of a normal map over a pixel around (u, v) */
 INLINED Vector mean_normal(global const float *map, int width, int height, floatl u, floatl v, UvSteps steps,
                            intl wanted)
 {

@@ -1,15 +1,15 @@
 #ifndef LIB_GBUFFER_H
 #define LIB_GBUFFER_H
-/* The G-buffer (Saito & Takahashi 1990): what deferred shading has to know of pixels that show things made of images.
+/* The G-buffer (Saito & Takahashi 1990): geometry of pixels that show things made of images, for deferred lighting.
  *
- * Those are lit once all things are drawn (picture/deferred.cl). A kernel that draws one enters each pixel that it
- * writes: which thing that shows, at what depth, and its normal if that is asked for. No other kernel knows of the
- * buffer: an entry holds only as long as its depth is the picture's. What is drawn in front later changes that.
+ * These things are lit after all things are drawn (picture/deferred.cl). A kernel that draws such a thing writes, for
+ * each of its pixels, the thing's number, the depth and, with GBUFFER 2, the normal. Other kernels do not write the
+ * buffer, so an entry is valid only if its depth equals the picture's depth; if not, another thing was drawn in front.
  */
 #include "lib/lanes.h"
 
 #ifndef GBUFFER
-#define GBUFFER 0 /* 1: kernels that draw such things write the buffer; 2: normals, too; 0: nothing is entered */
+#define GBUFFER 0 /* 0: kernels do not write the buffer; 1: they write it; 2: with normals */
 #endif
 
 #if GBUFFER
@@ -17,7 +17,7 @@ typedef struct {
     global float *depth;  /* (height, width) */
     global int *thing;    /* (height, width) number of the thing */
     global float *normal; /* (height, width, 3) in the world, of any length; with GBUFFER 2 */
-    int number;           /* of the thing that is drawn */
+    int number;           /* number of the thing that is drawn */
 } GBuffer;
 #else
 typedef struct {
@@ -25,7 +25,7 @@ typedef struct {
 } GBuffer;
 #endif
 
-/* A kernel's parameters for it, and its value */
+/* A kernel's parameters for the buffer, and the initializer of its GBuffer */
 #if GBUFFER == 2
 #define GBUFFER_PARAMETERS , global float *gbuffer_depth, global int *gbuffer_thing, int thing, global float *gbuffer_normal
 #define GBUFFER_VALUE {gbuffer_depth, gbuffer_thing, gbuffer_normal, thing}
@@ -37,7 +37,7 @@ typedef struct {
 #define GBUFFER_VALUE {0}
 #endif
 
-/* A kernel's parameter of the normals that its images have, as colours: 0.5 + 0.5 of x, y and z; and its value */
+/* A kernel's parameter for the normals of its images, as colours 0.5 + 0.5 (x, y, z); and the matching argument */
 #if GBUFFER == 2
 #define NORMALS_PARAMETER(type) , global const type *normals
 #define NORMALS_ARGUMENT(type) normals
@@ -46,7 +46,7 @@ typedef struct {
 #define NORMALS_ARGUMENT(type) (global const type *)0
 #endif
 
-/* Enters that a pixel shows the thing at a depth. normal: as images hold it */
+/* Writes the entry of a pixel that shows the thing at a depth. normal: as a colour */
 INLINED void enter_pixel(GBuffer gbuffer, size_t pixel, float depth, float3 normal)
 {
 #if GBUFFER

@@ -1,17 +1,17 @@
 #ifndef LIB_HEIGHTS_H
 #define LIB_HEIGHTS_H
-/* Height maps, tiled or clamped (lib/wrap.h): texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts
+/* Height maps, tiled or clamped (lib/wrap.h). Texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts
  * from the first centre.
  *
- * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel, its right neighbour, and the two below.
- * HEIGHT_BYTES 2: a word holds two of 16 bits: a texel and its right neighbour.
- * The last texels' neighbours are the first ones; clamped, the last ones themselves.
+ * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel, its right neighbour, and the two texels below.
+ * HEIGHT_BYTES 2: a word holds two heights of 16 bits: a texel and its right neighbour.
+ * The neighbours of the last texels are the first texels; in clamped maps, the last texels themselves.
  */
 #include "lib/lanes.h"
 #include "lib/wrap.h"
 
 #ifndef HEIGHT_BYTES
-#define HEIGHT_BYTES 2 /* of a height, as above */
+#define HEIGHT_BYTES 2 /* bytes per height, see above */
 #endif
 #if HEIGHT_BYTES == 1
 #define HEIGHT_UNIT (1.0f / 255.0f)
@@ -20,7 +20,7 @@
 #endif
 
 #ifndef POWERS_OF_TWO
-#define POWERS_OF_TWO 0 /* 1: the map repeats both ways, and its sides are powers of two: tiles need a mask alone */
+#define POWERS_OF_TWO 0 /* 1: the map repeats along both axes, and its sides are powers of two, so a mask wraps it */
 #endif
 
 /* One level of a map; lanes may be on different ones. */
@@ -31,11 +31,11 @@ typedef struct {
 #endif
 } HeightMap;
 
-/* FLOOR: the greatest whole number <= x, also as an int. WRAPPED: that int, repeated or clamped onto the map,
- * whatever x is. */
+/* FLOOR: the greatest whole number <= x, as a float and as an int. WRAPPED: this int, repeated or clamped onto the map,
+ * for any x. */
 #if POWERS_OF_TWO
-/* Added, it leaves no bits for fractions, and the last bits are those of the whole number: |x| < 2^22. A whole x may
- * yield x - 1, and a fraction of 1. */
+/* Adding this number rounds to a whole number, whose bits are then the last bits of the sum, for |x| < 2^22. A whole x
+ * may yield x - 1, and a fraction of 1. */
 #define WHOLE_BITS 12582912.0f
 #define FLOOR(x, whole, number)                                                                                \
     const floatl number##_bits = ((x) - 0.5f) + WHOLE_BITS;                                                    \
@@ -54,12 +54,12 @@ typedef struct {
           (intl)0, (size) - 1)
 #endif
 
-/* Heights at the corners of a cell, in HEIGHT_UNITs: first letter up to down, second left to right */
+/* Heights at the corners of a cell, in HEIGHT_UNITs. Letters: first a: above, b: below; second a: left, b: right */
 typedef struct {
     floatl aa, ab, ba, bb;
 } Patch;
 
-/* The cell right of and below the texel (x, y) of the map */
+/* Heights of the cell to the right of and below the map's texel (x, y) */
 INLINED Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y)
 {
     Patch patch;
@@ -81,8 +81,8 @@ INLINED Patch read_patch(global const uint *texels, HeightMap map, intl x, intl 
     return patch;
 }
 
-/* The same where (x, y) is the texel (ix, iy) moved onto the map: before the first texels of a clamped one nothing
- * changes, as behind the last ones. */
+/* The same for texel (ix, iy), which wraps to (x, y). Clamped maps are constant before the first texels, as they are
+ * after the last ones. */
 INLINED Patch read_cell(global const uint *texels, HeightMap map, intl ix, intl iy, intl x, intl y)
 {
     Patch patch = read_patch(texels, map, x, y);
@@ -99,14 +99,14 @@ INLINED Patch read_cell(global const uint *texels, HeightMap map, intl ix, intl 
     return patch;
 }
 
-/* The bilinear height in a cell, in HEIGHT_UNITs; fx, fy: 0 to 1 over it */
+/* The bilinear height in a cell, in HEIGHT_UNITs; fx, fy: position in the cell, 0 to 1 */
 INLINED floatl height_of(Patch p, floatl fx, floatl fy)
 {
     const floatl top = p.aa + fx * (p.ab - p.aa), bottom = p.ba + fx * (p.bb - p.ba);
     return top + fy * (bottom - top);
 }
 
-/* Bilinear height at (x, y), anywhere, in HEIGHT_UNITs */
+/* Bilinear height at any (x, y), in HEIGHT_UNITs */
 floatl height_in(global const uint *texels, HeightMap map, floatl x, floatl y)
 {
     FLOOR(x, x0, ix)

@@ -1,26 +1,25 @@
 #ifndef LIB_LANES_H
 #define LIB_LANES_H
-/* Lanes: one kernel source for wide CPUs and for GPUs.
+/* Lanes: one kernel source for CPUs with wide vectors and for GPUs.
  *
- * A work-item computes LANES neighbours at once in explicit vector types: 16 on a CPU, where compilers leave
- * work-items with data-dependent loops scalar, and 1 on a GPU, whose hardware does the same by itself.
+ * A work-item computes LANES neighbours together in explicit vector types. LANES is 16 on a CPU, where compilers do not
+ * vectorize work-items with data-dependent loops, and 1 on a GPU, whose hardware runs work-items in lanes itself.
  * Masks are ints: comparisons yield 0 or "true" (1 scalar, -1 vector); combine them with & | and !, never ~.
  */
 #ifndef LANES
 #define LANES 1 /* work-item width: 1 or 16 */
 #endif
 #ifndef COUNTERS
-#define COUNTERS 0 /* 1: kernels have `counters` of their work, for benchmarks and tests */
+#define COUNTERS 0 /* 1: kernels count their work in `counters`, for benchmarks and tests */
 #endif
 
-/* Without AVX-512, compilers warn that vectors of 64 bytes are passed otherwise than with it: nobody else is called.
- * This comes first: it counts from here on. NVIDIA's compiler does not know this warning. */
+/* Without AVX-512, compilers warn that the ABI for vectors of 64 bytes differs; kernels call no foreign functions.
+ * The pragma only affects the code below it. NVIDIA's compiler does not know this warning. */
 #if defined(__clang__) && LANES > 1
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 
-/* Packets of a row, or as many of what else lies there, that a work-item goes through: starting one takes longer than
- * most */
+/* Packets of a row (or of other elements) per work-item: starting a work-item takes longer than most packets. */
 #if LANES == 16
 #include "lib/builtins.h"
 #define STRIP 32
@@ -28,31 +27,31 @@
 #define STRIP 1
 #endif
 
-/* A function whose arguments and results stay in registers: vectors, and on GPUs structs, go through memory
- * otherwise. */
+/* A function whose arguments and results stay in registers; otherwise, vectors, and structs on GPUs, are passed in
+ * memory. */
 #ifndef INLINED /* a simulator may want calls */
 #define INLINED static inline __attribute__((always_inline))
 #endif
 
-/* A function that is compiled once: PoCL makes three of each kernel, with all that is inlined there. It knows no
- * work-item. */
+/* A function that is compiled once; PoCL compiles each kernel, with its inlined functions, three times. It cannot call
+ * work-item functions. */
 #if LANES == 16
 #define OUTLINED static __attribute__((noinline))
 #else
 #define OUTLINED INLINED
 #endif
 
-/* Before a loop of few steps whose number is known: an array that it walks along stays in registers. */
+/* Before a short loop with a constant number of steps, so that an array that it indexes stays in registers */
 #if defined(__clang__) || defined(__NV_CL_C_VERSION)
 #define UNROLLED _Pragma("unroll")
-#define ROLLED _Pragma("unroll 1") /* its steps share their registers */
+#define ROLLED _Pragma("unroll 1") /* steps share registers */
 #else
 #define UNROLLED
 #define ROLLED
 #endif
 
-/* Keeps the compiler from merging shuffles before the vector with those after it, which makes one for each lane.
- * Clang heeds a fence only where arithmetic may be reordered. It is no `asm`, which PoCL 6 takes for a call. */
+/* Keeps the compiler from merging shuffles before and after the vector into one shuffle per lane. Clang only respects a
+ * fence where arithmetic may be reordered. PoCL 6 would treat an `asm` statement as a call. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__arithmetic_fence)
 #define ARITHMETIC_FENCE(vector)                                                                               \
@@ -89,15 +88,15 @@ typedef WIDE(long) longl;
 #if LANES == 16
 #define load_lanes(p) vload16(0, p)
 #define store_lanes(v, p) vstore16(v, 0, p)
-#define shifted_lanes(v) (v).s00123456789abcde /* each lane's left neighbour; the first its own */
+#define shifted_lanes(v) (v).s00123456789abcde /* each lane gets its left neighbour's value; the first keeps its own */
 #define lane_index ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
 #define gather(p, i)                                                                                           \
     (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],    \
         (p)[(i).s8], (p)[(i).s9], (p)[(i).sa], (p)[(i).sb], (p)[(i).sc], (p)[(i).sd], (p)[(i).se], (p)[(i).sf]
-/* any() compiles to a branch a lane. */
+/* any() compiles to one branch per lane. */
 #ifdef __has_builtin
 #if __has_builtin(__builtin_reduce_or)
-#define any_lane(mask) (__builtin_reduce_or((mask) != 0) != 0) /* a mask of AVX-512 is tested as it is */
+#define any_lane(mask) (__builtin_reduce_or((mask) != 0) != 0) /* AVX-512 tests masks directly */
 #endif
 #endif
 #ifndef any_lane
@@ -109,7 +108,7 @@ int any_lane(int16 mask)
     return (eighth.x | eighth.y) != 0;
 }
 #endif
-/* A bit for each lane of a mask */
+/* One bit for each lane of a mask */
 #ifdef __has_builtin
 #if defined(__AVX512F__) && __has_builtin(__builtin_ia32_cmpd512_mask)
 #define lane_bits(mask) (uint)(ushort)__builtin_ia32_cmpd512_mask(mask, (int16)0, 4, (ushort)-1) /* 4: not equal */
@@ -133,7 +132,7 @@ float least_lane(float16 v)
     const float4 quarter = fmin(half_.lo, half_.hi);
     return fmin(fmin(quarter.x, quarter.y), fmin(quarter.z, quarter.w));
 }
-/* Unaligned, in one instruction: vload16 and vstore16 of uchar go byte by byte. */
+/* An unaligned access in one instruction; vload16 and vstore16 of uchar go byte by byte. */
 typedef struct __attribute__((packed)) {
     uchar16 bytes;
 } UnalignedBytes;
@@ -152,17 +151,17 @@ typedef struct __attribute__((packed)) {
 #define gather(p, i) (p)[i]
 #endif
 
-#define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* the number of the lowest bit that is set */
-#define WITHOUT_LOWEST(bits) (LANES == 1 ? 0 : (bits) & ((bits) - 1)) /* of lane_bits: the others */
+#define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* number of the lowest set bit */
+#define WITHOUT_LOWEST(bits) (LANES == 1 ? 0 : (bits) & ((bits) - 1)) /* lane_bits without the lowest set bit */
 
-/* One of up to four values: GPUs, which keep no array in registers whose index is only known at run time, choose it. */
+/* One of up to four values. GPUs use conditions, since arrays that are indexed at run time are not in registers. */
 #if LANES == 1
 #define CHOSEN(values, i) ((i) < 2 ? (i) ? (values)[1] : (values)[0] : (i) == 2 ? (values)[2] : (values)[3])
 #else
 #define CHOSEN(values, i) (values)[i]
 #endif
 
-/* One lane of a variable, to be read, and to be set; the only one of a GPU without its address */
+/* Reads or sets one lane of a variable; on a GPU, its only lane, without taking the variable's address */
 #if LANES == 1
 #define float_lane(v, lane) (v)
 #define int_lane(v, lane) (v)
@@ -175,7 +174,7 @@ typedef struct __attribute__((packed)) {
 #define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
 #endif
 
-/* Writes the lanes of a vector that have a bit, one after the other. */
+/* Writes the lanes of a vector whose bits are set, one after the other. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__builtin_ia32_compresssf512_mask)
 INLINED void compress_lanes(float16 v, uint bits, global float *to)
@@ -194,7 +193,7 @@ INLINED void store_some(floatl v, uint bits, global float *to)
 }
 #endif
 
-/* With COUNTERS: a kernel's parameter and its value, and adding how many lanes of a mask are true */
+/* With COUNTERS: a kernel's parameter, the matching argument, and code that adds the number of true lanes of a mask */
 #if COUNTERS
 #define COUNTERS_PARAMETER(type) , global type *counters
 #define COUNTERS_ARGUMENT(type) counters
@@ -207,7 +206,7 @@ INLINED void store_some(floatl v, uint bits, global float *to)
 #define COUNT(counter, mask)
 #endif
 
-/* Lane by lane, of floats and of ints. OpenCL's select is a call on some runtimes. */
+/* Selects lane by lane, for floats and ints. OpenCL's select is a call on some runtimes. */
 #define select_lanes(mask, yes, no) ((mask) ? (yes) : (no))
 
 #if LANES == 16
@@ -215,7 +214,7 @@ INLINED void store_some(floatl v, uint bits, global float *to)
     (float16)(a.s0, b.s0, a.s1, b.s1, a.s2, b.s2, a.s3, b.s3, a.s4, b.s4, a.s5, b.s5, a.s6, b.s6, a.s7, b.s7)
 #define ZIP_HIGH(a, b)                                                                                         \
     (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf)
-/* 16 rows of 16 to columns: zipping rows 8 apart, four times over, is a transposition. */
+/* Transposes 16 rows of 16, by zipping rows that are 8 apart, four times. */
 INLINED void transpose(float16 *rows)
 {
     float16 zipped[16];
@@ -233,7 +232,7 @@ INLINED void transpose(float16 *rows)
 #endif
 
 #if LANES == 16
-/* Unaligned, in one instruction: vload2 and vload4 load parts. */
+/* An unaligned access in one instruction; vload2 and vload4 load parts. */
 typedef struct __attribute__((packed)) {
     float2 values;
 } UnalignedPair;
@@ -247,7 +246,7 @@ typedef struct __attribute__((packed)) {
 #define ZIP_LAST(a, b)                                                                                         \
     (float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf)
 
-/* A row of 4 floats a lane, as 4 columns: whole rows are read and zipped, which is faster than 4 gathers. */
+/* Gathers a row of 4 floats per lane, as 4 columns. Reading and zipping whole rows is faster than 4 gathers. */
 INLINED void gather_rows(global const float *rows, int16 at, float16 *columns)
 {
     global const UnalignedFour *all = (global const UnalignedFour *)rows;
@@ -269,7 +268,7 @@ INLINED void gather_rows(global const float *rows, int16 at, float16 *columns)
     columns[3] = ZIP_LAST(ac_last, bd_last);
 }
 
-/* For each lane a value and the one after it: a load for both */
+/* Gathers, for each lane, a value and the next one with a single load */
 INLINED void gather_pairs(global const float *values, int16 at, float16 *first, float16 *second)
 {
     const float16 low = (float16)(PAIR_AT(values, 0), PAIR_AT(values, 1), PAIR_AT(values, 2), PAIR_AT(values, 3),
@@ -297,7 +296,7 @@ INLINED void gather_pairs(global const float *values, int at, float *first, floa
 }
 #endif
 
-/* Two values of each lane, one after the other */
+/* Stores two values of each lane side by side */
 #if LANES == 16
 INLINED void store_pairs(float16 first, float16 second, global float *pairs)
 {
@@ -312,14 +311,14 @@ INLINED void store_pairs(float first, float second, global float *pairs)
 }
 #endif
 
-/* For each lane a value, the one after it, and the same two of the row that lies `below` values farther on */
+/* Gathers, for each lane, a value and the next one, and the two values of the next row, `below` values farther on */
 INLINED void gather_cells(global const float *values, int below, intl at, floatl *corners)
 {
     gather_pairs(values, at, &corners[0], &corners[1]);
     gather_pairs(values + below, at, &corners[2], &corners[3]);
 }
 
-/* For |x| < 2^31: floor() and ceil() of vectors are 14 instructions, these 4; of x >= 0 truncated() is 2. */
+/* For |x| < 2^31. These take 4 instructions; floor() and ceil() of vectors take 14. For x >= 0, truncated() takes 2. */
 #if LANES == 16
 #define truncated(x) to_floatl(to_intl(x))
 floatl floor_lanes(floatl x)
@@ -333,17 +332,18 @@ floatl floor_lanes(floatl x)
 #endif
 #define ceil_lanes(x) (-floor_lanes(-(x)))
 
-/* One instruction each, where fmin and fmax take four: a NaN in a yields b. */
+/* One instruction each; fmin and fmax take four. If a is NaN, the result is b. */
 #define min_lanes(a, b) select_lanes((a) < (b), a, b)
 #define max_lanes(a, b) select_lanes((a) > (b), a, b)
 
-/* A NaN becomes `low`: what may become an index. Beyond an int's range conversions yield anything. */
+/* NaN becomes `low`, so that the result can be converted to an index: conversions outside of an int's range are
+ * undefined. */
 #define clamp_lanes(x, low, high) min_lanes(max_lanes(x, low), high)
 
-/* isfinite() compiles to a call a lane. */
+/* isfinite() compiles to one call per lane. */
 #define isfinite_lanes(v) (fabs(v) < INFINITY)
 
-/* prefetch_at(p): p will be read or written soon. */
+/* prefetch_at(p): prefetches the data at p. */
 #if LANES == 16 && defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
 #define prefetch_at(p) __builtin_prefetch((const void *)(uintptr_t)(p))

@@ -1,6 +1,6 @@
 #ifndef LIB_LENS_H
 #define LIB_LENS_H
-/* Lens distortion: the models of `pyibr.Lens` (pyibr/core/lens.py), forwards. */
+/* Lens distortion by the models of `pyibr.Lens` (pyibr/core/lens.py), in the forward direction. */
 #include "lib/lanes.h"
 
 #ifndef LENS
@@ -8,12 +8,13 @@
 #endif
 
 typedef struct {
-    float fx, skew, cx, fy, cy; /* of K */
-    float k[8];                 /* the coefficients in the models' order, 0 where a model has fewer */
-    float reach;                /* ideal distance from the axis up to which it sees */
+    float fx, skew, cx, fy, cy; /* entries of K */
+    float k[8];                 /* coefficients in the model's order, padded with 0 */
+    float reach;                /* undistorted distance from the axis at which the field of view ends */
 } Lens;
 
-/* From a pinhole's pixels to the lens's, in place. Returns which are in its field of view; others are anything. */
+/* Maps pinhole pixels to the lens's pixels, in place. Returns a mask of lanes in the field of view; others have
+ * arbitrary values. */
 INLINED intl through_lens(Lens lens, floatl *u, floatl *v)
 {
 #if LENS == 0

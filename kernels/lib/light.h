@@ -2,37 +2,37 @@
 #define LIB_LIGHT_H
 /* One light: Lambert's law, highlights (Blinn 1977), shadows by maps (Williams 1978).
  *
- * SHADOWED: the kernel has SHADOW_PARAMETERS. shadow_maps: (maps * size, size) depth images as the light sees the
- * scene, one below the other; NaN where there is nothing. shadow_views: (maps, SHADOW_VIEW), of each map 16 numbers
- * from the world to its pixel space, row by row, and 4 to planar depth in it.
+ * SHADOWED: the kernel has SHADOW_PARAMETERS. shadow_maps: (maps * size, size) depth images from the light, one below
+ * the other; NaN where empty. shadow_views: (maps, SHADOW_VIEW); for each map, 16 numbers of the matrix from the world
+ * to its pixel space, row by row, and 4 numbers of the row for planar depth.
  */
 #include "lib/color.h"
 #include "lib/taps.h"
 #include "lib/vectors.h"
 
 #ifndef LIT
-#define LIT 0 /* 1: kernels that draw light what they draw, and have `Light light` */
+#define LIT 0 /* 1: kernels shade their surfaces, and have `Light light` */
 #endif
 #ifndef SHADOWED
-#define SHADOWED 0 /* 1: they also ask what the light sees */
+#define SHADOWED 0 /* 1: they also read shadow maps */
 #endif
 
 typedef struct {
-    float vector[4];  /* towards the light, unit length (w = 0), or its position (w = 1), in the world */
-    float axis[4];    /* of a spotlight: its direction, and the cosine of half its cone's angle; -2: of no spotlight */
-    float cone_rise;  /* of a spotlight: how fast it rises to full strength inside its cone, per cosine */
-    float color[3];   /* on a surface that faces it; 1 is white */
-    float ambient;    /* part of the light that comes from everywhere, 0 to 1 */
+    float vector[4];  /* unit direction to the light (w = 0), or its position (w = 1), in the world */
+    float axis[4];    /* a spotlight's direction, and the cosine of half its cone's angle; -2 for other lights */
+    float cone_rise;  /* increase of a spotlight's strength inside its cone, per cosine */
+    float color[3];   /* colour of the light; 1 is white */
+    float ambient;    /* ambient part of the light, 0 to 1 */
     float specular;   /* strength of highlights */
-    float shininess;  /* Blinn's exponent: how narrow they are */
+    float shininess;  /* Blinn's exponent: higher for narrower highlights */
 } Light;
 
 #define SHADOW_VIEW 20
 
 typedef struct {
     int maps, size;
-    float texel_x, texel_y; /* sides of a texel: in the world, or (perspective) at depth 1 */
-    float bias; /* scene units by which the thing itself may lie before its true surface in a map */
+    float texel_x, texel_y; /* sides of a texel in scene units; for perspective maps, at depth 1 */
+    float bias; /* scene units by which a thing in a map may lie in front of its true surface */
 } Shadow;
 
 #if SHADOWED
@@ -44,7 +44,7 @@ typedef struct {
 #define VISIBILITY(p, normal) (floatl)1.0f
 #endif
 
-/* From a point to the light: the unit direction, and the share of a spotlight that reaches it */
+/* The unit direction from a point to the light, and the share of a spotlight that reaches the point */
 typedef struct {
     Vector direction;
     floatl falloff;
@@ -62,25 +62,26 @@ INLINED ToLight to_light(Light light, Vector p)
 }
 
 #if SHADOWED
-#define SHADOW_FILTER_RADIUS 1.0f /* texels, along both axes: from a point to those that it is compared with */
+#define SHADOW_FILTER_RADIUS 1.0f /* texels, along both axes, between a point and the texels that it is compared with */
 #define SHADOW_BIAS 0.5f /* texels */
 
-/* How far is the point in sight of the light, 0 to 1? normal: the surface's own there, unit length.
+/* The visibility of the light from a point, 0 to 1. normal: the surface's normal there, of unit length.
  *
- * Four texels around the point are compared and weighed (percentage-closer filtering, Reeves et al. 1987). On a map a
- * plane's nearness is linear: from one texel to the next it changes as if the plane were lifted by a texel's side, in
- * the world, times the cosine between that side and the plane's normal. A point that is moved by as much along the
- * normal lies before all of its own plane's texels (docs/theory/shadows.md). SHADOW_BIAS is for surfaces that are no
- * planes, and for rounding; the shadow's bias for things that their maps hold only to their slices' spacing.
+ * The depths of four texels around the point are compared, and the results interpolated (percentage-closer filtering,
+ * Reeves et al. 1987). A plane's nearness is linear on a map. From texel to texel, it changes as if the plane were
+ * moved along its normal by the texel's side, in the world, times the cosine between side and normal. So a point that
+ * is moved that far along the normal lies in front of all texels of its own plane (docs/theory/shadows.md). SHADOW_BIAS
+ * covers curved surfaces and rounding. The shadow's `bias` covers things whose maps are only as accurate as the spacing
+ * of their slices.
  */
 OUTLINED floatl visibility(Vector p, Vector normal SHADOW_PARAMETERS)
 {
     const float middle = 0.5f * (shadow.size - 1), safe = SHADOW_BIAS * fmax(shadow.texel_x, shadow.texel_y);
     floatl visible = 1.0f;
-    intl remaining = lane_index >= 0; /* points that no map has shown yet */
+    intl remaining = lane_index >= 0; /* points that no map so far contains */
     for (int i = 0; i < shadow.maps; i++) {
         global const float *m = shadow_views + SHADOW_VIEW * i, *r = m + 16;
-        float right[3], down[3]; /* as long as SHADOW_FILTER_RADIUS texels, where W is 1 */
+        float right[3], down[3]; /* vectors of SHADOW_FILTER_RADIUS texels, where W is 1 */
         UNROLLED
         for (int axis = 0; axis < 3; axis++) {
             right[axis] = SHADOW_FILTER_RADIUS * shadow.texel_x * shadow.texel_x * (m[axis] - middle * m[8 + axis]);
@@ -109,8 +110,8 @@ OUTLINED floatl visibility(Vector p, Vector normal SHADOW_PARAMETERS)
 }
 #endif
 
-/* Lights a colour of the point p; normal: of unit length; ahead: the unit direction in which it is seen; visible: 0
- * to 1 */
+/* Lights the colour of point p. normal: the unit normal; ahead: the unit viewing direction; visible: the light's
+ * visibility, 0 to 1 */
 INLINED void apply_light(Color *shade, Light light, Vector p, Vector normal, Vector ahead, floatl visible)
 {
     const ToLight to = to_light(light, p);

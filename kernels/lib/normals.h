@@ -1,12 +1,12 @@
 #ifndef LIB_NORMALS_H
 #define LIB_NORMALS_H
-/* Maps of normals. */
+/* Normal maps. */
 #include "lib/taps.h"
 #include "lib/texture.h"
 #include "lib/vectors.h"
 
-/* A level of a map of normals (height, width, 3), which has mipmaps as textures do, at (u, v), tiled or clamped,
- * bilinear: x along u, y along v, z along the normal. Those of the first level are of unit length. */
+/* Bilinear value at (u, v) of one mipmap level of a normal map (height, width, 3), tiled or clamped: x along u, y along
+ * v, z along the surface's normal. Normals of the first level have unit length. */
 INLINED Vector normal_in(global const float *map, int width, int height, intl level, floatl u, floatl v)
 {
     intl across = width, down = height;

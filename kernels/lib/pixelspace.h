@@ -1,6 +1,6 @@
 #ifndef LIB_PIXELSPACE_H
 #define LIB_PIXELSPACE_H
-/* Pixel space: what makes perspective and orthographic cameras one case.
+/* Pixel space: one coordinate system for perspective and orthographic cameras.
  *
  * A point is written as homogeneous (U, V, W, Q) of a camera: its pixel is (U/W, V/W) and its nearness is Q/W,
  * which is 1/z for a perspective camera and -z for an orthographic one. Larger is nearer in both; W > 0 is in
@@ -8,10 +8,10 @@
  * pixel space to another's is one 4x4 matrix (McMillan's warp equation with depth; Schaufler & Priglinger
  * 1999, equation 2). The last column of that matrix is the epipole: the image of the other camera's centre.
  */
-#define NO_SURFACE -1e37f /* nearness of a sample that is no surface, */
-#define FREE_RAY -2e37f   /* and of one whose ray is known to meet nothing */
-#define EMPTY -3e38f      /* nearness of a pixel that no ray has settled */
-#define BLOCKED -2e38f    /* nearness of a pixel whose ray met the hidden side of the surface */
+#define NO_SURFACE -1e37f /* nearness of an invalid sample */
+#define FREE_RAY -2e37f   /* nearness of a sample whose ray passes through empty space */
+#define EMPTY -3e38f      /* nearness of a pixel without a hit */
+#define BLOCKED -2e38f    /* nearness of a pixel whose ray hit the side of the surface that is not shown */
 #define IS_HIT(nearness) ((nearness) > -1e38f)
 
 typedef struct {
@@ -21,14 +21,14 @@ typedef struct {
     int src_pitch; /* samples from one row of nearness to the next */
     int dst_width, dst_height;
     int dst_pitch;      /* pixels from one row of the nearness image to the next */
-    int dst_perspective; /* how a nearness of the target becomes a depth */
+    int dst_perspective; /* 1: the target's nearness is 1/z; 0: -z */
 } PixelMap;
 
 #define NEAREST_DEPTH 1e-37f
 #define FARTHEST_DEPTH 1e37f
 
-/* Is a hit before the target's camera, at a depth that float32 holds? Behind a perspective one, rays are beyond
- * infinity. NEAREST_DEPTH is also the nearness of FARTHEST_DEPTH. */
+/* Tells whether a hit is in front of the target's camera, at a depth in the range of float32. Behind a perspective
+ * camera, rays continue beyond infinity. NEAREST_DEPTH is also the nearness of FARTHEST_DEPTH. */
 #define IS_BEFORE(perspective, nearness)                                                                       \
     (((perspective) ? (nearness) > NEAREST_DEPTH : (nearness) < -NEAREST_DEPTH) & (fabs(nearness) < FARTHEST_DEPTH))
 
@@ -41,8 +41,8 @@ typedef struct {
 /* The same at nearness n */
 #define MAP_ROW(m, row, x, y, n) (PIXEL_ROW(m, row, x, y) + (n) * (m)[4 * (row) + 3])
 
-/* An entry of the map's row for an axis, x: 0, y: 1: chosen by its bits, since compilers make an index of a condition,
- * and arrays with an index that is only known at run time are no registers. */
+/* An entry of the map's row for an axis (x: 0, y: 1). It is selected by bit operations: compilers turn a condition into
+ * an index, and an array that is indexed at run time cannot be in registers. */
 #define AXIS_ENTRY(m, axis, column)                                                                            \
     as_float((as_int((m)[column]) & ((axis) - 1)) | (as_int((m)[4 + (column)]) & -(axis)))
 #endif

@@ -1,18 +1,18 @@
 #ifndef LIB_PROMINENCE_H
 #define LIB_PROMINENCE_H
-/* How samples of a surface stand out over what lies around them, along rows and along columns. */
+/* Prominence: the nearness by which samples stand out from their surroundings, along rows and columns. */
 #include "lib/lanes.h"
 #include "lib/surface.h"
 
-#define PROMINENCE_BLOCK 16 /* samples of a row of which it is known how the most prominent one stands out */
+#define PROMINENCE_BLOCK 16 /* samples in a block of a row; each block stores its maximum prominence */
 
-/* A packet of samples and the next two on each side */
+/* A packet of samples and the two nearest neighbours on each side */
 typedef struct {
     floatl here, left_1, left_2, right_1, right_2, above_1, above_2, below_1, below_2;
 } Neighbours;
 
-/* Samples (x, y) to (x + LANES - 1, y) of the image's surface and those around them; no surface beyond its ring. Lanes
- * beside the image have no meaning. */
+/* Reads the samples (x, y) to (x + LANES - 1, y) and their neighbours. Samples outside of the ring are missing. Lanes
+ * outside of the image have arbitrary values. */
 INLINED Neighbours with_neighbours(Grid grid, int x, int y)
 {
     global const float *here = grid.nearness + y * grid.pitch + x;
@@ -31,8 +31,8 @@ INLINED Neighbours with_neighbours(Grid grid, int x, int y)
     return n;
 }
 
-/* What lies on a side of samples, within two of them: the least and the greatest nearness, (-INFINITY, INFINITY) if
- * they are torn from it; and by how much it changes itself */
+/* The two neighbours on one side of samples: their least and greatest nearness, (-INFINITY, INFINITY) if the side is
+ * torn off; and the difference of the two */
 typedef struct {
     floatl low, high, change;
 } Side;
@@ -41,7 +41,7 @@ typedef struct {
     Side left, right, above, below;
 } Sides;
 
-/* bits: of the samples that own the edges on the way */
+/* bits: bits of the samples that store the edges between the three */
 INLINED Side side_of(floatl next, floatl after, intl bits, int edge)
 {
     const floatl low = min_lanes(next, after), high = max_lanes(next, after);
@@ -61,8 +61,8 @@ INLINED Sides sides_of(Neighbours n)
     return all;
 }
 
-/* By how much of nearness samples stand out between two sides, as seen from the front or from the back: INFINITY if
- * they are torn from both */
+/* Nearness by which samples stand out between two sides, seen from the front or from the back: INFINITY if they are
+ * torn from both */
 #define PROMINENCE(here, a, b, back)                                                                           \
     ((back) ? min_lanes((a).high, (b).high) - (here) : (here) - max_lanes((a).low, (b).low))
 #endif

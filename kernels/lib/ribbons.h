@@ -1,16 +1,19 @@
 #ifndef LIB_RIBBONS_H
 #define LIB_RIBBONS_H
-/* Things one sample thin, as ribbons: wires, leaves, bars, as wide as the samples that measured them.
+/* Ribbons: surface for parts that are one sample wide, such as wires, leaves and bars.
  *
- * The surface of lib/surface.h ends at its last samples: what is one sample wide has no triangles, or single ones. A
- * sample is thin if no cell around it is whole. It is a square of one sample's side that is swept, straight, to each
- * neighbour that it is not torn from (a ribbon), or that stays where it is if there is none (a dot); to a neighbour
- * that is not thin, up to the middle of that one. What other samples saw stays theirs: in the pixel of another sample a
- * ribbon keeps clear of that sample's place. So a view from its own camera is its image. A ribbon is a plane: its
- * nearness changes along it alone, and is both samples' own at their places. Wires that
- * run aslant are seen as runs along rows (or columns) with steps of one sample between them; the middles of the squares
- * lie half a sample towards the next run where a run ends, and less the nearer to its middle: on the straight line, if
- * the wire is one. A middle reads up to 4 RUN_MAX samples.
+ * The surface of lib/surface.h ends at its last samples, so parts one sample wide have no triangles, or single ones. A
+ * sample is thin if no cell around it is whole. Its shape is a square with the side of a sample. The square is swept
+ * along a straight line to each neighbour that is not torn off (a ribbon), or stays in place if there is none (a dot).
+ * If the neighbour is not thin, the ribbon ends at the neighbour's middle.
+ *
+ * Ribbons never cover other samples: in the pixel of another sample, a ribbon keeps clear of the sample's position. So
+ * a view from the image's own camera equals the image. A ribbon is planar: nearness changes only along it, and equals
+ * the samples' nearness at their positions.
+ *
+ * An oblique wire appears as runs along rows (or columns), with steps of one sample between runs. At the end of a run,
+ * the squares' middles are moved by half a sample towards the next run, and by less towards the run's middle, so that a
+ * straight wire stays straight. A middle reads up to 4 RUN_MAX samples.
  */
 #include "lib/surface.h"
 
@@ -18,18 +21,18 @@
 /* Several launches must find the same ribbons to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
-#define RUN_MAX 32 /* samples of a run to either side that are looked at: it is straight to a sixtieth if it is longer */
-#define NEIGHBOURS 9     /* from a sample, by rows to each neighbour, */
-#define SELF 4   /* and to itself */
-#define CLEARANCE 0.05f /* samples: more than cameras move by rounding, and less than is seen */
+#define RUN_MAX 32 /* most samples of a run that are read to each side; a longer run is straight to a sixtieth */
+#define NEIGHBOURS 9     /* a sample's 3 x 3 neighbours, row by row, including itself */
+#define SELF 4   /* number of the sample itself */
+#define CLEARANCE 0.05f /* samples: greater than rounding of cameras, and too small to be seen */
 
-/* A ribbon from the middle of one sample to that of another. */
+/* A ribbon between the middles of two samples. */
 typedef struct {
     float x, y;        /* the first middle */
-    float dx, dy;      /* to the second one; 0 of a dot */
-    float n, gu, gv;   /* nearness at the first middle, and its change */
-    float part, part_u, part_v; /* of the way between the samples: 0 at the first one, 1 at the second; as nearness */
-    int ends;          /* at the second middle, without half a square beyond */
+    float dx, dy;      /* vector to the second middle; 0 for a dot */
+    float n, gu, gv;   /* nearness at the first middle, and its gradient */
+    float part, part_u, part_v; /* position between the samples, 0 to 1, at the first middle, and its gradient */
+    int ends;          /* 1: the ribbon ends at the second middle; 0: half a square beyond */
     int2 from, to;     /* the samples */
 } Ribbon;
 
@@ -44,7 +47,7 @@ int joined(Grid grid, int ax, int ay, int bx, int by)
     const float a = sample_at(grid, ax, ay), b = sample_at(grid, bx, by);
     if (fmin(a, b) <= NO_SURFACE)
         return 0;
-    if ((bx - ax) * (by - ay) == 1) /* from upper left to lower right: no bit tells */
+    if ((bx - ax) * (by - ay) == 1) /* from upper left to lower right: there is no bit */
         return !IS_OPEN(grid.cut, fmax(a, b), fmin(a, b));
     const int bit = ay == by ? TORN_RIGHT : (ax == bx ? TORN_BELOW : TORN_DIAGONAL);
     return !(as_int(sample_at(grid, min(ax, bx), min(ay, by))) & bit);
@@ -63,8 +66,8 @@ int is_thin(Grid grid, int x, int y)
     return 1;
 }
 
-/* The end of the run through (x, y) along (dx, dy): x: how far it is; y: 1 or -1, if the run goes on one sample
- * aside. */
+/* The end of the run through (x, y) along (dx, dy). Component x: the distance; y: 1 or -1 if the next run continues one
+ * sample to this side, else 0. */
 float2 run_end(Grid grid, int x, int y, int dx, int dy)
 {
     const int aside_x = abs(dy), aside_y = abs(dx);
@@ -73,8 +76,8 @@ float2 run_end(Grid grid, int x, int y, int dx, int dy)
             continue;
         float step = 0.0f, reach = i + 0.5f;
         for (int side = -1; side <= 1; side += 2) {
-            const int bx = x + side * aside_x, by = y + side * aside_y; /* beside the last sample, */
-            if (!joined(grid, x, y, bx + dx, by + dy))                  /* and where the next run goes on */
+            const int bx = x + side * aside_x, by = y + side * aside_y; /* next to the last sample */
+            if (!joined(grid, x, y, bx + dx, by + dy))                  /* the start of the next run */
                 continue;
             step += side;
             if (joined(grid, x, y, bx, by) && joined(grid, bx, by, bx + dx, by + dy))
@@ -85,7 +88,7 @@ float2 run_end(Grid grid, int x, int y, int dx, int dy)
     return (float2)(RUN_MAX, 0.0f);
 }
 
-/* Where the middle of the wire lies at sample (x, y). */
+/* The middle of the wire at sample (x, y). */
 float2 middle_of(Grid grid, int x, int y)
 {
     const float2 left = run_end(grid, x, y, -1, 0), right = run_end(grid, x, y, 1, 0);
@@ -97,8 +100,8 @@ float2 middle_of(Grid grid, int x, int y)
     return along_x ? (float2)(x, y + aside) : (float2)(x + aside, y);
 }
 
-/* Is there a ribbon from thin sample (x, y) to the neighbour at (dx, dy)? Not if two samples around a corner link
- * them. */
+/* Tells whether there is a ribbon from thin sample (x, y) to the neighbour at (dx, dy). A diagonal neighbour that is
+ * linked around a corner has none. */
 int is_linked(Grid grid, int x, int y, int dx, int dy)
 {
     if (!joined(grid, x, y, x + dx, y + dy))
@@ -121,7 +124,7 @@ Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
     const float2 swept = (ribbon.ends ? convert_float2(to) : middle_of(grid, to.x, to.y)) - middle;
     ribbon.dx = swept.x;
     ribbon.dy = swept.y;
-    /* Along the sweep, unless the samples lie side by side on it */
+    /* Along the sweep, unless it is nearly perpendicular to the line between the samples */
     const float2 along = dot(swept, way) > 0.25f ? swept : way, per_way = along / dot(along, way);
     const float rise = sample_at(grid, to.x, to.y) - ribbon.n;
     ribbon.part = dot(middle - convert_float2(from), per_way);
@@ -153,7 +156,7 @@ int belongs_to_another(Ribbon ribbon, float2 p)
     return side * dot(p - other, across) > -CLEARANCE * length(across);
 }
 
-/* Does thin sample (x, y) own the ribbon to a neighbour? Of two thin samples the first does. */
+/* Tells whether thin sample (x, y) owns the ribbon to a neighbour. The first of two thin samples owns their ribbon. */
 int is_first_of(Grid grid, int x, int y, int neighbour)
 {
     if (neighbour == SELF) {

@@ -1,6 +1,6 @@
 #ifndef LIB_SCREEN_H
 #define LIB_SCREEN_H
-/* The target of a rendering: its camera's pixel space (lib/pixelspace.h) over the world. */
+/* The screen of a rendering: maps between the world and the camera's pixel space (lib/pixelspace.h). */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
 #include "lib/vectors.h"
@@ -14,21 +14,20 @@ typedef struct {
     float to_world[16];   /* the inverse */
     int width, height;
     int perspective;
-    float nearest; /* the near plane: nearness beyond it is not drawn */
+    float nearest; /* the near plane: greater nearness is not drawn */
 } Screen;
 
-/* The nearness that the target's picture has at a pixel already; EMPTY where nothing is drawn. */
+/* The nearness that is already drawn at a pixel; EMPTY if none. */
 float drawn_nearness(Screen screen, float depth)
 {
     return isnan(depth) ? EMPTY : DEPTH_OF(screen.perspective, depth);
 }
 
-/* The depth of what is drawn: it is never 0, which means that nothing is there, though an orthographic camera may
- * stand in the scene */
+/* The depth to draw. It is never 0, which means an empty pixel, even if an orthographic camera stands in the scene. */
 #define DRAWN_DEPTH(screen, nearness)                                                                          \
     fmin(fmax(DEPTH_OF((screen).perspective, nearness), NEAREST_DEPTH), FARTHEST_DEPTH)
 
-/* What the pixel (x, y) sees at nearness n, in the world, relative to the screen's origin */
+/* The point that pixel (x, y) shows at nearness n, in the world, relative to the screen's origin */
 INLINED Vector point_at(Screen screen, floatl x, floatl y, floatl n)
 {
     const float *m = screen.to_world;
@@ -38,14 +37,14 @@ INLINED Vector point_at(Screen screen, floatl x, floatl y, floatl n)
     return p;
 }
 
-/* The nearness of a point in the world; of a perspective picture's, negative behind the eye */
+/* The nearness of a point in the world; negative behind a perspective camera */
 INLINED floatl nearness_of(Screen screen, Vector p)
 {
     const float *m = screen.from_world;
     return POINT_ROW(m, 3, p) / POINT_ROW(m, 2, p);
 }
 
-/* The unit direction in which the picture sees a point */
+/* The unit viewing direction at a point */
 INLINED Vector view_direction(Screen screen, Vector p)
 {
     const float *m = screen.to_world;
@@ -53,7 +52,7 @@ INLINED Vector view_direction(Screen screen, Vector p)
     return normalized(screen.perspective ? minus(p, centre) : along);
 }
 
-/* The unit direction of a perspective picture's ray, however near to its eye that is */
+/* The unit direction of a perspective picture's ray, accurate for points near the eye, too */
 INLINED Vector ray_direction(Screen screen, floatl x, floatl y)
 {
     const float *m = screen.to_world;

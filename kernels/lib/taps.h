@@ -1,16 +1,16 @@
 #ifndef LIB_TAPS_H
 #define LIB_TAPS_H
-/* The four texels around a place of a map, of which bilinear values are made. */
+/* The four texels around a position on a map, for bilinear interpolation. */
 #include "lib/lanes.h"
 #include "lib/wrap.h"
 
 typedef struct {
-    intl column, row; /* of the first */
-    intl at[4];       /* row by row */
-    floatl fx, fy;    /* how far the place is from the first to the last, 0 to 1 */
+    intl column, row; /* position of the first texel */
+    intl at[4];       /* indices of the texels, row by row */
+    floatl fx, fy;    /* position between the texels, 0 to 1 from the first to the last */
 } Taps;
 
-/* Around (x, y), counted from the first texel's centre; beyond the border it counts as on it. */
+/* Taps around (x, y), relative to the first texel's centre. Positions outside are moved to the border. */
 INLINED Taps clamped_taps(int width, int height, floatl x, floatl y)
 {
     const floatl cx = clamp_lanes(x, (floatl)0.0f, (floatl)(width - 1));
@@ -23,11 +23,11 @@ INLINED Taps clamped_taps(int width, int height, floatl x, floatl y)
     return taps;
 }
 
-/* The two texels around a place of one axis of a map, whose whole length is 1. Returns how far it is from the first
- * to the second. */
+/* The two texels around a position on one axis of a map, whose length is 1. Returns the position between them, 0 to 1
+ * from the first to the second. */
 INLINED floatl taps_along(int clamped, intl size, floatl place, intl *first, intl *second)
 {
-    /* Inactive lanes may hold anything: none may read beyond the map. */
+    /* Inactive lanes may have any value, but must not read outside of the map. */
     const floatl length = to_floatl(size);
     if (clamped) {
         const floatl t = clamp_lanes(place * length - 0.5f, (floatl)0.0f, length - 1.0f), whole = truncated(t);
@@ -42,7 +42,7 @@ INLINED floatl taps_along(int clamped, intl size, floatl place, intl *first, int
     return t - whole;
 }
 
-/* Around (u, v) of a map whose whole width is 1, and its height */
+/* Taps around (u, v), each from 0 to 1 over the map */
 INLINED Taps map_taps(intl width, intl height, floatl u, floatl v)
 {
     intl left, right, up, down;
@@ -52,7 +52,7 @@ INLINED Taps map_taps(intl width, intl height, floatl u, floatl v)
     return taps;
 }
 
-/* Of the four texels, row by row, at a place so far from the first to the last */
+/* Bilinear weights of the four texels, row by row, at position (fx, fy) between them */
 INLINED void tap_weights(floatl fx, floatl fy, floatl *weights)
 {
     const floatl gx = 1.0f - fx, gy = 1.0f - fy;
@@ -62,7 +62,7 @@ INLINED void tap_weights(floatl fx, floatl fy, floatl *weights)
     weights[3] = fx * fy;
 }
 
-/* The mean of the taps' values */
+/* The weighted mean of the taps' values */
 INLINED floatl bilinear(Taps taps, floatl aa, floatl ab, floatl ba, floatl bb)
 {
     const floatl top = (1.0f - taps.fx) * aa + taps.fx * ab, bottom = (1.0f - taps.fx) * ba + taps.fx * bb;

@@ -1,14 +1,14 @@
 #ifndef LIB_TEXTURE_H
 #define LIB_TEXTURE_H
-/* Textures with their mipmaps, tiled or clamped (lib/wrap.h): RGBA bytes, level by level from the largest, each half
- * the size of the one before, rounded down (Williams 1983).
+/* Textures with mipmaps, tiled or clamped (lib/wrap.h): RGBA bytes, level by level from the largest. Each level has
+ * half the size of the previous one, rounded down (Williams 1983).
  */
 #include "lib/color.h"
 #include "lib/taps.h"
 
 #define LEVELS_MAX 16
 
-/* Where a level begins, in texels; width and height: the first's, which become the level's */
+/* The start of a level, in texels. width and height: size of the first level, which becomes the size of `level` */
 INLINED intl start_of_level(intl level, intl *width, intl *height)
 {
     intl start = 0;
@@ -23,7 +23,7 @@ INLINED intl start_of_level(intl level, intl *width, intl *height)
     return start;
 }
 
-/* Adds a texture's level, which begins at `start`, at (u, v), times a weight. */
+/* Adds the bilinear value at (u, v) of a texture's level, which begins at `start`, times a weight. */
 INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl start, intl w, intl h, floatl weight,
                         Color *sum)
 {
@@ -37,7 +37,7 @@ INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl star
     }
 }
 
-/* The level whose texels are as large as a pixel, which covers sqrt(texels_2) of the first level's along a side */
+/* The level whose texels are as large as a pixel. The pixel's side covers sqrt(texels_2) texels of the first level. */
 intl level_of_texels(floatl texels_2, int level_count)
 {
     const floatl finite = select_lanes(isfinite_lanes(texels_2), max_lanes(texels_2, (floatl)1.0f), (floatl)1.0f);

@@ -1,6 +1,6 @@
 #ifndef LIB_VECTORS_H
 #define LIB_VECTORS_H
-/* Points and directions in space, one a lane. */
+/* Points and directions in space, one per lane. */
 #include "lib/lanes.h"
 
 typedef struct {
@@ -13,7 +13,7 @@ typedef struct {
 #define POINT_ROW(m, row, p)                                                                                   \
     ((m)[4 * (row)] * (p).x + (m)[4 * (row) + 1] * (p).y + (m)[4 * (row) + 2] * (p).z + (m)[4 * (row) + 3])
 
-/* Of an array of vectors, those of the given numbers */
+/* The vectors of an array at the given indices */
 INLINED Vector vector_at(global const float *vectors, intl number)
 {
     Vector v;
