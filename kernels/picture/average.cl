@@ -1,23 +1,22 @@
-/* Anti-aliasing: each pixel from its samples, which lie on a regular grid of `side` x `side` within it.
+/* Antialiasing: averages the samples of each pixel, a regular grid of `side` x `side`.
  *
- * Colour is the mean of all samples, of which those that show nothing are black: colour times coverage. Depth is of
- * what is in front: the mean nearness (affine on a plane) of all samples if the pixel shows one surface, else of those
- * that lie closer to the nearest one than to the farthest. Samples of filled holes have a colour and a depth, but are
- * not valid: their colours count, as what shows beside the things; their depths do where a pixel has no other sample.
- * sample_depth, sample_color, sample_valid: (side * height, side * width), depth NaN, colour and valid 0 where nothing
- * shows. depth, color: (height, width); valid: whether any sample is; alpha: the share of the samples that are valid.
- * GUESSES: sample_guesses: depths of guessed surface; guesses: the pixels' depths where any sample shows such, else
- * NaN. Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
+ * The colour is the mean of all samples. Empty samples are black, so it is colour times coverage. The depth is that of
+ * the front surface: the mean nearness (affine on a plane) of all samples if the pixel shows one surface, otherwise of
+ * the samples that are closer to the nearest one than to the farthest. Samples of filled holes have a colour and a
+ * depth, but are not valid. Their colours count; their depths count only in pixels without valid samples.
+ * sample_depth, sample_color, sample_valid: (side * height, side * width); depth NaN, and colour and valid 0, if empty.
+ * depth, color: (height, width); valid: 1 if any sample is valid; alpha: the share of valid samples. GUESSES:
+ * sample_guesses: depths of guessed surface; guesses: the pixels' depths if any sample shows guessed surface, else NaN.
+ * Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
 
 #ifndef GUESSES
-#define GUESSES 0 /* 1: which pixels show guessed surface is told, too */
+#define GUESSES 0 /* 1: pixels that show guessed surface are marked, too */
 #endif
 
-/* Nearness of samples, as good a measure of depth in orthographic pictures; NaN: nothing, or, of pixels in
- * `seen_alone`, a filled hole */
+/* Nearness of samples; NaN if empty. In pixels of the mask `seen_alone`, filled holes are NaN, too. */
 INLINED floatl nearness_of_samples(global const float *sample_depth, global const uchar *sample_valid, intl at,
                                    int perspective, intl seen_alone)
 {
@@ -29,13 +28,13 @@ INLINED floatl nearness_of_samples(global const float *sample_depth, global cons
     return select_lanes(seen_alone & !seen, (floatl)NAN, n);
 }
 
-/* What depth is made of: of the samples that count, the least and the greatest nearness, the sum, and how many */
+/* Nearness of the samples that count: least, greatest and sum, and their number */
 typedef struct {
     floatl low, high, sum;
     intl count;
 } Depths;
 
-/* Of those at least at `least` */
+/* Depths of the samples whose nearness is `least` or more */
 INLINED Depths depths_of(global const float *sample_depth, global const uchar *sample_valid, intl first, int side,
                          int width, int perspective, intl seen_alone, floatl least)
 {
@@ -44,7 +43,7 @@ INLINED Depths depths_of(global const float *sample_depth, global const uchar *s
         for (int i = 0; i < side; i++) {
             const intl at = first + (j * side * width + i);
             const floatl n = nearness_of_samples(sample_depth, sample_valid, at, perspective, seen_alone);
-            const intl counts = n >= least; /* not of NaN */
+            const intl counts = n >= least; /* false for NaN */
             depths.low = select_lanes(counts, min_lanes(n, depths.low), depths.low);
             depths.high = select_lanes(counts, max_lanes(n, depths.high), depths.high);
             depths.sum += select_lanes(counts, n, (floatl)0.0f);
@@ -64,7 +63,7 @@ void average_packet(global const float *sample_depth, global const channel *samp
     intl seen = 0, seen_alone = 0;
     Depths depths = depths_of(sample_depth, sample_valid, first, side, width, perspective, seen_alone, all);
     const intl shown = depths.count;
-    if (any_lane(shown != 0)) /* most packets of many pictures are empty */
+    if (any_lane(shown != 0)) /* in many pictures, most packets are empty */
         for (int j = 0; j < side; j++)
             for (int i = 0; i < side; i++) {
                 const intl at = first + (j * side * width + i);
@@ -101,7 +100,7 @@ void average_packet(global const float *sample_depth, global const channel *samp
 }
 
 #if GUESSES
-/* Where any sample of a packet's pixels shows guessed surface: the pixels' depths */
+/* Writes the depths of a packet's pixels if any of their samples shows guessed surface, else NaN. */
 INLINED void average_guesses(global const float *sample_depth, global const float *sample_guesses, int side, int width,
                              global const float *depth, global float *guesses, int x0, int y)
 {

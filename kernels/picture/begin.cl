@@ -1,4 +1,4 @@
-/* What nearly every picture of images begins with, as one program: building one takes longer than what is in it. */
+/* The first kernels of nearly every picture of images, as one program: each program adds a fixed time to builds. */
 #include "lib/clear.cl"
 #include "picture/noise.cl"
 #include "picture/prepare.cl"

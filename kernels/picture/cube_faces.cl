@@ -1,28 +1,27 @@
-/* A lens's picture from the faces of a cube (or from one pinhole's picture): each pixel reads where its own ray passes.
+/* A lens's picture from the faces of a cube, or from one pinhole picture: each pixel reads along its own ray.
  *
- * Nearness (affine on a plane) and colour are interpolated between the four pixels around, if these show one surface;
- * at the edges of surfaces, beside holes, and if `linear` is 0, they are the nearest pixel's. Four pixels show one
- * surface if all show something, and every step between neighbours is small or as large as the next one beside it: a
- * slope is no edge, however steep. With `filled` holes show something, too, but what was seen is read as if they did
- * not. places: (3, height, pitch) u and v in the face, NaN for pixels that are none of its own, and depth in the
- * lens's frame over depth in the picture's. face_depth, face_color, face_valid: (face_height, face_width), depth NaN
- * where there is nothing. depth, color, valid: (height, width); pixels of other faces stay, or with `first` are
- * emptied. ORIGINS: where pixels come from, CLASSES: what they are, and GUESSES: which of them show guessed surface,
- * is carried over, too; pixels without a ray are `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels).
- * Determinism: every pixel on its own.
+ * If the four surrounding pixels show one surface, nearness (affine on a plane) and colour are interpolated. At the
+ * edges of surfaces, next to holes, and if `linear` is 0, they are taken from the nearest pixel. Four pixels show one
+ * surface if none is empty, and each step between neighbours is small or equal to the next step in line, so that
+ * slopes of any steepness are not edges. With `filled`, holes are not empty, but pixels whose nearest pixel was seen
+ * ignore them. places: (3, height, pitch) u and v in the face, NaN for pixels of other faces, and the ratio of the
+ * depths in the lens's frame and in the face's frame. face_depth, face_color, face_valid: (face_height, face_width),
+ * depth NaN if empty. depth, color, valid: (height, width); pixels of other faces stay, or are emptied with `first`.
+ * ORIGINS, CLASSES, GUESSES: origins, classes and guesses are copied, too; pixels without a ray get the class
+ * `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
 #include "lib/taps.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: where pixels come from is carried over, too: `source`, (..., 2), in the view `source_view` */
+#define ORIGINS 0 /* 1: origins of pixels are copied, too: `source`, (..., 2), in the view `source_view` */
 #endif
 #ifndef CLASSES
-#define CLASSES 0 /* 1: what pixels are is carried over, too */
+#define CLASSES 0 /* 1: classes of pixels are copied, too */
 #endif
 #ifndef GUESSES
-#define GUESSES 0 /* 1: which pixels show guessed surface, at whose depth `guesses` is, is carried over, too */
+#define GUESSES 0 /* 1: depths of guessed surface, `guesses`, are copied, too */
 #endif
 
 /* A face's picture */
@@ -33,17 +32,17 @@ typedef struct {
     int width, height;
 } Face;
 
-/* What a packet's pixels read from a face */
+/* Values that a packet's pixels read from a face */
 typedef struct {
-    intl own;         /* they have a place on it */
-    intl x, y, whole; /* the first of the four pixels around, and whether these show one surface */
-    intl nearest;     /* the index of the nearest one */
+    intl own;         /* mask of the pixels of this face */
+    intl x, y, whole; /* the first of the four surrounding pixels, and whether these show one surface */
+    intl nearest;     /* index of the nearest pixel */
     floatl weights[4], z;
     Color color;
 } Reading;
 
-/* Nearness at columns and rows that may lie beyond the border; NaN: nothing, or a filled hole where what was `seen` is
- * wanted. */
+/* Nearness at columns and rows that may lie outside; NaN if empty. In lanes of the mask `seen`, filled holes are NaN,
+ * too. */
 INLINED floatl face_nearness(Face face, intl seen, intl column, intl row)
 {
     intl known = (column >= 0) & (column < face.width) & (row >= 0) & (row < face.height);
@@ -53,7 +52,7 @@ INLINED floatl face_nearness(Face face, intl seen, intl column, intl row)
     return select_lanes(known, 1.0f / (floatl)(gather(face.depth, at)), (floatl)NAN);
 }
 
-/* Is the step from b to c small, or as large as that from a to b, or from c to d? NaN is none of these. */
+/* Tells whether the step from b to c is small, or equals the step from a to b or from c to d. False for NaN. */
 INLINED intl is_on_slope(floatl a, floatl b, floatl c, floatl d)
 {
     const floatl step = c - b, small = ONE_SURFACE * min_lanes(b, c);
@@ -115,7 +114,7 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     return read;
 }
 
-/* The first `count` of a packet's pixels; what is not on the face is emptied, or stays. */
+/* Writes the first `count` of a packet's pixels; pixels of other faces are emptied, or stay. */
 INLINED void write_packet(const Reading *read, Face face, int count, int empties, global float *depth,
                           global channel *color, global uchar *valid)
 {
@@ -139,7 +138,7 @@ INLINED void write_packet(const Reading *read, Face face, int count, int empties
 }
 
 #if ORIGINS
-/* Where they come from */
+/* Writes the origins of pixels. */
 INLINED void copy_origins(const Reading *read, Face face, int count, int empties, global const float *face_source,
                           global const int *face_source_view, global float *source, global int *source_view)
 {
@@ -171,7 +170,7 @@ INLINED void copy_origins(const Reading *read, Face face, int count, int empties
 #endif
 
 #if CLASSES
-/* What they are */
+/* Writes the classes of pixels. */
 INLINED void copy_classes(const Reading *read, int count, int empties, global const uchar *face_classes,
                           global uchar *classes, int unseen)
 {
@@ -185,7 +184,7 @@ INLINED void copy_classes(const Reading *read, int count, int empties, global co
 #endif
 
 #if GUESSES
-/* Which show guessed surface: those that were made of any pixel that does */
+/* Writes the depths of pixels that show guessed surface: one guessed pixel of the face suffices. */
 INLINED void copy_guesses(const Reading *read, Face face, int count, global const float *face_guesses,
                           global const float *depth, global float *guesses)
 {
@@ -200,7 +199,7 @@ INLINED void copy_guesses(const Reading *read, Face face, int count, global cons
             const int at = whole ? corner + (i >> 1) * face.width + (i & 1) : nearest;
             guessed |= face_guesses[at] == face.depth[at];
         }
-        guesses[lane] = guessed && face.valid[nearest] ? depth[lane] : NAN; /* beside a hole that was filled */
+        guesses[lane] = guessed && face.valid[nearest] ? depth[lane] : NAN; /* not in filled holes */
     }
 }
 #endif

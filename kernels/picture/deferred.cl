@@ -1,19 +1,18 @@
-/* Light on what is made of images, once all things are drawn: deferred shading.
+/* Deferred lighting of things made of images, after all things are drawn.
  *
- * The G-buffer (lib/gbuffer.h) tells which pixels show such things. RELIT 0: their colours hold the light that they
- * were taken in, and shadows alone are added. A point in shadow keeps the light's ambient part; so does one whose
- * surface turns away from the light, towards which it fades over `fade` of the cosine. RELIT 1: their colours are the
- * surface's own, and are shaded as meshes are (lib/light.h), by the thing's normals, or where it has none by those of
- * its depths in the picture, `neighbour_offset` pixels away. A normal that points away from the viewer is of the
- * surface's back, and is turned round. For the shadow maps normals are always those of the depths, since others may be
+ * The G-buffer (lib/gbuffer.h) marks the pixels that show such things. RELIT 0: their colours contain the light of
+ * the photograph, so only shadows are added. A point in shadow keeps the light's ambient part. So does a point whose
+ * surface faces away from the light; direct light fades to 0 over the cosines from `fade` to 0. RELIT 1: colours are
+ * the surface's own and are shaded as on meshes (lib/light.h), by the thing's normals, or by normals from the
+ * picture's depths `neighbour_offset` pixels away. A normal that points away from the viewer belongs to the surface's
+ * back and is reversed. For shadow maps, normals always come from depths, since the thing's normals may be
  * interpolated.
  *
- * entered, numbers, normals: depth, thing and normal of the G-buffer; normals are read of no thing without them.
- * things: (things, THING) of each: scene units by which it may lie before its surface in a map; pixels between the
- * depths that tell its slope; cosine from which it fades, 0 for solids, whose fronts hide their backs in the map; 1 if
- * it has normals. depth, color: the picture.
- * Work-item: LANES pixels of a row. Cost: O(pixels), once for each thing that a work-item's pixels show. Determinism:
- * every pixel on its own.
+ * entered, numbers, normals: depth, thing and normal of the G-buffer; normals are only read for things that have
+ * them. things: (things, THING); for each thing, the shadow bias in scene units; the pixels between the depths from
+ * which slopes are computed; the cosine `fade`, 0 for solids, whose fronts shadow their backs; 1 if it has normals.
+ * depth, color: the picture. Work-item: LANES pixels of a row. Cost: O(pixels), once for each thing that a
+ * work-item's pixels show. Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/light.h"
@@ -23,12 +22,12 @@
 #define RELIT 0 /* 1: colours are the surface's own */
 #endif
 #define THING 4
-#define BACKFACING 0.2f /* cosine by which interpolated normals of visible surfaces may point away from the viewer */
-#define SHORTEST_MEAN 0.1f /* shorter interpolated normals have no certain direction: 8 bits hold them to 0.004 */
+#define BACKFACING 0.2f /* cosine up to which interpolated normals of visible surfaces may point away from the viewer */
+#define SHORTEST_MEAN 0.1f /* shorter interpolated normals have no certain direction: 8 bits resolve 0.004 */
 
 #if RELIT
-/* A thing's normals, turned to the viewer, who looks `ahead`; where they are too short to be known, those of its
- * depths, `facing` */
+/* A thing's normals, turned towards the viewer, who looks along `ahead`. Where they are too short, the normals from
+ * depths, `facing`. */
 INLINED Vector normal_of(global const float *normals, intl pixel, Vector facing, Vector ahead)
 {
     const Vector mapped = vector_at(normals, pixel);

@@ -1,22 +1,23 @@
-/* The surface of a depth image: its samples, which of them are torn apart, and half a pixel more at its border.
+/* The surface of a depth image: its samples, the edges between them, and half a pixel more at the border.
  *
- * Two neighbours are one surface if it faces the camera (their difference of nearness is that of no steep slope), or if
- * it goes on: the slope on one side foretells their rise. From one side alone the slope may grow by a tenth. It may grow
- * more if the other side is steep in the same direction, or has no sample: a surface that bends away is steep on both sides
- * or ends, and a step from its limb to another surface is steep on one. A sample between two surfaces, half of each, goes
- * on to neither: two of three samples agree on half of its rise. Noise and the steps of a scale make no edges;
- * the mean of three lines beside each other foretells with less noise. Or, by number, depths of a greater ratio are torn
- * apart (Cut).
+ * Two neighbours are one surface if the surface faces the camera (their difference of nearness is too small for a
+ * steep slope), or if it continues: the slope on one side predicts the rise between them. The predicted slope may
+ * grow by a tenth. It may grow more if the other side is steep in the same direction, or has no sample: a surface
+ * that bends away is steep on both sides or ends, but a step from its limb to another surface is steep on one side
+ * only. A mixed sample between two surfaces continues to neither, because the three nearest samples agree only on
+ * half of its rise. Noise and the steps of a quantized scale are not edges; the mean slope of three adjacent lines
+ * predicts with less noise. Alternatively, a Cut tears depths apart whose ratio is too large.
  *
- * A sample covers its pixel: beyond the outermost samples lies a ring of further ones, each on the straight line through
- * the two within, so that the surface can be followed up to the edges of the picture's pixels (lib/surface.h), where it
- * ends.
+ * A sample covers its pixel. So a ring of further samples surrounds the outermost ones, each on the straight line
+ * through the two samples inside. With the ring, the surface extends to the edges of the image's pixels
+ * (lib/surface.h).
  *
- * nearness: (height, pitch) of picture/nearness.cl. noise: picture/noise.cl. surface: (height + 2, pitch), the same with
- * the ring; the last bits of each sample are its TORN_... bits, which change it by 5e-7 of itself at most. ring: (2, 2 width +
- * 2 height + 4) nearness half a pixel beyond each border sample, least and greatest: (inf, -inf) if there is no surface.
- * Work-item: find_edges takes `piece` samples of a row, a multiple of LANES or all; continue_border, launched after it, a
- * sample of the ring. Cost: O(samples). Determinism: each sample from depths alone.
+ * nearness: (height, pitch) of picture/nearness.cl. noise: picture/noise.cl. surface: (height + 2, pitch) nearness
+ * with the ring; the last bits of each sample are its TORN_... bits, which change it by at most 5e-7 of its value.
+ * ring: (2, 2 width + 2 height + 4) nearness half a pixel beyond each border sample, least and greatest; (inf, -inf)
+ * if invalid.
+ * Work-item: find_edges takes `piece` samples of a row, a multiple of LANES or the whole row; continue_border,
+ * launched after it, a sample of the ring. Cost: O(samples). Determinism: each sample from depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -26,7 +27,7 @@ typedef struct {
     int width, height, pitch;
 } Image;
 
-/* Samples (x, y), one a lane; no surface beside the image */
+/* Samples (x, y), one per lane; NO_SURFACE outside of the image */
 INLINED floatl image_samples(Image image, intl x, intl y)
 {
     const intl inside = (x >= 0) & (x < image.width) & (y >= 0) & (y < image.height);
@@ -34,21 +35,21 @@ INLINED floatl image_samples(Image image, intl x, intl y)
     return select_lanes(inside, (floatl)(gather(image.nearness, at)), (floatl)NO_SURFACE);
 }
 
-#define KEEP_GROWTH 0.1f   /* growth of a slope from one side alone: an edge is steeper than what leads to it */
-#define BEND_GROWTH 0.6f   /* growth if the other side is steep, too, or ends: a sphere's last slopes grow by less than half */
-#define STEEP_TIMES 4.0f  /* a pair is at most so many times as steep as a side that bends to it, */
-#define SAME_TIMES 2.05f  /* or as what both sides agree on: a sample less, as where a slope is rounded to steps */
-#define LEAST_RISE 0.05f /* share of a slope: a pair that rises by less is a step beside a greater one */
+#define KEEP_GROWTH 0.1f   /* growth of the slope on one side: rises at edges are steeper than the slope before */
+#define BEND_GROWTH 0.6f   /* growth if the other side is steep or ends: a sphere's last slopes grow by under half */
+#define STEEP_TIMES 4.0f  /* a pair may be so many times as steep as the other side of a bend, */
+#define SAME_TIMES 2.05f  /* or as the slope that both sides agree on: rounding to steps may double a rise */
+#define LEAST_RISE 0.05f /* share of the slope: a pair with a smaller rise is next to a step */
 
-/* Slopes on one side of a pair, in the direction in which the pair rises: by the nearest two samples, and the lesser of that
- * and the mean of the nearest three, or 0. A sample between two surfaces halves it. */
+/* Slopes on one side of a pair, in the direction in which the pair rises. `nearest`: from the two nearest samples;
+ * `agreed`: the smaller of it and the mean slope of the three nearest, at least 0. A mixed sample halves `agreed`. */
 typedef struct {
     floatl nearest, agreed;
     intl known;
 } Slope;
 
-/* The slope from sample `a` of a pair outwards. (A choice of the result instead is more than Debian 13's LLVM compiles for
- * one lane.) */
+/* The slope from sample `a` of a pair outwards. (Debian 13's LLVM cannot compile a selection of the results for one
+ * lane, so the operands are selected.) */
 INLINED Slope slope_at(Image image, intl x, intl y, intl dx, intl dy, floatl sign)
 {
     const floatl a = image_samples(image, x, y), next = image_samples(image, x + dx, y + dy);
@@ -62,14 +63,14 @@ INLINED Slope slope_at(Image image, intl x, intl y, intl dx, intl dy, floatl sig
     return slope;
 }
 
-/* Does a rise follow a slope that may grow by a part of itself? */
+/* Tells whether a rise follows a slope that may grow by the factor 1 + growth. */
 INLINED intl follows(floatl rise, floatl slope, floatl growth, floatl allowed)
 {
     const floatl sure = max_lanes(slope - allowed, (floatl)0.0f);
     return (rise <= slope + allowed + growth * sure) & (rise >= LEAST_RISE * sure);
 }
 
-/* Does a rise go on from one side, given the other? */
+/* Tells whether a rise continues the surface of one side, given the other side. */
 INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
 {
     const intl bends = (STEEP_TIMES * other.nearest >= rise - allowed) | !other.known;
@@ -77,7 +78,7 @@ INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
     return side.known & follows(rise, select_lanes(bends, side.nearest, side.agreed), growth, allowed);
 }
 
-/* Does a rise follow the mean slope on one side of three lines, where it is known? */
+/* Tells whether a rise follows the mean of the known slopes on one side of three lines. */
 INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed)
 {
     const floatl count = fabs(to_floatl(a.known + b.known + c.known)); /* true is 1 for one lane, -1 for many */
@@ -87,8 +88,8 @@ INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed
 
 #define ROUNDED_DOWN 0.999999f /* less than rounding */
 
-/* Does a surface go on from the wanted samples (x, y) to the next along (dx, dy)? Rows and columns also ask the lines beside
- * them, diagonals do not. */
+/* Tells whether a surface continues from the wanted samples (x, y) to the next along (dx, dy). Pairs in rows and
+ * columns also use the adjacent lines. */
 OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest test, intl wanted)
 {
     const floatl here = image_samples(image, x, y), next = image_samples(image, x + dx, y + dy);
@@ -97,7 +98,7 @@ OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest te
 #define BEFORE(side) slope_at(image, x + (side) * dy, y + (side) * dx, -dx, -dy, sign)
 #define AFTER(side) slope_at(image, x + dx + (side) * dy, y + dy + (side) * dx, dx, dy, -sign)
     const Slope before = BEFORE(0), after = AFTER(0);
-    const intl diagonal = (dx & dy) != 0; /* where nothing is known, as in corners, the cell's other edges decide */
+    const intl diagonal = (dx & dy) != 0; /* if no slope is known, as in corners, the cell's other edges decide */
     const intl alone = goes_on_from(rise, before, after, allowed) | goes_on_from(rise, after, before, allowed) |
                        (rise <= allowed + SAME_TIMES * min_lanes(before.agreed, after.agreed)) |
                        (diagonal & !(before.known | after.known));
@@ -108,38 +109,39 @@ OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest te
     return alone | (mean & !diagonal);
 }
 
-/* Part of a row that is marked at once: the bits of its samples, and pairs of samples that may be torn apart, which are
- * tested by full packets */
+/* A part of a row that is processed together: the bits of its samples, and pairs of samples that may be torn apart.
+ * Pairs are collected, so that they are tested in full packets. */
 typedef struct {
-    int bits[STRIP * LANES];        /* TORN_... bits from sample `first` on */
-    int x[4 * LANES], edge[4 * LANES]; /* pairs: a sample, and which of its edges */
+    int bits[STRIP * LANES];        /* TORN_... bits, starting at sample `first` */
+    int x[4 * LANES], edge[4 * LANES]; /* pairs: a sample, and the bit of its edge */
     int pairs, first, y;
 } Part;
 
-#define PLACE(i) (LANES == 1 ? 0 : (i)) /* in a part's arrays, which GPUs keep in registers */
+#define PLACE(i) (LANES == 1 ? 0 : (i)) /* index in a part's arrays, which GPUs keep in registers */
 
-/* Tests up to LANES pairs, the last ones. */
+/* Tests the last pairs, up to LANES. */
 OUTLINED void test_pairs(Part *part, Image image, EdgeTest test)
 {
     const int count = min(part->pairs, LANES), from = PLACE(part->pairs - count);
     const intl wanted = lane_index < count;
     const intl x = select_lanes(wanted, (intl)load_lanes(part->x + from), (intl)part->first);
     const intl edge = select_lanes(wanted, (intl)load_lanes(part->edge + from), (intl)TORN_RIGHT);
-    const intl down = edge != TORN_RIGHT, across = edge == TORN_DIAGONAL; /* from the right neighbour to the one below */
+    const intl down = edge != TORN_RIGHT, across = edge == TORN_DIAGONAL; /* across: a diagonal */
     const intl dx = select_lanes(across, (intl)-1, select_lanes(down, (intl)0, (intl)1));
     const intl dy = select_lanes(down, (intl)1, (intl)0);
     const intl goes = goes_on(image, select_lanes(across, x + 1, x), (intl)part->y, dx, dy, test, wanted);
     for (uint torn = lane_bits(wanted & !goes); torn; torn = WITHOUT_LOWEST(torn)) {
         const int at = int_lane(x, LOWEST(torn)), bit = int_lane(edge, LOWEST(torn));
-        /* A neighbour of the last ones' diagonal is in the ring. */
+        /* At the image's last row or column, one end of the diagonal is in the ring. */
         const int is_last = bit == TORN_RIGHT ? part->y + 1 == image.height : at + 1 == image.width;
         part->bits[PLACE(at - part->first)] |= bit | (is_last ? TORN_DIAGONAL : 0);
     }
     part->pairs = from;
 }
 
-/* Are samples a and b surely torn apart: is one missing, or does the Cut say so? Sets which others `may` be: their change
- * exceeds noise, and the change on a surface that faces the camera (per_pixel, in the direction from a to b). */
+/* Tells whether samples a and b are torn apart for sure: one is missing, or the Cut tears them. Sets `may` for other
+ * pairs whose change exceeds both noise and the limit for surfaces that face the camera (per_pixel, in the direction
+ * from a to b). */
 INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTest test, intl *may)
 {
     const floatl near = max_lanes(a, b), far = min_lanes(a, b);
@@ -154,7 +156,7 @@ INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTes
     return far <= NO_SURFACE;
 }
 
-/* Adds pairs of LANES samples from x on that may be torn apart. */
+/* Adds the pairs of LANES samples, starting at x, that may be torn apart. */
 INLINED void add_pairs(Part *part, Image image, int x, int edge, intl may, EdgeTest test)
 {
     for (uint left = lane_bits(may); left; left = WITHOUT_LOWEST(left)) {
@@ -167,7 +169,7 @@ INLINED void add_pairs(Part *part, Image image, int x, int edge, intl may, EdgeT
     }
 }
 
-/* A packet of samples, and those to their right and below them */
+/* A packet of samples, and their neighbours to the right and below */
 typedef struct {
     floatl here, right, below;
 } Packet;
@@ -189,7 +191,7 @@ INLINED Packet packet_at(Image image, int x, int y)
     return n;
 }
 
-/* Sets the bits of the packet from x on, and collects the pairs that must be tested. */
+/* Sets the bits of the packet that starts at x, and collects the pairs to test. */
 OUTLINED void mark_packet(Part *part, Packet n, Image image, int x, Cut cut, EdgeTest test)
 {
     const intl missing = n.here <= NO_SURFACE, last = x + lane_index == image.width - 1, none = 0;
@@ -213,7 +215,7 @@ OUTLINED void mark_packet(Part *part, Packet n, Image image, int x, Cut cut, Edg
         test_pairs(part, image, test);
 }
 
-/* May anything in a packet be torn apart, by the range of its three samples? */
+/* Tells whether any pair in a packet may be torn apart, by the range of each three samples. */
 INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
 {
     const floatl near = max_lanes(max_lanes(n.here, n.right), n.below);
@@ -226,21 +228,21 @@ INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
     return any_lane((near - far > ROUNDED_DOWN * max_lanes(slope, noise)) | (far <= NO_SURFACE));
 }
 
-/* A float's bits, rounded to the nearest number that ends in these bits */
+/* A float's bits, rounded to the nearest number with the given last bits */
 #define NEAREST_WITH_BITS(number, bits) ((((number) - (bits) + (TORN_ALL + 1) / 2) & ~TORN_ALL) | (bits))
 
-#define LEAST_BEYOND 1e-3f /* least nearness of the ring, as a part of the border's */
+#define LEAST_BEYOND 1e-3f /* least nearness in the ring, relative to the border's */
 
-/* Writes the samples from x on of a row that has so many, with their bits. */
+/* Writes LANES samples with their bits, starting at x, to a row of `width` samples. */
 INLINED void store_marked(floatl here, intl bits, global float *row, int x, int width)
 {
-    /* A missing sample's bits to the right and below keep it NO_SURFACE. */
+    /* A missing sample stays NO_SURFACE with its bits for the right and the lower edge. */
     const intl of_missing = ((intl)as_int(NO_SURFACE) & ~TORN_ALL) | bits;
     const floatl marked =
         as_floatl(select_lanes(here > NO_SURFACE, NEAREST_WITH_BITS(as_intl(here), bits), of_missing));
     if (x + LANES <= width)
         store_lanes(marked, row + x);
-    else /* not over the ring's sample, which another work-item may have written */
+    else /* keeps the ring's sample, which another work-item may have written */
         for (int lane = 0; lane < width - x; lane++)
             row[x + lane] = float_lane(marked, lane);
 }
@@ -259,7 +261,7 @@ OUTLINED void mark_row(Image image, int first, int end, int y, Cut cut, EdgeTest
                 torn[PLACE(count)] = x;
                 count++;
                 mark_packet(&part, n, image, x, cut, test);
-            } else { /* most */
+            } else { /* most packets */
                 store_marked(n.here, (intl)0, row, x, image.width);
             }
         }
@@ -283,7 +285,7 @@ kernel void find_edges(global const float *nearness, global const float *noise, 
                  surface + (size_t)(y + 1) * pitch + 1);
 }
 
-/* A marked sample of the surface, by the image's numbers */
+/* A sample of the surface, by its column and row in the image */
 #define MARKED(x, y) surface[(size_t)((y) + 1) * pitch + (x) + 1]
 
 /* Continues the surface to sample `i` of its ring. */
@@ -302,9 +304,9 @@ OUTLINED void continue_at(Image image, global float *surface, global float *ring
         beyond += n - nearness[(size_t)by * pitch + ix];
     if (iy != by && iy >= 0 && iy < height && !(as_int(MARKED(bx, min(iy, by))) & TORN_BELOW))
         beyond += n - nearness[(size_t)iy * pitch + bx];
-    /* Half a pixel on, at most twice as far as the border sample, or half as far. */
+    /* Limits the ring, so that half a pixel beyond the border, depth is at most doubled and at least halved. */
     beyond = n > 0.0f ? clamp(beyond, LEAST_BEYOND * n, 2.0f * n) : clamp(beyond, 2.0f * n, LEAST_BEYOND * n);
-    /* Edges along the border are torn where the border's are; to the ring there are none. */
+    /* Edges along the ring are torn where the border's edges are; edges from the border to the ring are not torn. */
     const int along_row = x == bx && (bits & TORN_RIGHT), along_column = y == by && (bits & TORN_BELOW);
     int torn = (along_row ? TORN_RIGHT : 0) | (along_column ? TORN_BELOW : 0);
     if ((y < 0 && along_row) || (x < 0 && along_column))

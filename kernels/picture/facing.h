@@ -1,17 +1,17 @@
 #ifndef PICTURE_FACING_H
 #define PICTURE_FACING_H
-/* Normals from a picture's depths: for what has no others. */
+/* Normals from a picture's depths, for surfaces without other normals. */
 #include "lib/screen.h"
 
-/* The part of a picture that shows one thing: pixels of other things tell nothing of its slopes. */
+/* The part of a picture that shows one thing. Slopes are computed only from its pixels. */
 typedef struct {
     global const float *depth;
-    global const float *entered; /* depths in the G-buffer (lib/gbuffer.h), or 0: all that is seen is one thing */
-    global const int *things;    /* and the numbers of things */
+    global const float *entered; /* depths in the G-buffer (lib/gbuffer.h), or 0 if the whole picture shows one thing */
+    global const int *things;    /* numbers of things in the G-buffer */
     int thing;
 } Shown;
 
-/* LANES pixels of a row from x on: their nearness, EMPTY beside the picture and where they do not show the thing */
+/* Nearness of LANES pixels of a row, starting at x; EMPTY outside of the picture and in pixels of other things */
 INLINED floatl picture_nearness(Shown shown, Screen screen, int x, int y)
 {
     if (y < 0 || y >= screen.height || x + LANES <= 0 || x >= screen.width)
@@ -37,8 +37,8 @@ INLINED floatl picture_nearness(Shown shown, Screen screen, int x, int y)
     return select_lanes(of_thing & (z == z), DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
 }
 
-/* A tangent of the surface at the point p of a pixel, in the picture's direction (dx, dy); the surface of a pixel alone
- * is taken to be level. */
+/* A tangent of the surface at a pixel's point p, in the picture's direction (dx, dy). At an isolated pixel, the surface
+ * is assumed to be level. */
 INLINED Vector tangent_along(Shown shown, Screen screen, int x, int y, int dx, int dy, floatl n, Vector p)
 {
     const floatl next = picture_nearness(shown, screen, x + dx, y + dy),
@@ -49,8 +49,8 @@ INLINED Vector tangent_along(Shown shown, Screen screen, int x, int y, int dx, i
     return scaled(minus(point_at(screen, there_x, there_y, select_lanes(near > EMPTY, near, n)), p), sign);
 }
 
-/* The unit normals of LANES pixels of a row from x on, towards the viewer: along x and y, of the neighbours
- * `neighbour_offset` pixels away the one whose nearness differs less tells how the surface slopes. n, p: the pixels'
+/* The unit normals of LANES pixels of a row, starting at x, towards the viewer. Along x and along y, the slope is taken
+ * from one of the two neighbours `neighbour_offset` pixels away: the one whose nearness differs less. n, p: the pixels'
  * nearness and points. */
 INLINED Vector facing_at(Shown shown, Screen screen, int x, int y, int neighbour_offset, floatl n, Vector p)
 {

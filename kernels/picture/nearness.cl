@@ -1,17 +1,17 @@
-/* Depth to nearness: the sweep and the searches read 1/z (perspective) or -z (orthographic), never z.
+/* Conversion of depth to nearness: the sweep and the searches read 1/z (perspective) or -z (orthographic), never z.
  *
- * One work-item converts `piece` samples of a row, a multiple of LANES or all, and notes their range, which bounds what
- * the view can reach. depth: (src_height, src_width) planar z; NaN or <= NEAREST is no surface, nor is >= far or infinite:
- * that is FREE_RAY, which is less than NO_SURFACE. nearness: (src_height, src_pitch), a pitch that is no power of two,
- * because columns are read too. ranges: (pieces, 2) least and greatest nearness of each piece, (inf, -inf) where it has no surface. to_bridged_nearness: single samples that are
- * missing amid a surface, through which the background would show, are interpolated between their neighbours to the left
- * and the right, or above and below, where these are one surface. O(n^2), one pass. Determinism: every sample from depths
- * alone.
+ * Work-item: `piece` samples of a row, a multiple of LANES or the whole row; it also stores their range, which bounds
+ * the view's reach. depth: (src_height, src_width) planar z; NaN or <= NEAREST becomes NO_SURFACE, >= far or infinite
+ * becomes FREE_RAY, which is less than NO_SURFACE. nearness: (src_height, src_pitch); the pitch is not a power of
+ * two, because columns are read, too. ranges: (pieces, 2) least and greatest nearness of each piece, (inf, -inf)
+ * without samples. to_bridged_nearness: single missing samples inside a surface, through which the background would
+ * show, are interpolated between their left and right neighbours, or between the neighbours above and below, if these
+ * are one surface. Cost: O(samples), one pass. Determinism: every sample from depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
 
-/* Nearness of samples x to x + LANES - 1 of a row; NO_SURFACE beside the image */
+/* Nearness of samples x to x + LANES - 1 of a row; NO_SURFACE outside of the image */
 INLINED floatl nearness_from(global const float *row, int x, int width, int perspective, float far)
 {
     floatl d = 0.0f;
@@ -24,7 +24,7 @@ INLINED floatl nearness_from(global const float *row, int x, int width, int pers
     return select_lanes((d > NEAREST) & (d < far), DEPTH_OF(perspective, d), none);
 }
 
-/* Converts the piece of row y that begins with a sample. */
+/* Converts the piece of row y that starts at sample `first`. */
 OUTLINED void convert_piece(global const float *depth, global float *nearness, global float *ranges, int first, int y,
                             int src_width, int src_height, int src_pitch, int src_perspective, float far, int piece,
                             int bridged, Cut cut)

@@ -1,43 +1,44 @@
-/* The noise of depth, and the steps of its scale, by strips of rows and columns.
+/* Estimates the noise of depth, and the steps of a quantized scale, from strips of rows and columns.
  *
- * depth: (height, width) planar z; <= 0, not finite or >= far is no sample. cells: about how many of 2 x 2 samples are
- * looked at. tables: NoiseTables and room for the strips (pyibr/picture/noise.py). noise: 6 floats, (a, b, c) of the
- * standard deviation a z^2 + b z + c at depth z, then of the steps. Work-item: one of the launch's only group. Cost:
- * O(cells). Determinism: sums that work-items share are of integers. tests/reference/noise.py does the same in NumPy.
+ * depth: (height, width) planar z; depths <= 0, not finite or >= far are ignored. cells: approximate number of cells
+ * of 2 x 2 samples to read. tables: NoiseTables and room for the strips (pyibr/picture/noise.py). noise: 6 floats,
+ * (a, b, c) of the standard deviation a z^2 + b z + c at depth z, then of the steps. Work-item: any in the launch's
+ * only group. Cost: O(cells). Determinism: shared sums are sums of integers. tests/reference/noise.py does the same
+ * in NumPy.
  */
 #include "lib/lanes.h"
 
 #define NOISE_ITEMS 256         /* most work-items */
-#define NOISE_RANGES 64         /* quarters of an octave of nearness: the first is the nearest, the last has no end */
-#define NOISE_SIZES 144         /* eighths of an octave of differences, which are parts of the nearness */
-#define NOISE_STAIRS 4128       /* room: a power of two, and two packets */
-#define FIRST_SIZE 879          /* the eighth of an octave that counts as rounding, with all below it */
+#define NOISE_RANGES 64         /* bins of nearness, each a quarter of an octave: first the nearest; the last is open */
+#define NOISE_SIZES 144         /* bins of differences relative to nearness, each an eighth of an octave */
+#define NOISE_STAIRS 4128       /* capacity: a power of two, and two packets */
+#define FIRST_SIZE 879          /* the first bin of differences, for rounding and below */
 #define LAST_SIZE 137
 #define NEAREST_RANGE 508       /* the number of nearness 1, in quarters of an octave */
-#define EDGE_PART 0.1f          /* part of the nearness: larger differences are edges */
-#define OFF_STEP 0.2f           /* steps by which jumps and gaps are off whole ones: two scales may be mixed */
-#define FIT_CHOICES 0x7653421   /* a digit each: which of a, b and c there are */
+#define EDGE_PART 0.1f          /* larger differences, relative to nearness, are edges */
+#define OFF_STEP 0.2f           /* tolerance of jumps and gaps, in steps, as two scales may be mixed */
+#define FIT_CHOICES 0x7653421   /* subsets of the terms a, b and c, a digit each */
 #define NOISE_MAX 1e18f         /* its square is still within single precision */
 
 typedef struct {
-    int counts[3][NOISE_RANGES][NOISE_SIZES];        /* differences over one and two samples, jumps */
-    int every[2][NOISE_RANGES], sums[2][NOISE_RANGES]; /* cells and stairs, and their nearness */
-    int levels[NOISE_RANGES];                        /* cells of equal samples */
+    int counts[3][NOISE_RANGES][NOISE_SIZES];        /* histograms: differences over one and two samples, jumps */
+    int every[2][NOISE_RANGES], sums[2][NOISE_RANGES]; /* numbers of cells and stairs, and sums of their nearness */
+    int levels[NOISE_RANGES];                        /* numbers of cells with equal samples */
     int nearest, known, smooth, high, farthest, last, changes, steep, whole, below, near_one, ones, gaps, whole_gaps,
         grade, half_steps;
-    int stairs_of[NOISE_ITEMS], steep_of[NOISE_ITEMS]; /* each work-item's */
-    int kept, grades[NOISE_RANGES];                    /* ranges: 0: no good, 1: good, 2: good and smooth */
-    float near_by[NOISE_RANGES], far_by[NOISE_RANGES];
-    float depth[NOISE_RANGES], deviation[NOISE_RANGES], share[NOISE_RANGES]; /* what is fitted */
-    float fits[7][4];                                                        /* a, b, c, and how far off they are */
-    float places[NOISE_STAIRS], ratios[NOISE_STAIRS]; /* stairs: nearness, and the jump as a multiple of the step */
+    int stairs_of[NOISE_ITEMS], steep_of[NOISE_ITEMS]; /* counts of each work-item */
+    int kept, grades[NOISE_RANGES];                    /* grades of ranges: 0: unusable, 1: good, 2: good and smooth */
+    float near_by[NOISE_RANGES], far_by[NOISE_RANGES]; /* deviations of differences over one and two samples */
+    float depth[NOISE_RANGES], deviation[NOISE_RANGES], share[NOISE_RANGES]; /* data and weights of the fit */
+    float fits[7][4];                                                        /* a, b, c, and the fit's error */
+    float places[NOISE_STAIRS], ratios[NOISE_STAIRS]; /* stairs: nearness, and jump in units of the step */
 } NoiseTables;
 
 #define CLEARED ((3 * NOISE_SIZES + 5) * NOISE_RANGES + 16 + 2 * NOISE_ITEMS) /* ints before `kept` */
 
 typedef struct {
     global NoiseTables *t;
-    global float *strips; /* (3, stride) nearness, NaN where there is none */
+    global float *strips; /* (3, stride) nearness, NaN where invalid */
     int stride, item, items;
 } Estimate;
 
@@ -57,7 +58,7 @@ typedef struct {
         ADD_TO(place, (int)popcount(lane_bits(mask)));
 #define IS_WHOLE_NUMBER(x, off) (fabs((x)-floor_lanes((x) + 0.5f)) < (off))
 #define RANGE_OF(near) clamp(NEAREST_RANGE - (as_int(near) >> 21), 0, NOISE_RANGES - 1)
-#define STRIDE_OF(count) (((count) / LANES + 2) * LANES) /* a packet may begin at the end */
+#define STRIDE_OF(count) (((count) / LANES + 2) * LANES) /* a packet may start at the end */
 #define STRIPS_OF(length, lines, cells) min(((cells) + 2 * (length)-1) / (2 * (length)), max((lines)-2, 0))
 
 INLINED float sum_of_lanes(floatl v)
@@ -68,12 +69,12 @@ INLINED float sum_of_lanes(floatl v)
     return sum;
 }
 
-/* Copies strips of three lines, each with two zeros behind it. */
+/* Copies strips of three lines, each followed by two zeros. */
 INLINED void copy_strips(Estimate e, global const float *depth, int along, int across, int count, int length, int lines,
                          global float *to)
 {
     for (int strip = 0; strip < count; strip++, to += length + 2) {
-        /* Golden parts of 2^32: lines follow no period of the picture. */
+        /* Steps of 2^32 times the golden ratio avoid periods of the picture. */
         const int line = count == lines - 2 ? strip : (int)mul_hi(strip * 2654435769u, (uint)(lines - 2));
         global const float *from = depth + (size_t)line * across;
         for (int i = e.item; i < length + 2; i += e.items)
@@ -82,7 +83,7 @@ INLINED void copy_strips(Estimate e, global const float *depth, int along, int a
     }
 }
 
-/* Copies strips of each `gap`-th row, and of such columns, as depths; returns their samples, zeros included. */
+/* Copies strips from every `gap`-th row and column, as depths. Returns the number of samples, including zeros. */
 OUTLINED int gather_strips(Estimate e, global const float *depth, int width, int height, int gap, int cells)
 {
     for OWN_PACKETS (e, i, CLEARED)
@@ -110,7 +111,7 @@ OUTLINED void find_unit(Estimate e, float far)
     RAISE(e.t->nearest, as_int(INFINITY) - as_int(least_lane(least)));
 }
 
-/* The unit of depth, a power of two: the nearest sample is 1 to 2. */
+/* The unit of depth, a power of two, in which the nearest sample is 1 to 2 */
 INLINED float noise_unit(Estimate e)
 {
     return e.t->nearest ? as_float((as_int(INFINITY) - e.t->nearest) & as_int(INFINITY)) : 1.0f;
@@ -125,8 +126,8 @@ OUTLINED void to_noise_unit(Estimate e, float far)
     }
 }
 
-/* Cells of 2 x 2 samples: mean nearness, difference of the differences along lines, largest difference of neighbours.
- * Along edges that follow rows or columns the change is 0, as on planes: thin things show their noise, too. */
+/* Cells of 2 x 2 samples: mean nearness, change of the difference from line to line, largest difference of neighbours.
+ * At edges along rows or columns, the change is 0, as on planes, so thin things contribute their noise, too. */
 typedef struct {
     floatl near, change, largest;
 } NoiseCells;
@@ -155,7 +156,7 @@ OUTLINED void count_cells(Estimate e)
     RAISE(e.t->farthest, RANGE_OF(least_lane(low)));
 }
 
-#define SUM_SHIFT(e) max(21 - (int)clz(2 * (e).stride), 0) /* so that any sum holds in 32 bits */
+#define SUM_SHIFT(e) max(21 - (int)clz(2 * (e).stride), 0) /* keeps sums within 32 bits */
 
 INLINED void add_place(Estimate e, int kind, int range, float near)
 {
@@ -197,7 +198,7 @@ OUTLINED void count_differences(Estimate e)
     }
 }
 
-/* Mean of the smallest sizes, a `share` of all. (Noise in steps makes quantiles jump from step to step.) */
+/* Mean of the smallest `share` of sizes. (With quantized depths, a quantile would jump from step to step.) */
 OUTLINED float mean_below(global const int *counts, float share)
 {
     int total = 0, before = 0;
@@ -210,7 +211,8 @@ OUTLINED float mean_below(global const int *counts, float share)
     return total ? sum / wanted : 0.0f;
 }
 
-/* Standard deviation of differences, as a part of the nearness. Equal samples are evidence against noise, but not on a scale. */
+/* Standard deviation of differences, relative to nearness. Equal samples are evidence against noise, unless depths are
+ * quantized. */
 INLINED float deviation_of(global const int *counts, int on_scale)
 {
     const float most = mean_below(counts, 0.6f) / 0.39639f;
@@ -227,8 +229,8 @@ OUTLINED void set_range(global NoiseTables *t, int range, float depth, float dev
     RAISE(t->last, is_known ? range : 0);
 }
 
-/* Fits some terms: least differences, by weighted squares in three rounds. Terms lose what those before them tell
- * (Gram-Schmidt): normal equations would need double precision. */
+/* Fits a subset of the terms: least absolute differences, by reweighted squares in three rounds. Terms are
+ * orthogonalized (Gram-Schmidt), as normal equations would need double precision. */
 OUTLINED void fit_choice(global NoiseTables *t, int choice)
 {
     const int packets = t->last / LANES + 1, terms = FIT_CHOICES >> 4 * choice & 7;
@@ -278,7 +280,7 @@ OUTLINED void fit_choice(global NoiseTables *t, int choice)
     vstore4((float4)(x[0], x[1], x[2], is_told ? by : INFINITY), choice, &t->fits[0][0]);
 }
 
-/* (a, b, c), none negative, that fit the ranges best; a term more must make the fit closer by 3 %. */
+/* The best fit (a, b, c) of the ranges, none negative. Each additional term must improve the fit by 3 %. */
 OUTLINED float4 best_fit(Estimate e)
 {
     float4 best = (float4)(0.0f, 0.0f, 0.0f, INFINITY);
@@ -293,7 +295,8 @@ OUTLINED float4 best_fit(Estimate e)
     return best;
 }
 
-/* Triples along the first line, or from `stride` on across the lines: nearness, jump, and the lesser difference */
+/* Triples of samples along the first line, or, from `stride` on, across the three lines: nearness of the middle sample,
+ * jump, and the smaller difference */
 typedef struct {
     floatl here, jump, least;
     intl is_change, is_stair, is_steep;
@@ -316,7 +319,7 @@ INLINED Triples triples_at(Estimate e, int i)
 #define OWN_TRIPLES(e, i)                                                                                      \
     (int i = (e).item * TRIPLES_EACH(e); i < min(((e).item + 1) * TRIPLES_EACH(e), 2 * (e).stride - LANES); i += LANES)
 
-/* On a scale surfaces are stairs: samples equal one neighbour and differ from the other, mostly by one step. */
+/* Counts stairs. On a quantized scale, samples equal one neighbour and differ from the other, mostly by one step. */
 OUTLINED void count_stairs(Estimate e)
 {
     for OWN_TRIPLES (e, i) {
@@ -330,17 +333,17 @@ OUTLINED void count_stairs(Estimate e)
     }
 }
 
-/* Keeps some stairs, by their number in order, and counts their jumps. */
+/* Keeps a subset of the stairs, chosen by number, and counts their jumps. */
 OUTLINED void keep_stairs(Estimate e)
 {
     global NoiseTables *t = e.t;
-    const int with_steep = 10 * t->whole > 9 * t->steep; /* on a scale steep surfaces rise by whole steps */
+    const int with_steep = 10 * t->whole > 9 * t->steep; /* on a quantized scale, steep surfaces rise by whole steps */
     int count = 0, number = 0;
     for (int i = 0; i < e.items; i++) {
         number = i == e.item ? count : number;
         count += t->stairs_of[i] + (with_steep ? t->steep_of[i] : 0);
     }
-    const int every = count / 4000 + 1, is_some = 100 * count > t->changes; /* few on steep surfaces */
+    const int every = count / 4000 + 1, is_some = 100 * count > t->changes; /* steep surfaces have few */
     t->kept = is_some ? (count + every - 1) / every : 0;
     for OWN_TRIPLES (e, i) {
         const Triples at = triples_at(e, i);
@@ -356,7 +359,7 @@ OUTLINED void keep_stairs(Estimate e)
     }
 }
 
-/* Sorts `count` values, a power of two of LANES or more, by a bitonic network. */
+/* Sorts `count` values by a bitonic network; `count` is a power of two, at least LANES. */
 OUTLINED void sort_values(Estimate e, global float *values, int count)
 {
     for (int size = 2; size <= count; size *= 2)
@@ -385,10 +388,10 @@ OUTLINED void sort_values(Estimate e, global float *values, int count)
         }
 }
 
-/* (a, b, c) of depth, evaluated for nearness */
+/* a z^2 + b z + c of depth, converted to nearness */
 #define IN_NEARNESS(abc, near) ((abc).x + ((abc).y + (abc).z * (near)) * (near))
 
-/* (a, b, c) of the steps, zeros if there is no scale */
+/* (a, b, c) of the steps, zeros if depths are not quantized */
 OUTLINED float4 steps_of_stairs(Estimate e)
 {
     global NoiseTables *t = e.t;
@@ -427,12 +430,12 @@ OUTLINED float4 steps_of_stairs(Estimate e)
         TALLY(t->whole_gaps, is_gap & (number > OFF_STEP) & IS_WHOLE_NUMBER(number, OFF_STEP))
     }
     MEET
-    /* Edges have any size. */
+    /* On a scale, most jumps are one step and most gaps are whole steps; sizes of edges are arbitrary. */
     const int is_scale = t->gaps + 1 >= 12 && 5 * t->ones >= 3 * t->kept && 5 * t->whole_gaps >= 3 * t->gaps;
     return is_scale ? steps : (float4)0.0f;
 }
 
-/* Tells which ranges are good, and how far their samples deviate. */
+/* Grades the ranges, and measures the deviations of their samples. */
 OUTLINED void measure_ranges(Estimate e, int on_scale)
 {
     global NoiseTables *t = e.t;
@@ -440,7 +443,7 @@ OUTLINED void measure_ranges(Estimate e, int on_scale)
         int total = 0;
         for (int i = 0; i <= LAST_SIZE; i++)
             total += t->counts[0][range][i];
-        /* Equal samples, as in a sky, are no evidence for others; nor are ranges with many edges. */
+        /* Ranges of equal samples, such as a sky, say nothing about other ranges; nor do ranges with many edges. */
         const int is_good = total >= 50 && (on_scale || 4 * t->levels[range] < total);
         t->grades[range] = is_good ? 1 + (5 * total >= 4 * t->every[0][range]) : 0;
         t->near_by[range] = is_good ? deviation_of(t->counts[0][range], on_scale) : 0.0f;
@@ -451,7 +454,7 @@ OUTLINED void measure_ranges(Estimate e, int on_scale)
     }
 }
 
-/* Sets the ranges' deviations for the fit, from far to near; one work-item does it. */
+/* Sets the ranges' deviations for the fit, from far to near, in one work-item. */
 OUTLINED void set_deviations(Estimate e, float4 half_)
 {
     global NoiseTables *t = e.t;
@@ -459,7 +462,7 @@ OUTLINED void set_deviations(Estimate e, float4 half_)
     for (int range = NOISE_RANGES - 1; range >= 0; range--) {
         const float z = range_depth(e, 0, range), near_by = t->near_by[range] * z, far_by = t->far_by[range] * z;
         const float count = t->grades[range] == t->grade && t->grade ? t->share[range] : 0.0f;
-        /* Curves do not count: their differences grow with the square of the distance. */
+        /* Removes curvature, whose differences grow with the square of the distance. */
         const float square = max((9.0f * near_by * near_by - far_by * far_by) / 8.0f, 0.0f);
         all += count;
         equal += square > 0.0f ? 0.0f : count;
@@ -470,7 +473,7 @@ OUTLINED void set_deviations(Estimate e, float4 half_)
     t->half_steps = t->known < 50 || 2.0f * equal >= all;
 }
 
-/* Estimates by `items` work-items of a group, at most NOISE_ITEMS, all of which call it. */
+/* Estimates the noise; called by all `items` work-items of a group, at most NOISE_ITEMS. */
 OUTLINED void estimate_noise(global const float *depth, int width, int height, float far, int cells, global int *tables,
                              global float *noise, int item, int items)
 {
@@ -487,7 +490,7 @@ OUTLINED void estimate_noise(global const float *depth, int width, int height, f
         count_cells(e);
         count_stairs(e);
         MEET
-        gaps = 10 * t->known < count ? 2 : 1; /* where every other sample is missing, lines are two apart */
+        gaps = 10 * t->known < count ? 2 : 1; /* if every other sample is missing, lines are two apart */
         MEET
     }
     count_differences(e);

@@ -1,16 +1,17 @@
-/* Normals from a depth image: of each sample, that of the least-squares plane through those around it.
+/* Normals from a depth image: each is the normal of the least-squares plane through the surrounding samples.
  *
- * On a plane nearness is affine, so the fit is linear: least squares over the samples up to `radius` away along x and y
- * that are one surface with the middle one (lib/surface.h). Beside edges they all lie on one side. A sample alone faces
- * the camera. nearness: (height, pitch), picture/nearness.cl. normals: (height, width, 3) of unit length, in the
- * camera's frame and towards it; of what is no sample, anything. fx, skew, fy, cx, cy: of the camera's K. Work-item:
- * LANES samples of a row. Cost: O(samples * radius^2), radius <= RADIUS_MAX. Determinism: every sample on its own.
+ * On a plane, nearness is affine, so the fit is linear. It uses the samples up to `radius` away along x and y that are
+ * one surface with the middle sample (lib/surface.h); next to an edge, all of them lie on one side. An isolated sample
+ * faces the camera. nearness: (height, pitch), picture/nearness.cl. normals: (height, width, 3) of unit length, in the
+ * camera's frame and towards the camera; invalid samples have arbitrary normals. fx, skew, fy, cx, cy: entries of the
+ * camera's K. Work-item: LANES samples of a row. Cost: O(samples * radius^2), radius <= RADIUS_MAX. Determinism: every
+ * sample on its own.
  */
 #include "lib/surface.h"
 #include "lib/vectors.h"
 
 #define RADIUS_MAX 8
-#define REGULARIZATION 1e-4f /* of the samples' spread: where all lie on one line, the plane is level across it */
+#define REGULARIZATION 1e-4f /* relative to the samples' spread: if all lie on one line, the plane is level across it */
 
 kernel void fit_normals(global const float *nearness, global float *normals, int width, int height, int pitch,
                         int perspective, Cut cut, int radius, float fx, float skew, float fy, float cx, float cy)
@@ -21,7 +22,7 @@ kernel void fit_normals(global const float *nearness, global float *normals, int
     const intl x = min(first + lane_index, (intl)(width - 1));
     const floatl middle = (floatl)(gather(nearness, row * pitch + x));
     const floatl scale = perspective ? 1.0f / middle
-                                     : (floatl)1.0f; /* squares of nearness may leave the range of floats */
+                                     : (floatl)1.0f; /* squares of nearness may exceed float32 */
     floatl count = 0.0f, sx = 0.0f, sy = 0.0f, sn = 0.0f, sxx = 0.0f, sxy = 0.0f, syy = 0.0f, sxn = 0.0f, syn = 0.0f;
     for (int dy = max(-radius, -row); dy <= min(radius, height - 1 - row); dy++)
         for (int dx = -radius; dx <= radius; dx++) {
@@ -45,9 +46,9 @@ kernel void fit_normals(global const float *nearness, global float *normals, int
                  little = REGULARIZATION * (spread_x + spread_y);
     const floatl xx = spread_x + little, yy = spread_y + little, xy = sxy - sx * sy * each;
     const floatl xn = sxn - sx * sn * each, yn = syn - sy * sn * each, inverse = 1.0f / (xx * yy - xy * xy);
-    const floatl gx = (yy * xn - xy * yn) * inverse, gy = (xx * yn - xy * xn) * inverse; /* NaN of a sample alone */
+    const floatl gx = (yy * xn - xy * yn) * inverse, gy = (xx * yn - xy * xn) * inverse; /* NaN if isolated */
     const floatl off_x = perspective ? cx - to_floatl(x) : (floatl)0.0f, off_y = perspective ? cy - row : 0.0f;
-    /* Of the plane N.p = 1 the nearness is N.ray, which grows by N.x / fx a pixel: away from the camera. */
+    /* The plane N.p = 1 has nearness N.ray, which changes by N.x / fx per pixel; N points away from the camera. */
     const Vector plane = {gx * fx, gx * skew + gy * fy, 1.0f + gx * off_x + gy * off_y};
     const floatl largest = max_lanes(max_lanes(fabs(plane.x), fabs(plane.y)), fabs(plane.z));
     const Vector away = normalized(scaled(plane, 1.0f / max_lanes(largest, (floatl)1e-30f)));

@@ -1,17 +1,17 @@
-/* A surface in one launch, on CPUs: bands of rows go through nearness, edges, border, margins and prominence, while they are
- * in cache.
+/* A surface in one launch, on CPUs: nearness, edges, border, margins and prominence are computed band by band, while
+ * each band of rows is in cache.
  *
- * Arguments: picture/nearness.cl, which is left out if the nearness is there already (converts: 0), picture/edges.cl,
- * picture/small_parts.cl. `band`: rows of a band, BAND_HALO or more. Its samples' surroundings reach beyond it: these rows are
- * made by two work-items, with the same values, so that none waits for another's.
- * Work-item: a band. Cost: O(samples). Determinism: as of the kernels that it replaces.
+ * Arguments: as in picture/nearness.cl (skipped if `converts` is 0, since the nearness is known), picture/edges.cl
+ * and picture/small_parts.cl. band: rows of a band, at least BAND_HALO. A band needs rows around it. Two work-items
+ * compute these rows, with the same values, so that none has to wait for another.
+ * Work-item: a band. Cost: O(samples). Determinism: as in the kernels that it replaces.
  */
 #include "picture/edges.cl"
 #include "picture/nearness.cl"
 #include "picture/small_parts.cl"
 
-#define BAND_HALO 2  /* rows that prominence looks at, above and below, */
-#define EDGE_HALO 3  /* and further rows that their edges depend on */
+#define BAND_HALO 2  /* rows above and below that prominence reads */
+#define EDGE_HALO 3  /* further rows on which their edges depend */
 
 #if LANES > 1
 kernel void prepare(global const float *depth, global float *nearness, global float *ranges, int converts, float far,
@@ -20,7 +20,7 @@ kernel void prepare(global const float *depth, global float *nearness, global fl
                     Cut cut, EdgeTest test)
 {
     const int id = get_global_id(0), half_ = ((height + band - 1) / band + 1) / 2;
-    /* Runtimes give a thread neighbours: so each gets bands from all over the image. */
+    /* Runtimes give neighbouring work-items to one thread. This order spreads each thread's bands over the image. */
     const int first = (id < half_ ? 2 * id : 2 * (id - half_) + 1) * band, end = min(first + band, height), row = width + 2;
     if (first >= height)
         return;

@@ -1,29 +1,31 @@
-/* Small parts of a surface: its margins (lib/margins.h), which no triangle covers, and samples that stand out from their
- * surroundings (lib/prominence.h), which lines may miss.
+/* Small parts of a surface: its margins (lib/margins.h), which no triangle covers, and samples that stand out from
+ * their surroundings (lib/prominence.h), which epipolar lines may miss.
  *
- * A margin's plane continues a triangle of the same cell, if there is one. Else its nearness changes as towards the sample's
- * neighbours on the same surface, and stays the same towards torn neighbours: a slope from the other side would amplify
- * noise, and make round things stick out.
+ * A margin's plane continues a triangle of the same cell, if there is one. Otherwise, its slope is the slope towards
+ * the sample's neighbours on the same surface, and 0 towards torn neighbours: a slope from the opposite side would
+ * amplify noise, and round surfaces would stick out.
  *
- * surface: picture/edges.cl. noise: picture/noise.cl. count: the number of quarters, 0 before. margins: (MARGIN_PLANES,
- * capacity), lib/margins.h; if `count` exceeds the capacity, some are missing, and the caller starts again with more room.
- * prominence: (height, blocks, 2) the greatest prominence in each PROMINENCE_BLOCK samples of a row, as seen from the front
- * and from the back; INFINITY if a sample is torn off on both sides, -INFINITY if noise explains all.
- * Work-item of look_around: `piece` samples of a row, a multiple of PROMINENCE_BLOCK or all; it counts its quarters and takes
- * as many columns. Cost: O(samples). Determinism: the same quarters, in any order; each block on its own.
+ * surface: picture/edges.cl. noise: picture/noise.cl. count: the number of quarters, initially 0. margins:
+ * (MARGIN_PLANES, capacity), lib/margins.h; if `count` exceeds the capacity, some are missing, and the caller
+ * launches again with more room. prominence: (height, blocks, 2) maximum prominence in each block of PROMINENCE_BLOCK
+ * samples of a row, from the front and from the back; INFINITY if a sample is torn off on both sides, -INFINITY if
+ * noise explains all.
+ * Work-item of look_around: `piece` samples of a row, a multiple of PROMINENCE_BLOCK or the whole row; it counts its
+ * quarters and reserves as many columns. Cost: O(samples). Determinism: the same quarters, in any order; each block
+ * on its own.
  */
 #include "lib/margins.h"
 #include "lib/prominence.h"
 
 #define HAS_EDGE(sample, edges) ((as_intl(sample) & (edges)) != 0) /* TORN_... */
 
-/* A packet of samples, and those around them */
+/* A packet of samples and their neighbours */
 typedef struct {
     floatl here, left, right, above, below, above_left, above_right, below_left;
     intl torn_left, torn_right, torn_above, torn_below;
 } Around;
 
-/* The parts of a packet's four quarters that are margins; TO_RIGHT and TO_BELOW are the quarters' numbers */
+/* Masks of the margins in the samples' four quarters. A quarter's number is the sum of TO_RIGHT and TO_BELOW. */
 typedef struct {
     intl lower[4], upper[4];
 } Parts;
@@ -46,8 +48,8 @@ INLINED Around around_of(global const float *own, int pitch)
     return n;
 }
 
-/* A quarter is a margin where the triangle of its cell is open. The sample is the last corner of the cell above to the left,
- * a corner of both triangles of the next two cells, and the first corner of the cell below to the right. */
+/* A quarter is a margin if its cell's triangle is open. The sample is the last corner of the cell on its upper left,
+ * the first corner of the cell on its lower right, and a corner of both triangles in the other two cells. */
 INLINED Parts parts_of(Around n, intl wanted)
 {
     const intl solid = wanted & (n.here > NO_SURFACE);
@@ -62,19 +64,19 @@ INLINED Parts parts_of(Around n, intl wanted)
     return parts;
 }
 
-/* Are any of a packet's samples beside an edge? */
+/* Tells whether any of a packet's samples is next to an edge. */
 INLINED int any_edge(Around n)
 {
     return any_lane(((as_intl(n.here) | as_intl(n.left) | as_intl(n.above) | as_intl(n.above_left)) & TORN_ALL) |
                     (as_intl(n.above_right) & TORN_BELOW) | (as_intl(n.below_left) & TORN_RIGHT));
 }
 
-/* The slopes of the packet's quarters of a number. Without a triangle beside them they are no more than of a surface that
- * faces the camera: a steeper one may end. */
+/* The slopes of the packet's quarters with a given number. Without a triangle in the same cell, they are limited to the
+ * slopes of surfaces that face the camera, since a steeper surface may end there. */
 INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest test, floatl *slope_x, floatl *slope_y)
 {
     const floatl left = n.here - n.left, right = n.right - n.here, up = n.here - n.above, down = n.below - n.here;
-    const intl beside_upper = lower & !upper, beside_lower = upper & !lower; /* the triangle that is there */
+    const intl beside_upper = lower & !upper, beside_lower = upper & !lower; /* the cell's other triangle exists */
     const floatl flat = 0.0f; /* towards torn neighbours */
     *slope_x = number & TO_RIGHT ? select_lanes(n.torn_right, flat, right) : select_lanes(n.torn_left, flat, left);
     *slope_y = number & TO_BELOW ? select_lanes(n.torn_below, flat, down) : select_lanes(n.torn_above, flat, up);
@@ -90,8 +92,7 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest te
     }
 }
 
-/* By how much of nearness samples stand out, between their sides in the row or in the column, as seen from the front and
- * from the back */
+/* The samples' prominence along the row or the column, whichever is greater, from the front and from the back */
 INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
 {
     const intl before = as_intl(n.left_1) | as_intl(n.left_2) | as_intl(n.above_1) | as_intl(n.above_2);
@@ -111,9 +112,9 @@ INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
     *back = max_lanes(row_high, column_high) - n.here;
 }
 
-#define SPAN (LANES == 1 ? PROMINENCE_BLOCK : STRIP * LANES) /* samples of a row whose margins are counted, then written */
+#define SPAN (LANES == 1 ? PROMINENCE_BLOCK : STRIP * LANES) /* samples per pass: margins are counted, then written */
 
-/* Writes the margins of packets from x0 on that have a bit, from column `at` on. */
+/* Writes the margins of the packets whose bits are set, starting at sample x0 and at column `at`. */
 OUTLINED void write_quarters(uint packets, Grid grid, int x0, int y, EdgeTest test, global float *margins, int at, int capacity)
 {
     for (; packets; packets &= packets - 1) {
@@ -140,7 +141,7 @@ OUTLINED void write_quarters(uint packets, Grid grid, int x0, int y, EdgeTest te
     }
 }
 
-/* How many quarters a packet has */
+/* Number of a packet's quarters */
 INLINED int count_quarters(Around n, intl wanted)
 {
     const Parts parts = parts_of(n, wanted);
@@ -150,7 +151,7 @@ INLINED int count_quarters(Around n, intl wanted)
     return count;
 }
 
-/* Writes how samples `first` to `end` - 1 of row y stand out, and their margins. */
+/* Writes the prominence and the margins of samples `first` to `end` - 1 of row y. */
 OUTLINED void look_around_row(Grid grid, int first, int end, int y, EdgeTest test, global float *prominence,
                               global float *margins, volatile global int *count, int capacity)
 {

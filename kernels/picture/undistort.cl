@@ -1,11 +1,11 @@
-/* A lens's image undistorted: the image that a pinhole would have seen from there.
+/* Undistortion: resamples a lens's image to the image of a pinhole camera at the same position.
  *
- * Where the triangle of samples around a pixel is one surface (lib/surface.h), nearness, which is affine over it, and
- * colour are interpolated between its corners. At depth edges and in holes both are the nearest sample's, and the
- * colour everywhere if `linear` is 0: edges stay as sharp as they were. places: (2, height, pitch) u and v in the
- * lens's image, NaN beside it. lens_depth, color: (lens_height, lens_width) of the lens's image, planar z; not finite,
- * <= NEAREST or >= far is no surface. undistorted_depth, undistorted_color: (height, width); depth is NaN, and colour
- * black, beside the lens's image.
+ * If the triangle of samples around a pixel is one surface (lib/surface.h), nearness and colour are interpolated
+ * between its corners; nearness is affine over the triangle. At depth edges and in holes, both are taken from the
+ * nearest sample, so edges stay sharp. If `linear` is 0, colours are taken from the nearest sample everywhere.
+ * places: (2, height, pitch) u and v in the lens's image, NaN outside of it. lens_depth, color: (lens_height,
+ * lens_width) the lens's image, with planar z; a depth that is not finite, <= NEAREST or >= far is invalid.
+ * undistorted_depth, undistorted_color: (height, width); depth is NaN, and colour black, outside of the lens's image.
  * Work-item: LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
@@ -25,7 +25,7 @@ kernel void undistort(global const float *places, global const float *lens_depth
     const Taps taps = clamped_taps(lens_width, lens_height, select_lanes(inside, u, (floatl)0.0f),
                                    select_lanes(inside, v, (floatl)0.0f));
 
-    /* The triangle around the place, and how much each of its corners counts there */
+    /* The triangle around the position, and the weights of its corners */
     const intl lower = taps.fx + taps.fy > 1.0f;
     const intl corners[3] = {select_lanes(lower, taps.at[3], taps.at[0]), taps.at[1], taps.at[2]};
     floatl weights[3];

@@ -1,30 +1,31 @@
-/* A thing drawn into a picture, with a mark on what some depth images have not seen of it.
+/* Draws a thing into a picture, with a mark on surface that none of some depth images has seen.
  *
- * A point was seen where one of the four samples around it has a depth that is not nearer: of a surface that slopes,
- * one of them is farther. So images know their silhouettes to a sample. Normals come from the thing's depths
+ * An image saw a point if one of the four samples around it is not nearer than the point; on a sloping surface, one
+ * of them is farther. Silhouettes are therefore accurate to one sample. Normals come from the thing's depths
  * (picture/facing.h): an image on the other side of the surface has seen its back.
  *
- * own_depth, own_color: (height, width) the thing as it is drawn alone. depth, color, valid: the picture; blank:
- * nothing has been drawn there. maps: the images' depths, one after the other, 0 where they have none. views, places: a
- * record of each image, VIEW_FLOATS and VIEW_INTS of them. bounds: only points in it are marked. fronts, backs: 1 where
- * images that look at the surface's front, or back, have seen it. red, green, blue: of the mark; share: of it in the
- * colour. Work-item: LANES pixels of a row. Cost: O(pixels * images). Determinism: every pixel on its own.
+ * own_depth, own_color: (height, width) the thing drawn alone. depth, color, valid: the picture; blank: 1 if nothing
+ * has been drawn there. maps: the images' depths, one after the other, 0 where invalid. views, places: a record for
+ * each image, of VIEW_FLOATS and VIEW_INTS numbers. bounds: only points inside are marked. fronts, backs: 1 if images
+ * that face the surface's front, or back, count. red, green, blue: the mark's colour; share: its weight. Work-item:
+ * LANES pixels of a row. Cost: O(pixels * images). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/taps.h"
 #include "picture/facing.h"
 
-/* Rows of its pixel space, 16; of planar depth, 4; its centre, or (w = 0) direction, 4; size of a sample at depth 1 */
+/* 16 numbers of the map to pixel space, 4 of the row for planar depth, 4 of the centre (w = 1) or the direction to the
+ * camera (w = 0), and the size of a sample at depth 1 */
 #define VIEW_FLOATS 28
-#define VIEW_INTS 3 /* width, height, first of `maps` */
-#define SAMPLE_TOLERANCE 1.0f /* samples, for surfaces that are no planes */
-#define EDGE_ON 0.05f /* of the cosine: of a surface so aslant an image may see either side */
+#define VIEW_INTS 3 /* width, height, start in `maps` */
+#define SAMPLE_TOLERANCE 1.0f /* samples, for curved surfaces */
+#define EDGE_ON 0.05f /* cosine: an image may have seen either side of a more oblique surface */
 
 typedef struct {
-    float low[3], high[3]; /* the corners of a box, as points are */
+    float low[3], high[3]; /* corners of a box, relative to the points' origin */
 } Bounds;
 
-/* Does an image see a point, from either side? By its samples' depths */
+/* Tells whether an image sees a point, from either side, by the depths of its samples. */
 INLINED intl sees(global const float *maps, global const float *view, global const int *place, Vector p)
 {
     const int width = place[0], height = place[1], start = place[2];
