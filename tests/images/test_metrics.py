@@ -1,4 +1,4 @@
-"""The measures, against values worked out by hand."""
+"""The metrics, against values computed by hand."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_bytes_do_not_wrap_around():
 def test_median_color_error():
     a = np.arange(5, dtype=np.uint8)[None] ** 2
     b = np.zeros((1, 5), np.uint8)
-    assert metrics.median_color_error(a, b) == 4  # of 0 1 4 9 16
+    assert metrics.median_color_error(a, b) == 4  # the median of 0 1 4 9 16
     assert metrics.median_color_error(b, a, valid=np.array([[False, True, True, True, True]])) == 6.5
 
 
@@ -44,7 +44,7 @@ def test_depth_errors_count_what_both_know():
     nan, inf = np.nan, np.inf
     depth = np.array([[1.0, 2.0, 7.0, nan, 5.0, 5.0, inf]], np.float32)
     truth = np.array([[4.0, 6.0, 7.0, 1.0, nan, 0.0, 3.0]])
-    assert metrics.depth_rmse(depth, truth) == pytest.approx(5 / math.sqrt(3))  # of 3 4 0
+    assert metrics.depth_rmse(depth, truth) == pytest.approx(5 / math.sqrt(3))  # differences are 3 4 0
     assert metrics.median_depth_error(depth, truth) == 3
     two = np.array([[True, True, False, True, True, True, True]])
     assert metrics.depth_rmse(depth, truth, valid=two) == pytest.approx(5 / math.sqrt(2))
@@ -108,7 +108,7 @@ def test_bad_arguments_are_named(call, argument):
     assert caught.value.argument == argument
 
 
-# ---- weighted, and forgiving: values worked out by hand
+# ---- weighted and tolerant metrics: values computed by hand
 
 
 def test_rows_of_a_panorama_weigh_as_much_as_the_sphere_that_they_show():
@@ -128,7 +128,7 @@ def test_rows_of_a_panorama_weigh_as_much_as_the_sphere_that_they_show():
 
 
 def in_decibels(*differences: float) -> float:
-    """IV-PSNR of root mean squared differences of luma and chroma, of 8 bits."""
+    """IV-PSNR for given root mean squared differences of luma and chroma, with 8 bits."""
     luma, blue, red = (20 * math.log10(255 / one) for one in differences)
     return (4 * luma + blue + red) / 6
 
@@ -138,11 +138,11 @@ GRAY = np.full((12, 15, 3), (100, 110, 120), np.uint8)
 
 def test_iv_psnr_forgives_a_hundredth_of_the_range():
     assert metrics.iv_psnr(GRAY, GRAY + np.uint8(3), space="ycbcr") == math.inf
-    brighter = GRAY + np.array([10, 5, 4], np.uint8)  # of which 3 are forgiven
+    brighter = GRAY + np.array([10, 5, 4], np.uint8)  # differences of up to 3 are tolerated
     assert metrics.iv_psnr(GRAY, brighter, space="ycbcr") == pytest.approx(in_decibels(7, 2, 1))
     assert metrics.iv_psnr(brighter, GRAY, space="ycbcr") == pytest.approx(in_decibels(7, 2, 1))
     deep = [4 * one.astype(np.uint16) for one in (GRAY, brighter)]
-    expected = [20 * math.log10(1023 / (4 * by - 10)) for by in (10, 5, 4)]  # of 1023 a hundredth is 10
+    expected = [20 * math.log10(1023 / (4 * by - 10)) for by in (10, 5, 4)]  # a hundredth of 1023 is 10
     found = metrics.iv_psnr(*deep, space="ycbcr", bits=10)
     assert found == pytest.approx((4 * expected[0] + expected[1] + expected[2]) / 6)
 
@@ -167,7 +167,7 @@ def test_rgb_becomes_what_videos_hold():
 
 
 def fencing(name: str) -> np.ndarray:
-    """(H, W, 3) YCbCr of a published frame, chroma as often as luma."""
+    """(H, W, 3) YCbCr of a published frame, chroma at the resolution of luma."""
     path = shared("metrics_ivpsnr") / f"Fencing_v8_{name}_1920x1080_yuv420p.yuv.xz"
     planes = np.frombuffer(lzma.decompress(path.read_bytes()), np.uint8)
     luma, chroma = planes[: 1080 * 1920].reshape(1080, 1920), planes[1080 * 1920 :].reshape(2, 540, 960)
@@ -184,7 +184,7 @@ def fencing(name: str) -> np.ndarray:
     ],
 )
 def test_published_figures(name, masked, psnr, iv_psnr, ws_psnr):
-    """Those of the authors' example; of WS-PSNR their program's for it as a panorama. All digits that they give."""
+    """All digits of the authors' example; for WS-PSNR, the output of their program for the example as a panorama."""
     truth, image = fencing("original"), fencing(name)
     valid = fencing("objectsMask")[..., 0] > 0 if masked else None
     assert round(metrics.psnr(truth[..., 0], image[..., 0], valid=valid), 4) == psnr
@@ -193,7 +193,7 @@ def test_published_figures(name, masked, psnr, iv_psnr, ws_psnr):
         assert round(metrics.ws_psnr(truth[..., 0], image[..., 0]), 4) == ws_psnr
 
 
-# ---- others' own
+# ---- metrics of other packages
 
 
 def noisy() -> tuple[np.ndarray, np.ndarray]:
@@ -228,7 +228,7 @@ def test_flip_is_the_mean_of_its_authors_map():
     a, b = noisy()
     shown = [one / np.float32(255) for one in (a, b)]
     found, mean, _ = flip.evaluate(*shown, "LDR", applyMagma=False)
-    assert metrics.flip(a, b) == metrics.flip(*shown) == pytest.approx(mean, rel=1e-5)  # its sum of 713 float32
+    assert metrics.flip(a, b) == metrics.flip(*shown) == pytest.approx(mean, rel=1e-5)  # theirs sums 713 float32
     left = np.arange(31)[None] < np.full((23, 1), 12)
     assert metrics.flip(a, b, valid=left) == pytest.approx(found[:, :12].mean(), rel=1e-6)
     nearer = flip.evaluate(*shown, "LDR", applyMagma=False, parameters={"ppd": 20.0})[1]

@@ -1,4 +1,4 @@
-"""Built-in functions of kernels/lib/builtins.h: the bits of OpenCL's own, and no calls left in kernels' loops."""
+"""Functions of kernels/lib/builtins.h: they give the bits of OpenCL's built-ins, and leave no calls in loops."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TWO |= {"fmin, a number": "fmin(a, b.s0)", "clamp": "clamp(a, -fabs(b), fabs(b))
 
 
 def values_of(expression: str, type_: str, a: np.ndarray, b: np.ndarray, header: str) -> np.ndarray:
-    """The expression of vectors of 16, by the built-ins or by the header."""
+    """Evaluate the expression with vectors of 16, by OpenCL's built-ins or by the header."""
     session = current()
     with session.call():
         source = f"""{header}
@@ -53,7 +53,7 @@ def by_both(expression: str, type_: str, a: np.ndarray, b: np.ndarray) -> tuple[
 
 
 def pairs_of(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of values, the number of them a multiple of 16."""
+    """All pairs of values. The number of values is a multiple of 16."""
     a, b = (np.ascontiguousarray(side.ravel()) for side in np.meshgrid(values, values))
     return a, b
 
@@ -61,19 +61,19 @@ def pairs_of(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("name", [*ONE, *TWO])
 def test_floats_have_the_bits_of_the_built_ins(name):
     a, b = pairs_of(FLOATS)
-    if name in ("min", "max", "clamp"):  # OpenCL leaves open what NaNs become
+    if name in ("min", "max", "clamp"):  # undefined for NaN in OpenCL
         known = ~np.isnan(a) & ~np.isnan(b)
         a, b = np.where(known, a, 0).astype(np.float32), np.where(known, b, 1).astype(np.float32)
     ours, own = by_both({**ONE, **TWO}[name], "float", a, b)
     np.testing.assert_array_equal(np.isnan(ours), np.isnan(own))
     there = ~np.isnan(own)
-    # Which of two zeros of both signs is the less, OpenCL leaves open; whatever follows takes them for equal.
+    # OpenCL does not define the order of 0 and -0. They compare equal, so either is right.
     bits = [np.where(v == 0, 0, v.view(np.int32)) for v in (ours, own)] if name in TWO else [ours, own]
     np.testing.assert_array_equal(bits[0][there], bits[1][there])
 
 
 def test_clamp_makes_the_least_of_nans():
-    """They may become an index."""
+    """The result may become an index."""
     a, b = pairs_of(FLOATS)
     ours, _ = by_both("clamp(a, -2.0f, 5.0f)", "float", a, b)
     np.testing.assert_array_equal(ours, np.where(np.isnan(a), -2, a.clip(-2, 5)))
@@ -98,10 +98,10 @@ def test_loads_are_those_of_the_built_ins(expression):
 
 
 def test_kernels_build_for_processors_without_avx_512(tmp_path: Path):
-    """Clang warns there of vectors that functions are passed, and its warnings are errors."""
+    """On such processors, clang warns about vector arguments, and warnings are errors."""
     used = current().device.platform
     if "Portable Computing Language" not in used or platform.machine() not in ("x86_64", "AMD64"):
-        pytest.skip("needs PoCL, which is told to build for another processor")
+        pytest.skip("needs PoCL, which can build for another processor")
     program = """
 from pyibr.opencl.device import current
 from pyibr.opencl.program import kernel
@@ -133,10 +133,10 @@ for call in calls().values():
 
 @pytest.mark.thorough
 def test_no_built_in_is_a_call_in_the_kernels_that_take_most_of_the_time():
-    """Of the machine code that a process has loaded, whoever built it."""
+    """Check all machine code that a process has loaded."""
     used = current().device.platform
     if "Portable Computing Language" not in used or sys.platform != "linux" or shutil.which("objdump") is None:
-        pytest.skip("needs PoCL, which keeps the machine code, Linux, which tells what is loaded, and objdump")
+        pytest.skip("needs PoCL, which keeps the machine code, Linux, which lists loaded files, and objdump")
     done = run_within(600, [sys.executable, "-c", LOADED])
     assert done.returncode == 0, done.stderr
     found: dict[str, set[str]] = {}

@@ -1,4 +1,4 @@
-"""Headers that several systems' kernels share, each with a small kernel around it, against NumPy."""
+"""Headers shared by the kernels of several systems, each in a small kernel, against NumPy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.headers import kernels_folder
 from tests.one_lane import skip_where_unused
 
-COUNT = 48  # numbers that are worked on: whole packets of 16 lanes
+COUNT = 48  # numbers in each array: whole packets of 16 lanes
 
 DRIVER = """
 kernel void lanes(global const float *a, global const int *b, global float *out)
@@ -84,7 +84,7 @@ kernel void points(Screen screen, global const float *x, global const float *y, 
 
 @pytest.fixture(params=[1, 16])
 def driver(request: pytest.FixtureRequest):
-    """Runs a kernel of the driver with one width of lanes; arrays by value, the result last."""
+    """Function that runs a kernel of the driver with one width of lanes. The kernel's last argument is the result."""
     session, lanes = current(), request.param
     skip_where_unused(lanes)
     headers = "".join(f'#include "lib/{name}.h"\n' for name in ("heights", "lanes", "screen", "taps"))
@@ -121,7 +121,7 @@ def test_pairs_are_neighbours(driver):
 def bilinear(
     map_: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.float64], tiled: bool
 ) -> NDArray[np.float64]:
-    """At places that are counted from the first texel's centre."""
+    """Bilinear values of a map at positions relative to the first texel's centre."""
     height, width = map_.shape
     if not tiled:
         x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
@@ -156,7 +156,7 @@ def test_taps_of_tiles_go_round(driver, shape):
 
 
 def test_no_texel_lies_beyond_a_tile(driver):
-    """Rays in a relief cross a thousand tiles, where float32 just tells texels apart; unused lanes hold anything."""
+    """Rays in a relief cross a thousand tiles, where float32 barely resolves texels; idle lanes have any value."""
     size = 10007
     multiples = size * np.arange(1000 - COUNT // 2, 1000)
     far = np.concatenate([multiples, multiples - 1]).astype(np.float32)

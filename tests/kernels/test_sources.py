@@ -1,4 +1,4 @@
-"""Every kernel file stands on its own, says what its defines mean, and has no function that is too long to be read."""
+"""Rules for kernel files: each compiles alone, documents its defines, and has no long functions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def text_of(file: str) -> str:
 
 
 def included_by(file: str) -> set[str]:
-    """The file and all that it includes."""
+    """The file and all files that it includes."""
     found, open_ones = set(), [file]
     while open_ones:
         one = open_ones.pop()
@@ -40,7 +40,7 @@ def included_by(file: str) -> set[str]:
 
 
 def function_lengths(file: str) -> dict[str, int]:
-    """Lines of each function, from its first to its closing brace."""
+    """Number of lines of each function, from its first line to its closing brace."""
     lengths: dict[str, int] = {}
     first = None
     for number, line in enumerate(text_of(file).splitlines()):
@@ -53,7 +53,7 @@ def function_lengths(file: str) -> dict[str, int]:
     return lengths
 
 
-# Other tests build the kernels' own files; only of headers nobody else would see that they lean on others.
+# Other tests build the kernel files. Only this test notices a header that lacks an include.
 ALONE = [file if file.endswith(".h") else pytest.param(file, marks=pytest.mark.thorough) for file in FILES]
 
 
@@ -98,21 +98,21 @@ NAMED = re.compile(r"\s*#define (\w+)|\} (\w+);$|(?!typedef|return|else)(?:\w+ )
 
 
 def definitions(text: str) -> list[tuple[str, list[list[int]]]]:
-    """Macros, structs and functions that a file defines, but for defaults (#ifndef), each with the branches it is in.
+    """Macros, structs and functions that a file defines, except defaults (#ifndef), each with its enclosing branches.
 
-    A branch is the number of its #if in the file, and its own among that one's.
+    A branch is the line of its #if in the file, and its number among the #if's branches.
     """
     code = re.sub(r"/\*.*?\*/", lambda match: re.sub(r"[^\n]", " ", match.group()), text, flags=re.DOTALL)
     found: list[tuple[str, list[list[int]]]] = []
     branches: list[list[int]] = []
-    absent: list[str] = []  # of each open #ifndef its name
+    absent: list[str] = []  # for each open condition, the name of its #ifndef
     for number, line in enumerate(GUARD.sub("", code).splitlines()):
         if opens := re.match(r"\s*#(if|ifdef|ifndef) (\w+)", line):
             branches.append([number, 0])
             absent.append(opens.group(2) if opens.group(1) == "ifndef" else "")
         elif re.match(r"\s*#el(se|if)\b", line):
             branches[-1][1] += 1
-        elif re.match(r"\s*#endif", line) and branches:  # the last one is the guard's
+        elif re.match(r"\s*#endif", line) and branches:  # the last #endif belongs to the guard
             branches.pop()
             absent.pop()
         elif named := NAMED.match(line):
@@ -123,12 +123,12 @@ def definitions(text: str) -> list[tuple[str, list[list[int]]]]:
 
 
 def exclude(a: list[list[int]], b: list[list[int]]) -> bool:
-    """Tell whether two places are in two branches of one #if."""
+    """Tell whether two places are in different branches of one #if."""
     return any(one[0] == other[0] and one[1] != other[1] for one, other in zip(a, b, strict=False))
 
 
 def test_a_name_means_one_thing():
-    """No macro, struct or function has two definitions, but in branches of one #if, or as a setting with a default."""
+    """No macro, struct or function is defined twice, except in branches of one #if or as a setting with a default."""
     settings = {match.group(1) for file in FILES for match in DEFAULT.finditer(text_of(file))}
     places: dict[str, list[tuple[str, list[list[int]]]]] = {}
     for file in FILES:
@@ -149,12 +149,12 @@ def test_every_file_is_a_source():
     assert {Path(file).suffix for file in FILES} == {".cl", ".h"}
 
 
-ONE_GROUP = "picture/noise.cl"  # whose launches are a single group, which goes in one piece
+ONE_GROUP = "picture/noise.cl"  # launched as a single group, which is never split
 
 
 @pytest.mark.parametrize("file", [file for file in FILES if file != ONE_GROUP])
 def test_a_kernel_knows_nothing_of_the_launch_but_its_place(file):
-    """Long launches go in pieces, whose groups are others; and no device lacks room for groups or local memory."""
+    """Pieces of long launches have other groups. Kernels must also run with any limits of groups and local memory."""
     assert not re.search(
         r"\bget_(?:global_size|local|num_groups|group|work)|\bbarrier\(|^ *(?:__)?local ", text_of(file), re.M
     )

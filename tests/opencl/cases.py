@@ -1,6 +1,7 @@
-"""Calls that run every kernel on images, maps and pictures whose borders are near: for `fences` and for Oclgrind.
+"""Calls that run every kernel on small images, maps and pictures, to test accesses at their borders.
 
-Run as a program, with a folder of kernels, it prints each case before it begins, and in the end where all ran.
+They are used by `fences` and with Oclgrind. Run as a program, with a folder of kernels, this module prints each case
+before its start, and a last line after all cases.
 """
 
 from __future__ import annotations
@@ -61,11 +62,11 @@ def _warps(setting: Setting) -> Cases:
                 yield f"{name} {way}", partial(ibr.warp, view, camera, **way, out=setting.frame(camera))
             if pose == "ahead":
                 yield f"{name} of two", partial(ibr.warp, [view, beside], camera, classes=True)
-                yield f"{name} of two, one held", partial(_warp_holding_one, [view, beside], camera)
+                yield f"{name}, two views, one held", partial(_warp_holding_one, [view, beside], camera)
 
 
 def _bridges(setting: Setting) -> Cases:
-    """Steep bridges that another view has looked through."""
+    """Steep bridges that another view sees through."""
     size = (33, 17)
     colored = setting.view(scenes.smooth, size, "perspective").has_color
     views = [
@@ -75,7 +76,7 @@ def _bridges(setting: Setting) -> Cases:
 
 
 def _warp_holding_one(views: list[DepthImage], camera: ibr.Camera) -> ibr.Frame:
-    """A picture whose layers are drawn twice, but for one."""
+    """A picture in which only one layer is kept, and the others are drawn twice."""
     with patch.multiple(blending, _HELD_BYTES=1, _HELD_MIN=1):
         return ibr.warp(views, camera)
 
@@ -96,7 +97,7 @@ def _lenses(setting: Setting) -> Cases:
 
 
 def _bounds(setting: Setting) -> Cases:
-    """Those of a surface's windows, which GPUs alone ask for."""
+    """Bounds of a surface's windows, which only GPUs use."""
     for size in ((1, 1), (17, 33))[: setting.choose(1, 2, 2)]:
         view = setting.view(scenes.smooth, size, "perspective")
         yield f"bounds {size}", partial(_bounds_of, view)
@@ -121,7 +122,7 @@ def _registrations(setting: Setting) -> Cases:
             name = f"register {size} to {target} {aside} {lens}"
             if setting.kind == "depth alone":
                 yield name, partial(ibr.register, view.depth, here, there)
-                if view.valid.all() or lens is None:  # the counts' kernels know of neither
+                if view.valid.all() or lens is None:  # kernels for counts have no holes or lenses
                     counts = ibr.uint16_from_depth(np.where(view.valid, view.depth, np.float32(np.nan)), 1000)
                     yield f"{name} counts", partial(ibr.register, counts, here, there, depth_scale=1000)
             else:
@@ -129,12 +130,12 @@ def _registrations(setting: Setting) -> Cases:
 
 
 def _targets(view: DepthImage, size: Size) -> Iterator[tuple[str, ibr.Camera]]:
-    """Cameras whose lines run in all ways; some see rows and columns that the view has not."""
+    """Cameras with epipolar lines in all directions; some have more rows and columns than the view."""
     for pose in scenes.special_cameras(view, size):
         if pose.name not in ("left", "up"):
             yield pose.name, pose.camera
     yield "ahead", view.camera.moved(0.05, 0.02, 0.4).resized(size)
-    if size == (1, 1):  # of these targets it decides nothing
+    if size == (1, 1):  # the targets below do not depend on the size
         width, height = view.camera.size
         larger = view.camera.K + np.array([[0, 0, 21], [0, 0, 23], [0, 0, 0]])
         for name, step in (("beyond rows", (0.3, 0, 0)), ("beyond columns", (0, -0.3, 0))):
@@ -148,21 +149,20 @@ def _targets(view: DepthImage, size: Size) -> Iterator[tuple[str, ibr.Camera]]:
 def _draw(
     setting: Setting, things: list[Any], camera: ibr.Camera, light: ibr.Light | None = None, anisotropy: int = 1
 ) -> object:
-    """Renders things behind a depth image, whose colours decide which kind the picture's are of."""
+    """Render things behind a depth image, whose colours set the kind of the picture's colours."""
     view = setting.view(scenes.smooth, (2, 1), "perspective")
     return ibr.render([*things, view], camera, light, anisotropy=anisotropy)
 
 
 def _square() -> tuple[list[list[float]], list[list[int]], list[list[float]]]:
-    """Corners, faces and uv: the first face, which lanes with nothing to draw look at, has no area; one crosses the
-    camera's plane."""
+    """Corners, faces and uv. The first face, which idle lanes read, has no area; another crosses the camera's plane."""
     corners = [[-1.0, -1, 2], [1, -1, 4], [1, 1, 4], [-1, 1, -2]]
     return corners, [[1, 1, 2], [0, 2, 1], [0, 3, 2]], [[-1.0, 0], [1, 0], [1, 2], [0, 3]]
 
 
 def _lights(setting: Setting) -> list[ibr.Light | None]:
     lit = [ibr.Light(position=(0, 0, 0), shadow_size=7, specular=0.5)]
-    lit.append(ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0, relight=True))  # the depth image behind
+    lit.append(ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0, relight=True))  # lights the depth image behind
     return lit if not setting.thorough else [None, ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0), *lit]
 
 
@@ -175,7 +175,7 @@ def _meshes(setting: Setting) -> Cases:
     corners, faces, uv = _square()
     for number, texture_size in enumerate(((5, 3), (1, 1), (1, 5), (5, 1))[: setting.choose(1, 4, 4)]):
         texture = setting.noise(*texture_size)
-        lights = _lights(setting)[: 1 if number else None]  # what they change reads no texture
+        lights = _lights(setting)[: 1 if number else None]  # lights do not affect texture reads
         first = ibr.Mesh(corners, faces, uv=uv, texture=texture)
         second = ibr.Mesh(corners, faces, colors=np.asarray(setting.noise(4, 1)[0]))
         plain = ibr.Mesh([[-9, -9, 5], [9, -9, 5], [0, 9, 5]], [[0, 1, 2]])
@@ -187,7 +187,7 @@ def _meshes(setting: Setting) -> Cases:
 
 
 def _marked(setting: Setting) -> Cases:
-    """A triangle before another one, with the parts that images have seen marked."""
+    """A triangle in front of another one, with marks on the parts that no image has seen."""
     near, plain = (ibr.Mesh([[-s, -s, z], [s, -s, z], [0, s, z]], [[0, 1, 2]]) for s, z in ((1, 4), (9, 5)))
     for sizes in (((1, 1), (2, 2), (1, 5), (7, 1)), ((9, 7),) * 4)[: setting.choose(1, 2, 2)]:
         views = _views_around(setting, sizes)
@@ -198,7 +198,7 @@ def _marked(setting: Setting) -> Cases:
 
 
 def _height_maps(setting: Setting) -> Iterator[tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None]]:
-    """Heights, colours and normals of all awkward shapes."""
+    """Heights, colours and normals of all critical shapes."""
     rng = np.random.default_rng(0)
     for size in ((5, 3), (1, 1), (1, 5), (5, 1), (4, 8))[: setting.choose(1, 2, 5)]:
         height = rng.random(size[::-1], np.float32)
@@ -213,7 +213,7 @@ def _tiled_square() -> ibr.Mesh:
 
 
 def _above(setting: Setting) -> list[ibr.Camera]:
-    """Cameras that see the square from above, from aside and from amid its relief."""
+    """Cameras above the square, beside it and inside its relief."""
     looks: tuple[tuple[tuple[float, ...], Size], ...] = (
         ((0.5, 0.5, 0.6), (13, 7)),
         ((1, 2, 1), (1, 1)),
@@ -226,7 +226,7 @@ def _above(setting: Setting) -> list[ibr.Camera]:
 
 
 def _within() -> ibr.Camera:
-    """One from a little below the square, within its relief."""
+    """A camera a little below the square, inside its relief."""
     return ibr.Camera.look_at((0.5, 0.3, 0.02), (1, 0.5, 0), (0, 0, 1), (13, 7), fov_y=60)
 
 
@@ -268,7 +268,8 @@ def _reliefs(setting: Setting) -> Cases:
         {"shadow": "search", "distance": "perpendicular", "search": "linear", "steps": 4},
     )
     for number, (height, color, normals) in enumerate(_height_maps(setting)):
-        # Each is a program, of seconds: all ways meet floats and bytes, two the other maps, and one float colours.
+        # Each combination is a program that takes seconds to build. All ways run on float and byte heights, two ways on
+        # the other maps, and one way with float colours.
         first, second = (setting.kind == "uint8" and number == n for n in (0, 1))
         others = (ways[0], ways[1 + number % (len(ways) - 1)]) if setting.kind == "uint8" else ways[:1]
         for way in ways if first or second else others:
@@ -285,7 +286,7 @@ def _reliefs(setting: Setting) -> Cases:
 
 
 def _views_around(setting: Setting, sizes: tuple[Size, ...]) -> list[DepthImage]:
-    """Of a block of a third of the image's width; what lies beside it is background. Each other one has normals."""
+    """Views of a block a third of the image's width, before a background. Every other view has normals."""
     views = list[DepthImage]()
     for eye, size in zip(((3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2)), sizes, strict=True):
         camera = ibr.Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), size, fov_y=40)
@@ -322,7 +323,7 @@ def _objects(setting: Setting) -> Cases:
 
 def _meshed(things: list[Any]) -> None:
     for thing in things:
-        with suppress(ibr.ArgumentError):  # nothing is in it
+        with suppress(ibr.ArgumentError):  # an empty object
             thing.to_mesh(7)
 
 
@@ -400,14 +401,14 @@ FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
     "relief": (_reliefs,),
     "depthmesh": (_depth_meshes,),
 }
-"""What runs every kernel of each folder of `kernels/`, among others."""
+"""Cases that together run every kernel of each folder of `kernels/`."""
 _WITHOUT_COLORS = (_lenses, _warps, _bridges, _registrations, _cleanings)
 
 
 def run_all(setting: Setting, launches: Launches, folder: str) -> Ran:
-    """Runs all cases of a folder, each of which is printed before; returns what ran."""
-    warnings.simplefilter("ignore")  # that some targets see nothing
-    # What poisoned launches made is refused by whatever takes it next.
+    """Run all cases of a folder, after printing each; return the kernels that ran."""
+    warnings.simplefilter("ignore")  # some targets see nothing
+    # Results of poisoned launches are invalid arguments of later calls.
     refused = suppress(ibr.ArgumentError) if isinstance(launches, Poisoned) else nullcontext()
     with watching(launches):
         for cases in FOLDERS[folder]:
@@ -420,7 +421,7 @@ def run_all(setting: Setting, launches: Launches, folder: str) -> Ran:
 
 
 def check_all_ran(ran: Ran, folder: str) -> None:
-    """Ends the process unless every kernel of the folder has run."""
+    """End the process unless every kernel of the folder has run."""
     of_cpus = set[tuple[str, str]]() if current().profile.band else {("prepare", "")}
     missing = sorted(kernels_of(folder) - of_cpus - ran)
     assert not missing, f"never ran: {missing}"

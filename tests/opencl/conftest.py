@@ -1,4 +1,4 @@
-"""Fixtures of the tests of several files."""
+"""Fixtures for several test files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pyibr.opencl.device import current
 
 @pytest.fixture
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
-    """An empty cache, and nothing told or tested by this process; its device is open, unless a test opens it."""
+    """An empty cache, in a process without earlier messages or tests of devices. Its device is open by default."""
     if "nothing_open" not in request.fixturenames:
         current()
     monkeypatch.setattr(probe, "_tested", {})
@@ -26,7 +26,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.F
 
 @pytest.fixture
 def nothing_open(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """As in a process that has opened no device yet."""
+    """The state of a process that has not opened a device yet."""
     device._default_session.cache_clear()
     with monkeypatch.context() as patch:
         patch.setattr(device, "_sessions", {})
@@ -37,7 +37,7 @@ def nothing_open(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A copy of the kernels in a folder with a space, nothing built or read, an empty cache."""
+    """A copy of the kernels, in a folder with a space; nothing is built or read yet, and the cache is empty."""
     copy = tmp_path / "a b" / "kernels"
     shutil.copytree(headers.kernels_folder(), copy)
     monkeypatch.setattr(headers, "kernels_folder", lambda: copy)

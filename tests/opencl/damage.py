@@ -1,4 +1,4 @@
-"""Kinds of damage to a cache: each takes its folder and a random generator. Those named unsafe are warned of."""
+"""Kinds of damage to a cache. Each takes its folder and a random generator; kinds named unsafe cause a warning."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def another_version(folder: Path, random: random.Random) -> None:
 
 
 def as_earlier_versions_wrote(folder: Path, random: random.Random) -> None:
-    """The binary alone, and its description beside it."""
+    """The binary and its description in separate files."""
     path = _two(folder, random)[0]
     head, binary = path.read_bytes().split(b"\n", 2)[1:]
     path.with_suffix(".json").write_bytes(head[32:])
@@ -134,7 +134,7 @@ def writable_by_all(folder: Path, random: random.Random) -> None:
 def readable_by_none(folder: Path, random: random.Random) -> None:
     path = _any(folder, random)
     path.chmod(0)
-    if not os.geteuid():  # who reads it all the same
+    if not os.geteuid():  # root can read it anyway
         os.chown(path, 12345, -1)
 
 

@@ -1,13 +1,13 @@
-"""Every array of a kernel between pages that nobody may touch: one byte too far ends the process.
+"""Arrays of kernels between protected pages, so that an access one byte outside ends the process.
 
-An array ends where the pages after it begin, or it begins where those before it end, to the byte: PoCL uses the host's
-memory in place, however it is aligned. What is uploaded may not even be written. Kernels in one lane, whose memory is
-else the device's own, get the same.
+An array starts or ends exactly at a protected page, since PoCL uses the host's memory in place, with any alignment.
+Uploaded arrays are also protected against writes. Kernels in one lane, which would otherwise use device memory, get
+such arrays, too.
 
-Run as a program, with a folder of kernels and 16 or 1 lanes: `cases` within fences at the start, then at the end. After
-each, in the same process, whose programs are built, cameras' numbers are poisoned, and nothing is right but that
-kernels end and keep to their arrays. Programs are built without optimisation, in half the time: what kernels read and
-write is the same, and so is what they only read to no avail.
+Run as a program, with a folder of kernels and 16 or 1 lanes, this module runs `cases` with fences at the start of
+arrays, then at the end. After each run, with the programs that are already built, it runs cases with poisoned numbers
+of cameras. Then results are arbitrary, but kernels must end and stay within their arrays. Programs are built without
+optimisation, in half the time: this also keeps reads whose values are not used.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from tests.opencl.setting import KINDS, Launches, Poisoned, Setting
 
 Where = Literal["start", "end"]
 
-_GUARD = 1 << 20  # bytes to both sides: an index that is off may be far off
+_GUARD = 1 << 20  # protected bytes on each side: a wrong index may be far off
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _make_buffer = cl.Buffer
@@ -45,7 +45,7 @@ def _forbid(address: int, size: int, allowed: int = 0) -> None:
 
 
 def _fenced_bytes(size: int, where: Where) -> tuple[mmap.mmap, int]:
-    """Pages, and where in them so many bytes begin that lie at a fence."""
+    """Pages, and the start of `size` bytes in them that touch a fence."""
     whole = -(-max(size, 1) // mmap.PAGESIZE) * mmap.PAGESIZE
     pages = mmap.mmap(-1, whole + 2 * _GUARD)
     address = np.frombuffer(pages, np.uint8).ctypes.data
@@ -55,14 +55,14 @@ def _fenced_bytes(size: int, where: Where) -> tuple[mmap.mmap, int]:
 
 
 def fenced(shape: tuple[int, ...], dtype: DTypeLike, where: Where) -> NDArray[Any]:
-    """An array at a fence."""
+    """An array that touches a fence."""
     size = math.prod(shape) * np.dtype(dtype).itemsize
     pages, start = _fenced_bytes(size, where)
     return np.frombuffer(pages, np.uint8)[start : start + size].view(dtype).reshape(shape)
 
 
 def raise_fences(where: Where) -> None:
-    """From now on, all buffers of this process lie at fences."""
+    """Make all further buffers of this process touch fences."""
 
     def take(session: Session, size: int) -> Block:
         if not session.profile.in_place:
@@ -75,7 +75,7 @@ def raise_fences(where: Where) -> None:
     def make_buffer(context: cl.Context, flags: int, size: int = 0, hostbuf: NDArray[Any] | None = None) -> cl.Buffer:
         kinds = cl.mem_flags
         if flags & kinds.USE_HOST_PTR and not flags & kinds.READ_ONLY:
-            return _make_buffer(context, flags, hostbuf=hostbuf)  # the caller's own memory
+            return _make_buffer(context, flags, hostbuf=hostbuf)  # the caller's memory
         kept = flags & (kinds.READ_ONLY | kinds.WRITE_ONLY | kinds.READ_WRITE) | kinds.USE_HOST_PTR
         if hostbuf is None:
             return _make_buffer(context, kept, hostbuf=fenced((max(size, 1),), np.uint8, where))
@@ -86,7 +86,7 @@ def raise_fences(where: Where) -> None:
             _forbid(first, copy.ctypes.data + copy.nbytes - first, mmap.PROT_READ)
         return _make_buffer(context, kept, hostbuf=copy)
 
-    bins._UNASKED = 0  # lists end with their last number
+    bins._UNASKED = 0  # lists have no spare room
     memory._take = take
     memory._give_back = lambda session, block: None
     cl.Buffer = make_buffer
@@ -94,9 +94,9 @@ def raise_fences(where: Where) -> None:
 
 if __name__ == "__main__":
     folder, lanes = sys.argv[1:]
-    current()  # what chooses a device has buffers of its own
+    current()  # opened first, as the test of a device has other buffers
     program._OPTIONS.append("-cl-opt-disable")
-    kinds = KINDS if lanes == "16" else KINDS[:1]  # Oclgrind sees one lane with the others
+    kinds = KINDS if lanes == "16" else KINDS[:1]  # Oclgrind checks other colours in one lane
     with one_lane() if lanes == "1" else nullcontext():
         for seed, where in enumerate(get_args(Where)):
             print("fences at the", where)

@@ -1,4 +1,4 @@
-"""The setting of a case: kinds of colours and sizes, numbers that nobody gives, and which kernels have run on what."""
+"""Settings of cases: kinds of colours, sizes and poisoned numbers, and a record of the kernels that have run."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ KINDS: tuple[Kind, ...] = ("uint8", "float32", "depth alone")
 POISONS = (np.nan, np.inf, -np.inf, 0.0, 1e-38, 1e-20, 1e9, -1e9, 1e38, -1e38)
 _T = TypeVar("_T")
 Ran = set[tuple[str, str]]
-"""Kernels' names with the kind of colours that they ran on; "" where they know none."""
+"""Names of kernels with the kind of colours on which they ran; "" for kernels without colours."""
 
 
 class Launches(Watch):
-    """Kernels that run, and the kinds of colour that they run on."""
+    """A record of the kernels that run, and their kinds of colours."""
 
     def __init__(self) -> None:
         self.ran: Ran = set()
@@ -41,7 +41,7 @@ class Launches(Watch):
 
 
 class Poisoned(Launches):
-    """Half of the structs have some numbers that no camera or light ever gave; equal structs have equal ones."""
+    """Launches in which half of the structs get invalid numbers; equal structs get equal numbers."""
 
     def __init__(self, seed: int) -> None:
         super().__init__()
@@ -64,34 +64,34 @@ class Poisoned(Launches):
 
 @cache
 def signatures(folder: str = "*", suffix: str = ".cl") -> dict[str, str]:
-    """Parameters of each kernel of `kernels/`, or of a folder there, by its name; those in headers are GPUs' alone."""
+    """Parameters of each kernel of `kernels/`, or of a folder there, by name. Kernels in headers are for GPUs only."""
     texts = [path.read_text() for path in sorted(kernels_folder().glob(f"{folder}/*{suffix}"))]
     found = [pair for text in texts for pair in re.findall(r"^kernel void (\w+)\((.*?)\)\n\{", text, re.M | re.S)]
     return dict(found)
 
 
 def knows_colors(name: str) -> bool:
-    """Tell whether a kernel reads or writes colours, whose kind it is built for."""
+    """Tell whether a kernel reads or writes colours, so that it is built for each kind."""
     return re.search(r"\bchannel \*", signatures(suffix=".*")[name]) is not None
 
 
 def kernels_of(folder: str) -> Ran:
-    """Launches of every kernel of a folder, on both kinds of colour."""
+    """Return the expected launches: every kernel of a folder, on both kinds of colours."""
     return {(name, kind) for name in signatures(folder) for kind in (KINDS[:2] if knows_colors(name) else ("",))}
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Settings by which a case is run.
+    """Settings of a case.
 
     Attributes
     ----------
     kind : str
-        Of the colours.
+        Kind of the colours.
     thorough : bool
-        All sizes; else the least that runs everything, for Oclgrind, which is slow.
+        Whether to run all sizes, or only as many as run every kernel, for Oclgrind, which is slow.
     empty : callable
-        Makes arrays that a call writes `out` to.
+        Creates arrays for a call's `out`.
     """
 
     kind: Kind
@@ -99,25 +99,25 @@ class Setting:
     empty: Callable[[tuple[int, ...], DTypeLike], NDArray[Any]] = field(default=np.empty)
 
     def choose(self, least: _T, some: _T, everything: _T) -> _T:
-        """Choose sizes and maps of a case: other kinds of colour are read and written in the same places."""
+        """Choose the sizes or maps of a case: fewer for other kinds than uint8, whose accesses are the same."""
         return (least, some, everything)[self.thorough + (self.kind == "uint8")]
 
     def colors(self, image: NDArray[np.uint8]) -> NDArray[Any]:
-        """Bytes, or the same in [0, 1]."""
+        """Return an image in this kind of colours: bytes, or floats in [0, 1]."""
         return image / np.float32(255) if self.kind == "float32" else image
 
     def noise(self, width: int, height: int) -> NDArray[Any]:
-        """An image of no two equal pixels."""
+        """Return an image of random pixels."""
         return self.colors(np.random.default_rng(1).integers(0, 256, (height, width, 3)).astype(np.uint8))
 
     def view(self, make: Callable[[Size, Projection], DepthImage], size: Size, projection: Projection) -> DepthImage:
-        """A depth image of `scenes` with its own buffers."""
+        """Return a depth image of `scenes` with its own buffers."""
         kept = make(size, projection)
         color = None if self.kind == "depth alone" else self.colors(kept.color)
         return DepthImage(color, kept.depth, kept.camera, far=kept.far)
 
     def frame(self, camera: ibr.Camera) -> ibr.Frame:
-        """The caller's own arrays."""
+        """Return a frame of new arrays, for `out`."""
         shape = camera.height, camera.width
         channels, dtype = (0, "uint8") if self.kind == "depth alone" else (3, self.kind)
         color, depth = self.empty((*shape, channels), dtype), self.empty(shape, "float32")

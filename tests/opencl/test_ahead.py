@@ -1,4 +1,4 @@
-"""Programs built ahead: those that pictures need, by a process that harms nothing, whether it lives or not."""
+"""Programs built ahead: the right ones, by a process that may die without harm."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ DRAWN: dict[str, Callable[[], ibr.Frame]] = {
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str, bool, dict[str, int]]]:
-    """All that is asked for from now on; nothing is done of it."""
+    """All requests from now on, which are not carried out."""
     found: list[tuple[str, str, bool, dict[str, int]]] = []
 
     class Noted:
@@ -112,7 +112,7 @@ def test_a_program_is_asked_for_once(asked: list[Any]):
     assert len(asked) == len({file for file, *_ in asked}) == 4
 
 
-# --- the process that builds ----------------------------------------------------------------------
+# --- the builder process --------------------------------------------------------------------------
 
 PICTURE = f"""
 import os, sys, zlib
@@ -137,7 +137,7 @@ pocl = pytest.mark.skipif(
 
 
 def draw(folder: Path, here: str = "", **variables: str) -> dict[str, str]:
-    """Lines of a process with these caches, by their first word."""
+    """Draw in a process with its own caches, and return its lines by their first word."""
     caches = {"PYIBR_CACHE": str(folder / "pyibr"), "POCL_CACHE_DIR": str(folder / "pocl"), "PYIBR_BINARIES": "never"}
     environment = with_path(**(caches | variables))
     command = [sys.executable, "-W", "error", "-X", "dev", "-c", PICTURE.replace("HERE", here)]
@@ -157,7 +157,7 @@ def is_alive(pid: int) -> bool:
 @pocl
 def test_the_first_picture_is_built_beside_and_the_same(tmp_path: Path):
     beside = draw(tmp_path / "beside")
-    assert int(beside["built"]) >= 2  # the last one may be waited for by its kernel alone
+    assert int(beside["built"]) >= 2  # the last program may only report its kernel
     assert not is_alive(int(beside["builder"]))
     alone = draw(tmp_path / "alone", POCL_KERNEL_CACHE="0")
     assert alone["builder"] == "None"

@@ -1,4 +1,4 @@
-"""Programs' binaries: read when nobody waits, by a thread that harms nothing; beforehand by `pyibr doctor --build`."""
+"""Binaries of programs: read in idle time by a thread, or in advance by `pyibr doctor --build`."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def environment(folder: Path, binaries: str = "later") -> dict[str, str]:
 
 
 def run(code: str, folder: Path, binaries: str = "later") -> subprocess.CompletedProcess[str]:
-    """A process of its own."""
+    """Run code after PICTURE in a separate process."""
     command = [sys.executable, "-c", PICTURE + code]
     return subprocess.run(command, env=environment(folder, binaries), capture_output=True, text=True, timeout=300)
 
@@ -66,7 +66,7 @@ def cached_on_device(folder: Path) -> list[Path]:
 
 @pytest.fixture
 def reads_late() -> None:
-    """Skips where the runtime reads binaries at once."""
+    """Skip the test if the runtime reads binaries immediately."""
     if "portable computing language" not in current().device.platform.lower():
         pytest.skip("this runtime hands out binaries without compiling")
 
@@ -139,7 +139,7 @@ def test_a_binary_is_what_pyopencl_reads():
 
 
 def test_other_threads_run_while_a_binary_is_read(reads_late: None):
-    number = int.from_bytes(os.urandom(3), "big")  # that PoCL has not compiled before
+    number = int.from_bytes(os.urandom(3), "big")  # a source that PoCL has not compiled before
     source = "".join(
         f"kernel void k{i}(global float *a) {{ a[0] = sin(a[{i}]) * exp(a[1]) + {number}; }}\n" for i in range(6)
     )
@@ -184,7 +184,7 @@ def test_users_are_told_once_that_kernels_are_built(caplog: pytest.LogCaptureFix
     assert "doctor --build" in said[0]
     program._spent = 0.0
     build(9.0)
-    assert len(said) == 1, "whoever listens no more is told no more"
+    assert len(said) == 1, "no messages after the end of the block"
 
 
 def test_doctor_builds_beforehand(own_cache: Path, monkeypatch: pytest.MonkeyPatch):

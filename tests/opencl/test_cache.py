@@ -1,4 +1,4 @@
-"""The cache on disk: where it lies, whom it trusts, and what damage does to it."""
+"""The cache on disk: its folder, trust in its files, and damage to them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if not path.is_dir())
 
 
-# --- where it lies --------------------------------------------------------------------------------
+# --- the folder -----------------------------------------------------------------------------------
 
 
 def test_the_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
@@ -94,7 +94,7 @@ def test_names_may_be_anything(own_cache: Path):
 
 
 def test_an_entry_stands_for_nothing_else(own_cache: Path):
-    """Its checksum holds for its own identity alone."""
+    """The checksum of an entry is only valid for its identity."""
     ONE.write(b"one")
     TWO.write(b"two")
     one, two = files(own_cache)
@@ -177,7 +177,7 @@ def test_entries_that_were_used_longest_ago_are_pruned(own_cache: Path, monkeypa
     for number, entry in enumerate(entries[:4]):
         entry.write(bytes(1000))
         os.utime(entry._path(own_cache / "programs"), (time.time() - 1e6 + number,) * 2)
-    (own_cache / "programs/old-0123.bin").write_bytes(bytes(500))  # of an earlier version
+    (own_cache / "programs/old-0123.bin").write_bytes(bytes(500))  # a file of an earlier version
     os.utime(own_cache / "programs/old-0123.bin", (1, 1))
     assert entries[0].read() is not None  # used today
     for entry in entries[4:]:
@@ -186,7 +186,7 @@ def test_entries_that_were_used_longest_ago_are_pruned(own_cache: Path, monkeypa
     assert len(files(own_cache)) == 4
 
 
-# --- whom it trusts -------------------------------------------------------------------------------
+# --- trust ----------------------------------------------------------------------------------------
 
 
 def opened(folder: Path) -> None:
@@ -237,7 +237,7 @@ def test_a_folder_that_others_can_write_is_not_used(own_cache: Path, room: str, 
         RuntimeWarning, match=f"^the cache folder {own_cache / room} is not used, .*; to mend it: [^.]*$"
     ):
         assert ONE.read() is None
-    TWO.write(b"two")  # says nothing more
+    TWO.write(b"two")  # without another warning
     assert TWO.read() is None and files(own_cache.parent) == before
     fault = cache_fault()
     assert fault is not None and str(own_cache / room) in fault[0]
@@ -252,7 +252,7 @@ def test_what_is_said_to_mend_a_folder_does_no_harm(tmp_path: Path, monkeypatch:
     folder = tmp_path / "it's; touch x"
     monkeypatch.setenv("PYIBR_CACHE", str(folder))
     elsewhere = "set PYIBR_CACHE to a folder of your own"
-    for mode, remedy in ((0o777, None), (0o1777, elsewhere)):  # of one's own; as /tmp
+    for mode, remedy in ((0o777, None), (0o1777, elsewhere)):  # the user's own folder; a sticky one, such as /tmp
         folder.mkdir(exist_ok=True)
         folder.chmod(mode)
         fault = cache_fault()
@@ -334,7 +334,7 @@ for number, kind in enumerate(KINDS):
 
 @pytest.mark.thorough
 def test_no_damage_does_harm(own_cache: Path):
-    """Each damage is followed by two frames; after the first, the cache is whole again where it can be used."""
+    """Draw two frames after each kind of damage. After the first, a usable cache must be whole again."""
     import json
 
     command = [sys.executable, "-c", DAMAGED, str(Path(__file__).parent)]

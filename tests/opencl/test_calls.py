@@ -1,4 +1,4 @@
-"""Calls that are interrupted, that wait and that several threads make: all are right, and nothing is left behind."""
+"""Interrupted calls, waiting calls and calls of several threads: all are right, and nothing is left behind."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tests.processes import with_path
 
 
 class _Interrupted(Watch):
-    """Raises KeyboardInterrupt at one launch, before or after it."""
+    """Observer that raises KeyboardInterrupt before or after one launch."""
 
     def __init__(self, at: int, after: bool) -> None:
         self.left, self.after = at, after
@@ -48,7 +48,7 @@ class _Interrupted(Watch):
 
 
 def _in_order(call: Call, expected: list[Any]) -> None:
-    """The next call is right to the bit and leaves nothing, and another thread sees nobody in a call."""
+    """Check that the next call gives the same bits and leaves nothing behind, and that no call is in progress."""
     session = current()
     assert same(call(), expected)
     assert not session.in_flight.used
@@ -56,7 +56,7 @@ def _in_order(call: Call, expected: list[Any]) -> None:
 
 
 def _seen_from_elsewhere(session: device.Session) -> list[object]:
-    """Calls in progress, as another thread sees them."""
+    """Calls in progress, seen from another thread."""
     seen: list[list[object]] = []
     other = threading.Thread(target=lambda: seen.append(list(session.calls.others)))
     other.start()
@@ -106,7 +106,7 @@ while rung < 30:
         found[name]()
     except KeyboardInterrupt:
         rung += 1
-    except TypeError as error:  # NumPy takes an interrupt amid this comparison for a failed one
+    except TypeError as error:  # NumPy reports an interrupt of this comparison as a failed comparison
         assert "Cannot compare structured arrays" in str(error)
         rung += 1
     finally:
@@ -143,7 +143,7 @@ assert started[0] > 40, started
 started, at_signal = [0], []
 (mine, theirs), here = socket.socketpair(), lambda: at_signal.append((theirs.recv(1), started[0]))
 mine.setblocking(False)
-signal.set_wakeup_fd(mine.fileno())  # written to when the signal is there, whatever Python does
+signal.set_wakeup_fd(mine.fileno())  # written as soon as the signal arrives, even if Python is busy
 thread = threading.Thread(target=here)
 thread.start()
 try:
@@ -239,7 +239,7 @@ def _warped(view: ibr.DepthImage, camera: ibr.Camera) -> list[Any]:
 
 
 def test_threads_share_the_device():
-    """None of them starves, and each has the pictures that it has alone."""
+    """No thread starves, and each gets the same pictures as alone."""
     view = scenes.smooth((64, 48))
     cameras = [view.camera.moved(0.01 * number, 0.1, 0.1) for number in range(3)]
     alone = [_warped(view, camera) for camera in cameras]
@@ -259,7 +259,7 @@ def test_threads_share_the_device():
 
 
 def test_short_calls_go_between_the_pieces_of_a_long_one():
-    """A long call that stops amid a launch until a short one has ended: neither waits for the other for ever."""
+    """A long call is stopped inside a launch until a short call ends; neither waits forever for the other."""
     view, small = scenes.stepped((160, 120)), scenes.smooth((31, 23))
     far, near = view.camera.moved(0.2, 0.1, 0.3), small.camera.moved(0.1, 0, 0)
     expected, expected_short = ibr.warp(view, far, method="search"), ibr.warp(small, near, method="search")
@@ -286,7 +286,7 @@ def test_short_calls_go_between_the_pieces_of_a_long_one():
 
 
 def test_a_call_that_began_later_goes_first_once():
-    """Within its time, if it waits for the device; no call waits for one that began before it."""
+    """A call waits once, for a limited time, for a later call that uses the device; never for an earlier call."""
     ongoing, flying = device_calls.Calls(), in_flight.InFlight()
     begun, end, waited = threading.Event(), threading.Event(), list[object]()
 
@@ -315,11 +315,11 @@ def test_a_call_that_began_later_goes_first_once():
         end.set()
         thread.join()
         assert not ongoing.others and not call.going_on.locked()
-    ongoing.let_others()  # of no call at all
+    ongoing.let_others()  # outside of any call
 
 
 def test_host_work_keeps_nobody_waiting():
-    """A thread that is amid a call, and amid a program, lets others draw."""
+    """While one thread is in a call and builds a program, other threads can draw."""
     view, session = scenes.smooth((31, 23)), current()
     camera = view.camera.moved(0.1, 0, 0)
     ibr.warp(view, camera)

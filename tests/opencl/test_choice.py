@@ -1,4 +1,4 @@
-"""Choice of a device by the rule and by name, and what is said where none works."""
+"""Choice of a device by rule and by name, and the errors if none works."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ BROKEN = Outcome(False, "every build fails: unknown target CPU 'generic'")
 
 
 def found(index: int, name: str, kind: runtimes.Kind, version: str = "OpenCL 3.0 PoCL 3.0-rc2") -> Found:
-    handle: Any = None  # what the rules never look at
+    handle: Any = None  # not used by the rules
     platform = "Portable Computing Language"
     return Found(index, platform, name, "The maker", version, f"driver {index}", kind, f"key{index}", handle)
 
 
 class Examiner:
-    """Outcomes and times of pictures written down beforehand, and a record of who was asked."""
+    """Predefined outcomes and picture times, with a record of the devices that were asked for."""
 
     def __init__(self, **known: Outcome | float) -> None:
         self.known = known
@@ -102,7 +102,7 @@ def test_of_several_that_match_the_first_that_works_is_taken():
 
 
 def test_names_of_platforms_come_before_those_of_processors(caplog: pytest.LogCaptureFixture):
-    """PoCL calls its device on a processor of Intel's by the processor's name."""
+    """PoCL names its device after the processor, which may be Intel's."""
     pocl = found(0, "pthread-Intel(R) Xeon(R)", "cpu", "OpenCL 3.0 PoCL 6.0+debian")
     intel = dataclasses.replace(found(1, "Intel(R) Xeon(R)", "cpu", "OpenCL 3.1 LINUX"), platform="Intel(R) OpenCL")
     examiner = Examiner(**{pocl.name: 1.0, intel.name: 1.0})
@@ -165,7 +165,7 @@ def test_the_error_where_there_is_no_device_at_all(monkeypatch: pytest.MonkeyPat
 def test_remedies_fit_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     debian(monkeypatch)
     monkeypatch.setattr(runtimes, "SYSTEM_ICDS", tmp_path)
-    pocl = found(0, "PoCL", "cpu")  # of version "driver 0"
+    pocl = found(0, "PoCL", "cpu")  # its version is "driver 0"
     monkeypatch.setattr(runtimes, "version_of", {"pocl-binary-distribution": "driver"}.get)
     assert remedy_for(pocl) == "sudo apt install pocl-opencl-icd ocl-icd-libopencl1"
     (tmp_path / "pocl.icd").touch()

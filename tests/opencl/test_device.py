@@ -1,4 +1,4 @@
-"""A device of this machine: opened once, used by a call, a block and its threads, and left when a process ends."""
+"""A device of this machine: opening, use in calls, blocks and threads, and the end of a process."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_the_environment_variable_names_the_device(monkeypatch: pytest.MonkeyPat
 
 def test_use_device_nests_and_ends(monkeypatch: pytest.MonkeyPatch):
     usual = current()
-    monkeypatch.setenv("PYIBR_DEVICE", "no such device")  # so that the block is what counts
+    monkeypatch.setenv("PYIBR_DEVICE", "no such device")  # so that only the block can choose
     with use_device(usual.device.index) as outer:
         assert current() is usual and outer == usual.device
         with use_device(outer) as inner:
@@ -191,7 +191,7 @@ print("both")
 @pytest.mark.thorough
 @pytest.mark.skipif("PoCL" not in current().device.version, reason="only PoCL lists this processor twice")
 def test_two_devices_are_in_use_at_the_same_time():
-    kind = current().device.name.partition("-")[0]  # as PoCL calls it, which versions do differently
+    kind = current().device.name.partition("-")[0]  # PoCL's name for it, which depends on the version
     done = run_within(120, [sys.executable, "-c", TWO_DEVICES], POCL_DEVICES=f"{kind} {kind}")
     assert done.stdout == "both\n", done.stderr
 
@@ -221,7 +221,7 @@ time.sleep({more})
     "number", [n if n in (0, 1, 4) else pytest.param(n, marks=pytest.mark.thorough) for n in range(8)]
 )
 def test_a_process_ends_cleanly_while_daemon_threads_call(number: int):
-    """The first call may still open the device and build kernels, or one of many may be in flight."""
+    """The process ends while the first call opens the device and builds kernels, or while a later call is in flight."""
     early = number < 3
     code = ENDING.format(
         threads=1 + number % 3, wait=0 if early else 60, more=0.1 * number if early else 0.003 * number

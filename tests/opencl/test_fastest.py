@@ -1,4 +1,4 @@
-"""The trial that the choice among several CPU runtimes rests on."""
+"""The measurement on which the choice among several CPU runtimes is based."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def nothing_timed() -> Iterator[None]:
 
 
 class Ends:
-    """Stands in for `run_apart`, and counts what is run."""
+    """Stub of `run_apart` that counts its runs."""
 
     def __init__(self, ended: Ended | None) -> None:
         self.ended = ended
@@ -71,7 +71,7 @@ def test_a_runtime_that_fails_is_last_and_told(
 def test_what_says_nothing_of_the_runtime_is_not_kept(
     own_cache: Path, nothing_timed: None, monkeypatch: pytest.MonkeyPatch
 ):
-    """No Python can be started; or no cache can be written, where it would be measured in each process."""
+    """No Python can be started, or no cache can be written, so that each process would measure again."""
     ends = Ends(None)
     monkeypatch.setattr(fastest, "run_apart", ends)
     assert picture_time(here()) == math.inf

@@ -1,4 +1,4 @@
-"""Kernels between pages that nobody may touch, in both forms: one byte too far ends the process."""
+"""Kernels on arrays between protected pages, in both forms: an access one byte outside ends the process."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run(*command: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("where", ["start", "end"])
 @pytest.mark.parametrize("of", ["reads", "writes", "changes"])
 def test_a_byte_too_far_ends_the_process(where, of):
-    """If not, the runtime does not use memory in place, and the test below proves nothing."""
+    """Otherwise, the runtime does not use memory in place, and the next test proves nothing."""
     done = run("-c", STEP, where, of)
     assert done.stdout == "through 0\n" and done.returncode == -signal.SIGSEGV, done.stderr
 
@@ -62,7 +62,7 @@ def test_a_byte_too_far_ends_the_process(where, of):
 @pytest.mark.parametrize("lanes", [16, 1])
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_no_kernel_leaves_its_arrays(folder, lanes):
-    """Nor runs for ever, whatever the cameras' numbers are: sound first, then poisoned."""
+    """Kernels also end, for any numbers of cameras: first with valid numbers, then with poisoned ones."""
     done = run("-m", "tests.opencl.fences", folder, str(lanes))
     last = done.stdout.splitlines()[-1:]
     assert done.returncode == 0, f"{done.returncode} in {last}, {done.stderr[-2000:]}"

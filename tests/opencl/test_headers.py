@@ -1,4 +1,4 @@
-"""Declarations that the host reads from the kernels' text: structs and constants, and that launches hold to them."""
+"""Structs and constants that the host reads from the kernels' sources, and checks of launches against them."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def _structs_of(file: str) -> list[str]:
 
 
 def _readable(file: str) -> list[str]:
-    """Structs of a file that hold nothing but numbers, which the host can give."""
+    """Structs of a file that the host can fill, because they contain only numbers."""
     found: list[str] = []
     for name in _structs_of(file):
         try:
@@ -217,7 +217,7 @@ def test_a_launch_takes_the_struct_that_is_declared(take):
     many = np.array([(0, (1, 2, 3), 4), (5, (6, 7, 8), 9)], kind)
     launch(take, (2,), one=Struct("Thing", np.array((10, (20, 30, 40), 50), kind)), many=upload(many), sums=sums)
     assert sums.to_host().tolist() == [47, 57]
-    alike = np.dtype([FIRST, VALUES, LAST])  # another object
+    alike = np.dtype([FIRST, VALUES, LAST])  # an equal dtype, but another object
     launch(take, (2,), one=Struct("Thing", np.zeros((), alike)), many=upload(many.astype(alike)), sums=sums)
     assert sums.to_host().tolist() == [7, 17]
 

@@ -1,4 +1,4 @@
-"""Pictures by Intel's runtime are PoCL's."""
+"""Pictures drawn by Intel's runtime equal PoCL's."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.mark.parametrize("name", ["sweep", "connected", "blended", "registered", "cleaned", "depth image", "relief"])
 def test_intels_pictures_are_pocls(name: str):
-    """To the bit by the releases that `make test-devices` was run with; others may round otherwise, here and there."""
+    """Same bits with the releases that `make test-devices` was run with; other releases may round differently."""
     found = []
     for device in ("intel", "portable computing language"):
         with ibr.use_device(device):

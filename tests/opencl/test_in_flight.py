@@ -1,4 +1,4 @@
-"""Long launches go in pieces: the same pictures, and what each of them took."""
+"""Long launches in pieces: the pictures stay the same, and costs are measured."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from tests.one_lane import one_lane
 from tests.opencl.everything import calls, same
 
 WIDE = {"prepare"}
-"""Kernels of CPUs alone."""
+"""Kernels that only run on CPUs."""
 
 
 @contextmanager
 def pieces(items: int | None = None) -> Generator[Counter[str], None, None]:
-    """Yields how many are started of each kernel; all launches are cut to so many work-items, if that is given."""
+    """Yield the number of pieces started for each kernel; with `items`, limit all pieces to so many work-items."""
     started: Counter[str] = Counter()
     start = launch._start
 
@@ -61,7 +61,7 @@ def test_pieces_hold_each_work_item_once(grid: tuple[int, ...], most: int):
 
 @pytest.mark.parametrize("lanes", ["wide", pytest.param("one", marks=pytest.mark.thorough)])
 def test_all_kernels_give_the_same_in_pieces(lanes: str):
-    files = kernels_folder().rglob("*.cl" if lanes == "wide" else "*.*")  # those in headers are GPUs' alone
+    files = kernels_folder().rglob("*.cl" if lanes == "wide" else "*.*")  # kernels in headers are for GPUs only
     known = {name for path in files for name in _kernels_of(path.read_text())}
     seen: Counter[str] = Counter()
     if lanes == "one":
@@ -79,11 +79,11 @@ def test_all_kernels_give_the_same_in_pieces(lanes: str):
 
 @pytest.mark.thorough
 def test_work_items_beyond_a_launch_do_nothing(monkeypatch: pytest.MonkeyPatch):
-    """A GPU's groups are whole."""
+    """On a GPU, launches are padded to whole groups."""
     start = launch._start
 
     def more(kernel: Any, offset: tuple[int, ...], size: tuple[int, ...], *rest: Any, whole: bool = False) -> Any:
-        beyond = (31, 3, 0) if whole and kernel.name != "find_noise" else (0, 0, 0)  # which is of one group
+        beyond = (31, 3, 0) if whole and kernel.name != "find_noise" else (0, 0, 0)  # find_noise has a single group
         return start(kernel, offset, tuple(map(sum, zip(size, beyond, strict=False))), *rest)
 
     with one_lane():
@@ -106,7 +106,7 @@ def test_short_launches_stay_whole():
     kept = [(kernel.cost, kernel.cost.seconds_per_item) for kernel in made]
     try:
         for cost, _ in kept:
-            cost.seconds_per_item = 0.0  # as on the quickest of devices
+            cost.seconds_per_item = 0.0  # as on a very fast device
         with pieces() as started, watching(Traffic()) as seen:
             ibr.warp(view, camera)
         launches = Counter(name for what, name, _ in seen.of if what == "launch")
@@ -125,14 +125,14 @@ def test_a_launch_of_nothing_tells_no_pace():
 
 
 class _Done:
-    """Times of an event that is over."""
+    """Profile of a finished event."""
 
     def __init__(self, seconds: float) -> None:
         self.profile = SimpleNamespace(start=7, end=7 + round(1e9 * seconds))
 
 
 def test_what_takes_longer_than_expected_is_slower_from_then_on():
-    """By its own time, whatever other threads' launches the queue had to do meanwhile."""
+    """A launch's own time counts, without other threads' launches in the queue."""
     quick, cost = KernelCost(1e-6), KernelCost(2e-6)
     flying = in_flight.InFlight()
 

@@ -1,4 +1,4 @@
-"""Arrays on the device: whose memory they are, and for how long."""
+"""Arrays on the device: ownership and lifetime of their memory."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_copies_are_not_handed_out_while_a_view_of_them_lives(monkeypatch, room)
 
 
 def test_a_call_is_made_once_its_owner_is_gone():
-    """Of equal owners, and of arrays, which have no hash: each on its own."""
+    """Owners may be equal, or arrays, which have no hash; each is tracked by itself."""
     owners, gone = [np.zeros(3) for _ in range(5)], list[tuple[int, str]]()
     views = [owner[1:] for owner in owners]
     for number, owner in enumerate(owners):
@@ -141,7 +141,7 @@ def test_a_forked_child_does_not_write_into_its_parents_arrays(shape):
 
 
 def test_sizes_are_pythons_own_integers():
-    """They are multiplied by whoever counts with them: those of NumPy would overflow."""
+    """Callers multiply sizes, and NumPy's integers would overflow."""
     made = memory.empty((np.int32(70_000), np.int64(2)), np.uint8)
     assert [type(size) for size in made.shape] == [int, int]
 
@@ -191,7 +191,7 @@ def test_uploads_that_find_no_memory_say_how_much(monkeypatch):
     "error", [MemoryError("Unable to allocate 3.4 GiB for an array"), cl.MemoryError("no 3.4 GiB")]
 )
 def test_a_call_that_runs_out_of_memory_anywhere_says_so(error):
-    """NumPy amid what a call does on the host, and OpenCL when it runs what was launched."""
+    """NumPy may run out of memory on the host during a call, and OpenCL when it executes a launch."""
     with pytest.raises(ibr.OutOfMemoryError, match=r"not enough memory on .*3\.4 GiB"), one_call():
         raise error
     with pytest.raises(ValueError, match="another"), one_call():
@@ -213,10 +213,10 @@ def test_launches_that_find_no_memory_name_the_kernel(monkeypatch):
 
 @pytest.mark.thorough
 def test_things_go_with_their_last_use():
-    """Without a pass of the garbage collector, which would leave a recording's frames on the device for long."""
+    """Memory is freed without the garbage collector, which would leave a recording's frames on the device for long."""
     made = calls()
     for call in made.values():
-        call()  # what is made once stays
+        call()  # so that caches are filled
     gc.collect()
     gc.disable()
     try:

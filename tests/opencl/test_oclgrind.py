@@ -1,6 +1,6 @@
-"""Kernels under Oclgrind, which sees what they read and write beyond arrays.
+"""Kernels under Oclgrind, which detects accesses outside of arrays.
 
-Its search for values that are unset ends the process in some kernels, and takes numbers that were converted for such.
+Its check for uninitialized values is not used: it ends the process in some kernels, and reports converted numbers.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Devices tested once, in a process of their own, and what is remembered of them."""
+"""Tests of devices, once and in separate processes, and the memory of their outcomes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_a_probe_is_kept_and_forgotten(own_cache: Path, monkeypatch: pytest.Monk
 
     with monkeypatch.context() as patch:
         patch.setattr(probe_module, "_test_apart", never)
-        for told in ({entry.key: Outcome(True)}, {}):  # by this process, and by the disk
+        for told in ({entry.key: Outcome(True)}, {}):  # known from this process, and from the disk
             patch.setattr(probe_module, "_tested", told)
             assert probe(entry) == probe(entry, doubted="broken") == Outcome(True)
             with pytest.raises(AssertionError):
@@ -133,7 +133,7 @@ def test_a_device_that_was_broken_is_asked_again_but_once(
 
 
 def test_a_device_that_was_broken_is_left_alone_where_another_works(own_cache: Path):
-    """To ask it may take long."""
+    """Testing it may take long."""
     listed = [found(0, "bad", "gpu"), found_devices()[current().device.index]]
     probe_module._entry(listed[0]).write(Outcome(False, "as it was yesterday").to_json().encode())
     assert choose(listed, device_module._examine, lambda entry: 1.0).works
@@ -145,7 +145,7 @@ PLANTED = "open({!r}, 'a').write(__name__ + chr(10))\n"
 
 @pytest.fixture
 def planted(tmp_path: Path) -> Path:
-    """A folder with modules of names that Python, numpy and pyopencl import; each that runs writes itself down."""
+    """A folder with modules named like imports of Python, numpy and pyopencl. Each module records that it was run."""
     folder = tmp_path / "downloads"
     folder.mkdir()
     for name in ("platform", "sitecustomize", "usercustomize", "json", "typing", "pytools", "attr", "encodings"):
@@ -157,7 +157,7 @@ def planted(tmp_path: Path) -> Path:
 
 
 def test_what_lies_in_the_working_directory_is_not_run(planted: Path, own_cache: Path):
-    """The parent's path begins with its script's folder, as that of the command `pyibr` does."""
+    """The parent's path begins with its script's folder, as for the command `pyibr`."""
     script = planted.parent / "bin" / "script.py"
     script.parent.mkdir()
     script.write_text("import pyibr as ibr; print([device.works for device in ibr.devices(fresh=True)])")
@@ -168,7 +168,7 @@ def test_what_lies_in_the_working_directory_is_not_run(planted: Path, own_cache:
 
 @pytest.mark.parametrize("way", ["", "relative", pytest.param("absolute", marks=pytest.mark.thorough)])
 def test_the_test_runs_nothing_that_this_process_has_not_imported(planted: Path, own_cache: Path, way: str):
-    """As in notebooks and with `python -c`, whose path begins with the working directory."""
+    """In notebooks and with `python -c`, the path begins with the working directory."""
     code = f"""
 import os, sys
 import numpy, platform, pyibr as ibr
@@ -185,7 +185,7 @@ print([device.works for device in ibr.devices(fresh=True)])
 
 @pytest.mark.skipif(os.name != "posix", reason="a folder that is in use cannot be removed here")
 def test_the_working_directory_may_be_gone(tmp_path: Path, own_cache: Path):
-    """As in a shell whose folder was removed and made anew; the path begins with that folder."""
+    """A shell's folder may be removed and created again; the path begins with this folder."""
     (tmp_path / "gone").mkdir()
     code = "import os; os.rmdir('../gone')\nimport pyibr as ibr; print([d.works for d in ibr.devices(fresh=True)])"
     command = [sys.executable, "-c", code]
@@ -194,7 +194,7 @@ def test_the_working_directory_may_be_gone(tmp_path: Path, own_cache: Path):
 
 
 def test_the_test_finds_what_this_process_has_wherever_it_lies(tmp_path: Path, own_cache: Path):
-    """Packages in several folders, which the environment names or the program adds, some of them by a relative path."""
+    """Packages lie in several folders, from the environment or added by the program, some with relative paths."""
     import numpy
     import pyopencl
 
@@ -226,7 +226,7 @@ print(apart._folders())
 
 
 def test_where_no_python_can_be_started_the_device_is_tested_here(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
-    """The executable of an application that embeds Python is no Python."""
+    """The executable of an application that embeds Python is not a Python interpreter."""
     entry = found_devices()[current().device.index]
     for executable in ("/bin/false", "/no/such/python", ""):
         monkeypatch.setattr(sys, "executable", executable)

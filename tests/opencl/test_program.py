@@ -1,4 +1,4 @@
-"""Programs: where their sources lie, what a failed build says, and binaries that are not what they should be."""
+"""Programs: their sources, errors of failed builds, and damaged binaries."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_launch_checks_names_and_types(folder):
 
 
 def test_kernels_of_the_cache_compute_as_fresh_ones_do(folder):
-    """Denormals: how they are treated is an option that binaries do not hold."""
+    """The treatment of denormals is an option that binaries do not store."""
     (folder / "picture/nearness.cl").write_text(
         "kernel void halve(global float *a, float b) { a[0] = b * 0.5f; a[1] = a[0] * 4.0f; }"
     )
@@ -73,7 +73,7 @@ kernel void write(global int *out, Screen screen) { out[0] = SIZE + VALUE; }
 
 @pytest.fixture
 def own(tmp_path: Path, own_cache: Path) -> Path:
-    """A user's kernel with a header beside it."""
+    """A user's kernel with a header in the same folder."""
     file = tmp_path / "a b" / "own.cl"
     file.parent.mkdir()
     file.write_text(OWN)
@@ -82,7 +82,7 @@ def own(tmp_path: Path, own_cache: Path) -> Path:
 
 
 def written_by(file: Path | str, value: int = 0) -> int:
-    """Values that a kernel `write` writes."""
+    """Value that the kernel `write` writes."""
     kernel, out = program.kernel(file, "write", VALUE=value), empty((1,), np.int32)
     more = {} if len(kernel.arguments) == 1 else {"screen": Struct("Screen", Target(CAMERA, np.dtype("u1")).screen(1))}
     launch(kernel, (1,), out=out, **more)

@@ -1,4 +1,4 @@
-"""Runtimes from pip: Intel's, as its packages leave it."""
+"""Discovery of runtimes from pip and conda, and the particulars of PoCL and Intel's runtime."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.processes import with_path
 
 @pytest.fixture
 def intel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder as pip leaves it, the packer's path in the .icd file included; returns the library."""
+    """A folder as installed by pip, with the build machine's path in the .icd file; returns the library."""
     (tmp_path / "etc/OpenCL/vendors").mkdir(parents=True)
     (tmp_path / "etc/OpenCL/vendors/intel-cpu.icd").write_text("/opt/placeholder/lib/libintelocl.so\n")
     (tmp_path / "etc/OpenCL/vendors/emulator.icd").write_text("/opt/placeholder/lib/libnothere.so\n")
@@ -44,7 +44,7 @@ def test_the_loader_sees_the_mended_path_and_the_systems_runtimes(intel: Path, m
 
 
 def environment_of(monkeypatch: pytest.MonkeyPatch, prefix: Path, text: str, library: str) -> Path:
-    """An environment with one runtime; returns its library."""
+    """Create an environment with one runtime; return its library."""
     monkeypatch.setattr(unlisted, "_prefixes", lambda: [prefix])
     monkeypatch.setattr(unlisted, "SYSTEM_ICDS", prefix / "none")
     monkeypatch.setattr(unlisted, "has_nvidias_library", lambda: False)
@@ -59,19 +59,19 @@ def environment_of(monkeypatch: pytest.MonkeyPatch, prefix: Path, text: str, lib
 def test_condas_runtimes_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, name: str):
     library = environment_of(monkeypatch, tmp_path, text.format(prefix=tmp_path, name=name) + "\n", f"lib/{name}")
     assert unlisted.unlisted_runtimes() == [unlisted.Unlisted("one.icd", library)]
-    # An environment may take the system's files over.
+    # The environment's files may also be the system's.
     monkeypatch.setattr(unlisted, "SYSTEM_ICDS", tmp_path / "etc/OpenCL/vendors")
     assert unlisted.unlisted_runtimes() == []
 
 
 def test_intels_wheel_is_listed_on_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Its layout there: the file is Linux', the library another one in another folder."""
+    """On Windows, the .icd file is the Linux one, but the library has another name and folder."""
     text, library = "/opt/anaconda1anaconda2anaconda3/lib/libintelocl.so\n", "Library/bin/intelocl64.dll"
     here = environment_of(monkeypatch, tmp_path, text, library)
     found = unlisted.unlisted_runtimes()
     assert found == [unlisted.Unlisted("one.icd", here)]
     path = os.environ["PATH"]
-    monkeypatch.setenv("PATH", path)  # so that it is put back
+    monkeypatch.setenv("PATH", path)  # so that it is restored
     monkeypatch.setattr(unlisted.os, "name", "nt")
     with unlisted.seen_by_the_loader(found):
         seen = os.environ["OCL_ICD_FILENAMES"], os.environ["PATH"]
@@ -81,7 +81,7 @@ def test_intels_wheel_is_listed_on_windows(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_nvidias_library_without_its_file_is_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """As containers get it."""
+    """Containers get the library without its .icd file."""
     environment_of(monkeypatch, tmp_path, "libnothere.so", "nothing")
     monkeypatch.setattr(unlisted, "has_nvidias_library", lambda: True)
     assert unlisted.unlisted_runtimes() == [unlisted.Unlisted("nvidia.icd", Path(unlisted.NVIDIA))]
@@ -161,7 +161,7 @@ with runtimes._all_listed():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Intel's runtime from pip is Linux's")
 def test_intels_runtime_is_loaded_beside_an_older_library_of_the_same_name(intel: Path):
-    """As Open3D brings one: the linker takes what is loaded already, which lacks what Intel's needs."""
+    """Open3D, for example, loads an older library, which lacks symbols, and the linker would reuse it."""
     compiler = shutil.which("cc") or pytest.skip("there is no C compiler")
     older = intel.parent.parent / "open3d"
     older.mkdir()
@@ -191,7 +191,7 @@ print(kernel("lib/clear.cl", "clear").name, os.environ.get("POCL_CACHE_DIR"))
 @pytest.mark.thorough
 @pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME", "POCL_CACHE_DIR", ""])
 def test_a_home_that_cannot_be_used_costs_no_device(tmp_path: Path, variable: str):
-    """As in containers that run with HOME=/ as a user of no name; PoCL and pyopencl keep things there, too."""
+    """Containers may run with HOME=/ as a user without a name; PoCL and pyopencl also keep files in the home."""
     (tmp_path / "file").touch()
     (tmp_path / "open").mkdir()
     (tmp_path / "open").chmod(0o777)
@@ -210,9 +210,9 @@ def test_a_home_that_cannot_be_used_costs_no_device(tmp_path: Path, variable: st
 @pytest.mark.skipif(os.name != "posix", reason="processes have a path there")
 @pytest.mark.parametrize("path", [{}, pytest.param({"PATH": ""}, marks=pytest.mark.thorough)])
 def test_an_environment_without_a_path_costs_no_device(tmp_path: Path, path: dict[str, str]):
-    """As of services; PoCL's compiler needs one to find a linker."""
+    """Services may have no PATH, but PoCL's compiler needs it to find a linker."""
     kept = {name: value for name, value in with_path().items() if name.startswith(("PYIBR", "LD_", "PYTHONPATH"))}
-    kept |= {"PYIBR_CACHE": str(tmp_path / "cache"), "HOME": str(tmp_path)}  # where PoCL keeps no kernel yet
+    kept |= {"PYIBR_CACHE": str(tmp_path / "cache"), "HOME": str(tmp_path)}  # PoCL's cache is empty
     command = [sys.executable, "-c", "import pyibr as ibr; print([device.works for device in ibr.devices()])"]
     done = subprocess.run(command, env=kept | path, capture_output=True, text=True)
     assert "True" in done.stdout, done.stdout + done.stderr
@@ -238,7 +238,7 @@ print([hashlib.sha256(frame.color.tobytes() + frame.depth.tobytes()).hexdigest()
 
 @pytest.mark.thorough
 def test_kernels_for_one_size_of_work_groups_draw_the_same():
-    """PoCL compiles those unless it is told not to, as the whole suite is by `make test`."""
+    """PoCL compiles such kernels by default; `make test` disables this for the suite."""
     variable = "POCL_WORK_GROUP_SPECIALIZATION"
     environment = {name: value for name, value in with_path().items() if name != variable}
     pictures = [
@@ -251,7 +251,7 @@ def test_kernels_for_one_size_of_work_groups_draw_the_same():
 POCLS = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
 THREADS = """
 import json, os
-import pyopencl  # numpy's threads are none of PoCL's
+import pyopencl  # numpy starts threads, which are not PoCL's
 before = set(os.listdir("/proc/self/task"))
 if {chosen}:
     os.sched_setaffinity(0, {chosen})
@@ -279,7 +279,7 @@ def test_threads_have_a_processor_each_unless_the_user_chose(choice: str):
     assert variable == environment.get("POCL_AFFINITY")
     if "Portable" not in platform:
         pytest.skip("PoCL is not what computes here")
-    if choice == "nobody's":  # another runtime's threads may be anywhere
+    if choice == "nobody's":  # threads of other runtimes may be on any processor
         assert sorted(allowed for allowed in threads if len(allowed) == 1) == [[number] for number in everywhere]
     else:
         assert threads and all(allowed == ([1] if choice == "taskset" else everywhere) for allowed in threads)
@@ -287,7 +287,7 @@ def test_threads_have_a_processor_each_unless_the_user_chose(choice: str):
 
 @pytest.mark.parametrize("chosen", ["", "8"])
 def test_intels_compiler_is_told_not_to_fill_lanes_unless_the_user_chose(chosen: str, monkeypatch: pytest.MonkeyPatch):
-    """It reads that as a context is made, no sooner and no later."""
+    """The compiler reads the variable when a context is created, not earlier or later."""
     name = "CL_CONFIG_CPU_VECTORIZER_MODE"
     monkeypatch.setenv(name, chosen) if chosen else monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(cl, "Context", lambda devices: os.environ.get(name))
@@ -308,7 +308,7 @@ ibr.render(relief, ibr.Camera.look_at((0, 0, 2), (0, 0, 0), (0, 1, 0), (32, 32),
     not any("intel" in found.words() for found in runtimes.found_devices()), reason="needs Intel's runtime"
 )
 def test_intels_compiler_leaves_lanes_alone(tmp_path: Path):
-    """Else it makes ten times as much code of a relief, for half a minute."""
+    """Otherwise, it generates ten times as much code for a relief, which takes half a minute."""
     environment = os.environ | {"PYIBR_DEVICE": "intel", "PYIBR_CACHE": str(tmp_path / "cache")}
     environment |= {"PYIBR_BINARIES": "now"}
     environment.pop("CL_CONFIG_CPU_VECTORIZER_MODE", None)

@@ -1,4 +1,4 @@
-"""Anisotropic filtering of meshes, sliced surfaces and reliefs, against pictures with 64 samples a pixel."""
+"""Anisotropic filtering of meshes, sliced surfaces and reliefs, against pictures with 64 samples per pixel."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LIGHT = ibr.Light(direction=(0.3, 0.4, -0.8), shadow_size=0)
 
 
 def noise(shape: tuple[int, int] = (256, 192)) -> np.ndarray:
-    """As sharp as a photograph: a step takes some two texels."""
+    """Noise as sharp as a photograph: a step takes about two texels."""
     rough = np.pad(np.random.default_rng(0).random((*shape, 3)), ((8, 8), (8, 8), (0, 0)), mode="wrap")
     smooth = cv2.GaussianBlur(rough, (0, 0), 0.8)[8:-8, 8:-8]
     return np.clip(127 + 400 * (smooth - 0.5), 0, 255).astype(np.uint8)
@@ -30,7 +30,7 @@ def noise(shape: tuple[int, int] = (256, 192)) -> np.ndarray:
 
 @cache
 def bumps() -> np.ndarray:
-    """A map of normals (256, 256, 3) of smooth noise, tiled."""
+    """A tiled normal map (256, 256, 3) of smooth noise."""
     rough = np.pad(np.random.default_rng(1).random((256, 256)), 16, mode="wrap")
     smooth = 6 * cv2.GaussianBlur(rough, (0, 0), 1.5)[16:-16, 16:-16]
     across, down = (np.roll(smooth, 1, axis) - np.roll(smooth, -1, axis) for axis in (1, 0))
@@ -39,7 +39,7 @@ def bumps() -> np.ndarray:
 
 
 def turned_square(turn: float) -> ibr.Mesh:
-    """The unit square, its uv turned by degrees."""
+    """The unit square, with uv rotated by degrees."""
     base = square()
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     return ibr.Mesh(base.vertices, base.faces, uv=np.asarray(base.uv) @ [[c, s], [-s, c]])
@@ -74,7 +74,7 @@ def psnr(frame: ibr.Frame, truth: ibr.Frame) -> float:
 
 
 def gain(thing: Any, camera: ibr.Camera, light: ibr.Light | None = None) -> float:
-    """By how many dB 8 readings come nearer to 64 samples a pixel than one."""
+    """PSNR gain in dB of 8 reads over 1 read, relative to 64 samples per pixel."""
     truth = ibr.render(thing, camera, light, samples=64)
     once, often = (psnr(ibr.render(thing, camera, light, anisotropy=n), truth) for n in (1, 8))
     return often - once
@@ -84,14 +84,14 @@ def gain(thing: Any, camera: ibr.Camera, light: ibr.Light | None = None) -> floa
 @pytest.mark.parametrize("turn", [0, 45, 77])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_plane_seen_aslant(kind, turn, projection):
-    """Filtered, it is 3 dB nearer: half of the squared error."""
+    """Filtering gains 3 dB: half of the squared error."""
     assert gain(even(kind, noise(), turn), over(10, projection)) >= 3
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_in_one_lane(kind):
-    """3 dB nearer than sixteen lanes come without filters."""
+    """One lane gains 3 dB over sixteen lanes without filters."""
     thing, camera = even(kind, noise()), over(10, size=(130, 95))
     truth, once = ibr.render(thing, camera, samples=64), ibr.render(thing, camera)
     with one_lane():
@@ -106,7 +106,7 @@ def test_normal_maps(kind):
 
 
 def test_a_relief_with_heights():
-    """The footprint is that of the relief's own slopes: by the base's it is worse than none."""
+    """The footprint follows the relief's slopes; the base's slopes would be worse than no filter."""
     height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
     thing = ibr.ReliefSurface(square(), height[::8, ::8].copy(), noise(), 0.01, tiles=TILES)
     assert gain(thing, over(10)) >= 3
@@ -114,7 +114,7 @@ def test_a_relief_with_heights():
 
 
 def test_slices_with_heights():
-    """By slopes over two texels, as lights take them, it is 2.6 and 2.4 dB."""
+    """Slopes over two texels, as for lighting, would give only 2.6 and 2.4 dB."""
     height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
     thing = ibr.SlicedSurface(square(), height[::8, ::8].copy(), noise(), 0.01, tiles=TILES, halvings=3)
     assert gain(thing, over(20)) >= 3
@@ -123,7 +123,7 @@ def test_slices_with_heights():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_seen_straight_on_it_is_read_once(kind):
-    """The same texels of the same level: a mesh's level is no whole number, and may be rounded otherwise."""
+    """The same texels of the same level are read. A mesh's level is not a whole number, so its rounding may differ."""
     camera = ibr.Camera.look_at(
         (0.5, 0.5, 2), (0.5, 0.5, 0), (0, 1, 0), (130, 97), fov_y=24, projection="orthographic", height=0.7
     )
@@ -141,7 +141,7 @@ def test_what_is_magnified_is_read_once():
 @pytest.mark.parametrize("color", [(10, 200, 77), (255, 255, 255), (0, 0, 0)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_colour_stays_itself(kind, color):
-    """The weights of the readings add up to one."""
+    """The weights of the reads add up to one."""
     frame = ibr.render(even(kind, np.full((64, 33, 3), color, np.uint8)), over(5), anisotropy=64)
     np.testing.assert_array_equal(frame.color[frame.valid], np.broadcast_to(color, (frame.valid.sum(), 3)))
 
@@ -158,7 +158,7 @@ def test_a_map_of_normals_has_its_means(shape):
     normals = np.random.default_rng(2).normal(size=(*shape, 3)).astype(np.float32)
     levels = normal_pyramid(normals)
     np.testing.assert_array_equal(levels[: normals.size].reshape(normals.shape), normals)
-    assert np.abs(levels[-3:] - normals.mean(axis=(0, 1))).max() <= 1e-5  # roundings of six levels of float32
+    assert np.abs(levels[-3:] - normals.mean(axis=(0, 1))).max() <= 1e-5  # float32 rounding of six levels
 
 
 @pytest.mark.parametrize("anisotropy", [0, 65, 2.0, True, "8", None])

@@ -1,4 +1,4 @@
-"""Pictures for which the device has too little memory."""
+"""Pictures that exceed the device's memory."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SIZE = (301, 207)
 
 @pytest.fixture
 def little() -> Iterator[Callable[[int], None]]:
-    """Leaves so many bytes of the device to what follows."""
+    """Function that limits the free bytes of the device during the test."""
     gc.collect()
     room = current().room
     whole = room.total
@@ -40,11 +40,11 @@ def test_pictures_without_the_memory_for_them_are_drawn_in_bands(little, monkeyp
     targets = [view.camera.moved(0.3 + step, 0.2, 0.4) for step in range(cameras)]
     expected = ibr.warp(view, targets, classes=classes)
     outs = [ibr.Frame(*map(np.zeros_like, (one.color, one.depth, one.valid)), one.camera) for one in expected]
-    little(10 * SIZE[0] * SIZE[1])  # 12 bytes a pixel are those of the picture and the sweep
+    little(10 * SIZE[0] * SIZE[1])  # the picture and the sweep need 12 bytes per pixel
     with pytest.raises(ibr.OutOfMemoryError, match=r"for \d+ MiB more: \d+ MiB of \d+ MiB are in use"):
         ibr.warp(view, targets, classes=classes)
     monkeypatch.setattr(bands, "_PIXELS_MIN", 1 << 12)
-    with pytest.raises(ibr.OutOfMemoryError):  # what fills a hole may lie in another band
+    with pytest.raises(ibr.OutOfMemoryError):  # colours for a hole may lie in another band
         ibr.warp(view, targets, classes=classes, fill="smooth")
     found = ibr.warp(view, targets, classes=classes, out=outs)
     for one, two, out in zip(found, expected, outs, strict=True):
@@ -52,7 +52,7 @@ def test_pictures_without_the_memory_for_them_are_drawn_in_bands(little, monkeyp
         np.testing.assert_array_equal(one.valid, two.valid)
         np.testing.assert_array_equal(one.color, two.color)
         np.testing.assert_array_equal(one.classes, two.classes)
-        # Rays are the same up to rounding, of which there are some tens.
+        # Rays are equal up to some tens of roundings.
         np.testing.assert_allclose(one.depth, two.depth, rtol=32 * 2**-24)
 
 
@@ -74,7 +74,7 @@ except ibr.OutOfMemoryError as error:
 @pytest.mark.thorough
 @pytest.mark.skipif("pocl" not in current().device.version.lower(), reason="another runtime's memory has no limit")
 def test_pictures_of_8192_pixels_a_side_need_2_gib():
-    """PoCL takes the limit for its device's memory, a quarter of which goes in one piece."""
+    """PoCL reports the limit as its device's memory, and allows a quarter of it per buffer."""
     done = run_within(300, [sys.executable, "-c", PLANE], POCL_MEMORY_LIMIT="2")
     assert done.returncode == 0, done.stderr
     assert "of 2048 MiB are in use, one buffer has 512 MiB at most" in done.stdout

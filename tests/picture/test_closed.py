@@ -1,4 +1,4 @@
-"""Displaced surfaces stay closed at hard edges and at seams of uv. Truth is the closed displaced mesh."""
+"""Displaced surfaces stay closed at hard edges and at uv seams. The reference is the closed displaced mesh."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tests.embree import embree
 from tests.shadowed import first_hits
 
 WHITE = np.full((1, 1, 3), 200, np.uint8)
-LEAST = 0.3  # of the heights of `rough`
+LEAST = 0.3  # least height in `rough`
 EYES = [(1, 0.7, 0.5), (-0.6, 0.3, -1), (0.2, 0.9, 0.9), (-1, -0.5, 0.3)]
 
 
 def rough(seed: int = 0) -> np.ndarray:
-    """Heights whose borders do not fit together, so that seams of uv are cliffs."""
+    """Heights with different borders, so that uv seams are cliffs."""
     height = LEAST + (1 - LEAST) * np.random.default_rng(seed).random((16, 16))
     return np.rint(255 * height).astype(np.uint8)
 
@@ -40,7 +40,7 @@ def cube(n: int) -> ibr.Mesh:
 
 
 def displaced(mesh: ibr.Mesh, by: float) -> ibr.Mesh:
-    """Along the mean of the normals that there are at each place."""
+    """The mesh displaced along the mean of all normals at each position."""
     place = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].ravel()
     normals = mesh.smooth_normals if mesh.normals is None else mesh.normals
     sums = np.zeros((place.max() + 1, 3))
@@ -63,15 +63,16 @@ def covered(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
 @pytest.mark.parametrize("n", [1, 8])
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_slices_on_a_cube_are_closed_at_its_edges(slicing, n):
-    """Each side along its own normals, they would leave wedges between them."""
+    """Slices displaced only along each side's own normals would leave wedges between the sides."""
     mesh, scale = cube(n), 0.15
     level = np.full((2, 2), 0.8, np.float32)
     for eye in EYES:
         camera = around(mesh, eye)
         frame = ibr.render(ibr.SlicedSurface(mesh, rough(), WHITE, scale, slicing=slicing), camera)
         assert not (covered(displaced(mesh, LEAST * scale), camera) & ~frame.valid).any()
-        # Of one height the truth is a mesh. On a wall's diagonal the volume's height h lies h (1 - h) |a - b| scale
-        # beside it, where a and b are the normals at the wall's ends, at most 1.16 apart; slices are met at a slope.
+        # With constant height, the truth is a mesh. On a wall's diagonal, the volume's height h is off by
+        # h (1 - h) |a - b| scale, where a and b are the normals at the wall's ends, at most 1.16 apart. Rays meet
+        # slices obliquely.
         frame = ibr.render(ibr.SlicedSurface(mesh, level, WHITE, scale, slicing=slicing), camera)
         truth, _, _ = first_hits(embree(displaced(mesh, 0.8 * scale)), camera)
         assert (np.isfinite(truth) != frame.valid).sum() <= 400
@@ -87,11 +88,11 @@ def test_slices_on_a_cube_are_lit_by_its_own_normals():
     shades = [ibr.render(made, camera, light) for made in (thin, mesh)]
     both = shades[0].valid & shades[1].valid
     off = np.abs(shades[0].color.astype(int) - shades[1].color)[both].max(axis=1)
-    assert (off <= 1).mean() >= 0.99  # 0.001 farther out, a pixel at an edge sees the next side
+    assert (off <= 1).mean() >= 0.99  # 0.001 farther out, pixels at edges see the next side
 
 
 def test_sheets_back_to_back_are_displaced_apart():
-    """Their normals have no mean."""
+    """The mean of their normals is zero."""
     corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
     faces = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]]
     mesh = ibr.Mesh(corners * 2, faces, uv=uv * 2, normals=[[0, 0, 1]] * 4 + [[0, 0, -1]] * 4)
@@ -104,7 +105,7 @@ def test_sheets_back_to_back_are_displaced_apart():
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("n", [1, 8])
 def test_reliefs_on_a_cube_cover_all_that_rays_cannot_pass(n, distance):
-    """A quadric fitted across its edges would bend along them."""
+    """A quadric fitted across the cube's edges would bend along them."""
     mesh, scale = cube(n), 0.15
     relief = ibr.ReliefSurface(mesh, rough(), WHITE, scale, distance=distance)
     assert not relief.frames.quadrics.any()

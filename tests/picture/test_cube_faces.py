@@ -1,4 +1,4 @@
-"""All that is drawn, from and to cameras with lenses; and what refuses them."""
+"""Drawing of all things from and to cameras with lenses, and functions that refuse lenses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def torus() -> MeshScene:
 
 
 def around(lens: ibr.Lens | None, angle: float, height: float = 1.2) -> ibr.Camera:
-    """A camera that sees the torus from a side, with much around it."""
+    """A camera that sees the torus from one side, with a wide margin."""
     eye = (3 * np.sin(np.radians(angle)), height, 3 * np.cos(np.radians(angle)))
     camera = ibr.Camera.look_at(eye, (0, 0, 0), (0, 1, 0), SIZE, fov_y=70)
     return ibr.Camera(camera.K, SIZE, camera.world_from_camera, lens=lens)
@@ -40,7 +40,7 @@ def seen_by_rays(camera: ibr.Camera) -> ibr.DepthImage:
 
 
 def check(frame: ibr.Frame, expected: ibr.DepthImage, depth: float, color: float, missed: float = 0.0) -> None:
-    """Two pixels from silhouettes coverage and depth are those of rays that are cast."""
+    """Check coverage and depth against cast rays, except within two pixels of silhouettes."""
     inside = ~truth.dilate(~expected.valid, 2)
     assert (~frame.valid & inside).mean() <= missed
     assert (frame.valid & ~truth.dilate(expected.valid, 2)).mean() <= missed
@@ -57,7 +57,7 @@ def test_meshes_are_drawn_as_rays_see_them(lens):
 
 
 def test_capture_casts_the_lens_rays():
-    """A wall: where the rays of a lens meet it is what OpenCV says."""
+    """The rays of a lens meet a wall at the points that OpenCV computes."""
     wall = MeshScene([[-9, -9, 2], [9, -9, 2], [-9, 9, 2], [9, 9, 2]], [[0, 1, 2], [3, 2, 1]])
     camera = ibr.Camera([[60, 0, 60], [0, 60, 48], [0, 0, 1]], SIZE, lens=BARREL)
     view = wall.capture(camera)
@@ -72,7 +72,7 @@ def test_capture_casts_the_lens_rays():
     half = wall.capture(
         ibr.Camera([[40, 0, 60], [0, 40, 48], [0, 0, 1]], SIZE, lens=ibr.Lens("brown_conrady", [-0.2] + [0] * 3))
     )
-    assert 0.3 < half.valid.mean() < 0.9  # the lens's own circle
+    assert 0.3 < half.valid.mean() < 0.9  # the lens's image circle
     assert np.isinf(half.depth[0, 0])
 
 
@@ -81,7 +81,7 @@ def test_depth_objects_from_lenses(lens):
     views = [seen_by_rays(around(LENSES[lens], angle, height)) for angle in range(0, 360, 60) for height in (2.5, -2.5)]
     camera = around(FISHEYE if lens == "barrel" else None, 30)
     expected = seen_by_rays(camera)
-    # Through pinholes these few views carve the ring's inside hardly better: 0.025 there.
+    # With pinhole cameras, these few views hardly carve the ring's inside better: 0.025.
     check(ibr.render(ibr.DepthObject(views, slices=128), camera), expected, 0.035, 60, 0.01)
     hull = ibr.render(ibr.VisualHull(views, slices=96), camera)
     assert (hull.valid & ~truth.dilate(expected.valid, 6)).mean() < 0.03
@@ -118,7 +118,7 @@ def test_shadows_fall_the_same_way():
     straight = ibr.render([floor, ring], ibr.Camera(camera.K, SIZE, camera.world_from_camera), light)
     seen = frame.color[frame.valid].mean() / straight.color[straight.valid].mean()
     assert 0.9 < seen < 1.1
-    middle = np.s_[30:-30, 40:-40]  # next to the axis a lens bends little
+    middle = np.s_[30:-30, 40:-40]  # near the axis, a lens bends little
     assert np.abs(frame.color[middle].astype(float) - straight.color[middle]).mean() < 12
 
 
@@ -150,14 +150,14 @@ def test_what_refuses_lenses_says_so():
             call()
         assert caught.value.argument == "camera"
         assert "\n" not in str(caught.value)
-    for thing in (relief, sliced):  # pictures of them are drawn
+    for thing in (relief, sliced):  # these accept lenses
         assert ibr.render(thing, camera).color.shape == (97, 121, 3)
     assert blended.weights(camera).tolist() == [1.0]
 
 
 @pytest.mark.parametrize("draw", [ibr.warp, ibr.render])
 def test_images_that_a_lens_tears_apart_are_refused(draw):
-    """A tangential part that moves pixels by millions: it took 40 million of them to draw 96 x 14."""
+    """The tangential part moves pixels by millions: 96 x 14 pixels would need 40 million."""
     lens = ibr.Lens("brown_conrady", [0, 0, 0.03, 0.01, 0])
     camera = ibr.Camera([[3.5e10, 0, 23.5], [0, 32, 3], [0, 0, 1]], (48, 7), lens=lens)
     view = ibr.DepthImage(

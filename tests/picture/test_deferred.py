@@ -1,4 +1,4 @@
-"""Things made of images are lit once all are drawn: in any order, and the same in a part of the picture."""
+"""Deferred lighting of things made of images: independent of their order, and equal in a part of the picture."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LIGHTS: dict[str, dict[str, Any]] = {
 
 
 def torus(turn: int, size: float = 0.7) -> ibr.Mesh:
-    """Along one of the axes, in colours."""
+    """A coloured torus around one of the axes."""
     made = models.donut(64)
     points = size * np.roll(made.vertices, turn, axis=1)
     colors = np.rint(150 + 60 * np.sin(18 * points)).astype(np.uint8)
@@ -30,7 +30,7 @@ def torus(turn: int, size: float = 0.7) -> ibr.Mesh:
 
 
 def crossing() -> list[Any]:
-    """Four kinds of things made of images, that go through one another, and a mesh."""
+    """Four kinds of things made of images, which intersect each other, and a mesh."""
     eye = ibr.Camera.look_at((0.5, -2.6, 2.2), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=40)
     return [
         ibr.DepthObject(object_views(torus(0), 64), slices=48),
@@ -42,7 +42,7 @@ def crossing() -> list[Any]:
 
 
 def ties(things: list[Any], camera: ibr.Camera) -> np.ndarray:
-    """(H, W) where the two nearest things are equally far, or a neighbour is such a pixel."""
+    """(H, W) True where the two nearest things have equal depth, and near such pixels."""
     depths = np.sort([np.nan_to_num(ibr.render(thing, camera).depth, nan=np.inf) for thing in things], axis=0)
     tied = np.pad((depths[0] == depths[1]) & np.isfinite(depths[0]), 4)
     height, width = camera.height, camera.width
@@ -54,12 +54,12 @@ def test_colours_do_not_depend_on_the_order(light):
     things, lamp = crossing(), ibr.Light(**LIGHTS[light])
     first, plain = ibr.render(things, CAMERA, lamp), ibr.render(things, CAMERA)
     alone = [ibr.render(thing, CAMERA).depth for thing in things]
-    assert min((first.depth == depth).sum() for depth in alone) > 200  # each of them is seen
+    assert min((first.depth == depth).sum() for depth in alone) > 200  # each thing is seen
     assert (first.color != plain.color).any(axis=2)[plain.valid].mean() > 0.2
     told = ~ties(things, CAMERA)
     assert told[first.valid].mean() > 0.95
     for number, order in enumerate([*permutations(things[:-1])][::5]):
-        place = number % len(things)  # of the mesh
+        place = number % len(things)  # position of the mesh
         frame = ibr.render([*order[:place], things[-1], *order[place:]], CAMERA, lamp)
         np.testing.assert_array_equal(frame.depth, first.depth)
         np.testing.assert_array_equal(frame.color[told], first.color[told])
@@ -79,8 +79,8 @@ MAKERS: dict[str, Any] = {
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_a_part_of_the_picture_has_the_same_colours(name):
-    """By normals of the things themselves. In maps of shadows points are moved by slopes that the picture tells, at its
-    border by pixels to one side alone."""
+    """The things' own normals are used. For shadow maps, points are moved by slopes of the picture's depths, which come
+    from one side only at its border."""
     left, top, width, height = 61, 43, 83, 59
     K = CAMERA.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
     part = ibr.Camera(K, (width, height), CAMERA.world_from_camera)
@@ -103,7 +103,7 @@ def test_a_part_of_the_picture_has_the_same_colours(name):
 
 
 def test_what_is_drawn_in_front_later_is_lit_on_its_own():
-    """A mesh before a depth image, whichever comes first: it is shaded once, by its own normals."""
+    """A mesh in front of a depth image is shaded once, by its own normals, in either order."""
     camera = ibr.Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
     wall = ibr.DepthImage(np.full((61, 81, 3), 200, np.uint8), np.full((61, 81), 4, np.float32), camera)
     card = ibr.Mesh([[-1, -1, 3], [1, -1, 3], [1, 1, 3.5], [-1, 1, 3.5]], [[0, 2, 1], [0, 3, 2]])
@@ -117,7 +117,7 @@ def test_what_is_drawn_in_front_later_is_lit_on_its_own():
 
 @pytest.mark.thorough
 def test_one_lane_lights_many_things_alike():
-    """Several in one packet of pixels."""
+    """Several things share one packet of pixels."""
     camera = ibr.Camera([[30, 0, 18], [0, 30, 12], [0, 0, 1]], (37, 25))
     depth = np.full((25, 37), 3, np.float32)
     views = []
@@ -138,7 +138,7 @@ def test_one_lane_lights_many_things_alike():
 @pytest.mark.parametrize("how", [{}, {"blend": "nearest"}, {"method": "search"}, {"method": "forward"}], ids=str)
 @pytest.mark.parametrize("relight", [False, True])
 def test_each_way_of_the_warp_is_lit(how, relight):
-    """Two views of a slanted wall that shows its own light by Lambert's law, in a card's shadow."""
+    """Two views of a slanted wall, lit by Lambert's law, in a card's shadow."""
     normal = np.array([0.28, 0, -0.96])
     camera = ibr.Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
     views = []
@@ -173,7 +173,7 @@ def test_each_way_of_the_warp_is_lit(how, relight):
 
 
 def test_normals_of_depths_are_those_of_the_thing_alone():
-    """A box, as the hull of silhouettes, which tell no normals, and a mesh that cuts it: at the cut both are as far."""
+    """A box as a hull of silhouettes, which have no normals, and a mesh that cuts it; at the cut, depths are equal."""
     box = cuboid((-0.6, -0.5, -0.4), (0.6, 0.5, 0.4))
     views = object_views(MeshScene(*box, colors=np.full((8, 3), 200, np.uint8)), 96)
     outlines = [ibr.Silhouette(np.where(v.valid[..., None], v.color, np.uint8(200)), v.valid, v.camera) for v in views]

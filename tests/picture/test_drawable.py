@@ -1,4 +1,4 @@
-"""The contract between a picture and what draws itself into it, for every system and for a user's own."""
+"""The `Drawable` protocol, for every system and for a user's class."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PAGE = ROOT / "docs/howto/own-system.md"
 
 
 def base() -> ibr.Mesh:
-    """A bent square around the origin, which looks along +z and -z; its colours tell places."""
+    """A bent square around the origin, with normals along z; its colours differ from place to place."""
     colors = np.array([(250, 20, 90), (10, 200, 30), (60, 80, 240), (220, 210, 40)], np.uint8)
     corners = [[-1, -1, 0.3], [1, -1, -0.2], [1, 1, 0.4], [-1, 1, -0.3]]
     return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), colors=colors)
@@ -30,7 +30,7 @@ def base() -> ibr.Mesh:
 
 @cache
 def systems() -> dict[str, object]:
-    """A thing of each system, no more than 1.5 from the origin."""
+    """A thing of each system, within 1.5 of the origin."""
     views, rng = object_views(models.donut(16), 48), np.random.default_rng(0)
     height, color = rng.random((9, 7)).astype(np.float32), rng.integers(0, 256, (5, 6, 3)).astype(np.uint8)
     return {
@@ -56,7 +56,7 @@ def camera(projection: str, side: str = "front", middle: tuple[float, ...] = (0,
 
 
 def drawn(things: list[object], camera: Camera, dtype: type = np.uint8, poison: bool = False) -> ibr.Frame:
-    """Picture of things that draw into a target in turn; with `poison`, into one that is full of something else."""
+    """Picture of things drawn into one target; with `poison`, the target's buffers start with other values."""
     with one_call():
         target = Target(camera, np.dtype(dtype))
         if poison:
@@ -71,7 +71,7 @@ def drawn(things: list[object], camera: Camera, dtype: type = np.uint8, poison: 
 
 
 def wall(z: float, half: float = 9, slope: float = 0) -> ibr.Mesh:
-    """Across the z axis; with a slope it rises along x."""
+    """A wall across the z axis; with a slope, it rises along x."""
     low, high = z - slope * half, z + slope * half
     corners = [[-half, -half, low], [half, -half, high], [half, half, high], [-half, half, low]]
     return ibr.Mesh(corners, [[0, 2, 1], [0, 3, 2]], colors=np.tile(np.uint8([9, 8, 7]), (4, 1)))
@@ -134,7 +134,7 @@ def test_who_draws_later_keeps_what_is_nearer(name, projection):
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_equally_far_stays(name, projection, lanes):
-    """Of slanted surfaces 6 pixels in 100 would be replaced if nearness, rounded there and back, were compared."""
+    """If rounded nearness were compared instead of depth, 6 % of the pixels of slanted surfaces would be replaced."""
     drawable, view = as_drawable(systems()[name]), camera(projection)
 
     def again() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -170,7 +170,7 @@ def test_lights_see_both_sides(name, side):
 
 
 class Square:
-    """Faces the camera at one depth, over the left half of the picture; made with NumPy alone."""
+    """A user's class in NumPy: a square that faces the camera at one depth, in the left half of the picture."""
 
     def __init__(self, z: float, color: tuple[int, int, int]) -> None:
         self.z, self.color = z, color
@@ -216,7 +216,7 @@ def test_a_class_of_a_users_own_is_drawn_among_others():
 
 
 def test_of_equally_far_things_the_first_stays_a_users_too():
-    """Both round the same depth."""
+    """Both have the same rounded depth."""
     red, mesh = Square(3, (255, 0, 0)), wall(3, 0.9)
     shared = ibr.render(red, FACING).valid & ibr.render(mesh, FACING).valid
     assert shared.sum() > 200
@@ -226,7 +226,7 @@ def test_of_equally_far_things_the_first_stays_a_users_too():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_users_class_shadows_every_system(name):
-    """The square hangs before the thing's left half, between it and the light behind the camera."""
+    """The square is in front of the thing's left half, between it and the light behind the camera."""
     light, view = ibr.Light(direction=(0, 0, -1), ambient=0.25, shadow_size=256), camera("orthographic")
     square, thing = Square(2.0, (0, 255, 0)), systems()[name]
     without, lit = ibr.render(thing, view, light), ibr.render([thing, square], view, light)
@@ -234,12 +234,12 @@ def test_a_users_class_shadows_every_system(name):
     pixels = np.argwhere(on_thing)[:, ::-1]
     point = view.unproject(pixels, without.depth[on_thing])
     hidden = (point[:, 0] < -0.05) & (point[:, 0] > -0.95) & (np.abs(point[:, 1]) < 0.95)
-    # At the very edge of a thing its shadow map ends, too, whose texels the other thing moves.
+    # At a thing's edge, its surface in the shadow map also ends, and the other thing shifts the map's texels.
     open_ = (point[:, 0] > 0.05) & ((np.abs(point[:, 0] - 1) > 0.01) | (name != "SlicedSurface"))
     before, after = without.color[on_thing].astype(float), lit.color[on_thing]
     assert min(hidden.sum(), open_.sum()) > 60
     np.testing.assert_array_equal(after[open_], before[open_])
-    bright = before.sum(axis=1) > 300  # and not in its own shadow
+    bright = before.sum(axis=1) > 300  # not in its own shadow
     assert (after[hidden & bright].sum(axis=1) < 0.7 * before[hidden & bright].sum(axis=1)).mean() > 0.9
 
 
@@ -249,7 +249,7 @@ def test_a_users_class_that_writes_nothing_leaves_an_empty_picture():
             pass
 
     nothing = Nothing(3, (0, 0, 0))
-    for _ in range(3):  # memory of the one before is used again
+    for _ in range(3):  # memory of the previous picture is reused
         ibr.render(wall(3), FACING)
         frame = ibr.render(nothing, FACING)
         assert not frame.valid.any() and not frame.color.any() and np.isnan(frame.depth).all()
@@ -261,7 +261,7 @@ def describe(thing):
 
 
 class Undrawn:
-    """Has a box alone."""
+    """A class with bounds only."""
 
     bounds = np.zeros(3), np.ones(3)
 
@@ -324,7 +324,7 @@ def test_what_is_made_up_hides_nothing_that_another_image_sees():
         np.testing.assert_array_equal(filled.color[plain.valid], plain.color[plain.valid])
         together = ibr.warp(views, eye, fill="background").valid
         assert not (together & ~filled.valid).any()
-        assert (filled.valid & ~together).mean() < 0.002  # margins that the other view has looked through
+        assert (filled.valid & ~together).mean() < 0.002  # margins that the other view sees through
 
 
 USE = """
@@ -335,7 +335,7 @@ for order in (things, things[::-1]):
     frame = ibr.render(order, camera, ibr.Light(direction=(0, 0.2, 1), shadow_size=16))
     assert 20 < frame.valid.sum() < 200
 """
-"""The page's own system beside a mesh."""
+"""The page's system next to a mesh."""
 
 
 @pytest.mark.thorough

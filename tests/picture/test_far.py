@@ -40,7 +40,7 @@ def test_the_warp_is_the_same_anywhere(projection):
     target = view.camera.moved(0.2, 0.1, 0)
     here, there = ibr.warp(view, target), ibr.warp(moved_view(view), moved(target))
     np.testing.assert_array_equal(here.valid, there.valid)
-    np.testing.assert_allclose(here.depth, there.depth, rtol=1e-6)  # the matrices' last bits
+    np.testing.assert_allclose(here.depth, there.depth, rtol=1e-6)  # rounding of matrices
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
@@ -50,14 +50,14 @@ def test_objects_are_the_same_anywhere(make, slicing, projection):
     views, camera = views_of_torus("nine, anywhere"), looking(torus(), (0.5, 0.4, 1), (100, 80), projection)
     here = ibr.render(make(views, slices=96, slicing=slicing), camera)
     there = ibr.render(make([moved_view(view) for view in views], slices=96, slicing=slicing), moved(camera))
-    # The box is found anew, 1e-11 beside: a slice that just passes may just not.
+    # The box differs by 1e-11, so a slice that barely passes in one picture may not in the other.
     assert (here.valid != there.valid).mean() <= 1e-3
     both = here.valid & there.valid
     assert np.isclose(here.depth, there.depth, rtol=1e-6)[both].mean() >= 0.999
 
 
 def donuts(off: np.ndarray) -> tuple[ibr.Mesh, ibr.Mesh]:
-    """A donut whose corners float32 holds even far away, and the same there."""
+    """A donut with vertices that float32 represents exactly even far away, and the same donut there."""
     base = models.donut()
     corners = np.rint(base.vertices.astype(np.float64) / STEP) * STEP
     here, there = (ibr.Mesh(corners + by, base.faces, uv=base.uv, normals=base.normals) for by in (0, off))
@@ -67,7 +67,7 @@ def donuts(off: np.ndarray) -> tuple[ibr.Mesh, ibr.Mesh]:
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_a_mesh_is_where_its_vertices_are(projection):
-    """Projection adds nothing to the rounding of vertices: what float32 holds is drawn as near the origin."""
+    """Projection adds no error: vertices that float32 represents exactly are drawn as near the origin."""
     camera, (mesh, far_mesh) = over_donut(projection), donuts(AWAY)
     here, there = ibr.render(mesh, camera), ibr.render(far_mesh, moved(camera))
     assert (here.valid != there.valid).mean() <= 1e-4
@@ -76,21 +76,21 @@ def test_a_mesh_is_where_its_vertices_are(projection):
 
 
 def test_the_rounding_of_vertices_is_as_stated():
-    """docs/conventions.md: a 16 millionth of the distance to the origin along each axis."""
+    """As stated in docs/conventions.md: a 16 millionth of the distance to the origin along each axis."""
     slope = ibr.Mesh([[-2, -2, 2.3], [2.1, -2, 2.9], [2, 2.2, 3.1], [-2, 2, 2.7]], [[0, 2, 1], [0, 3, 2]])
     there = ibr.Mesh(slope.vertices + AWAY, slope.faces)
     camera = Camera([[40, 0, 40], [0, 40, 30], [0, 0, 1]], (81, 61))
     off = np.abs(ibr.render(there, moved(camera)).depth - ibr.render(slope, camera).depth)
     rounding = np.abs(AWAY) / 2**24
-    assert 0.1 * rounding[2] < np.nanmax(off)  # it is no less, either
-    # A slope of 1/4 at most turns steps aside into depth; rays are at most 45 degrees off the axis.
+    assert 0.1 * rounding[2] < np.nanmax(off)  # nor is it much less
+    # Slopes of up to 1/4 turn sideways errors into depth errors; rays are at most 45 degrees off the axis.
     assert np.nanmax(off) <= 2 * (rounding[2] + 0.25 * (rounding[0] + rounding[1]))
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_slices_of_a_surface_far_away(slicing, projection):
-    """Constant heights: the displaced corners are rounded, but none of the slices' numbers."""
+    """With constant heights, only the displaced vertices are rounded, not the slices."""
     height, color = np.full((4, 4), 0.999, np.float32), np.full((1, 1, 3), 200, np.uint8)
     camera = over_donut(projection)
     here, there = (
@@ -99,12 +99,12 @@ def test_slices_of_a_surface_far_away(slicing, projection):
     )
     assert silhouette_iou(here.valid, there.valid) >= 0.98  # STEP is half a pixel here
     both = here.valid & there.valid
-    # Half a step of the corners, and where rays meet the donut obliquely up to a slice
+    # Half a step of the vertices, and up to a slice where rays meet the donut obliquely
     assert np.median(np.abs(here.depth - there.depth)[both]) <= max(STEP, 0.2 / 40)
 
 
 def from_afar(camera: Camera, away: float) -> Camera:
-    """A perspective camera so far away that it sees what an orthographic one does."""
+    """A perspective camera so far away that its picture equals an orthographic one."""
     K = camera.K * [[away, 0, 1], [0, away, 1], [0, 0, 1]]
     pose = camera.world_from_camera.copy()
     pose[:3, 3] -= away * camera.forward
@@ -113,7 +113,7 @@ def from_afar(camera: Camera, away: float) -> Camera:
 
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_a_surface_from_afar(slicing):
-    """Slices parallel to the screen have numbers that float32 does not hold."""
+    """Slices parallel to the screen have numbers that float32 cannot resolve."""
     height = np.random.default_rng(0).random((8, 8), np.float32)
     thing = ibr.SlicedSurface(square(), height, np.zeros((2, 2, 3), np.uint8), 0.05, slices=256, slicing=slicing)
     how = {"projection": "orthographic", "height": 1.3}
@@ -121,7 +121,7 @@ def test_a_surface_from_afar(slicing):
     near, far, farthest = (ibr.render(thing, cam) for cam in (flat, from_afar(flat, 1e4), from_afar(flat, 1e6)))
     assert near.valid.sum() > 500
     assert silhouette_iou(near.valid, far.valid) >= 0.95  # depths of 10,000 have steps of 1/1024, a 50th of the height
-    assert np.isfinite(farthest.depth[farthest.valid]).all()  # of 1/16, more than the surface is high: it ends
+    assert np.isfinite(farthest.depth[farthest.valid]).all()  # steps of 1/16 exceed the surface's height
 
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
@@ -136,7 +136,7 @@ def test_an_object_from_afar(slicing):
 @pytest.mark.parametrize("light", ["sun", "lamp"])
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.DepthMeshObject])
 def test_shadows_on_images_are_the_same_anywhere(make, light):
-    """Things that are made of images have no vertices that would be rounded."""
+    """Things made of images have no vertices to round."""
     views = views_of_torus("perspective")
     camera = looking(torus(), (0.5, 0.4, 1), (100, 80), "perspective")
     position = np.array([4.0, 3, 2])
@@ -152,5 +152,5 @@ def test_shadows_on_images_are_the_same_anywhere(make, light):
         both = frame.valid & frames[0].valid
         assert (frame.valid != frames[0].valid).mean() <= 1e-3
         differs = np.abs(frame.color.astype(int) - frames[0].color).max(axis=-1)[both]
-        # The shadow's very edge may go to either side.
+        # Pixels on the shadow's edge may be lit or dark.
         assert (differs > 2).mean() <= 0.01

@@ -1,4 +1,4 @@
-"""A light keeps the maps of a scene that stays: the same pictures, without looking at it again."""
+"""Reuse of a light's shadow maps for an unchanged scene, with the same pictures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def sun(**more: object) -> ibr.Light:
 
 @pytest.fixture
 def looks(monkeypatch: pytest.MonkeyPatch) -> list[None]:
-    """One entry each time that a light looks at a scene."""
+    """A list with one entry for each time that shadow maps are drawn."""
     seen: list[None] = []
     cameras = shadow.light_cameras
 
@@ -46,7 +46,7 @@ def test_what_changes_is_looked_at_again(looks):
     light, (camera, *_) = sun(), CAMERAS
     moved = ibr.Mesh(RING.vertices + np.float32(0.4), RING.faces)
     depth = np.full((30, 40), 2, np.float32)
-    depth[10:20, 15:25] = 1.5  # its edges cut, or not
+    depth[10:20, 15:25] = 1.5  # for edges that are cut or not
     view = ibr.DepthImage(None, depth, ibr.Camera([[40, 0, 19.5], [0, 40, 14.5], [0, 0, 1]], (40, 30)))
     scenes: list[list[Any]] = [[GROUND, RING], [GROUND, moved], [GROUND], [GROUND, RING]]
     scenes += [[view], [ibr.WarpedView(view, edges="connect")], [view, view]]
@@ -81,7 +81,7 @@ def test_things_of_ones_own_may_change(looks):
 
 def test_a_light_holds_no_thing(looks):
     light = sun()
-    for height in (0.0, 0.2, 0.4):  # each mesh may lie where the one before it was
+    for height in (0.0, 0.2, 0.4):  # each mesh may reuse the memory of the previous one
         ring = ibr.Mesh(RING.vertices + np.float32(height), RING.faces)
         assert (ibr.render([GROUND, ring], CAMERAS[0], light).color == lit_anew(ring)).all()
         del ring

@@ -1,4 +1,4 @@
-"""Noise of depth on the device against its twin in NumPy."""
+"""Estimates of depth noise on the device, against the reference in NumPy."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ CLOSE = 1e-3
 
 
 def room(size: tuple[int, int]) -> Array:
-    """A wall aslant and a floor, 1.5 to 8 units away."""
+    """A slanted wall and a floor, 1.5 to 8 units away."""
     x, y = np.meshgrid(np.linspace(-0.5, 0.5, size[0]), np.linspace(-0.4, 0.4, size[1]))
     return np.minimum(6 / (1 - x), np.where(y > 0.02, 0.6 / np.maximum(y, 0.02), np.inf))
 
 
 def corridor(size: tuple[int, int], bits: int) -> Array:
-    """Walls, floor and end, by disparity of so many bits."""
+    """Depth of a corridor's walls, floor and end, from disparity of `bits` bits."""
     x, y = np.meshgrid(np.linspace(-0.55, 0.55, size[0]), np.linspace(-0.4, 0.4, size[1]))
     nearness = np.maximum(np.maximum(np.abs(x) / 0.9, np.abs(y) / 1.2), 1 / 8)
     step = nearness.max() / (2**bits - 1)
@@ -37,7 +37,7 @@ def corridor(size: tuple[int, int], bits: int) -> Array:
 
 
 def made(rng: np.random.Generator) -> Iterator[tuple[str, Array]]:
-    """Depths whose noise, scale and holes are known, and some that have hardly any samples."""
+    """Depths with known noise, scale and holes, and some with very few samples."""
     for size in SIZES:
         z = room(size)
         for kind in KINDS:
@@ -65,7 +65,7 @@ def made(rng: np.random.Generator) -> Iterator[tuple[str, Array]]:
 
 
 def frames() -> Iterator[tuple[str, Array]]:
-    """Depths of recordings that lie beside the checkout."""
+    """Depths of recordings in the shared data next to the checkout."""
     names = ["rgbd_livingroom1/depth*/*.png", "rgbd_realsense_shelf/*.depth.png", "formats/*/*depth*.png"]
     for name in names:
         for path in sorted(DATA.glob(name))[:12]:
@@ -80,13 +80,13 @@ def frames() -> Iterator[tuple[str, Array]]:
 
 
 def found_noise(depth: Array, far: float = np.inf) -> Found:
-    """(a, b, c) of the deviation and of the steps, as the device finds them."""
+    """(a, b, c) of the deviation and of the steps, estimated on the device."""
     noise = DepthNoise(np.ascontiguousarray(depth, np.float32), far)
     return noise.deviation, noise.steps
 
 
 def difference(depth: Array, one: tuple[float, ...], other: tuple[float, ...]) -> float:
-    """The greatest difference of what (a, b, c) say at depths that are there, as a part of the greater."""
+    """The greatest relative difference of two (a, b, c), evaluated at the depths of the image."""
     known = depth[np.isfinite(depth) & (depth > 0)]
     if not len(known) or not (any(one) or any(other)):
         return 0.0 if one == other else 1.0
@@ -96,7 +96,7 @@ def difference(depth: Array, one: tuple[float, ...], other: tuple[float, ...]) -
 
 
 def test_the_kernel_finds_what_the_twin_finds():
-    """But where two fits are as close: the terms that are chosen hang on rounding then."""
+    """Results agree, except where two fits are equally close and rounding decides which terms are chosen."""
     wrong, count = list[tuple[Any, ...]](), 0
     for name, depth in itertools.chain(made(np.random.default_rng(0)), frames()):
         depth = np.ascontiguousarray(depth, np.float32)

@@ -1,4 +1,4 @@
-"""Normals of depth images: given ones, and those that depths tell."""
+"""Normals of depth images: given ones, and estimates from depths."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def camera_of(size: tuple[int, int], projection: Projection) -> Camera:
 
 
 def plane_depth(camera: Camera, normal: np.ndarray, offset: float) -> np.ndarray:
-    """(H, W) float32 of the plane of points p with normal.p = offset, in the camera's frame."""
+    """(H, W) float32 depth of the plane of points p with normal.p = offset, in the camera's frame."""
     y, x = np.mgrid[: camera.height, : camera.width]
     ray = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T
     if camera.projection == "perspective":
@@ -40,7 +40,7 @@ def degrees(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (7, 1), (2, 2), (13, 7), (37, 29)])
 @pytest.mark.parametrize("lanes", [pytest.param(1, marks=pytest.mark.thorough), 16])
 def test_they_are_those_of_the_reference(size, projection, lanes):
-    """Of rough depths with holes and steps."""
+    """Estimates equal the reference for rough depths with holes and steps."""
     rng, camera = np.random.default_rng(3), camera_of(size, projection)
     y, x = np.mgrid[: size[1], : size[0]]
     depth = 3 + 0.3 * np.sin(x / 3) + 0.002 * x * y + np.where(x > size[0] // 2, 1.5, 0) + rng.normal(0, 2e-3, x.shape)
@@ -54,13 +54,13 @@ def test_they_are_those_of_the_reference(size, projection, lanes):
         found = normals_of(view)
     expected = fitted_normals(view, _radius(view))
     assert np.isfinite(found).all()
-    # LITTLE flattens slopes by a part of 1e-4 (1 + k), k the ratio of the samples' spreads; of k = 30, by 0.1 degrees.
+    # REGULARIZATION reduces slopes by 1e-4 (1 + k), where k is the ratio of the samples' spreads: by 0.1 degrees at 30.
     assert degrees(found, expected)[view.valid].max() < 0.1
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_of_planes_they_are_exact_up_to_their_edges(projection):
-    """A slanted board before a slanted wall: no sample's normal mixes the two."""
+    """A slanted board in front of a slanted wall: no sample's normal mixes the two."""
     camera = camera_of((61, 47), projection)
     front, back = np.array([0.3, -0.2, -0.9]), np.array([-0.4, 0.1, -0.8])
     front, back = front / np.linalg.norm(front), back / np.linalg.norm(back)
@@ -69,18 +69,18 @@ def test_of_planes_they_are_exact_up_to_their_edges(projection):
     depth = np.where(on_board, plane_depth(camera, front, -2.0), plane_depth(camera, back, -4.0))
     found = normals_of(ibr.DepthImage(None, depth, camera))
     expected = np.where(on_board[..., None], front, back)
-    # LITTLE flattens slopes by 1e-4 (1 + k), of samples in a corner k = 3: at most by half of 4e-4; float32 adds 1e-5.
+    # REGULARIZATION reduces slopes by 1e-4 (1 + k), and k is 3 in a corner: at most half of 4e-4. float32 adds 1e-5.
     assert degrees(found, expected).max() < np.degrees(2.2e-4)
 
 
 @pytest.mark.parametrize("noise", [3e-4, 1e-3, 5e-3])
 def test_noise_is_fitted_away(noise):
-    """Slopes have a standard deviation of 0.1 at most, by which the radius is chosen."""
+    """The radius is chosen so that slopes have a standard deviation of at most 0.1."""
     rng, camera = np.random.default_rng(0), Camera([[300, 0, 80], [0, 300, 60], [0, 0, 1]], (161, 121))
     clean = plane_depth(camera, np.array([0.0, 0.0, -1.0]), -2.0)
     view = ibr.DepthImage(None, (clean * (1 + noise * rng.normal(size=clean.shape))).astype(np.float32), camera)
     off = degrees(normals_of(view), np.array([0, 0, -1.0]))[8:-8, 8:-8]
-    # along x and y; of depths that are all the same, no more than 0.74 of the noise is found (`DepthImage.noise`)
+    # sqrt(2): along x and y; 0.74: for constant depth, only 0.74 of the noise is estimated (`DepthImage.noise`)
     assert np.sqrt((off**2).mean()) < np.degrees(0.1 * np.sqrt(2)) / 0.74
 
 
@@ -88,7 +88,7 @@ def test_given_ones_stay_and_unknown_ones_come_from_the_depths():
     camera = camera_of((13, 9), "perspective")
     slanted, straight = np.array([0.6, 0, -0.8], np.float32), np.array([0, 0, -1.0])
     normals = np.broadcast_to(slanted, (9, 13, 3)).copy()
-    normals[2:4] *= 7  # lengths do not count
+    normals[2:4] *= 7  # lengths are ignored
     normals[5, 5], normals[6, 6], normals[7, 7] = np.nan, 0, np.inf
     view = ibr.DepthImage(None, np.full((9, 13), 2, np.float32), camera, normals=normals)
     unknown = np.zeros((9, 13), bool)
@@ -104,7 +104,7 @@ def test_given_ones_stay_and_unknown_ones_come_from_the_depths():
 
 
 def test_a_lens_bends_normals_as_it_bends_colours():
-    """A slope that changes across the image: the undistorted image's normals are those of the same places."""
+    """Normals vary across the image; the undistorted image has the normals of the same points."""
     lens = ibr.Lens("brown_conrady", [-0.3, 0.05, 0, 0])
     camera = Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37), lens=lens)
     y, x = np.mgrid[:37, :61]
@@ -115,11 +115,11 @@ def test_a_lens_bends_normals_as_it_bends_colours():
     ray = view.camera.unproject(np.stack([x, y], -1).reshape(-1, 2), np.ones(x.size)).reshape(*x.shape, 3)
     expected = np.stack([0.5 * ray[..., 0], 0.5 * ray[..., 1], -np.ones(x.shape)], axis=-1)
     place = camera.project(ray.reshape(-1, 3) + camera.center)[0].reshape(*x.shape, 2)
-    amid = (place >= 0).all(axis=-1) & (place <= (60, 36)).all(axis=-1)  # beyond the outermost samples nothing is mixed
+    amid = (place >= 0).all(axis=-1) & (place <= (60, 36)).all(axis=-1)  # outside, nothing is interpolated
     assert amid.sum() > 2000
     unit = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
     bend = sum(np.linalg.norm(np.diff(unit, 2, axis=axis), axis=-1).max() for axis in (0, 1))
-    assert np.radians(degrees(view.normals, expected)[amid].max()) < bend / 2  # what is linear on a triangle is off by
+    assert np.radians(degrees(view.normals, expected)[amid].max()) < bend / 2  # error of linear interpolation
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ def test_one_depth_buffer_for_all_in_any_order():
 def test_a_depth_image_alone_is_the_warp(options, projection):
     source = scenes.stepped((64, 48), projection)
     target = source.camera.moved(0.5, 0.1, 0.1)
-    if projection == "orthographic":  # where it would see no step, were it as the source
+    if projection == "orthographic":  # from the source's direction, steps would be invisible
         target = source.camera.orbited(30, source.camera.center + 4 * source.camera.forward)
     if "side" in options:
         target = source.camera.orbited(160, source.camera.center + 4 * source.camera.forward)
@@ -75,11 +75,11 @@ def test_a_depth_image_alone_is_the_warp(options, projection):
     assert a.valid.mean() > 0.3
     cut = ibr.warp(source, target, edges="cut")
     same = np.array_equal(a.depth, cut.depth, equal_nan=True)
-    assert same == (options in ({}, {"edges": "cut"}))  # each of the others is another picture
+    assert same == (options in ({}, {"edges": "cut"}))  # each of the other options changes the picture
 
 
 def test_options_are_a_things_own():
-    """Two depth images in one picture are drawn each with its own options."""
+    """Two depth images in one picture are each drawn with their own options."""
     views = [scenes.stepped((64, 48)), scenes.holed((64, 48))]
     target = views[0].camera.moved(0.5, 0.1, 0.1)
     options = {"edges": "connect", "side": "both", "interpolation": "nearest"}
@@ -128,7 +128,7 @@ def test_views_of_both_dtypes_are_uploaded_once():
         second = ibr.render(things, CAMERA)
     np.testing.assert_array_equal(second.color, first.color)
     assert traffic.count("launch")
-    assert "to_nearness" not in {name for _, name, _ in traffic.of}  # what is done with an image first
+    assert "to_nearness" not in {name for _, name, _ in traffic.of}  # the first kernel for a new image
     assert traffic.total("upload") < things[1].depth.nbytes
 
 
@@ -156,7 +156,7 @@ def test_a_float_picture_is_the_byte_one_unrounded():
 
 
 def test_a_curved_depth_image_and_a_mesh_hide_each_other():
-    """Two surfaces that cross: each pixel shows the nearer of what it shows of each alone."""
+    """Two surfaces intersect; each pixel shows the nearer one of the two separate pictures."""
     source = scenes.smooth((96, 72))
     camera = source.camera.moved(0.3, -0.1, 0.2)
     corners = camera.unproject([[-10, -10], [110, -10], [110, 90], [-10, 90]], [3.2, 4.4, 4.4, 3.2])
@@ -164,9 +164,9 @@ def test_a_curved_depth_image_and_a_mesh_hide_each_other():
     a, b = ibr.render(source, camera), ibr.render(sheet, camera)
     z = np.stack([np.where(frame.valid, frame.depth, np.inf) for frame in (a, b)])
     first = z[0] <= z[1]
-    assert 500 < (first & a.valid & b.valid).sum() < 5000  # they do cross
+    assert 500 < (first & a.valid & b.valid).sum() < 5000  # they intersect
     expected = np.where(first[..., None], a.color, b.color)
-    tie = np.abs(z[0] - z[1]) <= 1e-5 * z[0]  # either order may round another way
+    tie = np.abs(z[0] - z[1]) <= 1e-5 * z[0]  # rounding may depend on the order
     for order in ([source, sheet], [sheet, source]):
         frame = ibr.render(order, camera)
         np.testing.assert_array_equal(frame.valid, a.valid | b.valid)
@@ -204,7 +204,7 @@ def test_sizes_and_the_same_bits_again(size, projection):
 
 
 def test_copies_and_pickles_look_the_same():
-    """Buffers on the device stay behind, before and after a picture; arrays stay locked."""
+    """Copies do not include buffers on the device, before or after a picture; arrays stay locked."""
     views = object_views(models.donut(20), 32)
     things = [
         models.donut(20),
@@ -228,7 +228,7 @@ def test_copies_and_pickles_look_the_same():
 
 
 def test_backgrounds_are_rounded():
-    """They are rounded alike where there is nothing and where they mix with what covers a part of a pixel."""
+    """They are rounded equally in empty pixels and in partly covered pixels."""
     away = ibr.Camera(CAMERA.K, CAMERA.size, np.diag([-1.0, 1, -1, 1]))
     assert (ibr.render(wall(3, 0.5, (9, 9, 9)), away, background=(127.9, 0.9, 254.6)).color == (128, 1, 255)).all()
 
@@ -243,7 +243,7 @@ def test_background():
 
 
 def test_partly_and_wholly_out_of_view():
-    """A square of 21 pixels, 0.5 m to each side at 3 m, moved out at each border."""
+    """A square of 21 pixels, 0.5 m to each side at 3 m, is moved out across each border."""
     for dx, dy in ((2, 0), (-2, 0), (0, 1.5), (0, -1.5), (-2, 1.5), (2.6, 0), (0, 30)):
         frame = ibr.render(wall(3, 0.51, (9, 9, 9)), CAMERA.moved(dx, dy, 0))
         y, x = np.mgrid[:61, :81]

@@ -55,9 +55,9 @@ def test_sliced_surfaces_shadow_themselves_and_others(shape, slicing):
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_reliefs_shadow_themselves_and_others(shape, shadow):
-    """The square's relief lies below it, so what it shows is the solid moved down by its scale."""
+    """The relief lies below the square, so the picture shows the solid moved down by the relief's scale."""
     height, color, floor = hilly(), np.full((1, 1, 3), 255, np.uint8), plane(3.0, -0.26)
-    wide = ibr.Mesh(3 * square().vertices - (1, 1, 0), square().faces, uv=3 * square().uv)  # rays run on beyond it
+    wide = ibr.Mesh(3 * square().vertices - (1, 1, 0), square().faces, uv=3 * square().uv)  # rays continue outside
     surface = ibr.ReliefSurface(wide, height, color, 0.25, shadow=shadow)
     stone = box((0.5, 0.5, 0.17), (0.12, 0.07, 0.05))
     scene = embree(stone, floor)
@@ -74,7 +74,7 @@ def test_reliefs_shadow_themselves_and_others(shape, shadow):
 
 @cache
 def hilly_torus() -> Any:
-    """To cast rays at, with the floor below it."""
+    """The scene for ray casting, with the floor below the torus."""
     floor = plane(3.0, -0.45)
     scene = Carved(torus, hilly(), 0.06, (10, 4)).scene
     scene.add_triangles(np.array(floor.vertices), floor.faces.astype(np.uint32))
@@ -86,7 +86,7 @@ def hilly_torus() -> Any:
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("shape", [{"direction": (0.6, 0.5, -0.9)}, LIGHTS["spot"], LIGHTS["point"]], ids=str)
 def test_curved_reliefs_shadow_themselves_and_others(shape, distance, shadow):
-    """A torus with hills, whose outline casts the shadow's."""
+    """A torus with hills, which must be visible in the outline of its shadow."""
     height, color, floor = hilly(), np.full((1, 1, 3), 255, np.uint8), plane(3.0, -0.45)
     relief = ibr.ReliefSurface(
         grid(torus, 96, 48), height, color, 0.06, tiles=(10, 4), distance=distance, shadow=shadow
@@ -103,7 +103,7 @@ FEW = [{"direction": (0.8, 0.9, -1.3)}, LIGHTS["spot"], {"position": (2, -2, 2.5
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 @pytest.mark.parametrize("edges", ["cut", "connect"])
 def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
-    """Shadows are those of the surface that is drawn."""
+    """Shadows match the surface that is drawn."""
     source = Camera.look_at((0.2, -3.4, 3.2), (0, 0, 0.2), (0, 0, 1), (400, 300), fov_y=50)
     view = capture(joined(SCENES["balls"]), source)
     color = np.full((300, 400, 3), 255 if dtype == np.uint8 else 1, dtype)
@@ -138,10 +138,10 @@ def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_light_passes_where_edges_are_cut(dtype):
-    """A card at 2, half a unit to each side, before a wall at 4; the light comes from the left, at 45 degrees.
+    """A card at 2, half a unit to each side, in front of a wall at 4, with light from the left at 45 degrees.
 
-    The card's shadow is on the wall from 1.5 to 2.5. The rubber sheet around it takes the light from -1 to 1.5, of
-    which the source sees what is beyond 1.
+    The card's shadow is on the wall from 1.5 to 2.5. The rubber sheet around the card blocks the light from -1 to 1.5;
+    the source sees the part beyond 1.
     """
     camera = Camera([[60, 0, 60], [0, 60, 40], [0, 0, 1]], (121, 81))
     y, x = np.mgrid[:81, :121]
@@ -163,10 +163,10 @@ def test_light_passes_where_edges_are_cut(dtype):
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])
 @pytest.mark.parametrize("shape", FEW, ids=str)
 def test_objects_from_images_cast_and_receive(shape, make):
-    """A ball of depth images; a hull of six silhouettes is a box.
+    """A ball from depth images, or a box as a hull of six silhouettes.
 
-    A point is moved off the object by a slice before it looks for the light, and so sees it a little behind the
-    horizon: 3 % of the ball's pixels.
+    Before the shadow test, points are moved off the object by a slice, so points slightly beyond the horizon are lit:
+    3 % of the ball's pixels.
     """
     solid = ball((0.2, 0.1, 0.75), 0.6) if make is ibr.DepthObject else box((0.2, 0.1, 0.6), (0.6, 0.4, 0.5))
     bar, floor = box((-0.3, -0.6, 1.4), (0.1, 0.7, 0.05)), plane()
@@ -176,7 +176,7 @@ def test_objects_from_images_cast_and_receive(shape, make):
 
 
 def every_thing() -> list[Any]:
-    """One of each kind, in one another's shadow."""
+    """One thing of each kind, which shadow each other."""
     source = Camera.look_at((0, -3, 3), (0, 0, 0), (0, 0, 1), (60, 45), fov_y=40)
     view = capture(joined([plane(1.5, -0.2), ball((0.5, 0.6, 0.1), 0.3)]), source)
     views = object_views(joined([ball((0, 0, 0), 0.3)]), 24)
@@ -207,7 +207,7 @@ def test_again_the_same_bits_and_in_any_order(kind):
     for one, other in ((frame.color, again.color), (frame.depth, again.depth), (frame.valid, again.valid)):
         assert one.tobytes() == other.tobytes()
     turned = ibr.render(things[::-1], SEES_ALL, light)
-    tied = np.abs(frame.depth - turned.depth) > 0  # the ball as object and as hull
+    tied = np.abs(frame.depth - turned.depth) > 0  # the ball is there as object and as hull
     assert (np.abs(frame.color.astype(int) - turned.color).max(axis=2) > 1)[~tied].mean() <= 2e-3
 
 
@@ -218,13 +218,13 @@ def test_in_one_lane(kind):
     wide = ibr.render(things, SEES_ALL, light)
     with one_lane():
         one = ibr.render(every_thing(), SEES_ALL, light)
-    # As in the tests without shadows, slices and outlines may be met otherwise by one rounding.
+    # As in the tests without shadows, rounding may change hits of slices and outlines.
     assert (one.valid != wide.valid).mean() <= 2e-3
     assert (np.abs(one.color.astype(int) - wide.color).max(axis=2) <= 2).mean() >= 0.985
 
 
 def test_without_shadows_nothing_is_shadowed():
-    """Depth images and objects keep their colours, whatever the light; of meshes each is lit as if alone."""
+    """Depth images and objects keep their colours in any light; each mesh is lit as if alone."""
     for shape in LIGHTS.values():
         light = ibr.Light(**shape, shadow_size=0)
         view, surface, solid, hull, _, slab = every_thing()
@@ -237,7 +237,7 @@ def test_without_shadows_nothing_is_shadowed():
 
 
 def test_a_light_from_behind():
-    """A wall that faces away from the light is dark, as a depth image, too: so is what stands before it."""
+    """A wall that faces away from the light is dark, also as a depth image, and so are things in front of it."""
     camera = Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
     color, depth = np.full((61, 81, 3), 200, np.uint8), np.full((61, 81), 4, np.float32)
     card = ibr.Mesh([[-0.5, -0.5, 3], [0.5, -0.5, 3], [0.5, 0.5, 3], [-0.5, 0.5, 3]], [[0, 2, 1], [0, 3, 2]])
@@ -250,7 +250,7 @@ def test_a_light_from_behind():
 
 @pytest.mark.parametrize("shape", LIGHTS.values(), ids=LIGHTS)
 def test_maps_hold_all_that_is_lit(shape):
-    """Every point of the boxes that the light reaches lies on one of its maps, with room for the filter."""
+    """Every point of the boxes that the light reaches lies on one of its maps, with a margin for the filter."""
     light = ibr.Light(**shape, shadow_size=128)
     bounds = [thing.bounds for thing in SCENES["balls"]]
     cameras = light_cameras(light, bounds)
@@ -270,7 +270,7 @@ def test_maps_hold_all_that_is_lit(shape):
 
 
 def test_bounds_of_things():
-    """Not of reliefs, whose rays run on below a base's open border."""
+    """Reliefs are left out, since their rays continue below a base's open border."""
     for thing in every_thing():
         if isinstance(thing, ibr.ReliefSurface):
             continue
@@ -281,11 +281,11 @@ def test_bounds_of_things():
         slack = 1e-4 * np.linalg.norm(np.subtract(high, low))  # float32
         assert (points >= low - slack).all()
         assert (points <= high + slack).all()
-        assert (np.ptp(points, axis=0) >= 0.4 * np.subtract(high, low)).any()  # and not much larger
+        assert (np.ptp(points, axis=0) >= 0.4 * np.subtract(high, low)).any()  # the box is not much larger
 
 
 def test_a_thing_alone_and_one_of_no_extent():
-    """Whatever the light, a dot or a line before it is no error."""
+    """A dot or a line in front of any light is no error."""
     dot = ibr.Mesh([[0, 0, 0], [0, 0, 0], [0, 0, 0]], [[0, 1, 2]])
     line = ibr.Mesh([[0, 0, 0], [0, 0, 1], [0, 0, 0.5]], [[0, 1, 2]])
     for shape in (*LIGHTS.values(), {"position": (0, 0, 0)}, {"position": (0, 0, 0), "direction": (0, 0, 1)}):
@@ -299,10 +299,10 @@ def test_a_thing_alone_and_one_of_no_extent():
         ({"direction": (0.6, 0.5, -0.9)}, 1),
         ({"direction": (0, 0, -1)}, 1),
         ({"position": (-8.0, 1.0, 6.0)}, 1),
-        ({"position": (-3.0, 1.0, 1.5)}, 6),  # so close that one map would be all edge
+        ({"position": (-3.0, 1.0, 1.5)}, 6),  # too close for one map
         ({"position": (0.0, 0.0, 0.5)}, 6),
         ({"position": (0.0, 0.0, 0.5), "direction": (1, 0, 0)}, 1),
-        ({"position": (0.0, 0.0, 0.5), "direction": (1, 0, 0), "angle": 150}, 6),  # so wide
+        ({"position": (0.0, 0.0, 0.5), "direction": (1, 0, 0), "angle": 150}, 6),  # too wide for one map
     ],
 )
 def test_the_lights_cameras_see_all_of_the_scene(light, count):

@@ -1,4 +1,4 @@
-"""Parts that depth images have seen, against rays cast from their centres to the surface's true points."""
+"""Marks on parts that no depth image has seen, against rays cast from the images' centres to true surface points."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TARGET = ibr.Camera.look_at((1.6, -1.9, 2.3), (0, 0, 0), (0, 0, 1), (163, 121), 
 
 @cache
 def scene() -> ibr.Mesh:
-    """A donut, and a ball in its hole that hides some of it."""
+    """A donut, and a ball in its hole that occludes a part of it."""
     ring, ball = models.donut(96), models.donut(48, radius=1e-3, tube=0.35)
     corners = np.concatenate([ring.vertices, ball.vertices + np.array([0, 0, 0.3])])
     colors = np.random.default_rng(0).integers(100, 200, (len(corners), 3)).astype(np.uint8)
@@ -36,12 +36,12 @@ def source(projection: str, eye: tuple[float, float, float], size: int = 255) ->
 
 
 def marked(views: list[ibr.DepthImage], camera: ibr.Camera = TARGET, **how: Any) -> np.ndarray:
-    """(H, W) where the picture is marked."""
+    """(H, W) True where the picture is marked."""
     plain = ibr.render(scene(), camera)
     frame = ibr.render(MarkedUnseen(as_drawable(scene()), views, **how), camera)
     np.testing.assert_array_equal(frame.depth, plain.depth)
     expected = np.rint(0.4 * plain.color.astype(float) + 0.6 * np.array(MARK))
-    is_marked = np.abs(frame.color - expected).max(axis=2) <= 1  # 0.6 and 0.4 are no float32
+    is_marked = np.abs(frame.color - expected).max(axis=2) <= 1  # 0.6 and 0.4 are rounded in float32
     changed = (frame.color != plain.color).any(axis=2)
     assert not (changed & ~is_marked).any()
     assert not changed[~plain.valid].any()
@@ -49,7 +49,7 @@ def marked(views: list[ibr.DepthImage], camera: ibr.Camera = TARGET, **how: Any)
 
 
 def unseen_by_rays(views: list[ibr.DepthImage], points: np.ndarray, margin: float = 0.0) -> np.ndarray:
-    """(n,) whether no view sees a point: it is out of its frame, or something is before it."""
+    """(n,) True if no view sees the point: it is outside of each view's frame, or occluded."""
     rays = embree(scene())
     unseen = np.ones(len(points), bool)
     for view in views:
@@ -74,7 +74,7 @@ def test_only_the_part_in_a_box_is_marked():
     y, x = np.nonzero(whole)
     points = TARGET.unproject(np.column_stack([x, y]), depth[y, x])
     inside = ((points > box[0]) & (points < box[1])).all(axis=1)
-    near = (np.abs(points[:, None] - box) < 1e-4).any(axis=(1, 2))  # single precision: 3e-7 of the distance
+    near = (np.abs(points[:, None] - box) < 1e-4).any(axis=(1, 2))  # rounding: 3e-7 of the distance
     assert 0.2 < inside.mean() < 0.8
     np.testing.assert_array_equal(part[y, x][~near], inside[~near])
     assert not part[~whole].any()
@@ -98,7 +98,7 @@ def test_what_is_marked_is_what_no_ray_reaches(name):
     truth = unseen_by_rays(views, points)
     assert 0.04 < truth.mean() < 0.95
     agree = found[y, x] == truth
-    # A view knows its silhouettes to a sample, and where it looks along the surface a sample covers much of it.
+    # Silhouettes are accurate to one sample, which covers a large part of oblique surfaces.
     steep = np.all([np.abs(slopes(view, points)) > 0.3 for view in views], axis=0)
     assert steep.sum() > 2000
     assert agree[steep].mean() > 0.995
@@ -106,7 +106,7 @@ def test_what_is_marked_is_what_no_ray_reaches(name):
 
 
 def slopes(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
-    """(n,) cosines between the surface's normals and the way to the view."""
+    """(n,) cosines between the surface's normals and the directions to the view."""
     camera = view.camera
     ahead = points - TARGET.center
     packed = np.concatenate([np.broadcast_to(TARGET.center, ahead.shape), ahead], axis=1).astype(np.float32)
@@ -124,7 +124,7 @@ def test_what_the_camera_itself_has_seen_is_not_marked():
 
 
 def test_the_side_that_counts_is_asked_for():
-    """From within a ball its inside is seen: the back of what is seen from outside."""
+    """Views inside a ball see the back of the surface that is visible from outside."""
     middle = [capture(scene(), camera) for camera in _cube((0, 0, 0.3))]
     assert marked(middle).sum() > 0.99 * ibr.render(scene(), TARGET).valid.sum()
     back = marked(middle, side="back")
@@ -153,7 +153,7 @@ def test_what_a_view_has_no_depth_for_it_has_not_seen():
     near = float(np.nanmedian(view.depth[view.valid]))
     found = marked([ibr.DepthImage(view.color, view.depth, TARGET, far=near)])
     beyond = ~view.valid | (view.depth > near)
-    around = np.all([np.roll(beyond, step, (0, 1)) for step in np.ndindex(3, 3)], axis=0)  # samples around are, too
+    around = np.all([np.roll(beyond, step, (0, 1)) for step in np.ndindex(3, 3)], axis=0)  # neighbours, too
     seen = ibr.render(scene(), TARGET).valid & np.roll(around, (-1, -1), (0, 1))
     assert seen.sum() > 1000
     assert found[seen].all()
@@ -169,7 +169,7 @@ def test_other_things_stay_as_they_are_and_pictures_in_floats_are_marked_alike()
     assert on_wall.sum() > 500
     assert (after.color[on_wall] == 90).all()
     seen = alone.valid & ~on_wall
-    edge = (after.color != alone.color).any(axis=2) & seen  # normals beside the silhouette come from the wall
+    edge = (after.color != alone.color).any(axis=2) & seen  # normals next to the silhouette come from the wall
     assert edge.sum() < 0.03 * seen.sum()
     dot = ibr.DepthImage(
         np.zeros((1, 1, 3), np.float32), np.full((1, 1), 50, np.float32), ibr.Camera(np.eye(3), (1, 1))
