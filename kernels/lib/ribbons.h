@@ -47,7 +47,7 @@ int joined(Grid grid, int ax, int ay, int bx, int by)
     const float a = sample_at(grid, ax, ay), b = sample_at(grid, bx, by);
     if (fmin(a, b) <= NO_SURFACE)
         return 0;
-    if ((bx - ax) * (by - ay) == 1) /* from upper left to lower right: there is no bit */
+    if ((bx - ax) * (by - ay) == 1) /* the diagonal from the upper left has no bit */
         return !IS_OPEN(grid.cut, fmax(a, b), fmin(a, b));
     const int bit = ay == by ? TORN_RIGHT : (ax == bx ? TORN_BELOW : TORN_DIAGONAL);
     return !(as_int(sample_at(grid, min(ax, bx), min(ay, by))) & bit);

@@ -224,7 +224,7 @@ INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
         return any_lane(IS_OPEN(cut, near, far));
     const float least = min(test.per_pixel[0], test.per_pixel[1]);
     const floatl slope = test.perspective ? least * far : (floatl)least;
-    const floatl noise = EXPLAINED(test, test.perspective ? far : near); /* grows with depth, or less than nearness */
+    const floatl noise = EXPLAINED(test, test.perspective ? far : near); /* the least for any pair */
     return any_lane((near - far > ROUNDED_DOWN * max_lanes(slope, noise)) | (far <= NO_SURFACE));
 }
 

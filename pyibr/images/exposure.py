@@ -31,7 +31,7 @@ Colors = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two views' exposures where both show one surface.
+    """Relative exposure of two views where both show one surface.
 
     Attributes
     ----------

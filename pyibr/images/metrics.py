@@ -36,7 +36,7 @@ Space = Literal["rgb", "ycbcr"]
 
 _SSIM_SIDE, _SSIM_SIGMA = 11, 1.5  # pixels: the window of Wang et al. 2004
 _DESK = 3840 * math.pi / 180  # pixels per degree
-_LUMA = 0.2126, 0.7152, 0.0722  # of red, green and blue: BT.709
+_LUMA = 0.2126, 0.7152, 0.0722  # weights of red, green and blue by BT.709
 
 
 def psnr(a: Image, b: Image, *, valid: Mask | None = None) -> float:
@@ -252,8 +252,8 @@ def depth_rmse(depth: Image, truth: Image, *, valid: Mask | None = None) -> floa
     ----------
     depth, truth : (H, W)
     valid : (H, W) bool, optional
-        Pixels count if both depths are finite and > 0, and `valid` is True there if it is given. Holes
-        therefore cost nothing: see `hole_ratio` for them.
+        Pixels count if both depths are finite and > 0, and `valid`, if given, is True. Holes therefore have no effect;
+        `hole_ratio` measures them.
 
     Examples
     --------
@@ -327,7 +327,7 @@ def _pictures(a: object, b: object) -> tuple[Image, Image, float]:
     """Two pictures of equal shape and kind, and their peak."""
     first, second = _pair("a", a, "b", b)
     if not first.dtype == second.dtype == np.uint8 and {first.dtype.kind, second.dtype.kind} != {"f"}:
-        raise ArgumentError("b", "uint8 as a, or floats as a", f"{second.dtype}, and a is {first.dtype}")
+        raise ArgumentError("b", "uint8 if a is, else floats", f"{second.dtype}, and a is {first.dtype}")
     return first, second, 255.0 if first.dtype == np.uint8 else 1.0
 
 

@@ -20,7 +20,7 @@ Terms = tuple[float, float, float]
 Found = tuple[Terms, Terms]
 
 Noise = float | Terms | Callable[[Float64], Float64]
-"""Noise of depth, as `DepthImage` and `clean_depth` take it."""
+"""Noise argument of `DepthImage` and `clean_depth`."""
 
 _PLACES = 16  # depths at which a noise function is sampled
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision

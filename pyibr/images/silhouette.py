@@ -22,7 +22,7 @@ class Silhouette(Immutable):
     mask : (H, W) bool
         True on the object.
     camera : Camera
-        Of size (W, H).
+        Its size is (W, H).
 
     Raises
     ------

@@ -55,7 +55,7 @@ def frames_in_memory(
     for rows in (slice(height // 2), slice(height // 2, height)):
         band = _rows_of(camera, rows)
         own = None if out is None else Frame(out.color[rows], out.depth[rows], out.valid[rows], band)
-        _put(alone(band, own), told, rows, height)  # a frame's memory may be the device's
+        _put(alone(band, own), told, rows, height)  # copied, so that the band's memory is free for the next
     return [Frame(camera=camera, **told)]
 
 

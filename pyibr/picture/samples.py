@@ -71,7 +71,7 @@ class Samples:
                 "depth", "a view with at least one sample that is finite, > 0 and nearer than `far`", "none"
             )
         nearest, farthest = (1 / high, 1 / low) if self.perspective else (-high, -low)
-        check_lengths("depth", nearest, farthest, "depths, at least some,")
+        check_lengths("depth", nearest, farthest, "at least some depths")
         return low, high
 
 

@@ -132,7 +132,7 @@ print("sum", zlib.crc32(frame.color.tobytes() + frame.depth.tobytes()))
 """
 
 pocl = pytest.mark.skipif(
-    not runtime_of(found_devices()[current().device.index]).keeps_kernels(), reason="for PoCL, with a cache of its own"
+    not runtime_of(found_devices()[current().device.index]).keeps_kernels(), reason="needs PoCL with its own cache"
 )
 
 

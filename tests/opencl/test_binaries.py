@@ -68,7 +68,7 @@ def cached_on_device(folder: Path) -> list[Path]:
 def reads_late() -> None:
     """Skip the test if the runtime reads binaries immediately."""
     if "portable computing language" not in current().device.platform.lower():
-        pytest.skip("this runtime hands out binaries without compiling")
+        pytest.skip("this runtime returns binaries without compiling")
 
 
 def test_the_thread_keeps_binaries_once_nobody_waits(tmp_path: Path, reads_late: None):

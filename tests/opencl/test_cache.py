@@ -24,7 +24,7 @@ from tests.processes import run_within
 ONE = Entry("programs", "one", "what it depends on")
 TWO = Entry("programs", "two", "something else")
 
-posix = pytest.mark.skipif(os.name != "posix", reason="files have no owners and modes here")
+posix = pytest.mark.skipif(os.name != "posix", reason="files have no owners and modes on this system")
 
 
 def files(folder: Path) -> list[Path]:
@@ -57,7 +57,7 @@ def test_a_folder_that_cannot_be_meant_is_an_error_of_one_sentence(monkeypatch: 
         ONE.write(b"x")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="a user always has a name here")
+@pytest.mark.skipif(sys.platform != "linux", reason="users always have names on this system")
 def test_a_user_without_a_home(monkeypatch: pytest.MonkeyPatch):
     import pwd
 

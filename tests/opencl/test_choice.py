@@ -57,7 +57,7 @@ def test_the_first_gpu_that_works_comes_before_any_cpu():
     ]
     examiner = Examiner(cpu=1.0, bad=BROKEN, good=9.0, next=5.0)
     assert chosen(listed, examiner) == "good"
-    assert examiner.asked == ["bad", "good"] and not examiner.timed, "no more is examined than the choice needs"
+    assert examiner.asked == ["bad", "good"] and not examiner.timed, "only as many are examined as necessary"
 
 
 def test_the_fastest_cpu_runtime_is_chosen_where_no_gpu_works():

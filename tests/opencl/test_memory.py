@@ -38,7 +38,7 @@ def test_memory_is_not_handed_out_while_a_view_of_it_lives(shape):
     assert (corner == 3.0).all()
 
 
-@pytest.mark.parametrize("room", [1 << 29, 100_000], ids=["pinned", "ordinary, where too much is held"])
+@pytest.mark.parametrize("room", [1 << 29, 100_000], ids=["pinned", "ordinary, above the limit"])
 def test_copies_are_not_handed_out_while_a_view_of_them_lives(monkeypatch, room):
     with one_lane():
         pinned = current().pinned
@@ -60,7 +60,7 @@ def test_copies_are_not_handed_out_while_a_view_of_them_lives(monkeypatch, room)
         kept = pinned.taken
         del corner, copies
         gc.collect()
-        assert (memory.empty(SMALL, np.uint32).to_host().shape, pinned.taken) == (SMALL, kept), "it is used again"
+        assert (memory.empty(SMALL, np.uint32).to_host().shape, pinned.taken) == (SMALL, kept), "memory is reused"
 
 
 def test_a_call_is_made_once_its_owner_is_gone():

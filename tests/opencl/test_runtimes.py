@@ -103,7 +103,7 @@ def test_the_loaders_own_variables_are_respected(intel: Path, monkeypatch: pytes
     (problem,) = runtimes.problems()
     assert str(intel) in problem.what and problem.remedy == "unset OCL_ICD_VENDORS"
     monkeypatch.setenv("OCL_ICD_VENDORS", str(intel))
-    assert runtimes.problems() == [], "it hides no library that it names"
+    assert runtimes.problems() == [], "the variable names the library"
 
 
 def test_what_intels_runtime_lacks_is_named(intel: Path):
@@ -159,7 +159,7 @@ with runtimes._all_listed():
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="Intel's runtime from pip is Linux's")
+@pytest.mark.skipif(sys.platform != "linux", reason="Intel's runtime from pip is for Linux")
 def test_intels_runtime_is_loaded_beside_an_older_library_of_the_same_name(intel: Path):
     """Open3D, for example, loads an older library, which lacks symbols, and the linker would reuse it."""
     compiler = shutil.which("cc") or pytest.skip("there is no C compiler")
@@ -204,10 +204,10 @@ def test_a_home_that_cannot_be_used_costs_no_device(tmp_path: Path, variable: st
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == (f"clear {environment.get('POCL_CACHE_DIR')}\n", "")
     left = [*(tmp_path / "temporary").iterdir(), *(tmp_path / "open").iterdir()]
-    assert not left, "nothing private stays, and nothing is loaded from where everybody writes"
+    assert not left, "no private folder stays, and nothing is loaded from shared folders"
 
 
-@pytest.mark.skipif(os.name != "posix", reason="processes have a path there")
+@pytest.mark.skipif(os.name != "posix", reason="only POSIX systems need a PATH")
 @pytest.mark.parametrize("path", [{}, pytest.param({"PATH": ""}, marks=pytest.mark.thorough)])
 def test_an_environment_without_a_path_costs_no_device(tmp_path: Path, path: dict[str, str]):
     """Services may have no PATH, but PoCL's compiler needs it to find a linker."""
@@ -264,12 +264,12 @@ print(json.dumps([platform, threads, os.environ.get("POCL_AFFINITY")]))
 
 
 @pytest.mark.thorough
-@pytest.mark.skipif(sys.platform != "linux", reason="threads are kept on processors on Linux alone")
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are only pinned on Linux")
 @pytest.mark.parametrize("choice", ["nobody's", "taskset", *POCLS])
 def test_threads_have_a_processor_each_unless_the_user_chose(choice: str):
     everywhere = sorted(os.sched_getaffinity(0))
     if everywhere != list(range(os.cpu_count() or 0)) or len(everywhere) < 2:
-        pytest.skip("not all processors are this process's")
+        pytest.skip("this process may not use all processors")
     environment = {name: value for name, value in os.environ.items() if name not in POCLS}
     if choice in POCLS:
         environment[choice] = "0" if choice == "POCL_AFFINITY" else str(len(everywhere))
@@ -278,7 +278,7 @@ def test_threads_have_a_processor_each_unless_the_user_chose(choice: str):
     platform, threads, variable = json.loads(done.stdout)
     assert variable == environment.get("POCL_AFFINITY")
     if "Portable" not in platform:
-        pytest.skip("PoCL is not what computes here")
+        pytest.skip("the device is not PoCL's")
     if choice == "nobody's":  # threads of other runtimes may be on any processor
         assert sorted(allowed for allowed in threads if len(allowed) == 1) == [[number] for number in everywhere]
     else:

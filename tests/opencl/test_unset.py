@@ -29,7 +29,7 @@ SET_BY_CLANG = "-DUNSET=1\t-ftrivial-auto-var-init=pattern"
 def pocl() -> device.Session:
     session = device.current()
     if "Portable" not in session.device.platform:
-        pytest.skip("other runtimes than PoCL do not hand clang's own options on")
+        pytest.skip("only PoCL passes options on to clang")
     return session
 
 

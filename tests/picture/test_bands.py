@@ -72,7 +72,7 @@ except ibr.OutOfMemoryError as error:
 
 
 @pytest.mark.thorough
-@pytest.mark.skipif("pocl" not in current().device.version.lower(), reason="another runtime's memory has no limit")
+@pytest.mark.skipif("pocl" not in current().device.version.lower(), reason="only PoCL's memory can be limited")
 def test_pictures_of_8192_pixels_a_side_need_2_gib():
     """PoCL reports the limit as its device's memory, and allows a quarter of it per buffer."""
     done = run_within(300, [sys.executable, "-c", PLANE], POCL_MEMORY_LIMIT="2")

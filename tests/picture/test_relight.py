@@ -184,7 +184,7 @@ def test_a_scanned_dragon_is_relit_where_images_saw_it(given, least):
 
 @pytest.mark.parametrize("name", ["depth object", "depth meshes", pytest.param("warp", marks=pytest.mark.thorough)])
 def test_in_shadow_too(name):
-    """A floor, and a card above the donut. Near edges of shadows, errors come from the map's texels, not from normals."""
+    """A floor, and a card above the donut. Near shadow edges, errors come from the map's texels, not from normals."""
     mesh, card = donut(), plane(0.45, 1.1)
     floor = ibr.Mesh(0.5 * plane(4.0, -1.9).vertices, plane().faces, colors=np.full((4, 3), 200, np.uint8))
     scene, truth = embree(mesh, floor, card), Truth(mesh, PERSPECTIVE)
