@@ -143,7 +143,7 @@ def lighting(
 
 
 def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
-    """Return one camera at the light that sees the whole scene, or six for a wide spot or a light near the scene."""
+    """Return one camera that sees the scene from the light, or six for a wide spot or a point light near the scene."""
     low = np.min([np.asarray(b[0], np.float64) for b in bounds], axis=0)
     high = np.max([np.asarray(b[1], np.float64) for b in bounds], axis=0)
     corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
