@@ -19,7 +19,7 @@ from pyibr.images.order import order_of
 _SAMPLES = 3_000  # samples per view that are looked up in other views
 _NEAREST, _FARTHER = 6, 3  # views that a view is compared with: its nearest neighbours, and some of the others
 _DEVIATIONS = 4.0  # depths within so many standard deviations of both views' noise are one surface
-_SAME = 0.005  # tolerance in addition to noise, relative to the depth or to the extent of an orthographic camera's image
+_SAME = 0.005  # tolerance besides noise, relative to the depth or to the extent of an orthographic camera's image
 _OVERLAP_MIN = 200  # fewest usable samples of an overlap
 _DARKEST, _BRIGHTEST = 0.08, 0.98  # usable part of a channel's range: sensors clip outside
 _SURE, _ROUNDS = 0.02, 8  # residuals up to _SURE have full weight; rounds of reweighting
