@@ -1,26 +1,26 @@
-/* Binning: which primitives may touch which bins of BIN x BIN pixels, in the order of the primitives.
+/* Binning: lists the primitives that may touch each bin of BIN x BIN pixels, in the order of the primitives.
  *
- * `bound_primitives` bounds each primitive; `count_bins` counts them, per chunk of primitives and bin; `total_bins` and
- * `total_rows` sum up each bin and each row of bins; `start_bins` turns the counts of a bin into places; `fill_bins`
- * writes the primitives' numbers. A bin's list is in the order of the primitives, since each chunk fills its own part:
- * no atomics, reproducible. `sort_bins` puts each list from front to back, for fragment programs that cost more than
- * that.
+ * `bound_primitives` bounds each primitive. `count_bins` counts the primitives of each chunk and bin. `total_bins` and
+ * `total_rows` sum the counts of each bin and each row of bins. `start_bins` turns the counts of a bin into positions.
+ * `fill_bins` writes the indices of the primitives. Each chunk fills its own part of a bin's list, so that lists keep
+ * the order of the primitives without atomics, reproducibly. `sort_bins` sorts each list from front to back, for
+ * fragment programs that cost more than the sort.
  *
  * corners: (primitives, CORNERS) vertices of each. projected: (vertices, 4), see project.cl. boxes: (primitives, 4)
- * first and last bin in x and y; empty (first > last) if it cannot be seen. counts: (chunks, bins), 0 at first. totals:
- * (bins,). row_totals: (bins_y,). starts: (bins + 1,) place of each bin's list in `list`. culled: triangle.h.
+ * first and last bin in x and y; empty (first > last) if invisible. counts: (chunks, bins), initially 0. totals:
+ * (bins,). row_totals: (bins_y,). starts: (bins + 1,) start of each bin's list in `list`. culled: see triangle.h.
  * Work-item: STRIP packets of primitives (bound), a chunk (count, fill), a bin (total, start), a row of bins.
  * Cost: O(primitives + list + chunks * bins). Determinism: fixed order.
  */
-#include "raster/project.cl" /* which goes before the bins of whatever is drawn: one program */
+#include "raster/project.cl" /* runs before every binning: one program */
 #include "lib/screen.h"
 
 #ifndef CORNERS
-#define CORNERS 3 /* vertices of a primitive: 3 triangles, 6 prisms */
+#define CORNERS 3 /* vertices of a primitive: 3 for triangles, 6 for prisms */
 #endif
-#define BIN_MARGIN 0.01f /* pixels: rounding of the projected corners, to 1/256 in triangle.h */
+#define BIN_MARGIN 0.01f /* pixels: triangle.h rounds projected corners to 1/256 */
 
-/* The first and last bins that each of LANES primitives may touch; none: low_x > high_x */
+/* The first and last bins that each of LANES primitives may touch; low_x > high_x if there are none */
 typedef struct {
     intl low_x, high_x, low_y, high_y;
 } Boxes;
@@ -57,7 +57,7 @@ OUTLINED Boxes boxes_of(global const int *corners, global const float *projected
         low_y = select_lanes(before, min_lanes(y[k], low_y), low_y);
         high_y = select_lanes(before, max_lanes(y[k], high_y), high_y);
     }
-    if (any_lane(some & !all)) /* where edges cross the near plane: seldom, so that corners are read again */
+    if (any_lane(some & !all)) /* where edges cross the near plane: seldom, so corners are read again */
         for (int k = 0; k < CORNERS; k++)
             for (int l = 0; l < CORNERS; l++) {
                 const ProjectedCorner from = corner_of(corners, projected, index, k),
@@ -72,14 +72,14 @@ OUTLINED Boxes boxes_of(global const int *corners, global const float *projected
                 high_y = select_lanes(leaves, max_lanes(at_y, high_y), high_y);
             }
     const floatl beside = -1.0f, right = screen.width - 1.0f, bottom = screen.height - 1.0f;
-    /* Within the picture, but for a pixel beside it: whole numbers are small. */
+    /* Clamped to one pixel around the picture, which keeps whole numbers small. */
     const floatl x0 = ceil_lanes(clamp_lanes(low_x - BIN_MARGIN, (floatl)0.0f, right + 1.0f));
     const floatl y0 = ceil_lanes(clamp_lanes(low_y - BIN_MARGIN, (floatl)0.0f, bottom + 1.0f));
     const floatl x1 = floor_lanes(max_lanes(min_lanes(high_x + BIN_MARGIN, right), beside));
     const floatl y1 = floor_lanes(max_lanes(min_lanes(high_y + BIN_MARGIN, bottom), beside));
     intl seen = some & (x0 <= x1) & (y0 <= y1);
 #if CORNERS == 3
-    if (culled) { /* triangle.h decides, on moved corners: that turns slivers round, the longer the larger their area */
+    if (culled) { /* triangle.h culls on moved corners, which may flip slivers: the limit grows with length */
         const floatl ax = x[1] - x[0], ay = y[1] - y[0], bx = x[2] - x[0], by = y[2] - y[0];
         const floatl moved = BIN_MARGIN * (1.0f + fabs(ax) + fabs(ay) + fabs(bx) + fabs(by));
         seen = seen & (!all | ((ax * by - ay * bx) * culled <= moved));
@@ -189,7 +189,7 @@ float front_of(global const int *corners, global const float *projected, int i)
     return nearest;
 }
 
-/* Heap sort; equally near ones in the order of their numbers. */
+/* Heap sort by nearness, then by index. */
 kernel void sort_bins(global const int *corners, global const float *projected, global float *keys, global int *list,
                       global const int *starts, int bins)
 {

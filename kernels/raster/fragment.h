@@ -1,31 +1,31 @@
 #ifndef RASTER_FRAGMENT_H
 #define RASTER_FRAGMENT_H
-/* What all kernels with fragment programs begin with: the bins of raster/bins.cl, and the picture's regions.
+/* Common part of all kernels with fragment programs: the bins of raster/bins.cl, and the picture's regions.
  *
  * A fragment program defines
- *   Context     its arguments, by pointer
- *   Primitives  what is the same for all pixels of each of LANES primitives; intl low_x, high_x, low_y, high_y: the
- *               box of its pixels in the region
- *   intl set_up(const Context *, intl index, int x, int y, Primitives *)   x, y: the region's first pixel; which of
- *               them may be seen
- *   void cover(const Context *, const Primitives *, int lane, Region *, int block, int x, int y)   one of them; x, y:
- *               the block's first pixel in the region
+ *   Context     its arguments, passed by pointer
+ *   Primitives  values that all pixels of a primitive share, for LANES primitives; intl low_x, high_x, low_y, high_y:
+ *               the box of a primitive's pixels in the region
+ *   intl set_up(const Context *, intl index, int x, int y, Primitives *)   returns which primitives may be visible;
+ *               x, y: the region's first pixel
+ *   void cover(const Context *, const Primitives *, int lane, Region *, int block, int x, int y)   draws a lane's
+ *               primitive in a block; x, y: the block's first pixel in the region
  * and then includes raster/list.h, which draws the primitives of a bin in order.
  */
 #include "raster/region.h"
 
-/* Parameters of the bins, and of the camera that they are made for */
+/* Parameters of the bins, and of their camera */
 #define BINS_PARAMETERS                                                                                        \
     global const float *projected, global const int *list, global const int *starts, int bins_x,               \
         Screen screen, float nearest_w
 
-/* The primitives that may be seen in a bin, or those of one mesh among them: list[first] to list[last - 1] */
+/* Primitives that may be visible in a bin, or one mesh's share of them: list[first] to list[last - 1] */
 typedef struct {
     global const int *list;
     int first, last;
 } BinList;
 
-/* That of the bin at (x, y). Oclgrind cannot run a function that returns a struct within a loop. */
+/* Sets the list of the bin at (x, y). Oclgrind cannot run a function that returns a struct within a loop. */
 INLINED void list_of_bin(global const int *list, global const int *starts, int bins_x, int x, int y, BinList *listed)
 {
     const int bin = y / BIN * bins_x + x / BIN;
@@ -34,8 +34,8 @@ INLINED void list_of_bin(global const int *list, global const int *starts, int b
     listed->last = starts[bin + 1];
 }
 
-/* Begins the region at (x, y), unless its bin's list is empty, when there is nothing to draw: then a blank picture is
- * cleared there. Returns whether it has begun. */
+/* Begins the region at (x, y) and returns 1. If its bin's list is empty, clears the region in a blank picture
+ * instead, and returns 0. */
 OUTLINED int begin_listed(Region *region, const Picture *picture, BinList listed, int x, int y)
 {
     const int any = listed.first < listed.last;
@@ -46,7 +46,7 @@ OUTLINED int begin_listed(Region *region, const Picture *picture, BinList listed
     return any;
 }
 
-/* The same for the region of this work-item, of a launch with one for each; sets what is listed there. */
+/* Sets the bin's list and begins the region of this work-item, in a launch with one work-item for each region. */
 INLINED int begin_item(Region *region, const Picture *picture, global const int *list, global const int *starts,
                        int bins_x, BinList *listed)
 {

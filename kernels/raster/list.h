@@ -1,7 +1,6 @@
 #ifndef RASTER_LIST_H
 #define RASTER_LIST_H
-/* The loop over the primitives of a list, to be included after a fragment program (fragment.h), which defines FRAGMENTS
- * as 1. */
+/* Loop over the primitives of a list. Include it after a fragment program (fragment.h) that defines FRAGMENTS as 1. */
 #include "raster/fragment.h"
 
 #ifndef FRAGMENTS

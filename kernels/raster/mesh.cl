@@ -1,14 +1,14 @@
 /* Triangle meshes: texture, vertex colours, light.
  *
- * Perspective-correct: a corner's weight at a pixel is its opposite edge's function over the sum of all three. The
- * texture is read bilinearly in the two mip levels around the pixel's footprint (Williams 1983), along its longer side
- * by lib/footprint.h.
+ * Perspective-correct: a corner's weight at a pixel is the function of the opposite edge, divided by the sum of all
+ * three. The texture is read bilinearly in the two mip levels around the pixel's footprint (Williams 1983), along its
+ * longer side by lib/footprint.h.
  *
- * faces: (triangles, 3) corners of each. projected: (vertices, 4), project.cl. list, starts: bins.cl. depth, color,
- * valid: (height, width) the picture, whose pixels stay where they are nearer; of equally near triangles the first is
- * seen. TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the one
- * before, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3); fronts: (triangles,) 1, or
- * -1 where they point to the side that the corners run clockwise on. culled: triangle.h.
+ * faces: (triangles, 3) vertices of each. projected: (vertices, 4), see project.cl. list, starts: see bins.cl. depth,
+ * color, valid: (height, width) the picture; nearer pixels stay, and the first of equally near triangles is visible.
+ * TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the previous
+ * one, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3); fronts: (triangles,) 1, or -1
+ * where the normals point to the side on which the corners run clockwise. culled: see triangle.h.
  * Work-item: a region (region.h). Cost: O(list + pixels). Determinism: list order.
  */
 #include "lib/color.h"
@@ -17,13 +17,13 @@
 #include "raster/nearest.h"
 
 #ifndef TEXTURED
-#define TEXTURED 0 /* 1: the mesh has a texture, */
+#define TEXTURED 0 /* 1: the mesh has a texture */
 #endif
 #ifndef TINTED
-#define TINTED 0 /* 1: or colours of its vertices */
+#define TINTED 0 /* 1: the mesh has vertex colours */
 #endif
 
-/* The mean of the corners' values */
+/* Mean of the corners' values, by their weights */
 INLINED floatl mean_of(const OnTriangle *p, floatl first, floatl second, floatl third)
 {
     return p->weight[0] * first + p->weight[1] * second + p->weight[2] * third;
@@ -38,7 +38,7 @@ INLINED Vector mean_vector(const OnTriangle *p, global const float *vectors)
 }
 
 #if TEXTURED
-/* The texture where the pixels are, for footprints one pixel wide */
+/* Texture at the pixels, for footprints one pixel wide */
 INLINED Color read_texture(const OnTriangle *p, global const float *uv, global const uint *texels, int width,
                            int height, int levels ANISOTROPY_PARAMETER)
 {
@@ -47,8 +47,8 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
     for (int k = 0; k < 3; k++)
         gather_pairs(uv, 2 * p->corner[k], &cu[k], &cv[k]);
     const floatl u = mean_of(p, cu[0], cu[1], cu[2]), v = mean_of(p, cv[0], cv[1], cv[2]);
-    /* From a pixel to the next, the corners' weights change by their edges' a, or b, and their total by the sum of
-     * these. */
+    /* From a pixel to the next along x (or y), each corner's weight changes by its edge's a (or b), and the total by
+     * their sum. */
     floatl du_x = 0.0f, dv_x = 0.0f, du_y = 0.0f, dv_y = 0.0f, a_sum = 0.0f, b_sum = 0.0f;
     UNROLLED
     for (int k = 0; k < 3; k++) {
@@ -84,8 +84,7 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
 #endif
 
 #if SHADOWED
-/* The triangle's own normal, on the side that its corners run clockwise on; the one that it is shaded by is
- * interpolated. */
+/* Normal of the triangle's plane, on the side where its corners run clockwise. Shading uses interpolated normals. */
 INLINED Vector own_normal(const OnTriangle *p, global const float *vertices)
 {
     Vector at[3];

@@ -1,9 +1,9 @@
-/* Vertices of the world to the target's pixel space.
+/* Projects vertices of the world to the target's pixel space.
  *
- * vertices: (count, 3) world. screen: of points relative to `origin`, the camera's centre: far from the world's origin
- * such differences are exact, and the matrix has no large numbers. projected: (count, 4) homogeneous U, V, W, Q
+ * vertices: (count, 3) world. screen: for points relative to `origin`, the camera's centre. Far from the world's
+ * origin, such differences are exact, and the matrix has no large numbers. projected: (count, 4) homogeneous U, V, W, Q
  * (lib/pixelspace.h).
- * Work-item: a vertex. Cost: O(count). Determinism: every vertex on its own.
+ * Work-item: a vertex. Cost: O(count). Determinism: vertices are independent.
  */
 #include "lib/screen.h"
 

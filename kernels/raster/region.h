@@ -1,19 +1,19 @@
 #ifndef RASTER_REGION_H
 #define RASTER_REGION_H
-/* The region of pixels that a work-item draws: what is seen there so far, from the picture and back to it.
+/* The region of pixels that a work-item draws: it is read from the picture, drawn to, and written back.
  *
- * On a CPU it is a bin, gone through in blocks of 4 x 4 pixels, one to a lane; on a GPU it is a pixel.
+ * On a CPU a region is a bin, processed in blocks of 4 x 4 pixels, one pixel to a lane; on a GPU it is one pixel.
  */
 #include "lib/color.h"
 #include "lib/gbuffer.h"
 #include "lib/screen.h"
 
 #ifndef KEEPS_UV
-#define KEEPS_UV 0 /* 1: a region also holds where on its owner a pixel is */
+#define KEEPS_UV 0 /* 1: a region also stores where on its owner each pixel is */
 #endif
 
 #if LANES == 16
-#define REGION BIN /* pixels, the side of a work-item's region */
+#define REGION BIN /* width and height of a work-item's region in pixels */
 #define BLOCK 4
 #define block_x (lane_index & 3)
 #define block_y (lane_index >> 2)
@@ -33,38 +33,38 @@
 /* The picture that is drawn */
 typedef struct {
     Screen screen;
-    global float *depth;   /* (height, width), NaN where nothing is */
+    global float *depth;   /* (height, width), NaN where empty */
     global channel *color; /* (height, width, 3) */
     global uchar *valid;   /* (height, width) */
-    int blank;             /* 1: it holds nothing yet, and all of it is to be written */
+    int blank;             /* 1: the picture is empty, and every pixel must be written */
 } Picture;
 
-/* A kernel's parameters for it, beside `screen`, and its value */
+/* Kernel parameters of a picture besides `screen`, and its value */
 #define PICTURE_PARAMETERS global float *depth, global channel *color, global uchar *valid, int blank
 #define PICTURE_VALUE {screen, depth, color, valid, blank}
 
 typedef struct {
-    floatl nearness[BLOCKS]; /* of what is seen so far */
-    intl owner[BLOCKS];      /* primitive that is seen, -1: none of these */
-    float farthest[BLOCKS];  /* no pixel of the block sees what is farther than that */
+    floatl nearness[BLOCKS]; /* largest so far */
+    intl owner[BLOCKS];      /* visible primitive; -1: none of the list */
+    float farthest[BLOCKS];  /* least nearness in the block */
 #if KEEPS_UV
-    floatl u[BLOCKS], v[BLOCKS]; /* where on the owner */
+    floatl u[BLOCKS], v[BLOCKS]; /* position on the owner */
 #endif
-    int x, y; /* the first pixel */
+    int x, y; /* first pixel */
 } Region;
 
-/* The columns, and the rows, of a block's pixels in the picture */
+/* Columns and rows of a block's pixels in the picture */
 #define BLOCK_X(region, block) to_floatl((region)->x + FIRST_X(block) + block_x)
 #define BLOCK_Y(region, block) to_floatl((region)->y + FIRST_Y(block) + block_y)
 
-/* Of a lane's pixel in the block at (x, y): its index, -1 beside the picture */
+/* Index of a lane's pixel in the block at (x, y); -1 outside the picture */
 long pixel_of(Screen screen, int x, int y, int lane)
 {
     const int px = x + lane % BLOCK, py = y + lane / BLOCK;
     return px < screen.width && py < screen.height ? (long)py * screen.width + px : -1;
 }
 
-/* Adds to the counts of a block's pixels. */
+/* Adds to the counters of a block's pixels. */
 void add_to_counters(global int *counters, const Region *region, int block, Screen screen, intl added)
 {
     for (int lane = 0; lane < LANES; lane++) {
@@ -78,7 +78,7 @@ void add_to_counters(global int *counters, const Region *region, int block, Scre
 /* Is all of the block at (x, y) in the picture? */
 #define IS_WHOLE(screen, x, y) ((x) + BLOCK <= (screen).width && (y) + BLOCK <= (screen).height)
 
-/* The depths of a whole block of the picture */
+/* Depths of a whole block of the picture */
 float16 block_depths(Screen screen, global const float *depth, int x, int y)
 {
     global const float *at = depth + (size_t)y * screen.width + x;
@@ -87,7 +87,7 @@ float16 block_depths(Screen screen, global const float *depth, int x, int y)
 }
 #endif
 
-/* Nearness of the block at (x, y) in the picture so far; EMPTY beside the picture */
+/* Nearness of the block at (x, y) in the picture so far; EMPTY outside the picture */
 INLINED floatl nearness_of_block(Screen screen, global const float *depth, int x, int y)
 {
     floatl so_far = EMPTY;
@@ -105,7 +105,7 @@ INLINED floatl nearness_of_block(Screen screen, global const float *depth, int x
     return so_far;
 }
 
-/* Begins the region at (x, y), with nothing in it. */
+/* Begins an empty region at (x, y). */
 INLINED void begin_region(Region *region, int x, int y)
 {
     region->x = x;
@@ -117,7 +117,7 @@ INLINED void begin_region(Region *region, int x, int y)
     }
 }
 
-/* Begins it with what the picture shows there. */
+/* Begins the region at (x, y) with the picture's content. */
 INLINED void begin_in_picture(Region *region, const Picture *picture, int x, int y)
 {
     begin_region(region, x, y);
@@ -132,7 +132,7 @@ INLINED void begin_in_picture(Region *region, const Picture *picture, int x, int
 }
 
 #if LANES == 16
-/* A row of a block, 4 pixels at once: vstores of bytes go one by one. */
+/* Writes a row of a block, 4 pixels together: vstores of bytes would go one by one. */
 #define WRITE_ROW(at, l, a, b, c, d)                                                                           \
     {                                                                                                          \
         vstore4(z.l, 0, picture->depth + (at));                                                                \
@@ -155,7 +155,7 @@ INLINED void begin_in_picture(Region *region, const Picture *picture, int x, int
     vstore3((float3)(red.d, green.d, blue.d), 0, picture->color + 3 * (at) + 9);
 #endif
 
-/* Writes all pixels of the block at (x, y); z: their depths, NaN where nothing is. */
+/* Writes all pixels of the block at (x, y); z: their depths, NaN where empty. */
 INLINED void write_whole_block(const Picture *picture, floatl z, int x, int y, Color shade)
 {
     const int width = picture->screen.width;
@@ -174,15 +174,15 @@ INLINED void write_whole_block(const Picture *picture, floatl z, int x, int y, C
 }
 #endif
 
-/* Writes the pixels of a block one by one: those that are `mine`, and of a blank picture the others. z: their depths.
- * Returns which of them are shown now. */
+/* Writes pixels of a block one by one: the pixels in `mine`, and in a blank picture also the others. z: their depths.
+ * Returns which pixels of `mine` are visible now. */
 OUTLINED intl write_single_pixels(const Picture *picture, floatl z, intl mine, int x, int y, Color shade)
 {
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(picture->screen, x, y, lane);
         const int is_mine = int_lane(mine, lane) != 0, blank = picture->blank;
         if (at < 0 || !(is_mine || blank) || (!blank && float_lane(z, lane) >= picture->depth[at])) {
-            set_int_lane(mine, lane, 0); /* equally far: there and back, nearness is rounded */
+            set_int_lane(mine, lane, 0); /* also if equally far: converting nearness to depth and back rounds */
             continue;
         }
         picture->depth[at] = float_lane(z, lane);
@@ -193,8 +193,8 @@ OUTLINED intl write_single_pixels(const Picture *picture, floatl z, intl mine, i
     return mine;
 }
 
-/* Writes a block of the region to the picture; shade in [0, 1]. Returns which of its pixels show the region's
- * primitives now. */
+/* Writes a block of the region to the picture; shade in [0, 1]. Returns which pixels show the region's primitives
+ * now. */
 INLINED intl write_block(const Region *region, int block, const Picture *picture, Color shade)
 {
     const int x = region->x + FIRST_X(block), y = region->y + FIRST_Y(block);
@@ -210,7 +210,7 @@ INLINED intl write_block(const Region *region, int block, const Picture *picture
     return write_single_pixels(picture, z, mine, x, y, shade);
 }
 
-/* Enters those pixels of a block that are `written` into the G-buffer. normal: as images hold it */
+/* Enters a block's `written` pixels into the G-buffer. normal: as images store it */
 INLINED void enter_block(GBuffer gbuffer, intl written, const Region *region, int block, const Picture *picture,
                          Color normal)
 {
@@ -223,7 +223,7 @@ INLINED void enter_block(GBuffer gbuffer, intl written, const Region *region, in
 #endif
 }
 
-/* Writes that nothing is in the region at (x, y). */
+/* Clears the region at (x, y) in the picture. */
 INLINED void clear_region(const Picture *picture, int x, int y)
 {
     const Color black = {0.0f, 0.0f, 0.0f};

@@ -1,24 +1,23 @@
 #ifndef RASTER_TRIANGLE_H
 #define RASTER_TRIANGLE_H
-/* Triangles in homogeneous pixel space (Olano & Greer 1997): no clipping, since an edge function is positive on the
- * visible side only, even where a corner lies behind the camera. LANES triangles are set up at once.
+/* Triangles in homogeneous pixel space (Olano & Greer 1997). They need no clipping, because an edge function is
+ * positive on the visible side only, even where a corner lies behind the camera. LANES triangles are set up together.
  *
- * What is covered is decided in whole numbers, on corners that are moved to the nearest 1/256 of a pixel, or in
- * floating point for edges with a corner behind the camera or far off. Either way two triangles that share an edge
- * have exactly opposite functions, and the top-left rule gives the pixels on it to one of them.
+ * Coverage is decided in whole numbers, on corners that are moved to the nearest 1/256 of a pixel, or in floating point
+ * for edges with a corner behind the camera or far away. Either way, two triangles that share an edge have exactly
+ * opposite functions, and the top-left rule gives the pixels on the edge to one of them.
  */
 #include "lib/screen.h"
 #include "raster/region.h"
 
-/* `culled`: the sign of the area, as seen, of triangles that are not drawn; it is positive of those seen from
- * behind. */
+/* `culled`: sign of the area of culled triangles. The area of a triangle is positive if it is seen from behind. */
 #define CULLS_NONE 0
 #define CULLS_BACKS 1
 #define CULLS_FRONTS -1
 
 #define SUBPIXELS 256
-#define FARTHEST_CORNER 16384.0f /* pixels from the region: beyond, whole numbers of 32 bits do not suffice */
-#define CORNER_ROUNDING 0.01f    /* pixels by which a moved corner may leave the box of the triangle */
+#define FARTHEST_CORNER 16384.0f /* pixels from the region: beyond, whole numbers of 32 bits overflow */
+#define CORNER_ROUNDING 0.01f    /* pixels by which a moved corner may leave the triangle's box */
 
 /* a x + b y + c, positive inside */
 typedef struct {
@@ -33,25 +32,25 @@ typedef struct {
 typedef struct {
     Edges edges[3]; /* opposite to each corner */
     ExactEdges exact_edges[3];
-    intl exact;            /* bit k: the exact one of edge k is used */
+    intl exact;            /* bit k: edge k uses its exact function */
     floatl n_x, n_y, n_0;  /* nearness: n_x x + n_y y + n_0 */
-    floatl n_low, n_high;  /* of the corners */
+    floatl n_low, n_high;  /* range over the corners */
     intl index, low_x, high_x, low_y, high_y; /* box in the region */
 } Triangles;
 
-/* The top-left rule: whether a triangle has the pixels on its edge with these coefficients */
+/* Top-left rule: whether a triangle owns the pixels on its edge with these coefficients */
 #define IS_TOP_LEFT(a, b) (((a) > 0) | (((a) == 0) & ((b) > 0)))
 
-/* The function of the edges from (U, V, W)[i] to [j]: exactly the opposite of those from j to i */
+/* Functions of the edges from (U, V, W)[i] to [j]: exactly the opposite of the functions from j to i */
 INLINED Edges edges_of(const floatl *U, const floatl *V, const floatl *W, int i, int j)
 {
-#pragma OPENCL FP_CONTRACT OFF /* which rounds one of two products only */
+#pragma OPENCL FP_CONTRACT OFF /* contraction would round only one of two products */
     const Edges e = {V[i] * W[j] - W[i] * V[j], W[i] * U[j] - U[i] * W[j], U[i] * V[j] - V[i] * U[j]};
     return e;
 }
 
-/* The same from p to q in subpixels, with the top-left rule; turned: -1 for triangles whose corners run the other
- * way */
+/* Functions of the edges from p to q in subpixels, with the top-left rule; turned: -1 for triangles whose corners run
+ * the other way */
 INLINED ExactEdges exact_edges_of(intl px, intl py, intl qx, intl qy, intl turned)
 {
     ExactEdges e;
@@ -63,12 +62,13 @@ INLINED ExactEdges exact_edges_of(intl px, intl py, intl qx, intl qy, intl turne
     return e;
 }
 
-/* Triangles of corners (triangles, 3) of projected; x, y: the region's first pixel. Which of them may be seen? */
+/* Sets up triangles with corners (triangles, 3) in `projected`; x, y: the region's first pixel. Returns which triangles
+ * may be visible. */
 INLINED intl set_up_triangles(global const int *corners, global const float *projected, intl index, float nearest_w, int culled,
                       int x, int y, Triangles *t)
 {
     floatl U[3], V[3], W[3], Q[3], at_x[3], at_y[3];
-    intl px[3], py[3], close[3]; /* corner k is before the camera and not far off */
+    intl px[3], py[3], close[3]; /* corner k is in front of the camera and not far away */
     intl crosses = 0;
     UNROLLED
     for (int k = 0; k < 3; k++) {
@@ -123,7 +123,7 @@ INLINED intl set_up_triangles(global const int *corners, global const float *pro
         t->exact |= select_lanes(close[i] & close[j], (intl)(1 << k), (intl)0);
         t->exact_edges[k] = exact_edges_of(px[i], py[i], px[j], py[j], turned);
     }
-    /* The plane's deviations from a corner's nearness are small, and so are their errors. */
+    /* Relative to a corner's nearness, the values of the plane are small, and so are their errors. */
     const floatl middle = select_lanes(crosses, (floatl)0.0f, Q[0] / W[0]);
     const floatl sign = select_lanes(determinant < 0.0f, (floatl)-1.0f, (floatl)1.0f);
     t->n_x = t->n_y = t->n_0 = 0.0f;
@@ -149,7 +149,7 @@ INLINED intl set_up_triangles(global const int *corners, global const float *pro
     return seen;
 }
 
-/* Which pixels of the block at (first_x, first_y) does the triangle of a lane cover, and how near is it there? */
+/* Returns which pixels of the block at (first_x, first_y) a lane's triangle covers, and computes their nearness. */
 INLINED intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *nearness)
 {
     const intl xi = first_x + block_x, yi = first_y + block_y;
@@ -168,22 +168,22 @@ INLINED intl covered_by(const Triangles *t, int lane, int first_x, int first_y, 
             covered = covered & (IS_TOP_LEFT(a, b) ? inside >= 0.0f : inside > 0.0f);
         }
     }
-    /* A pixel that moved corners cover may lie beyond them, where a steep plane leaves their range. */
+    /* Moved corners may cover a pixel outside the triangle, where a steep plane leaves the corners' range. */
     const floatl plane = float_lane(t->n_x, lane) * x + (float_lane(t->n_y, lane) * y + float_lane(t->n_0, lane));
     *nearness = clamp_lanes(plane, (floatl)float_lane(t->n_low, lane), (floatl)float_lane(t->n_high, lane));
     return covered;
 }
 
-/* A pixel's place on a triangle: the triangle's corners, and their perspective-correct weights. */
+/* A pixel's position on a triangle: the triangle's corners and their perspective-correct weights. */
 typedef struct {
     intl corner[3];
     floatl weight[3];
-    floatl U[3], V[3], W[3]; /* of the corners, relative to the pixel */
-    floatl area; /* twice the triangle's, as seen: > 0 from behind */
+    floatl U[3], V[3], W[3]; /* corners relative to the pixel */
+    floatl area; /* twice the triangle's area, as seen: > 0 from behind */
     int uniform; /* all lanes are on one triangle */
 } OnTriangle;
 
-/* At the pixel (x, y) of the picture */
+/* Position of the pixel (x, y) of the picture */
 INLINED OnTriangle on_triangle(global const int *corners, global const float *projected, intl index, floatl x, floatl y)
 {
     OnTriangle p;
@@ -191,7 +191,7 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
     const int one = int_lane(index, 0);
     p.uniform = !any_lane(index != one);
     UNROLLED
-    for (int k = 0; k < 3; k++) { /* relative to the pixel an edge's function is its c alone */
+    for (int k = 0; k < 3; k++) { /* relative to the pixel, an edge function is its c alone */
         if (p.uniform) {
             const int corner = corners[3 * one + k];
             const float4 at = vload4(corner, projected);
@@ -218,7 +218,7 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
     }
     const floatl sign = select_lanes(p.area < 0.0f, (floatl)-1.0f, (floatl)1.0f);
     UNROLLED
-    for (int k = 0; k < 3; k++) { /* none from beyond the triangle, as in `covered_by` */
+    for (int k = 0; k < 3; k++) { /* clamped to the triangle, as in `covered_by` */
         p.weight[k] = max_lanes(p.weight[k] * sign, (floatl)0.0f);
         sum += p.weight[k];
     }
@@ -229,7 +229,7 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
     return p;
 }
 
-/* The corners' values, interpolated by their weights: `rows` holds 16 floats a vertex */
+/* Interpolates the corners' values by their weights; `rows` holds 16 floats a vertex */
 INLINED void corner_means(global const float *rows, const OnTriangle *p, floatl *means)
 {
 #if LANES == 16

@@ -21,18 +21,18 @@ from pyibr.picture.render import render
 
 Mask = NDArray[np.bool_]
 
-_SLACK = 1.0  # pixels by which a point may lie behind an image's depth: surfaces are no planes
-_ALONG = 0.05  # cosine below which either side is seen
-_DIRECTIONS = 128  # that tell what can be seen from outside
-_OUTSIDE = 320  # pixels of their pictures
-_TURNED = 2.0  # times as often as its front must a point's back be seen from outside to be what is meant by its front
-_DENSER_MAX = 64.0  # times as many points as asked for are spread, so that enough of them lie in a box
-_CLOSED = 0.02  # of the surface: if less can be seen from outside, the things are around the viewer
+_SLACK = 1.0  # tolerance, in pixels, of a point behind the image's depth: surfaces curve
+_ALONG = 0.05  # surfaces more oblique than this cosine count as seen from both sides
+_DIRECTIONS = 128  # views that find the surface visible from outside
+_OUTSIDE = 320  # width and height of these views in pixels
+_TURNED = 2.0  # a normal flips where its back is seen from outside this many times as often as its front
+_DENSER_MAX = 64.0  # limit of the oversampling that puts enough points into a box
+_CLOSED = 0.02  # share of the surface: if less is visible from outside, the scene surrounds the viewer
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Points spread over a mesh, or over a part of it, each of which stands for the same area.
+    """Points spread over a mesh or a part of it; each point stands for the same area.
 
     Attributes
     ----------
@@ -40,11 +40,11 @@ class Surface:
     points : (N, 3)
         In the world.
     corner_normals : (N, 3)
-        Of length 1, as the order of the triangles' corners tells them, which meshes do not always keep.
+        Unit normals by the triangles' corner order, which is not consistent in every mesh.
     area : float
-        That the points are spread over, in squared scene units.
+        Area that the points are spread over, in squared scene units.
     within : (2, 3), optional
-        The box, (low, high) in the world, that the part lies in. The rest of the mesh may hide it.
+        Box of the part, (low, high) in the world. The rest of the mesh may occlude the part.
     """
 
     mesh: Mesh
@@ -55,18 +55,18 @@ class Surface:
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(low, high), each (3,), in the world: of the mesh, or of its part."""
+        """Bounding box of the mesh or its part: (low, high), each (3,), in the world."""
         low, high = (corner.astype(np.float64) for corner in self.mesh.bounds)
         if self.within is None:
             return low, high
         return np.maximum(low, self.within[0]), np.minimum(high, self.within[1])
 
     def seen(self, view: DepthImage, *, side: Side = "front") -> Mask:
-        """Points, (N,) bool, that a depth image has seen, from that side: as `pyibr.picture.unseen` marks them."""
+        """Points, (N,) bool, that a depth image has seen from that side, as `pyibr.picture.unseen` marks them."""
         return self.resolution(view, side=side) > 0
 
     def resolution(self, view: DepthImage, *, side: Side = "front") -> NDArray[np.float32]:
-        """(N,) pixels per squared scene unit at which a depth image has seen the points; 0 where it has not."""
+        """Pixels per squared scene unit, (N,), at which a depth image has seen the points; 0 where unseen."""
         camera = view.camera
         pixels, z = camera.project(self.points)
         width, height = camera.size
@@ -94,8 +94,8 @@ class Surface:
         found &= near > 0
         hit = some[found]
         made = np.zeros(len(self.points), np.float32)
-        # A patch fills a solid angle of area * facing / distance^2, and of the plane z = 1, on which pixels are even,
-        # 1 / cos^3 as much, by the angle from the axis.
+        # A patch covers a solid angle of area * facing / distance^2. On the plane z = 1, where pixels are even, it
+        # covers 1 / cos^3 as much; cos is the cosine of the angle to the axis.
         ahead = -(to[counts][found] @ camera.forward) / distance[counts][found]
         facing = np.maximum(np.abs(cosine[counts][found]), _ALONG)
         made[hit] = (
@@ -105,23 +105,23 @@ class Surface:
 
     @property
     def outer(self) -> Mask:
-        """Points, (N,) bool, that can be seen from outside, from far away; all, if that is next to nothing."""
+        """Points, (N,) bool, that are visible from far outside; all points, if hardly any is visible."""
         front, back = self._from_outside
         found: Mask = (front + back) > 0
         return found if found.mean() > _CLOSED else np.ones(len(self.points), np.bool_)
 
     @cached_property
     def normals(self) -> Float64:
-        """(N, 3) of length 1, on the side from which the surface is seen from outside: its front."""
+        """Unit normals, (N, 3), on the side that is visible from outside: the front."""
         front, back = self._from_outside
         return np.where((back > _TURNED * front)[:, None], -self.corner_normals, self.corner_normals)
 
     @cached_property
     def _from_outside(self) -> NDArray[np.int32]:
-        """(2, N) from how many directions points are seen on the side of their corner normals, and on the other."""
+        """(2, N) numbers of directions that see each point: on the side of its corner normal, and on the other."""
         middle, radius = _ball(self.bounds)
         center, mesh_radius = _ball(tuple(corner.astype(np.float64) for corner in self.mesh.bounds))
-        away = 2 * mesh_radius + float(np.linalg.norm(middle - center))  # beyond all of the mesh
+        away = 2 * mesh_radius + float(np.linalg.norm(middle - center))  # outside the whole mesh
         found = np.zeros((2, len(self.points)), np.int32)
         for direction in cast("Sequence[Float64]", spread_directions(_DIRECTIONS)):
             camera = Camera.look_at(
@@ -136,7 +136,7 @@ class Surface:
             pixels, z = camera.project(self.points)
             x, y = np.clip(np.rint(pixels).astype(np.intp), 0, _OUTSIDE - 1).T
             facing: Float64 = self.corner_normals @ direction
-            # Along a surface that slopes, neighbours' depths differ by the slope: up to three pixels deep.
+            # On an oblique surface, the depths of neighbours differ by the slope: by up to three pixels here.
             steep = np.sqrt(1 - facing**2) / np.maximum(np.abs(facing), 0.1)
             tolerance = 2.02 * radius / _OUTSIDE * (0.5 + np.minimum(steep, 3.0))
             seen = frame.depth[y, x] >= z - tolerance
@@ -145,20 +145,20 @@ class Surface:
 
 
 def surface_of(mesh: Mesh, *, count: int = 40_000, within: ArrayLike | None = None) -> Surface:
-    """Points on a mesh, the same each time.
+    """Spread points over a mesh, the same each time.
 
     Parameters
     ----------
     mesh : Mesh
     count : int
-        Of the points; of a part there may be some fewer or more.
+        Number of points. On a part of the mesh, the number may differ somewhat.
     within : (2, 3), optional
-        A box, (low, high) in the world: only what lies in it counts.
+        Box, (low, high) in the world; only the surface inside counts.
 
     Raises
     ------
     ArgumentError
-        If the box is none, or holds nothing of the mesh.
+        If `within` is not a box, or contains none of the mesh.
 
     Examples
     --------
@@ -199,10 +199,10 @@ def _inside(points: Float64, box: Float64) -> Mask:
 
 
 def _spread(corner: Float64, weights: Float64, count: int) -> tuple[Float64, NDArray[np.intp]]:
-    """Points on triangles, (F, 3, 3), as many on each as its weight tells, and the triangles that they are of."""
+    """Points on triangles, (F, 3, 3), in proportion to their weights, and the index of each point's triangle."""
     ends = np.cumsum(weights)
     random = np.random.default_rng(1999)
-    places = (np.arange(count) + random.random(count)) * (ends[-1] / count)  # one in each part of the same area
+    places = (np.arange(count) + random.random(count)) * (ends[-1] / count)  # one point in each stretch of equal area
     found = cast("NDArray[np.intp]", np.searchsorted(ends, places, side="right"))
     face = np.minimum(found, len(weights) - 1)
     u, v = np.sqrt(random.random(count)), random.random(count)
@@ -211,7 +211,7 @@ def _spread(corner: Float64, weights: Float64, count: int) -> tuple[Float64, NDA
 
 
 def unseen_share(surface: Surface, seen: Sequence[Mask]) -> float:
-    """The share of what can be seen from outside that is in none of the masks."""
+    """Share of the points visible from outside that no mask contains."""
     outer = surface.outer
     covered = np.any(seen, axis=0) if len(seen) else np.zeros(len(outer), np.bool_)
     return float(np.count_nonzero(outer & ~covered) / max(np.count_nonzero(outer), 1))

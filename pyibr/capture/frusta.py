@@ -1,7 +1,7 @@
 """Frusta that cover a surface with depth images, and the depth images that they see.
 
 After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), sections 6 and 7.1: samples at
-a frustum's far plane are empty, and far depth is painted over parts of its image that are not wanted.
+a frustum's far plane are empty, and far depth is painted over unwanted parts of its image.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ _ANGLE_MIN, _ANGLE_MAX = 0.1, 170.0  # degrees
 
 @dataclass(frozen=True)
 class Stroke:
-    """Paint over a frustum's image: discs of a brush along a line.
+    """Brush stroke over a frustum's image: discs along a polyline.
 
     Attributes
     ----------
     points : tuple of (x, y)
-        In widths and heights of the image, 0 to 1 from its upper left corner on.
+        In widths and heights of the image, from (0, 0) at its upper left corner to (1, 1).
     radius : float
         In heights of the image.
     erases : bool
-        It takes paint away.
+        Whether the stroke removes paint.
     """
 
     points: tuple[tuple[float, float], ...]
@@ -47,7 +47,7 @@ class Stroke:
     erases: bool = False
 
     def mask(self, size: tuple[int, int]) -> NDArray[np.bool_]:
-        """(H, W) the pixels of an image of this size whose centres it covers."""
+        """(H, W) mask of the pixels whose centres the stroke covers, in an image of this size."""
         width, height = size
         x, y = (np.arange(width) + 0.5)[None, :], (np.arange(height) + 0.5)[:, None]
         places = np.array(self.points, np.float64).reshape(-1, 2) * size
@@ -62,21 +62,21 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Frustum:
-    """The camera and far plane of a depth image, and what is painted over it.
+    """Camera and far plane of a depth image, with the paint over it.
 
     Parameters
     ----------
     camera : Camera
-        Perspective, without a lens, its axis in the middle of its image.
+        Perspective, without a lens; its axis meets the middle of its image.
     far : float
-        Depth of the far plane: what lies there or beyond is no surface.
+        Depth of the far plane; samples at or beyond it are empty.
     strokes : tuple of Stroke
-        Where it is painted as empty, in the order of painting.
+        Painted areas, whose samples are empty, in the order of painting.
 
     Raises
     ------
     ArgumentError
-        If the camera is another, or `far` is not > 0.
+        If the camera is of another kind, or `far` is not > 0.
 
     Examples
     --------
@@ -97,28 +97,28 @@ class Frustum:
         width, height = camera.size
         centred = np.abs(camera.K[:2, 2] - ((width - 1) / 2, (height - 1) / 2)).max() <= 1e-6 * max(width, height)
         if camera.projection != "perspective" or camera.lens is not None or camera.K[0, 1] != 0 or not centred:
-            raise ArgumentError("camera", "a perspective one without lens, its axis in the middle", describe(camera))
+            raise ArgumentError("camera", "a perspective camera without lens, its axis in the middle", describe(camera))
         positive_or_infinite("far", self.far, "a depth > 0, or infinity")
 
     @classmethod
     def look_at(
         cls, eye: ArrayLike, target: ArrayLike, up: ArrayLike, size: int, *, fov: float = 60.0, far: float = math.inf
     ) -> Frustum:
-        """Make a frustum at `eye` around `target`; `up` may be any direction that is not along the line of sight."""
+        """Make a frustum at `eye` around `target`; `up` is any direction not parallel to the line of sight."""
         return cls(Camera.look_at(eye, target, up, (size, size), fov_y=fov), far)
 
     @property
     def fov(self) -> tuple[float, float]:
-        """Degrees that it covers, across and down."""
+        """Angles of view in degrees: (across, down)."""
         (fx, fy), (width, height) = np.diag(self.camera.K)[:2], self.camera.size
         return 2 * math.degrees(math.atan(width / (2 * fx))), 2 * math.degrees(math.atan(height / (2 * fy)))
 
     def at(self, world_from_camera: ArrayLike) -> Frustum:
-        """The frustum at another place, turned another way."""
+        """Return the frustum with another pose."""
         return Frustum(Camera(self.camera.K, self.camera.size, world_from_camera), self.far, self.strokes)
 
     def opened(self, across: float, down: float, far: float) -> Frustum:
-        """The frustum with other angles, in degrees, and another far plane."""
+        """Return the frustum with other angles of view, in degrees, and another far plane."""
         (width, height), K = self.camera.size, np.eye(3)
         for axis, (degrees, count) in enumerate(((across, width), (down, height))):
             expected = f"degrees from {_ANGLE_MIN:g} to {_ANGLE_MAX:g}"
@@ -127,16 +127,16 @@ class Frustum:
         return Frustum(Camera(K, (width, height), self.camera.world_from_camera), far, self.strokes)
 
     def resized(self, size: int) -> Frustum:
-        """The same frustum with images of another size."""
+        """Return the frustum with square images of another size."""
         return Frustum(self.camera.resized((size, size)), self.far, self.strokes)
 
     def painted(self, *strokes: Stroke) -> Frustum:
-        """The frustum with more strokes."""
+        """Return the frustum with further strokes."""
         return Frustum(self.camera, self.far, (*self.strokes, *strokes))
 
     @cached_property
     def mask(self) -> NDArray[np.bool_]:
-        """(H, W) where it is painted as empty."""
+        """(H, W) mask of the painted samples, which are empty."""
         covered = np.zeros((self.camera.height, self.camera.width), np.bool_)
         for stroke in self.strokes:
             covered = (
@@ -145,19 +145,19 @@ class Frustum:
         return covered
 
     def capture(self, thing: Thing, light: Light | None = None) -> DepthImage:
-        """Take the depth image of a thing.
+        """Take the depth image of an object or a scene.
 
         Parameters
         ----------
         thing : thing
-            As for `pyibr.render`, which draws it.
+            Object or scene to draw, as for `pyibr.render`.
         light : Light, optional
-            Of the picture, whose colours hold it; see `pyibr.picture.light.light_for`.
+            Light of the picture, baked into its colours; see `pyibr.picture.light.light_for`.
 
         Returns
         -------
         DepthImage
-            With infinite depth where there is nothing, or where it is painted as empty.
+            Depth is infinite where there is no surface, or where it is painted as empty.
         """
         frame = render(thing, self.camera, light)
         depth = np.where(frame.valid & ~self.mask, frame.depth, np.float32(np.inf))
@@ -169,7 +169,7 @@ class Frustum:
 
     @property
     def _more(self) -> dict[str, Any]:
-        """Its entry in a file beside what any view has."""
+        """Fields of its entry in a file that not every view has."""
         if not self.strokes:
             return {}
         kept = [
@@ -181,31 +181,31 @@ class Frustum:
 
 
 def save_frusta(path: str | PathLike[str], frusta: Sequence[Frustum], **about: object) -> None:
-    """Write frusta alone, without their images, as a JSON file; `about` is what it says of the set."""
+    """Write frusta alone, without their images, as a JSON file; `about` describes the set."""
     write_json(path, {**about, "views": [frustum.to_json() for frustum in frusta]})
 
 
 def save_set(
     folder: str | PathLike[str], frusta: Sequence[Frustum], views: Sequence[DepthImage], **about: object
 ) -> None:
-    """Write frusta with the images that they see into a folder, which `pyibr.load` reads; see `write_set`."""
+    """Write frusta and their images into a folder, which `pyibr.load` reads; see `write_set`."""
     write_set(folder, views, [frustum._more for frustum in frusta], **about)  # pyright: ignore[reportPrivateUsage]
 
 
 def load_frusta(path: str | PathLike[str]) -> tuple[list[Frustum], dict[str, Any]]:
-    """Read the frusta of a set's folder or JSON file, and what it says of the set.
+    """Read the frusta of a set from its folder or JSON file, and the file's other fields.
 
     Raises
     ------
     FileFormatError
-        If it is no such file.
+        If the file cannot be read as a set.
     """
     entries, about = read_set(path)
     return frusta_of(entries, path), about
 
 
 def part_of(about: dict[str, Any], path: str | PathLike[str]) -> Float64 | None:
-    """The box of the part of a surface that a set is to cover, (2, 3), as its file says; None if that is all of it."""
+    """Box, (2, 3), of the part of a surface that a set covers, from its file; None for the whole surface."""
     if about.get("within") is None:
         return None
     try:
@@ -215,7 +215,7 @@ def part_of(about: dict[str, Any], path: str | PathLike[str]) -> Float64 | None:
 
 
 def frusta_of(entries: Sequence[SetEntry], path: str | PathLike[str]) -> list[Frustum]:
-    """The frusta that the views of a set have; `path` is for error messages."""
+    """Frusta of the views of a set; `path` is for error messages."""
     frusta: list[Frustum] = []
     for entry in entries:
         strokes = tuple(_stroke_of(one, path) for one in _listed(entry.more.get("strokes", []), path))

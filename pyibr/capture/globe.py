@@ -25,21 +25,21 @@ def globe(
 ) -> list[DepthImage]:
     """Make a globe of radius 1 about the origin, displaced outwards from its centre, as six depth images.
 
-    The images are cube faces at the globe's centre (see `cube_cameras`), so that the globe is seen from
-    outside on the surface's back: draw it with `side="back"`, and with `edges="connect"`, since it is one surface
-    however steep. Depth is exact at the samples, no ray is cast.
+    The images are the faces of a cube at the globe's centre (see `cube_cameras`). A viewer outside sees the back of
+    the surface, so draw the images with `side="back"`. Draw them with `edges="connect"`, too, because the surface is
+    connected even where it is steep. Depth is exact at the samples: no ray is cast.
 
     Parameters
     ----------
     size : int
-        Of each image in pixels.
+        Width and height of each image in pixels.
     elevation : (h, w) float32 in [0, 1], optional
         Equirectangular: longitude -180 to 180 degrees along the rows, latitude 90 to -90 down the columns.
         Read bilinearly. Default: continents from noise with a fixed seed.
     color : (h', w', 3) uint8, optional
         Equirectangular. Default: a colour scale of the elevation.
     relief : float
-        Displacement of elevation 1 in radii.
+        Displacement at elevation 1, in radii.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def in_bytes(values: Float64) -> Uint8:
 
 
 def _on_sphere(image: NDArray[Any], direction: Float64) -> Float64:
-    """Values (n, C) of an equirectangular image (h, w, C) in directions (n, 3), bilinear."""
+    """Bilinear samples (n, C) of an equirectangular image (h, w, C) in directions (n, 3)."""
     height, width = image.shape[:2]
     x, y, z = direction.T
     u = (np.arctan2(x, -z) / (2 * np.pi) + 0.5) * width - 0.5
@@ -96,7 +96,7 @@ def _on_sphere(image: NDArray[Any], direction: Float64) -> Float64:
 
 
 def _noise(direction: Float64) -> Float64:
-    """Continents (0 is sea) in directions (n, 3): octaves of plane waves, of the same seed each time."""
+    """Elevation of continents (0 is sea) in directions (n, 3): octaves of plane waves with a fixed seed."""
     random = np.random.default_rng(1999)
     total = np.zeros(len(direction))
     for octave in range(7):

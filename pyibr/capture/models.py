@@ -1,8 +1,8 @@
 """The papers' models: a globe, a torus and a scanned dragon as depth images; a donut as a base for displacement.
 
-After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), section 7: globe and
-torus are displaced from depth images at one centre, the dragon's head is covered by sixteen of them. Their world axes
-are as a camera's: x right, y down, z forward; up is -y. The scanned meshes' own up, +y, is turned over on loading.
+After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), section 7: globe and torus
+are displaced from depth images at one centre; sixteen depth images cover the dragon's head. The world axes are a
+camera's axes: x right, y down, z forward, so that up is -y. Scanned meshes have +y up and are turned over on loading.
 """
 
 from __future__ import annotations
@@ -42,34 +42,34 @@ __all__ = [
 ]
 
 DRAGON_HEAD = Path(__file__).with_name("dragon-head.json")
-"""The frusta of `dragon_head`, in the axes of the scan: +y is up."""
+"""Frusta of `dragon_head`, in the axes of the scan (+y is up)."""
 
 TORUS = Path(__file__).with_name("torus.json")
-"""The frusta of `torus_from_outside`."""
+"""Frusta of `torus_from_outside`."""
 
 _UP = np.array([0.0, -1.0, 0.0])
 
 
 def torus(size: int, *, layers: Sequence[str] = ("first", "last")) -> list[DepthImage]:
-    """Make a bumpy torus about the origin, as depth images from the middle of its hole.
+    """Make depth images of a bumpy torus about the origin, seen from the middle of its hole.
 
-    From there a ray meets the tube twice: first its inner wall, last its outer wall. Each layer is six
-    perspective depth images of one centre (see `cube_cameras`; the torus lies across the cube's diagonal, so
-    that each image sees a part of it). Draw it with `side="both"`: seen from outside, the outer wall shows
-    its back and the inner wall, through the hole, its front. At the rim where a ray just touches the tube the
-    two walls are joined, if it is drawn with `edges="connect"`.
+    From there a ray meets the tube twice: first its inner wall, last its outer wall. Each layer consists of six
+    perspective depth images with one centre (see `cube_cameras`). The torus lies across the cube's diagonal, so that
+    each image sees a part of it. Draw the images with `side="both"`: a viewer outside sees the back of the outer wall
+    and, through the hole, the front of the inner wall. With `edges="connect"`, the two walls are joined at the rim,
+    where a ray just touches the tube.
 
     Parameters
     ----------
     size : int
-        Of each image in pixels, at least 8.
+        Width and height of each image in pixels, at least 8.
     layers : sequence of "first" and "last"
-        ("last",) are the six images of the outer wall alone.
+        ("last",) selects the six images of the outer wall alone.
 
     Returns
     -------
     list of DepthImage
-        Six for each layer, in the order of `layers`.
+        Six images for each layer, in the order of `layers`.
     """
     if size < 8:
         raise ArgumentError("size", "at least 8 pixels", describe(size))
@@ -85,14 +85,14 @@ def torus(size: int, *, layers: Sequence[str] = ("first", "last")) -> list[Depth
 
 
 def torus_from_outside(size: int) -> list[DepthImage]:
-    """Make the same torus from six frusta around it, which see its inner wall, too.
+    """Make the same torus from six frusta around it, which also see its inner wall.
 
-    They are those that `propose_frusta(torus_mesh(), 6)` proposes, and lie in `torus.json` beside this file.
+    `propose_frusta(torus_mesh(), 6)` proposed these frusta; `torus.json` beside this file stores them.
 
     Parameters
     ----------
     size : int
-        Of each image in pixels.
+        Width and height of each image in pixels.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def torus_mesh() -> Mesh:
     Returns
     -------
     Mesh
-        Of 589,824 triangles, with colours.
+        With 589,824 triangles and colours.
 
     Examples
     --------
@@ -140,16 +140,16 @@ def torus_mesh() -> Mesh:
 
 
 def dragon(mesh_path: str | PathLike[str], size: int, *, views: int = 16) -> list[DepthImage]:
-    """Make depth images of a mesh from all around it, infinitely deep where there is nothing.
+    """Make depth images of a mesh from all around it; depth is infinite where there is no surface.
 
     Parameters
     ----------
     mesh_path : path
-        Whatever `Mesh.load` reads; +y is up.
+        Any file that `Mesh.load` reads; +y is up.
     size : int
-        Of each image in pixels.
+        Width and height of each image in pixels.
     views : int
-        How many cameras, spread evenly over a sphere.
+        Number of cameras, spread evenly over a sphere.
 
     Returns
     -------
@@ -157,8 +157,8 @@ def dragon(mesh_path: str | PathLike[str], size: int, *, views: int = 16) -> lis
 
     Notes
     -----
-    Neighbouring samples lie on different parts of the surface here: draw it with `edges="cut"`, the default,
-    unless the rubber sheets that the paper shows are wanted (`edges="connect"`).
+    Neighbouring samples often lie on different parts of the surface. Draw the images with `edges="cut"`, the default,
+    unless you want the rubber sheets of the paper's figures (`edges="connect"`).
     """
     if views < 1:
         raise ArgumentError("views", "at least 1", describe(views))
@@ -173,20 +173,20 @@ def dragon(mesh_path: str | PathLike[str], size: int, *, views: int = 16) -> lis
 def dragon_head(mesh_path: str | PathLike[str], size: int) -> list[DepthImage]:
     """Make the sixteen depth images that cover the scanned dragon's head, as in the paper's figures 11 to 13.
 
-    Their frusta were proposed by `pyibr place --auto 16 --within ...`, and painted by hand as empty over what
-    else was in their images. They are in `dragon-head.json` beside this file, which `pyibr place --frusta` opens, too.
+    `pyibr place --auto 16 --within ...` proposed the frusta; other parts of the dragon in their images were painted
+    empty by hand. `dragon-head.json` beside this file stores them, and `pyibr place --frusta` opens it, too.
 
     Parameters
     ----------
     mesh_path : path
-        The Stanford dragon as it was scanned (`dragon_vrip.ply`, or one of fewer triangles), also with `.gz`.
+        The Stanford dragon as scanned (`dragon_vrip.ply`, or a version with fewer triangles), also with `.gz`.
     size : int
-        Of each image in pixels.
+        Width and height of each image in pixels.
 
     Returns
     -------
     list of DepthImage
-        Lit from above. Draw them with `edges="cut"`, as those of `dragon`.
+        Lit from above. Draw the images with `edges="cut"`, like the images of `dragon`.
     """
     scanned = Mesh.load(mesh_path)
     light, turned = light_for(scanned, (0, 1, 0)), np.diag([1.0, -1.0, -1.0, 1.0])
@@ -196,19 +196,20 @@ def dragon_head(mesh_path: str | PathLike[str], size: int) -> list[DepthImage]:
 
 
 def donut(sides: int = 25, *, radius: float = 1.0, tube: float = 0.4) -> Mesh:
-    """Make a donut of sides x sides quadrilaterals about the z axis, the base that Kautz and Seidel (2001) displace.
+    """Make a donut of sides x sides quadrilaterals about the z axis, the base mesh that Kautz and Seidel (2001)
+    displace.
 
     Parameters
     ----------
     sides : int
-        At least 3. The paper's has 25: 625 polygons, two triangles each.
+        At least 3. The paper's donut has 25: 625 polygons, two triangles each.
     radius, tube : float
-        Of the middle line and of its cross section, in scene units.
+        Radii of the middle line and of the cross section, in scene units.
 
     Returns
     -------
     Mesh
-        With exact normals; u runs around the axis, v around the tube, 0 to 1.
+        With exact normals; u runs around the axis, v around the tube, both from 0 to 1.
 
     Examples
     --------
@@ -234,18 +235,18 @@ def donut(sides: int = 25, *, radius: float = 1.0, tube: float = 0.4) -> Mesh:
 
 
 def with_cylindrical_uv(mesh: Mesh, *, axis: int = 1) -> Mesh:
-    """Give a mesh uv as if a label were wrapped around it: u by the angle about its middle axis, v along that axis.
+    """Give a mesh cylindrical uv, as for a wrapped label: u is the angle about its middle axis, v runs along it.
 
     Parameters
     ----------
     mesh : Mesh
     axis : 0, 1 or 2
-        x, y or z; v runs against it, from 0 at the top to 1.
+        x, y or z; v runs against the axis, from 0 at the top to 1.
 
     Returns
     -------
     Mesh
-        With the same surface and normals; vertices are split along the seam.
+        The same surface and normals; vertices are split along the seam.
 
     Examples
     --------
@@ -288,9 +289,9 @@ def view(
         The model.
     size : (width, height)
     direction : array_like (3,)
-        From the model to the camera; not straight up or down.
+        Direction from the model to the camera.
     distance : float
-        Of the camera from the model's middle, in radii of the sphere around the model.
+        Distance of the camera from the middle of the model, in radii of the sphere around the model.
     """
     points: list[Float64] = []
     for image in images:
@@ -316,7 +317,7 @@ def load_scene(mesh_path: str | PathLike[str]) -> MeshScene:
 def _outside(
     center: Float64, radius: float, direction: Float64, size: tuple[int, int], distance: float = 3.0
 ) -> Camera:
-    """A camera that holds a sphere in view."""
+    """Camera whose picture contains a sphere."""
     away = direction / np.linalg.norm(direction)
     up = _UP if abs(away @ _UP) < 0.99 else np.array([0.0, 0.0, 1.0])
     narrow = min(1.0, size[0] / size[1])
@@ -325,10 +326,10 @@ def _outside(
 
 
 def _joined_at_rim(first: DepthImage, last: DepthImage) -> tuple[DepthImage, DepthImage]:
-    """Close the gap of a pixel between the two walls of a solid where rays cease to meet it.
+    """Close the gap of one pixel between the two walls of a solid, at the rim where rays stop hitting it.
 
-    A missed pixel beside a hit one gets, in both images, the mean of its neighbours' points midway between
-    the walls. Otherwise the walls, which meet where a ray touches the solid, would end before that.
+    A missed pixel next to a hit one gets, in both images, the mean of its neighbours' points midway between the walls.
+    Otherwise both walls would end before the rim, where a ray touches the solid and the walls meet.
     """
     near, far = np.pad(first.depth, 1, constant_values=np.inf), np.pad(last.depth, 1, constant_values=np.inf)
     colors = [np.pad(image.color, ((1, 1), (1, 1), (0, 0))).astype(np.float64) for image in (first, last)]

@@ -1,7 +1,8 @@
-"""Frusta that cover a surface, proposed one after the other: each sees most of what is still unseen.
+"""Frusta that cover a surface, proposed one by one: each sees most of the part that is still unseen.
 
-A greedy cover: of many candidates the one is taken that adds most, unseen area by how finely it samples that, and seen
-area by how much more finely. Candidates stand around the whole, and before what is seen worst.
+The greedy search picks, from many candidates, the frustum that adds most. Unseen area counts by how finely the frustum
+samples it, seen area by how much more finely than before. Candidates stand around the whole surface, and in front of
+the places that are seen worst.
 """
 
 from __future__ import annotations
@@ -21,23 +22,23 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import Side
 from pyibr.meshes.mesh import Mesh
 
-_AROUND = 64  # candidates that see the whole from outside
-_WORST = 0.1  # of the points, before which candidates stand once all are seen
-_ANCHORS = 12  # places a round before which candidates stand
-_DISTANCES = (0.12, 0.3, 0.7)  # from these, in radii of the mesh
-_APERTURES = (60.0, 60.0, 50.0)  # degrees at these distances
-_PROBE = 128  # pixels of candidates' images, which tell what they see
-_FAR = 1.02  # times the depth of the farthest that a frustum is to show
-_MARGIN = 1.06  # of the angles around that
-_SEEN = 0.7  # what it is worth that a point is seen at all; the rest is for how finely: with less, more stays unseen
+_AROUND = 64  # candidates that see the whole surface from outside
+_WORST = 0.1  # share of the points, the worst seen, that get candidates once all are seen
+_ANCHORS = 12  # points per round that get candidates in front of them
+_DISTANCES = (0.12, 0.3, 0.7)  # distances of these candidates from their points, in radii of the mesh
+_APERTURES = (60.0, 60.0, 50.0)  # their angles of view in degrees, by distance
+_PROBE = 128  # size in pixels of the images that measure what a candidate sees
+_FAR = 1.02  # far plane, in depths of the farthest point that a frustum shows
+_MARGIN = 1.06  # factor that widens the angles of view around these points
+_SEEN = 0.7  # worth of seeing a point at all; the rest rewards resolution. Lower values leave more unseen
 
 Progress = Callable[[int, int, float], None]
-"""(frusta so far, of how many, the share that none of them sees)"""
+"""(frusta so far, number wanted, share of the surface that no frustum sees)"""
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A frustum, and what its image of each of the surface's points is worth: 1 if it is fine, 0 if there is none."""
+    """A frustum, and the worth of its image for each point of the surface: 1 if fine, 0 if unseen."""
 
     frustum: Frustum
     worth: NDArray[np.float32]
@@ -59,17 +60,17 @@ def propose_frusta(
     ----------
     mesh : Mesh
     count : int
-        How many at most; fewer, if no more add anything.
+        Maximum number of frusta; fewer, if no further frustum adds anything.
     size : int
-        Pixels a side of their images.
+        Width and height of their images in pixels.
     known : sequence of Frustum
-        Those that there are already: what they see needs no more.
+        Existing frusta; the points that they see count as seen.
     side : {"front", "back", "both"}
-        Of the triangles, that counts as seen.
+        Side of the triangles that counts as seen.
     surface : Surface, optional
-        `surface_of(mesh)`, if it is known; of a part of the mesh, if only that is to be seen.
+        `surface_of(mesh)`, if already computed, or the part of the mesh to cover.
     progress : callable, optional
-        Called after each frustum; what it raises ends the search.
+        Called after each frustum; an exception that it raises ends the search.
 
     Returns
     -------
@@ -109,40 +110,40 @@ class _Search:
         self._surface, self._size = surface, size
         self._side: Side = side
         self._outer: Mask = surface.outer
-        self._best = np.where(self._outer, 0, 1).astype(np.float32)  # what the images so far are worth, by points
+        self._best = np.where(self._outer, 0, 1).astype(np.float32)  # worth of the images so far, by points
         self._candidates: list[_Candidate] = []
         self._random = np.random.default_rng(1999)
         low, high = surface.bounds
         self._middle, self._radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
-        # If each image were filled by its own part of the surface, its pixels would be so dense.
+        # Density of pixels if each image were filled by its own part of the surface.
         self._goal = count * size**2 / surface.area
 
     @property
     def unseen(self) -> float:
-        """The share of what can be seen that is not."""
+        """Share of the visible points that no frustum sees yet."""
         return float(np.count_nonzero(self._best == 0) / max(np.count_nonzero(self._outer), 1))
 
     def candidate(self, frustum: Frustum) -> _Candidate:
-        """A frustum with what it sees."""
+        """Return a frustum as a candidate, with the worth of its image for each point."""
         view = frustum.resized(_PROBE).capture(self._surface.mesh)
         finer = (self._size / _PROBE) ** 2
         dense = self._surface.resolution(view, side=self._side)
-        fine = np.sqrt(np.minimum(dense * np.float32(finer / self._goal), 1))  # by pixels along a line
+        fine = np.sqrt(np.minimum(dense * np.float32(finer / self._goal), 1))  # square root: pixels along a line
         return _Candidate(frustum, np.where(dense > 0, np.float32(_SEEN) + np.float32(1 - _SEEN) * fine, np.float32(0)))
 
     def look_around(self) -> None:
-        """Candidates that see the whole."""
+        """Add candidates that see the whole surface."""
         angle = 2 * math.degrees(math.asin(1 / 2.2))
         for direction in spread_directions(_AROUND):
             self._add(self._middle + 2.2 * self._radius * direction, self._middle, angle)
 
     def look_closer(self) -> None:
-        """Candidates before places that are still unseen, or seen worst."""
+        """Add candidates in front of points that are unseen, or seen worst."""
         places = np.flatnonzero(self._best <= max(np.quantile(self._best[self._outer], _WORST), 0))
         for place in self._random.choice(places, min(_ANCHORS, len(places)), replace=False):
             point, normal = self._surface.points[place], self._outwards(place)
             for distance, angle in zip(_DISTANCES, _APERTURES, strict=True):
-                aside = 0.35 * self._random.normal(size=3)  # what lies straight before a place may be hidden
+                aside = 0.35 * self._random.normal(size=3)  # the view straight onto a point may be occluded
                 way = normal + aside - (aside @ normal) * normal
                 self._add(point + distance * self._radius * way / np.linalg.norm(way), point, angle)
 
@@ -154,22 +155,22 @@ class _Search:
         up = np.eye(3)[np.abs(target - eye).argmin()]
         try:
             self._candidates.append(self.candidate(Frustum.look_at(eye, target, up, self._size, fov=angle)))
-        except ArgumentError:  # it stands where single precision draws nothing
+        except ArgumentError:  # single precision draws nothing from there
             return
 
     def best(self) -> _Candidate | None:
-        """The candidate that adds most; None if none adds anything."""
+        """Return the candidate that adds most; None if none adds anything."""
         gains = [float(np.maximum(one.worth - self._best, 0).sum(dtype=np.float64)) for one in self._candidates]
         number = int(np.argmax(gains))
         return self._candidates[number] if gains[number] > 0 else None
 
     def take(self, one: _Candidate) -> None:
-        """Count what it sees as seen."""
+        """Count the points that a candidate sees as seen."""
         self._best = np.maximum(self._best, one.worth)
         self._candidates = [other for other in self._candidates if other is not one]
 
     def fitted(self, one: _Candidate) -> Frustum:
-        """Its frustum no wider and no deeper than what it adds needs."""
+        """Return a candidate's frustum, no wider and no deeper than its additional points need."""
         camera = one.frustum.camera
         new = one.worth > self._best
         pixels, depth = camera.project(self._surface.points[new])

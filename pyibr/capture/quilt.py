@@ -1,4 +1,4 @@
-"""Quilts: many views of a scene in one picture, as Looking Glass displays take them."""
+"""Quilts: many views of a scene in one picture, for Looking Glass displays."""
 
 from __future__ import annotations
 
@@ -33,35 +33,37 @@ def quilt(
     fill: Fill | None = "background",
     **how: Unpack[RenderOptions],
 ) -> NDArray[Any]:
-    """Draw a quilt: a grid of views, the leftmost at the lower left, then to the right and upwards.
+    """Draw a quilt: a grid of views from left to right, row by row upwards, starting at the lower left.
 
-    The cameras stand side by side and parallel, each turned off its axis so that what is at `focus` keeps its place in
-    all views. Seen from there, they are `cone` / (views - 1) degrees apart.
+    The cameras stand side by side with parallel axes. Their principal points are shifted so that points at depth
+    `focus` keep their place in all views. Seen from there, neighbouring cameras are `cone` / (views - 1) degrees
+    apart.
 
     Parameters
     ----------
     things : thing or sequence of things
-        As for `render`; depth images among them are one `WarpedView`.
+        As for `render`; depth images among them form one `WarpedView`.
     camera : Camera, optional
-        In the middle, perspective; its lens does not count. By default the first depth image's.
+        Middle camera, perspective; its lens is ignored. By default the camera of the first depth image.
     grid : (columns, rows)
-        At least two views, up to 1024.
+        At least 2 views, at most 1024.
     size : (width, height), optional
-        Of each view, in pixels: as much of what the camera sees as has this form. By default the camera's own.
+        Size of each view in pixels. A view shows as much of the camera's picture as its aspect ratio allows. By
+        default the camera's size.
     cone : float
-        Degrees between the outermost views, more than 0 and less than 180.
+        Degrees between the outermost views, more than 0 and up to 179.
     focus : float, optional
-        Depth of what is in the plane of the display, in scene units. By default the median of the first depth image,
-        or of what `camera` sees.
+        Depth of the display's plane, in scene units. By default the median depth of the first depth image, or of the
+        scene as `camera` sees it.
     fill : {"background", "smooth", "inpaint", None}
-        What is shown where no depth image saw anything, as for `WarpedView`.
+        Content of regions that no depth image saw, as for `WarpedView`.
     **how
         Options of `render`: `light`, `background`, `samples`, `anisotropy`.
 
     Returns
     -------
     (rows H, columns W, 3)
-        In the dtype of the things' colours. `pyibr.capture.quilt.suffix_of` tells the end of its file's name.
+        In the dtype of the things' colours. `pyibr.capture.quilt.suffix_of` returns a suffix for the file's name.
 
     Raises
     ------
@@ -82,13 +84,13 @@ def quilt(
 
 
 def suffix_of(grid: tuple[int, int], size: tuple[int, int]) -> str:
-    """The end of a quilt's name, by which displays know its grid and its views' form, as _qs8x6a0.75."""
+    """Suffix of a quilt's file name, from which displays read its grid and aspect ratio: _qs8x6a0.75."""
     return f"_qs{grid[0]}x{grid[1]}a{size[0] / size[1]:.4g}"
 
 
 @dataclass(frozen=True)
 class QuiltRig:
-    """Cameras beside each other; the attributes are arguments of `quilt`."""
+    """Cameras side by side; the attributes are arguments of `quilt`."""
 
     grid: tuple[int, int] = (8, 6)
     size: tuple[int, int] | None = None
@@ -106,20 +108,20 @@ class QuiltRig:
             positive("focus", self.focus, "a depth > 0")
 
     def fitted(self, depths: Callable[[], NDArray[np.float32]]) -> QuiltRig:
-        """The focus is given, or the median of the depths."""
+        """Return the rig with a focus: the given one, or the median of the depths."""
         if self.focus is not None or not len(there := depths()):
             return self
         return replace(self, focus=float(np.median(there)))
 
     def cameras(self, camera: Camera) -> list[Camera]:
-        """From left to right, without lenses; without a focus all are in one place."""
+        """Return cameras from left to right, without lenses; without a focus all are in one place."""
         half = math.radians(self.cone) / 2
         steps = (self.focus or 0.0) * np.tan(np.linspace(-half, half, math.prod(self.grid)))
         return stepped(framed(camera, self.size or camera.size), steps.tolist(), 1 / (self.focus or 1.0))
 
 
 def tiled(views: Sequence[NDArray[Any]], grid: tuple[int, int]) -> NDArray[Any]:
-    """One picture of equal ones (H, W, 3): the first at the lower left, then to the right and upwards."""
+    """Tile equal pictures (H, W, 3), from left to right, row by row upwards, starting at the lower left."""
     columns, rows = grid
     height, width, channels = views[0].shape
     whole = np.empty((rows, height, columns, width, channels), views[0].dtype)

@@ -1,7 +1,7 @@
 """Depth images of a triangle mesh, by ray casting.
 
-A ray through each pixel centre meets the mesh; the triangle's plane then gives the depth in float64, so that
-depth images are as exact as their float32 samples can be.
+A ray through each pixel centre hits the mesh, and the plane of the triangle gives the depth in float64. Depth images
+are therefore as exact as float32 samples can be.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ class MeshScene:
         In scene units, in the world.
     faces : array_like (M, 3), integers
     colors : array_like (N, 3), optional
-        Of the vertices: uint8, or floats in [0, 1].
+        Colours of the vertices: uint8, or floats in [0, 1].
     uv : array_like (N, 2) or (M, 3, 2), optional
-        Of the vertices, or of each face's corners. u runs along the texture's rows, v down its columns, texel
-        centres are at (i + 0.5) / n; beyond 0 to 1 the texture repeats.
+        Texture coordinates of the vertices, or of each face's corners. u runs along the texture's rows, v down its
+        columns; texel centres are at (i + 0.5) / n. The texture repeats beyond 0 to 1.
     texture : (h, w, 3) uint8, optional
-        Read bilinearly. Without texture and colors the surface is shaded by its smooth normals.
+        Read bilinearly. Without a texture and colours, the surface is shaded by its smooth normals.
     base_color : (r, g, b), 0 to 255
-        Of a shaded surface.
+        Colour of a shaded surface.
     normals : array_like (N, 3), optional
-        Of the vertices, for images of them; smooth ones by default.
+        Vertex normals, for images with normals; smooth normals by default.
 
     Raises
     ------
@@ -96,7 +96,7 @@ class MeshScene:
     def from_open3d(cls, mesh: Any, *, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
         """Take over an `open3d.geometry.TriangleMesh` or `open3d.t.geometry.TriangleMesh`.
 
-        Of several textures only the first is used.
+        Only the first of several textures is used.
         """
         return cls.from_mesh(Mesh.from_open3d(mesh), base_color=base_color)
 
@@ -134,14 +134,14 @@ class MeshScene:
         Parameters
         ----------
         camera : Camera
-            Perspective or orthographic. Only what lies before it (depth > 0) is seen.
+            Perspective or orthographic. Only surfaces in front of it (depth > 0) are seen.
         layer : "first" or "last"
-            The nearest hit of each ray, or the farthest: taken from a solid's inside, that is the wall which
-            is seen from outside.
+            The nearest hit of each ray, or the farthest. Seen from inside a solid, the farthest hits form the wall
+            that is visible from outside.
         background : (r, g, b), 0 to 255
-            Colour where nothing is hit; the depth is infinite there.
+            Colour where no surface is hit; depth is infinite there.
         normals : bool
-            Whether the image has normals, too: of the side that is seen.
+            Whether the image also has normals, of the side that is seen.
 
         Returns
         -------
@@ -151,7 +151,7 @@ class MeshScene:
         Raises
         ------
         ArgumentError
-            If no ray meets the mesh.
+            If no ray hits the mesh.
         """
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         one_of("layer", layer, Layer)
@@ -167,13 +167,13 @@ class MeshScene:
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         with np.errstate(divide="ignore", invalid="ignore"):
             z = np.sum((corner[:, 0] - origin) * normal, 1) / np.sum(direction * normal, 1)
-        # The plane of a triangle that is seen edge-on, or passed by closely, may be met beyond the triangle.
+        # Where a triangle is seen edge-on or narrowly missed, the ray may meet its plane outside the triangle.
         corner_z = np.sum((corner - camera.center) * camera.forward, axis=2)
         z = np.clip(np.nan_to_num(z, nan=np.inf), corner_z.min(axis=1), corner_z.max(axis=1))
         seen = z > 0
         hit, triangle, z = hit[seen], triangle[seen], z[seen]
         if not len(hit):
-            raise ArgumentError("camera", "one that sees the mesh", "one whose rays all miss it")
+            raise ArgumentError("camera", "a camera that sees the mesh", "one whose rays all miss it")
         weight = barycentric(corner[seen], normal[seen], origin[seen] + z[:, None] * direction[seen])
 
         shape = camera.height, camera.width
@@ -190,13 +190,13 @@ class MeshScene:
         return DepthImage(color, depth, camera, normals=facing)
 
     def _normal(self, triangle: Int64, weight: Float64, towards: Float64) -> Float64:
-        """Return the normals (n, 3) at weights (n, 3) in triangles (n,), on that side of them that `towards` tells."""
+        """Interpolate normals (n, 3) with weights (n, 3) in triangles (n,), on the side that faces `towards`."""
         corner = (self._smooth if self._own_normals is None else self._own_normals)[self.faces[triangle]]
         side = np.where(np.sum(corner.sum(axis=1) * towards, 1, keepdims=True) < 0, -1.0, 1.0)
         return side * np.einsum("nk,nkc->nc", weight, corner)
 
     def _color(self, triangle: Int64, weight: Float64) -> Float64:
-        """Return the colours (n, 3), 0 to 255, at weights (n, 3) in triangles (n,)."""
+        """Interpolate colours (n, 3), 0 to 255, with weights (n, 3) in triangles (n,)."""
         corner = self.faces[triangle]
         if self._texture is not None and self._uv is not None:
             return bilinear(self._texture, np.einsum("nk,nkc->nc", weight, self._uv[triangle]))
@@ -217,7 +217,7 @@ def capture(
 ) -> DepthImage:
     """Take one depth image of a `Mesh`, a `MeshScene` or an Open3D triangle mesh; see `MeshScene.capture`.
 
-    For several cameras make the `MeshScene` once.
+    For several cameras, make one `MeshScene` and call its `capture`.
 
     Examples
     --------
@@ -246,17 +246,17 @@ def _check_size(size: object, least: int) -> None:
 
 
 def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
-    """Make six cameras of 90 degrees at one centre that look along +x, -x, +y, -y, +z and -z.
+    """Make six cameras of 90 degrees with one centre, which look along +x, -x, +y, -y, +z and -z.
 
-    The outermost pixel centres (0 and size - 1) lie exactly on the cube's edges, and neighbours have the same
-    ones there: their triangulated grids meet without a gap.
+    The outermost pixel centres (0 and size - 1) lie exactly on the cube's edges, where neighbouring images share them,
+    so that their triangulated grids meet without a gap.
 
     Parameters
     ----------
     center : array_like (3,)
-        In the world.
+        Position in the world.
     size : int
-        Of each image in pixels, at least 2.
+        Width and height of each image in pixels, at least 2.
 
     Examples
     --------
@@ -277,7 +277,7 @@ def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
 
 
 def spread_directions(count: int) -> Float64:
-    """(count, 3) unit vectors, spread evenly over the sphere."""
+    """Unit vectors, (count, 3), spread evenly over the sphere."""
     integer_from("count", count, 1, 1 << 24)
     number = np.arange(count) + 0.5
     y = 1 - 2 * number / count
@@ -288,29 +288,29 @@ def spread_directions(count: int) -> Float64:
 def object_views(
     mesh: Any, size: int, *, projection: Projection = "orthographic", margin: float = 0.02, normals: bool = False
 ) -> list[DepthImage]:
-    """Six depth images of an object from all round, as if on the faces of a cube that looks inwards.
+    """Take six depth images of an object from all sides, as if on the faces of a cube that look inwards.
 
     Parameters
     ----------
     mesh : Mesh, MeshScene or an Open3D triangle mesh
     size : int
-        Pixels a side of each image.
+        Width and height of each image in pixels.
     projection : "orthographic" or "perspective"
         Perspective cameras stand 2.5 cube edges from the middle.
     margin : float
-        Part of the mesh's largest extent that is left free on all sides, >= 0.
+        Free margin on all sides, as a share of the mesh's largest extent, >= 0.
     normals : bool
-        Whether the images have normals, too.
+        Whether the images also have normals.
 
     Returns
     -------
     list of 6 DepthImage
-        Looking along x, -x, y, -y, z, -z. Background is infinitely far.
+        Images that look along x, -x, y, -y, z, -z. The background is infinitely far.
 
     Raises
     ------
     ArgumentError
-        If an argument is out of its range, or a view does not see the object: a plate from its edge.
+        If an argument is out of range, or a view does not see the object, such as a plate seen edge-on.
 
     Examples
     --------
@@ -337,7 +337,7 @@ def object_views(
 def object_cameras(
     mesh: Any, size: int, *, projection: Projection = "orthographic", margin: float = 0.02
 ) -> list[Camera]:
-    """Make the cameras of `object_views`, which takes the same arguments."""
+    """Make the cameras of `object_views`, from the same arguments."""
     scene = _as_scene(mesh)
     one_of("projection", projection, Projection)
     if not float(numbers("margin", margin, ())) >= 0:
@@ -347,9 +347,9 @@ def object_cameras(
     low, high = used.min(axis=0), used.max(axis=0)
     edge = float((high - low).max()) * (1 + 2 * margin)
     if not edge > 0:
-        raise ArgumentError("mesh", "one of some extent", "vertices that are all at one point")
+        raise ArgumentError("mesh", "a mesh of some extent", "vertices that are all at one point")
     away = 2.5 * edge if projection == "perspective" else 0.501 * edge
-    # Perspective cameras see the cube's front face, half an edge nearer than its middle, in full.
+    # Perspective cameras see the whole front face of the cube, which is half an edge nearer than its middle.
     focal = size / edge * (1.0 if projection == "orthographic" else away - 0.5 * edge)
     K = [[focal, 0, (size - 1) / 2], [0, focal, (size - 1) / 2], [0, 0, 1]]
     middle, cameras = 0.5 * (low + high), list[Camera]()
@@ -365,7 +365,7 @@ def object_cameras(
 
 
 def _rays(camera: Camera, pixel: NDArray[Any]) -> tuple[Float64, Float64]:
-    """Origins and directions (n, 3) in the world; a step of 1 along a direction is 1 in planar z."""
+    """Return origins and directions (n, 3) of rays in the world; a step of 1 along a direction is 1 in planar z."""
     one = camera.unproject(pixel, np.ones(len(pixel)))
     if camera.projection == "perspective":
         return np.broadcast_to(camera.center, one.shape), one - camera.center

@@ -1,8 +1,8 @@
-"""The triangles that a camera's rays meet, exactly: pixels are sorted into cells, and each ray is tried with the
-triangles over its own cell.
+"""Exact intersection of a camera's rays with triangles: each ray is tested against the triangles over its cell.
 
-A pinhole's pixels are cells themselves, so that triangles are gone through row by row, as a scan converter does; those
-of a lens are binned where it would see them without bending its rays. All in float64, on the host.
+Without a lens, each pixel is a cell, and triangles are processed row by row, as in a scan converter. With a lens,
+pixels are sorted into cells by their positions in the image of the pinhole without the lens. All in float64, on the
+host.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from pyibr.core.checks import Float64
 Int64 = NDArray[np.int64]
 
 NOTHING = -1
-"""Instead of a triangle, where a ray meets none."""
+"""Index instead of a triangle where a ray meets none."""
 
-_NUDGE = 1e-3  # pixels by which a ray may miss a triangle, if it meets none: it passes through an edge exactly
-_NEAR = 1e-6  # of the depth of the farthest vertex: what is nearer is not met
-_AT_ONCE = 1 << 18  # triangles, rows of them, or rays on these that are tried at once
+_NUDGE = 1e-3  # pixels by which a ray that hits no triangle may miss one: it may pass exactly through an edge
+_NEAR = 1e-6  # nearest depth that counts, as a share of the depth of the farthest vertex
+_AT_ONCE = 1 << 18  # triangles, rows of them, or rays on these in one batch
 
 
 @dataclass(frozen=True)
 class Rays:
-    """The rays of a camera's pixels, in cells.
+    """Rays of a camera's pixels, sorted into cells.
 
     Attributes
     ----------
     camera : Camera
     places : (N, 2)
-        Where the pixels are in the image of the pinhole without the lens.
+        Positions of the pixels in the image of the pinhole without the lens.
     columns, rows : (2, n)
-        Lowest and highest place of each column and row of cells, in ascending order.
+        Lowest and highest position of each column and row of cells, in ascending order.
     order : (n,)
-        The pixels whose rays see something, cell by cell, row by row.
+        Pixels whose rays are defined, cell by cell, row by row.
     starts : (rows * columns + 1,)
-        Where each cell's part of `order` begins.
+        Start of each cell's part of `order`.
     """
 
     camera: Camera
@@ -61,7 +61,7 @@ class Rays:
             every = np.arange(len(pixels) + 1)
             return cls(camera, pixels, columns, rows, every[:-1], every)
         places = camera.ideal_positions(pixels) @ camera.K[:2, :2].T + camera.K[:2, 2]
-        seen = np.flatnonzero(np.isfinite(places).all(axis=1))  # not where the lens sees nothing
+        seen = np.flatnonzero(np.isfinite(places).all(axis=1))  # pixels whose rays the lens defines
         if not len(seen):
             return cls(camera, places, np.zeros((2, 0)), np.zeros((2, 0)), seen, np.zeros(1, np.int64))
         columns, column = _strips(places[seen, 0], width)
@@ -72,10 +72,10 @@ class Rays:
         return cls(camera, places, columns, rows, seen[order], starts)
 
     def meet(self, vertices: Float64, faces: Int64, last: bool = False) -> Int64:
-        """Return the triangle that each ray meets first or last before the camera, or `NOTHING`: (N,).
+        """Return the first or last triangle that each ray meets in front of the camera, or `NOTHING`: (N,).
 
-        Where several are equally far, that of the lowest number. A ray that meets none, but passes one within a
-        thousandth of a pixel, meets that.
+        Among equally distant triangles, the lowest index wins. A ray that meets no triangle gets one that it passes
+        within a thousandth of a pixel.
         """
         corners, depths = self._in_pixels(vertices)
         found = _Met(len(self.places), -1.0 if last else 1.0)
@@ -89,7 +89,7 @@ class Rays:
         return found.triangle
 
     def _in_pixels(self, vertices: Float64) -> tuple[Float64, Float64]:
-        """Vertices as homogeneous places in the pinhole's image, (N, 3), and how deep they lie, (N,)."""
+        """Return vertices as homogeneous positions in the pinhole's image, (N, 3), and their depths, (N,)."""
         local = (vertices - self.camera.center) @ self.camera.world_from_camera[:3, :3]
         depths = local[:, 2].copy()
         if self.camera.projection == "orthographic":
@@ -97,7 +97,7 @@ class Rays:
         return local @ self.camera.K.T, depths
 
     def _meet_some(self, corners: Float64, depths: Float64, names: Int64, near: float, found: _Met) -> None:
-        """Try triangles, (n, 3, 3) homogeneous corners and (n, 3) their depths; `names` are their numbers."""
+        """Test triangles by their homogeneous corners (n, 3, 3) and depths (n, 3); `names` are their indices."""
         for ray, candidate in self._candidates(*_before(corners, depths, near)):
             tried, triangle = np.unique(candidate, return_inverse=True)
             corner, z_of_corner = corners[tried], depths[tried]
@@ -107,7 +107,7 @@ class Rays:
             within = _NUDGE * np.hypot(edges[..., 0], edges[..., 1])
             x, y = self.places[ray].T
             a, b, c = np.moveaxis(edges[triangle], 2, 0)
-            inside = a * x[:, None] + b * y[:, None] + c  # by edges; 0 on them
+            inside = a * x[:, None] + b * y[:, None] + c  # edge functions; 0 on the edge
             with np.errstate(divide="ignore", invalid="ignore"):
                 z = np.sum(inside * z_of_corner[triangle], axis=1) / np.sum(inside, axis=1)
             meets = (turned[triangle] != 0) & (inside >= -within[triangle]).all(axis=1) & (z > 0)
@@ -115,7 +115,8 @@ class Rays:
             found.add(ray[meets], names[candidate[meets]], z[meets], exact[meets])
 
     def _candidates(self, corners: Float64, number: Int64) -> Iterator[tuple[Int64, Int64]]:
-        """Pairs of a ray and a triangle over its cell; of triangles (n, 3, 2) in the image, with their numbers."""
+        """Yield pairs of a ray and a triangle over its cell, from triangles (n, 3, 2) in the image and their
+        indices."""
         low, high = corners[..., 1].min(axis=1) - _NUDGE, corners[..., 1].max(axis=1) + _NUDGE
         first = cast("Int64", np.searchsorted(self.rows[1], low))
         end = cast("Int64", np.searchsorted(self.rows[0], high, side="right"))
@@ -129,44 +130,44 @@ class Rays:
 
 
 def pixel_centers(camera: Camera) -> Float64:
-    """(H * W, 2) all pixel centres, row by row."""
+    """Pixel centres, (H * W, 2), row by row."""
     grid = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     return np.stack(grid, axis=-1).reshape(-1, 2).astype(np.float64)
 
 
 class _Met:
-    """The first, or last, of the triangles tried so far that each ray meets."""
+    """Nearest, or farthest, triangle that each ray has met so far."""
 
     def __init__(self, count: int, sense: float) -> None:
         self._sense = sense
-        self._depth = np.full((2, count), np.inf)  # of triangles that are met exactly, and of others
+        self._depth = np.full((2, count), np.inf)  # exact hits, and hits within _NUDGE
         self._triangle = np.full((2, count), NOTHING)
 
     @property
     def triangle(self) -> Int64:
-        """(N,)"""
+        """Triangle of each ray, (N,)."""
         exact, nudged = self._triangle
         return np.where(exact == NOTHING, nudged, exact)
 
     def add(self, ray: Int64, triangle: Int64, z: Float64, exact: NDArray[np.bool_]) -> None:
-        """Take over rays' triangles that are nearer, or farther, than those so far."""
+        """Update rays whose new triangle is nearer, or farther, than the one so far."""
         for kind, mine in enumerate((exact, ~exact)):
             at, key, name = ray[mine], self._sense * z[mine], triangle[mine]
             before = self._depth[kind, at]
             np.minimum.at(self._depth[kind], at, key)
-            won = np.flatnonzero((key < before) & (key == self._depth[kind, at]))[::-1]  # the first is written last
+            won = np.flatnonzero((key < before) & (key == self._depth[kind, at]))[::-1]  # reversed: the first wins
             self._triangle[kind, at[won]] = name[won]
 
 
 def _strips(values: Float64, count: int) -> tuple[Float64, Int64]:
-    """`count` strips of about as many values each: their lowest and highest, (2, count), and each value's strip."""
+    """Sort values into `count` strips of about equal number: their bounds (2, count), and each value's strip."""
     bounds = np.quantile(values, np.linspace(0, 1, count + 1))
     strip = cast("Int64", np.searchsorted(bounds[1:-1], values, side="right"))
     return np.stack([bounds[:-1], bounds[1:]]), strip
 
 
 def _ranges(first: Int64, end: Int64) -> Iterator[tuple[Int64, Int64]]:
-    """Numbers from `first` to `end`, exclusive, and whose they are: some at once."""
+    """Yield ranges' indices and numbers, from `first` to `end`, exclusive, in batches."""
     counts = np.maximum(end - first, 0)
     total: Int64 = np.concatenate([[0], np.cumsum(counts)])
     begin = 0
@@ -179,7 +180,7 @@ def _ranges(first: Int64, end: Int64) -> Iterator[tuple[Int64, Int64]]:
 
 
 def _across(corners: Float64, low: Float64, high: Float64) -> tuple[Float64, Float64]:
-    """Least and greatest x of the parts of triangles, (n, 3, 2), whose y is in a range each; inf, -inf if none is."""
+    """Least and greatest x of triangles, (n, 3, 2), each within a range of y; inf, -inf if there is none."""
     left, right = np.full(len(corners), np.inf), np.full(len(corners), -np.inf)
     for k in range(3):
         (x, y), (to_x, to_y) = corners[:, k].T, corners[:, (k + 1) % 3].T
@@ -195,17 +196,18 @@ def _across(corners: Float64, low: Float64, high: Float64) -> tuple[Float64, Flo
 
 
 def _before(corners: Float64, depths: Float64, near: float) -> tuple[Float64, Int64]:
-    """Triangles beyond a near plane as they lie in the image, (m, 3, 2), and which of the (n, 3, 3) each is of.
+    """Clip triangles (n, 3, 3) at a near plane: their image positions, (m, 3, 2), and indices of the original
+    triangles.
 
-    What is cut by the plane becomes one or two smaller ones.
+    A triangle that the plane cuts becomes one or two smaller ones.
     """
     ahead = depths > near
     count = ahead.sum(axis=1)
     whole = np.flatnonzero(count == 3)
     parts, numbers = [corners[whole]], [whole]
-    for alone in (1, 2):  # corners before the plane
+    for alone in (1, 2):  # corners in front of the plane
         cut = np.flatnonzero(count == alone)
-        lone = (ahead[cut] == (alone == 1)).argmax(axis=1)[:, None]  # the corner that is by itself on its side
+        lone = (ahead[cut] == (alone == 1)).argmax(axis=1)[:, None]  # the corner that is alone on its side
         turn = (lone + np.arange(3)) % 3
         tip, second, third = np.moveaxis(np.take_along_axis(corners[cut], turn[..., None], axis=1), 1, 0)
         z = np.take_along_axis(depths[cut], turn, axis=1)

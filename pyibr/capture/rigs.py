@@ -1,4 +1,4 @@
-"""Rigs of cameras: things with one camera to start from, others beside it, and their frames."""
+"""Rigs: cameras derived from one camera, and the frames that they draw of things."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ class RenderOptions(TypedDict, total=False):
 
 
 class Rig(Protocol):
-    """Cameras beside one, which may depend on how far things are."""
+    """Cameras derived from one camera; they may depend on the depths of the scene."""
 
     def fitted(self, depths: Callable[[], NDArray[np.float32]]) -> Rig:
-        """The rig for things at these depths, (N,), which are asked for only where it needs them; of none itself."""
+        """Return the rig for depths (N,), or itself if there are none; `depths` is called only where needed."""
         ...
 
     def cameras(self, camera: Camera) -> list[Camera]:
-        """Its cameras beside this one, without lenses."""
+        """Return the rig's cameras around `camera`, without lenses."""
         ...
 
 
 def frames_of(rig: Rig, things: Things, camera: Camera | None, fill: Fill | None, how: RenderOptions) -> list[Frame]:
-    """A frame of things for each camera of a rig beside `camera`, or beside the first depth image's."""
+    """Draw a frame with each camera of a rig around `camera`, or around the first depth image's camera."""
     known = gathered(things, fill)
     middle = first_camera(known, camera)
     return drawn(known, rig.fitted(lambda: depths_seen(known, middle)).cameras(middle), **how)
 
 
 def gathered(things: Things, fill: Fill | None) -> list[Thing]:
-    """The things, of which the depth images are one `WarpedView` whose holes are filled so."""
+    """Return the things; depth images among them become one `WarpedView` with this `fill`."""
     given = list(things) if isinstance(things, Sequence) else [things]
     views = [thing.in_color for thing in given if isinstance(thing, DepthImage)]
     drawn_as: list[Thing] = [WarpedView(views, fill=fill)] if views else []
@@ -61,13 +61,14 @@ def gathered(things: Things, fill: Fill | None) -> list[Thing]:
 
 
 def first_camera(things: Iterable[Thing], camera: Camera | None) -> Camera:
-    """The camera that is given, or the first depth image's."""
+    """Return `camera`, or by default the camera of the first depth image."""
     known = [thing.views[0].camera for thing in things if isinstance(thing, WarpedView)]
-    return instance_of("camera", camera or next(iter(known), None), Camera, "a pyibr.Camera for what has none")
+    return instance_of("camera", camera or next(iter(known), None), Camera, "a pyibr.Camera, without depth images")
 
 
 def framed(camera: Camera, size: tuple[int, int]) -> Camera:
-    """The camera of a picture of another size: as much of what it sees as has that form, about the same middle."""
+    """Return the camera with a picture of another size: the same picture, cropped to that aspect ratio at its
+    middle."""
     width, height = checked_size(size)
     scale = max(width / camera.width, height / camera.height)
     K = camera.K.copy()
@@ -77,12 +78,12 @@ def framed(camera: Camera, size: tuple[int, int]) -> Camera:
 
 
 def stepped(camera: Camera, steps: Iterable[float], nearness: float) -> list[Camera]:
-    """Cameras so many scene units to the right, whose image planes stay parallel, so that nothing moves up or down.
+    """Return cameras this many scene units to the right, with parallel image planes: no point moves up or down.
 
-    They are turned off their axes: what is at depth 1 / `nearness` keeps its place. A lens is left out.
+    Their principal points are shifted so that points at depth 1 / `nearness` keep their place. Lenses are dropped.
     """
     if camera.projection != "perspective":
-        raise ArgumentError("camera", "a perspective one", camera.projection)
+        raise ArgumentError("camera", "a perspective camera", camera.projection)
     made: list[Camera] = []
     for step in steps:
         K = camera.K.copy()
@@ -92,14 +93,14 @@ def stepped(camera: Camera, steps: Iterable[float], nearness: float) -> list[Cam
 
 
 def drawn(things: Sequence[Thing], cameras: Sequence[Camera], **how: Unpack[RenderOptions]) -> list[Frame]:
-    """A frame for each camera; of depth images alone in one call."""
+    """Draw a frame with each camera; depth images alone are warped in one call."""
     if len(things) == 1 and isinstance(things[0], WarpedView) and how.keys() <= {"samples"}:
         return warp(things[0], cameras, samples=how.get("samples", 1))
     return [render(things, camera, **how) for camera in cameras]
 
 
 def depths_seen(things: Sequence[Thing], camera: Camera) -> NDArray[np.float32]:
-    """(N,) depths of what is there: of the first depth image, or as the camera sees the things."""
+    """Depths (N,) of the first depth image, or of the scene as the camera sees it."""
     views = [thing.views[0] for thing in things if isinstance(thing, WarpedView)]
     frame = views[0] if views else drawn(things, [camera])[0]
     depths = frame.depth[frame.valid]

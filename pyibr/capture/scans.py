@@ -1,4 +1,4 @@
-"""Depth images of scans: points on a grid, from a scanner that sweeps over an object."""
+"""Depth images of scans: point grids from a scanner that sweeps over an object."""
 
 from __future__ import annotations
 
@@ -20,29 +20,28 @@ def scan_view(
     pixel: float | None = None,
     step: float = 8.0,
 ) -> DepthImage:
-    """Make a depth image of a scan: an orthographic camera that looks along the scanner's -z.
+    """Make a depth image of a scan, with an orthographic camera that looks along the scanner's -z.
 
     Parameters
     ----------
     points : (rows, columns, 3) float32
-        In the scanner's frame, NaN where it saw nothing (`pyibr.io.read_range_grid`).
+        Points in the scanner's frame; NaN where it saw nothing (`pyibr.io.read_range_grid`).
     world_from_scan : array_like (4, 4), optional
         The scanner's pose.
     pixel : float, optional
         Size of a pixel, in scene units. Default: the median step between neighbours of a row.
     step : float
-        Neighbours farther than so many pixels apart are not joined by the surface.
+        Neighbours farther apart than this many pixels are not joined by the surface.
 
     Returns
     -------
     DepthImage
-        Shaded grey. Beside the scan's outline depth is infinite, in its holes NaN: whether there is something is
-        unknown there.
+        Shaded grey. Depth is infinite outside the scan's outline, and NaN in its holes, where the surface is unknown.
 
     Raises
     ------
     ArgumentError
-        If `points` is no grid, has no two neighbours that are joined, or is seen from its edge.
+        If `points` is not a grid, has no two joined neighbours, or is seen edge-on.
     MissingPackageError
         If OpenCV is not installed.
     """
@@ -56,7 +55,7 @@ def scan_view(
             raise ArgumentError("points", "neighbours that are joined", "none")
         pixel = float(np.nanmedian(between))
     if not float(numbers("pixel", pixel, (), finite=False)) > 0:
-        raise ArgumentError("pixel", "a size > 0; neighbours of a row that lie apart, if none is given", f"{pixel:g}")
+        raise ArgumentError("pixel", "a size > 0 (the default needs neighbours in a row that lie apart)", f"{pixel:g}")
     farthest = positive("step", step) * pixel
     rows, columns = points.shape[:2]
     y, x = np.mgrid[: rows - 1, : columns - 1]
@@ -65,7 +64,7 @@ def scan_view(
     faces = np.concatenate([np.stack([first, down, right], 1), np.stack([right, down, across], 1)])
     corner = points.reshape(-1, 3).astype(np.float64)[faces]
     longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
-    faces = faces[longest <= farthest]  # not where a corner is NaN
+    faces = faces[longest <= farthest]  # a NaN corner compares false
     if not len(faces):
         raise ArgumentError("points", "neighbours that are joined", "none")
     used, numbered = np.unique(faces, return_inverse=True)

@@ -1,4 +1,4 @@
-"""Sets of depth images in folders: those that `pyibr place` saves, and frames of colour and depth with their poses."""
+"""Sets of depth images in folders: sets saved by `pyibr place`, and recordings of colour, depth and poses."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 SET_FILE = "frusta.json"
-"""The file in a set's folder that lists its views."""
+"""File in a set's folder that lists its views."""
 
 _log = logging.getLogger("pyibr")
 
@@ -48,31 +48,36 @@ def load(
 ) -> list[DepthImage]:
     """Read a folder of depth images.
 
-    A set that `save` or `pyibr place` has written (with a `frusta.json`); what data sets, phones and networks leave, in
-    the layouts that the manual lists, with their cameras, axes and scale; or files ``NAME.color.png`` and
-    ``NAME.depth.png``, or folders ``color`` (or ``rgb``) and ``depth``, in any formats that can be read, of the same
-    numbers or times. Depth of another camera than the picture's, or with fewer samples, is registered to it.
+    The folder holds one of:
 
-    Of plain files the camera of a frame is in ``NAME.json`` (as `Camera.save` writes it, in the folder or in
-    ``camera/``); or that of all is in ``camera.json``, or in ``camera-intrinsics.txt`` or ``intrinsics.K.txt`` with the
-    3 x 3 numbers of K, and ``NAME.pose.txt``, ``groundtruth.txt``, ``trajectory.log`` or ``poses.txt`` (see
-    `pyibr.io.read_poses`) tell the poses. Frames without a usable pose, picture or depth are left out, which the logger
-    ``pyibr`` tells. Colours of OpenEXR files, which are linear in light, become sRGB, what is brighter than 1 white.
+    - A set that `save` or `pyibr place` wrote, with a `frusta.json`.
+    - Output of a phone or a network, or a data set, in one of the layouts that the manual lists. Its cameras, axes and
+      scale are read, too.
+    - Plain files ``NAME.color.png`` and ``NAME.depth.png``, or folders ``color`` (or ``rgb``) and ``depth``, in any
+      readable formats, with equal numbers or times in their names.
+
+    Depth from another camera than the picture's, or with fewer samples, is registered to the picture.
+
+    For plain files, ``NAME.json`` holds the camera of a frame (as `Camera.save` writes it, in the folder or in
+    ``camera/``). Otherwise ``camera.json``, ``camera-intrinsics.txt`` or ``intrinsics.K.txt`` (the 3 x 3 numbers of K)
+    holds the camera of all frames, and ``NAME.pose.txt``, ``groundtruth.txt``, ``trajectory.log`` or ``poses.txt``
+    (see `pyibr.io.read_poses`) hold the poses. Frames without a usable pose, picture or depth are left out, with a
+    warning of the logger ``pyibr``. Colours of OpenEXR files, which are linear in light, become sRGB; values above 1
+    become white.
 
     Parameters
     ----------
     folder : path
-        Or a file that is a recording by itself: Record3D's ``.r3d``, ``.bag`` of ROS 1.
+        Folder, or a file that is a whole recording: Record3D's ``.r3d``, ``.bag`` of ROS 1.
     camera : Camera, optional
-        Of all frames of a recording, instead of its own; where they were is told by its poses.
+        Camera of all frames of a recording, instead of its own; the recording's poses still apply.
     min_confidence : float, optional
-        Samples that the recording is less sure of are left out. In the units of its own confidence; by default what
-        its layout says.
+        Samples of lower confidence are left out. In the recording's own units; the default depends on its layout.
     sharpen : bool, optional
-        Make soft edges of depth sharp (`sharpen_depth`). By default of relative depth.
+        Sharpen soft depth edges (`sharpen_depth`). By default only for relative depth.
     **how
-        depth_scale, depth_offset, depth_kind, channel, part, near and far, as `read_depth` has them, of a recording. By
-        default scale, offset and kind are the layout's.
+        Options of `read_depth` for a recording: depth_scale, depth_offset, depth_kind, channel, part, near and far.
+        The layout defines the defaults of scale, offset and kind.
 
     Returns
     -------
@@ -82,7 +87,7 @@ def load(
     Raises
     ------
     FileFormatError
-        If there is no such folder, nothing of that in it, or a file cannot be read.
+        If the folder is missing or holds no depth images, or if a file cannot be read.
     ArgumentError
         If depth is stored as integers and there is no scale.
 
@@ -102,7 +107,7 @@ def load(
     """
     place = checked_path(folder)
     if not place.exists() or not may_be_recording(place):
-        raise FileFormatError(f"{place}: no such folder, nor recording")
+        raise FileFormatError(f"{place}: no such folder or recording")
     if (place / SET_FILE).exists():
         return [entry.read(place) for entry in read_set(place)[0]]
     recording = recording_in(place) if camera is None else with_camera(recording_in(place), camera)
@@ -113,7 +118,7 @@ def load(
     if recording.left_out:
         lone = listed(file.name for file in recording.left_out)
         _log.warning(
-            "%s: %d files are left out, as picture or depth is missing: %s", place, len(recording.left_out), lone
+            "%s: %d files are left out, because picture or depth is missing: %s", place, len(recording.left_out), lone
         )
     shots = shots_of(recording, cameras_of(recording))
     found = [shot for shot in shots if shot is not None]
@@ -134,14 +139,14 @@ def load(
     if lost:
         _log.warning("%s: %d of %d frames are left out: %s", place, len(lost), len(shots), lost[0])
     if any(unsure):
-        _log.info("%s: %.1f %% of the samples are not sure enough; left out", place, 100 * np.mean(unsure))
+        _log.info("%s: %.1f %% of the samples are left out for low confidence", place, 100 * np.mean(unsure))
     return views
 
 
 def _view(
     shot: Shot, color: NDArray[Any], least: float | None, sharpen: bool | None, how: DepthReading
 ) -> tuple[DepthImage, float]:
-    """The view of a frame, and which share of its samples is left out for want of confidence."""
+    """Return the view of a frame, and the share of its samples left out for low confidence."""
     try:
         depth, unsure = shot.read_depth(least, **how)
         if sharpen or (sharpen is None and how.get("depth_kind") == "relative"):
@@ -157,16 +162,17 @@ def _view(
 
 
 def save(views: DepthImage | Iterable[DepthImage], folder: str | PathLike[str]) -> None:
-    """Write depth images into a folder that `load` reads back to the same bits, and other programs, too.
+    """Write depth images into a folder, which `load` reads back bit for bit, and which other programs read, too.
 
-    Beside pyibr's own files (`frusta.json`, colours as PNG, depth as NPY) there is a `transforms.json` as nerfstudio
-    and instant-ngp read it, with depth as 16-bit PNG, unless it cannot tell a camera: an orthographic one, or its lens.
+    The folder holds `frusta.json`, colours as PNG and depth as NPY. For nerfstudio and instant-ngp, a
+    `transforms.json` with depth as 16-bit PNG is added, unless it cannot describe a camera: an orthographic one, or
+    its lens.
 
     Parameters
     ----------
     views : DepthImage or sequence of DepthImage
     folder : path
-        Made if it is missing. Files of a former set there are overwritten; those of views beyond the last one stay.
+        Created if missing. Files of an earlier set are overwritten; files of views beyond the last one stay.
 
     Examples
     --------
@@ -189,16 +195,16 @@ def save(views: DepthImage | Iterable[DepthImage], folder: str | PathLike[str]) 
 
 @dataclass(frozen=True)
 class SetEntry:
-    """A view of a set, as its file lists it.
+    """A view of a set, as listed in the set's file.
 
     Attributes
     ----------
     camera : Camera
     far : float
     color, depth : str
-        Names of files in the folder; empty if they were not saved.
+        Names of files in the folder; empty if not saved.
     more : dict
-        What else there is, for who has written it.
+        Other fields of the entry, for the program that wrote them.
     """
 
     camera: Camera
@@ -208,10 +214,10 @@ class SetEntry:
     more: dict[str, Any]
 
     def read(self, folder: Path) -> DepthImage:
-        """The view."""
+        """Read the view."""
         if not self.color or not self.depth:
             raise FileFormatError(
-                f"{folder / SET_FILE}: has cameras alone; capture them from the mesh with pyibr place"
+                f"{folder / SET_FILE}: has only cameras; capture their images from the mesh with pyibr place"
             )
         color, depth = read_color(folder / self.color), read_depth(folder / self.depth)
         try:
@@ -221,14 +227,14 @@ class SetEntry:
 
 
 def read_set(path: str | PathLike[str]) -> tuple[list[SetEntry], dict[str, Any]]:
-    """The views of a set, of its folder or its file, and what else the file says."""
+    """Read the views of a set from its folder or file, and the file's other fields."""
     file = checked_path(path)
     file = file / SET_FILE if file.is_dir() else file
     return parse_set(read_json(file, "frusta JSON"), file)
 
 
 def parse_set(data: object, file: Path) -> tuple[list[SetEntry], dict[str, Any]]:
-    """Take a set out of a JSON file's contents, as `read_set` does; the file's name is for error messages."""
+    """Parse a set from a JSON file's contents, as `read_set` does; `file` is for error messages."""
     if not isinstance(data, dict) or not isinstance(cast("dict[str, object]", data).get("views"), list):
         raise FileFormatError(f"{file}: expected a JSON object with a list of views")
     entries = dict(cast("dict[str, Any]", data))
@@ -246,12 +252,12 @@ def write_set(
     Parameters
     ----------
     folder : path
-        Made if it is missing. Files of a former set there are overwritten; those of views beyond the last one stay.
+        Created if missing. Files of an earlier set are overwritten; files of views beyond the last one stay.
     views : sequence of DepthImage
     more : sequence of dict, optional
-        What the list says of each view beside its camera, `far` and files.
+        Fields of each view's entry besides its camera, `far` and files.
     **about
-        What it says of the set.
+        Fields of the set.
     """
     with written_together():
         _write(checked_path(folder), views, more, about)
@@ -267,11 +273,11 @@ def _write(
         write_color(place / names["color"], view.shown_color)
         write_depth(place / names["depth"], view.depth)
         listed.append(entry_json(view.camera, view.far) | names | (more[number] if more else {}))
-    write_json(place / SET_FILE, {**about, "views": listed})  # last: it is what names the others
+    write_json(place / SET_FILE, {**about, "views": listed})  # last, because it names the other files
 
 
 def entry_json(camera: Camera, far: float) -> dict[str, Any]:
-    """Return the list's entry of a view: its camera, and from where on it is empty."""
+    """Return a view's entry in the list: its camera, and the depth from which it is empty."""
     return {"camera": camera.to_json()} | ({"far": far} if far < np.inf else {})
 
 

@@ -16,14 +16,14 @@ _LIGHT: Float64 = np.array([-0.45, -0.8, -0.4]) / np.linalg.norm([0.45, 0.8, 0.4
 
 
 def light_on(normal: Float64) -> Float64:
-    """Return the light's colours (n, 3) on surfaces of unit normals (n, 3): that of the sun, from above."""
+    """Return the colours (n, 3) of sunlight from above on surfaces with unit normals (n, 3)."""
     lambert = normal @ _LIGHT
     light = 0.15 + 0.85 * np.maximum(lambert, 0) + 0.15 * np.minimum(lambert, 0)
     return _SHADOW + (_SUN - _SHADOW) * light[:, None]
 
 
 def barycentric(corner: Float64, normal: Float64, point: Float64) -> Float64:
-    """Weights (n, 3) of points on triangles (n, 3, 3), clamped to them."""
+    """Barycentric weights (n, 3) of points on triangles (n, 3, 3), clamped to the triangles."""
     squared = np.maximum(np.sum(normal * normal, 1), np.finfo(np.float64).tiny)
     following, last = np.roll(corner, -1, axis=1), np.roll(corner, -2, axis=1)
     opposite = np.cross(last - following, point[:, None] - following)
@@ -33,7 +33,7 @@ def barycentric(corner: Float64, normal: Float64, point: Float64) -> Float64:
 
 
 def bilinear(image: NDArray[np.uint8], uv: Float64) -> Float64:
-    """Colours (n, 3) at uv (n, 2) of an image that repeats."""
+    """Bilinear colours (n, 3) of a repeating image at uv (n, 2)."""
     size = np.array([image.shape[1], image.shape[0]])
     at = (uv - np.floor(uv)) * size - 0.5
     low = np.floor(at)
@@ -44,6 +44,6 @@ def bilinear(image: NDArray[np.uint8], uv: Float64) -> Float64:
 
 
 def smooth_normals(vertices: Float64, faces: Int64) -> Float64:
-    """Unit normals (N, 3) of vertices: their faces' normals, weighted by area."""
+    """Unit vertex normals (N, 3): sums of the faces' normals, weighted by area."""
     total = summed_at_corners(faces, areas(vertices, faces), len(vertices))
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(np.float64).tiny)

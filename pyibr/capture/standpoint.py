@@ -1,4 +1,4 @@
-"""A place to look at things from, and what one turns about there."""
+"""A viewpoint to start from, and the pivot to turn about."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from pyibr.images.pictures import camera_before
 from pyibr.picture.drawable import as_drawable
 from pyibr.warp.view import WarpedView
 
-_DOWN = np.array([0.0, -1.0, 0.0])  # up, where nothing else is known: pyibr's y runs down
-_SAMPLES = 4096  # of a view that tell where its scene is
-_INNER = (2.0, 98.0)  # per cent of them: a few samples far out are no scene
+_DOWN = np.array([0.0, -1.0, 0.0])  # default direction of up: pyibr's y points down
+_SAMPLES = 4096  # samples of a view that locate its scene
+_INNER = (2.0, 98.0)  # percentiles of them: a few far outliers are ignored
 
 
 class Standpoint(NamedTuple):
-    """A place to begin.
+    """A viewpoint to start from.
 
     Attributes
     ----------
     camera : Camera
     pivot : (3,)
-        In the world: what one turns about.
+        Centre of rotation, in the world.
     up : (3,)
-        In the world, of length 1.
+        Unit vector in the world.
     low, high : (3,)
-        The box around most of what is there.
+        Box around most of the scene, in the world.
     """
 
     camera: Camera
@@ -43,20 +43,20 @@ class Standpoint(NamedTuple):
 
 
 def standpoint(things: Any, camera: Camera | None = None, up: ArrayLike | None = None) -> Standpoint:
-    """The place to begin with.
+    """Choose a viewpoint to start from.
 
     Parameters
     ----------
     things : thing or sequence of things
     camera : Camera, optional
-        By default the first perspective depth image's, or one that sees all.
+        By default the camera of the first perspective depth image, or one that sees the whole scene.
     up : (3,), optional
-        By default what is up in the depth images, or -y.
+        By default the up direction of the depth images, or -y.
 
     Raises
     ------
     ArgumentError
-        If `up` is no direction, or the things have no extent.
+        If `up` is not a direction, or the things have no extent.
     """
     whole = list(cast("Sequence[Any]", things)) if isinstance(things, Sequence) else [things]
     given = [one for thing in whole for one in (thing.views if isinstance(thing, WarpedView) else [thing])]
@@ -75,7 +75,7 @@ def standpoint(things: Any, camera: Camera | None = None, up: ArrayLike | None =
 
 
 def radius_of(low: Float64, high: Float64) -> float:
-    """Half the diagonal of a box, or ArgumentError if that has no extent, or no end."""
+    """Half the diagonal of a box; raises ArgumentError if it is zero or not finite."""
     radius = 0.5 * float(np.linalg.norm(high - low))
     if not (np.isfinite(radius) and radius > 0):
         raise ArgumentError("things", "things of some extent", f"a box from {low} to {high}")
@@ -83,7 +83,7 @@ def radius_of(low: Float64, high: Float64) -> float:
 
 
 def _bounds_of(things: Sequence[Any]) -> tuple[Float64, Float64]:
-    """The box around most of what is there, (low, high) in the world."""
+    """Box around most of the scene, (low, high) in the world."""
     lows: list[Float64] = []
     highs: list[Float64] = []
     for thing in things:
@@ -99,6 +99,6 @@ def _bounds_of(things: Sequence[Any]) -> tuple[Float64, Float64]:
 
 
 def _up_of(sources: Sequence[DepthImage]) -> Float64:
-    """Estimate the up direction from most of the pictures."""
+    """Estimate the up direction: the sum of the cameras' up axes, or -y if they cancel."""
     total = np.sum([-one.camera.world_from_camera[:3, 1] for one in sources], axis=0) if sources else _DOWN
     return total if np.linalg.norm(total) > 0.1 * max(len(sources), 1) else _DOWN

@@ -1,4 +1,4 @@
-"""Stereo pairs, as 3D televisions, headsets and coloured glasses show them."""
+"""Stereo pairs for 3D televisions, headsets and coloured glasses."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ SUFFIXES: dict[Layout, str] = {
     "dubois": "_redcyan",
     "gray": "_redcyan",
 }
-"""Ends of files' names, by which players know the layout, as iw3 has them."""
+"""File name suffixes by which players recognise the layout, as in iw3."""
 
-_INNER = (1.0, 99.0)  # per cent of 1 / depth: a few samples far out are no scene
-_STEPS = {"both": (-0.5, 0.5), "left": (-1.0, 0.0), "right": (0.0, 1.0)}  # of the eyes, in baselines
+_INNER = (1.0, 99.0)  # percentiles of 1 / depth: a few far outliers are ignored
+_STEPS = {"both": (-0.5, 0.5), "left": (-1.0, 0.0), "right": (0.0, 1.0)}  # positions of the eyes, in baselines
 
-# Dubois (2009), red and cyan glasses: what each eye's light, as RGB, adds to the picture's.
+# Dubois (2009), red and cyan glasses: contribution of each eye's linear RGB to the picture's.
 _DUBOIS = np.array(
     [
         [[0.437, 0.449, 0.164], [-0.062, -0.062, -0.024], [-0.048, -0.050, -0.017]],
@@ -62,37 +62,37 @@ def stereo(
 ) -> Color:
     """Draw things for two eyes, in one picture.
 
-    With `d`, 0 at the far end of `depth_range`, 1 at the near end, and linear in 1 / depth, what is at `d` lies
-    (`d` - `convergence`) times `divergence` per cent of the width farther to the right in the left eye's picture than
-    in the right eye's. The eyes' cameras are parallel, and moved to the right.
+    Let `d` be 0 at the far end of `depth_range`, 1 at the near end, and linear in 1 / depth. In the left eye's picture,
+    a point lies farther to the right than in the right eye's, by (`d` - `convergence`) times `divergence` per cent of
+    the width. The eyes' cameras are parallel; they differ by a shift to the right.
 
     Parameters
     ----------
     things : thing or sequence of things
-        As for `render`; depth images among them are one `WarpedView`.
+        As for `render`; depth images among them form one `WarpedView`.
     camera : Camera, optional
-        In the middle, perspective; its lens does not count. By default the first depth image's.
+        Middle camera, perspective; its lens is ignored. By default the camera of the first depth image.
     layout : {"full-sbs", "half-sbs", "full-tb", "half-tb", "dubois", "gray"}
-        The left picture beside the right one, or above it, whole or squeezed to half; or both in one for red and cyan
-        glasses, by Dubois' matrices or in gray.
+        The left picture beside the right one or above it, whole or squeezed to half; or both in one picture for red
+        and cyan glasses, by Dubois' matrices or in gray.
     divergence : float
-        Per cent of the width, 0 to 100: how much stronger the shift of the nearest is than that of the farthest.
+        Shift of the nearest point minus the shift of the farthest, in per cent of the width, 0 to 100.
     convergence : float
-        What is in the plane of the screen: 0, the farthest, so that all is before it, to 1, the nearest.
+        Plane of the screen: from 0, the farthest point (the scene is in front of the screen), to 1, the nearest.
     synthetic_view : {"both", "left", "right"}
-        Which eyes are beside the camera; the other one of "left" or "right" is at the camera.
+        Eyes that stand beside the camera; with "left" or "right", the other eye is at the camera.
     depth_range : (near, far), optional
-        In scene units. By default what 98 % of the pixels lie between, of the first depth image or as `camera` sees it.
-        Give one to all frames of a film.
+        In scene units. By default the range of the middle 98 % of the pixels, of the first depth image or of the scene
+        as `camera` sees it. Use the same range for all frames of a film.
     fill : {"background", "smooth", "inpaint", None}
-        What is shown where no depth image saw anything, as for `WarpedView`.
+        Content of regions that no depth image saw, as for `WarpedView`.
     **how
         Options of `render`: `light`, `background`, `samples`, `anisotropy`.
 
     Returns
     -------
     (H, W, 3)
-        In the dtype of the things' colours; of the camera's height and width, twice as wide or as high if whole.
+        Has the dtype of the things' colours and the camera's size; a full layout doubles the width or the height.
 
     Raises
     ------
@@ -130,16 +130,16 @@ class StereoRig:
         one_of("synthetic_view", self.synthetic_view, SyntheticView)
         near, far = numbers("depth_range", self.depth_range or (1, 1), (2,)).tolist()
         if not 0 < near <= far:
-            raise ArgumentError("depth_range", "near > 0 and a far that is no less", f"{near:g} and {far:g}")
+            raise ArgumentError("depth_range", "near > 0 and far >= near", f"{near:g} and {far:g}")
 
     def fitted(self, depths: Callable[[], NDArray[np.float32]]) -> StereoRig:
-        """The range is given, or that of the depths."""
+        """Return the rig with a depth range: the given one, or the range of the depths."""
         if self.depth_range is not None or not len(there := depths()):
             return self
         return replace(self, depth_range=depth_range_of(there))
 
     def cameras(self, camera: Camera) -> list[Camera]:
-        """The left and the right eye's, without a lens; without a range of depth both are the camera."""
+        """Return the cameras of the left and right eye, without lenses; without a depth range both are alike."""
         near, far = self.depth_range or (1.0, 1.0)
         span = 1 / near - 1 / far
         baseline = self.divergence / 100 * camera.width / (camera.K[0, 0] * span) if span else 0.0
@@ -148,13 +148,13 @@ class StereoRig:
 
 
 def depth_range_of(depths: NDArray[np.float32]) -> tuple[float, float]:
-    """(near, far) of nearly all of them."""
+    """Range (near, far) of nearly all depths."""
     low, high = np.percentile(1 / depths, _INNER)
     return float(1 / high), float(1 / low)
 
 
 def joined(eyes: Sequence[Color], layout: Layout) -> Color:
-    """The left and the right eye's picture, (H, W, 3), in one of this layout."""
+    """Join the left and the right eye's picture, (H, W, 3), in this layout."""
     if layout in ("dubois", "gray"):
         return _anaglyph(eyes, layout)
     axis = 1 if layout.endswith("sbs") else 0
@@ -162,14 +162,14 @@ def joined(eyes: Sequence[Color], layout: Layout) -> Color:
 
 
 def _halved(color: Color, axis: int) -> Color:
-    """Pairs of columns (axis 1) or rows as one; the last one of an odd number is left out."""
+    """Average pairs of columns (axis 1) or rows (axis 0); the last one of an odd number is dropped."""
     pairs = color.swapaxes(0, axis)[: color.shape[axis] // 2 * 2]
     mean = (pairs[::2].astype(np.float32) + pairs[1::2]) / 2
     return _stored(mean.swapaxes(0, axis), color.dtype)
 
 
 def _anaglyph(eyes: Sequence[Color], layout: Layout) -> Color:
-    """For red and cyan glasses; Dubois' matrices are of light, which is clipped for each eye."""
+    """Join pictures for red and cyan glasses; Dubois' matrices apply to linear light, clipped for each eye."""
     dtype = eyes[0].dtype
     scale = np.float32(1 if dtype == np.float32 else 255)
     left, right = (eye / scale for eye in eyes)

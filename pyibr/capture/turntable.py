@@ -1,4 +1,4 @@
-"""Turntables: things as a camera sees them that goes round them, or swings to and fro before them."""
+"""Turntables: frames of a camera that goes round things, or swings to and fro in front of them."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ def turntable(
     fill: Fill | None = "background",
     **how: Unpack[RenderOptions],
 ) -> Iterator[Frame]:
-    """Draw things all round, frame by frame: `write_video` takes their colours.
+    """Draw things from all round, frame by frame; `write_video` takes the frames' colours.
 
     Parameters
     ----------
     things : thing or sequence of things
-        As for `render`; depth images among them are one `WarpedView`.
+        As for `render`; depth images among them form one `WarpedView`.
     frames : int
-        1 to 100,000. The last one is a step before the first, so that the film goes on without a jump.
+        1 to 100,000. The last frame is one step before the first, so that the film loops without a jump.
     camera : Camera, optional
-        The first frame's. By default the first depth image's, or one that sees all.
+        Camera of the first frame. By default the camera of the first depth image, or one that sees the whole scene.
     turn : float
-        Degrees that the camera goes to the right about what is in its middle.
+        Degrees that the camera goes to the right about the point in the middle of its picture.
     swing : float, optional
-        Instead: it goes to and fro, so many degrees to either side, as it suits a single photograph.
+        Degrees to either side. If given, the camera swings to and fro instead, which suits a single photograph.
     up : (3,), optional
-        The axis, in the world. By default what is up in the depth images, or -y.
+        Axis, in the world. By default the up direction of the depth images, or -y.
     fill : {"background", "smooth", "inpaint", None}
-        What is shown where no depth image saw anything, as for `WarpedView`.
+        Content of regions that no depth image saw, as for `WarpedView`.
     **how
         Options of `render`: `light`, `background`, `samples`, `anisotropy`.
 
@@ -86,7 +86,7 @@ def turntable_cameras(
     swing: float | None = None,
     up: ArrayLike | None = None,
 ) -> list[Camera]:
-    """The cameras of a turntable; the arguments are `turntable`'s."""
+    """Return the cameras of a turntable, from the arguments of `turntable`."""
     count = integer_from("frames", frames, 1, FRAMES_MAX)
     at = standpoint(things, camera, up)
     parts = np.arange(count) / count

@@ -1,4 +1,4 @@
-"""The rasteriser: triangles and prisms to pixels; and meshes, which it draws."""
+"""Rasteriser of triangles and prisms, and the meshes that it draws."""
 
 from __future__ import annotations
 

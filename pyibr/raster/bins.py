@@ -1,4 +1,4 @@
-"""Primitives to bins on the device, for every system that draws triangles or prisms (kernels/raster/)."""
+"""Sort primitives into bins on the device, for every system that draws triangles or prisms (kernels/raster/)."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
-_UNSYNCHRONIZED = 1 << 22  # numbers that a list may have room for unasked, though few of them may be written
-_COUNTS_MAX = 1 << 24  # of primitives by chunk and bin
-_NUMBERED_MAX = (1 << 31) - 1  # kernels number what is listed in 32 bits
+_UNSYNCHRONIZED = 1 << 22  # longest list that is allocated without asking the device for the length
+_COUNTS_MAX = 1 << 24  # limit of the counts by chunk and bin
+_NUMBERED_MAX = (1 << 31) - 1  # kernels index lists in 32 bits
 _CULLED = {"both": "CULLS_NONE", "front": "CULLS_BACKS", "back": "CULLS_FRONTS"}
 
 
 @dataclass(frozen=True)
 class Bins:
-    """Primitives of a target's bins.
+    """Primitives, sorted into a target's bins.
 
     Attributes
     ----------
     grid : (int, int)
-        Work-items of kernels that draw the bins.
+        Work-items of the kernels that draw the bins.
     region : int
-        Pixels along the side of what one of them draws.
+        Width and height in pixels of the region that a work-item draws.
     arguments : dict
-        What they take: `list`, numbers of primitives, bin by bin; `starts`, where each bin's part begins; the view.
+        Arguments of these kernels: `list`, the indices of primitives, bin by bin; `starts`, where each bin's part
+        begins; and the view.
     culled : int
-        Which triangles are culled, for kernels that do so.
+        Triangles to cull, for kernels that do so: a constant of raster/triangle.h.
     """
 
     grid: tuple[int, int]
@@ -45,15 +46,15 @@ class Bins:
 
 
 def bin_defines(corners: int) -> dict[str, int]:
-    """The defines of kernels that draw bins of primitives with so many corners."""
-    # In which direction a prism is sliced is decided in each bin, and is to be the same on every device.
+    """Return the defines of kernels that draw bins of primitives with this number of corners."""
+    # Each bin decides in which direction a prism is sliced, and must decide alike on every device.
     return {"BIN": current().profile.bin if corners == 3 else int(constant("lib/screen.h", "BIN"))}
 
 
 def project(target: Target, vertices: DeviceArray, near: float, corners: int = 3) -> DeviceArray:
-    """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world, `corners` of which are a primitive.
+    """Project vertices, (N, 3) in the world, to homogeneous pixel space, (N, 4); `corners` of them form a primitive.
 
-    As exact as float32 vertices are, even far from the world's origin: they are taken relative to the camera.
+    Positions are computed relative to the camera: even far from the world's origin, they are as exact as the vertices.
     """
     count = vertices.shape[0]
     origin = target.camera.center.astype(np.float32)  # the same for all things: no cracks between neighbours
@@ -77,8 +78,8 @@ def bin_primitives(
 ) -> Bins:
     """Sort primitives, (P, 3) or (P, 6) indices of projected vertices, into the target's bins.
 
-    Each bin's are in the order of their numbers or, with `sort`, from front to back. Of triangles, those that only show
-    another of their `sides` are left out.
+    Each bin lists its primitives in index order or, with `sort`, from front to back. Triangles that show a side other
+    than `sides` are culled.
     """
     count, each = corners.shape
     profile, defines = current().profile, bin_defines(each)
@@ -104,12 +105,12 @@ def bin_primitives(
     run("total_bins", bins, **sums, bins=bins)
     run("total_rows", rows, totals=totals, row_totals=row_totals, **grid)
     run("start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
-    # Whoever asks how long the list is waits for all that is drawn before.
+    # Reading the length from the device waits for all that is drawn before.
     longest = count * bins
     length = longest if longest <= _UNSYNCHRONIZED else int(totals.to_host().sum(dtype=np.int64))
     if length > _NUMBERED_MAX:
         parts = f"the picture's parts of {defines['BIN']} x {defines['BIN']} pixels"
-        raise OutOfMemoryError(f"{parts} list {length} primitives in all, {_NUMBERED_MAX} at most are numbered")
+        raise OutOfMemoryError(f"{parts} list {length} primitives in all, more than {_NUMBERED_MAX}")
     found = empty((max(length, 1),), np.int32)
     run("fill_bins", chunks, list=found, **shared)
     if sort:

@@ -1,4 +1,4 @@
-"""The maps of surfaces with height maps for their kernels: colours and normals (kernels/lib/footprint.h)."""
+"""Colour and normal maps of surfaces with height maps, for their kernels (kernels/lib/footprint.h)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pyibr.opencl.memory import DeviceArray, upload
 
 
 def map_buffers(surface: HeightMapped) -> dict[str, DeviceArray]:
-    """The colours and the normal map, if there is one, for the current device."""
+    """Upload the colours, and the normal map if there is one, to the current device."""
     made = {"colors": upload(texture_pyramid(surface.color))}
     if surface.normal_map is not None:
         made["normal_map"] = upload(normal_pyramid(surface.normal_map))
@@ -19,7 +19,7 @@ def map_buffers(surface: HeightMapped) -> dict[str, DeviceArray]:
 
 
 def color_arguments(surface: HeightMapped, camera: Camera) -> dict[str, Any]:
-    """Sizes of the colours, and of a pixel at distance 1."""
+    """Kernel arguments: the size of the colour map, and of a pixel at distance 1."""
     height, width = surface.color.shape[:2]
     return {
         "color_width": width,
@@ -30,6 +30,6 @@ def color_arguments(surface: HeightMapped, camera: Camera) -> dict[str, Any]:
 
 
 def normal_arguments(surface: HeightMapped, buffers: dict[str, DeviceArray], unread: DeviceArray) -> dict[str, Any]:
-    """The normal map of kernels with a light; of a surface without one its size is 0, and any array is in its place."""
+    """Kernel arguments for a lit surface's normal map; without a map the size is 0, and `unread` takes its place."""
     height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
     return {"normal_width": width, "normal_height": height, "normal_map": buffers.get("normal_map", unread)}

@@ -1,4 +1,4 @@
-"""Meshes, drawn by the rasteriser: bins to pixels in the triangles' order (kernels/raster/mesh.cl)."""
+"""Meshes drawn by the rasteriser: bins to pixels, in the order of the triangles (kernels/raster/mesh.cl)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_defines, bin_primitives, project
 
-_GREY = (0.8, 0.8, 0.8)  # of a mesh without texture and colours
+_GREY = (0.8, 0.8, 0.8)  # colour of a mesh without texture and vertex colours
 _DOWN, _PAPER = np.array([0.0, 1.0, 0.0]), (255, 255, 255)
 
 
@@ -37,7 +37,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
     target : Target
     mesh : Mesh
     lit : Lighting or None
-        None shows the mesh's own colours as they are.
+        None shows the mesh's own colours, unlit.
     """
     near = target.near(mesh.bounds)
     buffers = cached_on_device(mesh, "buffers", lambda: _buffers(mesh))
@@ -85,11 +85,11 @@ class DrawnMesh:
 
     @property
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """(low, high), each (3,), in the world: the box around the triangles."""
+        """Bounding box of the triangles: (low, high), each (3,), in the world."""
         return self.mesh.bounds
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the triangles; lit by their normals."""
+        """Draw the triangles, lit by their normals."""
         draw_mesh(target, self.mesh, lighting)
 
 
@@ -100,7 +100,7 @@ def _(thing: Mesh) -> DrawnMesh:
 
 @picture_of.register
 def _(thing: Mesh) -> NDArray[Any]:
-    """All of it from above and aside, up being -y; in a light if it has no colours."""
+    """Picture of the whole mesh, seen obliquely from above, with -y up; lit if it has no colours."""
     low, high = (corner.astype(np.float64) for corner in thing.bounds)
     if not (low < high).any():  # a mesh of one point
         high = low + 1.0
@@ -109,7 +109,7 @@ def _(thing: Mesh) -> NDArray[Any]:
 
 
 def _buffers(mesh: Mesh) -> dict[str, DeviceArray]:
-    """The mesh for the current device."""
+    """Upload the mesh to the current device."""
     made = {"vertices": upload(mesh.vertices), "faces": upload(mesh.faces)}
     if mesh.texture is not None and mesh.uv is not None:
         made["uv"], made["texels"] = upload(mesh.uv), upload(texture_pyramid(mesh.texture))
@@ -119,13 +119,13 @@ def _buffers(mesh: Mesh) -> dict[str, DeviceArray]:
 
 
 def _normals(mesh: Mesh) -> dict[str, DeviceArray]:
-    """The mesh's normals for the current device."""
+    """Upload the mesh's normals to the current device."""
     normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
     return {"normals": upload(normals), "fronts": upload(_fronts(mesh, normals))}
 
 
 def _fronts(mesh: Mesh, normals: NDArray[np.float32]) -> NDArray[np.int16]:
-    """(M,) 1, or -1 for triangles whose corners run clockwise as seen from where their normals point."""
+    """Signs (M,): 1, or -1 for triangles whose corners run clockwise as seen from the side of their normals."""
     across, fronts = areas(mesh.vertices, mesh.faces), np.empty(len(mesh.faces), np.int16)
     for some in pieces_of(len(fronts)):
         along = (across[some] * normals[mesh.faces[some]].sum(axis=1)).sum(axis=1)

@@ -77,7 +77,7 @@ def test_from_frusta(mesh: Path, tmp_path: Path):
         (("donut.ply", "--camera", "away.json", "--size", "9"), ("--size: expected none here: cameras tell it",)),
         (("donut.ply", "--camera", "away.json", "--projection", "perspective"), ("--projection: expected none",)),
         (("donut.ply", "--layer", "last"), ("--layer: expected --camera with it",)),
-        (("point.ply",), ("mesh: expected one of some extent",)),
+        (("point.ply",), ("mesh: expected a mesh of some extent",)),
         (("away.json",), ("away.json: a mesh file ends in one of",)),
         (("donut.ply", "--size", "1"), ("--size",)),
         (("donut.ply", "--projection", "fisheye"), ("--projection",)),

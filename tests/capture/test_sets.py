@@ -104,7 +104,7 @@ def test_what_is_wrong_is_said_by_name(tmp_path):
         ({"views": [{"camera": {}}]}, "has no width"),
         ({"views": [one | {"far": -1}]}, "far: expected a depth > 0"),
         ({"views": [one | {"color": "../x.png"}]}, "expected the name of a file beside it"),
-        ({"views": [one]}, "has cameras alone"),
+        ({"views": [one]}, "has only cameras"),
         ({"views": [one | {"color": "none.png", "depth": "none.npy"}]}, "none.png: no such file"),
     ):
         write(tmp_path, "frusta.json", content)
