@@ -16,7 +16,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack", description="Random calls against the law.")
     parser.add_argument("kind", choices=sorted([*MAKERS, "rays"]))
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--count", type=int, default=1000, help="how many seeds")
+    parser.add_argument("--count", type=int, default=1000, help="number of seeds")
     given = parser.parse_args()
     broken, sound, start = 0, 0, time.monotonic()
     for seed in range(given.first, given.first + given.count):

@@ -1,4 +1,4 @@
-"""Random arguments: right, borderline and wrong. A seed is a call."""
+"""Random arguments: right, borderline and wrong. Each seed gives one call."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STRANGE_DEPTHS = (math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 
 
 @dataclass
 class Call:
-    """One call, not yet made; of `warp` and `render` with its options and `out`."""
+    """A call to be made later; for `warp` and `render`, with its options and `out`."""
 
     call: Callable[[], Any]
     options: dict[str, Any] = field(default_factory=dict)
@@ -42,7 +42,7 @@ class Call:
 
 
 class Chance:
-    """A random generator with words for what is drawn here."""
+    """A random generator with short names for its draws."""
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -60,16 +60,16 @@ class Chance:
         return self.one(SIZES), self.one(SIZES)
 
     def scale(self) -> float:
-        """Of a scene: 1 in most."""
+        """Scale of a scene, mostly 1."""
         return self.one(SCALES) if self(0.15) else 1.0
 
     def mostly(self, right: Any) -> Any:
-        """The right argument, or now and then a wrong one."""
+        """Return the right argument or, rarely, a wrong one."""
         return self.one(WRONG) if self(0.004) else right
 
 
 def random_camera(chance: Chance, scale: float = 1.0, size: tuple[int, int] | None = None) -> ibr.Camera:
-    """A camera near the origin that looks along z, or a strange one: inside, behind, far away, with any K."""
+    """A camera near the origin that looks along z, or a strange one: inside, behind or far away, with any K."""
     size = chance.size() if size is None else size
     longer, rng = max(size), chance.rng
     projection = "perspective" if chance(0.6) else "orthographic"
@@ -104,7 +104,7 @@ def random_camera(chance: Chance, scale: float = 1.0, size: tuple[int, int] | No
 
 
 def random_lens(chance: Chance) -> Any:
-    """Of any model; mostly one that bends about as much as lenses do."""
+    """A lens of any model, mostly with realistic distortion."""
     model, count = chance.one(
         [
             ("brown_conrady", 5),
@@ -120,7 +120,7 @@ def random_lens(chance: Chance) -> Any:
 
 
 def random_depth(chance: Chance, size: tuple[int, int], scale: float = 1.0) -> np.ndarray:
-    """(H, W) float32, of 2 to 4.5 in most."""
+    """Depth (H, W), float32, mostly from 2 to 4.5."""
     rng, (width, height) = chance.rng, size
     y, x = np.mgrid[:height, :width]
     depth = chance.one(
@@ -157,7 +157,7 @@ def random_view(chance: Chance, scale: float, floats: bool, colored: bool = True
 
 
 def random_normals(chance: Chance, size: tuple[int, int]) -> Any:
-    """Towards the camera, mostly; of any length, and some that are none."""
+    """Normals, mostly towards the camera, of any length; some are not valid."""
     normals = chance.rng.normal(0, 1, (size[1], size[0], 3)) * (0.5, 0.5, 0) + (0, 0, -1)
     normals[chance.rng.random(normals.shape[:2]) < 0.2] *= chance.one([0, np.nan, np.inf, 1e-30, 1e30])
     with np.errstate(over="ignore"):
@@ -165,7 +165,7 @@ def random_normals(chance: Chance, size: tuple[int, int]) -> Any:
 
 
 def random_look(chance: Chance) -> dict[str, Any]:
-    """The options of depth images."""
+    """Options of depth images."""
     return {
         "edges": chance.mostly(chance.one(["cut", "connect"])),
         "interpolation": chance.mostly(chance.one(["linear", "nearest"])),
@@ -177,7 +177,7 @@ def random_look(chance: Chance) -> dict[str, Any]:
 
 
 def random_warp(seed: int) -> Call:
-    """Views, targets and options of `warp`."""
+    """A call of `warp` with random views, targets and options."""
     chance = Chance(seed)
     scale, floats = chance.scale(), chance(0.3)
     colored = chance(0.95)
@@ -207,7 +207,7 @@ def random_warp(seed: int) -> Call:
 
 
 def random_out(chance: Chance, camera: ibr.Camera, dtype: Any) -> ibr.Frame:
-    """A frame to write into, with anything in it."""
+    """A frame to write into, with arbitrary content."""
     shape = (camera.height, camera.width)
     if chance(0.05):
         shape, dtype = chance.one([(shape[1], shape[0] + 1), shape]), chance.one([dtype, np.int16, ">f4"])
@@ -256,7 +256,7 @@ def random_mesh(chance: Chance, scale: float, uv: bool) -> ibr.Mesh:
 def random_maps(chance: Chance, scale: float) -> dict[str, Any]:
     """Arguments that `SlicedSurface` and `ReliefSurface` share."""
     rng = chance.rng
-    # 8-bit maps have powers of two, others have not: kernels are built for either
+    # Sizes of 8-bit maps are powers of two, sizes of other maps are not: kernels are built for either
     if chance(0.5):
         height: Any = rng.integers(0, 256, (chance.one([1, 2, 4, 16]), chance.one([1, 8, 32])), np.uint8)
     else:
@@ -305,7 +305,7 @@ def random_relief(chance: Chance, scale: float) -> Any:
 
 
 def views_around(chance: Chance, scale: float, floats: bool, count: int) -> list[ibr.DepthImage]:
-    """Of a ball at z = 3, from all sides; now and then anything."""
+    """Views of a ball at z = 3 from all sides; sometimes views of anything."""
     if chance(0.2):
         return [random_view(chance, scale, floats) for _ in range(count)]
     views = []
@@ -407,7 +407,7 @@ def random_light(chance: Chance, scale: float) -> ibr.Light | None:
 
 
 def random_render(seed: int) -> Call:
-    """Things, a camera, a light and options of `render`."""
+    """A call of `render` with things, a camera, a light and options."""
     chance = Chance(seed)
     scale, floats = chance.scale(), chance(0.2)
     things = [random_thing(chance, scale, floats) for _ in range(chance.one([1, 1, 2, 3]))]
@@ -424,7 +424,7 @@ def random_render(seed: int) -> Call:
 
 
 def random_register(seed: int) -> Call:
-    """A depth image, its camera, another's, and its colours."""
+    """A call of `register` or `register_color` with depth, its camera, another camera and perhaps colours."""
     chance = Chance(seed)
     scale = chance.scale()
     depth_camera, color_camera = (random_camera(chance, scale) for _ in range(2))
@@ -445,7 +445,7 @@ def random_register(seed: int) -> Call:
 
 
 def random_clean(seed: int) -> Call:
-    """Depth, and the options of `clean_depth`."""
+    """A call of `clean_depth` or `sharpen_depth` with depth and options."""
     chance = Chance(seed)
     scale, size = chance.scale(), chance.size()
     depth, more = random_depth(chance, size, scale), dict[str, Any]()

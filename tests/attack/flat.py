@@ -1,4 +1,4 @@
-"""Memory that calls leave behind: `python -m tests.attack.flat`. 10,000 warps, and 2,000 calls of each other kind."""
+"""Growth of memory over many calls: `python -m tests.attack.flat`. 10,000 warps, and 2,000 calls of each other kind."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from pyibr.opencl.device import current
 from tests.opencl.everything import Call, calls
 
 MOST = 0.01
-"""Share of the process's memory by which it may grow, from a tenth of the calls on."""
+"""Largest permitted growth of the process's memory, as a share, from a tenth of the calls on."""
 
 
 def growth(call: Call, count: int) -> float:
-    """The process's resident memory after so many calls, over that after a tenth of them, less 1."""
+    """Growth of the process's resident memory, as a share, between a tenth of the calls and all of them."""
     for _ in range(count // 10):
         call()
     gc.collect()
@@ -30,10 +30,10 @@ def growth(call: Call, count: int) -> float:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack.flat", description=__doc__)
-    parser.add_argument("--count", type=int, default=2000, help="of each kind; of warps five times as many")
-    parser.add_argument("names", nargs="*", help="of the kinds, else all")
+    parser.add_argument("--count", type=int, default=2000, help="calls of each kind; warps: five times as many")
+    parser.add_argument("names", nargs="*", help="kinds of calls (default: all)")
     given = parser.parse_args()
-    os.environ.setdefault("PYIBR_BINARIES", "never")  # what was built would be read amid the calls
+    os.environ.setdefault("PYIBR_BINARIES", "never")  # otherwise binaries would be read amid the calls
     made, worst = calls(), 0.0
     for name in given.names or made:
         count, start = given.count * (5 if name == "sweep" else 1), time.monotonic()
@@ -42,7 +42,7 @@ def main() -> int:
         device = current().room.taken / 2**20
         print(
             f"{name}: {count} calls in {time.monotonic() - start:.0f} s, {100 * grown:+.2f} % of"
-            f" {memory('VmRSS') / 2**20:.0f} MiB, the device's {device:.1f} MiB",
+            f" {memory('VmRSS') / 2**20:.0f} MiB, on the device {device:.1f} MiB",
             flush=True,
         )
     return worst > MOST

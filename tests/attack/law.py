@@ -1,4 +1,4 @@
-"""The law of all calls: a sound result, or an error of pyibr's own, and the same again the second time."""
+"""The law for all calls: a sound result or an error of pyibr's own, and the same outcome when repeated."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pyibr as ibr
 from tests.attack.arguments import MAKERS, Call
 
 HANGS = 120.0
-"""Seconds of processor time after which a call counts as one that never ends: its kernels' compiler takes a while."""
+"""Seconds of processor time after which a call counts as endless; compiling its kernels takes a while."""
 
 
 class BrokenLawError(AssertionError):
@@ -22,7 +22,7 @@ class BrokenLawError(AssertionError):
 
 
 def judge(kind: str, seed: int) -> str:
-    """Make a call twice, with arguments made anew. Returns "sound" or the error's message, or raises BrokenLawError."""
+    """Make a call twice, with fresh arguments. Returns "sound" or the error's message, or raises BrokenLawError."""
     done = threading.Event()
     threading.Thread(target=_watch, args=(kind, seed, done), daemon=True).start()
     try:
@@ -38,12 +38,12 @@ def judge(kind: str, seed: int) -> str:
 
 
 def reproduced_by(kind: str, seed: int) -> str:
-    """The line that makes the call again."""
+    """Command line that repeats the call."""
     return f"python -m tests.attack {kind} --first {seed} --count 1"
 
 
 def _watch(kind: str, seed: int, done: threading.Event) -> None:
-    """End the process with a call that never ends: kernels cannot be interrupted."""
+    """End the process if a call never ends: kernels cannot be interrupted."""
     start = time.process_time()
     while not done.wait(1.0):
         if time.process_time() - start > HANGS:
@@ -54,13 +54,13 @@ def _watch(kind: str, seed: int, done: threading.Event) -> None:
 def _outcome(kind: str, seed: int) -> tuple[str, list[np.ndarray]]:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", "warp: (the )?target camera")  # that see nothing
+        warnings.filterwarnings("ignore", "warp: (the )?target camera")  # targets may see nothing
         try:
             call = MAKERS[kind](seed)
             made = call.call()
         except ibr.ArgumentError as error:
             if "\n" in str(error) or len(str(error)) > 500:
-                raise BrokenLawError(f"no sentence: {error}") from None
+                raise BrokenLawError(f"the message is not one short line: {error}") from None
             return str(error), []
     if kind in ("register", "clean"):
         return "sound", checked_arrays([made] if isinstance(made, np.ndarray) else list(made))
@@ -74,11 +74,11 @@ def _check_out(call: Call, made: Any, frames: list[ibr.Frame]) -> None:
         outs = call.out if isinstance(made, list) else [call.out]
         for frame, out in zip(frames, outs, strict=True):
             if frame.color is not out.color or frame.depth is not out.depth or frame.valid is not out.valid:
-                raise BrokenLawError("`out` is not what was written")
+                raise BrokenLawError("the frame does not hold the arrays of `out`")
 
 
 def checked_arrays(made: list[np.ndarray]) -> list[np.ndarray]:
-    """Images of one size: masks, colours or whole numbers, and depth, which is none, or finite and above 0."""
+    """Check images of one size: masks, colours or whole numbers, and depth, which is NaN, or finite and above 0."""
     for array in made:
         if array.shape[:2] != made[0].shape[:2] or array.dtype not in (np.bool_, np.uint8, np.uint16, np.float32):
             raise BrokenLawError(f"{array.dtype} of shape {array.shape}")
@@ -89,7 +89,7 @@ def checked_arrays(made: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
-    """The arrays of a frame that is sound."""
+    """Return the arrays of a frame, after checking that it is sound."""
 
     def must(so: bool, words: str) -> None:
         if not so:
@@ -99,10 +99,11 @@ def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
     shape = (frame.camera.height, frame.camera.width)
     color, depth, valid = frame.color, frame.depth, frame.valid
     must(
-        color.shape[:2] == shape and color.shape[2] in (0, 3) and color.dtype in (np.uint8, np.float32), "color's form"
+        color.shape[:2] == shape and color.shape[2] in (0, 3) and color.dtype in (np.uint8, np.float32),
+        "shape or dtype of color",
     )
-    must(depth.shape == shape and depth.dtype == np.float32, "depth's form")
-    must(valid.shape == shape and valid.dtype == np.bool_, "valid's form")
+    must(depth.shape == shape and depth.dtype == np.float32, "shape or dtype of depth")
+    must(valid.shape == shape and valid.dtype == np.bool_, "shape or dtype of valid")
     must(set(np.unique(valid.view(np.uint8)).tolist()) <= {0, 1}, "valid is neither 0 nor 1")
     must(bool(np.isfinite(color).all()), "color not finite")
     told = ~np.isnan(depth)
@@ -110,29 +111,29 @@ def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
     must(bool((np.isfinite(some) & (some > 0)).all()), f"depths like {some[~(np.isfinite(some) & (some > 0))][:3]}")
     must(bool(told[valid].all()), "valid pixels without depth")
     if options.get("fill") is None:
-        must(bool((told == valid).all()), "depth where it is not valid")
+        must(bool((told == valid).all()), "depth at invalid pixels, or none at valid ones")
         if not np.any(options.get("background", 0)):
-            must(not color[~valid].any(), "colour where it is not valid")
+            must(not color[~valid].any(), "colour at invalid pixels")
     made = [color, depth, valid]
     if frame.alpha is not None:
         alpha = frame.alpha
-        must(alpha.shape == shape and bool(((alpha >= 0) & (alpha <= 1)).all()), "alpha's values")
-        must(bool(((alpha > 0) == valid).all()), "covered pixels that are not valid")
+        must(alpha.shape == shape and bool(((alpha >= 0) & (alpha <= 1)).all()), "shape or values of alpha")
+        must(bool(((alpha > 0) == valid).all()), "alpha > 0 differs from valid")
         made.append(alpha)
     if frame.guessed is not None:
-        must(frame.guessed.shape == shape and frame.guessed.dtype == np.bool_, "guesses' form")
-        must(not (frame.guessed & ~valid).any(), "guesses of what is not valid")
+        must(frame.guessed.shape == shape and frame.guessed.dtype == np.bool_, "shape or dtype of guessed")
+        must(not (frame.guessed & ~valid).any(), "guessed pixels that are invalid")
         made.append(frame.guessed)
     if frame.classes is not None:
         classes = frame.classes
-        must(classes.shape == shape and bool((classes <= 3).all()), "classes' values")
-        must(bool(((classes == ibr.PixelClass.SEEN) == valid).all()), "seen is not valid")
+        must(classes.shape == shape and bool((classes <= 3).all()), "shape or values of classes")
+        must(bool(((classes == ibr.PixelClass.SEEN) == valid).all()), "the class SEEN differs from valid")
         must(frame.source is not None, "classes without origins")
         made.append(classes)
     if frame.source is not None:
         source, view = frame.source, frame.view
-        must(source.shape == (*shape, 2) and view.shape == shape, "source's form")
-        must(bool((np.isfinite(source).all(axis=2) == valid).all()), "source not finite, or where it is not valid")
-        must(bool(((view >= 0) == valid).all()), "view of what is not valid")
+        must(source.shape == (*shape, 2) and view.shape == shape, "shape of source or view")
+        must(bool((np.isfinite(source).all(axis=2) == valid).all()), "finite source differs from valid")
+        must(bool(((view >= 0) == valid).all()), "view >= 0 differs from valid")
         made += [source, view]
     return made

@@ -1,6 +1,6 @@
-"""Random warps against float64 rays: each pixel shows what its ray meets first.
+"""Random warps against float64 rays: each pixel shows the first hit of its ray.
 
-`python -m tests.attack rays --first 0 --count 1000` makes such.
+`python -m tests.attack rays --first 0 --count 1000` runs them.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from tests.attack.law import BrokenLawError
 
 Array = NDArray[Any]
 
-HAIR = 2e-3  # target pixels: rays that see something else so close by pass an end of the surface within rounding
-DEPTH_OFF = 1e-3  # of the depth: float32, a dozen operations, where a steep surface moves by HAIR
-OFF = {"search": 0.002, "epipolar": 0.006}  # of the pixels: lines beside noise and thin things pass some by
+HAIR = 2e-3  # target pixels: a ray whose neighbour this close differs passes an end of the surface, within rounding
+DEPTH_OFF = 1e-3  # share of the depth: float32, a dozen operations, and steep surfaces that move by HAIR
+OFF = {"search": 0.002, "epipolar": 0.006}  # share of the pixels: lines miss some beside noise and thin structures
 
 
 @dataclass(frozen=True)
 class RandomWarp:
-    """A view, a target, and the options of the warp that both the warp and the rays know."""
+    """A view, a target, and the options that the warp and the rays share."""
 
     view: ibr.DepthImage
     camera: ibr.Camera
@@ -33,7 +33,7 @@ class RandomWarp:
 
 
 def random_case(seed: int) -> RandomWarp:
-    """Waves, boxes before them, holes, single samples and noise, seen from anywhere, turned and zoomed."""
+    """Waves, boxes in front of them, holes, single samples and noise, seen from anywhere, rotated and zoomed."""
     rng = np.random.default_rng(seed)
     size = int(rng.integers(1, 60)), int(rng.integers(1, 48))
     own, there = (str(rng.choice(["perspective", "perspective", "orthographic"])) for _ in range(2))
@@ -73,7 +73,7 @@ def judge_rays(seed: int) -> str:
     """Compare a random warp with rays. Returns "sound", or raises BrokenLawError."""
     case = random_case(seed)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of targets that see nothing
+        warnings.simplefilter("ignore")  # targets may see nothing
         frame = ibr.warp(case.view, case.camera, **case.options)
     surface = truth.Surface(case.view, case.options["edges"], case.options.get("cut_ratio"))
     seen = surface.cast(case.camera, case.options["side"])
@@ -82,14 +82,14 @@ def judge_rays(seed: int) -> str:
         K = case.camera.K + HAIR * np.array([[0, 0, dx], [0, 0, dy], [0, 0, 0]])
         beside = ibr.Camera(K, case.camera.size, case.camera.world_from_camera, projection=case.camera.projection)
         off &= _off(frame, surface.cast(beside, case.options["side"]))
-    allowed = 2 + OFF[case.options["method"]] * off.size  # 2: of a picture of few pixels
+    allowed = 2 + OFF[case.options["method"]] * off.size  # 2: for pictures of few pixels
     if off.sum() > allowed:
-        raise BrokenLawError(f"{off.sum()} of {off.size} pixels are not what their rays meet ({case.options})")
+        raise BrokenLawError(f"{off.sum()} of {off.size} pixels differ from their rays' first hits ({case.options})")
     return "sound"
 
 
 def _off(frame: ibr.Frame, seen: truth.Truth) -> Array:
-    """(H, W) bool: pixels that show something else."""
+    """Pixels, (H, W) bool, that differ from the rays."""
     with np.errstate(invalid="ignore"):
         same = np.abs(frame.depth - seen.depth) <= DEPTH_OFF * np.abs(seen.depth)
     return (frame.valid != seen.valid) | (frame.valid & seen.valid & ~same)

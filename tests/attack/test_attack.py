@@ -1,6 +1,6 @@
 """Two thousand random calls; `make fuzz` makes many more.
 
-They are made in processes of their own: a crash, or a kernel that never ends, is told with its seed, too.
+They run in separate processes, so that a crash or an endless kernel is also reported with its seed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
     ("kind", "first", "count"),
     [
         *(("warp", first, 500) for first in (0, 500)),
-        ("render", 0, 150),  # they meet other kernels than others do, built for them
+        ("render", 0, 150),  # each call builds kernels that the other kinds do not use
         ("register", 0, 500),
         ("clean", 0, 200),
         ("rays", 0, 300),

@@ -1,4 +1,4 @@
-"""The benchmarks: their arithmetic, their files, the report of a small result, and that all of it runs."""
+"""The benchmarks: their arithmetic, their files, the report of a small result, and a complete run."""
 
 from __future__ import annotations
 
@@ -88,9 +88,9 @@ def test_result_survives_json(tmp_path: Path) -> None:
 
 @pytest.mark.thorough
 def test_the_published_reports_are_those_of_their_results(tmp_path: Path) -> None:
-    """One of the version, and one in each folder of another machine."""
+    """Each version has one report, and one in each folder of another machine."""
     published = Path(report.__file__).parent / "results" / ibr.__version__
-    if not published.is_dir():  # of a version that has just begun
+    if not published.is_dir():  # the version has just begun
         pytest.skip("no results of this version are here")
     for folder in {path.parent for path in published.rglob("*.json")}:
         copy = tmp_path / folder.name
@@ -116,7 +116,7 @@ def test_records_without_values_or_units_are_refused() -> None:
 
 
 def canned_peers(nearest: float) -> Result:
-    """Two sizes and positions: warpFrame takes 10 and 20 ms, we ``nearest`` times that."""
+    """Two sizes and positions: warpFrame takes 10 and 20 ms, pyibr ``nearest`` times as long."""
     records: list[Record] = []
     for n in (1024, 2048):
         for region, base in (("A", 10.0), ("E", 20.0)):
@@ -179,8 +179,8 @@ def test_counted_samples_do_not_depend_on_luck() -> None:
         assert runs[0] == runs[1]
     search, epipolar = counts["search"][0], counts["epipolar"][0]
     assert set(search) == {"search", "resolve"} and set(epipolar) == {"epipolar_sweep", "resolve"}
-    assert search["resolve"] == Visited(0, 0)  # each pixel has found its own answer
-    # The sweep settles each seen pixel once; a search visits every sample before each of them.
+    assert search["resolve"] == Visited(0, 0)  # the search answers each pixel by itself
+    # The sweep settles each visible pixel once; a search visits every sample in front of each of them.
     sweep = epipolar["epipolar_sweep"]
     assert 48 * 48 / 2 < sweep.pixels < 3 * 48 * 48
     assert sweep.samples < search["search"].samples / 5
@@ -197,7 +197,7 @@ def test_what_resolve_traces_is_counted() -> None:
         assert found["resolve"].pixels <= n * n
         assert found["resolve"].samples >= found["resolve"].pixels  # at least a cell each
         traced.append(found["resolve"].pixels)
-    # On smooth ground the lines' answers are the pixels'; in noise next to none is.
+    # On smooth ground, answers of the lines hold for the pixels; in noise hardly any does.
     assert traced[0] < 0.2 * n * n < 0.5 * n * n < traced[1]
 
 
@@ -236,7 +236,7 @@ def test_the_pictures_of_table_2_are_right(name: str) -> None:
 
 
 def test_pictures_that_are_not_right_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The torus without its inner wall; one with a part of it missing; one that is too far away."""
+    """The torus without its inner wall, with a part missing, and too far away."""
     pytest.importorskip("open3d", exc_type=ImportError)
     coarse = torus()
     monkeypatch.setattr(models, "torus_mesh", lambda: coarse)
@@ -274,7 +274,7 @@ def test_a_row_of_table_2_says_whether_its_picture_is_right(tmp_path: Path) -> N
 def test_the_depth_mesh_papers_stages_make_its_frame_rates() -> None:
     for row in depthmesh.PAPER_RENDERING.values():
         stages = row.selection + row.depth + row.color + row.blend
-        assert stages < 1000 / row.rate < stages + 5  # what the paper's frames take beside the stages it lists
+        assert stages < 1000 / row.rate < stages + 5  # time of the paper's frames besides the listed stages
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
@@ -305,7 +305,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "## The paper's table 2",
         "## Peers",
         "## Real RGB-D",
-        *(["### Threads"] if "Portable" in current().device.platform else []),  # others hide how many they have
+        *(["### Threads"] if "Portable" in current().device.platform else []),  # others hide their threads
         "### White noise",
         "### Stereo",
         "### A light field",
@@ -338,13 +338,13 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "slicing-error.png",
         "depthmesh-simplification.png",
     }
-    # The picture of a report comes from the files alone.
+    # A report depends on the files alone.
     (tmp_path / "out/report.md").unlink()
     assert report.write(tmp_path / "out").read_text() == text
 
 
 def test_pictures_of_llvmpipe_keep_their_own_textures() -> None:
-    """An object's, its hull's, and the object's again, prepared before any is drawn."""
+    """An object, its hull and the object again, all prepared before any is drawn."""
     if isinstance(gl := llvmpipe.context(), str):
         pytest.skip(gl)
     pytest.importorskip("open3d")
@@ -354,5 +354,5 @@ def test_pictures_of_llvmpipe_keep_their_own_textures() -> None:
     pictures = [llvmpipe.slices(camera, thing, 1.0, 6.0) for thing in things]
     for thing, picture in zip(things, pictures, strict=True):
         ours, theirs = ibr.render(thing, camera).valid, np.isfinite(picture.picture()[1])
-        # Slices half a spacing apart: up to one of 48 slices at the outline
+        # Slices half a spacing apart: the outline may differ by one of 48 slices
         assert (ours & theirs).sum() / (ours | theirs).sum() >= 0.96

@@ -1,4 +1,4 @@
-"""The benchmark on depth cameras: its scenes, its maps for OpenCV, and what its section says."""
+"""The benchmark of depth cameras: its scenes, its maps for OpenCV, and its section."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def view(scene: str, number: int, size: tuple[int, int] = SIZE, noise: float = 0
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("size", [SIZE, (640, 480), (211, 208)], ids=scenes.shown)
 def test_frames_of_a_scene_are_of_one_world(scene: str, size: tuple[int, int]) -> None:
-    """Scaled and cropped, one frame is the other where both see: poses, K and depth belong together."""
+    """Scaled and cropped frames agree where both see the scene: poses, K and depth belong together."""
     source, target = view(scene, 0, size), view(scene, 4, size)
     assert source.camera.size == size and source.color.shape == (size[1], size[0], 3)
     task = Task(source.color, source.depth, source.camera, target.camera)
     frame = task.ours(edges="cut")
     both = frame.valid & target.valid & (np.abs(frame.depth - target.depth) < 0.02 * target.depth)
     assert both.mean() > 0.75
-    # 1 mm: the living room's depth is in whole ones. 6 of 255: its edges, seen small.
+    # 1 mm: the living room's depth is in whole millimetres. 6 of 255: its edges at a small size.
     assert metrics.median_depth_error(frame.depth, target.depth, valid=both) <= 1e-3
     assert metrics.median_color_error(frame.color, target.color, valid=both) <= 6
 
@@ -56,16 +56,16 @@ def test_noise_is_of_the_disparity_and_in_steps(scene: str) -> None:
     scale = clean.camera.K[0, 0] * 0.075
     with np.errstate(divide="ignore"):
         exact, found = scale / clean.depth.astype(float), scale / noisy.depth.astype(float)
-    both = clean.valid & noisy.valid & (exact > 2.5)  # a disparity of five sigmas: none is lost below zero
+    both = clean.valid & noisy.valid & (exact > 2.5)  # a disparity of five sigmas, so that none falls below zero
     np.testing.assert_allclose(8 * found[both], np.round(8 * found[both]), atol=1e-4)
-    # 0.5, and rounding's 1/8 / sqrt(12) on top; of so many samples the estimate is good to a few percent.
+    # 0.5, plus 1/8 / sqrt(12) from rounding; with so many samples the estimate is good to a few percent.
     assert (found - exact)[both].std() == pytest.approx(np.hypot(0.5, 0.125 / np.sqrt(12)), rel=0.08)
     assert not (noisy.valid & ~clean.valid).any()
 
 
 @pytest.mark.parametrize("motion", ["0 to 50", "50 to 0"])
 def test_maps_for_opencv_read_the_source_where_our_frame_does(motion: str) -> None:
-    """With a turn between the cameras, too."""
+    """Also with a rotation between the cameras."""
     import cv2
 
     source, target = (view(scenes.ROOM, int(number), (320, 240)) for number in motion.split(" to "))
@@ -76,7 +76,7 @@ def test_maps_for_opencv_read_the_source_where_our_frame_does(motion: str) -> No
     read = cv2.remap(task.color, across, down, cv2.INTER_LINEAR)
     off = np.abs(read.astype(int) - frame.color).max(axis=2)[frame.valid]
     assert frame.valid.mean() > 0.4
-    # We do not interpolate across the borders of objects.
+    # pyibr does not interpolate across the borders of objects.
     torn = edges_of(source)
     whole = ~(torn.right[:-1, :-1] | torn.right[1:, :-1] | torn.below[:-1, :-1] | torn.below[:-1, 1:])
     x, y = (np.clip(a.astype(int), 0, n - 2) for a, n in zip((across, down), source.camera.size, strict=True))
@@ -94,7 +94,7 @@ def test_warp_frame_means_the_same_warp() -> None:
 
 
 def canned(linear: float) -> Result:
-    """warpFrame takes 10 ms; pyibr linear ``linear`` times that without noise, and one row of nearest 4 times."""
+    """warpFrame takes 10 ms; pyibr linear ``linear`` times as long without noise, and one row of nearest 4 times."""
     result = Result("rgbd", ENVIRONMENT)
     for size in ("640 x 480", "3840 x 2160"):
         for noise in (0.0, 0.3):
@@ -196,7 +196,7 @@ def test_filling_is_judged_by_opencvs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", scenes.STEREO)
 def test_photographs_with_disparity_are_of_one_world(name: str) -> None:
-    """As far as the photographs themselves differ: backward warps with the disparity are 3.0 to 5.3 levels off."""
+    """As exact as the photographs allow: backward warps with the disparity are 3.0 to 5.3 levels off."""
     if not (scenes.data_folder() / "stereo_middlebury").is_dir():
         pytest.skip("needs the photographs")
     found = scenes.stereo(name)

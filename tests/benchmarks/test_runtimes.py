@@ -1,4 +1,4 @@
-"""CPU runtimes beside each other: which Pythons are run where, and what the report says of them."""
+"""CPU runtimes compared: which Python runs where, and the report's section about them."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def sphere(radius: float = 1.0, resolution: int = 200):
 
 
 def sphere_depth(camera: Camera, layer: str, radius: float = 1.0):
-    """Closed form for a sphere about the origin; nan where it is missed."""
+    """Depth of a sphere about the origin, in closed form; NaN where rays miss it."""
     x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     pixel = np.stack([x, y], -1).reshape(-1, 2)
     one = camera.unproject(pixel, np.ones(len(pixel)))
@@ -144,7 +144,7 @@ def test_captured_cube_images_meet_without_a_gap(size):
         points.append(world[border])
     every = np.concatenate(points)
     distance = np.linalg.norm(every[:, None] - every[None], axis=2)
-    # Each border sample has its twin in another image: 8 corners are there three times, the others twice.
+    # Each border sample has a twin in another image. The 8 corners appear three times, the other border samples twice.
     twins = (distance < 1e-6).sum(axis=1)
     assert np.count_nonzero(twins == 3) == 24
     assert np.count_nonzero(twins == 2) == len(every) - 24
@@ -215,7 +215,7 @@ def test_six_views_see_a_box_from_its_six_sides(projection):
         expected = np.eye(3)[axis] * (1 if sign == 0 else -1)
         np.testing.assert_allclose(view.camera.forward, expected, atol=1e-12)
         assert view.camera.projection == projection
-        # Its front face: at the middle half its extent before the object's middle, and in full on the image.
+        # Depth of the front face in the middle: half an extent less than the object's middle. The face is seen in full.
         z = np.dot(middle - view.camera.center, expected) - 0.5 * extents[axis]
         assert view.depth[size // 2, size // 2] == pytest.approx(z, rel=1e-6)
         across = np.delete(extents, axis)
@@ -249,7 +249,7 @@ def test_a_mesh_is_captured_with_its_own_colours():
 @pytest.mark.parametrize("projection", ["orthographic", "perspective"])
 @pytest.mark.parametrize("thickness", [0, 0.01])
 def test_an_object_too_thin_for_six_views(projection, thickness):
-    """A plate from its edge lies between two rows of pixels."""
+    """A thin plate seen edge-on lies between two rows of pixels."""
     plate = Mesh(*cuboid((0, 0, 0), (1, 1, thickness)))
     with pytest.raises(ArgumentError, match=r"^mesh: expected .*thicker than a pixel.* got extents of 1, 1, "):
         object_views(plate, 64, projection=projection)
@@ -273,7 +273,7 @@ def test_a_texture_repeats_as_it_does_when_the_mesh_is_drawn():
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_the_border_of_a_mesh_is_seen(projection):
-    """Rays that meet the outermost edges exactly: the ray caster lets some of them slip through."""
+    """Rays exactly at the outermost edges, some of which the ray caster lets slip through."""
     y, x = np.mgrid[:5, :5]
     first = (y[:-1, :-1] * 5 + x[:-1, :-1]).ravel()
     faces = np.concatenate([np.stack([first, first + 1, first + 5], 1), np.stack([first + 1, first + 6, first + 5], 1)])

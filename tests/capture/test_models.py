@@ -38,7 +38,7 @@ def test_the_globe_is_a_sphere_displaced_outwards():
 
 
 def test_the_globe_has_north_up_and_east_to_the_right():
-    # Equirectangular: red grows with longitude from -180 to 180 degrees, green from the north to the south.
+    # Equirectangular: red grows with longitude from -180 to 180 degrees, green from north to south.
     width, height = 720, 360
     red, green = np.meshgrid(np.linspace(0, 255, width), np.linspace(0, 255, height))
     color = np.stack([red, green, 0 * red], -1).astype(np.uint8)
@@ -83,21 +83,21 @@ def test_the_whole_torus_is_seen(direction):
 
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The torus of fewer triangles."""
+    """Replace the torus by one with fewer triangles."""
     mesh = torus()
     monkeypatch.setattr(models, "torus_mesh", lambda: mesh)
 
 
 @pytest.mark.usefixtures("coarse")
 def test_six_frusta_around_it_see_the_torus_and_its_inner_wall():
-    """By rays, from where the wall is seen through the hole."""
+    """Compared with rays, from directions that see the wall through the hole."""
     views = models.torus_from_outside(160)
     assert len(views) == 6
     for direction in ((0.45, -0.4, -1), (1, 1, 1), (-1, -1.2, -0.3)):
         camera = models.view(views, (131, 117), direction=direction)
         expected = capture(models.torus_mesh(), camera)
         frame = warp(views, camera)
-        # But for outlines, which images know to a sample
+        # Except at outlines, which the images locate to a sample
         assert frame.valid[expected.valid].mean() > 0.97
         both = frame.valid & expected.valid
         assert (np.abs(frame.depth / expected.depth - 1)[both] < 0.01).mean() > 0.99
@@ -154,7 +154,7 @@ def test_errors_name_what_is_wrong(tmp_path):
 
 @pytest.mark.thorough
 def test_sixteen_frusta_cover_the_dragons_head():
-    """By rays: they see it, and what is warped from them is it."""
+    """The frusta see the rays' hit points, and views warped from them agree with the rays."""
     frusta, about = load_frusta(models.DRAGON_HEAD)
     assert len(frusta) == 16
     assert models.DRAGON_HEAD.stat().st_size < 8000
@@ -165,7 +165,7 @@ def test_sixteen_frusta_cover_the_dragons_head():
     seen = [surface.seen(one.resized(256).capture(mesh)) for one in frusta]
     assert unseen_share(surface, seen) < 0.02
     views = models.dragon_head(path, 256)
-    box = np.sort(box * (1, -1, -1), axis=0)  # as the views are turned
+    box = np.sort(box * (1, -1, -1), axis=0)  # turned like the views
     for direction in ((-0.3, -0.2, -1), (-1, -0.1, -0.3), (0.5, -0.6, 1), (-0.2, 0.6, -1)):
         camera = Camera.look_at(
             box.mean(axis=0) + 0.15 * np.array(direction), box.mean(axis=0), (0, -1, 0), (181, 163), fov_y=45
@@ -178,7 +178,7 @@ def test_sixteen_frusta_cover_the_dragons_head():
         assert frame.valid[y, x].mean() > 0.97
         y, x = (one[frame.valid[y, x]] for one in (y, x))
         apart = np.abs(frame.depth[y, x] / expected.depth[y, x] - 1)
-        assert (apart < 2e-3).mean() > 0.93  # but for silhouettes, which images know to a sample
+        assert (apart < 2e-3).mean() > 0.93  # except at silhouettes, which the images locate to a sample
     assert models.view(views, (32, 32)).center[2] < 0
 
 
@@ -203,7 +203,7 @@ def test_the_donut_is_closed_and_its_normals_point_outwards():
     corner = mesh.vertices[mesh.faces].astype(float)
     across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     assert (np.einsum("nc,nc->n", across, mesh.normals[mesh.faces[:, 0]]) > 0).all()
-    # The volume inside, by the divergence theorem: that of the polygons, a little less than 2 pi^2 R r^2.
+    # Volume by the divergence theorem. The polygons enclose a little less than the torus, 2 pi^2 R r^2.
     volume = np.einsum("nc,nc->", across, corner[:, 0]) / 6
     assert 0.96 <= volume / (2 * np.pi**2 * 2 * 0.25) <= 1
     with pytest.raises(ArgumentError, match="sides"):

@@ -1,4 +1,4 @@
-"""Captured depth against Open3D's ray casting (Embree): which pixels show the mesh, and how deep it lies there."""
+"""Captured depth against Open3D's ray casting (Embree): which pixels show the mesh, and at which depth."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def mesh_of(name: str) -> ibr.Mesh:
 
 
 def cast(mesh: ibr.Mesh, camera: ibr.Camera) -> np.ndarray:
-    """(H, W) depth in float64 of what the rays through the pixels meet first, on its triangle's plane; inf if none."""
+    """Depth (H, W), in float64, of the first triangle's plane that each pixel's ray hits; inf if there is none."""
     origin, direction = np.split(rays_of(camera), 2, axis=1)
     seen = np.isfinite(direction).all(axis=1)
     found = embree(mesh).cast_rays(np.concatenate([origin, direction], axis=1, dtype=np.float32)[seen])
@@ -32,7 +32,7 @@ def cast(mesh: ibr.Mesh, camera: ibr.Camera) -> np.ndarray:
 
 
 def differing(view: ibr.DepthImage, expected: np.ndarray) -> tuple[int, int]:
-    """Count the pixels that differ in coverage or by more than 1e-5 of the depth, and those that are covered."""
+    """Count the pixels that differ in coverage or by more than 1e-5 of the depth, and the covered pixels."""
     there = np.isfinite(expected)
     both = there & view.valid
     off = np.abs(view.depth[both] / expected[both] - 1) > 1e-5
@@ -59,7 +59,7 @@ LENSES = {
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("focal", [30, 90])
 def test_a_lens_sees_what_a_ray_caster_sees_by_its_rays(lens, focal):
-    """Within the torus' hole, where it is all around, and triangles cross the camera's plane."""
+    """Inside the hole of a torus, which surrounds the camera with triangles that cross the camera's plane."""
     camera = ibr.Camera([[focal, 0, 60], [0, focal, 40], [0, 0, 1]], (121, 83), None, lens=LENSES[lens])
     off, covered = differing(capture(torus(), camera), cast(torus(), camera))
     assert covered > 2900

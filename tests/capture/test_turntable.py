@@ -1,4 +1,4 @@
-"""Turntables: where the cameras go."""
+"""Turntables: the positions of their cameras."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_a_turn_goes_round_the_middle_in_equal_steps(box: ibr.Mesh):
     middle = np.array([1, 0.5, 4.5])
     ways = np.array([camera.center - middle for camera in cameras])
     np.testing.assert_allclose(np.linalg.norm(ways, axis=1), np.linalg.norm(ways[0]), rtol=1e-9)
-    np.testing.assert_allclose(ways[:, 1], ways[0, 1], rtol=1e-9)  # as high above it
+    np.testing.assert_allclose(ways[:, 1], ways[0, 1], rtol=1e-9)  # at constant height
     angles = np.unwrap(np.arctan2(ways[:, 0], ways[:, 2]))
     np.testing.assert_allclose(np.diff(angles), np.radians(45), rtol=1e-9)
     for camera in cameras:

@@ -1,4 +1,4 @@
-"""The paper's torus, of a sixteenth of its triangles."""
+"""The paper's torus with a sixteenth of its triangles."""
 
 from __future__ import annotations
 

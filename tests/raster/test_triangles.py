@@ -1,4 +1,4 @@
-"""The rasteriser against Embree's rays, and its laws: no crack, no pixel twice, nothing clipped wrongly."""
+"""The rasteriser against Embree's rays, and its guarantees: no crack, no pixel twice, nothing clipped wrongly."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MESHES = ["meshes/dragon_vrip_res3.ply.gz", "meshes/teapot.obj.gz", "meshes/huma
 
 
 def numbered(mesh: ibr.Mesh) -> ibr.Mesh:
-    """The same triangles without shared vertices, each in a colour that is its number."""
+    """Same triangles without shared vertices; each colour encodes the triangle's index."""
     number = np.arange(len(mesh.faces))
     color = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=-1).astype(np.uint8)
     return ibr.Mesh(
@@ -38,7 +38,7 @@ def numbers_of(frame: ibr.Frame) -> np.ndarray:
 
 
 def cast(mesh: ibr.Mesh, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """True depth (inf: nothing) and number of the triangle (-1)."""
+    """True depth (inf where no triangle is hit) and index of the triangle (-1)."""
     hits, shape = embree(mesh).cast_rays(rays_of(camera).astype(np.float32)), (camera.height, camera.width)
     found = hits["primitive_ids"].numpy().reshape(shape).astype(np.int64)
     return hits["t_hit"].numpy().reshape(shape), np.where(found == 0xFFFFFFFF, -1, found)
@@ -58,7 +58,7 @@ def around(mesh: ibr.Mesh, projection: str, direction: tuple[float, float, float
 
 
 def interior(depth: np.ndarray, jump: float) -> np.ndarray:
-    """Pixels 3 away from silhouettes and from jumps in depth."""
+    """Pixels 3 away from silhouettes and from depth jumps."""
     z = np.where(np.isfinite(depth), depth, depth[np.isfinite(depth)].max() + 10 * jump).astype(np.float32)
     box = np.ones((3, 3))
     edges = (cv2.dilate(z, box) - cv2.erode(z, box) > jump).astype(np.uint8)
@@ -66,7 +66,7 @@ def interior(depth: np.ndarray, jump: float) -> np.ndarray:
 
 
 def corners(mesh: ibr.Mesh, number: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) float64 corners of triangles."""
+    """Corners (n, 3, 3) of triangles, in float64."""
     return mesh.vertices.astype(np.float64)[mesh.faces[number]]
 
 
@@ -79,10 +79,10 @@ def check_against_embree(mesh: ibr.Mesh, camera: Camera) -> None:
     assert inside.sum() > 1000
     same = inside & (drawn == number)
     assert same.sum() >= 0.995 * inside.sum()
-    # 1e-4: float32 pixels of up to 1280 in positions, over triangles of a pixel
+    # 1e-4: float32 positions of up to 1280 pixels, over triangles the size of a pixel
     np.testing.assert_allclose(frame.depth[same], depth[same], rtol=1e-4)
-    assert (frame.valid != np.isfinite(depth)).mean() <= 1e-4  # a pixel in 1000 of the outline
-    # Others, everywhere: an edge passes by, as near as corners move (1/512 each way), or two lie in one another.
+    assert (frame.valid != np.isfinite(depth)).mean() <= 1e-4  # one in 1000 pixels of the outline
+    # Other pixels: an edge passes as near as corners move (1/512 each way), or both triangles are equally deep.
     y, x = np.nonzero((drawn != number) & (drawn >= 0) & (number >= 0))
     pixels = np.stack([x, y], axis=-1).astype(np.float64)
     one, other = corners(mesh, drawn[y, x]), corners(mesh, number[y, x])
@@ -104,13 +104,13 @@ def test_the_visible_triangle_is_embrees(name, projection):
 @pytest.mark.thorough
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_the_visible_one_of_many_triangles_is_embrees(projection):
-    """Triangles of a pixel: at half this resolution 1 in 200 pixels has an edge within 1/256 of it."""
+    """Triangles the size of a pixel: at half this resolution, 1 in 200 pixels has an edge within 1/256 of it."""
     mesh = ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz"))
     check_against_embree(mesh, around(mesh, projection, (0.3, 0.4, 1), (1280, 960)))
 
 
 def split(columns: int, rows: int, rng: np.random.Generator) -> np.ndarray:
-    """Faces of a grid of vertices, each cell cut along either diagonal."""
+    """Faces of a grid of vertices, with each cell cut along a random diagonal."""
     i = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     flip = rng.random(len(i))[:, None] < 0.5
     a, b, c, d = i, i + 1, i + columns, i + columns + 1
@@ -120,7 +120,7 @@ def split(columns: int, rows: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def patchwork(projection: str, thin: float, seed: int = 0) -> tuple[ibr.Mesh, Camera]:
-    """A jittered grid that covers pixels 3 to 43, some corners and edges exactly on pixel centres.
+    """A jittered grid over pixels 3 to 43, with some corners and edges exactly on pixel centres.
 
     Every other row and column is `thin` pixels wide.
     """
@@ -140,7 +140,7 @@ def patchwork(projection: str, thin: float, seed: int = 0) -> tuple[ibr.Mesh, Ca
 
 
 def times_covered(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
-    """Count the triangles that cover each pixel, each drawn alone."""
+    """Count the triangles that cover each pixel, with each triangle drawn alone."""
     covered = np.zeros((camera.height, camera.width), int)
     for face in mesh.faces:
         covered += ibr.render(ibr.Mesh(mesh.vertices, [face]), camera).valid
@@ -152,14 +152,14 @@ def times_covered(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
 def test_no_crack_and_no_pixel_twice(projection, thin):
     mesh, camera = patchwork(projection, thin, seed=int(1000 * thin))
     covered = times_covered(mesh, camera)
-    # Rounding of the projection decides on the rim's own pixels, 3 and 43, which no neighbour takes.
+    # Rounding of the projection decides about pixels on the rim, 3 and 43, which have no neighbouring triangle.
     assert (covered[4:43, 4:43] == 1).all()
     assert covered.max() == 1
     assert ibr.render(mesh, camera).valid[4:43, 4:43].all()
 
 
 def below(camera: Camera, mesh: ibr.Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Depth of the plane y = 1, and the pixels that see it well within the mesh's box."""
+    """Depth of the plane y = 1, and the pixels that see it well inside the mesh's box."""
     y, x = np.mgrid[: camera.height, : camera.width]
     pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
     origin, ray = camera.unproject(pixels, np.zeros(len(pixels))), camera.unproject(pixels, np.ones(len(pixels)))
@@ -172,7 +172,7 @@ def below(camera: Camera, mesh: ibr.Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def floor_of(cells: int, sides: tuple[float, float], jitter: tuple[float, float], rng: np.random.Generator) -> ibr.Mesh:
-    """Triangles of the plane y = 1 all round its middle; sides of cells, and jitter in sides, in x and z."""
+    """Triangles in the plane y = 1 around its middle; sides of cells, and jitter in sides, along x and z."""
     n = cells + 1
     z, x = np.mgrid[:n, :n] - cells / 2
     for along, part in ((x, jitter[0]), (z, jitter[1])):
@@ -188,27 +188,27 @@ def floor_of(cells: int, sides: tuple[float, float], jitter: tuple[float, float]
     "form", [nullcontext, pytest.param(one_lane, marks=pytest.mark.thorough)], ids=["lanes", "one lane"]
 )
 def test_no_crack_where_triangles_pass_the_camera(projection, pitch, jitter, form):
-    """A floor from behind the camera to before it.
+    """A floor that reaches from behind the camera to in front of it.
 
-    Edges along z pass through pixel centres: exactly without jitter, but for rounding with one along z.
+    Edges along z pass through pixel centres: exactly without jitter, and up to rounding with jitter along z.
     """
     floor = floor_of(6, (0.5, 4), jitter, np.random.default_rng(1))
     f = 100.3 if projection == "perspective" else 40
     camera = Camera([[f, 0, 80], [0, f, 60], [0, 0, 1]], (161, 121), pose(pitch=-pitch), projection=projection)
     depth, within = below(camera, floor)
-    assert within.sum() > 2000 or (pitch == 0 and projection == "orthographic")  # which sees an edge only
+    assert within.sum() > 2000 or (pitch == 0 and projection == "orthographic")  # this camera sees the floor edge-on
     with form():
         frame, covered = ibr.render(floor, camera), times_covered(floor, camera)
     assert (covered[within] == 1).all()
     assert frame.valid[within].all()
-    # 1e-4: float32 planes, seen at a slope, of triangles that reach 12 units behind the camera and aside
+    # 1e-4: oblique float32 planes of triangles that reach 12 units behind the camera and to its side
     np.testing.assert_allclose(frame.depth[within], depth[within], rtol=1e-4)
     assert not frame.valid[depth < 0].any()
 
 
 @pytest.mark.parametrize("seed", [3, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (0, 1, 2, 4, 5))])
 def test_no_crack_between_triangles_that_pass_the_camera_and_others(seed):
-    """Few pixel centres lie so near to such an edge that its two triangles could differ: 7 million pixels."""
+    """Among 7 million pixels, few centres lie so near such an edge that its two triangles could differ."""
     floor = floor_of(12, (2, 2), (0.3, 0.3), np.random.default_rng(seed))
     camera = Camera([[600, 0, 640], [0, 600, 480], [0, 0, 1]], (1281, 961), pose(pitch=-60, roll=10 * seed))
     _, within = below(camera, floor)
@@ -216,7 +216,7 @@ def test_no_crack_between_triangles_that_pass_the_camera_and_others(seed):
 
 
 def test_the_floor_up_to_the_horizon():
-    """Two triangles with corners far behind the camera: the plane's analytic depth."""
+    """Two triangles with corners far behind the camera, against the plane's analytic depth."""
     floor = ibr.Mesh([[-500, 1, -50], [500, 1, -50], [500, 1, 50], [-500, 1, 50]], [[0, 1, 2], [0, 2, 3]])
     camera = Camera([[60, 0, 79.5], [0, 60, 59.5], [0, 0, 1]], (160, 120))
     frame = ibr.render(floor, camera)
@@ -229,7 +229,7 @@ def test_the_floor_up_to_the_horizon():
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_slivers_stay_between_their_corners(projection):
-    """Seen nearly from their edges: neither depth nor colour leaves the range of the corners'."""
+    """Seen nearly edge-on: neither depth nor colour leaves the range of the corners."""
     rng = np.random.default_rng(0)
     n = 3000
     camera = Camera([[400, 0, 160], [0, 400, 120], [0, 0, 1]], (320, 240), projection=projection)
@@ -237,7 +237,7 @@ def test_slivers_stay_between_their_corners(projection):
     place = np.stack([a, a + along, a + part * along + 0.01 * rng.normal(size=(n, 2))], axis=1)
     z = rng.uniform(2, 9, (n, 3))
     points = camera.unproject(place.reshape(-1, 2), z.ravel())
-    # Red tells apart the two of a corner's colours, 100 and 101; green and blue number the triangle.
+    # Red is one of the corners' two colours, 100 and 101; green and blue encode the triangle's index.
     color = np.column_stack(
         [rng.integers(100, 102, 3 * n), *(np.arange(n).repeat(3) // (1, 256)[k] % 256 for k in (0, 1))]
     )
@@ -286,7 +286,7 @@ def test_culling():
 
 
 def test_a_triangle_that_passes_the_camera_shows_one_of_its_sides():
-    """Wherever its corners are; the side is told by where the camera lies off its plane."""
+    """The visible side depends on the side of its plane where the camera lies, wherever its corners are."""
     camera = Camera([[20, 0, 15], [0, 20, 12], [0, 0, 1]], (31, 25))
     passing = 0
     for points in np.random.default_rng(0).uniform((-3, -3, -3), (3, 3, 4), (300, 3, 3)):
@@ -300,7 +300,7 @@ def test_a_triangle_that_passes_the_camera_shows_one_of_its_sides():
 
 
 def test_slivers_are_not_culled_away():
-    """Corners are moved to subpixels, and slivers turn round: no bin may know better which side they show."""
+    """Moving corners to subpixels may flip slivers, so binning must not decide which side they show."""
     rng = np.random.default_rng(0)
     camera = Camera([[800, 0, 640], [0, 800, 480], [0, 0, 1]], (1280, 960))
     for _ in range(8):

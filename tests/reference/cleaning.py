@@ -1,6 +1,7 @@
-"""Depth cleaned step by step in NumPy, and by OpenCV: what the kernels of kernels/cleaning are to come near to.
+"""Depth cleaned step by step in NumPy and OpenCV: an approximate reference for the kernels of kernels/cleaning.
 
-Islands have values in sixteenths of the scale's 1, regions grow in the order of time, and weights are exponentials.
+Here islands have values in sixteenths of the scale's 1, regions grow in the order of time, and weights are
+exponentials.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ from pyibr.images.noise import DepthNoise
 Mask = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
 
-_RANGE = 3.3  # standard deviations of the noise, of the smoothing: what differs by ten is left apart
-_RADIUS, _SPREAD = 5, 3.0  # pixels, of the smoothing
-_REACH = 3  # pixels to either side over which a slope is found
-_NOISE_MIN = 5e-4  # of the depth: what is less is none
-_APART, _LEAST_APART = 5.0, 0.02  # deviations, and a share of depth: two surfaces are at least that far apart
-_GAP = 2  # pixels: the next sample in a direction may be so far off
-_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # colours, their channels' differences added: holes grow together in that order
-_ALIKE = 0.1  # colours of one surface, in the same measure
-_SPECKLE = 40  # pixels: a smaller island amid other depths is no surface
-_STEPS = 4096  # of the scale's table
-_STEADY_WEIGHT = 0.9  # of what was known before, where it agrees
+_RANGE = 3.3  # range of the smoothing, in standard deviations of the noise: a difference of ten stays
+_RADIUS, _SPREAD = 5, 3.0  # radius and spread of the smoothing, in pixels
+_REACH = 3  # pixels to either side for the slope
+_NOISE_MIN = 5e-4  # least noise that counts, as a share of the depth
+_APART, _LEAST_APART = 5.0, 0.02  # least distance of two surfaces, in deviations and as a share of the depth
+_GAP = 2  # largest distance, in pixels, of the next sample in a direction
+_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # sums of the channels' differences: holes grow together in this order
+_ALIKE = 0.1  # largest difference of colours on one surface, in the same measure
+_SPECKLE = 40  # pixels: a smaller island at another depth is no surface
+_STEPS = 4096  # entries of the scale's table
+_STEADY_WEIGHT = 0.9  # weight of the previous value, where it agrees
 
 
 def clean_depth(
@@ -41,7 +42,7 @@ def clean_depth(
     holes: int = 8,
     strength: float = 1.0,
 ) -> CleanedDepth:
-    """The same as `pyibr.clean_depth`, for arguments that are right."""
+    """Do the same as `pyibr.clean_depth`, for valid arguments."""
     cv2 = opencv("the reference of clean_depth", "bilateralFilter", "filterSpeckles", "morphologyEx")
     tint = None if color is None else _tint(color)
     known = None if before is None else _without_invalid(before)
@@ -79,7 +80,7 @@ def clean_depth(
 
 
 def _without_invalid(depth: Depth) -> Depth:
-    """Depth in which NaN alone is none."""
+    """Return depth with NaN for every invalid sample."""
     return np.where((depth > 0) & np.isfinite(depth), depth, np.float32(np.nan))
 
 
@@ -89,35 +90,35 @@ class _Scale:
     Parameters
     ----------
     depths : (H, W) float32
-        Images whose range it covers; NaN where there is none.
+        Images whose range the scale covers; NaN where there is no depth.
     at, noise : (k,) float64
-        Nearness, and what is to be 1 there.
+        Nearness, and the length of the scale's unit there.
     least : float
-        It is that share of the nearness at least.
+        Least length of the unit, as a share of the nearness.
     """
 
     def __init__(self, depths: Sequence[Depth], at: Float64, noise: Float64, least: float) -> None:
         low, high = 1 / max(float(np.nanmax(d)) for d in depths), 1 / min(float(np.nanmin(d)) for d in depths)
         self._nearness = np.geomspace(low, max(high, low * 1.001), _STEPS)
         found = least * self._nearness
-        if len(at):  # Nearer than what was looked at it grows with nearness: a stray sample must not stretch the scale.
+        if len(at):  # Beyond `at`, noise grows with nearness: a stray sample must not stretch the scale.
             looked = np.interp(self._nearness, at, noise) * np.maximum(self._nearness / at[-1], 1)
             found = np.maximum(found, looked)
         self._values = np.append(0, np.cumsum(2 * np.diff(self._nearness) / (found[1:] + found[:-1])))
 
     def of(self, depth: Depth) -> Float32:
-        """Depths on this scale."""
+        """Values of depths on this scale."""
         return np.interp(1 / depth.astype(np.float64), self._nearness, self._values).astype(np.float32)
 
     def depth_of(self, values: Float32) -> Depth:
-        """The inverse of `of`."""
+        """Inverse of `of`."""
         return (1 / np.interp(values, self._values, self._nearness)).astype(np.float32)
 
 
 def _flying_pixels(values: Float32) -> Mask:
-    """(H, W) samples between two surfaces, apart from both: an edge was seen there, half of each.
+    """Samples, (H, W) bool, between two surfaces and apart from both: at an edge, the camera mixed them.
 
-    Looked at along rows, columns and diagonals; the line through the next two samples on a side may lead there, too.
+    Rows, columns and diagonals are examined. A sample on the line through the next two samples of a side is no mixture.
     """
     flies = np.zeros(values.shape, np.bool_)
     for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -131,7 +132,7 @@ def _flying_pixels(values: Float32) -> Mask:
 
 
 def _beside(values: Float32, dy: int, dx: int) -> tuple[Float32, Float32]:
-    """(H, W) the next value in a direction, and what the next two, as a line, let expect here; NaN if unknown."""
+    """Next value in a direction, (H, W), and the value here predicted by the next two, as a line; NaN if unknown."""
     next_one, next_at = _first_known(values, dy, dx, np.zeros(values.shape, np.float32))
     after, after_at = _first_known(values, dy, dx, next_at)
     expected = next_one + (next_one - after) * next_at / (after_at - next_at)
@@ -139,7 +140,7 @@ def _beside(values: Float32, dy: int, dx: int) -> tuple[Float32, Float32]:
 
 
 def _first_known(values: Float32, dy: int, dx: int, beyond: Float32) -> tuple[Float32, Float32]:
-    """The first value within `_GAP` steps after `beyond` steps, and after how many; NaN if there is none."""
+    """First value within `_GAP` steps after `beyond` steps, and the number of its step; NaN if there is none."""
     height, width = values.shape
     most = 2 * _GAP
     padded = np.pad(values, most, constant_values=np.nan)
@@ -153,7 +154,8 @@ def _first_known(values: Float32, dy: int, dx: int, beyond: Float32) -> tuple[Fl
 
 
 def _held_over(values: Float32, known: Float32, tint: Float32 | None) -> Mask:
-    """(H, W) where no value is, but known is one of a surface that is seen within `_GAP` pixels, of its colour."""
+    """Samples, (H, W) bool, without a value whose known depth continues a surface of their colour, seen within
+    `_GAP`."""
     height, width = values.shape
     y, x = np.nonzero(np.isnan(values) & np.isfinite(known))
     there = np.zeros(values.shape, np.bool_)
@@ -167,7 +169,7 @@ def _held_over(values: Float32, known: Float32, tint: Float32 | None) -> Mask:
 
 
 def _filled_area(cv2: Any, kept: Mask, holes: int) -> Mask:
-    """(H, W) where samples may be invented: what no disc of this radius without a sample covers."""
+    """Samples, (H, W) bool, that may be filled: every disc of this radius around them contains a known sample."""
     if holes == 0:
         return kept
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * holes + 1, 2 * holes + 1))
@@ -181,9 +183,9 @@ def _tint(color: Color) -> Float32:
 
 
 def _region_grown(cv2: Any, depth: Depth, kept: Mask, area: Mask, tint: Float32 | None) -> Depth:
-    """Depth all over the area, from the kept samples outwards; NaN elsewhere.
+    """Depth in the whole area, grown outwards from the kept samples; NaN elsewhere.
 
-    Where colours are alike first: fronts from two sides meet at an edge of the colour.
+    Similar colours grow together first, so that fronts from two sides meet at an edge of the colour.
     """
     grown, there = np.where(kept, depth, np.float32(np.nan)), kept.copy()
     if tint is None:
@@ -195,10 +197,10 @@ def _region_grown(cv2: Any, depth: Depth, kept: Mask, area: Mask, tint: Float32 
 
 
 def _grow(cv2: Any, grown: Depth, there: Mask, area: Mask, tint: Float32, most: float) -> None:
-    """Samples get the depth of the neighbour that is most like them, as long as there are such pairs."""
+    """Give samples the depth of their most similar neighbour, as long as there are such pairs."""
     height, width = there.shape
     steps = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
-    steps.sort(key=lambda step: abs(step[0]) + abs(step[1]))  # of equal ones the first
+    steps.sort(key=lambda step: abs(step[0]) + abs(step[1]))  # the first of equal ones
     changed = there
     while True:
         near: NDArray[np.uint8] = cv2.dilate(changed.astype(np.uint8), np.ones((3, 3), np.uint8))
@@ -219,7 +221,7 @@ def _grow(cv2: Any, grown: Depth, there: Mask, area: Mask, tint: Float32, most: 
 
 
 def _speckle(cv2: Any, values: Float32) -> Mask:
-    """(H, W) islands of so few samples, apart from what is around them, that no surface is known to be there."""
+    """Islands, (H, W) bool, apart from their surroundings, with too few samples to be known as a surface."""
     there = np.isfinite(values)
     fine = min(16.0, (np.iinfo(np.int16).max - 2) / max(float(np.nanmax(values)), 1.0))
     steps = np.where(there, np.rint(np.nan_to_num(values) * fine) + 1, 0).astype(np.int16)
@@ -228,17 +230,17 @@ def _speckle(cv2: Any, values: Float32) -> Mask:
 
 
 def _islands_with(cv2: Any, islands: Mask, some: Mask) -> Mask:
-    """(H, W) the islands that have some of these samples: a wire that broke is a surface if it was one before."""
+    """Islands, (H, W) bool, that contain some of these samples: a broken wire is a surface if it was one before."""
     labels: NDArray[np.int32] = cv2.connectedComponents(islands.astype(np.uint8))[1]
     return islands & np.isin(labels, labels[islands & some])
 
 
 def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:
-    """A bilateral filter around each sample's own plane, over what is there.
+    """Filter the known values bilaterally, around each sample's own plane.
 
-    Without the planes, steep surfaces would differ from pixel to pixel by more than noise does, and keep theirs.
+    Without the planes, neighbours on steep surfaces would differ by more than the noise, and the noise would stay.
     """
-    off = float(np.nanmax(values)) + 20 * _RANGE * strength  # so far that it does not count
+    off = float(np.nanmax(values)) + 20 * _RANGE * strength  # so far off that it does not count
     rough: Float32 = cv2.bilateralFilter(
         np.nan_to_num(values, nan=off), 2 * _RADIUS + 1, 2 * _RANGE * strength, _SPREAD
     )
@@ -252,7 +254,7 @@ def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:
             if x * x + y * y <= _RADIUS * _RADIUS:
                 other = padded[_RADIUS + y : _RADIUS + y + height, _RADIUS + x : _RADIUS + x + width]
                 off_plane = other - (values + (x * across + y * down))
-                with np.errstate(over="ignore"):  # what is so unlike counts nothing
+                with np.errstate(over="ignore"):  # values so far off have no weight
                     unlike = (off_plane / np.float32(_RANGE * strength)) ** 2
                 unlike += np.float32((x * x + y * y) / _SPREAD**2)
                 weight = np.nan_to_num(np.exp(np.float32(-0.5) * unlike))
@@ -262,7 +264,7 @@ def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:
 
 
 def _slope(values: Float32, axis: int) -> Float32:
-    """(H, W) how much values change from pixel to pixel: the lesser change of the two sides', 0 where they disagree."""
+    """Change of values from pixel to pixel, (H, W): the lesser of both sides' changes, 0 where they disagree."""
     along = values if axis == 1 else values.T
     padded = np.pad(along, ((0, 0), (_REACH, _REACH)), constant_values=np.nan)
     before = (along - padded[:, : along.shape[1]]) / _REACH
@@ -273,10 +275,10 @@ def _slope(values: Float32, axis: int) -> Float32:
 
 
 def _temporally_filtered(values: Float32, known: Float32, strength: float) -> Float32:
-    """Values drawn to what was known before; the less the farther they are from it: noise does, and no move.
+    """Draw values towards the previous ones, less so the farther they are off: this calms noise, and keeps moves.
 
-    A steady drift v is followed at a distance d, both over `strength`, with d = v + `_KEPT` exp(-d^2 / 2) d: behind by
-    0.55 at most.
+    A steady drift v is followed at a distance d, both over `strength`, with d = v + `_STEADY_WEIGHT` exp(-d^2 / 2) d:
+    it lags by 0.55 at most.
     """
     off = known - values
     with np.errstate(over="ignore"):

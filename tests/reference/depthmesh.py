@@ -1,8 +1,8 @@
-"""The restricted quadtree of a depth image in float64, for reading (Pajarola, Sainz & Meng 2003, section 3).
+"""Restricted quadtree of a depth image in float64, a readable reference (Pajarola, Sainz & Meng 2003, section 3).
 
-Everything is told by triangles: each has its right angle at `apex` and is split at the middle of its longest side, the
-`split`. A vertex of the tree is such a middle: its children are the splits of the triangles that it makes. Vertices of
-the padding lie on the image's last column and row.
+The tree is described by its triangles. Each has its right angle at `apex` and is split at the middle of its longest
+side, the `split`. A vertex of the tree is such a middle; its children are the splits of the triangles that it makes.
+Vertices of the padding lie on the image's last column and row.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from pyibr.images import DepthImage
 Corner = tuple[int, int]  # x, y
 
 UNDRAWN, DRAWN = 1, 2
-MARGIN = 0.01  # samples by which spheres reach beyond children's
-ROUNDING = 2**-22  # of the depths of three points: by less, they lie on a straight line
-NEAREST = 1e-20  # scene units, within a sphere
-UNSEEN, REACH, RADIUS = 0.75, 4.5, 3  # of noise: deviations of an error, and of a pair's mean; samples
-LOSS = 4.0  # what a triangle of which only a part is drawn counts as, in its own lengths
+MARGIN = 0.01  # samples by which a sphere reaches beyond its children's
+ROUNDING = 2**-22  # share of the depths of three points: with smaller deviations, they lie on a straight line
+NEAREST = 1e-20  # scene units: least distance, for cameras within a sphere
+UNSEEN, REACH, RADIUS = 0.75, 4.5, 3  # noise: deviations of an error, deviations of a pair's mean, radius in samples
+LOSS = 4.0  # error of a triangle that is only partly drawn, in its own lengths
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Triangle:
 
     @property
     def is_leaf(self) -> bool:
-        """Half of a cell."""
+        """True for half of a cell."""
         return abs(self.end[0] - self.start[0]) == 1
 
     @property
@@ -50,7 +50,7 @@ class Triangle:
 
     @property
     def is_a(self) -> bool:
-        """Above its longest side, or left of it."""
+        """True if the apex is above the longest side, or left of it."""
         (x, y), apex = np.add(self.start, self.end) / 2, self.apex
         return apex[1] < y or (apex[1] == y and apex[0] < x)
 
@@ -69,7 +69,8 @@ class Vertex:
 
     @property
     def children(self) -> list[Corner]:
-        """Row by row; around a centre above, right, below, left. A depth is taken over from the first that has one."""
+        """Children row by row; around a centre: above, right, below, left. The first child with a depth passes it
+        on."""
         found = {half.split for side in self.sides for half in side.halves if not half.is_leaf}
         ordered = sorted(found, key=lambda corner: corner[::-1])
         around = len(ordered) == 4 and ordered[1][1] == ordered[2][1]
@@ -79,8 +80,8 @@ class Vertex:
 class Tree:
     """The tree over the view's samples; cells: (H, W) states of each cell's two triangles, A in the lower two bits.
 
-    Of a vertex's own error and its children's the sum counts, or the `largest` (the paper's). Errors are those of
-    samples without their noise.
+    The error of a vertex is the sum of its own error and its children's, or with `largest` the larger one (as in the
+    paper). Errors are measured on samples without their noise.
     """
 
     def __init__(self, view: DepthImage, cells: np.ndarray, largest: bool = False) -> None:
@@ -112,7 +113,7 @@ class Tree:
         return min(corner[0], width - 1), min(corner[1], height - 1)
 
     def is_squeezed(self, corner: Corner) -> bool:
-        """Tell whether it is a block's centre that lies off the diagonal which it bisects, in the image."""
+        """Tell whether a vertex is the centre of a block and lies, in the image, off the diagonal that it bisects."""
         side = self.vertices[corner].sides[0]
         is_center = side.start[0] != side.end[0] and side.start[1] != side.end[1]
         return is_center and any(self.sample(end) != end for end in (side.start, side.end, side.apex))
@@ -122,7 +123,7 @@ class Tree:
         return bool(self.view.valid[y, x])
 
     def place(self, corner: Corner, z: float | None = None) -> np.ndarray:
-        """In the camera's frame; z: the sample's if not given."""
+        """Position in the camera's frame; z: by default the sample's depth."""
         x, y = self.sample(corner)
         z = float(self.depth[y, x]) if z is None else z
         ray = self.ray_from_pixel @ (x, y, 1.0)
@@ -130,7 +131,7 @@ class Tree:
 
     @cached_property
     def joined(self) -> set[tuple[Corner, Corner]]:
-        """Pairs of samples that the edges of drawn triangles of the full grid join, either way."""
+        """Pairs of samples, in both orders, joined by edges of drawn triangles of the full grid."""
         found: set[tuple[Corner, Corner]] = set()
         for y, x in np.argwhere(self.cells[:-1, :-1]).tolist():
             four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
@@ -142,9 +143,9 @@ class Tree:
         return found
 
     def drawn_at(self, corner: Corner, depth: np.ndarray | None = None) -> np.ndarray:
-        """(3,) pixel at which the vertex is drawn, and its nearness there: half a pixel beyond an outermost sample.
+        """Pixel at which the vertex is drawn, and its nearness there, (3,): half a pixel outside an outermost sample.
 
-        The surface goes on straight from within, so that it passes through the sample.
+        The surface continues straight from inside, so that it passes through the sample.
         """
         x, y = corner = self.sample(corner)
         width, height = self.view.camera.size
@@ -157,7 +158,7 @@ class Tree:
             next_z = float(depth[within[::-1]])
             next_n = 1 / next_z if self.view.camera.projection == "perspective" else -next_z
             found = nearness + 0.5 * (nearness - next_n)
-        elif dx and dy and (corner, (x + dx, y)) in self.joined:  # a corner that no diagonal leads to
+        elif dx and dy and (corner, (x + dx, y)) in self.joined:  # a corner that no diagonal reaches
             plane = np.array([(x, y, nearness), *(self.drawn_at(at, depth) for at in ((x + dx, y), (x, y + dy)))])
             rows = np.column_stack([plane[:, :2], np.ones(3)])
             found = float(np.linalg.solve(rows, plane[:, 2]) @ (*place, 1.0))
@@ -172,7 +173,7 @@ class Tree:
         return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
 
     def state(self, triangle: Triangle) -> int:
-        """Tell whether it is drawn, not, or a part of it (3)."""
+        """Return the state of a triangle: drawn, undrawn, or partly drawn (3)."""
         if not triangle.is_leaf:
             return self.vertices[triangle.split].states[triangle]
         x, y = np.min(triangle.corners, axis=0)
@@ -183,11 +184,11 @@ class Tree:
     def _fill(self, corner: Corner, vertex: Vertex) -> None:
         for side in vertex.sides:
             vertex.states[side] = self.state(side.halves[0]) | self.state(side.halves[1])
-        if self.is_squeezed(corner):  # cells may lie on the other side of a diagonal than the halves that they are in
+        if self.is_squeezed(corner):  # a cell may lie on the other side of a diagonal than its half
             vertex.states = dict.fromkeys(vertex.sides, vertex.states[vertex.sides[0]] | vertex.states[vertex.sides[1]])
         low = np.min([side.corners for side in vertex.sides], axis=(0, 1))
         if (low >= np.subtract(self.view.camera.size, 1)).any():
-            return  # no triangle of it reaches the image: nothing drawn can depend on it
+            return  # none of its triangles reaches the image: nothing drawn depends on it
         children = {child: self.vertices[child] for child in vertex.children}
         below = max([-1.0, *(child.error for child in children.values())])
         known = [child.depth for child in children.values() if child.error >= 0]
@@ -211,9 +212,9 @@ class Tree:
                 vertex.radius = max(vertex.radius, reach)
 
     def own_error(self, corner: Corner) -> float:
-        """Equation 1 for midpoints, which leaves out the axis across their edge, equation 2 for centres.
+        """Error of a vertex: equation 1 for midpoints, without the axis across their edge; equation 2 for centres.
 
-        Of squeezed blocks the distance from the planes on both sides.
+        For squeezed blocks, the distance from the planes on both sides.
         """
         sides = self.vertices[corner].sides
         start, end = sides[0].start, sides[0].end
@@ -245,18 +246,18 @@ class Tree:
         return list(zip(columns.tolist(), rows.tolist(), strict=True))
 
     def length(self, corner: Corner) -> float:
-        """Of the edge that a vertex bisects, if it faces the camera."""
+        """Length of the edge that a vertex bisects, as if it faced the camera."""
         side = self.vertices[corner].sides[0]
         return float(np.linalg.norm(np.subtract(side.end, side.start))) * self.sample_size(corner)
 
     def sample_size(self, corner: Corner) -> float:
-        """In scene units, at a vertex' depth."""
+        """Size of a sample in scene units, at the depth of a vertex."""
         camera = self.view.camera
         scale = self.vertices[corner].depth if camera.projection == "perspective" else 1.0
         return scale / min(camera.K[0, 0], camera.K[1, 1])
 
     def needed(self, camera: Camera, tolerance: float) -> set[Corner]:
-        """Equation 5, from the sphere's nearest point, within what the camera sees."""
+        """Vertices by equation 5, from the sphere's nearest point, within the camera's view."""
         found: set[Corner] = set()
         there = self.view.camera.world_from_camera
         for corner, vertex in self.vertices.items():
@@ -272,9 +273,9 @@ class Tree:
         return found
 
     def simplified(self, max_error: float) -> set[Corner]:
-        """The splits without which a triangle is off by more than `max_error` in depth at a sample of it.
+        """Splits without which a triangle's depth is off by more than `max_error` at one of its samples.
 
-        From the coarsest triangles down; what is split needs all of which it is a child to be split.
+        The search runs from the coarsest triangles down. A split needs the splits of all its parents.
         """
         found: set[Corner] = set()
         while True:
@@ -290,7 +291,7 @@ class Tree:
                 wanted = {parent for corner in wanted for parent in self.parents[corner]} - found
 
     def departure(self, triangle: Triangle) -> float:
-        """Distance in depth of the samples within it from its plane, as it is drawn."""
+        """Largest distance in depth between the samples within a triangle and its plane, as drawn."""
         drawn = np.array([self.drawn_at(c) for c in triangle.corners])
         inside = np.array(self.samples_within(triangle))
         weight = np.column_stack([inside, np.ones(len(inside))]) @ np.linalg.inv(
@@ -301,7 +302,7 @@ class Tree:
         return float(np.abs((1 / plane if self.view.camera.projection == "perspective" else -plane) - depth).max())
 
     def left(self, active: set[Corner]) -> Iterator[Triangle]:
-        """The triangles that are left when those with an active split are split, from the roots down."""
+        """Triangles that remain when every triangle with an active split is split, from the roots down."""
         below = list(self.roots)
         while below:
             triangle = below.pop()
@@ -311,7 +312,7 @@ class Tree:
                 yield triangle
 
     def triangles(self, active: set[Corner]) -> Iterator[tuple[Corner, Corner, Corner]]:
-        """Those of them that are drawn."""
+        """Remaining triangles that are drawn, by their samples."""
         drawn = (triangle for triangle in self.left(active) if self.state(triangle) == DRAWN)
         for triangle in drawn:
             start, apex, end = map(self.sample, triangle.corners)
@@ -319,19 +320,19 @@ class Tree:
 
 
 def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
-    """(5,) how far a point lies beyond the planes of a camera's frustum; what is behind lies beyond the last."""
+    """Distances, (5,), of a point beyond the planes of a camera's frustum; the last plane is the camera's own."""
     here = camera.camera_from_world[:3, :3] @ point + camera.camera_from_world[:3, 3]
     one = np.array([0, 0, 1.0, 0] if camera.projection == "perspective" else [0, 0, 0, 1.0])
     found = []
     for axis, size in enumerate(camera.size):
-        pixel = np.array([*camera.K[axis, :2], 0, 0]) + camera.K[axis, 2] * one  # times one
+        pixel = np.array([*camera.K[axis, :2], 0, 0]) + camera.K[axis, 2] * one  # times `one`
         for plane in (pixel + 0.5 * one, (size - 0.5) * one - pixel):
             found.append(-(plane[:3] @ here + plane[3]) / np.linalg.norm(plane[:3]))
     return np.array([*found, -here[2]])
 
 
 def smoothed(view: DepthImage) -> np.ndarray:
-    """(H, W) float64 depth without its noise: by means of pairs of samples that lie opposite each other, in 1 / z."""
+    """Depth (H, W) without its noise, float64: means over pairs of opposite samples, in 1 / z."""
     if not any(view.noise):
         return view.depth.astype(np.float64)
     perspective = view.camera.projection == "perspective"
@@ -352,13 +353,13 @@ def smoothed(view: DepthImage) -> np.ndarray:
     return 1 / found if perspective else -found
 
 
-# --- what is surface -----------------------------------------------------------------------------------------------
+# --- segmentation --------------------------------------------------------------------------------------------------
 
 Bridges = Callable[[list[Corner]], bool]
 
 
 def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
-    """(H, W) states of each cell's two triangles: DRAWN if their samples are valid and bridge no gap."""
+    """States (H, W) of each cell's two triangles: DRAWN if their samples are valid and bridge no gap."""
     width, height = view.camera.size
     tree = Tree(view, np.zeros((height, width), np.uint8))
     depth = view.depth.astype(np.float64)
@@ -366,7 +367,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
     extent = np.ptp([tree.place((x, y), float(depth[y, x])) for y, x in np.argwhere(view.valid)], axis=0).max()
 
     def explained(z: float) -> float:
-        """By how much noise may set depths of one surface apart."""
+        """Difference in depth that noise explains on one surface."""
         a, b, c = view.noise if rule.deviations else (0.0, 0.0, 0.0)
         return rule.deviations * (a * z * z + b * z + c)
 
@@ -392,7 +393,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         return np.ptp(n) > max(rule.gap * (max(n) if perspective else extent), explained_nearness(max(n)))
 
     def connected(a: Corner, b: Corner) -> bool:
-        """Tell whether the step from a to b is small, or like the one before it or after it on their line."""
+        """Tell whether the step from a to b is small, or similar to the previous or next step on their line."""
         step = np.subtract(b, a)
         change = nearness(b) - nearness(a)
         off = [abs(change)]
@@ -418,7 +419,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
     for y in range(height - 1):
         for x in range(width - 1):
             four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
-            skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)  # not corners of the upper, of the lower triangle
+            skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)  # outside the upper, and outside the lower triangle
             for side, other in enumerate(skip):
                 corners = [corner for k, corner in enumerate(four) if k != other]
                 drawn = all(map(tree.is_sample, corners)) and not tests[rule.test](corners)
@@ -427,7 +428,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
 
 
 def normals(view: DepthImage, cells: np.ndarray) -> np.ndarray:
-    """(H, W, 3) in the camera's frame: across the differences to the neighbours that drawn triangles join."""
+    """Normals (H, W, 3) in the camera's frame: across the differences to neighbours that drawn triangles join."""
     width, height = view.camera.size
     tree = Tree(view, cells)
     found = np.tile((0.0, 0.0, -1.0), (height, width, 1))

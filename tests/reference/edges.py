@@ -1,8 +1,8 @@
-"""The edges of a depth image, where neighbours are torn apart, and its surface beyond its border, in NumPy.
+"""Edges of a depth image, where neighbours are torn apart, and its surface beyond its border, in NumPy.
 
-For reading: `kernels/picture/edges.cl` says the same for a device. Nearness is 1/z of perspective views, -z of
-orthographic ones; NaN where there is no sample. Edges are (H, W) bool: a sample torn from the one to its right, from
-the one below it, and its right neighbour torn from its lower one.
+This is the readable form of `kernels/picture/edges.cl`. Nearness is 1/z for perspective views and -z for orthographic
+ones; NaN where there is no sample. Edges are (H, W) bool: a sample torn from its right neighbour, a sample torn from
+its lower neighbour, and the right neighbour torn from the lower one.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ class Edges:
 
 
 def nearness_of(view: DepthImage) -> Array:
-    """(H, W) float64; NaN where there is no sample."""
+    """Nearness (H, W), float64; NaN where there is no sample."""
     z = np.where(view.valid, view.depth.astype(np.float64), np.nan)
     return 1 / z if view.camera.projection == "perspective" else -z
 
 
 def edges_of(view: DepthImage, edges: str = "cut", cut_ratio: float | None = None) -> Edges:
-    """The edges of a view as `WarpedView` tells them; what a sample is missing to is torn."""
+    """Edges of a view, as in `WarpedView`; a missing sample is torn from all its neighbours."""
     near = nearness_of(view).astype(np.float32)
     if edges == "connect":
         return Edges(*(~np.isfinite(b - a) for a, b in _pairs(near)))
@@ -57,7 +57,7 @@ def edges_of(view: DepthImage, edges: str = "cut", cut_ratio: float | None = Non
     fx, fy = view.camera.K[0, 0], view.camera.K[1, 1]
     across = _torn_along_rows(near, view, 1 / fx, beside=True)
     down = _torn_along_rows(near.T, view, 1 / fy, beside=True).T
-    # Diagonals are rows of the image sheared by one sample a row.
+    # Diagonals are rows of the image after each row is sheared by one sample.
     height, width = near.shape
     sheared = np.full((height, width + height), np.nan, np.float32)
     for y in range(height):
@@ -70,22 +70,22 @@ def edges_of(view: DepthImage, edges: str = "cut", cut_ratio: float | None = Non
 
 
 def _pairs(near: Array) -> list[tuple[Array, Array]]:
-    """The samples at both ends of the three kinds of edges; NaN beyond the image."""
+    """Samples at both ends of the three kinds of edges; NaN outside the image."""
     right, below = _shifted(near, 1), _shifted(near.T, 1).T
     return [(near, right), (near, below), (right, below)]
 
 
 def _shifted(image: Array, by: int) -> Array:
-    """Each row's sample `by` columns farther on; NaN beyond the image."""
+    """Sample `by` columns farther on in each row; NaN outside the image."""
     padded = np.pad(image, ((0, 0), (abs(by), abs(by))), constant_values=np.nan)
     return padded[:, abs(by) + by : abs(by) + by + image.shape[1]]
 
 
 def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bool) -> Array:
-    """Samples that are torn from the next one in their row.
+    """Mask of samples that are torn from the next one in their row.
 
-    A surface goes on if its slope on one side foretells the rise to the next sample, or if it faces the camera.
-    `beside`: the slopes' mean over three rows may foretell it, too.
+    A surface continues if its slope on one side predicts the rise to the next sample, or if it faces the camera.
+    `beside`: the mean slope of three rows may predict the rise, too.
     """
     perspective = view.camera.projection == "perspective"
     change, high, low = _shifted(near, 1) - near, np.fmax(near, _shifted(near, 1)), np.fmin(near, _shifted(near, 1))
@@ -103,11 +103,11 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
     with np.errstate(invalid="ignore"):
         goes_on |= rise <= noise + SAME * np.nan_to_num(np.minimum(before[1], after[1]))
     if not beside:
-        goes_on |= np.isnan(before[0]) & np.isnan(after[0])  # the cell's other edges tell
+        goes_on |= np.isnan(before[0]) & np.isnan(after[0])  # the cell's other edges decide
     else:
         for side in (-1, 1):
             rows = np.stack([_slopes(np.roll(change, row, 0), sign, side)[1] for row in (-1, 0, 1)])
-            rows[0, -1] = rows[2, 0] = np.nan  # beyond the image
+            rows[0, -1] = rows[2, 0] = np.nan  # outside the image
             count = np.isfinite(rows).sum(axis=0)
             mean = np.nansum(rows, axis=0).astype(np.float32) / np.fmax(count, 1).astype(np.float32)
             goes_on |= (count > 0) & _follows(rise, mean, KEEP, noise)
@@ -115,29 +115,29 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
 
 
 def _slopes(change: Array, sign: Array, side: int) -> tuple[Array, Array]:
-    """Slopes on a side of pairs, in the direction of their rise: to the nearest sample, and as three samples agree."""
+    """Slopes on one side of pairs, along their rise: to the nearest sample, and as agreed by three samples."""
     one, two = sign * _shifted(change, side), sign * _shifted(change, 2 * side)
     mean = np.where(np.isfinite(two), np.float32(0.5) * (one + two), one)
     return one, np.where(np.isfinite(one), np.fmax(np.fmin(one, mean), np.float32(0)), np.float32(np.nan))
 
 
 def _follows(rise: Array, slope: Array, growth: Any, noise: Array) -> Array:
-    """Tell whether a rise goes on along a slope that may grow by a part of itself."""
+    """Tell whether a rise continues a slope, which may grow by a share of itself."""
     with np.errstate(invalid="ignore"):
         sure = np.fmax(slope - noise, 0)
         return (rise <= slope + noise + growth * sure) & (rise >= LEAST * sure)
 
 
 def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
-    """The (H + 2, W + 2) nearness, float64, with a ring of samples beyond the border, and its edges.
+    """Nearness (H + 2, W + 2), float64, with a ring of samples outside the border, and its edges.
 
-    Each lies on the straight line through the border's sample and the next one within, if these are one surface.
+    Each lies on the straight line through the border's sample and the next one inside, if these are one surface.
     """
     near = nearness_of(view)
     height, width = near.shape
 
     def slopes(values: Array, torn: Array) -> tuple[Array, Array]:
-        """Differences of the first and the last column from the next one within."""
+        """Differences of the first and the last column from the next one inside."""
         if values.shape[1] == 1:
             return np.zeros(len(values)), np.zeros(len(values))
         first, last = values[:, 0] - values[:, 1], values[:, -1] - values[:, -2]
@@ -161,7 +161,7 @@ def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
 
     torn_right, torn_below, torn_diagonal = (np.ones((height + 2, width + 2), bool) for _ in range(3))
     torn_right[1:-1, 1:-1], torn_below[1:-1, 1:-1], torn_diagonal[1:-1, 1:-1] = edges.right, edges.below, edges.diagonal
-    # To the ring nothing is torn; along it what is along the border.
+    # Nothing is torn from the ring; along the ring, edges are as along the border.
     torn_right[1:-1, 0] = torn_right[1:-1, -2] = torn_below[0, 1:-1] = torn_below[-2, 1:-1] = False
     torn_below[1:-1, 0], torn_below[1:-1, -1] = torn_below[1:-1, 1], torn_below[1:-1, -2]
     torn_right[0, 1:-1], torn_right[-1, 1:-1] = torn_right[1, 1:-1], torn_right[-2, 1:-1]
@@ -170,22 +170,22 @@ def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
     torn_diagonal[0, 1:-1], torn_diagonal[-2, 1:-1] = torn_right[0, 1:-1], torn_right[-2, 1:-1]
     torn_diagonal[[0, 0, -2, -2], [0, -2, 0, -2]] = False
     missing = np.isnan(grown)
-    missing[1:-1, 1:-1] = False  # of the image's own samples the edges are known
+    missing[1:-1, 1:-1] = False  # edges between the image's own samples are known
     torn_right[missing] = torn_below[missing] = torn_diagonal[missing] = True
     return grown, Edges(torn_right, torn_below, torn_diagonal)
 
 
 def whole_triangles(torn: Edges) -> Array:
-    """(H - 1, W - 1, 2) bool: the cells' triangles of which no edge is torn."""
+    """Triangles of the cells without a torn edge, (H - 1, W - 1, 2) bool."""
     lower = torn.right[:-1, :-1] | torn.below[:-1, :-1] | torn.diagonal[:-1, :-1]
     upper = torn.right[1:, :-1] | torn.below[:-1, 1:] | torn.diagonal[:-1, :-1]
     return ~np.stack([lower, upper], axis=-1)
 
 
 def triangles_beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array, Array, Array]:
-    """The triangles between the outermost samples and the edges of their pixels, half a pixel beyond.
+    """Triangles between the outermost samples and the borders of their pixels, half a pixel farther out.
 
-    They are those of a grid with a ring around the image's samples, clipped. Colours go on as they are at the border.
+    They belong to a grid with a ring around the image's samples, and are clipped. Colours stay as at the border.
 
     Returns
     -------
@@ -195,7 +195,7 @@ def triangles_beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array
     near, ring_torn = with_ring(view, torn)
     colors = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
     whole = whole_triangles(ring_torn)
-    whole[1:height, 1:width] = False  # within
+    whole[1:height, 1:width] = False  # inside
     corners, faces = list[Array](), list[Array]()
     for row, column, part in np.argwhere(whole):
         three = [(1, 1), (0, 1), (1, 0)] if part else [(0, 0), (1, 0), (0, 1)]
@@ -211,7 +211,7 @@ def triangles_beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array
 
 
 def _clipped(polygon: list[Array], axis: int, at: float, sign: int) -> list[Array]:
-    """The part of a convex polygon on one side of a line: where sign * (corner[axis] - at) >= 0."""
+    """Part of a convex polygon on one side of a line, where sign * (corner[axis] - at) >= 0."""
     kept = list[Array]()
     for i, one in enumerate(polygon):
         other = polygon[(i + 1) % len(polygon)]

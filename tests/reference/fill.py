@@ -1,4 +1,4 @@
-"""Holes filled by push and pull, in NumPy float64: whole images at once, level by level."""
+"""Holes filled by push and pull, in NumPy float64: whole images, level by level."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ TILE, HALO, BESIDE = 16, 4, 1
 LEAST, FAINT, RIM = 1e-6, 1e-3, 0.2
 NARROW, WIDE, OUTWARD, FLAT, SLOPING = 0.02, 0.035, 8, 0.05, 0.15
 STEEPEST, FAINTEST, ADDING = 64, 0.3, 32
-UNDECIDED = 1e-4  # pixels: rounding may take what lies that close to the middle between two pixels for either
+UNDECIDED = 1e-4  # pixels: rounding may move a point this close to the middle between two pixels to either
 
 
 @dataclass
 class Behind:
     """Surface behind holes."""
 
-    depth: Array  #: (H, W) float64, 0 where no line tells or there is no hole
-    falloff: Array  #: (H, W) float64, part of a pixel that is foreground, for each unit of depth that it is nearer
-    decided: Array  #: (H, W) bool: which pixels the line passes does not hang on rounding
+    depth: Array  #: (H, W) float64, 0 where no line gives a depth or there is no hole
+    falloff: Array  #: (H, W) float64, share of foreground in a pixel, per unit of depth that it is nearer
+    decided: Array  #: (H, W) bool: rounding does not change which pixels the line passes
 
 
 def behind_reference(
@@ -33,16 +33,16 @@ def behind_reference(
     perspective: bool = True,
     same: tuple[float, float, float] = (0.0, 0.015, 0.0),
 ) -> Behind:
-    """The farther depth at the ends of each hole's line, and how surely the nearer end is foreground.
+    """Return the farther depth at the ends of each hole's line, and how surely the nearer end is foreground.
 
-    The line leads away from the epipole, and back to it, in steps of a pixel along its longer axis.
+    The line runs from the hole away from the epipole, and towards it, in steps of a pixel along its longer axis.
 
     Parameters
     ----------
     depth : (H, W)
     valid : (H, W) bool
     epipole : (x, y, w)
-        Homogeneous; all 0: the lines are the rows.
+        Homogeneous; if all are 0, the lines are the rows.
     perspective : bool
     same : (a, b, c)
         Pixels of one surface may be a z^2 + b z + c apart at depth z.
@@ -53,7 +53,7 @@ def behind_reference(
     longest = np.abs(away).max(axis=-1, initial=0.0, keepdims=True)
     away = np.where(longest > 0, away / np.where(longest > 0, longest, 1.0), (1.0, 0.0))
     a, b = _End(valid, at, away), _End(valid, at, -away)
-    at_epipole = (longest[:, 0] == 0) & any(epipole)  # there, rounding decides on the direction
+    at_epipole = (longest[:, 0] == 0) & any(epipole)  # rounding decides about the direction there
     length = a.steps + b.steps
     out = np.maximum(length // OUTWARD, 1)
     ends = [end.values(depth) for end in (a, b)]
@@ -75,13 +75,13 @@ def behind_reference(
 
 
 def _rising(start: float, end: float, values: Array) -> Array:
-    """0 up to the start, 1 from the end on, smoothly."""
+    """Smooth step: 0 up to `start`, 1 from `end` on."""
     part = np.clip((values - start) / (end - start), 0, 1)
     return part**2 * (3 - 2 * part)
 
 
 class _End:
-    """The first valid pixels from places on."""
+    """First valid pixels on lines from given places."""
 
     def __init__(self, valid: Array, at: Array, step: Array) -> None:
         height, width = valid.shape
@@ -102,11 +102,11 @@ class _End:
             walking = walking[~there]
 
     def values(self, image: Array) -> Array:
-        """Values of the image there; 0 where there is no end."""
+        """Values of the image at the ends; 0 where there is no end."""
         return np.where(self.found, image[self.pixels[:, 1], self.pixels[:, 0]], 0.0)
 
     def beyond(self, depth: Array, valid: Array, steps: Array) -> Array:
-        """Depths so many steps further out; 0 where nothing is seen."""
+        """Depths this many steps farther out; 0 where no surface is seen."""
         height, width = valid.shape
         place = self.at + (self.steps + steps)[:, None] * self.step
         self.decided &= _is_decided(place)
@@ -117,14 +117,14 @@ class _End:
 
 
 def _is_decided(places: Array) -> Array:
-    """(N,) bool: places that are not half-way between two pixels."""
+    """Places, (N,) bool, that are not half-way between two pixels."""
     return (np.abs(places - np.floor(places) - 0.5) > UNDECIDED).all(axis=-1)
 
 
 def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | None, perspective: bool) -> Array:
-    """(H, W, 4): colour and depth with holes filled.
+    """Return colour and depth, (H, W, 4), with holes filled.
 
-    `behind`: (2, H, W), the depth behind holes and the falloff, which tell what pixels count; None: all alike.
+    `behind`: (2, H, W), the depth behind holes and the falloff, which weight the pixels; None: all weigh the same.
     """
     values = np.concatenate([color, depth[..., None]], axis=-1).astype(float)
     counts = _around(~valid, BESIDE) & valid
@@ -150,7 +150,7 @@ def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | Non
 
 
 def _mix_rims(filled: Array, values: Array, valid: Array, behind: Array) -> None:
-    """Holes show up to a part of the mean colour of foreground above, below, left and right of them."""
+    """Mix into each hole a share of the mean colour of foreground above, below, left and right of it."""
     total, parts, most = np.zeros((*valid.shape, 3)), np.zeros(valid.shape), np.zeros(valid.shape)
     padded, seen = np.pad(values, ((1, 1), (1, 1), (0, 0))), np.pad(valid, 1)
     height, width = valid.shape
@@ -165,12 +165,12 @@ def _mix_rims(filled: Array, values: Array, valid: Array, behind: Array) -> None
 
 
 def edges_of(valid: Array) -> Array:
-    """(H, W) bool: holes beside valid pixels, or at the border."""
+    """Hole pixels, (H, W) bool, next to valid pixels or at the border."""
     return ~valid & _around(np.pad(valid, 1, constant_values=True), 1)[1:-1, 1:-1]
 
 
 def _around(mask: Array, reach: int) -> Array:
-    """Pixels within `reach` of the mask, diagonally, too."""
+    """Pixels within `reach` of the mask, also diagonally."""
     height, width = mask.shape
     padded, found = np.pad(mask, reach), np.zeros_like(mask)
     for y in range(2 * reach + 1):
@@ -180,15 +180,16 @@ def _around(mask: Array, reach: int) -> Array:
 
 
 def _beside(image: Array) -> Array:
-    """(H, W): the greatest within a pixel."""
+    """Maximum within one pixel, (H, W)."""
     height, width = image.shape
     padded = np.pad(image, 1)
     return np.max([padded[v : v + height, u : u + width] for v in range(3) for u in range(3)], axis=0)
 
 
 def _farthest(holes: Array, behind: Array) -> Array:
-    """(H, W): the farthest depth behind holes in the 12 x 12 pixels around each 4 x 4; of those beside what is no hole,
-    as far as a tile's window shows.
+    """Farthest depth behind holes, (H, W), in the 12 x 12 pixels around each block of 4 x 4.
+
+    Only hole pixels next to other pixels count, as far as a tile's window shows them.
     """
     height, width = holes.shape
     down, across = -(-height // TILE) * TILE, -(-width // TILE) * TILE
@@ -206,9 +207,9 @@ def _farthest(holes: Array, behind: Array) -> Array:
 
 
 def _pushed(cells: Array, told: bool | None, side: int) -> Array:
-    """(H / 2, W / 2, 5): of four cells each counts by how much nearer it is than the farthest.
+    """Merge four cells into one, (H / 2, W / 2, 5); a cell counts less, the nearer it is than the farthest.
 
-    told: whether the picture is a perspective one; None: all count alike.
+    `told`: whether the picture is perspective; None: all count alike.
     """
     four = np.stack([cells[y::2, x::2] for y in (0, 1) for x in (0, 1)])
     weights = four[..., 4]
@@ -225,7 +226,7 @@ def _pushed(cells: Array, told: bool | None, side: int) -> Array:
 
 
 def _pulled(base: Array, told: bool | None, side: int) -> Array:
-    """(H, W, 4): cells (H, W, 5), `side` pixels wide, values times weights and weights, filled from coarser levels."""
+    """Fill cells (H, W, 5), `side` pixels wide, values times weights and weights, from coarser levels: (H, W, 4)."""
     height, width = base.shape[:2]
     levels = [np.pad(base, ((0, -height % TILE), (0, -width % TILE), (0, 0)))]
     for number in range(4):

@@ -1,9 +1,9 @@
-"""Exact sideways steps in float64: each epipolar line as the polyline of the surface along it.
+"""Exact views after sideways steps, in float64: each epipolar line as the polyline of the surface along it.
 
 Two cameras that share K and differ by a step along x, along y or (with square pixels) along a diagonal see each
-other's lines of samples as lines of pixels. Along such a line the surface is a polyline with a knot at each sample,
-and on the diagonals that cross the cells' own also one in the middle of each cell. A sample moves along its line by
-focal length * step * nearness, and its nearness stays as it is: what has the greatest nearness is seen first.
+other's lines of samples as lines of pixels. Along such a line the surface is a polyline with a knot at each sample. On
+diagonals that cross the cells' own, it also has a knot in the middle of each cell. A sample moves along its line by
+focal length * step * nearness and keeps its nearness; the greatest nearness is visible.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from tests.reference.margins import Margins, margins_of
 
 Array = NDArray[Any]
 
-TOUCH = 1e-6  # pixels by which a segment reaches beyond its ends, so that rounding in float64 opens no gaps
-NEAR_END = 1e-3  # pixels: a ray that passes an end of the surface this closely may see it or not
+TOUCH = 1e-6  # pixels by which a segment is extended, so that rounding in float64 opens no gaps
+NEAR_END = 1e-3  # pixels: a ray this close to an end of the surface may see it or not
 
 
 @dataclass
 class Sideways:
-    """View of a camera that has stepped sideways."""
+    """View of a camera after a sideways step."""
 
     depth: Array  #: (H, W) float64, nan in holes
-    source: Array  #: (H, W, 2) x and y in the source of what is seen, nan in holes
-    on_end: Array  #: (H, W) bool: the ray passes an end of the surface, a fold or a lone sample, that nothing hides
+    source: Array  #: (H, W, 2) x and y of the visible point in the source, nan in holes
+    on_end: Array  #: (H, W) bool: the ray passes an unoccluded end of the surface, a fold or a lone sample
 
 
 def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str = "connect") -> Sideways:
-    """Picture of a view that `view.camera.moved(*step, 0)` sees.
+    """Return the picture that `view.camera.moved(*step, 0)` sees of a view.
 
     Parameters
     ----------
     view : DepthImage
         The camera is perspective. If the step is along a diagonal, its pixels are square.
     step : (x, y)
-        In scene units. One of them is 0, or both are of one length.
+        In scene units. One of them is 0, or both have the same length.
     edges : {"connect", "cut"}
-        As of `WarpedView`.
+        As for `WarpedView`.
     """
     height, width = view.depth.shape
     ring, torn = with_ring(view, edges_of(view, edges))
@@ -65,13 +65,13 @@ def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str =
         result.depth[y, x] = 1 / seen
         result.source[y, x] = start + place[:, None] * direction
         away = np.abs((np.stack([margins.x, margins.y], axis=-1) - start) @ across)
-        beside = away <= np.abs(across).sum() * (0.5 + NEAR_END)  # a margin reaches half a pixel from its sample
+        beside = away <= np.abs(across).sum() * (0.5 + NEAR_END)  # a margin extends half a pixel from its sample
         _see_margins(result, margins.some(beside), epipole, x, y)
     return result
 
 
 def _see_margins(result: Sideways, margins: Margins, epipole: Array, x: Array, y: Array) -> None:
-    """Put what a line's rays meet of the margins beside it, unless they see something nearer."""
+    """Enter the margins that a line's rays meet, unless the rays see something nearer."""
     if not len(margins.x):
         return
     infinity = np.stack([x, y, np.ones(len(x)), np.zeros(len(x))], axis=-1)
@@ -94,7 +94,7 @@ def _see_margins(result: Sideways, margins: Margins, epipole: Array, x: Array, y
 
 
 def _starts(width: int, height: int, direction: Array) -> list[Array]:
-    """The first sample (x, y) of each line."""
+    """First sample (x, y) of each line."""
     samples = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
     before = samples - direction
     inside = (before >= 0).all(axis=1) & (before < [width, height]).all(axis=1)
@@ -102,18 +102,18 @@ def _starts(width: int, height: int, direction: Array) -> list[Array]:
 
 
 def _length(width: int, height: int, start: Array, direction: Array) -> int:
-    """The number of samples from the first one to the image's border."""
+    """Number of samples from the first one to the image's border."""
     left = np.where(direction > 0, np.subtract([width, height], start), np.add(start, 1))
     return int(left[direction != 0].min())
 
 
 def _polyline(ring: Array, torn: Edges, x: Array, y: Array, direction: Array) -> tuple[Array, Array, Array]:
-    """The knots' places in samples from the line's start, their nearness, and which segments are surface.
+    """Positions of the knots in samples from the line's start, their nearness, and which segments are surface.
 
-    The line goes on half a pixel beyond its first and its last sample, to the edges of these pixels.
+    The line extends half a pixel beyond its first and its last sample, to the borders of these pixels.
     """
     dx, dy = direction
-    x, y = (1 + np.concatenate([a[:1] - d, a, a[-1:] + d]) for a, d in ((x, dx), (y, dy)))  # in the ring's numbers
+    x, y = (1 + np.concatenate([a[:1] - d, a, a[-1:] + d]) for a, d in ((x, dx), (y, dy)))  # indices in the ring
     q, x, y = ring[y, x], x[:-1], y[:-1]
     places = np.arange(-1.0, len(q) - 1)
     if (dx, dy) != (1, 1):  # rows, columns and the cells' own diagonals are edges of the grid
@@ -121,7 +121,7 @@ def _polyline(ring: Array, torn: Edges, x: Array, y: Array, direction: Array) ->
         places[0], places[-1] = -0.5, len(q) - 2.5
         q[0], q[-1] = (q[0] + q[1]) / 2, (q[-2] + q[-1]) / 2
         return places, q, closed
-    # The other diagonals pass a cell's lower triangle, the middle of its own diagonal, and its upper triangle.
+    # Other diagonals pass a cell's lower triangle, the middle of its own diagonal, and its upper triangle.
     right, below = ring[y, x + 1], ring[y + 1, x]
     knots, closed = np.empty(2 * len(q) - 1), np.empty(2 * len(q) - 2, bool)
     knots[::2], knots[1::2] = q, (right + below) / 2
@@ -131,7 +131,7 @@ def _polyline(ring: Array, torn: Edges, x: Array, y: Array, direction: Array) ->
 
 
 def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> tuple[Array, Array, Array]:
-    """Each pixel's nearness and place of what its ray sees first, nan in holes; and whether it is on an end.
+    """Nearness and position of the first surface on each pixel's ray, nan in holes; and whether the ray is on an end.
 
     The knots are at s in the source and at t in the target. A segment shows its front where both run the same way.
     """
@@ -143,7 +143,7 @@ def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> t
         part = np.clip((pixels - t0) / (t1 - t0), 0, 1)
         met = closed[:, None] & (pixels >= np.minimum(t0, t1) - TOUCH) & (pixels <= np.maximum(t0, t1) + TOUCH)
         front = t1 > t0
-        # At a fold a ray meets the front of one segment and the back of the next at once: it sees the front.
+        # At a fold, a ray meets the front of one segment and the back of the next together: it sees the front.
         there = np.where(met, (q0 + part * (q1 - q0)) * (1 + TOUCH * front), -np.inf)
     first, pixel = there.argmax(axis=0), np.arange(len(pixels))
     visible = met[first, pixel] & front[first, 0]
@@ -154,7 +154,7 @@ def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> t
     before, after = np.append(False, closed), np.append(closed, False)
     side = np.append(front[:, 0], False)
     turns = before & after & (np.roll(side, 1) != side)
-    lone = ~before & ~after & np.isfinite(q)  # it may be a corner of a surface beside the line
+    lone = ~before & ~after & np.isfinite(q)  # may be a corner of a surface beside the line
     ends = np.flatnonzero((before != after) | turns | lone)
     close = np.abs(pixels[:, None] - t[ends]) <= NEAR_END
     hidden = there.max(axis=0)[:, None] > q[ends] * 1.001

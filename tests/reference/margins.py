@@ -1,8 +1,8 @@
-"""The margins of a depth image's surface in NumPy: what no triangle covers of the pixels of samples beside edges.
+"""Margins of a depth image's surface in NumPy: the parts of pixels at edges that no triangle covers.
 
-For reading: `kernels/warp/margins.cl` says the same for a device. An open triangle is shared among its three corners;
-each has what lies nearest to it. Seen from a sample, that is a quarter of its pixel, or the
-half of one on a side of the cell's diagonal.
+This is the readable form of `kernels/warp/margins.cl`. An open triangle is shared among its three corners; each corner
+gets the part nearest to it. Seen from a sample, that part is a quarter of its pixel, or the half of a quarter on one
+side of the cell's diagonal.
 """
 
 from __future__ import annotations
@@ -25,31 +25,33 @@ QUARTERS = ((-1, -1), (1, -1), (-1, 1), (1, 1))
 
 @dataclass(frozen=True)
 class Margins:
-    """(n,) margins, each in one quarter of a sample's pixel."""
+    """Margins, (n,), each in one quarter of a sample's pixel."""
 
-    x: Array  #: the sample's
+    x: Array  #: position of the sample
     y: Array
-    to_x: Array  #: -1 or 1: towards which neighbours
+    to_x: Array  #: -1 or 1: direction of the neighbours
     to_y: Array
-    parts: Array  #: LOWER, UPPER or both: on which sides of the cell's diagonal
+    parts: Array  #: LOWER, UPPER or both: sides of the cell's diagonal
     q: Array  #: nearness at the sample
-    gu: Array  #: its slopes
+    gu: Array  #: slopes of the nearness
     gv: Array
-    color: Array  #: (n, 3, c) the sample's colour, and its changes along x and y
+    color: Array  #: (n, 3, c) colour of the sample, and its changes along x and y
 
     @cached_property
     def planes(self) -> Array:
-        """(n, 4) the margins' planes in the image's pixel space, whose product with a ray's points is its lead."""
+        """Planes (n, 4) of the margins in the image's pixel space; their product with a ray's point is its lead."""
         level = self.q - self.gu * self.x - self.gv * self.y
         return np.stack([self.gu, self.gv, level, -np.ones(len(self.x))], axis=-1)
 
     def some(self, which: Array) -> Margins:
-        """Those that `which`, (n,) bool, tells."""
+        """Select margins by `which`, (n,) bool."""
         return Margins(*(getattr(self, one.name)[which] for one in fields(self)))
 
     def hits(self, epipole: Array, infinity: Array, grown: float = 0.0) -> Array:
-        """(..., n) the t at which epipole + t * infinity (..., 4), in the image's pixel space, meets each margin; inf
-        where it does not. grown: pixels by which margins are larger."""
+        """Return t, (..., n), at which epipole + t * infinity (..., 4) meets each margin; inf where it does not.
+
+        Both are in the image's pixel space. grown: pixels by which margins are enlarged.
+        """
         with np.errstate(all="ignore"):
             t = -(self.planes @ epipole) / (infinity @ self.planes.T)
             x, y, w = (epipole[i] + t * infinity[..., None, i] for i in range(3))
@@ -59,13 +61,13 @@ class Margins:
         return np.where(inside & (w > 0), t, np.inf)
 
     def first_hit(self, epipole: Array, infinity: Array, low: float, high: float) -> tuple[float, int]:
-        """The least t in [low, high] at which a ray meets a margin, and which one; -1 if none."""
+        """Return the least t in [low, high] at which a ray meets a margin, and the margin's index; -1 if none."""
         t = self.hits(epipole, infinity)
         t = np.where((t >= low) & (t <= high), t, np.inf)
         return (float(t.min()), int(t.argmin())) if np.isfinite(t).any() else (np.inf, -1)
 
     def corners(self) -> tuple[Array, Array, Array, Array]:
-        """Pixels (m, 2), nearness (m,), colours (m, c) and faces (k, 3) of the margins as triangles."""
+        """Margins as triangles: pixels (m, 2), nearness (m,), colours (m, c) and faces (k, 3)."""
         out = {LOWER: [], UPPER: []}
         for number, (tx, ty) in enumerate(zip(self.to_x, self.to_y, strict=True)):
             square = np.array([[0, 0], [tx, 0], [tx, ty], [0, ty]]) / 2.0
@@ -97,7 +99,7 @@ def steepest_margins(view: DepthImage, q: Array) -> tuple[Array, Array]:
 
 
 def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
-    """Of a view and its surface within a ring, as `with_ring` has them."""
+    """Return the margins of a view, from its nearness and edges as in `with_ring`."""
     height, width = view.depth.shape
     q = ring[1:-1, 1:-1]
 
@@ -108,7 +110,7 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
         return at(torn.right, dx, dy) | at(torn.below, dx, dy) | at(torn.diagonal, dx, dy)
 
     def upper(dx: int, dy: int) -> Array:
-        """Of the same cell, whose first sample is at (dx, dy)."""
+        """Open triangles of the same cells, whose first sample is at (dx, dy)."""
         return at(torn.right, dx, dy + 1) | at(torn.below, dx + 1, dy) | at(torn.diagonal, dx, dy)
 
     open_parts = {
@@ -126,7 +128,7 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
     image = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
 
     def slope(dx: int, dy: int) -> Array:
-        """Along the axis of (dx, dy), if the neighbour there is of one surface."""
+        """Slope along the axis of (dx, dy), or 0 if the neighbour there is on another surface."""
         sign = dx + dy
         return np.where(torn_to[dx, dy], 0.0, (at(ring, dx, dy) - q) * sign)
 
@@ -135,7 +137,7 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
         low, high = open_parts[tx, ty]
         most_x, most_y = steepest_margins(view, q)
         gu, gv = np.clip(slope(tx, 0), -most_x, most_x), np.clip(slope(0, ty), -most_y, most_y)
-        if (tx, ty) == (1, -1):  # beside a triangle of the same cell: its plane
+        if (tx, ty) == (1, -1):  # next to a triangle of the same cell: its plane
             planes = (
                 (high & ~low, at(ring, 1, -1) - at(ring, 0, -1), q - at(ring, 0, -1)),
                 (low & ~high, at(ring, 1, 0) - q, at(ring, 1, 0) - at(ring, 1, -1)),

@@ -17,48 +17,48 @@ Depth = NDArray[np.float32]
 Nearness = NDArray[np.float32]
 
 Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
-"""Noise of depth, as `DepthImage` and `clean_depth` take it."""
+"""Noise of depth, as `DepthImage` and `clean_depth` accept it."""
 
-_CELLS_MIN = 50  # the median of fewer is off by over 15 %
-_KNOWN = 0.1  # share of known cells: with fewer, every other sample is missing
+_CELLS_MIN = 50  # the median of fewer cells is off by over 15 %
+_KNOWN = 0.1  # share of known cells: if fewer are known, every other sample is missing
 _GOLDEN = 0.6180339887498949  # rows at its multiples follow no period of the picture
 _MANTISSA = 23  # bits of a float32
 _ROUNDING = 2.0**-17  # share of the nearness: smaller differences are rounding, or make no edge
 _EDGE = 0.1  # share of the nearness: neighbours that differ more are an edge
-_CELL = 2.0  # deviation of a cell's difference, by the deviation of its four samples
-_FEW, _SMOOTH = 0.1, 0.8  # shares of cells without an edge, of all and of a range's: the rest would be a choice
+_CELL = 2.0  # deviation of a cell's difference, in deviations of its four samples
+_FEW, _SMOOTH = 0.1, 0.8  # least shares of cells without an edge, overall and in a range: fewer would be a selection
 _MOST, _OF_MOST = 0.6, 0.39639  # share of the smallest differences, and their mean in normal noise
-_LEAST_QUARTER = 0.15793 / 1.4  # mean of the smallest quarter, less room: edges raise the other one more
-_SHAPE = 9.0  # squared ratio of differences, two samples apart over one: noise has 1, curves 16
-_FALL = 1.15  # times the noise of farther samples, at most
-_CHANCE = 4.0  # standard deviations, over the root of the cells, of an estimate from few
+_LEAST_QUARTER = 0.15793 / 1.4  # mean of the smallest quarter, with some room: edges raise the mean of `_MOST` more
+_SHAPE = 9.0  # squared ratio of differences two samples apart to those one apart: noise has 1, curves 16
+_FALL = 1.15  # largest ratio to the noise of farther samples
+_CHANCE = 4.0  # margin of an estimate from few cells: standard deviations, over the root of their number
 _STEP_MAX = 0.25  # share of the nearness: larger differences are edges
 _LEVELS_MIN = 12  # a scale has more levels, exact stairs fewer
-_ONE_STEP = 0.6  # share of changes of one step, and of levels whole steps apart: edges have any size
+_ONE_STEP = 0.6  # least share of changes by one step, and of levels whole steps apart: edges have any size
 _STAIRS = 0.01  # least share of a scale's changes: few on steep surfaces
-_WHOLE, _MOSTLY = 0.02, 0.9  # steps by which float32 rounds most multiples of them
-_STAIRS_MAX = 4_000  # that are looked at: their levels are as whole
-_OFF = 0.2  # steps by which changes, and gaps between levels, are off whole ones: two scales may be mixed
-_NEAREST = 1e37  # nearness whose fourfold is still within single precision
-_NOISE_MAX = 1e18  # scene units: its square is still within single precision
-_ROUNDS, _CLOSE = 3, 0.02  # fits; a larger difference in one weighs less in the next
-_SIMPLER = 0.03  # by so much a fit must be closer to have one more term
-_TIE = 1e-6  # fits that differ by less are as close: two depths alone are met by any two terms
-_RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
+_WHOLE, _MOSTLY = 0.02, 0.9  # float32 rounds multiples of steps by so much, in most cases
+_STAIRS_MAX = 4_000  # changes to examine at most: their levels are as whole
+_OFF = 0.2  # steps by which changes, and gaps between levels, may be off whole ones: two scales may be mixed
+_NEAREST = 1e37  # nearness whose fourfold still fits single precision
+_NOISE_MAX = 1e18  # scene units: the square still fits single precision
+_ROUNDS, _CLOSE = 3, 0.02  # number of fits; a larger difference in one fit weighs less in the next
+_SIMPLER = 0.03  # improvement of a fit that justifies one more term
+_TIE = 1e-6  # fits that differ by less are equally close: any two terms fit two depths
+_RIDGE = 1e-9  # with one depth alone, the kinds of noise cannot be distinguished
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
 )
-"""Which of the three kinds of noise there are: (7, 3) bool, the fewest first."""
+"""Possible sets of the three kinds of noise: (7, 3) bool, the smallest sets first."""
 _CHOSEN_PAIRS = _CHOICES[:, :, None] & _CHOICES[:, None, :]
 _OTHERS = np.eye(3) * np.where(_CHOICES, _RIDGE, 1.0)[:, None]
 
 
 def _octaves(values: Nearness, parts: int) -> NDArray[np.int32]:
-    """Parts of an octave, 2^parts to each, in which positive float32 numbers lie."""
+    """Number the parts of octaves, 2^parts to each, for positive float32 numbers."""
     return values.view(np.int32) >> (_MANTISSA - parts)
 
 
-_QUARTERS, _EIGHTHS = 2, 3  # of an octave: ranges of nearness, and of differences as a part of it
+_QUARTERS, _EIGHTHS = 2, 3  # parts of an octave: ranges of nearness, and of differences relative to it
 _LEAST, _GREATEST = _octaves(np.array([_ROUNDING, 1.0], np.float32), _EIGHTHS).tolist()
 _MIDDLES = np.arange(2 * _LEAST - 1, 2 * _GREATEST + 2, 2, dtype=np.int32) << (_MANTISSA - _EIGHTHS - 1)
 _SIZES: Float64 = _MIDDLES.view(np.float32).astype(np.float64)
@@ -66,17 +66,17 @@ _SIZES[0] = 0.0  # rounding
 
 
 class DepthNoise:
-    """Noise of an image's depth, and the steps of its scale: each found on first use, or given.
+    """Noise of an image's depth, and the steps of its scale; each is estimated on first use, or given.
 
     Parameters
     ----------
     depth : (H, W) float32
-        Not finite, <= 0 or >= `far` is no sample.
+        Values that are not finite, <= 0 or >= `far` are no samples.
     far : float
     given : (a, b, c), optional
-        The deviation, if it is known.
+        The deviation, if known.
     cells : int
-        Number of cells that are sampled: from 6,000, noise is found to some percent.
+        Number of cells to sample: with 6,000, noise is found to some percent.
     """
 
     def __init__(
@@ -93,8 +93,8 @@ class DepthNoise:
     def deviation(self) -> tuple[float, float, float]:
         """(a, b, c), none negative: at depth z the noise has a standard deviation of about a z^2 + b z + c.
 
-        Stereo and structured light have the first kind, time of flight the others. A scale's noise is at least half a
-        step, since depths between two levels are rounded to either.
+        Stereo and structured light have the first kind of noise, time of flight the others. Noise on a scale is at
+        least half a step, since depths between two levels are rounded to either.
         """
         if self.given is not None:
             return self.given
@@ -102,7 +102,7 @@ class DepthNoise:
 
     @cached_property
     def steps(self) -> tuple[float, float, float]:
-        """(a, b, c), none negative: at depth z, levels of a coarse scale (disparity, whole units) lie as far apart."""
+        """(a, b, c), none negative: distance a z^2 + b z + c of a coarse scale's levels (disparity, whole units)."""
         return _scale_steps(self._strips)
 
     @cached_property
@@ -111,9 +111,9 @@ class DepthNoise:
 
 
 def _sampled_strips(depth: Depth, far: float, cells: int) -> Nearness:
-    """(3, n) nearness of some strips of three rows and of three columns, one after the other.
+    """Nearness, (3, n), of some strips of three rows and of three columns, one after the other.
 
-    NaN where there is no sample, and between strips. Lines are two apart where every other sample is missing.
+    NaN where there is no sample, and between strips. If every other sample is missing, lines are two apart.
     """
     near = np.empty((3, 0), np.float32)
     for gap in (1, 2):
@@ -130,7 +130,7 @@ def _sampled_strips(depth: Depth, far: float, cells: int) -> Nearness:
 
 
 def _strips_of(depth: Depth, cells: int) -> Depth:
-    """(3, n) some strips of three rows, each with two NaN behind it."""
+    """Some strips of three rows, (3, n), each followed by two NaN."""
     height, width = depth.shape
     total = max(height - 2, 0)
     count = min(-(-cells // (2 * max(width, 1))), total)
@@ -142,17 +142,17 @@ def _strips_of(depth: Depth, cells: int) -> Depth:
 
 
 def _noise_of(strips: Nearness, steps: tuple[float, float, float]) -> tuple[float, float, float]:
-    """(a, b, c) of noise by cells of 2 x 2 samples, at least half of a scale's steps.
+    """Estimate noise, (a, b, c), from cells of 2 x 2 samples; at least half of a scale's steps.
 
     The difference of a cell's two differences is 0 on planes, and along edges that follow rows or columns. So most
-    cells of thin things show their noise, too.
+    cells on thin structures show their noise, too.
     """
     near, change, largest = _cells(strips[0], strips[1], 1)
     on_scale, half = any(steps), (0.5 * steps[0], 0.5 * steps[1], 0.5 * steps[2])
     if len(near) < _CELLS_MIN:
         return half
     smooth = largest < _EDGE * near
-    if np.count_nonzero(smooth) < _FEW * len(near):  # their noise is as large
+    if np.count_nonzero(smooth) < _FEW * len(near):  # their noise is as large as edges
         smooth[:] = True
     row = _octaves(near, _QUARTERS)
     first = row.min()
@@ -161,7 +161,7 @@ def _noise_of(strips: Nearness, steps: tuple[float, float, float]) -> tuple[floa
     near_2, change_2, _ = _cells(strips[0], strips[2], 2)
     row_2 = np.minimum(np.maximum(_octaves(near_2, _QUARTERS) - first, 0), ranges - 1)
     one, two = _histogram(row[smooth], (change / near)[smooth], ranges), _histogram(row_2, change_2 / near_2, ranges)
-    # Equal samples, as a sky's, tell nothing about the noise of others; nor do ranges with many edges.
+    # Equal samples, such as a sky's, say nothing about the noise of others; nor do ranges with many edges.
     total, every = np.add.reduce(one, axis=1), np.bincount(row, minlength=ranges)
     levels = np.bincount(row[largest == 0.0], minlength=ranges)
     told = (total >= _CELLS_MIN) & (on_scale | (levels < 0.25 * total))
@@ -188,16 +188,16 @@ def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearne
 
 
 def _histogram(row: NDArray[np.int32], size: Nearness, ranges: int) -> NDArray[np.intp]:
-    """Counts by range of nearness, and by size, a part of the nearness."""
+    """Counts by range of nearness, and by size relative to the nearness."""
     column = np.minimum(np.maximum(_octaves(size, _EIGHTHS), _LEAST - 1), _GREATEST)
     at = row * len(_SIZES) + column - (_LEAST - 1)
     return np.bincount(at, minlength=ranges * len(_SIZES)).reshape(ranges, -1)
 
 
 def _mean_below(counts: NDArray[np.intp], share: float) -> Float64:
-    """(..., ranges) means of the smallest sizes, such a share of each range, of histograms (..., ranges, sizes).
+    """Means, (..., ranges), of this share of the smallest sizes in histograms (..., ranges, sizes).
 
-    Quantiles of noise in steps would be those of the steps.
+    Quantiles of noise in steps would be quantiles of the steps.
     """
     wanted = share * np.add.reduce(counts, axis=-1)
     before = counts.cumsum(axis=-1) - counts
@@ -206,16 +206,16 @@ def _mean_below(counts: NDArray[np.intp], share: float) -> Float64:
 
 
 def _deviations(counts: NDArray[np.intp], on_scale: bool) -> Float64:
-    """(..., ranges) standard deviations of histograms (..., ranges, sizes), as a part of the nearness."""
+    """Standard deviations, (..., ranges), relative to the nearness, of histograms (..., ranges, sizes)."""
     most = _mean_below(counts, _MOST) / _OF_MOST
-    # On a scale equal differences are no evidence against noise.
+    # On a scale, equal differences do not rule out noise.
     return (most if on_scale else np.minimum(most, _mean_below(counts, 0.25) / _LEAST_QUARTER)) / _CELL
 
 
 def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
-    """(a, b, c) of a scale's steps.
+    """Estimate the steps of a scale, (a, b, c).
 
-    On a scale surfaces are stairs: samples equal one neighbour and differ from the other, mostly by one step.
+    On a scale, surfaces are stairs: samples equal one neighbour and differ from the other, mostly by one step.
     """
     none = 0.0, 0.0, 0.0
     along = strips[0, :-2], strips[0, 1:-1], strips[0, 2:]
@@ -224,7 +224,7 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     jump, least = np.abs(one - other), np.minimum(np.abs(one), np.abs(other))
     is_change = (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
     is_stair = is_change & (least == 0)
-    # On a scale steep surfaces rise by whole steps.
+    # On a scale, steep surfaces rise by whole steps.
     steep = (is_change & (least > 0) & ((one > 0) == (other > 0))).nonzero()[0]
     multiples = least[steep] / jump[steep]
     is_stair[steep] = np.count_nonzero(np.abs(multiples - np.rint(multiples)) < _WHOLE) > _MOSTLY * len(steep)
@@ -257,9 +257,9 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
 
 
 def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) -> tuple[float, float, float]:
-    """(a, b, c), none negative: deviations (n,) at depths z (n,) are about a z^2 + b z + c; zeros do not count.
+    """Fit (a, b, c), none negative, such that deviations (n,) at depths z (n,) are about a z^2 + b z + c.
 
-    counts: numbers of samples behind the deviations.
+    Zero deviations are ignored. counts: numbers of samples behind the deviations.
     """
     known = deviations > 0
     number = np.count_nonzero(known)
@@ -270,8 +270,9 @@ def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) 
     terms = np.empty((number, 3))
     terms[:, 0], terms[:, 1], terms[:, 2] = z * z, z, 1.0
     terms /= in_depth[:, None]
-    # Least differences of each choice of terms, by weighted squares: what is far off, as a sky whose noise is cut off
-    # at no nearness, tells nothing. In normal equations the terms that are not of a choice are the identity's.
+    # Each choice of terms is fitted for least differences, by weighted squares, so that outliers (such as a sky,
+    # whose noise is cut off at nearness 0) have no influence. In the normal equations, terms outside the choice get
+    # the identity.
     sizes: Float64 = np.sqrt(np.add.reduce(terms * terms, axis=0))
     scaled = terms / sizes
     products = (scaled[:, :, None] * scaled[:, None, :]).reshape(number, 9)

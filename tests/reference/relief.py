@@ -1,7 +1,7 @@
-"""Relief mapping in float64, for reading: entries at triangles, distances to the quadric, linear and binary search.
+"""Relief mapping in float64, a readable reference: entry at triangles, distance to the quadric, both searches.
 
-One ray a pixel enters at each triangle that it meets from the front; of what it finds below them the nearest is seen.
-A ray that comes out of its quadric before it leaves the mesh, at the next triangle met from behind, is searched again.
+Each pixel's ray enters at every triangle that it meets from the front; the nearest hit below them is visible. The ray
+leaves the mesh at the next triangle that it meets from behind. If it leaves its quadric earlier, it is searched again.
 """
 
 from __future__ import annotations
@@ -15,35 +15,35 @@ from pyibr.core.camera import Camera
 from pyibr.relief.quadrics import VertexFrames
 from tests.reference.heights import bilinear_height
 
-STEEPEST = 1e-3  # cosine at which interpolated normals are taken to be entered at least
+STEEPEST = 1e-3  # least cosine of the angle at which rays enter, for interpolated normals
 
 
 @dataclass
 class Rays:
-    """n rays below a surface, in the tangent frame of the point that they enter at; t is the way gone since."""
+    """n rays below a surface, in the tangent frame of their entry point; t is the distance from there."""
 
-    uv: np.ndarray  # (n, 2) where they enter,
-    duv: np.ndarray  # (n, 2) and its change per t
+    uv: np.ndarray  # (n, 2) at the entry point
+    duv: np.ndarray  # (n, 2) change of uv per t
     V: np.ndarray  # (n, 3) unit directions: x along the gradient of u, y, z along the normal
-    a: np.ndarray  # (n,) the quadric z = a x^2 + b y^2 + c x y
+    a: np.ndarray  # (n,) coefficients of the quadric z = a x^2 + b y^2 + c x y
     b: np.ndarray
     c: np.ndarray
     scale: float
 
     def some(self, which: np.ndarray) -> Rays:
-        """These of them alone."""
+        """Select rays."""
         a, b, c = self.a[which], self.b[which], self.c[which]
         return Rays(self.uv[which], self.duv[which], self.V[which], a, b, c, self.scale)
 
     def approximate(self, t: np.ndarray) -> np.ndarray:
-        """Equation 7: how far P lies below the quadric, along z; 1 is the bottom."""
+        """Equation 7: depth of P below the quadric, along z; 1 is the bottom."""
         x, y, z = (self.V * t[:, None]).T
         return -(z - (self.a * x**2 + self.b * y**2 + self.c * x * y)) / self.scale
 
     def perpendicular(self, t: np.ndarray) -> np.ndarray:
-        """Equation 6: s of P + s U = R on the quadric; where it has no solution, equation 7."""
+        """Equation 6: s such that P + s U = R lies on the quadric; equation 7 where there is no solution."""
         V, P = self.V, self.V * t[:, None]
-        U = np.array([0.0, 0, 1]) - V[:, 2:] * V  # in the plane of V and the normal, at right angles to V
+        U = np.array([0.0, 0, 1]) - V[:, 2:] * V  # in the plane of V and the normal, perpendicular to V
         U /= np.linalg.norm(U, axis=1, keepdims=True)
         a, b, c = self.a, self.b, self.c
         A = a * U[:, 0] ** 2 + b * U[:, 1] ** 2 + c * U[:, 0] * U[:, 1]
@@ -60,7 +60,7 @@ class Rays:
         return np.where((discriminant >= 0) & (s >= 0), s / self.scale, self.approximate(t))
 
     def ends(self, distance: str) -> tuple[np.ndarray, np.ndarray]:
-        """t_max, and whether it is at the bottom (section 3.3)."""
+        """Return t_max, and whether it is at the bottom (section 3.3)."""
         L = -self.V[:, 2] / self.scale
         K = (
             self.a * self.V[:, 0] ** 2 + self.b * self.V[:, 1] ** 2 + self.c * self.V[:, 0] * self.V[:, 1]
@@ -71,7 +71,7 @@ class Rays:
         if distance == "approximate":
             return np.where(at_bottom, bottom, out), at_bottom
         depth = getattr(self, distance)
-        # The first of many steps that is at the bottom, up to where equation 7 is out again; then halvings.
+        # The first of many steps at the bottom, up to where equation 7 leaves the quadric; then halvings.
         far = np.where(K < 0, out, 4 * np.where(at_bottom, bottom, 0))
         after, reaches = far.copy(), np.zeros(len(far), bool)
         for i in range(1, 65):
@@ -85,10 +85,10 @@ class Rays:
         return np.where(reaches, after, np.where(K < 0, out, bottom)), reaches | (at_bottom & (K >= 0))
 
     def following_mesh(self, way: np.ndarray, slope: np.ndarray) -> tuple[Rays, np.ndarray, np.ndarray]:
-        """The same rays by equation 7 of a parabola, where this ends, and its depth there.
+        """Return the same rays with equation 7 of a parabola, the t where it ends, and its depth there.
 
-        It rises, no steeper than they enter, to where the cubic that is 0 where they enter and leave the mesh, with
-        both slopes, is at the bottom or deepest.
+        A cubic is 0 where the rays enter and leave the mesh, and has both slopes there. The parabola rises, no steeper
+        than the rays enter, to where the cubic is at the bottom or deepest.
         """
         leaves, L = np.maximum(slope, 0) / self.scale, -self.V[:, 2] / self.scale
         part = np.arange(17)[:, None] / 16
@@ -108,7 +108,7 @@ class Rays:
 def searched(
     rays: Rays, height: np.ndarray, distance: str, steps: int, halvings: int, longest: np.ndarray | float = np.inf
 ) -> np.ndarray:
-    """(n,) t at which the rays meet the relief; infinite where they pass it."""
+    """Return t, (n,), at which the rays meet the relief; infinite where they miss it."""
     depth = getattr(rays, distance)
     end, at_bottom = rays.ends(distance)
     at_bottom = at_bottom & (end <= longest)
@@ -142,12 +142,12 @@ def relief_depth(
     steps: int = 32,
     halvings: int = 6,
 ) -> np.ndarray:
-    """(H, W) planar depth of a relief, infinite where there is nothing."""
+    """Planar depth (H, W) of a relief; infinite where there is none."""
     y, x = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
     near = camera.unproject(np.column_stack([x, y]), np.ones(len(x)))
     perspective = camera.projection == "perspective"
     origin = np.tile(camera.center, (len(x), 1)) if perspective else near - camera.forward
-    ray = near - origin  # of planar depth 1
+    ray = near - origin  # to planar depth 1
     length = np.linalg.norm(ray, axis=1)
     unit = ray / length[:, None]
     found = np.full(len(x), np.inf)
@@ -183,7 +183,7 @@ def relief_depth(
 def _crossing(
     corners: np.ndarray, origin: np.ndarray, ray: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Intersect rays with a triangle: those that meet it, those from the front, their depths and weights."""
+    """Intersect rays with a triangle: which rays meet it, which of them from the front, their depths and weights."""
     side, other = corners[1] - corners[0], corners[2] - corners[0]
     normal = np.cross(side, other)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -197,7 +197,7 @@ def _crossing(
 
 
 def _exits(places: list[tuple[np.ndarray, ...]], count: int) -> tuple[list[np.ndarray], ...]:
-    """Of each ray the depths at which it leaves the mesh, in order, the triangles there, and the weights."""
+    """Depths at which each ray leaves the mesh, in order, with the triangles and the weights there."""
     backs = [~fronts for _, fronts, _, _ in places]
     pixel = np.concatenate([met[back] for (met, _, _, _), back in zip(places, backs, strict=True)])
     depth = np.concatenate([at[back] for (_, _, at, _), back in zip(places, backs, strict=True)])
@@ -211,7 +211,7 @@ def _exits(places: list[tuple[np.ndarray, ...]], count: int) -> tuple[list[np.nd
 def _entered(
     weights: np.ndarray, face: np.ndarray, uv: np.ndarray, frames: VertexFrames, d: np.ndarray, scale: float
 ) -> Rays:
-    """Rays in the tangent frames that are interpolated over a triangle."""
+    """Return rays in tangent frames, which are interpolated over a triangle."""
     normal = weights @ frames.normals[face]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     gradients = np.einsum("nk,kic->nic", weights, frames.gradients[face])

@@ -1,6 +1,6 @@
-"""Objects from images in float64, for reading (Kautz & Seidel 2001, sections 4 and 5).
+"""Objects from images in float64, a readable reference (Kautz & Seidel 2001, sections 4 and 5).
 
-No slices: rays are marched in steps far finer than a slice, and where they enter is found by halving.
+It uses no slices: rays are marched in steps far finer than a slice, and entries are refined by halving.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Inside = Callable[[np.ndarray], np.ndarray]  # world points (N, 3) -> (N,) bool
 
 
 def bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Between the pixels around (x, y), whose centres are at whole numbers; the border is repeated."""
+    """Interpolate the pixels around (x, y), whose centres are at whole numbers; the border is repeated."""
     height, width = image.shape
     x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
     left, upper = np.floor(x).astype(int), np.floor(y).astype(int)
@@ -30,7 +30,7 @@ def bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def seen_at(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels x, y and depth of world points, and which of them are on the image."""
+    """Return pixels x, y and depth of world points, and which points are on the image."""
     local = (points - camera.world_from_camera[:3, 3]) @ camera.world_from_camera[:3, :3]
     z = local[:, 2]
     scale = np.where(z > 0, z, 1.0) if camera.projection == "perspective" else 1.0
@@ -41,21 +41,21 @@ def seen_at(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def nearness(z: np.ndarray, camera: Camera) -> np.ndarray:
-    """Nearness, linear across the picture of a plane: 1/z of a perspective camera, -z of an orthographic one."""
+    """Nearness, linear across the picture of a plane: 1/z for a perspective camera, -z for an orthographic one."""
     return 1 / np.maximum(z, 1e-12) if camera.projection == "perspective" else -z
 
 
 class DepthSurface:
-    """A surface as a depth image knows it, at any place (x, y) of that.
+    """The surface of a depth image, at any place (x, y) of the image.
 
-    Within cells of one surface it is bilinear, and up to two samples' distance nearer where both sides bend: there a
-    crease may be. In others the samples of the nearest part tell how near it lies at most. That part ends where its
-    weights are `outline` beside background, and falls off to what lies behind.
+    Within cells of one surface it is bilinear, and nearer by up to two samples' distance where both sides bend,
+    because there may be a crease. In other cells, the samples of the nearest part limit how near it lies. This part
+    ends where its weights are `outline` next to background, and falls off to the surface behind it.
     """
 
-    EDGE = 3.0  # samples' distances between what is of one surface
+    EDGE = 3.0  # samples' distances: a larger change separates surfaces
     REACH = 2.0  # samples' distances by which a surface may be nearer than its samples
-    FALL = 1e30  # where it ends
+    FALL = 1e30  # change of nearness where the surface ends
 
     def __init__(self, view: DepthImage, outline: float) -> None:
         self.valid, self.outline = view.valid, outline
@@ -66,12 +66,14 @@ class DepthSurface:
         self.whole, self.crease_there, self.of_part, self.near = self.cells(x, y)
 
     def sample(self, n: np.ndarray) -> np.ndarray | float:
-        """The nearness that is as far in depth as samples lie apart."""
+        """Change of nearness over the distance between samples."""
         return n / self.focal if self.perspective else 1 / self.focal
 
     def change(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
-        """From (x, y) to the next sample along a row or a column, without end to or from what is none; and whether they
-        are of one surface."""
+        """Return the change from (x, y) to the next sample along a row or a column, and whether both are one surface.
+
+        The change from or to a missing sample is `FALL`, which stands for infinity.
+        """
         height, width = self.n.shape
         there = (x >= 0) & (y >= 0) & (x + dx < width) & (y + dy < height)
         here = np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)
@@ -82,7 +84,7 @@ class DepthSurface:
         return np.where(there, change, np.where(self.valid[here], -self.FALL, self.FALL)), joined
 
     def rise(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> np.ndarray:
-        """From (x, y) to the next sample of its surface."""
+        """Return the change from (x, y) to the next sample of the same surface, or 0."""
         change, joined = self.change(x, y, dx, dy)
         return np.where(joined, change, 0)
 
@@ -91,8 +93,11 @@ class DepthSurface:
         return np.maximum(self.change(x - dx, y - dy, dx, dy)[0] - self.change(x, y, dx, dy)[0], 0)
 
     def crease(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
-        """Height at which planes from both sides meet above the chord to the next sample, less what roundness bends;
-        and how much sharper than that a bend is."""
+        """Return the height of a crease above the chord to the next sample, less the bend of roundness; and its
+        sharpness.
+
+        A crease is where planes from both sides meet. Its sharpness is its excess of bend over roundness.
+        """
         first, last = self.bend(x, y, dx, dy), self.bend(x + dx, y + dy, dx, dy)
         beside = [
             np.where(
@@ -111,12 +116,12 @@ class DepthSurface:
         return [(left, top), (right, top), (left, low), (right, low)]
 
     def samples(self, left: np.ndarray, top: np.ndarray) -> np.ndarray:
-        """(4, ...) nearness around cells, -inf where there is none."""
+        """Nearness (4, ...) around cells; -inf where there is no sample."""
         return np.array([np.where(self.valid[v, u], self.n[v, u], -np.inf) for u, v in self.corners(left, top)])
 
     def cells(self, left: np.ndarray, top: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Tell which are of one surface, by how much a crease there is nearer, which samples are of the nearest part,
-        and how near that is at most."""
+        """Return which cells are one surface, how much nearer their creases are, the nearest part, and its largest
+        nearness."""
         n, corners = self.samples(left, top), self.corners(left, top)
         beside_empty = ~np.isfinite(n).all(axis=0)
         sample = self.sample(np.where(np.isfinite(n).any(axis=0), n.max(axis=0), 1))
@@ -129,7 +134,7 @@ class DepthSurface:
         sharp = np.max([sharp for pair in creases for _, sharp in pair], axis=0)
         peak = sum(np.maximum(a, b) for (a, _), (b, _) in creases) + 0.25 * np.minimum(twist, sharp)
         crease = np.minimum(peak, self.REACH * sample)
-        crease = np.where(crease < sample / 64, 0, crease)  # makes no difference
+        crease = np.where(crease < sample / 64, 0, crease)  # too small to matter
         rises = [
             np.maximum(-self.rise(u, v, 1, 0) if k & 1 else self.rise(u - 1, v, 1, 0), 0)
             + np.maximum(-self.rise(u, v, 0, 1) if k & 2 else self.rise(u, v - 1, 0, 1), 0)
@@ -139,7 +144,7 @@ class DepthSurface:
         return whole, crease, of_part, near
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Nearness, -inf where there is nothing."""
+        """Nearness; -inf where there is no surface."""
         height, width = self.n.shape
         cx, cy = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
         left, top = (np.clip(np.floor(c).astype(int), 0, max(size - 2, 0)) for c, size in ((cx, width), (cy, height)))
@@ -156,11 +161,11 @@ class DepthSurface:
 
 
 def depth_object(views: Sequence[DepthImage]) -> Inside:
-    """Points behind the surface of every view; of more than six the outlines lie farther out than half-way."""
+    """Test for points behind every view's surface; with more than six views, outlines lie farther out than half-way."""
     surfaces = [DepthSurface(view, min(0.5, 3 / len(views))) for view in views]
 
     def inside(points: np.ndarray) -> np.ndarray:
-        left = np.arange(len(points))  # what fails a view's test is spared the others'
+        left = np.arange(len(points))  # points that fail a view's test skip the others
         for view, surface in zip(views, surfaces, strict=True):
             x, y, z, on_image = seen_at(view.camera, points[left])
             left = left[on_image & (nearness(z, view.camera) <= surface.at(x, y))]
@@ -170,7 +175,7 @@ def depth_object(views: Sequence[DepthImage]) -> Inside:
 
 
 def visual_hull(views: Sequence[Silhouette | DepthImage]) -> Inside:
-    """Points within every silhouette, whose outline is where the mask, bilinear, is a half."""
+    """Test for points within every silhouette, whose outline is where the bilinear mask is 0.5."""
 
     def inside(points: np.ndarray) -> np.ndarray:
         left = np.arange(len(points))
@@ -183,7 +188,7 @@ def visual_hull(views: Sequence[Silhouette | DepthImage]) -> Inside:
 
 
 def first_depth(inside: Inside, camera: Camera, box: Box, step: float) -> np.ndarray:
-    """(H, W) depth at which each pixel's ray first enters a solid within the box, inf if never; `step` in depth."""
+    """Depth (H, W) at which each pixel's ray first enters a solid within the box; inf if never. `step` is in depth."""
     y, x = np.mgrid[: camera.height, : camera.width]
     pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
     at_1, at_2 = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1.0, 2.0))

@@ -1,9 +1,9 @@
-"""The warp in NumPy float64, a pixel at a time, for reading and for small images.
+"""The warp in NumPy float64, one pixel at a time: a readable reference for small images.
 
 After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), sections 3 to 5, in
-homogeneous pixel space: `Camera.pixel_matrix` takes a point of the camera's frame to (U, V, W, Q), its pixel
-is (U/W, V/W) and its nearness, the paper's disparity delta, is Q/W. On a triangle of the source's grid and
-along a ray nearness is affine in the source's pixels, for perspective and orthographic cameras alike.
+homogeneous pixel space: `Camera.pixel_matrix` takes a point of the camera's frame to (U, V, W, Q). Its pixel is (U/W,
+V/W), and its nearness, the paper's disparity delta, is Q/W. On a triangle of the source's grid and along a ray,
+nearness is affine in the source's pixels, for perspective and orthographic cameras alike.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class Result:
 
 
 def forward_reference(view: DepthImage, camera: Camera, splat: int = 1) -> Result:
-    """Every valid sample drawn as ``splat`` x ``splat`` target pixels; nearest first, then by sample number.
+    """Draw every valid sample as ``splat`` x ``splat`` target pixels; the nearest wins, then the lowest number.
 
-    Equation (2): a sample's x_r and delta(x_r), taken to the target's pixel space.
+    Equation (2) takes a sample's x_r and delta(x_r) to the target's pixel space.
     """
     result = Result.empty(camera)
     target_from_source = np.linalg.inv(_source_from_target(view.camera, camera))
@@ -73,12 +73,12 @@ def search_reference(
 ) -> Result:
     """Every target pixel searches its segment of the epipolar line, from epipole to point at infinity.
 
-    The ray of the target pixel x_d is ``epipole + t * infinity`` in the source's pixel space: the two ends of
-    equation (4). At the source pixel that it passes at t, its nearness is the paper's min_delta; it has met
-    the surface where the surface's delta is larger.
+    The ray of the target pixel x_d is ``epipole + t * infinity`` in the source's pixel space, between the two ends of
+    equation (4). At t, it passes a source pixel; its nearness there is the paper's min_delta. It has met the surface
+    where the surface's delta is larger.
 
-    Every triangle of the grid that the segment crosses is tried, which is exact. With "nearest" samples depth
-    and colour are those of the triangle's corner next to the hit.
+    Every triangle of the grid that the segment crosses is tried, so the result is exact. With "nearest" samples, depth
+    and colour come from the triangle's corner next to the hit.
     """
     result = Result.empty(camera)
     source_from_target = _source_from_target(view.camera, camera)
@@ -128,10 +128,10 @@ class Ray:
     high: float = np.inf
 
     def clip(self, size: tuple[int, int]) -> bool:
-        """Keep the part whose pixels are in the source image and before the source camera; False if none is.
+        """Keep the part whose pixels are in the source image, in front of the source camera; False if there is none.
 
-        That is -W / 2 <= U <= W (width - 1 / 2), the same of V, and W > 0: linear in t, so that a ray which
-        passes the source camera's plane, where W changes its sign, is no special case.
+        The conditions are -W / 2 <= U <= W (width - 1 / 2), the same for V, and W > 0. They are linear in t, so a ray
+        that passes the source camera's plane, where W changes its sign, is no special case.
         """
         right, bottom = size[0] - 0.5, size[1] - 0.5
         rows = [[1, 0, 0.5, 0], [-1, 0, right, 0], [0, 1, 0.5, 0], [0, -1, bottom, 0], [0, 0, 1, 0]]
@@ -146,7 +146,7 @@ class Ray:
         return bool(self.low < self.high)
 
     def at(self, t: Array) -> Array:
-        """(n, 4) points of the ray."""
+        """Points (n, 4) of the ray."""
         return self.epipole + t[:, None] * self.infinity
 
     def meets(self, axis: tuple[int, int], last: int) -> Array:
@@ -160,13 +160,13 @@ class Ray:
 
 
 def nearness(view: DepthImage) -> Array:
-    """(H, W) float64 delta of the samples, nan where there is no surface."""
+    """Delta (H, W) of the samples, float64; nan where there is no surface."""
     z = np.where(view.valid, view.depth, np.nan).astype(np.float64)
     return 1 / z if view.camera.projection == "perspective" else -z
 
 
 def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> tuple[Hit | None, int]:
-    """The first triangle of the grid that the ray crosses; the grid has a ring around the image's samples."""
+    """Find the first triangle that the ray crosses, in the grid with a ring around the image's samples."""
     height, width = view.depth.shape
     grid = ray.meets((1, 0), width), ray.meets((0, 1), height), ray.meets((1, 1), width + height)
     t = np.unique(np.concatenate([[ray.low], *grid, [ray.high]]))
@@ -176,7 +176,7 @@ def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> tu
     pixel = ray.at(inner)[:, :2] / ray.at(inner)[:, 2:3]
     x, y = np.clip(np.floor(pixel).astype(int), -1, [width - 1, height - 1]).T
     upper = (pixel[:, 0] - x + pixel[:, 1] - y >= 1).astype(int)
-    # Its corner with the right angle, and that corner's neighbours along x and along y.
+    # The corner with the right angle, and its neighbours along x and along y.
     cx, cy, nx, ny = x + upper, y + upper, x + 1 - upper, y + 1 - upper
     delta = ring[cy + 1, cx + 1]
     gu, gv = (ring[cy + 1, nx + 1] - delta) * (nx - cx), (ring[ny + 1, cx + 1] - delta) * (ny - cy)
@@ -187,7 +187,7 @@ def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> tu
         root = -f0 / f1
         slack = 1e-9 * np.where(np.isfinite(b - a), b - a, 1.0)
         crossed = (root >= a - slack) & (root <= b + slack)
-        row = np.where(upper, y + 1, y) + 1  # of the edge along x
+        row = np.where(upper, y + 1, y) + 1  # row of the edge along x
         column = np.where(upper, x + 1, x) + 1
         crossed &= ~(edges.diagonal[y + 1, x + 1] | edges.right[row, x + 1] | edges.below[y + 1, column])
     if not crossed.any():
@@ -202,7 +202,7 @@ def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> tu
 
 
 def _nearer(hit: Hit | None, margins: Margins, ray: Ray) -> Hit | None:
-    """The hit, or that of a margin which the ray meets before it."""
+    """Return the hit, or the hit on a margin that the ray meets earlier."""
     t, number = margins.first_hit(ray.epipole, ray.infinity, ray.low, ray.high)
     if number < 0 or (hit is not None and hit.t <= t):
         return hit
@@ -214,7 +214,7 @@ def _nearer(hit: Hit | None, margins: Margins, ray: Ray) -> Hit | None:
 
 
 def _source_from_target(source: Camera, target: Camera) -> Array:
-    """(4, 4) from the target's homogeneous pixel space to the source's."""
+    """Matrix (4, 4) from the target's homogeneous pixel space to the source's."""
     source_from_target = source.camera_from_world @ target.world_from_camera
     return source.pixel_matrix @ source_from_target @ np.linalg.inv(target.pixel_matrix)
 
