@@ -1,4 +1,4 @@
-"""Boxes: eight corners, a mesh with shared corners and without normals, and one with corners for each triangle."""
+"""Boxes: eight corners, a mesh with shared corners and without normals, and a mesh with corners per triangle."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ _QUADS = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2
 
 
 def cuboid(low: ArrayLike, high: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """(8, 3) corners, which are shared by its sides, and (12, 3) faces, seen from outside."""
+    """Corners (8, 3), shared by the sides, and faces (12, 3), seen from outside."""
     corners = np.asarray(low) + np.indices((2, 2, 2)).reshape(3, 8).T * np.subtract(high, low)
     return corners, np.concatenate([_QUADS[:, [0, 1, 2]], _QUADS[:, [0, 2, 3]]])
 
 
 def box(size: tuple[float, float, float] = (2, 1.6, 1.2), inside: bool = False) -> ibr.Mesh:
-    """About the origin, seen from outside, or from inside as a room; uv go once round its sides, and over each end."""
+    """Box about the origin, seen from outside, or from inside like a room; uv go round its sides, and over each end."""
     corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     ring, round_ = corner[[0, 1, 2, 3, 0]], np.arange(5)
     points, uv, faces = [], [], []
@@ -34,7 +34,7 @@ def box(size: tuple[float, float, float] = (2, 1.6, 1.2), inside: bool = False) 
 
 
 def facets(mesh: ibr.Mesh, with_normals: bool = False) -> ibr.Mesh:
-    """The same with corners of its own for each triangle, as files without sharing have; with normals, those of it."""
+    """Return the mesh with own corners for each triangle, as in files without sharing; optionally with face normals."""
     corners = mesh.faces.ravel()
     vertices = mesh.vertices[corners]
     across = np.cross(vertices[1::3] - vertices[::3], vertices[2::3] - vertices[::3]).repeat(3, axis=0)

@@ -1,4 +1,4 @@
-"""Programs that pictures are drawn with."""
+"""Programs that draw pictures."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pyibr.opencl.watch import Watch
 
 
 class Builds(Watch):
-    """Kernels that were asked for, each with its defines; built before or not."""
+    """Kernels that were requested, each with its defines; built before or not."""
 
     def __init__(self) -> None:
         self.of: set[tuple[object, ...]] = set()
 
     def build(self, name: str, defines: Mapping[str, int], make: Callable[[Mapping[str, int]], Any]) -> Any:
-        """Note a kernel, and let it be made."""
+        """Note a kernel, and make it."""
         self.of.add((name, *sorted(defines.items())))
         return make(defines)

@@ -1,4 +1,4 @@
-"""Calibration files of each kind, made here, and the cameras that they tell of."""
+"""Calibration files of each kind, written here, and the cameras that they describe."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ AZURE = {
 
 
 def oak() -> dict[str, Any]:
-    """Three cameras of DepthAI's calibration, each told by the next, the last a fisheye."""
+    """Three cameras of a DepthAI calibration, each relative to the next; the last is a fisheye."""
 
     def socket(to: int, x: float, kind: int = 0) -> dict[str, Any]:
         outside = {"rotationMatrix": np.eye(3).tolist(), "toCameraSocket": to, "translation": {"x": x, "y": 0, "z": 0}}
@@ -178,7 +178,7 @@ def oak() -> dict[str, Any]:
 
 
 def transforms() -> tuple[dict[str, Any], ibr.Camera]:
-    """NeRF's transforms.json of two frames, and the first one's camera."""
+    """NeRF's transforms.json with two frames, and the camera of the first frame."""
     camera = CAMERA.orbited(25, (0, 0, 2)).moved(0.1, 0.2, 0)
     pose, matrix = ibr.Camera(K, SIZE, camera.world_from_camera).to_opengl()
     inside = {"fl_x": 50, "fl_y": 51, "cx": matrix[0, 2], "cy": matrix[1, 2], "w": 61.0, "h": 37.0}

@@ -1,4 +1,4 @@
-"""Real inputs, which are not part of the project: beside the checkout, or where PYIBR_DATA says."""
+"""Real inputs, which are not part of the project: beside the checkout, or in $PYIBR_DATA."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ DATA = Path(os.environ.get("PYIBR_DATA") or Path(__file__).parents[2] / "shared"
 
 
 def shared(name: str) -> Path:
-    """A file or folder there; the test is skipped without it."""
+    """Return a file or folder of the data; without it, the test is skipped."""
     path = DATA / name
     if not path.exists():
         pytest.skip(f"needs {name}")

@@ -1,4 +1,4 @@
-"""A displaced unit square as a solid to cast rays at: its bilinear height field finely triangulated, walls, base."""
+"""A displaced unit square as a solid for ray casting: its bilinear heights, finely triangulated, walls and base."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def square() -> ibr.Mesh:
 def looking(
     elevation: float, direction: float, scale: float, size: tuple[int, int], projection: str = "perspective"
 ) -> Camera:
-    """A camera that sees all of it; angles in degrees."""
+    """A camera that sees the whole solid; angles in degrees."""
     e, d = np.radians(elevation), np.radians(direction)
     away = np.array([np.cos(e) * np.cos(d), np.cos(e) * np.sin(d), np.sin(e)])
     middle = np.array([0.5, 0.5, 0.5 * scale])
@@ -30,7 +30,7 @@ def looking(
 
 
 class Solid:
-    """Filled below its height, scale * height above z = 0; `fine` cells of the mesh a texel."""
+    """Filled below its height, scale * height above z = 0; the mesh has `fine` cells a texel."""
 
     def __init__(self, height: np.ndarray, scale: float, fine: int) -> None:
         n = fine * len(height)
@@ -43,7 +43,7 @@ class Solid:
         a = (y * (n + 1) + x).ravel()
         b, c, d = a + 1, a + n + 1, a + n + 2
         faces = np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
-        rim = np.concatenate([np.arange(n), np.arange(n) * (n + 1)])  # two sides; the others lie n away
+        rim = np.concatenate([np.arange(n), np.arange(n) * (n + 1)])  # two sides; the others are n away
         step = np.concatenate([np.ones(n, int), np.full(n, n + 1)])
         across = np.concatenate([np.full(n, n * (n + 1)), np.full(n, n)])
         count = len(top)
@@ -54,12 +54,12 @@ class Solid:
         self.scene = embree(ibr.Mesh(np.concatenate([top, base]), np.concatenate([faces, faces + count, *walls])))
 
     def depth(self, camera: Camera) -> np.ndarray:
-        """True planar depth seen by a camera; inf where there is nothing."""
+        """True planar depth for a camera; inf where it sees no surface."""
         return true_depth(self.scene, camera)
 
 
 def finely_displaced(base: ibr.Mesh, height: np.ndarray, scale: float, tiles: tuple[int, int], cells: int) -> ibr.Mesh:
-    """Each triangle of a mesh with normals, `cells` a side, displaced along the normals between its corners'."""
+    """Split each triangle of a mesh, `cells` a side, and displace it along its interpolated normals."""
     y, x = np.mgrid[: cells + 1, : cells + 1]
     kept = x + y <= cells
     number = np.full(x.shape, -1)
@@ -76,7 +76,7 @@ def finely_displaced(base: ibr.Mesh, height: np.ndarray, scale: float, tiles: tu
 
 
 def interior(truth: np.ndarray, jump: float = 0.03) -> np.ndarray:
-    """Pixels 3 away from where depth jumps by more than this between neighbours."""
+    """Pixels 3 away from depth jumps larger than this between neighbours."""
     z = np.where(np.isfinite(truth), truth, 100.0).astype(np.float32)
     around = np.ones((3, 3))
     edges = (cv2.dilate(z, around) - cv2.erode(z, around) > jump).astype(np.uint8)

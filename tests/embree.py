@@ -1,4 +1,4 @@
-"""Open3D's ray caster (Embree), which tests measure captures and pictures against."""
+"""Open3D's ray caster (Embree), the reference for captures and pictures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pyibr as ibr
 
 
 def embree(*meshes: ibr.Mesh) -> Any:
-    """An `open3d.t.geometry.RaycastingScene` of the meshes; the test is left out without Open3D."""
+    """An `open3d.t.geometry.RaycastingScene` of the meshes; the test is skipped without Open3D."""
     o3d = pytest.importorskip("open3d")
     scene = o3d.t.geometry.RaycastingScene()
     for mesh in meshes:
@@ -20,7 +20,7 @@ def embree(*meshes: ibr.Mesh) -> Any:
 
 
 def rays_of(camera: ibr.Camera) -> np.ndarray:
-    """(H * W, 6) where rays begin, and a step along them by which planar depth grows by 1; it begins at 0."""
+    """Rays (H * W, 6): origins, at planar depth 0, and steps along them by which planar depth grows by 1."""
     y, x = np.mgrid[: camera.height, : camera.width]
     one = camera.unproject(np.column_stack([x.ravel(), y.ravel()]), np.ones(x.size))
     is_perspective = camera.projection == "perspective"
@@ -29,6 +29,6 @@ def rays_of(camera: ibr.Camera) -> np.ndarray:
 
 
 def true_depth(scene: Any, camera: ibr.Camera) -> np.ndarray:
-    """(H, W) planar depth of what a camera's rays meet first; inf where there is nothing."""
+    """Planar depth (H, W) of the first hits of a camera's rays; inf where there is none."""
     hits = scene.cast_rays(rays_of(camera).astype(np.float32))
     return hits["t_hit"].numpy().reshape(camera.height, camera.width)

@@ -1,4 +1,4 @@
-"""Pixels of a warp that are off, and those of them that no rounding can decide."""
+"""Pixels of a warp that are off, and pixels that rounding may decide either way."""
 
 from __future__ import annotations
 
@@ -12,34 +12,36 @@ from pyibr.core.camera import Camera
 
 Array = NDArray[Any]
 
-OFF = 0.01  # relative: a depth that is farther off is of another place of the surface
+OFF = 0.01  # relative: a depth farther off belongs to another place of the surface
 KEPT_ULP = 10
-"""By which a depth comes back: nearness is kept within 4 ulp (its last bits tell edges), up to 8 of depth, and inverted
-twice."""
-HAIR = 0.002  # pixels of the target: twice of what the kernels take for a ray that runs along samples
+"""Largest difference of a depth from its stored form.
+
+Nearness is kept within 4 ulp (its last bits store edges), up to 8 of depth, and is inverted twice.
+"""
+HAIR = 0.002  # target pixels: twice the distance at which kernels take a ray to run along samples
 
 
 def off(found: Array, expected: Array) -> Array:
-    """(H, W) bool: where depths, nan in holes, are of other places of the surface, or one of them is a hole."""
+    """(H, W) bool: where depths, nan in holes, belong to different places of the surface, or only one is a hole."""
     with np.errstate(invalid="ignore"):
         return (np.isfinite(found) != np.isfinite(expected)) | (np.abs(found / expected - 1) > OFF)
 
 
 def with_center_moved(camera: Camera, x: float, y: float) -> Camera:
-    """The camera, but its principal point is so many pixels to the right and below."""
+    """Return the camera with its principal point moved this many pixels to the right and down."""
     K = np.add(camera.K, [[0, 0, x], [0, 0, y], [0, 0, 0]])
     return Camera(K, camera.size, camera.world_from_camera, projection=camera.projection)
 
 
 def ties(depth_seen_by: Callable[[Camera], Array], camera: Camera) -> Array:
-    """(H, W) bool: rays that pass an end of the surface so closely that a hair beside it all changes."""
+    """(H, W) bool: rays so close to an end of the surface that a hair beside them the depth differs."""
     here = depth_seen_by(camera)
     beside = (with_center_moved(camera, x, y) for x, y in ((HAIR, 0), (-HAIR, 0), (0, HAIR), (0, -HAIR)))
     return np.any([off(depth_seen_by(other), here) for other in beside], axis=0)
 
 
 def slivers(depth_seen_by: Callable[[Camera], Array], camera: Camera) -> Array:
-    """(H, W) bool: rays that see something less than a pixel wide: half a pixel to either side is something else."""
+    """(H, W) bool: rays that hit something less than a pixel wide: half a pixel to either side, depths differ."""
     here = depth_seen_by(camera)
     a, b = 0.5, 0.5 / np.sqrt(2)
     found = np.zeros(here.shape, bool)

@@ -1,4 +1,4 @@
-"""Numbers in MATLAB's files, version 5: arrays of floats, and structures of them. For calibrations that come so."""
+"""Numbers in MATLAB files, version 5: arrays of floats, and structures of them, for calibrations in that format."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MATRIX, PACKED, STRUCTURE = 14, 15, 2
 
 
 def load(path: Path) -> dict[str, Any]:
-    """The variables of a file: arrays, and dictionaries of the fields of structures."""
+    """Variables of a file: arrays, and a dictionary of fields for each structure."""
     found: dict[str, Any] = {}
     for kind, data in elements(path.read_bytes()[128:]):
         inside = next(elements(zlib.decompress(data)))[1] if kind == PACKED else data
@@ -25,7 +25,7 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def elements(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Kind and content of each element; small ones have their size in the same word."""
+    """Kind and content of each element; small elements store their size in the same word."""
     at = 0
     while at + 8 <= len(data):
         kind, size = struct.unpack_from("<II", data, at)

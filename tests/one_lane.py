@@ -1,4 +1,4 @@
-"""The kernels' GPU form on whatever device there is."""
+"""The GPU form of the kernels, on any device."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ from tests.processes import said_under_oclgrind
 
 @cache  # so that its kernels are built once
 def _of_one_lane(session: device.Session, **changed: Any) -> device.Session:
-    # Of the sizes of work-groups that it may choose, PoCL compiles each anew.
+    # PoCL compiles a kernel anew for each size of work-groups that it may choose.
     own = {"kernels": {}, "memory_pool": MemoryPool(), "flights": defaultdict(InFlight)}
     return dataclasses.replace(session, profile=dataclasses.replace(GPU, **{"group": (1, 1, 1), **changed}), **own)
 
 
 @contextmanager
 def one_lane(**changed: Any) -> Generator[None, None, None]:
-    """Within it kernels have one lane, and memory is copied to and fro; `changed`: of the GPUs' profile."""
+    """Run kernels with one lane, and copy memory to and fro, within the context; `changed`: fields of the GPUs'
+    profile."""
     session = device.current()
     index = session.device.index
     device._sessions[index] = _of_one_lane(session, **changed)
@@ -42,13 +43,13 @@ def one_lane(**changed: Any) -> Generator[None, None, None]:
 
 
 def skip_where_unused(lanes: int) -> None:
-    """GPUs' compilers are given one lane alone."""
+    """Skip a test with several lanes on devices whose kernels have one lane, such as GPUs."""
     if lanes > 1 and device.current().profile.lanes == 1:
         pytest.skip("this device's kernels have one lane")
 
 
 def check_bounds(script: str) -> None:
-    """Run a script under Oclgrind, which sees reads and writes beyond the arrays."""
+    """Run a script under Oclgrind, which detects reads and writes beyond the arrays."""
     if shutil.which("oclgrind") is None:
         pytest.skip("oclgrind is not installed (apt-get install oclgrind)")
     script += "\nfrom pyibr.opencl import device\nprint('done on', device.current().device.name)\n"

@@ -11,14 +11,14 @@ from contextlib import suppress
 
 
 def with_path(**more: str) -> dict[str, str]:
-    """This process's environment and path, and some more variables."""
+    """This process's environment and path, with further variables."""
     return os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)} | more
 
 
 def run_within(seconds: float, command: Sequence[str], **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run a command with this process's path. If it takes longer, whatever it has started ends with it.
+    """Run a command with this process's path. If it takes longer, end it and every process that it started.
 
-    `subprocess.run` would end the command alone, and then wait for the output of what that has started.
+    `subprocess.run` would end the command alone, and then wait for the output of the processes that it started.
     """
     pipe, own_session = subprocess.PIPE, os.name == "posix"
     with subprocess.Popen(
@@ -34,11 +34,11 @@ def run_within(seconds: float, command: Sequence[str], **variables: str) -> subp
 
 
 def said_under_oclgrind(arguments: Sequence[str], seconds: float) -> str:
-    """Output of a Python that runs on Oclgrind, which sees reads and writes beyond arrays.
+    """Output of a Python process on Oclgrind, which detects reads and writes beyond arrays.
 
-    If it does not come to an end, it is asked once more: its own threads have been seen to wait for each other.
+    A run that does not end is repeated once: Oclgrind's own threads have been seen to wait for each other.
     """
-    # Without inliners, which leave calls (llvm.experimental.noalias.scope.decl) that it does not know.
+    # Without inliners, which leave calls (llvm.experimental.noalias.scope.decl) that Oclgrind does not know.
     options = "-cl-opt-disable -DINLINED=static"
     command = ("oclgrind", "--check-api", "--build-options", options, sys.executable, *arguments)
     try:

@@ -1,7 +1,7 @@
 """Synthetic depth images with known depth, and target cameras for every case of the epipolar geometry.
 
-Lengths are scene units; surfaces lie 3 to 5 in front of the source camera, whose pose is not the identity,
-whose pixels are not square and whose principal point is off the middle, so that no convention can hide.
+Lengths are in scene units. Surfaces lie 3 to 5 in front of the source camera. Its pose is not the identity, its pixels
+are not square and its principal point is off the middle, so that wrong conventions show.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Array = NDArray[Any]
 Size = tuple[int, int]
 
 SIZES: tuple[Size, ...] = ((1, 1), (7, 13), (61, 37), (64, 64), (96, 128))
-_CELLS = 6  # a side; how finely the search for cameras looks at what the target sees
-REGIONS = "ABCDEFGHI"  # row by row: A is above left of the image, E inside it, I below right
+_CELLS = 6  # cells a side, by which the search for cameras samples the target's view
+REGIONS = "ABCDEFGHI"  # row by row: A is above and left of the image, E inside it, I below and right
 
 
 def source_camera(size: Size, projection: Projection = "perspective") -> Camera:
-    """Sees 80 degrees over the image's longer side (perspective), or 7 scene units (orthographic)."""
+    """Camera that sees 80 degrees over the image's longer side (perspective), or 7 scene units (orthographic)."""
     width, height = size
     longer = max(width, height)
     f = 0.6 * longer if projection == "perspective" else longer / 7
@@ -62,7 +62,7 @@ def smooth_depth(a: Array, b: Array) -> Array:
 
 
 def stepped_depth(a: Array, b: Array) -> Array:
-    """A slanted wall with a box, a diamond, a disc and a flight of stairs before it."""
+    """A slanted wall behind a box, a diamond, a disc and a flight of stairs."""
     depth = 4.9 + 0.15 * a - 0.1 * b
     stairs = (a < -0.35) & (b > 0.1)
     depth = np.where(stairs, 4.7 - 0.25 * np.floor((b - 0.1) * 6), depth)
@@ -77,7 +77,7 @@ def plane_depth(a: Array, b: Array) -> Array:
 
 
 def texture(a: Array, b: Array) -> Array:
-    """(H, W, 3) uint8: smooth, and no two places alike."""
+    """(H, W, 3) uint8: smooth, and different everywhere."""
     bands = np.stack([a + 0.3 * b, b - 0.2 * a, a * b + 0.5 * a], axis=-1)
     waves = 0.25 * np.sin(9 * bands + [0, 2, 4]) + 0.15 * np.sin(23 * bands[..., ::-1])
     return np.round(255 * (0.5 + waves)).astype(np.uint8)
@@ -89,7 +89,7 @@ def scene(
     projection: Projection = "perspective",
     far: float = np.inf,
 ) -> DepthImage:
-    """A depth image whose planar z is ``depth`` of the image coordinates."""
+    """A depth image whose planar z is a function, ``depth``, of the image coordinates."""
     a, b = image_coordinates(size)
     return DepthImage(texture(a, b), depth(a, b).astype(np.float32), source_camera(size, projection), far=far)
 
@@ -128,10 +128,10 @@ def holed(size: Size, projection: Projection = "perspective") -> DepthImage:
 
 @dataclass(frozen=True)
 class Pose:
-    """A target camera and the case of the epipolar geometry that it stands for.
+    """A target camera and the case of the epipolar geometry that it represents.
 
-    ``signs`` are those of the homogeneous coordinates of the epipoles in the target and in the source image:
-    +1 for an epipole, -1 for an antipode, 0 for one at infinity (see `epipole_signs`).
+    ``signs`` are the signs of the epipoles' homogeneous coordinates in the target and in the source image: +1 for an
+    epipole, -1 for an antipode, 0 at infinity (see `epipole_signs`).
     """
 
     name: str
@@ -150,7 +150,7 @@ def ramp_and_empty(size: Size) -> list[DepthImage]:
 
 
 def moved_aside(camera: Camera, x: float, y: float) -> Camera:
-    """The camera with its picture moved by so many pixels."""
+    """Return the camera with its picture moved by this many pixels."""
     K = camera.K + np.array([[0, 0, x], [0, 0, y], [0, 0, 0]])
     return Camera(K, camera.size, camera.world_from_camera, projection=camera.projection)
 
@@ -158,8 +158,8 @@ def moved_aside(camera: Camera, x: float, y: float) -> Camera:
 def epipole(image: Camera, other: Camera) -> Array:
     """(3,) homogeneous pixel of ``other``'s centre in ``image``'s image.
 
-    An orthographic camera's centre is infinitely far behind it. The homogeneous coordinate is positive for
-    what lies before a perspective camera; in an orthographic one it is 1, or 0 for a centre at infinity.
+    An orthographic camera's centre is infinitely far behind it. The homogeneous coordinate is positive in front of a
+    perspective camera; in an orthographic one it is 1, or 0 for a centre at infinity.
     """
     image_from_other = image.camera_from_world @ other.world_from_camera
     # The centre at infinity is a direction: its last coordinate is 0.
@@ -180,7 +180,7 @@ def epipole_signs(source: Camera, target: Camera) -> tuple[int, int]:
 def epipole_region(source: Camera, target: Camera) -> str:
     """One of `REGIONS`, "infinity" (the epipole is a direction in the image) or "none" (there is no epipole).
 
-    There is none between perspective cameras with one centre, and none between parallel orthographic ones.
+    There is none between perspective cameras with one centre, nor between parallel orthographic cameras.
     """
     point = epipole(target, source)
     apart = np.linalg.norm(target.center - source.center) > 1e-9
@@ -214,22 +214,22 @@ def target_cameras(
     Parameters
     ----------
     view : DepthImage
-        What is looked at.
+        View that the cameras look at.
     region : str
         A letter of `REGIONS`.
     size : (width, height), optional
-        Of the target image, the source's if not given.
+        Size of the target image; by default the source's.
     projection : {"perspective", "orthographic"}
-        Of the target camera.
+        Projection of the target camera.
     share : float
-        Least share of the target image in which the surface's front is seen. A pair of signs for which no
-        camera reaches it is left out. An orthographic target whose centre lies before the source camera
-        would look back at it and see the surface's back, so that its signs are always (1, -1).
+        Least share of the target image that shows the surface's front. A pair of signs is left out if no camera
+        reaches it. An orthographic target with its centre in front of the source camera would look back and see the
+        surface's back, so that its signs are always (1, -1).
 
     Notes
     -----
-    The epipole's pixel and sign fix the direction to the source centre in the target's frame; distance and
-    rotation are free and are searched over a fixed grid for a good view of the surface.
+    The epipole's pixel and sign fix the direction to the source centre in the target's frame. Distance and rotation
+    are free: a search over a fixed grid finds a good view of the surface.
     """
     size = size or view.camera.size
     found: list[Pose] = []
@@ -288,7 +288,7 @@ def _search(
     point, normal = _surface(view)
     best, best_score = None, -np.inf
     for zoom in (1.0, 0.7, 0.5):
-        if best is not None:  # zooming out is for cases that cannot be seen otherwise
+        if best is not None:  # zooming out is for cases that are not visible otherwise
             break
         for pixel in _places(region, size):
             K = target_intrinsics(size, projection, zoom)
@@ -329,11 +329,11 @@ def _candidates(source: Camera, projection: str, toward: Array, sign: int) -> tu
     turns, degrees = _rotations()
     rotation, centers = turns, []
     if projection == "perspective" and source.projection == "orthographic":
-        # The pixel's ray must run towards the source: that leaves a spin about it, and any centre.
+        # The pixel's ray must run towards the source; a spin about the ray and the centre are free.
         rotation = _aligned(sign * toward, turns)
     for distance in (0.7, 1.4, 2.5):
         if projection == "orthographic":
-            # The source centre must lie on the pixel's ray; the camera stands back to have all before it.
+            # The source centre must lie on the pixel's ray; the camera moves back until all is in front of it.
             center = -turns @ [toward[0], toward[1], 6.0 + distance]
         elif source.projection == "orthographic":
             center = 1.5 * turns[:, :, 2]
@@ -358,7 +358,7 @@ def _rotations() -> tuple[Array, Array]:
 
 
 def _aligned(toward: Array, spins: Array) -> Array:
-    """Rotations (n, 3, 3) that take ``toward`` to (0, 0, -1), spun about it as each of ``spins`` says."""
+    """Rotations (n, 3, 3) that take ``toward`` to (0, 0, -1), each spun about it by one of ``spins``."""
     z = -toward / np.linalg.norm(toward)
     x = np.cross(spins[:, 1], z)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
@@ -366,7 +366,7 @@ def _aligned(toward: Array, spins: Array) -> Array:
 
 
 def _surface(view: DepthImage) -> tuple[Array, Array]:
-    """Some 200 points of the surface and normals turned to the source, in the source's frame."""
+    """Some 200 points of the surface, and normals towards the source, in the source's frame."""
     height, width = view.depth.shape
     y, x = np.mgrid[:height, :width].astype(np.float64)
     z = np.where(view.valid, view.depth, np.nan).astype(np.float64)
@@ -393,7 +393,7 @@ def _share_seen(
     size: Size,
     projection: str,
 ) -> Array:
-    """(n,) about the share of each target image that shows the surface's front; 0 for cameras behind it."""
+    """Approximate share of each target image, (n,), that shows the surface's front; 0 for cameras behind it."""
     n = len(center)
     turned = (point @ rotation.transpose(1, 0, 2).reshape(3, 3 * n)).reshape(len(point), n, 3)
     x, y, z = (turned - np.einsum("ni,nij->nj", center, rotation)).transpose(2, 0, 1)  # (points, n) each
@@ -415,7 +415,7 @@ def _share_seen(
 
 
 def _behind_surface(view: DepthImage, center: Array) -> Array:
-    """(n,) bool: whether a centre (in the source's frame) lies past, or just before, the sample it hides."""
+    """Centres, (n,) bool, in the source's frame, that lie behind or just in front of the sample they occlude."""
     height, width = view.depth.shape
     scale = center[:, 2:] if view.camera.projection == "perspective" else np.ones((len(center), 1))
     with np.errstate(divide="ignore", invalid="ignore"):

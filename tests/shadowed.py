@@ -1,4 +1,4 @@
-"""Lit scenes, and their shadows by rays cast from the surface's true points to the light."""
+"""Lit scenes, and their true shadows, by rays cast from the surface's points to the light."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def plane(half: float = 2.0, z: float = 0.0) -> ibr.Mesh:
 
 
 def box(middle: tuple[float, float, float], half: tuple[float, float, float]) -> ibr.Mesh:
-    """Its corners are shared by its sides: its smooth normals are far from the sides' own."""
+    """A box whose sides share corners, so that its smooth normals differ much from the sides' normals."""
     points, faces = cuboid(np.subtract(middle, half), np.add(middle, half))
     return ibr.Mesh(points, faces, colors=np.full((8, 3), 255, np.uint8))
 
@@ -70,7 +70,7 @@ def light_of(name: str, **more: Any) -> ibr.Light:
 
 
 def first_hits(scene: Any, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(H, W) true planar depth (inf: nothing), (H, W, 3) its points and unit normals towards the camera."""
+    """True planar depth (H, W), inf without a hit, and the hits' points and unit normals towards the camera."""
     rays = rays_of(camera)
     origin = rays[:, :3]
     found = scene.cast_rays(rays.astype(np.float32))
@@ -83,7 +83,7 @@ def first_hits(scene: Any, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def true_shares(scene: Any, light: ibr.Light, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """(H, W) whether the light is seen from points, by rays cast at the scene; outside of a spot's cone it is not."""
+    """Visibility of the light from points, (H, W), by rays cast at the scene; none outside of a spot's cone."""
     flat = np.where(np.isfinite(points), points, 0).reshape(-1, 3)
     away = np.full_like(flat, 1) * -light.direction if light.position is None else light.position - flat
     length = np.linalg.norm(away, axis=1, keepdims=True) if light.position is not None else np.full((len(flat), 1), 1e3)
@@ -99,7 +99,7 @@ def true_shares(scene: Any, light: ibr.Light, points: np.ndarray, normals: np.nd
 
 
 def edges(of: np.ndarray) -> np.ndarray:
-    """Pixels within 3 of a change of a boolean image, or of a jump of depths."""
+    """Pixels within 3 of a change in a boolean image, or of a jump in depth."""
     if of.dtype == bool:
         low, high = (f(of.astype(np.uint8), np.ones((3, 3))) for f in (cv2.erode, cv2.dilate))
         at = low != high
@@ -110,7 +110,7 @@ def edges(of: np.ndarray) -> np.ndarray:
 
 
 def shares(things: Any, camera: Camera, light: ibr.Light, **options: Any) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) the light's share that a picture shows, and where it can be told: where without shadows it is lit."""
+    """Share of the light, (H, W), that a picture shows, and where it is measurable: where unshadowed light falls."""
     plain = ibr.Light(
         direction=light.direction,
         position=light.position,
@@ -121,7 +121,7 @@ def shares(things: Any, camera: Camera, light: ibr.Light, **options: Any) -> tup
     )
     picture, lit = (ibr.render(things, camera, one, **options).color[..., 0].astype(float) for one in (light, plain))
     own = ibr.render(things, camera, **options).color[..., 0].astype(float)
-    told = lit - AMBIENT * own > 8  # of 255: otherwise rounding counts
+    told = lit - AMBIENT * own > 8  # of 255: below that, rounding counts
     return np.where(told, (picture - AMBIENT * own) / np.where(told, lit - AMBIENT * own, 1), 0), told
 
 
@@ -131,7 +131,7 @@ def agreement(things: Any, scene: Any, camera: Camera, light: ibr.Light, **optio
     share, told = shares(things, camera, light, **options)
     counted = told & np.isfinite(depth) & ~edges(truth) & ~edges(depth)
     assert counted.sum() > 5000
-    assert 0.02 < truth[counted].mean() < 0.999  # there is light and shadow
+    assert 0.02 < truth[counted].mean() < 0.999  # both light and shadow
     return float(((share > 0.5) == truth)[counted].mean())
 
 

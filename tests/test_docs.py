@@ -1,4 +1,4 @@
-"""The manual does what it says: its Python runs, its links lead somewhere, its examples hold."""
+"""The manual is right: its Python runs, its links lead somewhere, its examples hold."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def blocks_of(page: Path) -> list[tuple[int, str]]:
 
 
 def all_blocks_of(page: Path) -> list[tuple[int, str, str]]:
-    """(line, kind, source) of each block that runs: Python, and shells' from the first one of Python on.
+    """(line, kind, source) of each block that runs: Python, and shell blocks after the first one of Python.
 
-    Lines that need what the page has not made are of the kind `console`, or above all Python.
+    Lines that need files which the page does not make are of the kind `console`, or stand above all Python.
     """
     text = page.read_text(encoding="utf-8")
     found = [(text.count("\n", 0, m.start(2)), m.group(1), m.group(2)) for m in BLOCK.finditer(text)]
@@ -56,7 +56,7 @@ def run_lines(source: str) -> None:
 
 
 def entries_of(text: str) -> list[str]:
-    """The pages in the tables of contents of a page."""
+    """Pages in the tables of contents of a page."""
     lines = [line.strip() for listing in TOCTREE.findall(text) for line in listing.splitlines()]
     return [line for line in lines if line and not line.startswith(":")]
 
@@ -72,7 +72,7 @@ def test_blocks_of_page_run(
         if kind == "sh":
             run_lines(source)
             continue
-        # Blank lines before the source make a traceback name the page's own line.
+        # Blank lines in front of the source make a traceback name the page's own line.
         exec(compile("\n" * line + source, str(page), "exec"), names)
 
 

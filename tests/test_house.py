@@ -1,4 +1,4 @@
-"""Rules that keep the code findable: imports, the size of rooms and functions."""
+"""Rules that keep code easy to find: imports, and the size of folders and functions."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_functions_are_short(path):
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_docstrings_open_with_what_a_thing_is_or_does(path):
-    """A noun or a verb, no question that the reader has to answer first."""
+    """They open with a noun or a verb, not with a question that the reader must answer first."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, documented):
@@ -121,4 +121,4 @@ def test_few_things_lie_at_the_top_beside_the_systems():
     systems = {folder.name for folder in kernels_folder().iterdir() if folder.is_dir()}
     entries = {entry.name for entry in PACKAGE.iterdir()} - {"__pycache__", "kernels", "py.typed"}
     assert len(entries - systems) <= 10, sorted(entries - systems)
-    assert systems - {"lib"} <= entries  # each has its room here, too
+    assert systems - {"lib"} <= entries  # each has its folder here, too

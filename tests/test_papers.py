@@ -1,4 +1,4 @@
-"""Pages of the manual on the four papers: each row names something that exists, and no figure is left out."""
+"""Pages of the manual on the four papers: each row names something that exists, and no figure is missing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pyibr
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {p.stem: p for p in sorted(ROOT.glob("docs/papers/*.md"))}
 FIGURES = {"warp": (13, 2), "slicing": (18, 0), "relief": (18, 0), "depthmesh": (13, 2)}
-"""How many figures and tables each paper has."""
+"""Numbers of figures and tables in each paper."""
 NONE = "-"
 ROW = re.compile(r"^\|(.+)\|$", re.MULTILINE)
 CODE = re.compile(r"`([^`]+)`")
@@ -28,7 +28,7 @@ Row = dict[str, str]
 
 
 def tables_of(page: Path) -> list[list[Row]]:
-    """The rows of each table of a page, by their headings."""
+    """Rows of each table of a page, by the table's headings."""
     tables: list[list[Row]] = []
     for section in page.read_text(encoding="utf-8").split("\n## ")[1:]:
         cells = [[cell.strip() for cell in row.split("|")] for row in ROW.findall(section)]
@@ -47,13 +47,13 @@ def figures(name: str) -> list[Row]:
 
 
 def anchors_of(page: Path) -> set[str]:
-    """Its headings as links name them."""
+    """Anchors of a page's headings, as links use them."""
     headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def missing_of(cell: str) -> list[str]:
-    """Names in a cell that lead to nothing."""
+    """Names in a cell that do not resolve."""
     missing: list[str] = []
     for link in LINK.findall(cell):
         path, _, anchor = link.partition("#")
@@ -72,7 +72,7 @@ def missing_of(cell: str) -> list[str]:
 
 
 def is_there(name: str) -> bool:
-    """Tell whether a dotted name is a module, or something in one."""
+    """Tell whether a dotted name is a module, or an attribute in one."""
     parts = name.split(".")
     for split in range(len(parts), 0, -1):
         try:
@@ -88,7 +88,7 @@ def is_there(name: str) -> bool:
 
 
 def is_option(code: str) -> bool:
-    """Tell whether something public takes an option, and tells of the value."""
+    """Tell whether a public function or class takes an option and documents its value."""
     match = OPTION.fullmatch(code)
     assert match
     public = (getattr(pyibr, name) for name in pyibr.__all__)
@@ -125,8 +125,8 @@ def test_techniques_are_somewhere_and_held_by_something(name: str) -> None:
         if row["here"] == NONE:
             assert row["where it differs, and why"] != NONE, f"{row['in the paper']}: missing without a reason"
         else:
-            assert names_something(row["here"]), f"{row['in the paper']}: nothing is named that it would be"
-            assert names_something(row["held by"]), f"{row['in the paper']}: nothing holds it"
+            assert names_something(row["here"]), f"{row['in the paper']}: the column 'here' names nothing"
+            assert names_something(row["held by"]), f"{row['in the paper']}: the column 'held by' names nothing"
 
 
 @pytest.mark.parametrize("name", FIGURES)

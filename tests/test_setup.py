@@ -1,4 +1,4 @@
-"""Set-up behind `make`: for the demo no more than that needs."""
+"""Set-up behind `make`: the demo installs no more than it needs."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ SETUP = (ROOT / "tools/setup.py").read_text()
 
 
 def commands(folder: Path, target: str) -> str:
-    """The commands that `make` would run there."""
+    """Commands that `make` would run in a folder."""
     return subprocess.run(["make", "-n", target], cwd=folder, capture_output=True, text=True, check=True).stdout
 
 
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
-    """A clone in which nothing is set up."""
+    """A clone without any set-up."""
     (tmp_path / "tools").mkdir()
     for name in ("Makefile", "pyproject.toml", "tools/setup.py"):
         shutil.copy(ROOT / name, tmp_path / name)
@@ -40,7 +40,7 @@ def test_the_demo_has_a_lighter_set_up_than_the_tests(clone: Path):
 
 
 def test_the_demo_needs_no_other_extra():
-    """Its scripts import what pyibr and the extra `plot` bring."""
+    """Its scripts import only packages that come with pyibr or with the extra `plot`."""
     assert 'DEMO, EVERYTHING = "plot", ' in SETUP
     paths = [ROOT / f"docs/gallery/{name}.py" for name in ("demo", "objects", "terrain")]
     trees = [node for path in paths for node in ast.walk(ast.parse(path.read_text()))]

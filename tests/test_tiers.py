@@ -1,4 +1,4 @@
-"""No test is left out by all tiers, and the quick one leaves out no room, no kernel and no value."""
+"""Every test belongs to a tier, and the quick tier covers every folder, every kernel and every value."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_the_tiers_are_all_tests():
 
 
 def test_every_folder_has_quick_tests(pytestconfig: pytest.Config):
-    """Of those that this run has found."""
+    """Among the tests that this run has collected."""
     folders = {Path(name.split("::")[0]).parent: False for name in pytestconfig.stash[COLLECTED]}
     for name, left in pytestconfig.stash[COLLECTED].items():
         folders[Path(name.split("::")[0]).parent] |= not left
@@ -39,7 +39,7 @@ def test_every_folder_has_quick_tests(pytestconfig: pytest.Config):
 
 
 def test_every_kernel_runs_in_the_quick_tier():
-    """The test that asks for all of them belongs to it."""
+    """The test that needs all kernels belongs to it."""
     marks = [*getattr(flight, "pytestmark", []), *flight.test_all_kernels_give_the_same_in_pieces.pytestmark]
     assert {mark.name for mark in marks} == {"parametrize"}
 
@@ -73,4 +73,4 @@ def test_of_a_product_few_tests_are_quick(pytestconfig: pytest.Config):
 @pytest.mark.parametrize(("b", "c"), [(1, 1), (2, 1), (3, 2)])
 @pytest.mark.parametrize("d", [pytest.param("thorough", marks=pytest.mark.thorough), "-", "a-b", "b"])
 def test_a_product(a: float, b: int, c: int, d: str):
-    """Nothing but parameters that multiply, for the test above."""
+    """A test with nothing but parameters that multiply, for the test above."""

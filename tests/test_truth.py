@@ -1,4 +1,4 @@
-"""The truth and the references are themselves right: against closed forms, and against each other."""
+"""The truth and the references are right: they match closed forms, and each other."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_search_reference_is_the_truth(scene, source, target):
         same = seen.valid & found.valid
         agree = np.isclose(found.depth[same], seen.depth[same], rtol=1e-6)
         off = ~agree
-        for by in (1e-6, -1e-6) if np.count_nonzero(off) > 1 else ():  # half-way between two samples: of either
+        for by in (1e-6, -1e-6) if np.count_nonzero(off) > 1 else ():  # half-way between two samples: either is right
             beside = search_reference(view, scenes.moved_aside(pose.camera, by, by), edges=edges, side=side)
             off &= ~np.isclose(beside.depth[same], seen.depth[same], rtol=1e-5)
         assert np.count_nonzero(off) <= 1, pose.name
@@ -184,5 +184,5 @@ def test_forward_reference_breaks_ties_by_the_earlier_sample():
     view = DepthImage(color, np.full((8, 8), 2, np.float32), camera)
     half = Camera([[4, 0, 1.85], [0, 4, 1.85], [0, 0, 1]], (4, 4))  # sample x falls on x/2 + 0.1
     found = forward_reference(view, half)
-    first = [0, 1, 3, 5]  # of the samples that fall on one pixel
+    first = [0, 1, 3, 5]  # first of the samples that fall on one pixel
     np.testing.assert_array_equal(found.color[..., 0], color[first][:, first, 0])

@@ -1,4 +1,4 @@
-"""The tiers of tests: which of a product of parameters are enough to meet every value, or every two values at once."""
+"""Tiers of tests: combinations of parameters that suffice to cover every value, or every pair of values."""
 
 from __future__ import annotations
 
@@ -9,34 +9,37 @@ from itertools import combinations
 import pytest
 
 LEFT = "thorough", "product"
-"""Markers of what `make test` leaves to others, and of what `make test-all` does, too."""
+"""Markers: the first of tests that `make test` skips, the second of those that `make test-all` skips, too."""
 COLLECTED = pytest.StashKey[dict[str, set[str]]]()
-"""All tests that were found, with which of these markers they have."""
+"""All collected tests, each with its markers from `LEFT`."""
 
 
 def covering(places: Sequence[Set[Hashable]], first: Collection[int] = ()) -> set[int]:
-    """Numbers of so many places in a product that each value is in one of them; those of `first` are among them."""
+    """Choose places of a product, by index, that together contain every value; `first` are always chosen."""
     chosen = set(first)
     missing = set[Hashable]().union(*places).difference(*(places[number] for number in chosen))
     while missing:
-        best = max(range(len(places)), key=lambda number: len(places[number] & missing))  # of equal ones the first
+        best = max(range(len(places)), key=lambda number: len(places[number] & missing))  # the first of equal ones
         chosen.add(best)
         missing -= places[best]
     return chosen
 
 
 def values_of(test: pytest.Function) -> frozenset[tuple[str, tuple[int, ...]]]:
-    """Each axis of a test's parameters, with the object in the axis' list that is the test's value."""
+    """Each axis of a test's parameters, with the identity of the test's value on that axis."""
     names = [mark.args[0] for mark in test.iter_markers("parametrize")]
     axes = [given.replace(",", " ").split() if isinstance(given, str) else list(given) for given in names]
     params = test.callspec.params
-    axes += [[name] for name in params if not any(name in axis for axis in axes)]  # of fixtures
+    axes += [[name] for name in params if not any(name in axis for axis in axes)]  # parameters of fixtures
     return frozenset((axis[0], tuple(id(params[name]) for name in axis)) for axis in axes)
 
 
 def leave_products(items: Iterable[pytest.Item]) -> None:
-    """Of a test whose parameters multiply, mark as thorough what it has beyond those that meet every value, and as
-    product what is beyond those that meet every two values of different parameters at once."""
+    """Mark combinations of parameters that the quicker tiers need not run.
+
+    A test is thorough if it is not needed to meet every value, and a product if it is not needed to meet every two
+    values of different parameters together.
+    """
     of_function: dict[str, list[pytest.Function]] = defaultdict(list)
     for item in items:
         if isinstance(item, pytest.Function) and hasattr(item, "callspec"):

@@ -1,9 +1,9 @@
-"""Truth for the warp's tests: rays cast (Embree, through Open3D) at the surface that a depth image means.
+"""Truth for the warp's tests: rays cast (Embree, through Open3D) at the surface that a depth image represents.
 
-That surface is the triangulated pixel grid in the source camera's frame. Embree only says which triangle a
-ray meets first; where it meets it is then computed again in float64 from the triangle's plane, so that the
-truth has the precision of the depth image itself. None of the maths here comes from ``pyibr``: a mistake in
-its cameras shows as a difference.
+The surface is the triangulated pixel grid in the source camera's frame. Embree only finds the triangle that a ray
+meets first. The intersection is then computed again in float64 from the triangle's plane, so that the truth is as
+precise as the depth image itself. None of the maths here comes from ``pyibr``, so that a mistake in its cameras shows
+as a difference.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class Truth:
     depth: Array  #: (H, W) float64, planar z
     valid: Array  #: (H, W) bool
     color: Array  #: (H, W, 3) float64, linear on the triangle in the source image, in the input's range
-    view: Array  #: (H, W) int64, which of the views
+    view: Array  #: (H, W) int64, index of the view
     source: Array  #: (H, W, 2) float64, the hit's pixel (x, y) in that view
-    triangle: Array  #: (H, W) int64, the triangle's number in that view
+    triangle: Array  #: (H, W) int64, the triangle's index in that view
     nearness: Array  #: (H, W) float64, 1/z for a perspective target, -z for an orthographic one
     gradient: Array  #: (H, W, 2) float64, change of nearness over a pixel in x and in y on the hit's plane
 
@@ -45,21 +45,21 @@ class Truth:
 
 
 class Surface:
-    """The triangulated pixel grid of one depth image, ready to be looked at from many cameras.
+    """The triangulated pixel grid of one depth image, prepared for rays from many cameras.
 
     Parameters
     ----------
     view : DepthImage
         Source image.
     edges : {"connect", "cut"}
-        "cut" leaves out triangles with an edge that is torn, as `tests.reference.edges` tells.
+        "cut" leaves out triangles with a torn edge, as in `tests.reference.edges`.
     cut_ratio : float or None
-        Tears them by a ratio of depths instead.
+        Tears edges by a ratio of depths instead.
 
     Attributes
     ----------
     faces : (n, 3)
-        Numbers of vertices: first the samples, y * width + x, then what lies beyond the border.
+        Indices of vertices: first the samples, y * width + x, then the vertices beyond the border.
     vertices, colors : (n, 3) float64
     """
 
@@ -84,7 +84,7 @@ class Surface:
             self.scene.add_triangles(self.vertices.astype(np.float32), self.faces.astype(np.uint32))
 
     def _first_triangle(self, origin: Array, direction: Array) -> Array:
-        """(n,) numbers of the triangles that rays (n, 3) meet first, or `NOTHING`."""
+        """Indices (n,) of the triangles that rays (n, 3) meet first, or `NOTHING`."""
         if not len(self.faces):
             return np.full(len(origin), NOTHING)
         packed = np.concatenate([origin, direction], axis=-1).astype(np.float32)
@@ -93,14 +93,14 @@ class Surface:
     def _meet(self, origin: Array, direction: Array, triangle: Array) -> tuple[Array, Array, Array, Array]:
         """Intersect rays with the planes of triangles.
 
-        The points and the planes' normals (n, 3), whether the ray comes from the side that the source sees
-        (n,), and the points' weights (n, 3) in the triangles in the source image, negative where beyond them.
+        Returns the points and the planes' normals (n, 3), whether the ray comes from the side that the source sees
+        (n,), and the points' weights (n, 3) in the triangles in the source image, negative outside them.
         """
         corner = self.vertices[self.faces[triangle]]  # (n, 3 corners, 3)
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         offset = np.einsum("ni,ni->n", normal, corner[:, 0])
         along = np.einsum("ni,ni->n", normal, direction)
-        # A ray that crosses the plane in the sense of the source's own ray meets the side the source sees.
+        # A ray that crosses the plane in the same sense as the source's own ray meets the side that the source sees.
         front = along * (normal[:, 2] if self.camera.projection == "orthographic" else offset) > 0
         with np.errstate(divide="ignore", invalid="ignore"):
             t = (offset - np.einsum("ni,ni->n", normal, origin)) / along
@@ -114,7 +114,7 @@ class Surface:
         y, x = np.mgrid[:height, :width].reshape(2, -1).astype(np.float64)
         origin, direction = rays(camera, self.camera, self.box, x, y)
         triangle = self._first_triangle(origin, direction)
-        # Embree lets some rays slip through an edge or a corner that they meet exactly: look around them.
+        # Embree lets some rays slip through an edge or a corner that they meet exactly, so look around them.
         for dx, dy in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
             lost = np.flatnonzero(triangle == NOTHING)
             around = rays(camera, self.camera, self.box, x[lost] + NUDGE * dx, y[lost] + NUDGE * dy)
@@ -162,8 +162,8 @@ def raycast(
 ) -> Truth:
     """Truth of one view or of several.
 
-    Each view is cast alone, since the back of one view's surface hides nothing of another's, and the nearest
-    hit is taken; of equally near ones, the first. A `Surface` may stand for its view (it is built only once).
+    Each view is cast alone, since the back of one view's surface occludes nothing of another's. The nearest hit is
+    taken, or the first of equally near ones. Pass a `Surface` instead of a view to build it only once.
     """
     several = [views] if isinstance(views, DepthImage | Surface) else list(views)
     best: Truth | None = None
@@ -182,7 +182,7 @@ def raycast(
 
 
 def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float | None = None) -> Array:
-    """(n, 3) sample numbers, y * width + x, of the triangles that exist between samples.
+    """Sample indices (n, 3), y * width + x, of the triangles that exist between samples.
 
     A cell is split from (x + 1, y) to (x, y + 1). Triangles with a torn edge or a missing corner do not exist.
     """
@@ -195,13 +195,13 @@ def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float | Non
 
 
 def _joined(one: tuple[Array, ...], other: tuple[Array, ...]) -> tuple[Array, ...]:
-    """Two meshes as one: pixels, nearness, colours and faces."""
+    """Join two meshes: pixels, nearness, colours and faces."""
     values = [np.concatenate(both) for both in zip(one[:3], other[:3], strict=True)]
     return *values, np.concatenate([one[3], other[3] + len(one[0])])
 
 
 def samples(view: DepthImage) -> Array:
-    """(height * width, 3) float64: every sample in its camera's frame."""
+    """Samples (height * width, 3), float64, in the camera's frame."""
     height, width = view.depth.shape
     pixels = np.mgrid[:height, :width].reshape(2, -1)[::-1].T.astype(np.float64)
     return _unprojected(view.camera, pixels, view.depth.ravel().astype(np.float64))
@@ -218,9 +218,9 @@ def _unprojected(camera: Camera, pixels: Array, z: Array) -> Array:
 def rays(camera: Camera, frame: Camera, box: tuple[Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
     """Origins and directions (n, 3) of ``camera``'s rays through pixels (x, y).
 
-    They are given in the frame of the camera ``frame``, and a step of 1 along a direction is a step of 1 in
-    planar z. A perspective ray starts at the camera's centre, an orthographic one far enough back to have all
-    of ``box`` (its two corners, in ``frame``) ahead.
+    They are in the frame of the camera ``frame``; a step of 1 along a direction is a step of 1 in planar z. A
+    perspective ray starts at the camera's centre, an orthographic ray far enough back to have all of ``box`` (two
+    corners, in ``frame``) ahead.
     """
     pixel = straight(camera, np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T)
     frame_from_camera = frame.camera_from_world @ camera.world_from_camera
@@ -242,7 +242,7 @@ def project(camera: Camera, points: Array) -> Array:
 
 
 def straight(camera: Camera, ray: Array) -> Array:
-    """Directions (..., 3), z = 1, without what the camera's lens does to them: OpenCV's answer."""
+    """Directions (..., 3), z = 1, without the distortion of the camera's lens, by OpenCV."""
     if camera.lens is None or not ray.size:
         return ray
     import cv2
@@ -257,7 +257,7 @@ def straight(camera: Camera, ray: Array) -> Array:
 
 
 def bent(camera: Camera, points: Array) -> Array:
-    """Positions that the camera's lens sees ideal ones (n, 2) at: OpenCV's answer."""
+    """Positions (n, 2) as the camera's lens distorts them, by OpenCV."""
     if camera.lens is None or not len(points):
         return points
     import cv2
@@ -281,7 +281,7 @@ def barycentric(corner: Array, point: Array) -> Array:
 def plane(camera: Camera, point: Array, normal: Array) -> tuple[Array, Array]:
     """Nearness at ``point`` and its change over a pixel on the plane there (both in the camera's frame).
 
-    On a plane, 1/z is affine in the pixels of a perspective camera and z in those of an orthographic one.
+    On a plane, 1/z is affine in the pixels of a perspective camera, and z in the pixels of an orthographic one.
     """
     inverse = np.linalg.inv(camera.K)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -292,12 +292,12 @@ def plane(camera: Camera, point: Array, normal: Array) -> tuple[Array, Array]:
 
 
 def band(truth: Truth, radius: int = 3, jump: float = 0.01) -> Array:
-    """(H, W) bool: the ``radius`` pixels, to all eight sides, next to a hole, a silhouette or a depth edge.
+    """(H, W) bool: the ``radius`` pixels, in all eight directions, next to a hole, a silhouette or a depth edge.
 
-    Between two neighbouring pixels lies an edge if only one of them is valid, or if the plane of either one's
-    triangle, continued to the other pixel, misses the depth there by more than ``jump`` of it. A slope alone
-    is therefore no edge, however steep it is; its foot and crest are if it climbs more than ``jump`` a pixel.
-    The image's own border is no edge.
+    Two neighbouring pixels have an edge between them if only one is valid, or if the plane of either one's triangle,
+    continued to the other pixel, misses the depth there by more than ``jump`` of it. A slope alone is therefore no
+    edge, however steep; its foot and crest are edges if it climbs more than ``jump`` a pixel. The image's own border
+    is no edge.
     """
     edge = ~truth.valid
     depth = truth.depth if np.any(truth.nearness < 0) else None  # orthographic: nearness is -z
@@ -330,10 +330,10 @@ def dilate(mask: Array, radius: int) -> Array:
 def depth_change_one_pixel(
     truth: Truth, views: DepthImage | Sequence[DepthImage], camera: Camera, reach: float = 1.0
 ) -> Array:
-    """(H, W) float64: how much the target's depth changes over one source pixel around each true hit.
+    """(H, W) float64: change of the target's depth over one source pixel around each true hit.
 
-    It is the largest difference between the true depth and the target-space depth of any valid source sample
-    whose pixel lies within ``reach`` of the hit's in x and in y. Nan where the truth is a hole.
+    This is the largest difference between the true depth and the target-space depth of any valid source sample whose
+    pixel lies within ``reach`` of the hit in x and in y. Nan where the truth is a hole.
     """
     several = [views] if isinstance(views, DepthImage) else list(views)
     change = np.full(truth.depth.shape, np.nan)

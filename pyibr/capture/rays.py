@@ -115,8 +115,7 @@ class Rays:
             found.add(ray[meets], names[candidate[meets]], z[meets], exact[meets])
 
     def _candidates(self, corners: Float64, number: Int64) -> Iterator[tuple[Int64, Int64]]:
-        """Yield pairs of a ray and a triangle over its cell, from triangles (n, 3, 2) in the image and their
-        indices."""
+        """Yield pairs of a ray and a triangle over its cell, from triangles (n, 3, 2) in the image."""
         low, high = corners[..., 1].min(axis=1) - _NUDGE, corners[..., 1].max(axis=1) + _NUDGE
         first = cast("Int64", np.searchsorted(self.rows[1], low))
         end = cast("Int64", np.searchsorted(self.rows[0], high, side="right"))
@@ -196,8 +195,7 @@ def _across(corners: Float64, low: Float64, high: Float64) -> tuple[Float64, Flo
 
 
 def _before(corners: Float64, depths: Float64, near: float) -> tuple[Float64, Int64]:
-    """Clip triangles (n, 3, 3) at a near plane: their image positions, (m, 3, 2), and indices of the original
-    triangles.
+    """Clip triangles (n, 3, 3) at a near plane: image positions (m, 3, 2), and indices of the original triangles.
 
     A triangle that the plane cuts becomes one or two smaller ones.
     """

@@ -67,8 +67,7 @@ def first_camera(things: Iterable[Thing], camera: Camera | None) -> Camera:
 
 
 def framed(camera: Camera, size: tuple[int, int]) -> Camera:
-    """Return the camera with a picture of another size: the same picture, cropped to that aspect ratio at its
-    middle."""
+    """Return the camera with another size: the same picture, cropped about its middle to that aspect ratio."""
     width, height = checked_size(size)
     scale = max(width / camera.width, height / camera.height)
     K = camera.K.copy()

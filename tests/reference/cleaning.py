@@ -154,8 +154,7 @@ def _first_known(values: Float32, dy: int, dx: int, beyond: Float32) -> tuple[Fl
 
 
 def _held_over(values: Float32, known: Float32, tint: Float32 | None) -> Mask:
-    """Samples, (H, W) bool, without a value whose known depth continues a surface of their colour, seen within
-    `_GAP`."""
+    """Missing samples, (H, W) bool, whose known depth continues a surface of their colour within `_GAP` pixels."""
     height, width = values.shape
     y, x = np.nonzero(np.isnan(values) & np.isfinite(known))
     there = np.zeros(values.shape, np.bool_)

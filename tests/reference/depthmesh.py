@@ -69,8 +69,7 @@ class Vertex:
 
     @property
     def children(self) -> list[Corner]:
-        """Children row by row; around a centre: above, right, below, left. The first child with a depth passes it
-        on."""
+        """Children row by row, around a centre above, right, below, left; the first with a depth passes it on."""
         found = {half.split for side in self.sides for half in side.halves if not half.is_leaf}
         ordered = sorted(found, key=lambda corner: corner[::-1])
         around = len(ordered) == 4 and ordered[1][1] == ordered[2][1]

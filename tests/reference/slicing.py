@@ -93,10 +93,10 @@ class DepthSurface:
         return np.maximum(self.change(x - dx, y - dy, dx, dy)[0] - self.change(x, y, dx, dy)[0], 0)
 
     def crease(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the height of a crease above the chord to the next sample, less the bend of roundness; and its
-        sharpness.
+        """Return the height of a crease above the chord to the next sample, and its sharpness.
 
-        A crease is where planes from both sides meet. Its sharpness is its excess of bend over roundness.
+        A crease is where planes from both sides meet. The bend of roundness is subtracted from its height. The
+        sharpness is the excess of its bend over roundness.
         """
         first, last = self.bend(x, y, dx, dy), self.bend(x + dx, y + dy, dx, dy)
         beside = [
@@ -120,8 +120,7 @@ class DepthSurface:
         return np.array([np.where(self.valid[v, u], self.n[v, u], -np.inf) for u, v in self.corners(left, top)])
 
     def cells(self, left: np.ndarray, top: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return which cells are one surface, how much nearer their creases are, the nearest part, and its largest
-        nearness."""
+        """Return which cells are one surface, their creases' rise, the nearest parts, and their largest nearness."""
         n, corners = self.samples(left, top), self.corners(left, top)
         beside_empty = ~np.isfinite(n).all(axis=0)
         sample = self.sample(np.where(np.isfinite(n).any(axis=0), n.max(axis=0), 1))
