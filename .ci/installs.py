@@ -3,7 +3,7 @@
     python .ci/installs.py dist/pyibr_opencl-0.1.0-py3-none-any.whl bare beside
     python .ci/installs.py dist/*.whl bare beside all --python python3.10 --python python3.13
 
-- bare: nothing but what pyibr requires
+- bare: with nothing but pyibr's requirements
 - beside: next to opencv-python, whose files must stay as they are
 - all: with all extras
 
@@ -30,7 +30,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("wheel", type=Path)
     parser.add_argument("kinds", nargs="+", choices=KINDS)
-    parser.add_argument("--python", action="append", help="which interpreters; this one by default")
+    parser.add_argument("--python", action="append", help="interpreters to use (default: this one)")
     arguments = parser.parse_args()
     for python in arguments.python or [sys.executable]:
         for kind in arguments.kinds:
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def try_install(python: str, kind: str, wheel: Path, place: Path) -> int:
-    """Returns the size of the environment in bytes."""
+    """Install the wheel and use it; returns the size of the environment in bytes."""
     environment = place / "venv"
     run([python, "-m", "venv", str(environment)], place)
     packages = next(environment.glob("lib/python*/site-packages"))
@@ -64,7 +64,7 @@ def try_install(python: str, kind: str, wheel: Path, place: Path) -> int:
 
 
 def sums(folder: Path) -> dict[str, str]:
-    """Each file's, but for what Python compiles."""
+    """Checksum of each file, except files that Python compiles."""
     files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix != ".pyc"]
     return {str(file): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
 

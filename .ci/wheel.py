@@ -1,5 +1,8 @@
-"""What an installed wheel can do: tiny inputs for `pyibr warp` ("make"), whether its picture is right ("check"), and
-what else works in the environments of installs.py ("bare", "beside", "all")."""
+"""Checks of an installed wheel, in the environments of installs.py.
+
+"make" writes tiny inputs for `pyibr warp`, "check" judges the picture; "bare", "beside" and "all" test what else
+should work in these environments.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,7 @@ def check() -> None:
 
 
 def bare() -> None:
-    """Meshes are captured, frusta proposed; what is missing is named."""
+    """Captures meshes and proposes frusta; errors name missing packages."""
     capture()
     propose()
     for call, extra in ((inpaint, "opencv"), (to_open3d, "open3d"), (exr, "exr")):
@@ -57,7 +60,7 @@ def bare() -> None:
 
 
 def beside() -> None:
-    """The OpenCV that was there before is used, and has its windows still."""
+    """Uses the OpenCV that was there before, which still has its windows."""
     import cv2
 
     inpaint()
@@ -70,7 +73,7 @@ def beside() -> None:
 
 
 def every() -> None:
-    """All extras do what they are for, and a CPU works without a driver of the system's."""
+    """Uses every extra, and a CPU without a driver of the system."""
     inpaint()
     capture()
     to_open3d()
@@ -97,7 +100,7 @@ def propose() -> None:
     from pyibr.capture.proposal import propose_frusta
 
     if len(propose_frusta(models.donut(), 2, 32)) != 2:
-        sys.exit("no two frusta are proposed for a donut")
+        sys.exit("proposing two frusta for a donut gave another number")
 
 
 def to_open3d() -> None:
@@ -107,7 +110,7 @@ def to_open3d() -> None:
 def exr() -> None:
     ibr.write_depth("depth.exr", np.full((HEIGHT, WIDTH), 2, np.float32))
     if (ibr.read_depth("depth.exr") != 2).any():
-        sys.exit("depth.exr does not hold what was written")
+        sys.exit("depth.exr does not contain the written depth")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,4 @@
-"""Times, counts and memory of pyibr beside the papers' figures and today's peers.
+"""Times, counts and memory of pyibr, compared with the papers' figures and today's peers.
 
-``python -m benchmarks`` measures and writes JSON; ``python -m benchmarks.report DIR`` makes tables and plots
-of it.
+``python -m benchmarks`` measures and writes JSON; ``python -m benchmarks.report DIR`` makes tables and plots from it.
 """

@@ -1,4 +1,4 @@
-"""``python -m benchmarks [NAMES] [--quick] [--out DIR]``: measure, write JSON, then the report of it."""
+"""``python -m benchmarks [NAMES] [--quick] [--out DIR]``: measure, write JSON, then the report."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ def main(
     quick: Annotated[bool, typer.Option(help="Tiny sizes, to see that everything runs.")] = False,
     python: Annotated[
         list[Path] | None,
-        typer.Option(help="Another Python, whose CPU runtimes are measured, too; also of a system in a folder."),
+        typer.Option(help="Another Python whose CPU runtimes are measured, too; may belong to a system in a folder."),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Default: benchmarks/results/VERSION, or build/benchmarks.")] = None,
 ) -> None:
-    """Measure pyibr beside the papers' figures and its peers. No other work should run meanwhile."""
+    """Measure pyibr against the papers' figures and its peers. Run nothing else meanwhile."""
     import pyibr as ibr
 
     wanted = names or [name for name in MODULES if name != ALONE]

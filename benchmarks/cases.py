@@ -1,4 +1,4 @@
-"""Cases of each benchmark, in full and in quick: data only."""
+"""Cases of each benchmark, for full and quick runs: data only."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ class Plan:
     dragon_mesh: str
     peers_positions: tuple[Position, ...]
     peers: Mapping[int, int]
-    open3d_largest: int  # side of the largest image whose triangles Open3D is given
+    open3d_largest: int  # side of the largest image whose triangles go to Open3D
     raster: Mapping[tuple[str, int], int]  # mesh and side
     slicing: Mapping[tuple[int, int], int]  # side and number of slices
     donut: int  # turns
-    elevations: tuple[int, ...]  # degrees above the surface, of the views that compare the directions of slicing
+    elevations: tuple[int, ...]  # degrees above the surface, for the views that compare directions of slicing
     direction_slices: tuple[int, ...]
     relief_plane: int  # turns
     relief_scenes: Mapping[str, int]  # turns by scene
-    relief_steps: tuple[int, ...]  # of the linear search
+    relief_steps: tuple[int, ...]  # steps of the linear search
     relief_embree: int  # turns
-    depthmesh_side: int  # of the depth images and the pictures
+    depthmesh_side: int  # side of the depth images and the pictures
     depthmesh_models: Mapping[str, int]  # turns by model
     depthmesh_tolerances: tuple[float, ...]  # pixels
     depthmesh_quality: tuple[str, int]  # model and number of unseen cameras
@@ -45,8 +45,8 @@ class Plan:
     rgbd_scene: str
     rgbd: Mapping[Size, int]
     rgbd_noise: tuple[float, ...]  # pixels of disparity
-    rgbd_connected: tuple[Size, ...]  # where connected surfaces are warped, too
-    rgbd_threads: Mapping[tuple[Size, float], int]  # size and noise: processes of each number of threads
+    rgbd_connected: tuple[Size, ...]  # sizes at which connected surfaces are warped, too
+    rgbd_threads: Mapping[tuple[Size, float], int]  # size and noise: processes for each number of threads
     rgbd_white: Mapping[Size, int]
     rgbd_stereo: Mapping[tuple[Size, float], int]  # size and noise
     rgbd_light_field: Mapping[tuple[int, int], int]  # side and number of views
@@ -56,21 +56,21 @@ class Plan:
     rgbd_steady: Mapping[Size, int]  # frames
     filling: Size
     edges: tuple[Size, ...]
-    edge_scenes: int  # one of so many scenes
+    edge_scenes: int  # one in this many scenes
     registration: Mapping[Size, int]
     cleaning: Mapping[Size, int]
     runtimes: Mapping[Size, int]
     pages_size: Size
     pages_rounds: int
-    pages_seconds: float  # that the camera moves in each
+    pages_seconds: float  # time that the camera moves in each round
     pages_chromium: bool
-    gpu: Mapping[tuple[str, Size], Size | None]  # calls and sizes: those at which instructions are counted
-    card: str  # the kind of device that is asked for
+    gpu: Mapping[tuple[str, Size], Size | None]  # calls and sizes; values: sizes at which instructions are counted
+    card: str  # kind of device
     card_tests: tuple[str, ...]
     startup_repeats: int
-    startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
+    startup_empty_cache: bool  # start with nothing built, so that a first process shows the cost of building
     memory: tuple[int, ...]
-    pythons: tuple[Path, ...] = ()  # whose runtimes are measured
+    pythons: tuple[Path, ...] = ()  # Pythons whose runtimes are measured
 
 
 FULL = Plan(
@@ -140,7 +140,7 @@ FULL = Plan(
         ("depth object", (512, 512)): (32, 32),
         ("visual hull", (512, 512)): (32, 32),
         ("depth mesh", (1024, 1024)): (64, 64),
-        ("dragon", (1024, 1024)): None,  # a simulator would be at it for hours
+        ("dragon", (1024, 1024)): None,  # a simulator would take hours
     },
     card="gpu",
     card_tests=tuple(

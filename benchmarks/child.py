@@ -1,4 +1,4 @@
-"""One measurement in a process of its own; prints JSON. Called through `benchmarks.startup.child`."""
+"""One measurement in a separate process, which prints JSON. Called through `benchmarks.startup.child`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 
 START = time.perf_counter()
 
-import json  # noqa: E402 - what this file itself needs counts as little as possible
+import json  # noqa: E402 - this file's own imports should count as little as possible
 import sys  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
@@ -19,7 +19,7 @@ def elapsed(start: float) -> float:
 
 
 def measure_frame() -> dict[str, Any]:
-    """A small picture: only what comes before it should count."""
+    """Draw a small picture: only the time before it should count."""
     from benchmarks import scenes
     from benchmarks.launches import build_times
 
@@ -32,15 +32,15 @@ def measure_frame() -> dict[str, Any]:
 
 
 def measure_memory(n: int) -> dict[str, Any]:
-    """The peak over what the process held before its inputs were made."""
+    """Measure the peak of memory, above the memory of the process before its inputs were made."""
     import pyibr as ibr
     from benchmarks import scenes
 
-    ibr.warp(scenes.view(16), scenes.target_camera(16, "F", "forward"))  # the runtime and the kernels are there
+    ibr.warp(scenes.view(16), scenes.target_camera(16, "F", "forward"))  # loads the runtime and the kernels
     target = scenes.target_camera(n, "F", "forward")
     before = memory("VmRSS")
     color, depth = scenes.relief(n)
-    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+    Path("/proc/self/clear_refs").write_text("5")  # resets the peak
     frame = ibr.warp(ibr.DepthImage(color, depth, scenes.source_camera(n)), target)
     peak = memory("VmHWM")
     return {
@@ -52,7 +52,7 @@ def measure_memory(n: int) -> dict[str, Any]:
 
 
 def measure_kernels(scene: str, width: int, height: int, noise: float) -> dict[str, Any]:
-    """A warp's kernels, after one run for nothing, on as many threads as the environment allows."""
+    """Time a warp's kernels, after a warm-up run, on as many threads as the environment allows."""
     from benchmarks.launches import kernel_times
     from benchmarks.warp.rgbd import kernel_work
     from pyibr.opencl.device import current
@@ -67,7 +67,7 @@ def measure_kernels(scene: str, width: int, height: int, noise: float) -> dict[s
 
 
 def memory(name: str) -> int:
-    """Bytes, of this process."""
+    """Bytes of this process's memory, by their name in /proc."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(1024 * int(line.split()[1]) for line in lines if line.startswith(name + ":"))
 

@@ -1,4 +1,4 @@
-"""Environment of a measurement."""
+"""The environment of a measurement."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SOURCES = (":(top)", ":(top,exclude)benchmarks/results")  # a run writes its re
 
 
 def environment() -> dict[str, Any]:
-    """Device, driver, versions, processor, commit, and how busy the machine was."""
+    """Device, driver, versions, processor, commit, and load of the machine."""
     import pyibr as ibr
     from pyibr.opencl.device import explain
 
@@ -57,7 +57,7 @@ def environment() -> dict[str, Any]:
 
 
 def cpu_model() -> str:
-    """As the system names it."""
+    """Name of the processor, as the system gives it."""
     try:
         found = re.search(r"model name\s*: (.+)", Path("/proc/cpuinfo").read_text())
     except OSError:
@@ -66,7 +66,7 @@ def cpu_model() -> str:
 
 
 def commit() -> str | None:
-    """Of the checkout that this file stands in, with "+" if files differ from it; None outside of git."""
+    """Commit of the checkout that holds this file, with "+" if files differ from it; None outside of git."""
     here = Path(__file__).parent
 
     def git(*arguments: str) -> str:

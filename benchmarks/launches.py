@@ -24,9 +24,9 @@ class Visited:
     Attributes
     ----------
     samples : int
-        Steps along epipolar lines in the source: samples or cells. A packet of lanes takes as many as its slowest.
+        Steps along epipolar lines in the source: samples or cells. A packet of lanes takes as many as its slowest lane.
     pixels : int
-        Of the target: those that the sweep settles, those that `resolve` traces once more; of a search none.
+        Target pixels that the sweep settles, or that `resolve` traces once more; none for a search.
     """
 
     samples: int = 0
@@ -35,7 +35,7 @@ class Visited:
 
 @contextmanager
 def kernel_times() -> Iterator[dict[str, list[float]]]:
-    """Yields milliseconds by kernel, one value a launch; the queue is awaited before and after each."""
+    """Yields milliseconds by kernel, one value per launch; the queue is awaited before and after each launch."""
     times: dict[str, list[float]] = {}
     with watching(LaunchTimes()) as seen:
         yield times
@@ -56,11 +56,11 @@ class _BuildTimes(Watch):
 
 @contextmanager
 def build_times() -> Iterator[dict[str, float]]:
-    """Yields milliseconds that kernels took to be there, built or loaded; a kernel's first call."""
+    """Yields milliseconds until each kernel is ready, built or loaded, at its first call."""
     times = _BuildTimes()
     with watching(times):
         yield times.of
-    _require(times.of, "no kernel was asked for")
+    _require(times.of, "no kernel was requested")
 
 
 class _Counts(Watch):
@@ -93,7 +93,7 @@ class _Counts(Watch):
 
 @contextmanager
 def counted_samples() -> Iterator[dict[str, Visited]]:
-    """Yields by kernel what a whole call visits: the sweep or the search, and `resolve`."""
+    """Yields the visits of a whole call by kernel: the sweep or the search, and `resolve`."""
     counts = _Counts()
     with watching(counts):
         yield counts.of

@@ -40,7 +40,7 @@ in vec3 position;
 out vec3 world;
 void main() { gl_Position = clip * vec4(position, 1.0); world = position; }
 """
-# A fragment of a slice passes if its point passes the test of each view, the same as kernels/slicing/object.cl.
+# A fragment of a slice passes if its point passes the test of each view, as in kernels/slicing/object.cl.
 _SLICE_FRAGMENT = """
 #version 330
 #define VIEWS {views}
@@ -117,12 +117,12 @@ void main() {
 
 @functools.cache
 def context() -> Any:
-    """The one context, or the reason why there is none."""
+    """The only context, or the reason why there is none."""
     os.environ |= {"LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "llvmpipe"}
     try:
         moderngl: Any = import_module("moderngl")
         made = moderngl.create_context(standalone=True, backend="egl")
-    except Exception as error:  # a missing package, library or display: all are reasons to go without
+    except Exception as error:  # a missing package, library or display: each is a reason to go without
         return (
             f"there is no OpenGL through moderngl and EGL ({type(error).__name__}: {error}); it needs "
             "pip install moderngl, and on Debian apt install libegl1 libgl1-mesa-dri"
@@ -132,7 +132,7 @@ def context() -> Any:
 
 
 def clip_matrix(camera: ibr.Camera, near: float, far: float) -> Array:
-    """(4, 4) world to OpenGL's clip space; row y of the picture is row y of the framebuffer, so it is read as it is."""
+    """World to OpenGL's clip space, (4, 4); row y of the picture is row y of the framebuffer, so it is not flipped."""
     width, height = camera.size
     U, V, W, _ = camera.pixel_matrix @ camera.camera_from_world
     z = camera.camera_from_world[2]
@@ -146,7 +146,7 @@ def clip_matrix(camera: ibr.Camera, near: float, far: float) -> Array:
 
 @dataclass
 class Picture:
-    """Something prepared that draws itself."""
+    """A prepared picture that draws itself."""
 
     program: Any
     vertices: Any
@@ -171,7 +171,7 @@ class Picture:
         self.vertices.render()
 
     def picture(self) -> tuple[Array, Array]:
-        """Colour (H, W, 3) uint8 and planar depth (H, W) float32, infinite where there is nothing."""
+        """Colour (H, W, 3) uint8 and planar depth (H, W) float32, infinite where nothing is drawn."""
         self._start(context())
         height, width = self.camera.height, self.camera.width
         color = np.frombuffer(self.framebuffer.read(components=3, alignment=1), np.uint8).reshape(height, width, 3)
@@ -205,7 +205,7 @@ def _maps_of(thing: ibr.DepthObject | ibr.VisualHull) -> list[Any]:
 
 
 def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: float, far: float) -> Picture:
-    """An object's orthogonal slices, front to back: as many as ours, along the same edge of its box."""
+    """An object's orthogonal slices, front to back: as many as pyibr's, along the same edge of its box."""
     gl = context()
     hull = isinstance(thing, ibr.VisualHull)
     axis = slices_axis(thing, camera)
@@ -245,7 +245,7 @@ def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: fl
     quads[:, :, axis] = (np.arange(count)[:, None] + 0.5) / count
     for corner, (a, b) in enumerate(((0, 0), (1, 0), (1, 1), (0, 0), (1, 1), (0, 1))):
         quads[:, corner, others[0]], quads[:, corner, others[1]] = a, b
-    points = (box.low + quads * box.edges) @ box.axes  # 6 corners of each
+    points = (box.low + quads * box.edges) @ box.axes  # 6 corners per slice
     depth = points[:, 0] @ camera.camera_from_world[2, :3]
     points = points[np.argsort(depth)]
     buffer = gl.buffer(points.astype("f4").tobytes())

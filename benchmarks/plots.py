@@ -33,7 +33,7 @@ def complexity(series: Mapping[tuple[str, str], Series], path: Path) -> None:
 
 
 def table2(series: Mapping[str, Series], paper: Mapping[str, Series], path: Path) -> None:
-    """Ours as lines, the paper's dashed, in one colour a model."""
+    """Our times as lines, the paper's dashed, with one colour per model."""
     figure, (panel,) = _panels(1)
     for index, (model, values) in enumerate(series.items()):
         panel.plot(list(values), list(values.values()), "o-", color=f"C{index}", label=f"{model}, here")
@@ -49,7 +49,7 @@ def peers(
     bars: Mapping[tuple[str, int], float],
     path: Path,
 ) -> None:
-    """Left: times by size. Right: ratios to the base; a dot is a position, the line their median."""
+    """Left: times by size. Right: ratios to the base; a dot is a position, the line shows medians."""
     figure, (left, right) = _panels(2)
     subjects = list(dict.fromkeys(subject for subject, _ in ratios))
     for index, subject in enumerate(subjects):
@@ -82,7 +82,7 @@ def rgbd(
     base: str,
     path: Path,
 ) -> None:
-    """Ratios to the base by noise: a panel a kind of motion, a line a size; a dot is a motion, the line their mean."""
+    """Ratios to the base by noise: a panel per kind of motion, a line of means per size, and a dot per motion."""
     kinds, sizes = (
         list(dict.fromkeys(kind for kind, _, _ in ratios)),
         list(dict.fromkeys(size for _, size, _ in ratios)),
@@ -132,7 +132,7 @@ def objects(
 
 
 def directions(error: Mapping[str, Mapping[int, Series]], through: Mapping[str, Series], path: Path) -> None:
-    """Figure 10 as numbers. Left: error over slices, a line an elevation. Right: what is seen through."""
+    """Figure 10 as numbers. Left: error over slices, a line per elevation. Right: share that is seen through."""
     figure, (left, right) = _panels(2)
     for index, (slicing, by_elevation) in enumerate(error.items()):
         for elevation, series in by_elevation.items():
@@ -146,7 +146,7 @@ def directions(error: Mapping[str, Mapping[int, Series]], through: Mapping[str, 
 
 
 def simplification(series: Mapping[str, Mapping[str, Sequence[tuple[float, float]]]], path: Path) -> None:
-    """Triangles over the measured error, a panel a surface, a line a subject."""
+    """Triangles over the measured error: a panel per surface, a line per subject."""
     figure, panels = _panels(len(series))
     for panel, (surface, lines) in zip(panels, series.items(), strict=True):
         for subject, points in lines.items():
@@ -163,7 +163,7 @@ def simplification(series: Mapping[str, Mapping[str, Sequence[tuple[float, float
 
 
 def _panels(count: int) -> tuple[Any, list[Any]]:
-    # Without pyplot: no window system is looked for and nothing stays open.
+    # Without pyplot, no window system is searched for and nothing stays open.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.5 * count, 4.4), layout="constrained")

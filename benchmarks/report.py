@@ -14,8 +14,8 @@ from benchmarks.tables import origin, skipped
 FILE = "report.md"
 HEAD = """# Benchmarks
 
-`python -m benchmarks` measures, `python -m benchmarks.report` made this from the JSON files beside it.
-Times are medians with quartiles in brackets, after one run for nothing (but a search that takes seconds).
+`python -m benchmarks` measures, and `python -m benchmarks.report` made this page from the JSON files beside it.
+Times are medians with quartiles in brackets, after one warm-up run (except for a search that takes seconds).
 """
 
 
@@ -45,7 +45,7 @@ def write(folder: Path) -> Path:
 
 
 def main(
-    folder: Annotated[Path, typer.Argument(help="Where the JSON files are; the report goes there, too.")],
+    folder: Annotated[Path, typer.Argument(help="Folder of the JSON files; the report is written there, too.")],
 ) -> None:
     """Make tables and plots of measured results."""
     print(f"written: {write(folder)}")

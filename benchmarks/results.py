@@ -21,15 +21,15 @@ class Record:
     Attributes
     ----------
     subject : str
-        What was measured, e.g. "cv2.warpFrame".
+        Subject of the measurement, e.g. "cv2.warpFrame".
     quantity : str
-        What of it, e.g. "end to end".
+        Measured quantity, e.g. "end to end".
     unit : str
         One of `UNITS`.
     parameters : dict
-        What the case fixes, e.g. {"size": 512, "region": "A"}.
+        Parameters of the case, e.g. {"size": 512, "region": "A"}.
     values : list of float
-        In the order of measuring.
+        In the order of measurement.
     """
 
     subject: str
@@ -57,7 +57,7 @@ class Skip:
 
 @dataclass
 class Result:
-    """All of one benchmark."""
+    """All records of one benchmark."""
 
     benchmark: str
     environment: dict[str, Any]
@@ -73,7 +73,7 @@ class Result:
                 yield record
 
     def save(self, path: Path) -> None:
-        """Write as JSON."""
+        """Write the result as JSON."""
         path.parent.mkdir(parents=True, exist_ok=True)
         head = {k: v for k, v in asdict(self).items() if k not in ("records", "skipped")}
         lines = {"records": _lines(self.records), "skipped": _lines(self.skipped)}
@@ -82,7 +82,7 @@ class Result:
 
     @classmethod
     def load(cls, path: Path) -> Result:
-        """Read what `save` wrote; raises ValueError, which names the file, for anything else."""
+        """Read a file that `save` wrote; raises ValueError, which names the file, for any other file."""
         try:
             data = json.loads(path.read_text())
             if data["schema"] != SCHEMA:
@@ -95,5 +95,5 @@ class Result:
 
 
 def _lines(items: Iterable[Record | Skip]) -> str:
-    """A JSON list with one item a line, so that differences can be read."""
+    """JSON list with one item per line, for readable differences."""
     return "[" + ",".join("\n  " + json.dumps(asdict(item)) for item in items) + "\n ]"

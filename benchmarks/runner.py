@@ -1,4 +1,4 @@
-"""Runs cases: subjects in turns, then whatever else a case reads."""
+"""Runs cases: subjects in turns, then other measurements of a case."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Work:
     repeats : int
         Turns.
     read : callable, optional
-        Measures something else, after the turns.
+        Makes other measurements, after the turns.
     warm : bool
-        Whether to run each once before for nothing.
+        Whether to run each subject once before, without timing it.
     """
 
     timed: dict[str, Subject] = field(default_factory=dict[str, Subject])
@@ -39,7 +39,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Case:
-    """Parameters as they are written to the results, and what makes the work of them when its turn comes."""
+    """Parameters of a case, as in the results, and the function that prepares its work when its turn comes."""
 
     parameters: dict[str, Parameter]
     prepare: Callable[[], Work | Skip]
@@ -77,7 +77,7 @@ def run_case(parameters: dict[str, Parameter], work: Work) -> list[Record]:
 
 
 def in_turns(subjects: dict[str, Subject], repeats: int, warm: bool = True) -> dict[str, list[float]]:
-    """Milliseconds of each subject, by turn; what it returns is freed after the clock has stopped."""
+    """Milliseconds of each subject, by turn; results are freed after the clock has stopped."""
     for subject in subjects.values() if warm else ():
         subject()
     times: dict[str, list[float]] = {name: [] for name in subjects}

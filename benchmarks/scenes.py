@@ -1,6 +1,6 @@
-"""Scenes: the relief that is warped, cameras with the epipole in each of the nine regions, scans, bumps, rooms.
+"""Scenes: a relief to warp, cameras with the epipole in each of the nine regions, scans, bumps, rooms.
 
-The regions are those of the warping paper's table 1. The relief is fixed in normalised image coordinates, so that
+The regions are defined in the warping paper's table 1. The relief is fixed in normalised image coordinates, so that
 epipolar segments grow with the image's side.
 """
 
@@ -19,33 +19,33 @@ from benchmarks.results import Skip
 
 Array = NDArray[Any]
 
-REGIONS = "ABCDEFGHI"  # row by row: A is above left of the image, E inside it, I below right
-MOTIONS = ("forward", "backward")  # of the target camera: its epipole is an antipode, or a true one
-DISTANCE = 0.6  # scene units between the cameras; the relief lies 3 to 5 before the source
-_COLUMN, _ROW = (-0.3, 0.35, 1.3), (-0.3, 0.6, 1.3)  # of the epipole, in image sides
+REGIONS = "ABCDEFGHI"  # row by row: A is above and left of the image, E inside it, I below and right
+MOTIONS = ("forward", "backward")  # motion of the target camera: its epipole is an antipode, or a true epipole
+DISTANCE = 0.6  # scene units between the cameras; the relief lies 3 to 5 in front of the source
+_COLUMN, _ROW = (-0.3, 0.35, 1.3), (-0.3, 0.6, 1.3)  # positions of the epipole, in image sides
 _FUJI_SPACING = 62.4  # metres: tile 10/906/404 of 512 samples a side, at 35.3 degrees north
-LIVINGROOM, ROOM = "livingroom1", "synthetic room"  # what a depth camera sees
-_VGA, _FOCAL = (640, 480), 525.0  # pixels, of the depth camera
+LIVINGROOM, ROOM = "livingroom1", "synthetic room"  # scenes of a depth camera
+_VGA, _FOCAL = (640, 480), 525.0  # size and focal length of the depth camera, in pixels
 _BASELINE = 0.075  # metres between a structured-light camera and its projector
-_DISPARITY_STEPS = 8  # a pixel
-_NO_DEPTH = 65535  # of a RealSense, in millimetres
-_SAME_SURFACE = 0.02  # neighbours whose nearness differs by a smaller part than this are interpolated
+_DISPARITY_STEPS = 8  # steps per pixel
+_NO_DEPTH = 65535  # stored by a RealSense instead of millimetres
+_SAME_SURFACE = 0.02  # neighbours whose nearness differs by a smaller share are interpolated
 _POSES = {
     0: ((0, 0, 0), (0, 0, 1)),
     4: ((0.005, -0.1, -0.007), (0.016, 0.05, 1)),
     50: ((-0.36, -0.53, 0.24), (0.49, 0.26, 0.83)),
 }
-"""Where the synthetic room is seen from and in which direction, about as the frames of `LIVINGROOM`: metres, y down."""
+"""Positions and directions of views of the synthetic room, similar to the frames of `LIVINGROOM`: metres, y down."""
 STEREO = {
     "cones": ("im2.png", "im6.png", "disp2.png"),
     "teddy": ("im2.png", "im6.png", "disp2.png"),
     "motorcycle": ("motorcycle_left.png", "motorcycle_right.png", "motorcycle_disp.npz"),
 }
-"""Of Middlebury (Scharstein & Szeliski 2003, Scharstein et al. 2014): both photographs and the left one's disparity."""
-_STORED_DISPARITY = 4.0  # units a pixel
+"""Middlebury pairs (Scharstein & Szeliski 2003, Scharstein et al. 2014): both photographs, and the left disparity."""
+_STORED_DISPARITY = 4.0  # units per pixel
 _CALIBRATED = {"motorcycle": (994.978, 0.193001, 311.193, 254.877, 31.086)}
-"""Focal length, baseline in metres, principal point, and how far apart the principal points are."""
-_CHUNK = 256  # rows made at once, so that making a large picture needs little memory
+"""Focal length, baseline in metres, principal point, and distance between the principal points."""
+_CHUNK = 256  # rows made together, so that a large picture needs little memory
 
 
 def relief(n: int) -> tuple[Array, Array]:
@@ -72,7 +72,7 @@ def relief(n: int) -> tuple[Array, Array]:
 
 
 def white_noise(n: int) -> tuple[Array, Array]:
-    """The relief's colours, and depths between its nearest and its farthest that know nothing of their neighbours.
+    """Make the relief's colours with random depths in its range, independent of their neighbours.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def bricks(n: int = 256) -> tuple[Array, Array]:
 
 
 def terrain() -> tuple[Array, float] | Skip:
-    """Heights (513, 513) float32 and spacing, in metres: the tile of mount Fuji that terrain meshers are timed on."""
+    """Heights (513, 513) float32 and spacing, in metres: a tile of Mount Fuji on which terrain meshers are timed."""
     path = data_folder() / "heightfields/dem/fuji.png"
     if not path.is_file():
         return Skip("fuji", f"{path.name} is not in $PYIBR_DATA/heightfields/dem")
@@ -138,7 +138,7 @@ def bumps(n: int) -> Array:
 
 
 def source_camera(n: int) -> ibr.Camera:
-    """Sees 80 degrees over the image's side."""
+    """Camera that sees 80 degrees over the image's side."""
     middle = (n - 1) / 2
     return ibr.Camera([[0.6 * n, 0, middle], [0, 0.6 * n, middle], [0, 0, 1]], (n, n))
 
@@ -149,13 +149,13 @@ def view(n: int) -> ibr.DepthImage:
 
 
 def epipole(n: int, region: str) -> Array:
-    """(2,) pixel of the epipole in the target."""
+    """Pixel of the epipole in the target, (2,)."""
     row, column = divmod(REGIONS.index(region), 3)
     return np.array([_COLUMN[column], _ROW[row]]) * (n - 1)
 
 
 def translation(n: int, region: str, motion: str) -> Array:
-    """(3,) where the source's centre lies in the target's frame; the cameras differ by nothing else."""
+    """Position of the source's centre in the target's frame, (3,); the cameras differ by nothing else."""
     toward = np.linalg.inv(source_camera(n).K) @ [*epipole(n, region), 1.0]
     return (1 if motion == "backward" else -1) * DISTANCE * toward / np.linalg.norm(toward)
 
@@ -172,14 +172,14 @@ def rgbd(scene: str, number: int, size: tuple[int, int], noise: float = 0.0) -> 
     Parameters
     ----------
     scene : str
-        `LIVINGROOM` of the data folder, 640 x 480 and without noise (Choi, Zhou & Koltun 2015), scaled until it covers
-        ``size``, and cropped to its middle; or `ROOM`, which is ray cast at ``size``.
+        `LIVINGROOM` of the data folder, 640 x 480 and without noise (Choi, Zhou & Koltun 2015), scaled to cover
+        ``size`` and cropped to its middle; or `ROOM`, ray cast at ``size``.
     number : {0, 4, 50}
-        The frame.
+        Number of the frame.
     size : (width, height)
     noise : float
-        Standard deviation of the disparity, in pixels of this size, which is then rounded to steps of 1/8 pixel: what
-        structured light with a baseline of 7.5 cm delivers. 0: the depth as it is.
+        Standard deviation of the disparity, in pixels of this size. The disparity is then rounded to steps of 1/8
+        pixel, as from structured light with a baseline of 7.5 cm. With 0, depth is exact.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def rgbd(scene: str, number: int, size: tuple[int, int], noise: float = 0.0) -> 
 
 
 def shelf(number: int, size: tuple[int, int]) -> ibr.DepthImage | Skip:
-    """A raw frame of a RealSense, two thirds of whose samples are missing: every so many of 640 x 480, in metres."""
+    """A raw frame of a RealSense, in metres: every so many samples of 640 x 480; two thirds have no depth."""
     import cv2
 
     folder = data_folder() / "rgbd_realsense_shelf"
@@ -211,14 +211,14 @@ def shelf(number: int, size: tuple[int, int]) -> ibr.DepthImage | Skip:
 
 
 def standing_in(scene: str) -> tuple[str, Skip | None]:
-    """The scene, or the ray-cast `ROOM` with the reason why, where its frames are missing."""
+    """Return the scene or, if its frames are missing, the ray-cast `ROOM` and the reason."""
     if scene != LIVINGROOM or (data_folder() / "rgbd_livingroom1").is_dir():
         return scene, None
     return ROOM, Skip(scene, f"rgbd_{scene} is not in $PYIBR_DATA; {ROOM}, ray cast, stands in for it")
 
 
 def with_disparity_noise(depth: Array, focal: float, noise: float, rng: np.random.Generator) -> Array:
-    """Depth as structured light with a baseline of 7.5 cm delivers it, see `rgbd`."""
+    """Depth as from structured light with a baseline of 7.5 cm, see `rgbd`."""
     disparity = ibr.disparity_from_depth(depth, focal, _BASELINE)
     disparity += rng.normal(0, noise, depth.shape)
     disparity = np.round(disparity * _DISPARITY_STEPS) / _DISPARITY_STEPS
@@ -226,9 +226,9 @@ def with_disparity_noise(depth: Array, focal: float, noise: float, rng: np.rando
 
 
 def stereo(name: str) -> tuple[ibr.DepthImage, ibr.Camera, Array] | Skip:
-    """The left photograph of a Middlebury pair with its depth; the right one's camera, and itself, (H, W, 3) uint8.
+    """The left photograph of a Middlebury pair with its depth, the right camera, and its photograph (H, W, 3) uint8.
 
-    Of pairs whose calibration is not known, any focal length and baseline gives the same picture.
+    For pairs without known calibration, any focal length and baseline gives the same picture.
     """
     import cv2
 
@@ -249,7 +249,7 @@ def stereo(name: str) -> tuple[ibr.DepthImage, ibr.Camera, Array] | Skip:
 
 
 def shown(size: tuple[int, int]) -> str:
-    """As results and reports write it."""
+    """Format a size as in results and reports."""
     return f"{size[0]} x {size[1]}"
 
 
@@ -270,7 +270,7 @@ def depth_camera(scene: str, number: int, size: tuple[int, int]) -> ibr.Camera:
 
 
 def _covering(size: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """The size of 640 x 480 scaled until it covers ``size``, and what is cropped at its left and top."""
+    """Size of 640 x 480 scaled to cover ``size``, and the crop at its left and top."""
     scale = max(size[0] / _VGA[0], size[1] / _VGA[1])
     width, height = round(scale * _VGA[0]), round(scale * _VGA[1])
     return (width, height), ((width - size[0]) // 2, (height - size[1]) // 2)
@@ -278,7 +278,7 @@ def _covering(size: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
 
 @functools.lru_cache(maxsize=2)
 def _living_room(number: int, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Colour and depth; between samples of one surface nearness is interpolated, elsewhere the nearest one stays."""
+    """Colour and depth; nearness is interpolated within a surface, elsewhere the nearest sample is taken."""
     import cv2
 
     folder = data_folder() / "rgbd_livingroom1"
@@ -298,7 +298,7 @@ def _living_room(number: int, size: tuple[int, int]) -> tuple[Array, Array]:
 
 @functools.lru_cache(maxsize=2)
 def _room_seen_by(camera: ibr.Camera) -> tuple[Array, Array]:
-    """Colour and depth, some rows at a time: rays need much memory."""
+    """Colour and depth, some rows at a time, because rays need much memory."""
     from pyibr.capture import MeshScene
 
     scene, parts = MeshScene.from_mesh(_room()), list[ibr.DepthImage]()
@@ -324,7 +324,7 @@ def _room() -> ibr.Mesh:
     of_box = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
     vertices = [np.array(low) + corners * (np.array(high) - np.array(low)) for low, high in boxes]
     faces = [of_box + 8 * box for box in range(len(boxes))]
-    n = 40  # of the ball, from pole to pole and half round it
+    n = 40  # segments of the ball, from pole to pole and half round it
     down, around = (axis.ravel() for axis in np.meshgrid(*[np.arange(n + 1) * np.pi / n] * 2, indexing="ij"))
     ball = np.stack([np.sin(down) * np.cos(2 * around), -np.cos(down), np.sin(down) * np.sin(2 * around)], -1)
     first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel() + 8 * len(boxes)

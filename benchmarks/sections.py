@@ -1,4 +1,4 @@
-"""The report's sections: one function a benchmark, which makes its plot and returns its Markdown."""
+"""The report's sections: one function per benchmark, which makes its plot and returns its Markdown."""
 
 from __future__ import annotations
 
@@ -24,29 +24,29 @@ from benchmarks.warp.rgbd_section import rgbd_section
 
 COMPLEXITY = """## Complexity
 
-Sums over {positions} positions of the epipole. *Visited* counts the steps of a whole call: those along epipolar lines
-in the source, a packet of lanes taking as many as its slowest, and the target's pixels, both in the sweep (or search)
-and where `resolve` traces a pixel once more. White noise has the relief's range of depth and is connected; its visits
-have no bar, since images are too small for O(n^2) to show there (see the manual, theory/warp).
+Sums over {positions} positions of the epipole. *Visited* counts the steps of a whole call: steps along epipolar lines
+in the source, where a packet of lanes takes as many as its slowest lane, and pixels of the target, both in the sweep
+(or search) and where `resolve` traces a pixel once more. White noise has the relief's range of depth and is connected.
+Its visits have no bar, since these images are too small to show O(n^2) there (see the manual, theory/warp).
 
 ![Growth with the image's side](complexity.png)
 """
 
 TABLE2 = """## The paper's table 2
 
-Milliseconds a picture; reference images and picture have one size. The views stay prepared between pictures,
-except where they are fresh. *Off* is the share of what a picture shows whose depth is off by more than 2 % from what
-rays meet that are cast at the surface itself, *uncovered* the share of the surface's pixels that it does not show.
+Milliseconds per picture; reference images and picture have one size. The views stay prepared between pictures,
+except where they are fresh. Rays cast at the surface itself give the true depth. *Off* is the share of a picture's
+valid pixels whose depth is off by more than 2 %, *uncovered* the share of the surface's pixels that it does not show.
 
 ![Table 2](table2.png)
 """
 
 PEERS = """## Peers
 
-From NumPy arrays to NumPy arrays, a fresh `DepthImage` each time, in turns in one process. The median
-over {positions} positions in milliseconds, in brackets the median of the ratios to {base}.
-cv2.registerDepth and Open3D deliver depth alone; Open3D's rays are made beforehand; cv2.remap (colour
-and depth) is given the finished maps.
+From NumPy arrays to NumPy arrays, with a fresh `DepthImage` each time, in turns in one process. Each cell is the
+median over {positions} positions in milliseconds, with the median of the ratios to {base} in brackets.
+cv2.registerDepth and Open3D deliver only depth. Open3D's rays are made beforehand, and cv2.remap (colour
+and depth) gets finished maps.
 
 ![Peers](peers.png)
 """
@@ -57,13 +57,12 @@ cases); where both do, their depths differ by {difference:.2%} (median).
 
 STARTUP = """## Start and memory
 
-Each in processes of its own. A whole process counts from its start to its end, the interpreter included. The
-second process finds its kernels built.
+Each measurement has its own processes. A whole process counts from its start to its end, including the interpreter.
+The second process finds its kernels built.
 """
 
-MEMORY = """Memory in MiB. *Added* is the peak of the process's resident memory (VmHWM, set back just
-before) less what the process held once a tiny warp was done and before the inputs were made: inputs,
-outputs and everything else.
+MEMORY = """Memory in MiB. *Added* is the peak of the process's resident memory (VmHWM, reset just before) minus its
+memory after a tiny warp and before the inputs were made. It includes inputs, outputs and everything else.
 """
 
 
@@ -96,7 +95,7 @@ def complexity_section(result: Result, folder: Path) -> list[str]:
 
 
 def table2_section(result: Result, folder: Path) -> list[str]:
-    """The paper's table with ours beside it."""
+    """The paper's table next to our times."""
     subjects = [*table2.SUBJECTS, table2.FRESH]
     rows: list[list[str]] = []
     series: dict[str, dict[int, float]] = {}
@@ -126,7 +125,7 @@ def table2_section(result: Result, folder: Path) -> list[str]:
 
 
 def _rightness(result: Result, here: dict[str, Parameter]) -> list[str]:
-    """Correctness of the picture of a row, beside its bars."""
+    """Correctness of the picture of a row, and its bars."""
     found = {name: list(result.select(subject="nearest", quantity=name, **here)) for name in table2.RIGHT}
     if not all(found.values()):
         return [*("" for _ in found), "", "**not measured**"]
@@ -137,7 +136,7 @@ def _rightness(result: Result, here: dict[str, Parameter]) -> list[str]:
 
 
 def peers_section(result: Result, folder: Path) -> list[str]:
-    """Ratios to the base by size with their bars, then each position."""
+    """Ratios to the base by size, with their bars, then each position."""
     subjects = list(dict.fromkeys(record.subject for record in result.select(quantity="end to end")))
     sizes = sizes_of(result.records)
     times = {
@@ -173,7 +172,7 @@ def peers_section(result: Result, folder: Path) -> list[str]:
     parts = [
         PEERS.format(positions=len({position(r) for r in result.records}), base=BASE),
         table(["", *map(str, sizes)], rows),
-        table(["subject", "size", "beside", "ratio", "bar", ""], bars),
+        table(["subject", "size", "compared with", "ratio", "bar", ""], bars),
         _coverage(result),
     ]
     for n in sizes:

@@ -1,4 +1,4 @@
-"""Costs of a process: the import, the first frame, and memory. Each is measured in processes of its own."""
+"""Costs of a process: the import, the first frame, and memory, each measured in separate processes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,11 @@ from benchmarks.results import Record, Skip
 from benchmarks.runner import Case, Work
 
 BARS = {"import": 200.0, "first frame": 400.0, "peak memory": 3.0}
-"""Milliseconds of `import pyibr`; from there to a first frame, kernels built before; and all that a
-warp at the largest size adds to the process, inputs and outputs included, as a multiple of those."""
+"""Upper limits of the costs.
+
+Milliseconds of `import pyibr`; milliseconds from its start to a first frame, with kernels built before; and the memory
+that a warp at the largest size adds to the process, as a multiple of its inputs and outputs, which are included.
+"""
 
 IMPORT = """
 from time import perf_counter
@@ -43,7 +46,7 @@ def cases(plan: Plan) -> Iterator[Case]:
 
 def _imports(repeats: int) -> Work:
     def read() -> Iterator[Record]:
-        python("-c", IMPORT)  # bytecode is written, files are in memory
+        python("-c", IMPORT)  # writes bytecode, and brings files into memory
         runs = [python("-c", IMPORT) for _ in range(repeats)]
         yield Record("import pyibr", "import", "ms", {}, [run["import_ms"] for run in runs])
         yield Record("import pyibr", "of that NumPy", "ms", {}, [run["numpy_ms"] for run in runs])
@@ -54,7 +57,7 @@ def _imports(repeats: int) -> Work:
 def _frames(repeats: int, empty_cache: bool) -> Work:
     def read() -> Iterator[Record]:
         with tempfile.TemporaryDirectory() as folder:
-            # PoCL keeps built kernels, too.
+            # PoCL keeps built kernels in a cache, too.
             caches = {"PYIBR_CACHE": f"{folder}/pyibr", "POCL_CACHE_DIR": f"{folder}/pocl"} if empty_cache else {}
             first = child("frame", settings=caches)
             if empty_cache:
@@ -72,7 +75,7 @@ def _frames(repeats: int, empty_cache: bool) -> Work:
 
 def _memory(n: int) -> Work | Skip:
     if not Path("/proc/self/clear_refs").exists():
-        return Skip("peak memory", "this system does not tell a process's peak memory in /proc")
+        return Skip("peak memory", "this system does not report a process's peak memory in /proc")
 
     def read() -> Iterator[Record]:
         found = child("memory", str(n))
@@ -92,7 +95,7 @@ def child(*arguments: str, settings: dict[str, str] | None = None) -> dict[str, 
 
 
 def python(*arguments: str, settings: dict[str, str] | None = None) -> dict[str, Any]:
-    """The JSON that a process prints, and how long the process took, interpreter and all."""
+    """JSON that a process prints, and the time of the whole process, interpreter included."""
     start = time.perf_counter()
     done = subprocess.run(
         [sys.executable, *arguments],

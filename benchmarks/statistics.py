@@ -14,7 +14,7 @@ Key = TypeVar("Key")
 
 @dataclass(frozen=True)
 class Quartiles:
-    """Of raw samples."""
+    """Quartiles of raw samples."""
 
     low: float
     median: float
@@ -29,12 +29,12 @@ class Quartiles:
 
 
 def median(values: Iterable[float]) -> float:
-    """Of raw samples."""
+    """Median of raw samples."""
     return Quartiles.of(values).median
 
 
 def exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
-    """The power of the size that the values grow with: a least-squares line through their logarithms.
+    """Power of the size with which values grow, by a least-squares line through their logarithms.
 
     Examples
     --------
@@ -47,12 +47,12 @@ def exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
 
 
 def ratios(values: Mapping[Key, float], base: Mapping[Key, float]) -> list[float]:
-    """Each value over the base's of the same key, where both are."""
+    """Ratios of values to the base's, for keys that both have."""
     return [value / base[key] for key, value in values.items() if key in base]
 
 
 def number(value: float) -> str:
-    """Three digits."""
+    """Format with three digits."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))

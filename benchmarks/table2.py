@@ -1,8 +1,8 @@
-"""The paper's table 2: torus and globe of six depth images, the dragon's head of sixteen, beside its 250 MHz R10000.
+"""The paper's table 2: torus and globe from six depth images, the dragon's head from sixteen, on a 250 MHz R10000.
 
-The paper shows neither how its torus is placed nor where its globe is seen from. Torus and head are seen by frusta
-around them, cut at depth edges; the globe is one surface about its centre, connected. How right each picture is
-stands beside its time: rays cast at the surfaces themselves tell.
+The paper shows neither the position of its torus nor the view of its globe. Here, frusta around the torus and the head
+see them, cut at depth edges; the globe is one connected surface about its centre. The correctness of each picture, by
+rays cast at the surfaces themselves, is listed beside its time.
 """
 
 from __future__ import annotations
@@ -43,28 +43,30 @@ FRESH = "nearest, fresh views"  # DepthImages made anew, so that everything is p
 
 OFF, UNCOVERED = "off", "uncovered"
 RIGHT = {OFF: 0.01, UNCOVERED: 0.02}
-"""At most so much of a picture of 96 x 96 or more is off, or not covered. A depth image knows where a surface ends to a
-sample, and the outlines of these models are 6 to 21 % of their pixels at 96 x 96. Surfaces reach half a sample beyond
-their last ones, unless another view has looked through there."""
-_OFF = 0.02  # of its depth
-_GLOBE_FINEST = 640  # samples a side of the images whose grids are the globe for rays; the elevation has 512 there
+"""Largest shares of a picture of 96 x 96 or more that may be off, or not covered.
+
+A depth image locates the end of a surface to a sample, and outlines are 6 to 21 % of these models' pixels at 96 x 96.
+Surfaces extend half a sample beyond their last samples, unless another view has looked through there.
+"""
+_OFF = 0.02  # share of the depth
+_GLOBE_FINEST = 640  # side of the images whose grids rays are cast at as the globe; the elevation has 512 samples there
 
 
 @dataclass(frozen=True)
 class Model:
-    """Depth images, how they are drawn, and what they should show.
+    """Depth images, how they are drawn, and the picture that they should give.
 
     Attributes
     ----------
     views : list of DepthImage
     camera : Camera
-        Of the picture.
+        Camera of the picture.
     side, edges : str
         As for `ibr.warp`.
     truth : DepthImage
-        What rays of the picture's camera meet.
+        Hits of the rays of the picture's camera.
     covers : (H, W) bool
-        Which of its pixels show something that the views are to cover.
+        Pixels of the picture that show a part which the views should cover.
     """
 
     views: list[ibr.DepthImage]
@@ -75,7 +77,7 @@ class Model:
     covers: Mask
 
     def picture(self, sample: Literal["nearest", "linear"], fresh: bool = False) -> ibr.Frame:
-        """Draw the picture that is timed; `fresh`: of views that are made anew."""
+        """Draw the picture that is timed; `fresh` makes its views anew."""
         views = self.views
         if fresh:
             views = [ibr.DepthImage(view.color, view.depth, view.camera, far=view.far) for view in views]
@@ -83,7 +85,7 @@ class Model:
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a model and size."""
+    """One case per model and size."""
     for model in PAPER:
         for n, repeats in plan.table2.items():
             prepare = functools.partial(_prepare, model, n, repeats, plan.dragon_mesh)
@@ -111,12 +113,12 @@ def _prepare(name: str, n: int, repeats: int, mesh: str) -> Work | Skip:
 
 
 def rightness(frame: ibr.Frame, truth: ibr.DepthImage, covers: Mask) -> dict[str, float]:
-    """Correctness of a picture beside what rays of its camera meet.
+    """Correctness of a picture, compared with the hits of its camera's rays.
 
     Returns
     -------
     dict
-        `OFF`: the share of what it shows whose depth is off by more than 2 %, or where rays meet nothing;
+        `OFF`: the share of its valid pixels whose depth is off by more than 2 %, or whose rays hit nothing;
         `UNCOVERED`: the share of the pixels in the mask `covers` that it does not show.
     """
     with np.errstate(invalid="ignore"):
@@ -165,7 +167,7 @@ def _dragon(n: int, mesh: str) -> Model | Skip:
     camera = models.view(views, (n, n))
     truth = models.load_scene(path).capture(camera)
     part = part_of(load_frusta(models.DRAGON_HEAD)[1], models.DRAGON_HEAD)
-    low, high = np.sort(np.asarray(part) * (1, -1, -1), axis=0)  # the views have their up turned over
+    low, high = np.sort(np.asarray(part) * (1, -1, -1), axis=0)  # the views have up turned over
     y, x = np.nonzero(truth.valid)
     points = camera.unproject(np.column_stack([x, y]), truth.depth[y, x])
     covers = np.zeros(truth.valid.shape, np.bool_)
@@ -174,7 +176,7 @@ def _dragon(n: int, mesh: str) -> Model | Skip:
 
 
 def _grids(views: list[ibr.DepthImage]) -> MeshScene:
-    """The surface of images that have depth everywhere: triangles between their samples."""
+    """Surface of images that have depth everywhere: triangles between their samples."""
     vertices: list[Any] = []
     faces: list[Any] = []
     for view in views:

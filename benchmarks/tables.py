@@ -10,7 +10,7 @@ from benchmarks.statistics import median
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table; nothing at all without rows."""
+    """Format a table; empty without rows."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n" if len(lines) > 2 else ""
 
@@ -21,12 +21,12 @@ def verdict(met: bool) -> str:
 
 
 def skipped(skips: Iterable[Skip]) -> list[str]:
-    """Cases that are missing, and why."""
+    """Missing cases, and the reasons."""
     return [f"Left out: {skip.subject}, because {skip.reason}.\n" for skip in skips]
 
 
 def origin(environment: dict[str, Any]) -> str:
-    """Place and means of a measurement, in one paragraph."""
+    """Device and circumstances of a measurement, in one paragraph."""
     device = ", ".join(environment[key] for key in ("device", "platform", "device_version", "driver"))
     versions = ", ".join(f"{name} {version}" for name, version in environment["versions"].items() if version)
     load = environment["load_average"]
@@ -42,7 +42,7 @@ def origin(environment: dict[str, Any]) -> str:
 
 
 def totals(records: Iterable[Record]) -> dict[int, float]:
-    """By size, the sum over positions of their medians."""
+    """Sums of the positions' medians, by size."""
     sums: dict[int, float] = {}
     for record in records:
         n = int(record.parameters["size"])
@@ -51,7 +51,7 @@ def totals(records: Iterable[Record]) -> dict[int, float]:
 
 
 def sizes_of(records: Iterable[Record]) -> list[int]:
-    """The sizes that occur."""
+    """Sizes that occur."""
     return sorted({int(record.parameters["size"]) for record in records if "size" in record.parameters})
 
 
@@ -61,6 +61,6 @@ def position(record: Record) -> tuple[str, str]:
 
 
 def only(records: Iterable[Record]) -> list[float]:
-    """The values of the one record there is."""
+    """Values of the only record."""
     (record,) = records
     return record.values

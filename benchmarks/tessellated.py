@@ -1,4 +1,4 @@
-"""The natural rival of reliefs and slices: the displaced donut as a mesh, which the library draws itself."""
+"""The natural rival of reliefs and slices: the displaced donut as a mesh, which pyibr draws itself."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pyibr as ibr
 from pyibr.capture import models
 
 CUTS = (8, 24)
-"""Pieces that each side of the donut's triangles is cut into."""
+"""Numbers of pieces into which each side of the donut's triangles is cut."""
 
 
 def subject(cut: int) -> str:
@@ -25,9 +25,9 @@ def tessellated(
     tiles: tuple[int, int],
     cut: int,
 ) -> ibr.Mesh:
-    """Displace `models.donut(sides)`, with each triangle cut into cut x cut that bend with the surface.
+    """Displace `models.donut(sides)`, with each triangle cut into cut x cut that follow the surface.
 
-    height: 0 lies rise[0] above the surface, 1 (or 255) lies rise[1] above it, in scene units.
+    height: 0 lies rise[0] above the surface, and 1 (or 255) rise[1], in scene units.
     """
     fine = models.donut(sides * cut)
     assert fine.normals is not None and fine.uv is not None
@@ -38,13 +38,13 @@ def tessellated(
 
 
 def size_of(mesh: ibr.Mesh) -> int:
-    """Bytes of its vertices, triangles and uv, without the texture."""
+    """Bytes of the vertices, triangles and uv, without the texture."""
     assert mesh.uv is not None
     return mesh.vertices.nbytes + mesh.faces.nbytes + mesh.uv.nbytes
 
 
 def _bilinear(height: NDArray[np.float64], uv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Heights between texels' centres of a map that repeats."""
+    """Interpolate heights between the texel centres of a repeating map."""
     rows, columns = height.shape
     u, v = uv[:, 0] * columns - 0.5, uv[:, 1] * rows - 0.5
     x, y = np.floor(u).astype(int), np.floor(v).astype(int)

@@ -28,8 +28,7 @@ def _of_one_lane(session: device.Session, **changed: Any) -> device.Session:
 
 @contextmanager
 def one_lane(**changed: Any) -> Generator[None, None, None]:
-    """Run kernels with one lane, and copy memory to and fro, within the context; `changed`: fields of the GPUs'
-    profile."""
+    """Run kernels with one lane within the context, and copy memory to and fro; `changed`: fields of the profile."""
     session = device.current()
     index = session.device.index
     device._sessions[index] = _of_one_lane(session, **changed)

@@ -121,7 +121,7 @@ def shares(things: Any, camera: Camera, light: ibr.Light, **options: Any) -> tup
     )
     picture, lit = (ibr.render(things, camera, one, **options).color[..., 0].astype(float) for one in (light, plain))
     own = ibr.render(things, camera, **options).color[..., 0].astype(float)
-    told = lit - AMBIENT * own > 8  # of 255: below that, rounding counts
+    told = lit - AMBIENT * own > 8  # levels of 255; below that, rounding counts
     return np.where(told, (picture - AMBIENT * own) / np.where(told, lit - AMBIENT * own, 1), 0), told
 
 

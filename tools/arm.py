@@ -2,8 +2,8 @@
 
     make test-arm
 
-Debian's 64-bit ARM lies in a folder and runs by qemu's emulation. Needs root on Debian or Ubuntu; what is missing of
-qemu and debootstrap is installed. The outcome is written to benchmarks/results/arm.json.
+Debian for 64-bit ARM is put into a folder and emulated by qemu. Needs root on Debian or Ubuntu; missing parts of qemu
+and debootstrap are installed. The outcome is written to benchmarks/results/arm.json.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from tools import debian, pictures
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "benchmarks/results/arm.json"
-SLOW = {"PYIBR_TIMEOUT": "1800", "POCL_WORK_GROUP_SPECIALIZATION": "0"}  # emulated, all takes twenty times as long
+SLOW = {"PYIBR_TIMEOUT": "1800", "POCL_WORK_GROUP_SPECIALIZATION": "0"}  # emulation takes twenty times as long
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--folder", type=Path, default=ROOT / "build/arm", help="where Debian is put; kept for the next run"
+        "--folder", type=Path, default=ROOT / "build/arm", help="folder for Debian, kept for the next run"
     )
     parser.add_argument(
-        "--suite", default="bookworm", help="of Debian; the default's PoCL is compared with this machine's"
+        "--suite", default="bookworm", help="Debian's suite; the default's PoCL is compared with this machine's"
     )
     arguments = parser.parse_args()
     if not debian.is_possible():
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 def record(here: Path, there: Path, seconds: float) -> None:
-    """Compare, and keep the outcome."""
+    """Compare the pictures, and write the outcome."""
     rows = pictures.compare(here, there)
     told = {"here": pictures.told(here), "there": pictures.told(there), "machine here": platform.machine()}
     RECORD.write_text(json.dumps({**told, "seconds": round(seconds), "pictures": rows}, indent=1) + "\n")

@@ -1,4 +1,4 @@
-"""A Chromium without a window, for what shows, times or tests pages."""
+"""A Chromium without a window, to show, time or test pages."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
-# In software, so that a machine without a GPU draws.
+# Software rendering, so that a machine without a GPU draws.
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-sandbox"]
 
 PANEL = 304
-"""Pixels of the controls beside a page's picture, in a window at least 576 wide; in a narrower one they are closed."""
+"""Width of the controls beside a page's picture, in pixels; in windows narrower than 576 they are closed."""
 
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """A browser of playwright's.
+    """A browser from playwright.
 
     Raises
     ------

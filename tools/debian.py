@@ -1,4 +1,4 @@
-"""Another Debian in a folder: for this machine's processor, or for another by qemu's emulation. Needs root."""
+"""Another Debian in a folder, for this machine's processor, or for another one, emulated by qemu. Needs root."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _HOME = "root/pyibr"
 
 
 def is_possible() -> bool:
-    """Tell whether this is root of a Debian or Ubuntu."""
+    """Tell whether this process is root on Debian or Ubuntu."""
     return os.name == "posix" and os.geteuid() == 0 and bool(shutil.which("apt-get"))
 
 
 def make_system(system: Path, suite: str, packages: Sequence[str], architecture: str = "") -> None:
-    """Put Debian into a folder, unless it is there."""
+    """Put Debian into a folder, unless it is there already."""
     needed = ["debootstrap", *(["qemu-user-static", "binfmt-support"] if architecture else [])]
     if missing := [name for name in needed if not _installed(name)]:
         subprocess.run(["apt-get", "update", "-qq"], check=True)
@@ -33,7 +33,7 @@ def make_system(system: Path, suite: str, packages: Sequence[str], architecture:
         subprocess.run(["update-binfmts", "--enable", "qemu-aarch64"], check=True)
     if (system / ".ready").exists():
         return
-    print("Debian is put into", system, "- some minutes", flush=True)
+    print("Putting Debian into", system, "- some minutes", flush=True)
     shutil.rmtree(system, ignore_errors=True)
     system.parent.mkdir(parents=True, exist_ok=True)
     options = ["--variant=minbase", f"--include={','.join([*_PACKAGES, *packages])}"]
@@ -51,14 +51,14 @@ def _installed(package: str) -> bool:
 
 
 def _mirror() -> list[str]:
-    """The one that this machine's packages come from."""
+    """Mirror from which this machine's packages come."""
     lists = [Path("/etc/apt/sources.list"), *Path("/etc/apt/sources.list.d").glob("*")]
     found = [one for file in lists if file.is_file() for one in _MIRROR.findall(file.read_text(errors="replace"))]
     return found[:1]
 
 
 def install(system: Path, root: Path, *packages: str) -> Path:
-    """Install the wheel of what lies in `root`, and further packages; returns the folder that lines are run in."""
+    """Install the wheel of the project in `root`, and further packages; returns the folder in which lines run."""
     home, built = system / _HOME, system.parent / "wheel"
     shutil.rmtree(built, ignore_errors=True)
     command = [sys.executable, "-m", "build", "--wheel", "--outdir", str(built), str(root)]
@@ -74,7 +74,7 @@ def install(system: Path, root: Path, *packages: str) -> Path:
 
 
 def within(system: Path, line: str, **variables: str) -> None:
-    """Run a line of shell in the system, with the processes and devices of this one."""
+    """Run a line of shell in the system, with this system's processes and devices."""
     mounts = "".join(f'mount --bind /{name} "{system}/{name}"; ' for name in ("proc", "dev", "sys"))
     known = {"HOME": "/root", "PATH": "/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin", "LANG": "C.UTF-8", **variables}
     words = " ".join(f"{name}={value}" for name, value in known.items())

@@ -1,10 +1,10 @@
-"""Every kernel by several OpenCL implementations, launch by launch, beside PoCL: what is the same to the bit.
+"""Compare several OpenCL implementations with PoCL, bit by bit: every kernel, launch by launch.
 
     make test-devices
 
-Calls of all systems are made by PoCL and by each other CPU runtime that is here, in the CPUs' form, and in the GPUs'
-form by PoCL and by Mesa's rusticl on llvmpipe, of a Debian 13 that is put into a folder (as root on Debian or Ubuntu).
-Each launch is given what PoCL's is given: what those before it have made is replaced by what PoCL made of it.
+PoCL and each other CPU runtime of this machine make calls of all systems in the CPU form. In the GPU form, they are
+made by PoCL and by Mesa's rusticl on llvmpipe, from a Debian 13 that is put into a folder (as root on Debian or
+Ubuntu). Each launch gets the same inputs as PoCL's launch: results of earlier launches are replaced by PoCL's results.
 The outcome is written to benchmarks/results/devices.json, and printed as the table of docs/machines.md.
 """
 
@@ -36,14 +36,14 @@ from tools import debian
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "benchmarks/results/devices.json"
-TOLERANCE = 1e-5  # of a value: what other compilers' rounding comes to, as the tests of one lane allow it
+TOLERANCE = 1e-5  # relative: rounding of other compilers, as in the tests with one lane
 SCRATCH = {"pool", "used"}  # parts of a stack, which work-items take in any order
 RUSTICL = {"RUSTICL_ENABLE": "llvmpipe", "PYIBR_DEVICE": "rusticl", "PYIBR_BUILD_OPTIONS": "-DINLINED=static"}
-"""Its compiler loses copies of structs in loops (`pyibr.opencl.selftest`), of which inlining makes more."""
+"""Rusticl's compiler loses copies of structs in loops (`pyibr.opencl.selftest`), and inlining makes more of them."""
 
 
 class Launches(Watch):
-    """Keeps what each launch makes. Further ones read what it made for another, if `first` tells that."""
+    """Keeps the results of each launch. If `first` has results of another device, further launches read these."""
 
     def __init__(self, first: Mapping[str, NDArray[Any]]) -> None:
         self.call = ""
@@ -52,7 +52,7 @@ class Launches(Watch):
         self._count: dict[str, int] = defaultdict(int)
 
     def launch(self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Any) -> None:
-        """Make a launch, and look at its arrays."""
+        """Make a launch, and keep the arrays that it writes."""
         enqueue(**arguments)
         launch = f"{self.call}/{kernel.name}"
         self._count[launch] += 1
@@ -65,9 +65,9 @@ class Launches(Watch):
 
 
 def draw(out: Path, in_gpu_form: bool, first: Path | None) -> None:
-    """Draw all calls on the device in use, all of whose memory begins with zeros, and keep what launches make.
+    """Draw all calls on the current device, with memory that starts as zeros, and keep the results of launches.
 
-    first: a file of another's, which these launches go on from.
+    first: file with another device's results, from which these launches continue.
     """
     take = memory._take
 
@@ -79,7 +79,7 @@ def draw(out: Path, in_gpu_form: bool, first: Path | None) -> None:
         session.wait()
         return block
 
-    if in_gpu_form:  # which a CPU's test, of what the CPUs' form needs, says nothing of
+    if in_gpu_form:  # tests of a CPU in its own form say nothing about the GPU form
         device._examine = device._examine_broken_again = lambda *_: Outcome(True)
     launches = Launches({} if first is None else np.load(first))
     with one_lane() if in_gpu_form else nullcontext(), watching(launches):
@@ -94,16 +94,16 @@ def draw(out: Path, in_gpu_form: bool, first: Path | None) -> None:
 
 @dataclass
 class Agreement:
-    """Agreement of a kernel's launches with PoCL's, which are given the same.
+    """Agreement of a kernel's launches with PoCL's launches of equal inputs.
 
     Attributes
     ----------
     launches, same : int
-        How many there are, and make the same bits.
+        Number of launches, and how many of them give the same bits.
     off, far : float
-        The share of values that differ, and of those that do by more than `TOLERANCE` of themselves.
+        Share of values that differ, and share of values that differ by more than `TOLERANCE`, relatively.
     most : float
-        By which part of themselves the others differ at most.
+        Largest relative difference within `TOLERANCE`.
     """
 
     launches: int = 0
@@ -115,7 +115,7 @@ class Agreement:
 
 
 def compare(base: Path, other: Path) -> dict[str, Agreement]:
-    """Agreements by kernels' names."""
+    """Agreements by kernel."""
     found: dict[str, Agreement] = defaultdict(Agreement)
     with np.load(base) as one, np.load(other) as two:
         differs: dict[tuple[str, str], bool] = defaultdict(bool)
@@ -145,7 +145,7 @@ def _add(agreement: Agreement, a: NDArray[Any], b: NDArray[Any]) -> bool:
 
 
 def table(found: Mapping[str, Mapping[str, Agreement]]) -> str:
-    """Kernels that make the same bits in number, and a row for each other: what differs."""
+    """Table of differences: the number of kernels with equal bits, and a row for each other kernel."""
     lines = [f"| kernel | {' | '.join(found)} |", f"|---|{'---|' * len(found)}"]
     whole = [[one.same == one.launches for one in each.values()] for each in found.values()]
     lines.append(f"| all launches the same | {' | '.join(f'{sum(each)} of {len(each)}' for each in whole)} |")
@@ -166,10 +166,10 @@ def _told(one: Agreement | None) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draw", type=Path, help="only keep the launches of the device in use, in this file")
-    parser.add_argument("--first", type=Path, help="a file of another's launches, which these go on from")
+    parser.add_argument("--draw", type=Path, help="only keep the launches of the current device, in this file")
+    parser.add_argument("--first", type=Path, help="file of another device's launches, from which these continue")
     parser.add_argument("--gpu-form", action="store_true")
-    parser.add_argument("--folder", type=Path, default=ROOT / "build/devices", help="where Debian and files are put")
+    parser.add_argument("--folder", type=Path, default=ROOT / "build/devices", help="folder for Debian and files")
     given = parser.parse_args()
     if given.draw:
         draw(given.draw, given.gpu_form, given.first)

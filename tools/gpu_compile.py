@@ -1,14 +1,14 @@
-"""Costs of every kernel by the compilers of GPUs, without a GPU: registers, private memory, occupancy.
+"""Costs of every kernel on GPUs, by their compilers, without a GPU: registers, private memory, occupancy.
 
     python tools/gpu_compile.py [PART OF A FILE'S NAME ...] [--nvidia sm_80] [--amd gfx90a] [--json FILE]
 
-The programs are those that `pyibr doctor --build` builds, with the same defines, but for LANES=1: the GPUs' form. They
-are compiled by clang, NVIDIA's from there on by its own assembler. Private memory is what a kernel keeps outside of
-registers, bytes a work-item: it lies in the device's memory. Occupancy is how many of the groups of work-items that a
-multiprocessor could keep in flight have registers enough, by the vendors' formulas.
+The programs are built with the same defines as by `pyibr doctor --build`, except LANES=1, the GPU form. Clang compiles
+them; NVIDIA's own assembler makes its code. Private memory is the number of bytes per work-item that a kernel keeps
+outside of registers, in the device's memory. Occupancy is the share of the groups of work-items that a multiprocessor
+can keep in flight for which the registers suffice, by the vendors' formulas.
 
 Needs Debian's clang and libclc (`apt install clang-15 libclc-15`), and PyPI's nvidia-cuda-nvcc-cu12, which is fetched
-into a folder of the cache once.
+into a cache folder once.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from tests.one_lane import one_lane
 ASSEMBLER = "nvidia-cuda-nvcc-cu12"
 LIBRARIES = Path("/usr/lib/clc")  # libclc: OpenCL's built-in functions
 TARGETS = {"nvidia": ("nvptx64-nvidia-nvcl", "nvptx64--nvidiacl.bc"), "amd": ("amdgcn-amd-amdhsa", "amdgcn--amdhsa.bc")}
-REGISTERS, WARP, WARPS = 65536, 32, 64  # of a multiprocessor of NVIDIA's; work-items of a warp; warps at most in flight
-NOTES = r"; (?:NumVgprs|ScratchSize|Occupancy): (\d+)"  # of AMD's compiler, on a kernel; others have no occupancy
-WAVES = 8  # that a unit of AMD's CDNA keeps in flight at most
+REGISTERS, WARP, WARPS = 65536, 32, 64  # on an NVIDIA multiprocessor; work-items of a warp; most warps in flight
+NOTES = r"; (?:NumVgprs|ScratchSize|Occupancy): (\d+)"  # AMD's notes on a kernel; other functions have no occupancy
+WAVES = 8  # most waves that a unit of AMD's CDNA keeps in flight
 
 Program = tuple[str, tuple[tuple[str, int], ...]]  # its file and defines
 
@@ -64,11 +64,11 @@ class Row:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="*", help="parts of kernel files' names; all without")
+    parser.add_argument("files", nargs="*", help="parts of kernel files' names (default: all)")
     parser.add_argument("--nvidia", default="sm_80", metavar="ARCHITECTURE")
     parser.add_argument("--amd", default="gfx90a", metavar="ARCHITECTURE")
-    parser.add_argument("--all", action="store_true", help="each set of defines, not only the one that costs most")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the table there, too")
+    parser.add_argument("--all", action="store_true", help="each set of defines, not only the costliest one")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the table to this file")
     options = parser.parse_args()
     clang, ptxas = compiler(), assembler()
     wanted = [each for each in programs() if not options.files or any(part in each[0] for part in options.files)]
@@ -89,7 +89,7 @@ def programs() -> list[Program]:
 
 
 def compiler() -> str:
-    """The newest clang that there is, with libclc."""
+    """Path of the newest clang; exits if clang or libclc is missing."""
     names = ["clang", *(f"clang-{version}" for version in range(30, 14, -1))]
     found = next((path for name in names if (path := shutil.which(name))), None)
     if found is None or not LIBRARIES.is_dir():
@@ -98,7 +98,7 @@ def compiler() -> str:
 
 
 def assembler() -> Path:
-    """NVIDIA's assembler, fetched where it is not there yet."""
+    """NVIDIA's assembler, fetched if it is missing."""
     folder = Path(tempfile.gettempdir()) / ASSEMBLER
     ptxas = folder / "nvidia" / "cuda_nvcc" / "bin" / "ptxas"
     if not ptxas.exists():
@@ -146,7 +146,7 @@ def ran(command: list[str], file: str) -> str:
 
 
 def of_nvidia(told: str) -> dict[str, Cost]:
-    """Costs by kernel, as the assembler tells them."""
+    """Costs by kernel, from the assembler's output."""
     pattern = r"entry function '(\w+)'.*?(\d+) bytes stack frame.*?Used (\d+) registers"
     return {
         name: Cost(int(registers), int(stack), nvidia_occupancy(int(registers)))
@@ -155,23 +155,23 @@ def of_nvidia(told: str) -> dict[str, Cost]:
 
 
 def nvidia_occupancy(registers: int) -> float:
-    """Part of a multiprocessor's warps that have registers enough; a warp's are given in units of 256."""
+    """Share of a multiprocessor's warps that have enough registers; a warp gets them in units of 256."""
     warp = -(-registers * WARP // 256) * 256
     return min(REGISTERS // warp, WARPS) / WARPS
 
 
 def of_amd(code: str) -> dict[str, Cost]:
-    """Costs by kernel, as the compiler notes them in its assembly."""
+    """Costs by kernel, from the compiler's notes in its assembly."""
     costs = dict[str, Cost]()
     for function in code.split("; -- Begin function ")[1:]:
         name, (registers, scratch, *waves) = function.split(maxsplit=1)[0], re.findall(NOTES, function)
-        if waves:  # a kernel's
+        if waves:  # only kernels have an occupancy
             costs[name] = Cost(int(registers), int(scratch), int(waves[0]) / WAVES)
     return costs
 
 
 def merged(found: Iterable[Row]) -> Iterable[Row]:
-    """Of each kernel the row that costs most."""
+    """Costliest row of each kernel."""
     most = dict[tuple[str, str], Row]()
     for row in found:
         before = most.get((row.file, row.kernel))
@@ -185,7 +185,7 @@ def _weight(row: Row) -> tuple[int, int]:
 
 
 def table_of(found: list[Row], nvidia: str, amd: str) -> str:
-    """The table, in Markdown."""
+    """Table in Markdown."""
     lines = [
         f"| kernel | defines | {nvidia}: registers | private bytes | occupancy "
         f"| {amd}: registers | private bytes | occupancy |",

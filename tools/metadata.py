@@ -1,8 +1,8 @@
-"""Metadata of the package beyond pyproject.toml: its addresses, and the README with links that lead there.
+"""Metadata of the package beyond pyproject.toml: its addresses, and the README with links to them.
 
-The project's address is where the clone came from that the package is built in: git's remote `origin`. Without one, or
-if that is no public host, a package names no address, links in its README are plain words, and pictures are left out.
-Run by hatchling; a source package keeps what it was made with.
+The project's address is git's remote `origin`, from which the clone came in which the package is built. Without a
+remote, or if its host is not public, a package has no address, links in its README are plain words, and pictures are
+left out. Hatchling runs this; a source package keeps the metadata with which it was made.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from urllib.parse import urlsplit
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:)([^)]*)\)")  # but for those that are absolute already
+LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:)([^)]*)\)")  # except links that are absolute already
 SCHEMES = ("https", "http", "ssh", "git")
-BETWEEN = re.compile(r"\n{3,}")  # what pictures leave behind
+BETWEEN = re.compile(r"\n{3,}")  # empty lines that pictures leave behind
 
 
 class ProjectHook(MetadataHookInterface):
@@ -32,18 +32,18 @@ class ProjectHook(MetadataHookInterface):
 
 
 def origin(root: Path) -> str:
-    """Address that a clone came from; empty if it did not."""
+    """Address that a clone came from; empty if there is none."""
     if not (root / ".git").exists():
         return ""
     try:
         asked = ["git", "-C", str(root), "config", "--get", "remote.origin.url"]
         return subprocess.run(asked, capture_output=True, text=True).stdout.strip()
-    except OSError:  # there is no git
+    except OSError:  # git is not installed
         return ""
 
 
 def web_address(remote: str) -> str | None:
-    """The page of a remote repository, without anybody's name or password; None if it is on no public host."""
+    """Page of a remote repository, without user name or password; None if its host is not public."""
     short = re.fullmatch(r"[\w.-]+@([\w.-]+):([\w./~-]+)", remote)  # git@host:owner/name.git
     parts = urlsplit(f"ssh://{short[1]}/{short[2]}" if short else remote)
     path = parts.path.strip("/").removesuffix(".git")
@@ -53,7 +53,7 @@ def web_address(remote: str) -> str | None:
 
 
 def urls(address: str) -> dict[str, str]:
-    """A package's addresses, by the names that package indexes know."""
+    """Addresses of a package, by the names that package indexes use."""
     file = f"{address}/blob/HEAD"
     return {
         "Source": address,
@@ -64,7 +64,7 @@ def urls(address: str) -> dict[str, str]:
 
 
 def linked(readme: str, address: str | None) -> str:
-    """The README as it is read outside of the repository."""
+    """The README for readers outside of the repository."""
 
     def absolute(link: re.Match[str]) -> str:
         picture, words, path = link.groups()

@@ -1,4 +1,4 @@
-"""A picture of each kind, in files: `python tools/pictures.py OUT.npz`. What two machines have drawn can be compared.
+"""Draw a picture of each kind into a file, or compare the files of two machines.
 
 python tools/pictures.py here.npz
 python tools/pictures.py --compare here.npz there.npz
@@ -18,14 +18,14 @@ import numpy as np
 import pyibr as ibr
 from pyibr.capture import MeshScene, models, object_views
 
-SIZE = (64, 48)  # an emulated machine takes minutes for more
+SIZE = (64, 48)  # more takes minutes on an emulated machine
 CAMERA = ibr.Camera([[60, 0, 31.5], [0, 60, 23.5], [0, 0, 1]], SIZE)
 EYE = ibr.Camera.look_at((2.8, 1.3, 2.4), (0, 0, 0), (0, 0, 1), SIZE, fov_y=45)
 LIGHT = ibr.Light(direction=(-1, -0.3, -1))
 
 
 def room(step: float = 0.0) -> ibr.DepthImage:
-    """A ball before a wall of hills, with a little noise, seen from `step` units to the right."""
+    """A ball in front of a hilly wall, with a little noise, seen from `step` units to the right."""
     camera = CAMERA.moved(step, 0, 0)
     x, y = np.meshgrid(*(np.arange(size) for size in SIZE))
     rays = camera.unproject(np.stack([x, y], -1).reshape(-1, 2), np.ones(x.size)).reshape(*x.shape, 3) - camera.center
@@ -49,7 +49,7 @@ def heights() -> dict[str, Any]:
 
 
 def pictures() -> dict[str, Callable[[], Any]]:
-    """Calls by their names; each gives a frame, or an array."""
+    """Calls by name; each returns a frame or an array."""
     view, beyond, aside = room(), CAMERA.moved(0.15, 0.05, 0.2), CAMERA.moved(0.2, 0, 0)
     donut = models.donut(24)
     taken = object_views(MeshScene.from_mesh(donut), 32)
@@ -75,7 +75,7 @@ def pictures() -> dict[str, Callable[[], Any]]:
 
 
 def draw(out: Path) -> None:
-    """Draw all, and tell on what and in which time."""
+    """Draw all pictures; print their times, and store the device."""
     arrays: dict[str, np.ndarray] = {}
     for name, call in pictures().items():
         start = time.perf_counter()
@@ -89,9 +89,9 @@ def draw(out: Path) -> None:
 
 
 def compare(here: Path, there: Path) -> dict[str, dict[str, Any]]:
-    """Differences by the pictures' names: pixels that are not the same to the bit, and by how much.
+    """Differences by the pictures' names: the number of pixels that differ in any bit, and the largest difference.
 
-    `color` is in levels of 255, `depth` a share of itself; `covered` counts pixels that have depth in one alone.
+    `color` is in levels of 255, `depth` relative; `covered` counts pixels that have depth in only one picture.
     """
     rows: dict[str, dict[str, Any]] = {}
     with np.load(here) as one, np.load(there) as other:
@@ -109,7 +109,7 @@ def compare(here: Path, there: Path) -> dict[str, dict[str, Any]]:
 
 
 def told(file: Path) -> dict[str, str]:
-    """The device that drew the pictures of a file."""
+    """Device that drew the pictures of a file."""
     with np.load(file) as pictures:
         return json.loads(str(pictures["told"]))
 

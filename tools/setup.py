@@ -1,8 +1,7 @@
 """Make this clone ready to use: system libraries through apt, a virtual environment, the Python packages.
 
-Only what is missing is installed; with ``--demo``, only what the demo needs. Where it may not install, it names the
-packages and the command.
-Run by ``make``; uses nothing but the standard library.
+Only missing parts are installed; with ``--demo``, only parts that the demo needs. If it may not install, it names the
+packages and the command. Run by ``make``; it uses only the standard library.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 DEMO, EVERYTHING = "plot", "opencv,open3d,exr,hdf5,ros,r3d,plot,video,metrics,view,batch,dev"  # extras
-OLDEST, NEWEST = (3, 10), (3, 13)  # NEWEST: what Open3D, which the tests measure against, has wheels for
+OLDEST, NEWEST = (3, 10), (3, 13)  # NEWEST: the last one with wheels of Open3D, which the tests need
 
-LIBRARIES = {  # what `import open3d` loads, and the Debian or Ubuntu package that brings it
+LIBRARIES = {  # libraries that `import open3d` loads, and their Debian or Ubuntu packages
     "libEGL.so.1": "libegl1",
     "libGL.so.1": "libgl1",
     "libgomp.so.1": "libgomp1",
@@ -48,7 +47,7 @@ def check_python(for_demo: bool) -> None:
 
 
 def missing_packages(libraries: dict[str, str]) -> list[str]:
-    """Debian's names of what is not there, packages of those libraries included."""
+    """Debian names of missing packages, including the packages of these libraries."""
     missing: list[str] = []
     if subprocess.run([sys.executable, "-c", "import ensurepip, venv"], capture_output=True).returncode:
         missing.append("python3-venv")
@@ -100,7 +99,7 @@ def install_python_packages(for_demo: bool) -> None:
     large = "" if for_demo else " (Open3D alone is 0.5 GB: this takes some minutes)"
     say(f"installing the Python packages{large}")
     wanted = f"{ROOT}[{DEMO if for_demo else EVERYTHING}]"
-    # Python compiles what is imported; pip would compile all.
+    # Python compiles the modules that are imported; pip would compile all of them.
     run([str(VENV / "bin/python"), "-m", "pip", "install", "-q", "--no-compile", "-e", wanted])
     (VENV / ".demo").touch()
     if not for_demo:

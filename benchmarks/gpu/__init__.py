@@ -1,1 +1,1 @@
-"""Counts of what GPUs are given to do, made without one."""
+"""Counts of the work of GPUs, made without a GPU."""

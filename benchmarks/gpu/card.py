@@ -1,6 +1,6 @@
-"""A GPU that is there: the kernels' tests, pictures beside a CPU's, and times beside the bound by counting.
+"""A real GPU: the kernels' tests, pictures compared with a CPU's, and times compared with the counted bound.
 
-Without one nothing is measured, and the report says so.
+Without a GPU nothing is measured, and the report says so.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from tests.processes import run_within
 TESTS_SECONDS = 300
 TURNS = 9
 SAME = 1e-5
-"""Of a depth: differences that other compilers make, as the tests of one lane allow them."""
+"""Relative difference of depths that other compilers may cause, as in the tests with one lane."""
 ALIKE = 0.999
-"""Share of the values that must be the same: at silhouettes last bits decide."""
+"""Share of the values that must be the same: at silhouettes, last bits decide."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """The tests, then pictures, then times."""
+    """Cases of tests, then of pictures, then of times."""
     device = next((one for one in ibr.devices() if one.works and one.kind == plan.card), None)
     if device is None:
-        missing = Skip("everything", f"no device here is a {plan.card} that works")
+        missing = Skip("everything", f"there is no working device of the kind {plan.card}")
         yield Case({"case": "card"}, lambda: missing)
         return
     yield Case({"case": "tests"}, functools.partial(_tested, device, plan.card_tests))
@@ -70,7 +70,7 @@ def _tested(device: ibr.Device, tests: tuple[str, ...]) -> Work:
 def _compared(device: ibr.Device, name: str) -> Work | Skip:
     other = next((one for one in ibr.devices() if one.works and one.kind == "cpu"), None)
     if other is None:
-        return Skip(name, "no CPU device is there to compare with")
+        return Skip(name, "there is no CPU device to compare with")
 
     def read() -> Iterator[Record]:
         with ibr.use_device(device):
@@ -85,7 +85,7 @@ def _compared(device: ibr.Device, name: str) -> Work | Skip:
 
 
 def _private(device: ibr.Device) -> Work:
-    """Of the kernels that the pictures were drawn with, by the driver's own compiler."""
+    """Measure the private memory of the pictures' kernels, by the driver's own compiler."""
 
     def read() -> Iterator[Record]:
         with ibr.use_device(device):
@@ -100,7 +100,7 @@ def _private(device: ibr.Device) -> Work:
 
 
 def alike(found: NDArray[Any], expected: NDArray[Any], up_to: float = SAME) -> float:
-    """Share of the values that are the same, up to what rounding makes of them; none, if there are more or fewer."""
+    """Share of the values that are the same, up to rounding; 0 if their shapes differ."""
     if found.shape != expected.shape:
         return 0.0
     if found.dtype.kind == "f":

@@ -1,6 +1,6 @@
-"""A call's launches under Oclgrind, which counts instructions: run by `benchmarks.gpu.gpu`, in a process of its own.
+"""A call's launches under Oclgrind, which counts instructions; `benchmarks.gpu.gpu` runs this in its own process.
 
-Each launch goes in pieces, of one work-item and of some in turns: so what single ones take is counted, too.
+Each launch is split into pieces of one work-item and of several, in turns, so that single work-items are counted, too.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from pyibr.opencl.in_flight import KernelCost
 from pyibr.opencl.watch import Watch, watching
 
 LAUNCH, PIECE = "=== launch", "=== piece"
-_SOME = 61  # work-items between two that are counted alone: a prime, so that columns of pictures are met, too
+_SOME = 61  # work-items between two that are counted alone: a prime, to reach columns of pictures, too
 
 
 def _say(*words: object) -> None:
-    """Into what Oclgrind prints, where that has come to."""
+    """Print between the lines of Oclgrind, in the order of events."""
     ctypes.CDLL(None).fflush(None)
     print(*words, flush=True)
 
@@ -42,7 +42,7 @@ def _piece_after(self: KernelCost, items: int, seconds: float, shared: bool) -> 
 
 
 def main(name: str, size: tuple[int, int]) -> None:
-    """Make the call twice, and have the second one counted."""
+    """Make the call twice; only the second one is counted."""
     work = CALLS[name](size)
     assert not isinstance(work, Skip)
     work()

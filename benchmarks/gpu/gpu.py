@@ -1,7 +1,7 @@
-"""Work that a GPU would be given, counted without one: launches and copies of each call, and instructions by kernel.
+"""Work of a GPU, counted without a GPU: launches and copies of each call, and instructions by kernel.
 
-A second frame of what is kept. Launches, waits, copies and work-items are counted in the GPUs' form on whatever device
-there is; instructions and bytes by Oclgrind at a smaller size, and multiplied by the pixels.
+The calls are second frames of kept views. Launches, waits, copies and work-items are counted in the GPU form on any
+device. Oclgrind counts instructions and bytes at a smaller size; they are multiplied by the pixels.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from tests.one_lane import one_lane
 from tests.processes import run_within
 from tools import gpu_compile
 
-_SECONDS = 1200  # that Oclgrind may take for a call
+_SECONDS = 1200  # limit for a call under Oclgrind
 _LATENCY = 4  # cycles from an instruction to the next that needs its result
 _NO_WORK = re.compile(
     r"(alloca|bitcast|br|getelementptr|phi|ret|sext|switch|trunc|unreachable|zext|\w+ private"
     r"|call llvm\.(lifetime|dbg|mem)\S*|call (?!_Z|llvm)\w+)\b"
 )
-"""Instructions that compilers leave out: of memory that becomes registers, of addresses, of calls that are inlined."""
+"""Instructions that compilers remove: for memory that becomes registers, for addresses, for inlined calls."""
 
 
 @dataclass(frozen=True)
 class Card:
-    """A GPU, as its maker publishes it."""
+    """A GPU, with its maker's published figures."""
 
     bytes_per_second: float
     operations_per_second: float  # a multiplication with an addition is two
     clock: float  # Hz
 
     def seconds(self, cost: Cost) -> float:
-        """A bound of a kernel's time: by its bytes, by its instructions, by its longest work-items."""
+        """Bound of a kernel's time: by its bytes, by its instructions, and by its longest work-items."""
         return max(
             (cost.read + cost.written) / self.bytes_per_second,
             cost.instructions / (self.operations_per_second / 2),
@@ -68,7 +68,7 @@ class Cost:
     Attributes
     ----------
     chain : float
-        Instructions, one after the other: those of each launch's longest work-item, of those that were counted alone.
+        Instructions in sequence: the longest work-item of each launch, among the work-items that were counted alone.
     """
 
     items: float = 0
@@ -88,7 +88,7 @@ class _Counts:
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a call and size."""
+    """One case per call and size."""
     for (name, size), small in plan.gpu.items():
         parameters: dict[str, Parameter] = {"call": name, "size": shown(size)}
         yield Case(parameters, functools.partial(_prepare, name, size, small, parameters))
@@ -121,7 +121,7 @@ def _prepare(name: str, size: Size, small: Size | None, parameters: dict[str, Pa
 
 
 def _traffic_of(name: str, size: Size) -> tuple[Traffic, dict[str, dict[str, float]]]:
-    """Traffic of the call at its own size, and what compilers say of its kernels."""
+    """Traffic of the call at its own size, and the compilers' figures for its kernels."""
     with one_lane():
         work = CALLS[name](size)
         assert not isinstance(work, Skip)
@@ -132,7 +132,7 @@ def _traffic_of(name: str, size: Size) -> tuple[Traffic, dict[str, dict[str, flo
 
 
 def _registers(kernels: set[str]) -> dict[str, dict[str, float]]:
-    """Registers and private bytes by kernel, at the defines that cost most; nothing without compilers for GPUs."""
+    """Registers and private bytes by kernel, at the costliest defines; empty without compilers for GPUs."""
     try:
         clang, ptxas = gpu_compile.compiler(), gpu_compile.assembler()
     except SystemExit:
@@ -163,7 +163,7 @@ def _counted(name: str, size: Size) -> list[_Counts]:
 
 
 def parsed(told: str) -> list[_Counts]:
-    """Launches, from what `benchmarks.gpu.counted` and Oclgrind print."""
+    """Parse launches from the output of `benchmarks.gpu.counted` and Oclgrind."""
     launches: list[_Counts] = []
     alone, here = False, 0
     for line in told.splitlines():
@@ -187,7 +187,7 @@ def parsed(told: str) -> list[_Counts]:
 
 
 def _grown(small: list[_Counts], growth: float, traffic: Traffic) -> dict[str, Cost]:
-    """Costs at the call's own size: its launches' work-items are known, and all costs grow with the pixels."""
+    """Scale costs to the call's own size: its number of work-items is known, and all costs grow with the pixels."""
     items, of = defaultdict[str, int](int), defaultdict[str, Cost](Cost)
     for kind, kernel, count in traffic.of:
         items[kernel] += count if kind == "launch" else 0

@@ -1,4 +1,4 @@
-"""The report's section on GPUs: what they are given to do, and what follows for cards that nobody had."""
+"""The report's section on GPUs: their work by counting, bounds for cards, and measurements where there is a GPU."""
 
 from __future__ import annotations
 
@@ -12,29 +12,30 @@ from benchmarks.tables import table, verdict
 
 GPU = """## On GPUs, by counting
 
-A second frame of what is kept. Launches, waits, copies and work-items are counted at the call's size; instructions and
-bytes by Oclgrind at a smaller size, before a compiler leaves any out, and multiplied by the pixels. Bytes are all that
-work-items ask for, as if no cache served any; the chain is the instructions that the longest work-items take one after
-the other, summed over launches. The milliseconds are a bound by that count, no measurement: the sum over kernels of the
-longest of bytes by the card's bandwidth, instructions by its arithmetic, and the chain at four cycles each, all as
-their makers publish them. What caches spare, what waiting for memory costs and what a launch costs is not in it.{}
+The calls are second frames of kept views. Launches, waits, copies and work-items are counted at the call's size.
+Oclgrind counts instructions and bytes at a smaller size, before a compiler removes any; they are multiplied by the
+pixels. Bytes are all that work-items request, as if there were no cache. The chain is the number of instructions that
+the longest work-items execute in sequence, summed over launches. The milliseconds are a bound from these counts, not a
+measurement. Each kernel adds the longest of three times: its bytes by the card's bandwidth, its instructions by the
+card's arithmetic, and its chain at four cycles per instruction, by the makers' published figures. The bound includes
+neither the savings of caches nor the costs of waiting for memory and of launches.{}
 """
 BAR = ("four views", "NVIDIA A100 40 GB", 10.0)
-"""A call, a card of 1.5 TB/s, and milliseconds that its bound is at most."""
-PEER = """ RVS-CUDA takes 130 ms for four views of 4096 x 2048 to 2048 x 2048 on an RTX A4500 by its program's notes,
-less than 33 ms by its paper."""
+"""A call, a card of 1.5 TB/s, and the largest bound in milliseconds."""
+PEER = """ According to its program's notes, RVS-CUDA takes 130 ms for four views of 4096 x 2048 to 2048 x 2048 on
+an RTX A4500, according to its paper less than 33 ms."""
 CARD = """## On a GPU
 {}"""
 EMPTY = """
-Nothing is here yet: no GPU has run these kernels. `make gpu` fills this section where there is one.
+No GPU has run these kernels yet. On a machine with a GPU, `make gpu` fills this section.
 """
 MEASURED = """
-The device is the one that is named below. Pictures are compared with a CPU's, value by value: at least {:.1%} are
-alike, depths up to {:g} of themselves, colours up to one step; what differs lies at silhouettes, where last bits
-decide. Times are a second frame's of what is kept, with its copy to the host; kernels' times hold what it costs to wait
-for each. Private memory is the driver's own figure: of {:.0f} kernels those that have any.
+The device is named below. Pictures are compared with a CPU's, value by value. The bar is that {:.1%} of the values are
+alike: depths within {:g} of themselves, colours within one step. Differences lie at silhouettes, where last bits
+decide. Times are for a second frame of kept views, including its copy to the host. Kernels' times include the wait for
+each kernel. Private memory is the driver's own figure; the list leaves out kernels without any ({:.0f} kernels in all).
 """
-_SHOWN = 0.01  # of a call's instructions: kernels with fewer are left out
+_SHOWN = 0.01  # least share of a call's instructions for a kernel to be listed
 
 
 def gpu_section(result: Result, _: Path) -> list[str]:
@@ -81,7 +82,7 @@ def gpu_section(result: Result, _: Path) -> list[str]:
 
 
 def card_section(result: Result, _: Path) -> list[str]:
-    """Tests, pictures and times of a GPU, or that there was none."""
+    """Tests, pictures and times of a GPU, or a note that there was none."""
     if not result.records:
         return [CARD.format(EMPTY)]
     tests = [[record.subject, f"{record.values[0]:.0f}"] for record in result.select(quantity="tests")]
@@ -98,7 +99,7 @@ def card_section(result: Result, _: Path) -> list[str]:
         CARD.format(MEASURED.format(ALIKE, SAME, kernels)),
         table(["tests", ""], tests),
         table(["picture", "alike", "", "the same"], pictures),
-        table(["call", "ms", "in kernels", "those that take most, ms"], times),
+        table(["call", "ms", "in kernels", "slowest kernels, ms"], times),
         table(["kernel", "private bytes"], private),
     ]
 

@@ -1,4 +1,4 @@
-"""Triangle meshes beside Mesa's llvmpipe: the same triangles, NumPy to NumPy, in turns."""
+"""Triangle meshes compared with Mesa's llvmpipe: the same triangles, NumPy to NumPy, in turns."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pyibr.capture import models
 
 OURS, PEER, UNREAD = "pyibr", "llvmpipe", "llvmpipe, picture not read back"
 BARS = {("dragon", 1024): 2.0, ("donut", 512): 1.0}
-"""Ratio of our time to llvmpipe's, at most."""
+"""Largest ratio of our time to llvmpipe's."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:

@@ -1,7 +1,7 @@
-"""A CPU runtime in a process of its own, which draws a row of `rows.py` whenever it is asked to.
+"""A CPU runtime in a separate process, which draws a row of `rows.py` on request.
 
-Its Python may be another environment's, or that of another system in a folder, such as debootstrap makes: that folder
-becomes its root, which only root may do, and the project lies in its `/mnt`.
+Its Python may belong to another environment, or to another system in a folder, such as debootstrap makes. That folder
+becomes the root, which only the root user may do, and the project is mounted at its `/mnt`.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ class Runtime:
     Attributes
     ----------
     name : str
-        The runtime's and its version.
+        Name of the runtime, with its version.
     python : Path
         The Python that finds it.
     index : int
-        Of the device, in that Python.
+        Index of the device, in that Python.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Drawing:
     Attributes
     ----------
     fault : str
-        Why it cannot be drawn; else empty.
+        Reason why it cannot be drawn; otherwise empty.
     """
 
     def __init__(self, runtime: Runtime, row: str, size: Size) -> None:
@@ -85,17 +85,17 @@ class Drawing:
 
 
 def first_time(runtime: Runtime) -> float:
-    """Milliseconds of a first picture, for which kernels are built, in a process whose caches are empty."""
+    """Milliseconds of a first picture, including the building of kernels, in a process with empty caches."""
     return float(_printed(runtime.python, json.dumps([runtime.index])))
 
 
 def runtimes_of(python: Path) -> list[Runtime]:
-    """All that a Python finds."""
+    """All runtimes that a Python finds."""
     return [Runtime(name, python, index) for name, index in json.loads(_printed(python))]
 
 
 def _printed(python: Path, *arguments: str) -> str:
-    """The last line."""
+    """Last line that the process prints."""
     done = subprocess.run(_command(python, *arguments), cwd=_PROJECT, stdout=subprocess.PIPE, text=True, check=True)
     return done.stdout.splitlines()[-1]
 
@@ -111,7 +111,7 @@ def _command(python: Path, *arguments: str) -> list[str]:
 
 
 def _name(device: ibr.Device) -> str:
-    """A runtime's name and version, without those of the processor."""
+    """Name and version of a runtime, without the name of the processor."""
     words = device.version.split()
     return f"PoCL {words[words.index('PoCL') + 1]}" if "PoCL" in words else f"{device.platform}, {device.driver}"
 

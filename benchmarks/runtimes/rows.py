@@ -77,7 +77,7 @@ SIZED: dict[str, Callable[[Size], Call | Skip]] = {
     "warp, filled": _filled,
     "cleaning": _cleaned,
 }
-"""By image size."""
+"""Rows that depend on the image size."""
 ROWS: dict[str, Callable[[Size], Call | Skip]] = {
     **SIZED,
     "relief": _relief,

@@ -1,4 +1,4 @@
-"""The same calls on every CPU runtime of the machine, and on those of other systems in folders, in turns."""
+"""The same calls on every CPU runtime of the machine, and of other systems in folders, in turns."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from benchmarks.runtimes.process import Drawing, Runtime, first_time, runtimes_o
 from benchmarks.runtimes.rows import ROWS, SIZED
 
 BAR = 1.2
-"""A runtime takes at most so many times as long as the fastest one, in each row."""
+"""Largest ratio of a runtime's time to the fastest one's, in each row."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """A case each row."""
+    """One case per row."""
     named = {runtime.name: runtime for python in plan.pythons for runtime in runtimes_of(python)}
     found = list(named.values())
     for row in ROWS:

@@ -11,15 +11,15 @@ from benchmarks.tables import table, verdict
 
 RUNTIMES = """## CPU runtimes
 
-The same calls on each runtime, in turns, in milliseconds; each runtime is in a process of its own. The ratio is that of
-the slowest to the fastest.
+The same calls on each runtime, in turns, in milliseconds. Each runtime has its own process. The ratio compares the
+slowest runtime with the fastest.
 """
-FIRST = "the first warp, filled, 640 x 480, for which kernels are built"
-EACH = "Each runtime beside the fastest one of each row:\n"
+FIRST = "the first warp, filled, 640 x 480, including the building of kernels"
+EACH = "Each runtime compared with the fastest one of each row:\n"
 
 
 def runtimes_section(result: Result, folder: Path) -> list[str]:
-    """Times by row and runtime, how far the slowest is behind, and how far each."""
+    """Times by row and runtime, the ratio of the slowest in each row, and the ratios of each runtime."""
     times: dict[str, dict[str, list[float]]] = {}
     for record in result.select(quantity="end to end"):
         times.setdefault(str(record.parameters["case"]), {})[record.subject] = record.values
@@ -47,7 +47,7 @@ def runtimes_section(result: Result, folder: Path) -> list[str]:
 
 
 def _beside(name: str, ratios: dict[str, float]) -> list[str]:
-    """A runtime's number of rows that it is fastest in, its median ratio and its worst row."""
+    """A runtime's name, the number of rows in which it is fastest, its median ratio and its worst row."""
     worst = max(ratios, key=lambda case: ratios[case])
     fastest = sum(ratio == 1 for ratio in ratios.values())
     return [name, f"{fastest} of {len(ratios)}", f"{median(ratios.values()):.2f}", f"{ratios[worst]:.2f} ({worst})"]
