@@ -18,7 +18,7 @@ setup: .venv/.ready  ## system libraries, .venv and the Python packages, includi
 demo: .venv/.demo  ## new views of a terrain: build/demo.png
 	@$(RUN) docs/gallery/demo.py
 
-# PoCL compiles each kernel once, not a second time for its work-groups' size. This takes a third of the time, and a test
+# PoCL compiles each kernel once, not a second time for its work-groups' size. This takes a third of the time; a test
 # checks that pictures are the same.
 test test-all test-intel fuzz: export POCL_WORK_GROUP_SPECIALIZATION ?= 0
 # Tests start dozens of processes, and each would compile what it imports.

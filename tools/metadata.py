@@ -1,8 +1,8 @@
 """Metadata of the package beyond pyproject.toml: its addresses, and the README with links to them.
 
-The project's address is git's remote `origin`, from which the clone came in which the package is built. Without a
-remote, or if its host is not public, a package has no address, links in its README are plain words, and pictures are
-left out. Hatchling runs this; a source package keeps the metadata with which it was made.
+The project's address is git's remote `origin` of the clone in which the package is built. Without a remote, or if its
+host is not public, a package has no address, links in its README are plain words, and pictures are left out. Hatchling
+runs this; a source package keeps the metadata with which it was made.
 """
 
 from __future__ import annotations

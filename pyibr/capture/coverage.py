@@ -21,7 +21,7 @@ from pyibr.picture.render import render
 
 Mask = NDArray[np.bool_]
 
-_SLACK = 1.0  # tolerance, in pixels, of a point behind the image's depth: surfaces curve
+_SLACK = 1.0  # pixels by which a seen point may lie behind the image's depth, because surfaces curve
 _ALONG = 0.05  # surfaces more oblique than this cosine count as seen from both sides
 _DIRECTIONS = 128  # views that find the surface visible from outside
 _OUTSIDE = 320  # width and height of these views in pixels

@@ -63,7 +63,9 @@ def gathered(things: Things, fill: Fill | None) -> list[Thing]:
 def first_camera(things: Iterable[Thing], camera: Camera | None) -> Camera:
     """Return `camera`, or by default the camera of the first depth image."""
     known = [thing.views[0].camera for thing in things if isinstance(thing, WarpedView)]
-    return instance_of("camera", camera or next(iter(known), None), Camera, "a pyibr.Camera, without depth images")
+    return instance_of(
+        "camera", camera or next(iter(known), None), Camera, "a pyibr.Camera (optional with depth images)"
+    )
 
 
 def framed(camera: Camera, size: tuple[int, int]) -> Camera:

@@ -18,7 +18,7 @@ from tests.attack.law import BrokenLawError
 
 Array = NDArray[Any]
 
-HAIR = 2e-3  # target pixels: a ray whose neighbour this close differs passes an end of the surface, within rounding
+HAIR = 2e-3  # target pixels: this close to an end of the surface, rounding decides what a ray sees
 DEPTH_OFF = 1e-3  # share of the depth: float32, a dozen operations, and steep surfaces that move by HAIR
 OFF = {"search": 0.002, "epipolar": 0.006}  # share of the pixels: lines miss some beside noise and thin structures
 

@@ -90,7 +90,7 @@ def test_warp_frame_means_the_same_warp() -> None:
     task = Task(source.color, source.depth, source.camera, target.camera)
     records = list(opencv.sameness(task, rgbd.NEAREST, rgbd.OURS[rgbd.NEAREST], {}))
     (difference,) = (record.values[0] for record in records if record.quantity == "median depth difference")
-    assert difference < 0.005  # it moves samples to whole pixels
+    assert difference < 0.005  # warpFrame moves samples to whole pixels
 
 
 def canned(linear: float) -> Result:

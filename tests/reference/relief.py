@@ -147,7 +147,7 @@ def relief_depth(
     near = camera.unproject(np.column_stack([x, y]), np.ones(len(x)))
     perspective = camera.projection == "perspective"
     origin = np.tile(camera.center, (len(x), 1)) if perspective else near - camera.forward
-    ray = near - origin  # to planar depth 1
+    ray = near - origin  # step to planar depth 1
     length = np.linalg.norm(ray, axis=1)
     unit = ray / length[:, None]
     found = np.full(len(x), np.inf)
