@@ -1,4 +1,4 @@
-"""The command `pyibr`: beside the package, whose import takes a moment in which Ctrl-C is to be quiet, too."""
+"""The command `pyibr`, outside of the package, so that Ctrl-C is also quiet while the package is imported."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NoReturn
 
 
 def main() -> None:
-    """Run the command line; until a command begins, Ctrl-C ends the process at once."""
+    """Run the command line; until a command begins, Ctrl-C ends the process immediately."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
     from pyibr.app.cli import app
@@ -17,4 +17,4 @@ def main() -> None:
 
 
 def _end(number: int, _: object) -> NoReturn:
-    os._exit(128 + number)  # as shells count
+    os._exit(128 + number)  # exit status as in shells

@@ -1,7 +1,7 @@
 """New views from images with depth, on any OpenCL device.
 
-Importing this touches no device, and loads neither pyopencl nor OpenCV. `slicing`, `relief`, `depthmesh` and what opens
-pages are loaded when they are first used.
+Importing this package touches no device, and loads neither pyopencl nor OpenCV. `slicing`, `relief`, `depthmesh` and the
+pages are loaded on first use.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from pyibr.picture.drawable import Drawable
 from pyibr.picture.light import Light
 from pyibr.picture.render import render
 from pyibr.picture.undistort import undistorted
-from pyibr.warp import (  # `warp` takes its package's place as an attribute
+from pyibr.warp import (  # the function `warp` replaces its package as an attribute
     RegisteredColor,
     WarpedView,
     register,
@@ -55,7 +55,7 @@ from pyibr.warp import (  # `warp` takes its package's place as an attribute
     warp,
 )
 
-import_module("pyibr.raster")  # it draws meshes, which know nothing of it
+import_module("pyibr.raster")  # registers the drawing of meshes
 
 if TYPE_CHECKING:
     from pyibr.app.batch import batch

@@ -1,6 +1,6 @@
-"""All that a system of your own needs to draw itself by kernels: see the manual's page on that.
+"""Names for writing a rendering system of your own with kernels; see the manual's page on it.
 
-What it has is documented where it is defined; here it has one address.
+Each name is documented where it is defined.
 """
 
 from __future__ import annotations

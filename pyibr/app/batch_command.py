@@ -1,4 +1,4 @@
-"""`pyibr batch`: a command over thousands of frames or scenes."""
+"""`pyibr batch`: runs a command for thousands of frames or scenes."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from pyibr.app.options import print_note, printable_text
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import reading
 
-_SHOWN = 20  # failures that are told one by one
+_SHOWN = 20  # failures that are printed individually
 
 
 def batch(
     job: Annotated[Path, typer.Argument(metavar="JOB.toml", help="The command, its inputs and its output")],
     scheduler: Annotated[
-        str | None, typer.Option(metavar="tcp://...", help="A cluster's Dask scheduler; default: one of this machine")
+        str | None, typer.Option(metavar="tcp://...", help="Dask scheduler of a cluster; default: a local one")
     ] = None,
     workers: Annotated[int | None, typer.Option(help="Processes on this machine; default: one a GPU, or one")] = None,
-    retries: Annotated[int, typer.Option(help="How often what failed is tried again")] = 2,
-    verify: Annotated[bool, typer.Option("--verify", help="Compare results from before with their checksums")] = False,
+    retries: Annotated[int, typer.Option(help="How often a failed task is repeated")] = 2,
+    verify: Annotated[bool, typer.Option("--verify", help="Compare earlier results with their checksums")] = False,
 ) -> None:
     """Run a command for each set of files that patterns match, in several processes, by Dask.
 
-    What is done is noted with checksums: the same job goes on where it stopped. Paths are as seen from here.
+    Results are recorded with checksums, so that an interrupted job resumes. Paths are relative to this folder.
     """
     read = _read(job)
     with progress() as bar:
@@ -47,7 +47,7 @@ def batch(
         )
     for name, error in list(outcome.failed.items())[:_SHOWN]:
         print_note(f"{printable_text(name)} failed: {printable_text(error)}")
-    counts = f"{len(outcome.done)} done, {len(outcome.kept)} there from before, {len(outcome.failed)} failed"
+    counts = f"{len(outcome.done)} done, {len(outcome.kept)} kept from earlier runs, {len(outcome.failed)} failed"
     typer.echo(f"{printable_text(read['output'])}: {counts}")
     if outcome.failed:
         raise typer.Exit(1)
@@ -59,7 +59,7 @@ def _read(job: Path) -> dict[str, Any]:
         try:
             read = toml.loads(source.read_text("utf-8"))
         except ValueError as error:
-            raise FileFormatError(f"{job}: no TOML: {error}") from None
+            raise FileFormatError(f"{job}: not a TOML file: {error}") from None
     if read.keys() != {"command", "inputs", "output"} or not isinstance(read["inputs"], dict):
         raise ArgumentError("JOB.toml", "command, output and a table of inputs", ", ".join(read) or "none")
     return read

@@ -1,4 +1,4 @@
-"""The command line: which commands there are, and how their errors are told."""
+"""The command line: its commands, and the output of their errors."""
 
 from __future__ import annotations
 
@@ -77,11 +77,11 @@ _OPTIONS = {
     "valid": "--mask",
     "expected": "--mask",
 }
-"""What users of the command line call the library's arguments."""
+"""The command line's names of the library's arguments."""
 
 
 class _OneLineErrors(TyperGroup):
-    """Shows what goes wrong as one line, without a traceback."""
+    """Prints an error as one line, without a traceback."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -95,16 +95,16 @@ class _OneLineErrors(TyperGroup):
         except KeyboardInterrupt as error:
             raise _ended("interrupted", 130) from error  # 128 + SIGINT, as shells count
         except MemoryError as error:
-            raise _ended("that does not fit into the memory", 2) from error
+            raise _ended("out of memory", 2) from error
         except OSError as error:
-            if error.errno == errno.EPIPE:  # who read the output has gone, and needs no word of it
+            if error.errno == errno.EPIPE:  # the reader of the output has gone and needs no message
                 raise
             raise _ended(str(error), 2) from error
 
 
 @contextmanager
 def _ended_tidily() -> Generator[None, None, None]:
-    """While it is open, Ctrl-C and SIGTERM end the process alike: what is complete is kept, what is temporary goes."""
+    """Context in which SIGTERM cleans up like Ctrl-C: complete files stay, temporary files are removed."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -115,7 +115,7 @@ def _ended_tidily() -> Generator[None, None, None]:
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         signal.signal(signal.SIGTERM, end)
-        if callable(before[signal.SIGINT]):  # not where it is ignored
+        if callable(before[signal.SIGINT]):  # unless SIGINT is ignored
             signal.signal(signal.SIGINT, signal.default_int_handler)
         yield
     finally:
@@ -212,7 +212,7 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
     batch: ("job.toml", "job.toml --scheduler tcp://10.0.0.1:8786"),
     doctor: ("", "--build"),
 }
-"""The commands, and how each is used."""
+"""The commands, with examples of their use."""
 
 for _command, _uses in _EXAMPLES.items():
     _name = _command.__name__.rstrip("_")

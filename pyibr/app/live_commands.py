@@ -43,7 +43,7 @@ from pyibr.picture.light import light_for
 from pyibr.relief import ReliefSurface
 from pyibr.slicing import SlicedSurface
 
-_Port = Annotated[int, typer.Option(help="Of the page; the next free one is taken. 0: any")]
+_Port = Annotated[int, typer.Option(help="Port of the page, or the next free one; 0: any free port")]
 _Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser")]
 
 
@@ -67,7 +67,7 @@ def view(
     open_page: _Open = False,
     device: DeviceName = None,
 ) -> None:
-    """Look around in a browser, drawn live. The page can only be opened on this machine."""
+    """Look around in a browser; pictures are drawn live. Only this machine can open the page."""
     with device_of(device):
         exposed = Exposure(exposure)
         how = cleaning_of(clean, holes), noise_of(noise, baseline)
@@ -91,23 +91,23 @@ def view(
 
 def place(
     mesh: Annotated[Path, typer.Argument(metavar="MESH", help="The mesh to cover")],
-    frusta: Annotated[Path | None, typer.Option(help="A set to begin with: its folder, or a JSON file")] = None,
-    auto: Annotated[int, typer.Option(min=0, max=64, help="Frusta to propose, besides those")] = 0,
+    frusta: Annotated[Path | None, typer.Option(help="Initial set: its folder, or a JSON file")] = None,
+    auto: Annotated[int, typer.Option(min=0, max=64, help="Number of frusta to propose in addition")] = 0,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the set; with --no-page required")
     ] = None,
     size: Annotated[int, typer.Option(min=2, max=4096, help="Pixels a side of the frusta's images")] = 256,
     within: Annotated[
         tuple[float, float, float, float, float, float] | None,
-        typer.Option(metavar="X Y Z X Y Z", help="Cover only what lies in a box, of which these are two corners"),
+        typer.Option(metavar="X Y Z X Y Z", help="Cover only the part inside a box, given by two corners"),
     ] = None,
-    page: Annotated[bool, typer.Option("--page/--no-page", help="Open a page, or save the set and end")] = True,
+    page: Annotated[bool, typer.Option("--page/--no-page", help="Open a page, or only save the set")] = True,
     up: UpOption = None,
     port: _Port = 8080,
     open_page: _Open = False,
     device: DeviceName = None,
 ) -> None:
-    """Place frusta on a mesh in a browser, until depth images from there cover it."""
+    """Place frusta on a mesh in a browser, until their depth images cover it."""
     if not page and output is None:
         raise ArgumentError("--output", "a folder for the set, with --no-page", "none")
     with device_of(device):
@@ -147,8 +147,8 @@ def _tell_proposal(done: int, of: int, unseen: float) -> None:
 
 
 def _serve(pages: Pages, open_page: bool) -> None:
-    """Say where the page is, and keep it until Ctrl-C."""
-    typer.echo(f"{pages.url} is open to this machine alone; Ctrl-C ends it")
+    """Print the page's address, and serve it until Ctrl-C."""
+    typer.echo(f"{pages.url} can be opened on this machine only; Ctrl-C ends it")
     if open_page:
         typer.launch(pages.url)
     pages.wait()

@@ -1,4 +1,4 @@
-"""Words that several commands share."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ DepthFiles = Annotated[
     Path,
     typer.Argument(
         metavar="DEPTH",
-        help="Planar depth: PNG, TIFF, NPY, NPZ, PFM, EXR, COLMAP .bin; a folder of such files; or of a recording",
+        help="Planar depth: PNG, TIFF, NPY, NPZ, PFM, EXR, COLMAP .bin; a folder of such files; or a recording",
     ),
 ]
 CameraFile = Annotated[Path | None, typer.Option(metavar="FILE[#NAME]", help="Its camera: a calibration of any kind")]
-Fov = Annotated[float | None, typer.Option(metavar="DEGREES", help="Without a camera: what the picture's width covers")]
+Fov = Annotated[float | None, typer.Option(metavar="DEGREES", help="Without a camera: horizontal field of view")]
 Focal35mm = Annotated[
     float | None,
     typer.Option("--focal-35mm", metavar="MM", help="Without a camera: the focal length, on 35 mm film"),
@@ -44,67 +44,67 @@ Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pi
 Holes = Annotated[int, typer.Option(help="Pixels: cleaning fills gaps up to twice as wide; 0: none")]
 Strength = Annotated[float, typer.Option(help="How much of the noise is smoothed away, 0 to 10")]
 FarDepth = Annotated[
-    float, typer.Option(help="Depth from which on there is no surface; of relative depth that of the farthest, 10")
+    float, typer.Option(help="Samples at this depth or beyond hold no surface; relative depth: the farthest depth, 10")
 ]
-NearDepth = Annotated[float, typer.Option(help="Of relative depth: that of the nearest")]
+NearDepth = Annotated[float, typer.Option(help="Relative depth: the nearest depth")]
 Sharpen = Annotated[
-    bool | None, typer.Option("--sharpen/--no-sharpen", help="Soft edges made sharp; by default of relative depth")
+    bool | None, typer.Option("--sharpen/--no-sharpen", help="Sharpen soft edges; default: only for relative depth")
 ]
 DefaultDepthText = Annotated[
-    str, typer.Option(metavar="DEPTH", help="Depth of what has none, as sky; farthest: the farthest sample's; none")
+    str, typer.Option(metavar="DEPTH", help="Depth for samples without depth, such as sky; farthest: the farthest sample's; none")
 ]
 DepthScale = Annotated[
     float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
 ]
 DepthOffset = Annotated[
-    float, typer.Option(help="Stored units added before --depth-scale: Middlebury's doffs, of disparity in pixels")
+    float, typer.Option(help="Stored units added before --depth-scale: Middlebury's doffs, for disparity in pixels")
 ]
 DepthKindOption = Annotated[
     DepthKind,
     typer.Option(
         "--depth-kind",
         "--depth-is",
-        help="What depth is stored as: z, distance along the rays, inverse (1/z; disparity by its scale), or relative: "
-        "inverse as networks guess it, in no unit",
+        help="Stored quantity: z, distance along the rays, inverse (1/z; disparity by its scale), or relative: "
+        "inverse without a unit, as networks estimate it",
     ),
 ]
 MinConfidence = Annotated[
     float | None,
-    typer.Option(help="Confidence, in its own units, below which samples are left out; default: by the layout"),
+    typer.Option(help="Lowest confidence of samples, in its stored unit; default: by the layout"),
 ]
 DepthChannel = Annotated[
     str | None,
-    typer.Option(metavar="[PART:]CHANNEL", help="Of depth in EXR, as ViewLayer.Depth.Z; of NPZ the array's name"),
+    typer.Option(metavar="[PART:]CHANNEL", help="Channel of depth in EXR, as ViewLayer.Depth.Z; in NPZ the array's name"),
 ]
 ExposureOption = Annotated[
-    float, typer.Option("--exposure", metavar="STOPS", help="Of colours in EXR: how often their light is doubled")
+    float, typer.Option("--exposure", metavar="STOPS", help="Brighten colours in EXR by 2^STOPS")
 ]
 NoiseOption = Annotated[
     float | None,
-    typer.Option(metavar="PIXELS", help="How noisy the disparity is that depth comes from, with --baseline"),
+    typer.Option(metavar="PIXELS", help="Noise of the disparity that depth is computed from; needs --baseline"),
 ]
 Baseline = Annotated[
-    float | None, typer.Option(help="Between the two cameras that depth comes from, in scene units; for --noise")
+    float | None, typer.Option(help="Baseline of the two cameras that measured the depth, in scene units; for --noise")
 ]
-Take = Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording, as 10:90:2")]
-FillOption = Annotated[Literal["none", Fill], typer.Option("--fill", help="Fill holes: from behind, from all around")]
-Size = Annotated[tuple[int, int] | None, typer.Option(metavar="W H", help="Of the pictures; default: the camera's")]
-Samples = Annotated[int, typer.Option(help="A pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")]
+Take = Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording to use, as 10:90:2")]
+FillOption = Annotated[Literal["none", Fill], typer.Option("--fill", help="Fill holes: from the background, from all around")]
+Size = Annotated[tuple[int, int] | None, typer.Option(metavar="W H", help="Size of the pictures; default: the camera's")]
+Samples = Annotated[int, typer.Option(help="Samples a pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")]
 DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]
 
 
-_FAR = 10.0  # of relative depth
+_FAR = 10.0  # for relative depth
 
 
 class Cleaning(NamedTuple):
-    """Options of how depth is cleaned."""
+    """Options of cleaning depth."""
 
     holes: Holes = 8
     strength: Strength = 1.0
 
 
 class StoredDepth(NamedTuple):
-    """Options of how depth is stored, and of what is used of it."""
+    """Options of the storage of depth, and of the samples to use."""
 
     near: NearDepth = 1.0
     far: FarDepth = math.inf
@@ -117,7 +117,7 @@ class StoredDepth(NamedTuple):
 
     @property
     def how(self) -> DepthReading:
-        """The arguments of `read_depth` that these options stand for."""
+        """Arguments of `read_depth` for these options."""
         part, _, channel = (self.depth_channel or "").rpartition(":")
         far = _FAR if self.far == math.inf else self.far
         return DepthReading(
@@ -131,24 +131,27 @@ class StoredDepth(NamedTuple):
         )
 
     def read(self, path: Path, camera: Camera | None) -> NDArray[np.float32]:
-        """The planar depth of a file, whose camera this is; of several frames the first, which is told."""
+        """The planar depth of a file with this camera; of several frames the first, with a note."""
         frames = frames_in(path, self.how.get("channel"))
         if frames is None:
             return self._sharpened(ibr.read_depth(path, camera=camera, **self.how))
-        print_note(f"{printable_text(path)}: the first of its {len(frames)} frames is taken")
+        print_note(f"{printable_text(path)}: only the first of {len(frames)} frames is used")
         return self.read_frame(frames, 0, camera)
 
     def read_frame(self, frames: DepthFrames, number: int, camera: Camera | None) -> NDArray[np.float32]:
-        """The planar depth of one of several frames in a file."""
+        """The planar depth of one frame of a file with several."""
         return self._sharpened(frames.read_one(number, camera, self.how))
 
     def read_shot(self, shot: Shot) -> tuple[NDArray[np.float32], float]:
-        """The planar depth of a frame, and which share of its samples is left out for want of confidence."""
+        """The planar depth of a frame, and the share of its samples left out for low confidence."""
         depth, unsure = shot.read_depth(self.min_confidence, **self.how)
         return self._sharpened(depth), unsure
 
     def load(self, folder: Path, camera: Camera | None = None) -> list[DepthImage]:
-        """The views of a folder; camera: instead of its own."""
+        """The views of a folder.
+
+        camera: replaces the folder's.
+        """
         views = ibr.load(folder, camera=camera, min_confidence=self.min_confidence, sharpen=self.sharpen, **self.how)
         return [
             DepthImage(one.color, one.depth, one.camera, far=min(self.empty_from, one.far), normals=one.normals)
@@ -156,13 +159,13 @@ class StoredDepth(NamedTuple):
         ]
 
     def _sharpened(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Depth with sharp edges, if that is asked for or its kind needs it."""
+        """Sharpen the edges of depth if an option or its kind asks for it."""
         wanted = self.depth_kind == "relative" if self.sharpen is None else self.sharpen
         return ibr.sharpen_depth(depth) if wanted else depth
 
     @property
     def empty_from(self) -> float:
-        """Depth from which on there is no surface."""
+        """Depth at and beyond which samples hold no surface."""
         return math.inf if self.depth_kind == "relative" else self.far
 
 
@@ -183,7 +186,7 @@ def default_depth_of(text: str) -> float | DefaultDepth | None:
 
 
 def cleaning_of(clean: bool, holes: int) -> Cleaning | None:
-    """Check --clean and --holes, and return how depth is cleaned, if it is."""
+    """Check --clean and --holes; return the options of cleaning, None without --clean."""
     if not clean and holes != Cleaning().holes:
         raise ArgumentError("--holes", "--clean with it", str(holes))
     return Cleaning(holes) if clean else None
@@ -195,7 +198,7 @@ def fill_of(text: Literal["none", Fill]) -> Fill | None:
 
 
 def noise_of(pixels: float | None, baseline: float | None) -> tuple[float, float] | None:
-    """Check --noise and --baseline, which are given together, and return them."""
+    """Check that --noise and --baseline are given together, and return them."""
     for name, value, other in (("--noise", pixels, "--baseline"), ("--baseline", baseline, "--noise")):
         if value is None and (pixels, baseline) != (None, None):
             raise ArgumentError(name, f"a number > 0 together with {other}", "none")
@@ -205,14 +208,14 @@ def noise_of(pixels: float | None, baseline: float | None) -> tuple[float, float
 
 
 def deviation_of(noise: tuple[float, float] | None, camera: Camera) -> float | None:
-    """The noise of a camera's depth, as `DepthImage` takes it, by what `noise_of` returns."""
+    """Convert the result of `noise_of` to the noise of a camera's depth, as for `DepthImage`."""
     return None if noise is None else ibr.disparity_noise(noise[0], float(camera.K[0, 0]), noise[1])
 
 
 def printable_text(text: object, lines: bool = False) -> str:
-    """Names of files as terminals can show them: those that are no text, too, and what would steer the terminal.
+    """Convert a file name to printable text; undecodable bytes and control characters are replaced.
 
-    lines: whether the text has several.
+    lines: whether the text has several lines.
     """
     shown = os.fsencode(str(text)).decode("utf-8", "replace")
     steers = r"[\x00-\x09\x0b-\x1f\x7f-\x9f]" if lines else r"[\x00-\x1f\x7f-\x9f]"
@@ -220,7 +223,7 @@ def printable_text(text: object, lines: bool = False) -> str:
 
 
 def print_note(text: str) -> None:
-    """Tell what is no error, but should be known."""
+    """Print a note that is not an error."""
     typer.secho(text, err=True, fg="yellow")
 
 

@@ -1,4 +1,4 @@
-"""Messages of the library: that kernels are being built, which takes seconds, and its warnings."""
+"""Messages of the library: its warnings, and notes on kernel builds, which take seconds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _tell_warning(tell: Callable[[str], object], message: Warning | str, *_: obj
 
 @contextmanager
 def telling(tell: Callable[[str], object]) -> Generator[None, None, None]:
-    """Within it, `tell` is called with what the logger "pyibr" says, and with warnings."""
+    """Context in which `tell` is called with messages of the logger "pyibr" and with warnings."""
     logger, teller = logging.getLogger("pyibr"), _Teller(tell)
     level = logger.level
     logger.addHandler(teller)

@@ -1,4 +1,4 @@
-"""A small warp and a small relief, timed: what the choice among several CPU runtimes rests on."""
+"""Times a small warp and a small relief, to choose among several CPU runtimes."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _TURNS = 30
 
 
 def main(key: str) -> None:
-    """Print the seconds that the pictures take on the device with that key, the first ones left out."""
+    """Print the seconds that the pictures take on the device with this key, without warm-up."""
     (index,) = (found.index for found in found_devices() if found.key == key)
     with use_device(index):
         print("\n" + repr(sum(_seconds(draw) for draw in (_warp(), _relief()))))
 
 
 def _seconds(draw: Callable[[], object]) -> float:
-    """The least of several, since others may run meanwhile."""
+    """The least of several timings, as other programs may run meanwhile."""
     draw()
     times: list[float] = []
     for _ in range(_TURNS):
@@ -51,7 +51,7 @@ def _warp() -> Callable[[], object]:
 
 
 def _relief() -> Callable[[], object]:
-    """A plate seen aslant."""
+    """A plate from an oblique view."""
     random = np.random.default_rng(1)
     heights = random.random((64, 64), dtype=np.float32)
     color = random.integers(256, size=(64, 64, 3), dtype=np.uint8)

@@ -72,7 +72,7 @@ def test_from_frusta(mesh: Path, tmp_path: Path):
         (("donut.ply", "--camera", "gone.json"), ("gone.json",)),
         (("donut.ply", "--frusta", "gone.json"), ("gone.json",)),
         (("donut.ply", "--frusta", "donut.ply"), ("donut.ply",)),
-        (("donut.ply", "--camera", "away.json", "--frusta", "away.json"), ("--frusta: expected none beside --camera",)),
+        (("donut.ply", "--camera", "away.json", "--frusta", "away.json"), ("--frusta: expected none together with --camera",)),
         (("donut.ply", "--camera", "away.json"), ("--camera: expected cameras that see the mesh", "1 of which none")),
         (("donut.ply", "--camera", "away.json", "--size", "9"), ("--size: expected none here: cameras tell it",)),
         (("donut.ply", "--camera", "away.json", "--projection", "perspective"), ("--projection: expected none",)),

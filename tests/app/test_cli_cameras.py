@@ -96,7 +96,7 @@ def test_a_photo_without_a_camera_gets_one_that_is_told(scene, tmp_path):
         expected = ibr.warp(ibr.DepthImage(None, scene.depth, camera), camera.moved(0.2, 0, 0)).depth
         np.testing.assert_allclose(ibr.read_depth(new), expected, rtol=1e-5)  # float32's rounding of the focal length
     result = scene.run("--fov", 50, "--move", 0, 0, 0, "-o", tmp_path / "new.png")
-    assert_one_line(result, "--fov: expected none beside --camera")
+    assert_one_line(result, "--fov: expected none together with --camera")
 
 
 def test_relative_depth_is_sharpened_and_lies_between_near_and_far(scene, tmp_path):

@@ -88,7 +88,7 @@ def test_mistakes_are_told_in_a_line(scene: Scene):
     assert_one_line(scene.run("-o", new, "--grid", 0, 2, command="quilt", **words), "grid", "two integers > 0")
     assert_one_line(scene.run("-o", scene.folder / "color.png", command="stereo", **words), "a file of its own")
     ways = ("--orbit", 9, "--swing", 9)
-    assert_one_line(scene.run("-o", new, *ways, command="orbit", **words), "--swing", "none beside --orbit")
+    assert_one_line(scene.run("-o", new, *ways, command="orbit", **words), "--swing", "none together with --orbit")
     assert_one_line(scene.run("-o", scene.folder / "color.png", "--frames", 1, command="orbit", **words), "of its own")
     assert not new.exists()
 

@@ -1,4 +1,4 @@
-"""A command over thousands of frames or scenes, by Dask: on this machine's cores, or on a cluster (an extra)."""
+"""Run a command for thousands of frames or scenes with Dask, on this machine or on a cluster (an extra)."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from pyibr.core.optional import distributed
 
 __all__ = ["Batch", "batch"]
 
-_WAITING_MIN = 64  # tasks that the scheduler holds at least,
-_WAITING_EACH = 8  # and for each worker: enough that none waits for one, few enough for any number of tasks
-_OF_WORKERS = {"distributed.worker.profile.enabled": False}  # it takes some milliseconds a frame
-_CONNECT_SECONDS = 60.0  # seconds that a scheduler may be away
+_WAITING_MIN = 64  # least number of tasks that the scheduler holds
+_WAITING_EACH = 8  # tasks held for each worker: none has to wait, and memory does not grow with the number of tasks
+_OF_WORKERS = {"distributed.worker.profile.enabled": False}  # profiling costs some milliseconds a frame
+_CONNECT_SECONDS = 60.0  # seconds to wait for the scheduler
 
 
 @dataclass
@@ -31,11 +31,11 @@ class Batch:
     Attributes
     ----------
     done : list of str
-        Names of the tasks that were run.
+        Names of the tasks that ran successfully.
     kept : list of str
-        Those whose results were there from before.
+        Names of the tasks whose results existed from earlier runs.
     failed : dict of str to str
-        Those that failed, and why.
+        Errors of the failed tasks, by name.
     """
 
     done: list[str] = field(default_factory=list[str])
@@ -57,46 +57,46 @@ def batch(
 ) -> Batch:
     """Run one of pyibr's commands for each set of files that patterns match, in several processes.
 
-    What was done is noted beside the results, with checksums: called again, it does what is missing, whose inputs have
-    changed or whose results are gone. Scripts that call this need ``if __name__ == "__main__":``, as all do that start
-    processes.
+    A manifest beside the results records finished tasks with checksums. Another call runs only tasks that are not
+    finished, whose inputs have changed or whose results are missing. Scripts that call this function need
+    ``if __name__ == "__main__":``, like all scripts that start processes.
 
     Parameters
     ----------
     command : str
-        As on the command line, without ``pyibr``: ``"warp {color} {depth} --orbit 5 -o {out}/{name}.png"``. In braces
-        stand inputs; ``{out}``, a folder for the results; ``{zarr}``, one whose NPY files, as ``{zarr}/depth.npy``,
-        become a row of arrays of their names in the Zarr store ``frames.zarr``; ``{name}``, what the patterns' ``*``
-        stand for.
+        As on the command line, without ``pyibr``: ``"warp {color} {depth} --orbit 5 -o {out}/{name}.png"``. Braces
+        hold the names of inputs, or ``{out}``, a folder for the results; ``{zarr}``, a folder whose NPY files, such as
+        ``{zarr}/depth.npy``, become rows of arrays of the same names in the Zarr store ``frames.zarr``; or ``{name}``,
+        the text that matches ``*`` in the patterns.
     inputs : mapping of str to str
-        Paths or URLs by name, files' or folders', of any file system that fsspec knows. Those with ``*`` make a task
-        of each name; the others are the same for all.
+        Paths or URLs of files or folders by name, on any file system that fsspec supports. Patterns with ``*`` give
+        one task for each match; other inputs are shared by all tasks.
     output : str
-        Folder, path or URL, where each task's results go.
+        Folder, as path or URL, for the results of all tasks.
     scheduler : str, optional
-        Address of a Dask scheduler, as ``"tcp://10.0.0.1:8786"``. By default one is started here, on loopback.
+        Address of a Dask scheduler, as ``"tcp://10.0.0.1:8786"``. By default a scheduler is started on loopback.
     workers : int, optional
-        Processes to start here, each with one device: by default one a GPU, or one in all on a CPU.
+        Number of processes to start here, each with one device. By default one for each GPU, or a single one on a CPU.
     retries : int
-        How often a task that failed is tried again.
+        How often a failed task is repeated.
     verify : bool
-        Whether results from before are read and compared with their checksums, not only their sizes.
+        Whether earlier results are compared by checksum, not only by size.
     progress : callable, optional
-        Told how many tasks are over, and of how many.
+        Called with the number of ended tasks and the number of all tasks.
     told : callable, optional
-        Told where Dask's dashboard is.
+        Called with the address of Dask's dashboard.
 
     Returns
     -------
     Batch
-        Names of what was done, was there, and failed, with the errors.
+        Names of the finished, kept and failed tasks.
 
     Raises
     ------
     ArgumentError
         The command, a pattern or a number is wrong, or nothing matches.
     DeviceError
-        The scheduler is not reached, or was lost and did not come back.
+        The scheduler cannot be reached, or was lost and did not come back.
     MissingPackageError
         The extra `batch` is not installed.
 
@@ -146,7 +146,7 @@ def batch(
 
 
 def _client(dask: Any, scheduler: str | None, workers: int | None, stack: ExitStack) -> AbstractContextManager[Any]:
-    """A client of the scheduler, or of a cluster of this machine that ends with the stack."""
+    """A client of the scheduler, or of a local cluster that ends with the stack."""
     if scheduler is None:
         cluster = dask.LocalCluster(
             n_workers=workers or max(1, len(working_gpus())),
@@ -163,7 +163,7 @@ def _client(dask: Any, scheduler: str | None, workers: int | None, stack: ExitSt
 
 
 def _results(dask: Any, client: Any, job: Job, tasks: Mapping[str, Task], retries: int) -> Any:
-    """Yield each task's name with its entry of the manifest, its error, or None where the scheduler was lost."""
+    """Yield each task's name with its manifest entry, its error, or None if the scheduler was lost."""
     waiting, names = iter(list(tasks.values())), dict[str, str]()
     is_lost = False
 
@@ -176,7 +176,7 @@ def _results(dask: Any, client: Any, job: Job, tasks: Mapping[str, Task], retrie
         return [future]
 
     most = max(_WAITING_MIN, _WAITING_EACH * len(client.nthreads()))
-    # Asked for results, too, it would for ever wait for one that a scheduler took along.
+    # With `with_results`, this would wait forever for a result that was lost together with the scheduler.
     running = dask.as_completed([one for _ in range(most) for one in submit()], raise_errors=False)
     for future in running:
         name, result = names.pop(future.key), None

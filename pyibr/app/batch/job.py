@@ -1,4 +1,4 @@
-"""A command and patterns of its inputs as tasks."""
+"""Tasks from a command and patterns of its inputs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import fsspec
 
-_TIMES = ("mtime", "LastModified", "last_modified", "updated", "ETag", "etag", "md5Hash")  # as file systems call them
+_TIMES = ("mtime", "LastModified", "last_modified", "updated", "ETag", "etag", "md5Hash")  # names of change markers in file systems
 
 
 class Task(NamedTuple):
@@ -23,18 +23,18 @@ class Task(NamedTuple):
 
     name: str
     inputs: dict[str, str]  # paths or URLs
-    key: str  # checksum of the command and of what tells that its inputs have changed
-    row: int = 0  # in the arrays of a Zarr store,
-    rows: int = 0  # which have so many
+    key: str  # checksum of the command and of its inputs' change markers
+    row: int = 0  # row in the arrays of a Zarr store
+    rows: int = 0  # number of rows in these arrays
 
 
 class Job:
-    """One of pyibr's commands, and the inputs that it is run for.
+    """One of pyibr's commands, and the inputs to run it for.
 
     Parameters
     ----------
     command, inputs, output
-        As `pyibr.batch` takes them.
+        As for `pyibr.batch`.
     """
 
     def __init__(self, command: str, inputs: dict[str, str], output: str) -> None:
@@ -55,7 +55,7 @@ class Job:
         self.inputs, self.output, self.makes_rows = inputs, output, "zarr" in used
 
     def tasks(self) -> tuple[list[Task], dict[str, str]]:
-        """The tasks in order of their names, and the names that lack an input, with the error."""
+        """The tasks in order of their names, and errors by name for names that lack an input."""
         found = {name: _matches(url) for name, url in self.inputs.items()}
         several = {name: urls for name, urls in found.items() if "*" in self.inputs[name]}
         shared = {name: urls[""] for name, urls in found.items() if name not in several}
@@ -63,7 +63,7 @@ class Job:
         for name in sorted({one for urls in several.values() for one in urls}):
             missing = [self.inputs[one] for one, urls in several.items() if name not in urls]
             if missing:
-                lacking[name] = f"there is no {' and no '.join(missing)} of it"
+                lacking[name] = f"no file matches {' or '.join(missing)}"
                 continue
             own = shared | {one: urls[name] for one, urls in several.items()}
             told = json.dumps([self.template, {one: state for one, (_, state) in own.items()}, ibr.__version__])
@@ -71,12 +71,12 @@ class Job:
                 Task(name, {one: url for one, (url, _) in own.items()}, hashlib.sha256(told.encode()).hexdigest())
             )
         if not tasks and not lacking:
-            raise ArgumentError("inputs", "patterns that files match", ", ".join(self.inputs.values()))
+            raise ArgumentError("inputs", "patterns that match files", ", ".join(self.inputs.values()))
         return tasks, lacking
 
 
 def _matches(url: str) -> dict[str, tuple[str, list[str]]]:
-    """By name ("" where there is no pattern), the files or folders that a URL stands for, and their states."""
+    """Files or folders that match a URL and their change markers, by name ("" without a pattern)."""
     files, path = fsspec().url_to_fs(url)
     whole = re.compile("([^/]*)".join(map(re.escape, path.split("*"))))
     found: Mapping[str, dict[str, Any]] = (
@@ -94,4 +94,4 @@ def _info(files: Any, path: str, url: str) -> dict[str, Any]:
     try:
         return files.info(path)
     except FileNotFoundError:
-        raise ArgumentError("inputs", "files that are there", url) from None
+        raise ArgumentError("inputs", "existing files", url) from None

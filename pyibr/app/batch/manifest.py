@@ -1,4 +1,4 @@
-"""The manifest of a batch: which task made which files, with checksums, in parts that are never changed."""
+"""The manifest of a batch: files and checksums of each task, in parts that are never changed."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pyibr.app.batch.job import Task
 from pyibr.core.optional import fsspec
 
 FOLDER = "manifest"
-PART = ".part-"  # what names of folders that workers write in begin with
+PART = ".part-"  # prefix of the folders that workers write in
 _FAILED = "failed.json"
-_SECONDS = 5.0  # that a task may be done before it is written down: so much is done twice after a crash
+_SECONDS = 5.0  # between a task's end and its entry in the manifest: a crash repeats at most so much work
 
 
 class Entry(TypedDict):
@@ -28,9 +28,9 @@ class Entry(TypedDict):
 
 
 class Manifest:
-    """Entries of an output folder, those of earlier runs and new ones.
+    """Entries of an output folder, from earlier runs and new.
 
-    File systems of clusters write whole files and do not append: entries are written in parts, lines of JSON.
+    Cluster file systems write whole files and do not append, so entries are written in parts, as lines of JSON.
     """
 
     def __init__(self, output: str) -> None:
@@ -45,12 +45,12 @@ class Manifest:
             self._sizes[path] = info["size"]
         for part in sorted(self._files.glob(f"{self._parts}/*.jsonl")):
             for line in self._files.cat_file(part).splitlines():
-                with suppress(ValueError):  # the last one of a full disk
+                with suppress(ValueError):  # the last line, cut off on a full disk
                     entry: Entry = json.loads(line)
                     self._entries[entry["name"]] = entry
 
     def has(self, task: Task, verify: bool) -> bool:
-        """Tell whether the task is done and what it made is there: of its size, and with `verify` of its checksum."""
+        """Tell whether the task is done and its files exist with the right size, and with `verify` the right checksum."""
         entry = self._entries.get(task.name)
         if entry is None or entry["key"] != task.key:
             return False
@@ -60,13 +60,13 @@ class Manifest:
         )
 
     def add(self, entry: Entry) -> None:
-        """Note that a task is done."""
+        """Record a finished task."""
         self._new.append(entry)
         if time.monotonic() - self._written > _SECONDS:
             self.flush()
 
     def flush(self) -> None:
-        """Write down what is not yet; if there is no room, later."""
+        """Write pending entries; keep them for later if the disk is full."""
         lines = "".join(json.dumps(entry) + "\n" for entry in self._new)
         with suppress(OSError):
             if lines:
@@ -76,7 +76,7 @@ class Manifest:
         self._written = time.monotonic()
 
     def close(self, failed: Mapping[str, str]) -> None:
-        """Write down the rest, and what failed; remove what killed workers left."""
+        """Write pending entries and failures; remove folders of killed workers."""
         self.flush()
         with suppress(OSError):
             for part in self._files.glob(f"{self._root}/{PART}*"):
@@ -85,7 +85,7 @@ class Manifest:
 
 
 def checksum(files: Any, path: str) -> str:
-    """SHA-256 of a file of a file system, in hexadecimal."""
+    """SHA-256 of a file, in hexadecimal."""
     digest = hashlib.sha256()
     with files.open(path, "rb") as stream:
         while data := stream.read(1 << 20):

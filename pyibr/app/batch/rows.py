@@ -1,4 +1,4 @@
-"""Results as a Zarr store: the arrays of NPY files that the command writes, a row and a chunk a task."""
+"""Results as a Zarr store: arrays from the command's NPY files, with one row and one chunk a task."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ METADATA = "zarr.json"
 
 
 def numbered(output: str, tasks: Sequence[Task]) -> list[Task]:
-    """Return the tasks with their rows: those that the store has, and new ones behind them, for which it grows."""
+    """Return the tasks with their rows: rows that the store has, then new rows, for which it is enlarged."""
     store = zarr().open_group(f"{output}/{STORE}", mode="a")
     names = list(dict.fromkeys([*store.attrs.get("names", ()), *(task.name for task in tasks)]))
     store.attrs["names"] = names
@@ -29,7 +29,7 @@ def numbered(output: str, tasks: Sequence[Task]) -> list[Task]:
 
 
 def to_chunks(folder: Path, task: Task) -> None:
-    """Turn a folder's NPY files into arrays that are called so, with the task's row alone."""
+    """Turn a folder's NPY files into arrays of the same names that hold only the task's row."""
     for path in sorted(folder.glob("*")):
         if path.suffix != ".npy":
             raise Error(f"expected NPY files in {{zarr}}, got {path.name}")
@@ -39,15 +39,15 @@ def to_chunks(folder: Path, task: Task) -> None:
             shape=(task.rows, *image.shape),
             chunks=(1, *image.shape),
             dtype=image.dtype,
-            chunk_key_encoding={"name": "v2", "separator": "."},  # one file a row, not folders within folders
-            config={"write_empty_chunks": True},  # an earlier run's would stay
+            chunk_key_encoding={"name": "v2", "separator": "."},  # one file a row, without nested folders
+            config={"write_empty_chunks": True},  # else an earlier run's chunk would stay
         )
         array[task.row] = image
         path.unlink()
 
 
 def agree(files: Any, mine: Path, target: str, move: Callable[[Path, str], object]) -> None:
-    """Take the first task's metadata of an array to the store; all others' have to be the same."""
+    """Move the first task's metadata of an array to the store; raise Error if another task's differ."""
     own = json.loads(mine.read_bytes())
     if not files.exists(target):
         with distributed().Lock(target):

@@ -1,4 +1,4 @@
-"""The part of a batch that its workers do."""
+"""The work of a batch's workers."""
 
 from __future__ import annotations
 
@@ -55,16 +55,16 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "relief": relief,
     "slices": slices,
 }
-"""Those that read files and write files."""
+"""The commands that read and write files."""
 
 
 def run_task(template: Sequence[str], output: str, task: Task) -> Entry:
-    """Run a task's command and move what it wrote to the output: whole files, and none if it fails."""
+    """Run a task's command and move its complete files to the output; none if it fails."""
     _take_device()
     files, root = fsspec().url_to_fs(output)
     is_local = "file" in files.protocol
     worker = f"{PART}{socket.gethostname()}-{os.getpid()}-{threading.get_ident()}"
-    place = Path(root if is_local else tempfile.gettempdir(), worker)  # stays: some file systems take long to remove it
+    place = Path(root if is_local else tempfile.gettempdir(), worker)  # kept between tasks: some file systems remove folders slowly
     out = place / "out"
     out.mkdir(parents=True, exist_ok=True)
 
@@ -94,7 +94,7 @@ def run_task(template: Sequence[str], output: str, task: Task) -> Entry:
 
 
 def run_command(words: Sequence[str]) -> None:
-    """Run a command, quietly; it raises its errors."""
+    """Run a command without output; raise its errors."""
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         status = _command(words[0]).main(list(words[1:]), f"pyibr {words[0]}", standalone_mode=False)
@@ -110,7 +110,7 @@ def _command(name: str) -> Any:
 
 
 def _local(url: str, place: Path) -> Path:
-    """A file or folder of this machine, or a copy of one that is elsewhere."""
+    """The path of a local file or folder, or of a local copy of a remote one."""
     files, path = fsspec().url_to_fs(url)
     if "file" in files.protocol:
         return Path(path)
@@ -122,7 +122,7 @@ def _local(url: str, place: Path) -> Path:
 
 @functools.cache
 def _take_device() -> None:
-    """Of several GPUs of a machine take one for this worker, by the number in its name, before any is opened."""
+    """Select this worker's GPU by the number in its name, before any GPU is opened."""
     gpus = working_gpus()
     if len(gpus) > 1 and not os.environ.get(VARIABLE):
         number = re.search(r"\d+$", str(distributed().get_worker().name))
@@ -130,5 +130,5 @@ def _take_device() -> None:
 
 
 def working_gpus() -> list[ibr.Device]:
-    """Those of this machine."""
+    """The GPUs of this machine that work."""
     return [device for device in ibr.devices() if device.works and device.kind == "gpu"]

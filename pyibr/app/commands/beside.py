@@ -1,4 +1,4 @@
-"""Work beside the device: frames are read ahead, and written while the next ones are drawn."""
+"""Work in parallel with the device: frames are read ahead, and written while later frames are drawn."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import TypeVar, cast
 
 _Thing = TypeVar("_Thing")
 
-_AHEAD = 2  # frames: of more, none comes sooner
+_AHEAD = 2  # frames; reading farther ahead brings no speed
 _BEHIND = 4
-_WRITERS = 2  # what packs pictures leaves Python's lock
+_WRITERS = 2  # encoding pictures releases Python's lock
 _END = object()
 
 
 def read_ahead(things: Iterable[_Thing]) -> Iterator[_Thing]:
-    """The things, one after the other, which a thread of their own makes while the last ones are used."""
+    """Yield the items in order; a thread of its own makes the next items while the last ones are used."""
     source, waiting = iter(things), deque[Future[object]]()
-    context = copy_context()  # in which the device may have been chosen
+    context = copy_context()  # the device may have been chosen in it
     pool = ThreadPoolExecutor(1)
     try:
         while True:
@@ -34,9 +34,9 @@ def read_ahead(things: Iterable[_Thing]) -> Iterator[_Thing]:
 
 
 class Behind:
-    """Calls that threads do meanwhile, a few at a time; the first error of one is raised by a later one, or at the end.
+    """Calls that run in threads, a few at a time; a later `add`, or the end, raises the first error.
 
-    in_order: whether one must be done before the next begins.
+    in_order: whether each call must end before the next begins.
     """
 
     def __init__(self, in_order: bool) -> None:
@@ -44,7 +44,7 @@ class Behind:
         self._waiting = deque[Future[object]]()
 
     def add(self, call: Callable[[], object]) -> None:
-        """Have it done."""
+        """Queue a call; wait while the queue is full."""
         while len(self._waiting) >= _BEHIND:
             self._waiting.popleft().result()
         self._waiting.append(self._pool.submit(copy_context().run, call))

@@ -1,4 +1,4 @@
-"""Cameras of single pictures: of files, or of what is known of the lens."""
+"""Cameras of single pictures, from files or from lens data."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from pyibr.io.exif import focal_35mm_of
 from pyibr.io.layouts import recording_in
 from pyibr.io.recordings import PLAIN, Stored, size_of
 
-_FOV = 60.0  # degrees of the longer side, where nothing is known
+_FOV = 60.0  # degrees along the longer side, if nothing else is known
 
 
 class LensOptions(NamedTuple):
-    """Options that tell of a camera without a file."""
+    """Options that describe a camera without a file."""
 
     fov: Fov = None
     focal_35mm: Focal35mm = None
 
     def camera_of(self, picture: Path, file: Path | None, size: tuple[int, int] | None = None) -> Camera:
-        """The picture's camera: of the file, of these options, of its EXIF data, or of a guess, which is told.
+        """The picture's camera, from the file, these options, EXIF data, or a default, which is reported.
 
-        size: the picture's, if it cannot be read as such.
+        size: (width, height), if `picture` cannot be read as a picture.
         """
         given = {"--camera": file, "--fov": self.fov, "--focal-35mm": self.focal_35mm}
         named = [name for name, value in given.items() if value is not None]
         if len(named) > 1:
-            raise ArgumentError(named[1], f"none beside {named[0]}", str(given[named[1]]))
+            raise ArgumentError(named[1], f"none together with {named[0]}", str(given[named[1]]))
         if file is not None:
             return camera_in(file, picture)
         width, height = size = size or size_of(picture)
@@ -44,15 +44,15 @@ class LensOptions(NamedTuple):
         focal = focal_35mm_of(picture, size) if self.focal_35mm is None else self.focal_35mm
         if focal is not None:
             if self.focal_35mm is None:
-                print_note(f"{printable_text(picture)}: its EXIF data tell of a lens of {focal:.3g} mm (on 35 mm film)")
+                print_note(f"{printable_text(picture)}: lens of {focal:.3g} mm (on 35 mm film) by its EXIF data")
             return Camera.from_fov(size, focal_35mm=focal)
         print_note(
-            f"{printable_text(picture)}: taken to be {_FOV:g} degrees across; --camera, --fov or --focal-35mm tell it"
+            f"{printable_text(picture)}: assumed to be {_FOV:g} degrees across; set --camera, --fov or --focal-35mm to change it"
         )
         return Camera.from_fov(size, fov_x=_FOV) if width >= height else Camera.from_fov(size, fov_y=_FOV)
 
     def camera_of_folder(self, folder: Path, file: Path | None) -> Camera | None:
-        """The camera of a recording's pictures; None where its own is to be taken."""
+        """The camera of a recording's pictures; None if no option replaces the recording's own."""
         if file is None and self == LensOptions():
             return None
         recording = recording_in(folder)
@@ -60,9 +60,9 @@ class LensOptions(NamedTuple):
 
 
 def camera_in(file: Path, picture: Path, read: Callable[[Path], NDArray[Any]] = read_color) -> Camera:
-    """The camera of a file: of several that of the picture's name, or the one of its size, by what reads it."""
+    """The file's camera; of several, the one with the picture's name, or with its size as `read` gives it."""
     found: dict[str, Camera] = {}
-    with suppress(ArgumentError):  # it does not tell the size
+    with suppress(ArgumentError):  # the file lacks the size
         found = read_cameras(file)
     if len(found) != 1:
         found = read_cameras(file, size=size_of(picture, read))
@@ -73,5 +73,5 @@ def camera_in(file: Path, picture: Path, read: Callable[[Path], NDArray[Any]] = 
 
 
 def depth_camera_in(file: Path, depth: Path, stored: Stored = PLAIN) -> Camera:
-    """The camera of a file: of several the one of the depth's size."""
+    """The file's camera; of several, the one with the depth's name or size."""
     return camera_in(file, depth, stored.depth or (lambda path: read_depth(path, depth_scale=1)))

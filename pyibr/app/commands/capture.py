@@ -1,4 +1,4 @@
-"""`pyibr capture`: a mesh as depth images, which all other commands read."""
+"""`pyibr capture`: depth images of a mesh, which all other commands read."""
 
 from __future__ import annotations
 
@@ -23,35 +23,35 @@ from pyibr.io import read_cameras
 from pyibr.meshes.mesh import Mesh
 from pyibr.picture.light import light_for
 
-_SIZE = 256  # pixels a side, where neither cameras nor frusta tell
-_AXES: tuple[str, ...] = "x", "-x", "y", "-y", "z", "-z"  # that the six from all round look along
+_SIZE = 256  # pixels a side, if neither cameras nor frusta give a size
+_AXES: tuple[str, ...] = "x", "-x", "y", "-y", "z", "-z"  # view directions of the six images from all round
 
 
 def capture(
     mesh: Annotated[Path, typer.Argument(metavar="MESH", help="GLB, OBJ, PLY ...")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the set, which `object`, `warp` ... read")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the set, for `object`, `warp` ...")],
     camera: Annotated[
         Path | None,
-        typer.Option(help="From these cameras: a list, a folder, a set, a COLMAP model; default: from all round"),
+        typer.Option(help="The cameras: a list, a folder, a set, a COLMAP model; default: six from all round"),
     ] = None,
-    frusta: Annotated[Path | None, typer.Option(help="From those of a set: its folder, or a JSON file")] = None,
+    frusta: Annotated[Path | None, typer.Option(help="The frusta of a set: its folder, or a JSON file")] = None,
     size: Annotated[int | None, typer.Option(min=2, max=8192, help="Pixels a side of the images")] = None,
-    projection: Annotated[Projection, typer.Option(help="Of the six images from all round")] = "orthographic",
+    projection: Annotated[Projection, typer.Option(help="Projection of the six images from all round")] = "orthographic",
     layer: Annotated[
-        Layer, typer.Option(help="With --camera: the nearest, or the farthest that a ray meets")
+        Layer, typer.Option(help="With --camera: the nearest or the farthest surface on a ray")
     ] = "first",
     device: DeviceName = None,
 ) -> None:
-    """Take depth images of a mesh: six from all round, from cameras, or as the frusta of a set see it."""
+    """Capture depth images of a mesh: six from all round, or from cameras, or from the frusta of a set."""
     if camera and frusta:
-        raise ArgumentError("--frusta", "none beside --camera", str(frusta))
+        raise ArgumentError("--frusta", "none together with --camera", str(frusta))
     for option, given, needed in (
         ("--layer", layer != "first", camera is not None),
         ("--projection", projection != "orthographic", not (camera or frusta)),
         ("--size", size is not None, camera is None),
     ):
         if given and not needed:
-            raise ArgumentError(option, "none here: cameras tell it" if camera else "--camera with it", "one")
+            raise ArgumentError(option, "none with --camera, which sets it" if camera else "--camera with it", "one")
     read = {"MESH": [mesh], "--camera": [camera] if camera else [], "--frusta": [frusta] if frusta else []}
     check_outputs(read, {"--output": [output / SET_FILE]})
     known = Mesh.load(mesh)
@@ -67,7 +67,7 @@ def capture(
     covered = [float(view.valid.mean()) for view in views]
     if empty := covered.count(0.0):
         print_note(
-            f"{empty} of {len(views)} images of {printable_text(output)} are empty: nothing of the mesh is in view"
+            f"{empty} of {len(views)} images of {printable_text(output)} are empty: the mesh is out of view"
         )
     width, height = views[0].camera.size
     share = float(np.mean(covered))
@@ -76,7 +76,7 @@ def capture(
 
 
 def _of_frusta(mesh: Mesh, path: Path, size: int | None, output: Path) -> list[DepthImage]:
-    """The images that frusta see, saved with what is painted over them."""
+    """The images of the frusta, saved together with their painted masks."""
     found, about = load_frusta(path)
     frusta = [one if size is None else one.resized(size) for one in found]
     light = light_for(mesh, -frusta[0].camera.world_from_camera[:3, 1])
@@ -94,7 +94,7 @@ def _of_cameras(scene: MeshScene, cameras: Mapping[str, Camera], layer: Layer) -
         except ArgumentError as error:
             if error.argument != "camera":
                 raise
-            print_note(f"camera {printable_text(name)} sees nothing of the mesh; left out")
+            print_note(f"camera {printable_text(name)} does not see the mesh; left out")
     if not views:
-        raise ArgumentError("--camera", "cameras that see the mesh", f"{len(cameras)} of which none does")
+        raise ArgumentError("--camera", "cameras that see the mesh", f"{len(cameras)} that do not")
     return views

@@ -1,4 +1,4 @@
-"""`pyibr clean`: depth as cameras deliver it, made fit for new views, of single frames and of recordings."""
+"""`pyibr clean`: cleaned depth of depth cameras, for single frames and for recordings."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ from pyibr.io.depth_frames import frames_in
 from pyibr.io.layouts import find_recording, may_be_recording
 from pyibr.io.recordings import Shot, Stored
 
-_ANY = LensOptions(fov=60.0)  # planar depth of a camera at rest is cleaned the same by all
+_ANY = LensOptions(fov=60.0)  # cleaning the planar depth of a static camera does not depend on the lens
 
 
 def clean(
     depth: DepthFiles,
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="The depth; of several OUT_0000, or a folder for files of their own names"),
+        typer.Option("--output", "-o", help="The depth; several: OUT_0000, or a folder to keep the file names"),
     ],
     color: Annotated[
-        Path | None, typer.Option(help="Its image, which tells edges: a file, a folder or a video as DEPTH is")
+        Path | None, typer.Option(help="Its image, to locate edges: a file, a folder or a video, matching DEPTH")
     ] = None,
     camera: CameraFile = None,
     *,
@@ -61,14 +61,14 @@ def clean(
     stored: StoredDepth,
     exposure: ExposureOption = 0.0,
     invented_out: Annotated[
-        Path | None, typer.Option(help="Write the mask of what was not measured too: holes filled, samples replaced")
+        Path | None, typer.Option(help="Also write the mask of filled holes and replaced samples")
     ] = None,
     device: DeviceName = None,
 ) -> None:
-    """Take flying pixels, speckle, small holes and noise out of depth; of a recording each frame by the last one."""
+    """Remove flying pixels, speckle, small holes and noise from depth; in a recording, with the last frame's help."""
     given = InputOptions([depth], [camera] if camera else [], [], [], take, lens, stored.how.get("channel"))
     told = noise_of(noise, baseline)
-    source, is_still = _opened(given, color, stored, "the focal length that --noise is of" if told else None)
+    source, is_still = _opened(given, color, stored, "the depth for --noise" if told else None)
     own = {shot.number: shot.depth.name for shot in source.shots} if output.is_dir() or not output.suffix else None
     if own is not None and len({*own.values()}) < len(own):
         raise ArgumentError("--output", f"a name to number, or .mkv, for the frames of {depth}", str(output))
@@ -90,18 +90,18 @@ def clean(
             outputs.write({"depth": made, "mask": invented}, shot.number, share, of_depth)
             size = made.shape[1], made.shape[0]
         losses.tell(some=size != (0, 0))
-    outputs.tell(size, "frames", "there is no depth in it", seen)
+    outputs.tell(size, "frames", "it has no depth", seen)
 
 
 def _opened(options: InputOptions, color: Path | None, stored: StoredDepth, needed: str | None) -> tuple[Source, bool]:
-    """The frames, and whether there is a single one; where nothing tells a camera and none is needed, of any.
+    """The frames, and whether there is a single one; with any camera if none is given and none is needed.
 
-    needed: for what there must be one, but for distances.
+    needed: whose camera must be given, in the words of the error; None if only distances need one.
     """
     (place,), camera = options.inputs, next(iter(options.cameras), None)
     recording = find_recording(place) if color is None and may_be_recording(place) else None
     if options.lens == LensOptions() and not (camera or (recording and (recording.cameras or recording.known))):
-        needed = "the distances" if stored.depth_kind == "distance" else needed
+        needed = "the depth for --depth-kind distance" if stored.depth_kind == "distance" else needed
         if needed is not None:
             raise ArgumentError("--camera", f"the camera of {needed}, or --fov", "none")
         options = options._replace(lens=_ANY)
@@ -117,7 +117,7 @@ def _opened(options: InputOptions, color: Path | None, stored: StoredDepth, need
 
 
 def _as_read(stored: StoredDepth, layout: Stored) -> StoredDepth:
-    """Options by which depth is written as the recording has it."""
+    """Options that write depth in the recording's unit and kind."""
     kind = layout.kind if stored.depth_kind == "z" else stored.depth_kind
     scale, offset = stored.depth_scale or layout.scale, stored.depth_offset or layout.offset
     return stored._replace(depth_scale=scale, depth_offset=offset, depth_kind=kind)
@@ -126,7 +126,7 @@ def _as_read(stored: StoredDepth, layout: Stored) -> StoredDepth:
 def _cleaned(
     source: Source, reader: DepthReader, losses: Losses, exposure: Exposure, far: float
 ) -> Iterator[tuple[Shot, Depth, NDArray[np.bool_]]]:
-    """Frames with their depth nearer than `far`, and where it is invented; without those that are lost."""
+    """Usable frames, their depth nearer than `far`, and the mask of invented samples."""
     pictures = repeat(None) if source.shots[0].color is None else source.colors(losses)
     for shot, picture in zip(source.shots, pictures, strict=False):
         color: NDArray[Any] | None = None if picture is None else exposure.shown(picture, shot.color)

@@ -1,4 +1,4 @@
-"""Functions as commands: their groups of options, and how they tell which files they have written."""
+"""Functions as commands: their groups of options, and their report of written files."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ import typer
 from pyibr.app.options import printable_text
 
 EMPTY = 3
-"""The status of a command that has written pictures, all of them empty."""
+"""Exit status of a command whose written pictures are all empty."""
 
 _Json = Annotated[
-    bool, typer.Option("--json", help="Say what was written as JSON: files, frames, size, covered, triangles, seconds")
+    bool, typer.Option("--json", help="Report the output as JSON: files, frames, size, covered, triangles, seconds")
 ]
 
 _report: ContextVar[dict[str, Any] | None] = ContextVar("report", default=None)
@@ -35,17 +35,17 @@ def tell_written(
     covered: float | None = None,
     triangles: int | None = None,
 ) -> None:
-    """Say what a command has written, and end it with a status of its own if that is empty.
+    """Report the files that a command has written; exit with status EMPTY if they are empty.
 
     Parameters
     ----------
     files : sequence of Path
         At least one.
     words : str
-        What they hold, for people.
+        Their content, for people.
     frames, size, covered, triangles
-        The same for programs, where there is such a thing: how many pictures, their (width, height), which share of
-        their pixels shows something, and a mesh's triangles.
+        Their content, for programs, as far as it applies: number of pictures, their (width, height), the share of
+        their pixels that shows something, and number of a mesh's triangles.
     """
     report = _report.get()
     if report is None:
@@ -60,7 +60,7 @@ def tell_written(
 
 @contextmanager
 def _reporting(as_json: bool) -> Generator[None, None, None]:
-    """Within it, what is told of files is collected and printed as one JSON object at the end; or else told at once."""
+    """Context that collects reports of files into one JSON object, printed at the end; else prints them immediately."""
     start, report = time.monotonic(), dict[str, Any]()
     token = _report.set(report if as_json else None)
     try:
@@ -72,9 +72,9 @@ def _reporting(as_json: bool) -> Generator[None, None, None]:
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command as typer takes it: groups of options, which are named tuples, in single options.
+    """Return the command in the form that typer takes: named tuples of options become single options.
 
-    One that must be told its output has --json, too.
+    Commands with a required output get --json, too.
     """
     parameters, groups, known = list[Parameter](), dict[str, Any](), signature(command, eval_str=True).parameters
     for own in known.values():

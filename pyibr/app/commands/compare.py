@@ -1,4 +1,4 @@
-"""`pyibr compare`: how far apart pictures, or depths, are."""
+"""`pyibr compare`: differences between pictures, or between depth maps."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ _NEEDED: dict[str, Callable[[], object]] = {"ssim": scikit_image, "flip": flip_e
 _NAMES = ", ".join(_METRICS).replace("_", "-")
 _MORE_IS_WORSE = ("flip", "rmse", "median_error", "relative_error")
 
-_WHITE, _WHITE_DEPTH = 0.25, 0.05  # errors that are shown as white: of the peak, and of the depth
+_WHITE, _WHITE_DEPTH = 0.25, 0.05  # errors shown as white, relative to the peak and to the depth
 _NOT_COUNTED, _IN_ONE = (30, 30, 60), (60, 60, 160)
 
 _A = Annotated[
-    Path, typer.Argument(metavar="A", help="An image, a folder of such, or a video; of --depth NPY, NPZ, too")
+    Path, typer.Argument(metavar="A", help="An image, a folder of images, or a video; with --depth also NPY, NPZ")
 ]
 _B = Annotated[
-    Path, typer.Argument(metavar="B", help="The same; of a folder the names, or else the order, tell the pairs")
+    Path, typer.Argument(metavar="B", help="The same; files in folders are paired by name, or else in order")
 ]
 
 
@@ -58,23 +58,23 @@ def compare(
     a: _A,
     b: _B,
     depth: Annotated[bool, typer.Option("--depth", help="A, the truth, and B hold depth")] = False,
-    mask: Annotated[Path | None, typer.Option(help="An image, black where pixels do not count")] = None,
+    mask: Annotated[Path | None, typer.Option(help="An image, black for ignored pixels")] = None,
     measures: Annotated[
         str | None,
-        typer.Option("--metrics", metavar="A,B,...", help=f"Of pictures: {_NAMES} (of panoramas)"),
+        typer.Option("--metrics", metavar="A,B,...", help=f"For pictures: {_NAMES} (panoramas)"),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="A picture of the errors, OUT_0000, ... or a video; or JSON")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON")] = False,
     camera: CameraFile = None,
-    scale_b: Annotated[float | None, typer.Option("--depth-scale-b", help="Of B's depth, if it is another")] = None,
+    scale_b: Annotated[float | None, typer.Option("--depth-scale-b", help="Depth scale of B, if it differs")] = None,
     *,
     stored: StoredDepth,
     exposure: ExposureOption = 0.0,
     video: VideoOptions,
 ) -> None:
-    """Measure how far apart two pictures are, two maps of depth, or the frames of two folders or videos."""
+    """Measure the differences between two pictures, two depth maps, or the frames of two folders or videos."""
     exposed, own = Exposure(exposure), None if camera is None else Camera.load(camera)
     if depth and measures:
         raise ArgumentError("--metrics", "none with --depth", measures)
@@ -121,7 +121,7 @@ def _given(path: Path | None) -> list[Path]:
 
 
 def _chosen(text: str | None) -> list[str]:
-    """The metrics that are asked for; by default those whose packages are there, but for panoramas'."""
+    """The requested metrics; by default all whose packages are installed, except the metric for panoramas."""
     if text is not None:
         asked = [name.strip().replace("-", "_") for name in text.split(",")]
         if unknown := [name for name in asked if name not in _METRICS]:
@@ -140,7 +140,7 @@ def _chosen(text: str | None) -> list[str]:
 def _outputs(
     output: Path | None, read: Mapping[str, Sequence[Path]], numbers: range | None, video: VideoOptions
 ) -> Outputs | None:
-    """The pictures to write, if any; what could not be written is told before any work."""
+    """The pictures to write, if any; checks before any work that they can be written."""
     if output is None or output.suffix.lower() == ".json":
         if video != VideoOptions():
             raise ArgumentError("--fps, --codec", "a video for --output", str(output or "none"))
@@ -167,7 +167,7 @@ def _of_pictures(chosen: Sequence[str], a: _Image, b: _Image, counted: _Mask | N
 
 
 def _of_depth(truth: _Image, depth: _Image, counted: _Mask | None) -> _Figures:
-    """Errors where both have depth, NaN if nowhere, and which share of the pixels that count has depth."""
+    """Errors where both have depth, NaN if nowhere; and the share of the counted pixels that have depth."""
     known = [np.isfinite(one) & (one > 0) for one in (truth, depth)]
     figures = {"covered_a": known[0], "covered_b": known[1], "covered_both": known[0] & known[1]}
     found = {name: 1 - metrics.hole_ratio(one, expected=counted) for name, one in figures.items()}
@@ -182,7 +182,7 @@ def _of_depth(truth: _Image, depth: _Image, counted: _Mask | None) -> _Figures:
 
 
 def _color_errors(a: _Image, b: _Image) -> tuple[NDArray[np.float32], _Mask, _Mask]:
-    """Mean differences of the channels, 1 for those shown as white; where there are any; where one picture lacks."""
+    """Mean differences of the channels, 1 shown as white; mask of known errors; mask of pixels that one picture lacks."""
     top = _WHITE * (255 if a.dtype == np.uint8 else 1)
     errors: NDArray[np.float32] = np.abs(a.astype(np.float32) - b.astype(np.float32)).mean(axis=-1) / np.float32(top)
     return errors, np.ones(errors.shape, np.bool_), np.zeros(errors.shape, np.bool_)
@@ -195,7 +195,10 @@ def _depth_errors(a: _Image, b: _Image) -> tuple[NDArray[np.float32], _Mask, _Ma
 
 
 def _shown(found: tuple[NDArray[np.float32], _Mask, _Mask], counted: _Mask | None) -> NDArray[np.uint8]:
-    """(H, W, 3): errors from black over red and yellow to white, dark blue where none counts, blue where one lacks."""
+    """Picture of the errors, (H, W, 3).
+
+    Errors go from black over red and yellow to white. Uncounted pixels are dark blue, pixels that one lacks are blue.
+    """
     errors, known, lacking = found
     ramp = np.clip(3 * np.nan_to_num(errors)[..., None] - np.arange(3), 0, 1)
     picture = np.where(known[..., None], np.rint(255 * ramp), np.array(_NOT_COUNTED)).astype(np.uint8)
@@ -215,12 +218,12 @@ def _means(each: Sequence[Mapping[str, Any]]) -> _Figures:
 
 
 def _finite(figures: Mapping[str, Any]) -> dict[str, Any]:
-    """The same for JSON, which has no infinite number: null for what is equal, and for what has no answer."""
+    """Figures for JSON, which has no infinity: null for equal pictures and for undefined figures."""
     return {name: None if isinstance(one, float) and not math.isfinite(one) else one for name, one in figures.items()}
 
 
 def _tell(figures: Mapping[str, Any]) -> None:
-    """Say the means and, of several frames, which is the worst."""
+    """Print the means and, for several frames, the worst frame."""
     each, size = figures["each"], figures["size"]
     several = f", {len(each)} frames" if len(each) > 1 else ""
     typer.echo(f"{printable_text(figures['a'])} and {printable_text(figures['b'])}: {size}{several}")

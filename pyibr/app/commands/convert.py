@@ -55,16 +55,16 @@ def convert(
     sources: _Sources,
     output: _Output,
     form: Annotated[
-        CameraForm | None, typer.Option("--as", help="Cameras' form; default: pyibr's JSON, of a folder COLMAP's text")
+        CameraForm | None, typer.Option("--as", help="Form of the cameras; default: pyibr's JSON, or COLMAP's text for a folder")
     ] = None,
     size: Annotated[
-        tuple[int, int] | None, typer.Option(metavar="W H", help="Of the pictures, where a calibration tells none")
+        tuple[int, int] | None, typer.Option(metavar="W H", help="Size of the pictures, if a calibration lacks it")
     ] = None,
     to_scale: Annotated[
         float | None,
-        typer.Option(help="Stored units per scene unit of what is written; default: of integers as read, or 1000"),
+        typer.Option(help="Stored units per scene unit of the output; default: as read for integers, or 1000"),
     ] = None,
-    to_kind: Annotated[DepthKind, typer.Option(help="The kind of depth that is written")] = "z",
+    to_kind: Annotated[DepthKind, typer.Option(help="The kind of the written depth")] = "z",
     *,
     reading: Reading,
     lens: LensOptions,
@@ -72,7 +72,7 @@ def convert(
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
-    """Convert cameras, depth, a recording or a mesh to another format, which the output's name tells."""
+    """Convert cameras, depth, a recording or a mesh to another format, selected by the output's name."""
     for path in sources:
         check_exists(file_and_name(path)[0])
     source, suffix = sources[0], output.suffix.lower()
@@ -123,7 +123,7 @@ def _convert_cameras(source: Path, output: Path, form: CameraForm, size: tuple[i
 
 
 def _cameras_in(source: Path, size: tuple[int, int] | None) -> dict[str, Camera]:
-    """The cameras of a recording's pictures that have a pose, or of anything else."""
+    """The cameras of a recording's pictures with a pose, or of a file or model."""
     recording = find_recording(source) if may_be_recording(source) else None
     if recording is None:
         return read_cameras(source, size=size)
@@ -138,7 +138,7 @@ def _convert_depth(
 ) -> None:
     own = None if camera is None else Camera.load(camera)
     if own is None and "distance" in (stored.depth_kind, written.depth_kind):
-        raise ArgumentError("--camera", "the depth's, of whose distances to or from is converted", "none")
+        raise ArgumentError("--camera", "the camera of the depth, to convert distances", "none")
     depths = depths_in(source, stored, own)
     count, seen = len(depths.names), DepthRange()
     video = video._replace(fps=video.fps or depths.fps) if output.suffix.lower() == ".mkv" else video
@@ -155,7 +155,7 @@ def _convert_depth(
 
 
 def _convert_recording(inputs: Inputs, sources: Sequence[Path], output: Path, scale: float) -> None:
-    """Pictures, their depth in the pictures' cameras, and transforms.json, which pyibr and nerfstudio read."""
+    """Write pictures, depth registered to them, and transforms.json, which pyibr and nerfstudio read."""
     if any(path.resolve() in (output.resolve(), *output.resolve().parents) for path in sources):
         raise ArgumentError("--output", "a place outside of the recording that is read", str(output))
     check_outputs(inputs.files, {"--output": [output / "transforms.json"]})

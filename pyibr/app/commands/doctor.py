@@ -1,4 +1,4 @@
-"""`pyibr doctor`: the OpenCL devices of this machine, and their kernels built beforehand."""
+"""`pyibr doctor`: checks the OpenCL devices of this machine, and builds their kernels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def doctor(
         bool, typer.Option("--build", help="Build the kernels of all systems now, so that first pictures are fast")
     ] = False,
 ) -> None:
-    """Show the OpenCL devices, whether each works, and what mends those that do not."""
+    """List the OpenCL devices, whether each works, and how to repair devices that do not."""
     if not print_report():
         raise typer.Exit(1)
     if build:
@@ -25,7 +25,7 @@ def doctor(
 
 
 def build_kernels() -> None:
-    """Draw a small picture in each way, which builds its kernels, and keep their binaries."""
+    """Draw each small picture, which builds its kernels, and keep their binaries."""
     from rich.console import Console
     from rich.progress import Progress
 

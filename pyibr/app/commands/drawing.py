@@ -1,4 +1,4 @@
-"""Frames drawn by the warp, and pictures that are made of several of them."""
+"""Frames drawn by the warp, and pictures joined from several of them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OutputOrFolder = Annotated[
     typer.Option(
         "--output",
         "-o",
-        help="The picture; of a recording OUT_0000, ... or a video; or a folder, for a name that displays know",
+        help="The picture; a recording: OUT_0000, ... or a video; or a folder, for a name that displays recognise",
     ),
 ]
 
@@ -35,7 +35,7 @@ OutputOrFolder = Annotated[
 def drawn_views(
     views: Sequence[DepthImage], cameras: Sequence[Camera], samples: int, how: WarpOptions
 ) -> list[ibr.Frame]:
-    """A frame for each camera, black where none of the views has any depth; what is empty is told at the end."""
+    """A frame for each camera, black if no view has depth; without warnings, as empty frames are reported at the end."""
     seen = [view for view in views if view.valid.any()]
     if not seen:
         return [_black(camera, views[0].color.dtype) for camera in cameras]
@@ -52,7 +52,7 @@ def _black(camera: Camera, dtype: np.dtype[Any]) -> Frame:
 def picture_outputs(
     inputs: Inputs, sources: Sequence[Path], output: Path, suffix: str, stored: StoredDepth, video: VideoOptions
 ) -> Outputs:
-    """A frame's parts that are written; in a folder, the source's name with a suffix that tells displays what it is."""
+    """The outputs; in a folder, files have the source's name with a suffix that displays recognise."""
     kind = ".png" if inputs.numbers is None else ".mp4"
     main = output / f"{sources[0].stem}{suffix}{kind}" if output.is_dir() else output
     outputs = Outputs({"--output": (main, "color")}, stored, inputs.numbers, video, inputs.film)
@@ -68,9 +68,9 @@ def write_pictures(
     samples: int,
     how: WarpOptions,
 ) -> None:
-    """Write a picture of each frame: that of the frame's views by a rig's cameras, joined; and say so.
+    """Write a joined picture of each frame as a rig's cameras see it, and report the files.
 
-    rig: fitted to the first frame that has depth. joined: makes one picture of the cameras'.
+    rig: is fitted to the first frame that has depth. joined: joins the cameras' pictures to one picture.
     """
     size = 0, 0
     with outputs:
@@ -82,4 +82,4 @@ def write_pictures(
             covered = float(np.mean([one.valid.mean() for one in made]))
             outputs.write({"color": picture}, inputs.numbers[place] if inputs.numbers else 0, covered, made[0].camera)
             size = picture.shape[1], picture.shape[0]
-    outputs.tell(size, "pictures", f"nothing of {printable_text(inputs.name)} is in view", inputs.seen)
+    outputs.tell(size, "pictures", f"{printable_text(inputs.name)} is out of view", inputs.seen)

@@ -1,4 +1,4 @@
-"""Colours of OpenEXR files, which are linear in light, as screens show them."""
+"""Linear colours of OpenEXR files, converted for screens."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from pyibr.io.video import SUFFIXES, first_frame
 
 
 class Exposure:
-    """Pictures that are read, as screens show them; how much of them is too bright is told in the end.
+    """Converts pictures for screens, and reports the share of clipped pixels at the end.
 
     stops : float
-        How often the light of OpenEXR files is doubled.
+        Colours of OpenEXR files are multiplied by 2^stops.
     """
 
     def __init__(self, stops: float) -> None:
@@ -35,7 +35,7 @@ class Exposure:
             self.tell()
 
     def shown(self, color: NDArray[Any], path: Path | None) -> NDArray[Any]:
-        """A picture of this file."""
+        """Convert the picture of this file."""
         if path is None or not is_light(path):
             return color
         light = color * self._factor
@@ -43,18 +43,18 @@ class Exposure:
         return srgb_from_linear(light)
 
     def read(self, path: Path) -> NDArray[Any]:
-        """The picture of a file, or the first one of a video."""
+        """Read the picture of a file, or the first picture of a video."""
         return self.shown(first_frame(path) if path.suffix.lower() in SUFFIXES else read_color(path), path)
 
     def tell(self) -> None:
-        """Say how much is clipped."""
+        """Print the share of clipped pixels."""
         share = float(np.mean(self._clipped or [0]))
         if share:
-            print_note(f"{share:.2%} of the pixels are brighter than 1, and clipped; --exposure -1 halves their light")
+            print_note(f"{share:.2%} of the pixels are brighter than 1 and are clipped; --exposure -1 halves their light")
 
 
 def stored(color: NDArray[Any], path: Path) -> NDArray[Any]:
-    """Return colours as screens show them as a file is to hold them."""
+    """Convert colours from screens to the file's encoding."""
     if not is_light(path):
         return color
     shown = color / np.float32(255) if color.dtype == np.uint8 else color

@@ -1,4 +1,4 @@
-"""Height maps on meshes: the options that tell of them, and what is drawn of both."""
+"""Height maps on meshes: their options, and the surfaces made from both."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from pyibr.meshes.mesh import Mesh
 
 _Surface = TypeVar("_Surface")
 
-HEIGHT_HELP = "A height map over the mesh's uv: gray, white is high; or a relief map, whose alpha it is"
+HEIGHT_HELP = "A height map over the mesh's uv: gray, white is high; or a relief map with heights in its alpha"
 
 
 class MapOptions(NamedTuple):
-    """Options of what lies on a mesh together with a height map."""
+    """Options of the maps on a mesh."""
 
-    color: Annotated[Path | None, typer.Option(help="An image over the same uv; else the mesh's own")] = None
+    color: Annotated[Path | None, typer.Option(help="An image over the same uv; default: the mesh's own")] = None
     scale: Annotated[float | None, typer.Option(help="The displacement of height 1, in scene units")] = None
-    tiles: Annotated[tuple[int, int], typer.Option(metavar="U V", help="How often height and color repeat")] = (1, 1)
+    tiles: Annotated[tuple[int, int], typer.Option(metavar="U V", help="Repetitions of height and color")] = (1, 1)
     wrap: Annotated[
-        str, typer.Option(metavar="HOW", help="Height and color beyond uv of 0 to 1: repeat, clamp; repeat,clamp: u, v")
+        str, typer.Option(metavar="HOW", help="Height and color outside uv 0 to 1: repeat or clamp; repeat,clamp for u and v")
     ] = "repeat"
-    deep: Annotated[bool, typer.Option("--deep", help="White is deep in the height map, not high")] = False
+    deep: Annotated[bool, typer.Option("--deep", help="White in the height map is deep, not high")] = False
 
     def displace(self, mesh: Mesh, height: Path, exposure: Exposure) -> Callable[..., Any]:
-        """Read the maps; return what makes a surface of them, of a class and its own options."""
+        """Read the maps; return a function that makes a surface from its class and the class's options."""
         if self.scale is None:
             across = float(np.ptp(mesh.vertices, axis=0).max())
-            expected = f"scene units that height 1 is displaced by (the mesh is {across:.3g} across)"
+            expected = f"the displacement of height 1 in scene units (the mesh is {across:.3g} across)"
             raise ArgumentError("--scale", expected, "none")
         positive("--scale", self.scale)
         first, *second = self.wrap.split(",", 1)
@@ -59,9 +59,9 @@ class MapOptions(NamedTuple):
 
 
 def _heights(path: Path) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
-    """The heights of a gray picture, or of a relief map: those in its alpha, and its colours' normals."""
+    """The heights of a gray picture; or the heights in a relief map's alpha and the normals in its colours."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a relief map alpha is no transparency
+        warnings.simplefilter("ignore")  # alpha of a relief map is height, not transparency
         stored = ibr.read_color(path)
     if (stored == stored[..., :1]).all():
         return stored[..., 0], None

@@ -1,4 +1,4 @@
-"""`pyibr mesh`: an image with depth as a triangle mesh."""
+"""`pyibr mesh`: a triangle mesh of an image with depth."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def mesh(
     depth: Depth,
     output: Annotated[Path, typer.Option("--output", "-o", help="The mesh: GLB, OBJ (with the image as texture), PLY")],
     max_error: Annotated[
-        float | None, typer.Option(help="Depths may be off by that, in scene units; 0: by nothing")
+        float | None, typer.Option(help="Largest error of the depths, in scene units; 0: exact")
     ] = None,
-    count: Annotated[int | None, typer.Option(help="At most so many triangles, the flattest merged first")] = None,
-    segmentation: Annotated[Test, typer.Option(help="How triangles between two surfaces are told")] = "orthogonality",
+    count: Annotated[int | None, typer.Option(help="Largest number of triangles; the flattest are merged first")] = None,
+    segmentation: Annotated[Test, typer.Option(help="Test that detects triangles between two surfaces")] = "orthogonality",
     camera: CameraFile = None,
     *,
     lens: LensOptions,
@@ -56,7 +56,7 @@ def mesh(
     exposure: ExposureOption = 0.0,
     device: DeviceName = None,
 ) -> None:
-    """Turn an image with depth into a textured triangle mesh, simplified within an error or to a number."""
+    """Turn an image with depth into a textured triangle mesh, simplified to an error or a number of triangles."""
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera] if camera else []}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
     own, how = lens.camera_of(color, camera), cleaning_of(clean, holes)

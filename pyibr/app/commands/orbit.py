@@ -1,4 +1,4 @@
-"""`pyibr orbit`: turntables and paths of anything, as films or numbered pictures."""
+"""`pyibr orbit`: turntables and camera paths, as films or numbered pictures."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ from pyibr.picture.light import Light
 from pyibr.picture.render import Thing
 
 _Orbit = Annotated[
-    float | None, typer.Option(metavar="DEGREES", help="How far the camera goes to the right about them; default: 360")
+    float | None, typer.Option(metavar="DEGREES", help="Angle by which the camera turns to the right about them; default: 360")
 ]
 _Swing = Annotated[
-    float | None, typer.Option(metavar="DEGREES", help="To and fro instead, so far to either side: for one photograph")
+    float | None, typer.Option(metavar="DEGREES", help="Instead: swing to and fro, by this angle to either side; for single photographs")
 ]
 _Path = Annotated[
-    Path | None, typer.Option("--path", help="Instead: a smooth way through cameras, as `view` saves it, or as --to")
+    Path | None, typer.Option("--path", help="Instead: a smooth path through cameras, as `view` saves it, or as --to")
 ]
 
 
 class Way(NamedTuple):
-    """Options of where the camera goes."""
+    """Options of the camera's path."""
 
     orbit: _Orbit = None
     swing: _Swing = None
@@ -66,11 +66,11 @@ class Way(NamedTuple):
     size: Size = None
 
     def check(self) -> None:
-        """Raise ArgumentError if they contradict each other, or their files do not hold what they should."""
+        """Raise an error if options contradict each other or their files hold no cameras."""
         given = [f"--{name}" for name in ("orbit", "swing", "path") if getattr(self, name) is not None]
         given += ["--start"] if self.path and self.start else []
         if len(given) > 1:
-            raise ArgumentError(given[1], f"none beside {given[0]}", "one")
+            raise ArgumentError(given[1], f"none together with {given[0]}", "one")
         self._given()
 
     def _given(self) -> tuple[CameraPath | None, Camera | None]:
@@ -78,7 +78,7 @@ class Way(NamedTuple):
         return path, None if self.start is None else Camera.load(self.start)
 
     def cameras(self, things: Sequence[Thing], frames: int, up: ArrayLike | None) -> list[Camera]:
-        """One for each picture."""
+        """Return a camera for each picture."""
         path, first = self._given()
         if path is not None:
             made = [path.at(float(time)) for time in np.linspace(0, path.seconds, frames)]
@@ -91,7 +91,7 @@ class Way(NamedTuple):
 def orbit(
     things: ThingFiles,
     output: Annotated[Path, typer.Option("--output", "-o", help="A video; or pictures OUT_0000, ...")],
-    frames: Annotated[int, typer.Option(min=1, max=100_000, help="Pictures of the whole way")] = 72,
+    frames: Annotated[int, typer.Option(min=1, max=100_000, help="Number of pictures along the path")] = 72,
     *,
     way: Way,
     up: UpOption = None,
@@ -109,7 +109,7 @@ def orbit(
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
-    """Draw things from all round, to and fro, or along a path. Meshes without colours are lit."""
+    """Draw things from all round, in a swing to and fro, or along a path. Meshes without colours are lit."""
     way.check()
     outputs = Outputs({"--output": (output, "color")}, stored, range(frames) if frames > 1 else None, video, None)
     files = [file for thing in things for file in (thing.rglob("*") if thing.is_dir() else [thing])]
@@ -124,12 +124,12 @@ def orbit(
         for number, one in enumerate(with_progress(cameras, frames, "Drawing")):
             how: RenderOptions = {"samples": samples, "light": _light_of(one)} if is_plain else {"samples": samples}
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # what is empty is told at the end
+                warnings.simplefilter("ignore", UserWarning)  # empty pictures are reported at the end
                 (frame,) = drawn(shown, [one], **how)
             outputs.write({"color": frame.color}, number, float(frame.valid.mean()), one)
-    outputs.tell(cameras[0].size, "pictures", f"nothing of {printable_text(things[0])} is in view")
+    outputs.tell(cameras[0].size, "pictures", f"{printable_text(things[0])} is out of view")
 
 
 def _light_of(camera: Camera) -> Light:
-    """A light from over the camera's left shoulder, which goes with it: no side is dark for long."""
+    """A light over the camera's left shoulder, which moves with it, so that no side stays dark."""
     return Light(direction=camera.world_from_camera[:3, :3] @ (0.4, 0.5, 1), ambient=0.3, shadow_size=0)

@@ -1,4 +1,4 @@
-"""The files that commands write: checked before the work, one or numbered, pictures or a video."""
+"""The files that commands write: single, numbered, or a video; checked before the work."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ Kind = Literal["color", "depth", "mask"]
 
 Fps = Annotated[
     float | None,
-    typer.Option(help="Of a video: frames a second; default: the times of the source's frames, with its sound, or 30"),
+    typer.Option(help="Frame rate of a video; default: the source's frame times and sound, or 30"),
 ]
-VideoCodec = Annotated[Codec | None, typer.Option(help="Of a video; default: H.264, VP9 in WebM, lossless FFV1 in MKV")]
+VideoCodec = Annotated[Codec | None, typer.Option(help="Codec of a video; default: H.264, VP9 in WebM, lossless FFV1 in MKV")]
 
-_FPS = 30.0  # of videos, if nothing tells
-_DEPTH_FILM = ".mkv"  # of depth: FFV1, which loses nothing
+_FPS = 30.0  # of videos, if neither --fps nor the source sets it
+_DEPTH_FILM = ".mkv"  # for depth: FFV1, which is lossless
 
 
 class VideoOptions(NamedTuple):
@@ -44,22 +44,22 @@ class VideoOptions(NamedTuple):
 
 
 class Outputs:
-    """Files that a command writes of its frames: one, several that are numbered, or a video.
+    """Files that a command writes for its frames: a single file, numbered files, or a video.
 
     Parameters
     ----------
     files : mapping
-        For each option, --output the first, its path (or None) and what it holds.
+        For each option, starting with --output, its path (or None) and kind of content.
     stored : StoredDepth
-        By which depth is written, too.
+        How depth is written.
     numbers : sequence of int, or None
-        Those of the frames; None for one, which has no number.
+        Numbers of the frames; None for a single frame without a number.
     video : VideoOptions
-        Without --fps frames keep the times that they have in `film`, and its sound.
+        Without --fps, frames keep their times in `film`, and its sound is copied.
     film : Video, or None
-        What the source is.
+        The source, if it is a video.
     own : dict of int to str, optional
-        Names of the frames' files, by number, in the folder that --output is.
+        File names of the frames by number, if --output is a folder.
     """
 
     def __init__(
@@ -91,10 +91,10 @@ class Outputs:
         self._shares: list[float] = []
 
     def check(self, inputs: Mapping[str, Sequence[Path]], recordings: Sequence[Path] = ()) -> None:
-        """Raise what writing them would raise, before anything is computed.
+        """Raise the errors of writing before anything is computed.
 
-        inputs: files that are read, by option. recordings: folders that are. Nothing may be written into folders in
-        them, nor beside frames: it would be read as one the next time.
+        inputs: files that are read, by option. recordings: folders that are read. Nothing may be written into their
+        subfolders, nor beside frames: the next run would read it as a frame.
         """
         names = {option: self._names(path) for option, (path, _) in self._files.items()}
         for option, (path, kind) in self._files.items():
@@ -107,7 +107,7 @@ class Outputs:
                 check_video_output(path) if kind == "depth" else check_video_output(path, self._codec)
             elif kind == "color" and self._numbers is None and path.suffix.lower() in CODECS:
                 raise ArgumentError(
-                    option, "several views for a video, by --frames or of a recording", f"one for {path}"
+                    option, "several views for a video, by --frames or from a recording", f"one for {path}"
                 )
             else:
                 check_output(names[option][0], kind)
@@ -118,25 +118,28 @@ class Outputs:
         for option, (path, _) in self._files.items():
             place = names[option][0].resolve().parent
             if not folders.isdisjoint(place.parents) or (place in of_frames and place in folders):
-                raise ArgumentError(option, "a place outside of the recording that is read", str(path))
+                raise ArgumentError(option, "a path outside of the recording that is read", str(path))
 
     def done(self) -> set[int]:
-        """Numbers of the frames of which all files are there."""
+        """Numbers of the frames whose files all exist."""
         if self._is_video:
-            raise ArgumentError("--skip-existing", "numbered pictures, of which some may be there", str(self._main))
+            raise ArgumentError("--skip-existing", "numbered pictures, not a video", str(self._main))
         paths = [path for path, _ in self._files.values()]
         return {n for n in self._numbers or [0] if all(self._name(path, n).is_file() for path in paths)}
 
     def __enter__(self) -> Outputs:
         self._writers = {path: self._stack.enter_context(self._video(path)) for path in self._films}
-        self._stack.enter_context(self._behind)  # last: it ends before the video does
+        self._stack.enter_context(self._behind)  # last, so that it ends before the video does
         return self
 
     def __exit__(self, *error: object) -> None:
         self._stack.__exit__(*error)  # pyright: ignore[reportArgumentType]
 
     def write(self, images: Mapping[Kind, NDArray[Any]], number: int, covered: float, camera: Camera | None) -> None:
-        """Write a frame, of which so much is covered, meanwhile; camera: of the depth."""
+        """Write a frame in the background.
+
+        covered: share of covered pixels. camera: of the depth.
+        """
         self._behind.add(lambda: self._store(images, number, camera))
         self._written.append(self._main if self._main in self._films else self._name(self._main, number))
         self._shares.append(covered)
@@ -177,12 +180,15 @@ class Outputs:
         return VideoWriter(path, film.fps or _FPS, codec=self._codec, sound=sound, start=start)
 
     def _time(self, number: int) -> float:
-        """Seconds of a frame of the film from the first that is taken."""
+        """Seconds from the first frame taken of the film to this frame."""
         assert self._film is not None and self._numbers is not None
         return self._film.times[number] - self._film.times[self._numbers[0]]
 
     def tell(self, size: tuple[int, int], several: str, lacking: str, depths: object = "") -> None:
-        """Say what was written, of which depths; `several`: what the frames are called; lacking: why some are empty."""
+        """Report the written files.
+
+        several: noun for the frames. lacking: why some are empty. depths: range of depth that was read.
+        """
         written, count = self._written, None if self._numbers is None else len(self._written)
         empty = [file for file, share in zip(written, self._shares, strict=True) if share == 0]
         if empty:
@@ -211,17 +217,17 @@ def _is_film(path: Path, kind: Kind) -> bool:
 
 
 def check_outputs(inputs: Mapping[str, Sequence[Path]], outputs: Mapping[str, Sequence[Path]]) -> None:
-    """Raise ArgumentError if a file that is written would be one that is read, or be written twice."""
+    """Raise ArgumentError if an output is also an input or another output."""
     taken = {identity(file): option for option, paths in inputs.items() for path in paths for file in _files_of(path)}
     for option, paths in outputs.items():
         for path in paths:
             other = taken.get(identity(path))
             if other is not None:
-                raise ArgumentError(option, "a file of its own", f"{path}, which is {other}'s too")
+                raise ArgumentError(option, "a file of its own", f"{path}, the same as {other}")
             taken[identity(path)] = option
             check_writable(path)
 
 
 def _files_of(path: Path) -> list[Path]:
-    """The path, and what of a COLMAP model may lie below: its files have the suffix of COLMAP's depth."""
+    """The path, and files of a COLMAP model in it: COLMAP depth, which may be an output, has their suffix."""
     return [path, *(path / place / name for place in ("", "0") for name in ("cameras.bin", "images.bin"))]

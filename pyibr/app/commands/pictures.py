@@ -1,4 +1,4 @@
-"""Small pictures, one in each way that people draw most: whoever has drawn them all has built their kernels."""
+"""Small pictures, one for each common way of drawing: drawing them all builds their kernels."""
 
 from __future__ import annotations
 

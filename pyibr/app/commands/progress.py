@@ -1,4 +1,4 @@
-"""The progress of commands: how much is done, how fast it goes, and how long it still takes."""
+"""The progress of commands: finished work, rate, and remaining time."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class _Rate(ProgressColumn):
 
 
 def progress() -> Progress:
-    """Bars on standard error, with what is done, how many a second, and the time left."""
+    """Progress bars on standard error, with counts, rate and remaining time."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate()
     return Progress(*columns, TimeRemainingColumn(elapsed_when_finished=True), console=Console(stderr=True))
 
 
 def with_progress(jobs: Iterable[_Thing], count: int, doing: str) -> Iterable[_Thing]:
-    """The jobs, told as they are done if there are several."""
+    """Yield the jobs; show a progress bar if there are several."""
     if count == 1:
         yield from jobs
         return

@@ -1,4 +1,4 @@
-"""`pyibr quilt`: images with depth, and recordings, as many views in one picture."""
+"""`pyibr quilt`: many views of an image with depth, or of a recording, in one picture."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pyibr.app.commands.reading import Inputs, Reading, Sources
 from pyibr.app.options import DeviceName, FillOption, Samples, StoredDepth, device_of, fill_of
 from pyibr.capture.quilt import QuiltRig, suffix_of, tiled
 
-_Grid = Annotated[tuple[int, int], typer.Option(metavar="COLUMNS ROWS", help="Views beside and above each other")]
+_Grid = Annotated[tuple[int, int], typer.Option(metavar="COLUMNS ROWS", help="Views side by side, and rows of views")]
 _Size = Annotated[
     tuple[int, int] | None,
-    typer.Option(metavar="W H", help="Of each view, cut out of the picture's middle; default: the picture's"),
+    typer.Option(metavar="W H", help="Size of each view, cut from the picture's middle; default: the picture's"),
 ]
-_Cone = Annotated[float, typer.Option(metavar="DEGREES", help="Between the outermost views, seen from the focus")]
-_Focus = Annotated[float | None, typer.Option(metavar="DEPTH", help="What is in the display's plane; default: median")]
+_Cone = Annotated[float, typer.Option(metavar="DEGREES", help="Angle between the outermost views, seen from the focus")]
+_Focus = Annotated[float | None, typer.Option(metavar="DEPTH", help="Depth that appears in the display's plane; default: median")]
 
 
 def quilt(
@@ -39,7 +39,7 @@ def quilt(
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
-    """Draw an image with depth, or each frame of a recording, as a quilt for displays of many views."""
+    """Draw an image with depth, or each frame of a recording, as a quilt for multi-view displays."""
     rig = QuiltRig(grid, size, cone, focus)
     inputs = Inputs(sources, reading, lens, stored)
     outputs = picture_outputs(inputs, sources, output, suffix_of(grid, size or inputs.size), stored, video)

@@ -1,4 +1,4 @@
-"""Images with depth and recordings that commands are given to draw, with the options of how they are read."""
+"""Images with depth and recordings as inputs of commands, with the options for reading them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Sources = Annotated[
     list[Path],
     typer.Argument(
         metavar="COLOR DEPTH",
-        help="Image and planar depth; several such pairs; or recordings: a folder of images or a video, and a folder "
+        help="Image and planar depth; several such pairs; or recordings: a folder of images or a video, with a folder "
         "of depth; or one folder with both (TUM RGB-D, 7-Scenes, Redwood, COLMAP's dense workspace)",
     ),
 ]
@@ -41,7 +41,7 @@ _Cameras = Annotated[
     list[Path] | None,
     typer.Option(
         metavar="FILE[#NAME]",
-        help="The camera, or one for each pair: a calibration of any kind; a list, a folder of such, a COLMAP model",
+        help="The camera, or one for each pair: a calibration of any kind; a list, a folder of them, a COLMAP model",
     ),
 ]
 _DepthCameras = Annotated[
@@ -50,12 +50,12 @@ _DepthCameras = Annotated[
 ]
 _Poses = Annotated[
     list[Path] | None,
-    typer.Option(help="Where the camera was in each frame: TUM, KITTI, Redwood, 4 x 4 matrices, cameras as JSON"),
+    typer.Option(help="The camera poses of the frames: TUM, KITTI, Redwood, 4 x 4 matrices, cameras as JSON"),
 ]
 
 
 class Reading(NamedTuple):
-    """Options of what is read beside depth itself (`StoredDepth`) and lenses (`LensOptions`)."""
+    """Options for reading, except the storage of depth (`StoredDepth`) and lenses (`LensOptions`)."""
 
     camera: _Cameras = None
     take: Take = None
@@ -70,33 +70,33 @@ class Reading(NamedTuple):
 
 
 class Inputs:
-    """Images with depth: all of one scene, or frames one after the other.
+    """Images with depth: all of one scene, or a sequence of frames.
 
     Parameters
     ----------
     sources : list of Path
-        As users name them.
+        The paths as users name them.
     reading, lens, stored
         Their options.
     together : bool
-        All frames of recordings show one scene.
+        Whether all frames of recordings show one scene.
 
     Attributes
     ----------
     name : Path
-        Of the first source.
+        Path of the first source.
     size : (width, height)
-        Of its pictures.
+        Size of its pictures.
     is_scene : bool
-        Whether all are of one scene.
+        Whether all images show one scene.
     numbers : list of int, or None
-        The frames' own; None of one scene.
+        Numbers of the frames; None for one scene.
     count : int
         How many frames there are.
     film : Video, or None
-        What the frames are of.
+        The video that the frames come from.
     seen : DepthRange
-        What was read so far.
+        Range of the depth that was read so far.
     """
 
     def __init__(
@@ -106,8 +106,8 @@ class Inputs:
         self._options = InputOptions(sources, *given, reading.take, lens, stored.how.get("channel"))
         self._sources, are_stills = open_sources(self._options)
         if together and not all(source.is_placed for source in self._sources):
-            got = f"{len(self._sources[0].shots)} at one place"
-            raise ArgumentError("--together", "frames whose places are known, as by --poses", got)
+            got = f"{len(self._sources[0].shots)} without poses"
+            raise ArgumentError("--together", "frames with known poses, as by --poses", got)
         self.name, self.size = sources[0], self._sources[0].shots[0].camera.size
         self.is_scene = are_stills or together
         self.numbers = None if self.is_scene else [shot.number for shot in self._sources[0].shots]
@@ -127,11 +127,11 @@ class Inputs:
 
     @property
     def files(self) -> dict[str, list[Path]]:
-        """All files that are read, by what users call them."""
+        """All files that are read, by option or argument."""
         return self._options.read(self._sources)
 
     def frames(self, skipped: Collection[int] = ()) -> Iterator[tuple[int, Sequence[DepthImage]]]:
-        """Each frame's place and its views; of one scene all views, once. In the end it is told what was lost.
+        """Yield each frame's index and views, or all views of one scene once; report lost frames at the end.
 
         skipped: numbers of frames that are left out.
         """

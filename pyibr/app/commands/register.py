@@ -1,4 +1,4 @@
-"""`pyibr register`: depth and colour of two cameras, of single frames and of recordings."""
+"""`pyibr register`: registers depth and colour of two cameras, for single frames and recordings."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _Given = tuple[Shot, Depth, Color | None]
 _Pictures = Annotated[
     Path | None,
     typer.Option(
-        help="Its image, a folder of images or a video; a recording's folder again: write colours for the depth, "
+        help="Its image, a folder of images, a video, or DEPTH's folder again: write colours for the depth samples, "
         "black if unseen"
     ),
 ]
@@ -59,7 +59,7 @@ def register(
     ],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="The registered depth; with --color, the colours; of several OUT_0000"),
+        typer.Option("--output", "-o", help="The registered depth; with --color, the colours; several: OUT_0000, ..."),
     ],
     color: _Pictures = None,
     take: Take = None,
@@ -70,10 +70,10 @@ def register(
     *,
     stored: StoredDepth,
     exposure: ExposureOption = 0.0,
-    seen_out: Annotated[Path | None, typer.Option(help="With --color: write the mask of what has one, too")] = None,
+    seen_out: Annotated[Path | None, typer.Option(help="With --color: also write the mask of samples with a colour")] = None,
     device: DeviceName = None,
 ) -> None:
-    """Bring depth into a colour camera's image, or colours to the samples of depth; of each frame of a recording."""
+    """Register depth to a colour camera's image, or colours to depth samples; for each frame of a recording."""
     if seen_out is not None and color is None:
         raise ArgumentError("--seen-out", "--color with it", "none")
     inputs = InputOptions([depth], [color_camera], [depth_camera], [], take, channel=stored.how.get("channel"))
@@ -103,13 +103,13 @@ def register(
                 outputs.write(images, shot.number, float(covered.mean()), shot.camera)
                 size = covered.shape[1], covered.shape[0]
         losses.tell(some=size != (0, 0))
-    outputs.tell(size, "frames", "no depth is in view", seen)
+    outputs.tell(size, "frames", "their depth is out of view", seen)
 
 
 def _read(
     source: Source, depths: DepthReader, pictures: Iterator[Color | None] | None, exposure: Exposure, far: float
 ) -> Iterator[_Given]:
-    """Frames with their depth nearer than `far` and, if there are pictures, theirs; without those that are lost."""
+    """Usable frames with their depth nearer than `far`, and with their pictures, if any."""
     for shot in source.shots:
         picture = None if pictures is None else next(pictures)
         depth = depths.read(shot)
@@ -121,7 +121,7 @@ def _read(
 def _registered(
     depths: DepthReader, shot: Shot, depth: Depth, picture: Color | None
 ) -> tuple[dict[Kind, NDArray[Any]], NDArray[np.bool_]]:
-    """Register a frame: the images to write, and the pixels that are covered."""
+    """Register a frame; return the images to write and the mask of covered pixels."""
     with depths.naming(shot):
         if picture is None:
             made = depths.registered(shot, depth)

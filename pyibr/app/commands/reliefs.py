@@ -1,4 +1,4 @@
-"""`pyibr relief` and `pyibr slices`: a mesh and a height map, as pictures, on a turntable, in light."""
+"""`pyibr relief` and `pyibr slices`: pictures and turntables of a mesh with a height map."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ from pyibr.slicing.surface import Slicing
 
 _MeshFile = Annotated[Path, typer.Argument(metavar="MESH", help="With uv: GLB, OBJ, PLY ...")]
 _HeightFile = Annotated[Path, typer.Argument(metavar="HEIGHT", help=HEIGHT_HELP)]
-_Output = Annotated[Path, typer.Option("--output", "-o", help="A picture; of --frames OUT_0000, ... or a video")]
+_Output = Annotated[Path, typer.Option("--output", "-o", help="A picture; with --frames OUT_0000, ... or a video")]
 
 
 class ShadingOptions(NamedTuple):
-    """Options of the light that falls on a surface, and of how finely its maps are read."""
+    """Options of the light on a surface, and of the filtering of its maps."""
 
     light: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="Where light goes, as the camera sees it: right, down, forward"),
+        typer.Option(metavar="X Y Z", help="Direction of the light in the camera's axes: right, down, forward"),
     ] = None
     lamp: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="Where a lamp is, from the camera, in scene units; with --light a spot"),
+        typer.Option(metavar="X Y Z", help="Position of a lamp relative to the camera, in scene units; with --light a spot"),
     ] = None
-    ambient: Annotated[float, typer.Option(help="The part of the light that comes from everywhere, 0 to 1")] = 0.25
-    shadows: Annotated[bool, typer.Option("--shadows/--no-shadows", help="Whether they are cast")] = True
-    anisotropy: Annotated[int, typer.Option(help="Readings of the colours a pixel, 1 to 64, where seen aslant")] = 8
+    ambient: Annotated[float, typer.Option(help="Share of ambient light, 0 to 1")] = 0.25
+    shadows: Annotated[bool, typer.Option("--shadows/--no-shadows", help="Whether shadows are cast")] = True
+    anisotropy: Annotated[int, typer.Option(help="Texture reads a pixel for oblique surfaces, 1 to 64")] = 8
 
     def light_before(self, camera: Camera) -> Light | None:
-        """The light, if any is asked for: it stays where it is before the camera, while a turntable turns."""
+        """The light, if an option asks for one. It is fixed to this camera and does not turn with a turntable."""
         if self.light is None and self.lamp is None:
             return None
         turned = camera.world_from_camera[:3, :3]
@@ -64,12 +64,12 @@ def relief(
     *,
     maps: MapOptions,
     silhouette: Annotated[
-        Silhouette, typer.Option(help="The relief's own outline, or none: all of the mesh is covered")
+        Silhouette, typer.Option(help="Outline of the relief; none: the whole mesh is covered")
     ] = "quadric",
-    distance: Annotated[Distance, typer.Option(help="How deep a ray is: below the mesh itself, or below quadrics")] = (
+    distance: Annotated[Distance, typer.Option(help="Depth of a ray: below the mesh itself, or below quadrics")] = (
         "exact"
     ),
-    shadow: Annotated[Shadow, typer.Option(help="By a shadow map, or by a search of the relief")] = "map",
+    shadow: Annotated[Shadow, typer.Option(help="Shadows by a shadow map, or by a search of the relief")] = "map",
     turn: TurntableOptions,
     shading: ShadingOptions,
     exposure: ExposureOption = 0.0,
@@ -91,16 +91,16 @@ def slices(
     *,
     maps: MapOptions,
     slices: Annotated[
-        str, typer.Option(metavar="N", help="Over the height; view: as many as each picture needs, between them exact")
+        str, typer.Option(metavar="N", help="Number of slices; view: as many as each picture needs, exact between them")
     ] = "view",
-    slicing: Annotated[Slicing, typer.Option(help="Which way slices lie")] = "orthogonal",
+    slicing: Annotated[Slicing, typer.Option(help="Orientation of the slices")] = "orthogonal",
     turn: TurntableOptions,
     shading: ShadingOptions,
     exposure: ExposureOption = 0.0,
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
-    """Raise a mesh along its normals by a height map, black at its surface and white above, and draw it by slices."""
+    """Raise a mesh by a height map, black at its surface and white above, and draw it by slices."""
     if slices != "view" and not slices.isdecimal():
         raise ArgumentError("--slices", "a whole number, or view", slices)
     how = {"slices": int(slices) if slices.isdecimal() else slices, "slicing": slicing}

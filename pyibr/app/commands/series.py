@@ -1,4 +1,4 @@
-"""Pictures, or depth, of a file, a folder or a video, one after the other."""
+"""Sequences of pictures or depth, from a file, a folder or a video."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from pyibr.io.video import SUFFIXES, Video
 
 
 class Series(NamedTuple):
-    """Frames of one place.
+    """Frames of one path.
 
     Attributes
     ----------
     names : list of str
-        Those of the files without their suffixes, or the frames' numbers.
+        Names of the files without suffix, or numbers of the frames.
     files : list of Path
     read : callable
-        Gives the frames of these numbers, which grow.
+        Returns the frames with given numbers, in ascending order.
     fps : float, or None
     is_single : bool
-        Whether it is one image in a file of its own.
+        Whether the path is a single image.
     """
 
     names: list[str]
@@ -50,7 +50,10 @@ def pictures_in(path: Path, exposure: Exposure) -> Series:
 
 
 def depths_in(path: Path, stored: StoredDepth, camera: Camera | None) -> Series:
-    """The depth of a path; camera: of distances."""
+    """The depth of a path.
+
+    camera: needed for depth that is distances.
+    """
     check_exists(path)
     frames = None if path.is_dir() else frames_in(path, stored.how.get("channel"))
     if frames is None:
@@ -63,7 +66,7 @@ def depths_in(path: Path, stored: StoredDepth, camera: Camera | None) -> Series:
 
 
 def paired(a: Series, b: Series, name: str) -> list[tuple[int, int]]:
-    """Places in two series that belong together: of files by their names, if they have any in common, else in order."""
+    """Pairs of indices into two series: files by their names, if they share any, else frames in order."""
     are_files = all(len(one.files) == len(one.names) for one in (a, b))
     places = {stem: number for number, stem in enumerate(b.names)} if are_files else {}
     pairs = [(number, places[stem]) for number, stem in enumerate(a.names) if stem in places]
@@ -76,7 +79,7 @@ def _of_files(path: Path, suffixes: Iterable[str], read: Callable[[Path], NDArra
     check_exists(path)
     files = files_in(path, tuple(suffixes)) if path.is_dir() else [path]
     if not files:
-        raise FileFormatError(f"{path}: no file in it that can be read: {', '.join(suffixes)}")
+        raise FileFormatError(f"{path}: expected a file of a known suffix in it: {', '.join(suffixes)}")
 
     def read_some(numbers: Iterable[int]) -> Iterator[NDArray[Any]]:
         return (read(files[number]) for number in numbers)

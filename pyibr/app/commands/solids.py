@@ -1,4 +1,4 @@
-"""`pyibr object` and `pyibr hull`: solids from images all round, as pictures or as meshes."""
+"""`pyibr object` and `pyibr hull`: solids from images taken all round, as pictures or as meshes."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from pyibr.slicing.solid import Missing
 
 _Output = Annotated[
     Path,
-    typer.Option("--output", "-o", help="A picture; of --frames OUT_0000, ... or a video; or a mesh: GLB, OBJ, PLY"),
+    typer.Option("--output", "-o", help="A picture; with --frames OUT_0000, ... or a video; or a mesh: GLB, OBJ, PLY"),
 ]
-_Resolution = Annotated[int, typer.Option(help="Of a mesh: cells along the solid's longest edge")]
+_Resolution = Annotated[int, typer.Option(help="Cells of a mesh along the solid's longest edge")]
 _Views = Annotated[
     Path, typer.Argument(metavar="VIEWS", help="A folder of pictures, their depth and cameras: a set, or a recording")
 ]
@@ -46,13 +46,13 @@ def object_(
     turn: TurntableOptions,
     resolution: _Resolution = 128,
     missing: Annotated[
-        Missing, typer.Option(help="What pixels without depth say: nothing there, or nothing")
+        Missing, typer.Option(help="Meaning of pixels without depth: no surface, or not known")
     ] = "empty",
     stored: StoredDepth,
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
-    """Make a solid of depth images all round, and draw it, on a turntable, or write its mesh."""
+    """Make a solid from depth images taken all round. Draw it, also on a turntable, or write its mesh."""
     write = _writer([views], output, turn, resolution, video)
     with device_of(device):
         write(DepthObject(stored.load(views), missing=missing))
@@ -60,14 +60,14 @@ def object_(
 
 def hull(
     views: Annotated[
-        Path, typer.Argument(metavar="PICTURES", help="A folder of pictures, with alpha; or VIEWS as of `object`")
+        Path, typer.Argument(metavar="PICTURES", help="A folder of pictures, with alpha; or VIEWS as for `object`")
     ],
     output: _Output,
     masks: Annotated[
-        Path | None, typer.Argument(metavar="MASKS", help="A folder of masks, not black where the thing is")
+        Path | None, typer.Argument(metavar="MASKS", help="A folder of masks, black outside the object")
     ] = None,
     camera: Annotated[
-        Path | None, typer.Option(help="Of the pictures: a list, a folder, a COLMAP model; default: JSON beside them")
+        Path | None, typer.Option(help="Cameras of the pictures: a list, a folder, a COLMAP model; default: JSON beside them")
     ] = None,
     *,
     turn: TurntableOptions,
@@ -76,7 +76,7 @@ def hull(
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
-    """Make the largest solid that fits into silhouettes, and draw it, on a turntable, or write its mesh."""
+    """Make the largest solid that fits into silhouettes. Draw it, also on a turntable, or write its mesh."""
     write = _writer([views, *([masks] if masks else [])], output, turn, resolution, video)
     with device_of(device):
         write(VisualHull(_silhouettes(views, masks, camera, stored)))
@@ -85,7 +85,7 @@ def hull(
 def _writer(
     folders: Sequence[Path], output: Path, turn: TurntableOptions, resolution: int, video: VideoOptions
 ) -> Callable[[DepthObject | VisualHull], None]:
-    """Return a function that writes what is asked for of a solid: this is checked now, before any work."""
+    """Return a function that writes the requested output of a solid; check the output first, before any work."""
     inputs = {"VIEWS": [file for folder in folders for file in folder.rglob("*")]}
     if not is_mesh_file(output):
         table = Turntable(output, turn, video, inputs)
@@ -93,7 +93,7 @@ def _writer(
     if given := [*given_of(turn._replace(up=None)), *given_of(video)]:
         raise ArgumentError(given[0], "a picture or a video for --output", str(output))
     if turn.up and output.suffix.lower() != ".glb":
-        raise ArgumentError("--up", "a picture, a video or .glb, which says what is up, for --output", str(output))
+        raise ArgumentError("--up", "a picture, a video or .glb, which has an up direction, for --output", str(output))
     check_mesh_file(output, textured=False, colored=True)
     check_outputs(inputs, {"--output": [output]})
 
@@ -109,7 +109,7 @@ def _writer(
 
 
 def _upright(mesh: Mesh, up: Up) -> Mesh:
-    """The mesh turned so that y is up: its axes in their order, each one further if need be."""
+    """The mesh turned so that y is up, by a cyclic shift of its axes."""
     vertices = np.roll(mesh.vertices, 1 - "xyz".index(up[-1]), axis=1)
     return Mesh(
         vertices * np.array((1, -1, -1), np.float32) if up[0] == "-" else vertices, mesh.faces, colors=mesh.colors
@@ -124,7 +124,7 @@ def _ball_of(solid: DepthObject | VisualHull) -> tuple[Float64, float]:
 def _silhouettes(
     views: Path, masks: Path | None, camera: Path | None, stored: StoredDepth
 ) -> Sequence[DepthImage | Silhouette]:
-    """The views of a folder: with depth; else pictures and masks, or their alpha, and cameras."""
+    """The views of a folder: depth images; else pictures with cameras and with masks or alpha."""
     if masks is None and camera is None and ((views / SET_FILE).exists() or find_recording(views) is not None):
         return stored.load(views)
     recording = paired(views, masks or views)
@@ -134,7 +134,7 @@ def _silhouettes(
     ):
         if pose is not None:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that not all is opaque is what the mask says
+                warnings.simplefilter("ignore")  # the mask holds the alpha, so the warning about it is not needed
                 shown = ibr.read_color(color)
             made.append(Silhouette(shown, read_mask(mask, of_alpha=masks is None), posed(own, pose)))
     return made

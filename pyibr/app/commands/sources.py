@@ -1,4 +1,4 @@
-"""Inputs of `warp` and `register`: pictures, depth and cameras that belong together."""
+"""Inputs of `warp` and `register`: matching pictures, depth and cameras."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ _Read = TypeVar("_Read")
 
 
 class Losses:
-    """Frames of recordings that cannot be used: they are left out, and told. Of single pictures it is a mistake.
+    """Unusable frames of recordings, which are left out and reported. For single pictures they are an error.
 
-    recorded: whether frames are of a recording.
+    recorded: whether the frames belong to a recording.
     """
 
     def __init__(self, recorded: bool) -> None:
@@ -49,7 +49,7 @@ class Losses:
         self._unsure: list[float] = []
 
     def or_none(self, made: Callable[[], _Read]) -> _Read | None:
-        """Return what is made of a frame's files; None if they cannot be used."""
+        """Return the result of `made`; None if a frame's files cannot be used."""
         try:
             return made()
         except FileFormatError as error:
@@ -59,11 +59,11 @@ class Losses:
             return None
 
     def add_unsure(self, share: float) -> None:
-        """Note which share of a frame's samples is left out for want of confidence."""
+        """Add a frame's share of samples that are left out for low confidence."""
         self._unsure.append(share)
 
     def tell(self, some: bool) -> None:
-        """Say which are lost; if there are no other frames, raise the first one's error."""
+        """Report lost frames; raise the first error if no frame is left."""
         if self._errors and not some:
             raise self._errors[0]
         if self._errors:
@@ -71,21 +71,21 @@ class Losses:
             print_note(f"{files} cannot be used; left out: {printable_text(self._errors[0])}")
         if any(self._unsure):
             share = sum(self._unsure) / len(self._unsure)
-            print_note(f"{share:.1%} of the samples are not sure enough (--min-confidence); left out")
+            print_note(f"{share:.1%} of the samples are left out for low confidence (--min-confidence)")
 
 
 @dataclass(frozen=True)
 class Source:
-    """Frames; of a video their numbers are those in it.
+    """Frames; frames of a video keep its frame numbers.
 
     Attributes
     ----------
     shots : list of Shot
     video : Video, or None
     cameras : sequence of Path
-        The recording's own, where it is a recording.
+        Camera files of the recording, if it is one.
     is_placed : bool
-        Whether anything tells where each frame was taken.
+        Whether the frames' poses are known.
     """
 
     shots: list[Shot]
@@ -94,7 +94,7 @@ class Source:
     is_placed: bool = False
 
     def colors(self, losses: Losses, skipped: Collection[int] = ()) -> Iterator[NDArray[Any] | None]:
-        """The pictures, one after the other, None where one is lost or its number skipped; of depth alone none."""
+        """Yield the pictures, None if one is lost or its number skipped; nothing for depth without pictures."""
         wanted = [shot.number for shot in self.shots if shot.number not in skipped]
         frames = None if self.video is None else self.video.frames(wanted)
         for shot in self.shots:
@@ -106,13 +106,13 @@ class Source:
                 yield losses.or_none(functools.partial(shot.stored.color, shot.color))
 
     def files(self) -> dict[str, list[Path]]:
-        """List the files that are read of it: colours and depth."""
+        """List the files to read: colours and depth."""
         colors = [shot.color for shot in self.shots if shot.color is not None]
         return {"COLOR": colors, "DEPTH": [shot.depth for shot in self.shots]}
 
 
 class InputOptions(NamedTuple):
-    """Options that name the inputs and say how they are read."""
+    """Options that name the inputs and how to read them."""
 
     inputs: list[Path]
     cameras: list[Path]
@@ -123,7 +123,7 @@ class InputOptions(NamedTuple):
     channel: str | None = None
 
     def read(self, sources: Sequence[Source]) -> dict[str, list[Path]]:
-        """All files that are read, by what users call them."""
+        """All files that are read, by option or argument."""
         each = [source.files() for source in sources]
         files = {name: [path for own in each for path in own[name]] for name in ("COLOR", "DEPTH")}
         options = {"--camera": self.cameras, "--depth-camera": self.depth_cameras, "--poses": self.poses}
@@ -131,7 +131,7 @@ class InputOptions(NamedTuple):
 
 
 def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
-    """The sources, and whether they are single pictures, which are one source then."""
+    """The sources, and whether they are single pictures, which then form one source."""
     recordings, are_stills = _recordings(options.inputs, options.channel)
     count = len(recordings)
     cameras = [options.cameras] if count == 1 else _each("--camera", options.cameras, count)
@@ -152,10 +152,10 @@ def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
 def open_depths(
     options: InputOptions, color: Path | None, alone: Callable[[Path, Stored], tuple[Camera, Camera | None]]
 ) -> tuple[Source, bool]:
-    """Frames of depth, with pictures if `color` or a recording has them, and whether it is a single frame.
+    """Frames of depth, with pictures if `color` or a recording has them, and whether there is a single frame.
 
-    alone: of depth without pictures, by its first file and how that is stored, the cameras: the picture's, and the
-    depth's if it is another.
+    alone: for depth without pictures, returns the cameras for its first file and its storage: the picture's camera,
+    and the depth's if it differs.
     """
     (depth,), take = options.inputs, options.take
     is_recording = color in (None, depth) and may_be_recording(depth) and find_recording(depth) is not None
@@ -167,7 +167,7 @@ def open_depths(
     found = Recording([], files_in(depth, DEPTH_SUFFIXES) if depth.is_dir() else [depth])
     found = found if frames is None else recorded([], frames)
     if not found.depths:
-        raise FileFormatError(f"{depth}: no file of depth in it")
+        raise FileFormatError(f"{depth}: expected a file of depth in it")
     is_still = not depth.is_dir() and frames is None
     stored = found.stored or [PLAIN] * len(found.depths)
     cameras = alone(found.depths[0], stored[0])
@@ -213,12 +213,12 @@ def _recorded(color: Path, depth: Path, channel: str | None) -> tuple[Recording,
 
 def _note_unpaired(recording: Recording) -> None:
     if recording.times is not None:
-        _note_left_out(len(recording.left_out), "no depth of its time", recording.colors)
+        _note_left_out(len(recording.left_out), "no depth at this time", recording.colors)
     elif recording.left_out:
         folders = " and ".join(dict.fromkeys(printable_text(files[0].parent) for files in recording[:2]))
         count, first = len(recording.left_out), printable_text(recording.left_out[0].name)
         what = f"1 file of {folders}, {first}:" if count == 1 else f"{count} files of {folders}, as {first}:"
-        print_note(f"{what} no partner by name or number; left out")
+        print_note(f"{what} no partner of the same name or number; left out")
 
 
 def _note_left_out(count: int, why: str, files: Sequence[Path]) -> None:
@@ -229,17 +229,17 @@ def _note_left_out(count: int, why: str, files: Sequence[Path]) -> None:
 
 
 def _each(option: str, given: Sequence[Path], count: int) -> list[list[Path]]:
-    """Give each recording its own value of an option, or none."""
+    """Give each recording its own value of an option, if any."""
     if given and len(given) != count:
         raise ArgumentError(option, f"one for each of the {count} sources" if count > 1 else "one", str(len(given)))
     return [[path] for path in given] if given else [[]] * count
 
 
 def _taken(take: str | None, count: int, are_stills: bool) -> range:
-    """Numbers of the frames that --take asks for."""
+    """Numbers of the frames that --take selects."""
     part = _part(take)
     if are_stills and take is not None:
-        raise ArgumentError("--take", "a recording to take frames of", "single pictures")
+        raise ArgumentError("--take", "a recording", "single pictures")
     numbers = range(count)[part]
     if not numbers:
         raise ArgumentError("--take", f"some of the {count} frames", str(take))
@@ -266,7 +266,7 @@ def _shots(
     taken: range,
     lens: LensOptions,
 ) -> tuple[list[Shot], bool]:
-    """The frames that are taken, without those of which no pose can be used, and whether poses are known at all."""
+    """The selected frames with a usable pose, and whether any poses are known."""
     first, file = recording.colors[0], next(iter(camera_files), None)
     if are_stills and recording.known is None and len(recording.colors) == 1 and not (camera_files[1:] or pose_files):
         own = lens.camera_of(first, file)
@@ -282,8 +282,8 @@ def _shots(
     of_depth = [depth_camera_in(path, recording.depths[0], stored) for path in depth_camera_files]
     shots = shots_of(recording, cameras, next(iter(of_depth), None))
     found = [shot for place in taken if (shot := shots[place]) is not None]
-    why = "no usable pose" if recording.times is None else "no pose of its time"
+    why = "no usable pose" if recording.times is None else "no pose at this time"
     _note_left_out(len(taken) - len(found), why, recording.colors)
     if not found:
-        raise FileFormatError(f"{recording.colors[taken[0]]}: {why}, nor for any other")
+        raise FileFormatError(f"{recording.colors[taken[0]]}: {why}, as for all other frames")
     return found, are_placed(cameras)

@@ -1,4 +1,4 @@
-"""`pyibr stereo`: pictures for two eyes, of images with depth and of recordings."""
+"""`pyibr stereo`: pictures for two eyes, from images with depth and from recordings."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from pyibr.app.options import DeviceName, FillOption, Samples, StoredDepth, devi
 from pyibr.capture.stereo import SUFFIXES, Layout, StereoRig, SyntheticView, joined
 
 _LAYOUT = "Side by side (sbs) or top and bottom (tb), full or half; or an anaglyph: dubois, gray"
-_Divergence = Annotated[float, typer.Option(help="Per cent of the width: how much farther the nearest shifts")]
-_Convergence = Annotated[float, typer.Option(help="What is in the screen's plane: 0, the farthest, to 1, the nearest")]
-_Synthetic = Annotated[SyntheticView, typer.Option(help="Eyes that are beside the camera; another one is at it")]
+_Divergence = Annotated[float, typer.Option(help="Shift of the nearest relative to the farthest, in per cent of the width")]
+_Convergence = Annotated[float, typer.Option(help="Depth in the screen's plane: 0, the farthest, to 1, the nearest")]
+_Synthetic = Annotated[SyntheticView, typer.Option(help="Eyes that are rendered beside the camera; any other eye is at the camera")]
 _Range = Annotated[
     tuple[float, float] | None,
-    typer.Option(metavar="NEAR FAR", help="Depths of the nearest and the farthest; default: by the first frame"),
+    typer.Option(metavar="NEAR FAR", help="Nearest and farthest depth; default: by the first frame"),
 ]
 
 

@@ -18,7 +18,7 @@ Move = tuple[float, float, float]
 
 
 class Job(NamedTuple):
-    """A view to draw, and its number among those that are written."""
+    """A view to draw, and its number among the written views."""
 
     views: Sequence[DepthImage]
     target: Camera
@@ -26,16 +26,16 @@ class Job(NamedTuple):
 
 
 class Targets:
-    """The new cameras, of which exactly one option tells.
+    """The new cameras, given by exactly one option.
 
     Parameters
     ----------
     to : path, or None
         A file or folder with cameras.
     move, orbit
-        Steps and degrees from the (first) source's camera on.
+        Steps and degrees from the camera of the (first) source.
     frames : int
-        Views on the way there.
+        Number of views along the path.
     """
 
     def __init__(self, to: Path | None, move: Move | None, orbit: float | None, frames: int) -> None:
@@ -51,7 +51,7 @@ class Targets:
         self._is_compared = False
 
     def count(self, recorded: int | None) -> int | None:
-        """Count the new views of a recording of so many frames, or of one scene (None); None: a single one."""
+        """Number of new views of a recording with `recorded` frames, or of one scene (None); None for a single view."""
         if recorded is None:
             several = self._frames if self._to is None else len(self._to)
             return several if several > 1 else None
@@ -63,12 +63,12 @@ class Targets:
         return recorded
 
     def of_scene(self, views: Sequence[DepthImage], count: int | None) -> Iterator[Job]:
-        """All views for each target."""
+        """Yield a job with all views for each target."""
         for number, part in enumerate(np.linspace(0, 1, count) if count else [1.0]):
             yield Job(views, self._camera(views, number, float(part)), number)
 
     def of_frame(self, views: Sequence[DepthImage], place: int, number: int) -> Job:
-        """The views of a recording's frame, which has its own number, for its target."""
+        """The job of a recording's frame: its views, its target and its number."""
         return Job(views, self._camera(views, place, 1.0), number)
 
     def _camera(self, views: Sequence[DepthImage], number: int, part: float) -> Camera:
@@ -80,19 +80,19 @@ class Targets:
             return camera.moved(*(part * np.array(self._move)))
         distance = self._depth_of(views)
         if distance is None:
-            return camera  # which sees nothing
+            return camera  # there is no depth to see
         return camera.orbited(part * (self._orbit or 0.0), camera.center + camera.forward * distance)
 
     def _depth_of(self, views: Sequence[DepthImage]) -> float | None:
-        """Median depth of the first frame that has any: were it each frame's own, the view would tremble."""
+        """Median depth of the first frame with depth; a median for each frame would make the view shake."""
         if self._distance is None:
             depths = next((view.depth[view.valid] for view in views if view.valid.any()), None)
             self._distance = None if depths is None else float(np.median(depths))
         return self._distance
 
     def _compare(self, views: Sequence[DepthImage], move: float) -> None:
-        """Tell, once, of a move that is no move, or leads far out of the scene."""
+        """Note, once, a move that is negligible or leads far out of the scene."""
         distance, is_new = self._depth_of(views), not self._is_compared
         self._is_compared = True
         if is_new and distance is not None and move > 0 and not 1e-3 <= move / distance <= 2:
-            print_note(f"--move: by {move:.3g}, where the depth is {distance:.3g} (median): are they of one unit?")
+            print_note(f"--move: moves by {move:.3g} at a median depth of {distance:.3g}; are both in the same unit?")

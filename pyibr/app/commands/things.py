@@ -1,4 +1,4 @@
-"""Things as commands are given them: meshes, folders of depth images, and single images with depth."""
+"""Things that commands draw: meshes, folders of depth images, and single images with depth."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ ThingFiles = Annotated[
     list[Path],
     typer.Argument(metavar="THINGS...", help="Meshes; folders of depth images; or COLOR DEPTH, with --camera"),
 ]
-StartCamera = Annotated[Path | None, typer.Option("--start", help="The camera to begin with: JSON")]
+StartCamera = Annotated[Path | None, typer.Option("--start", help="The initial camera: JSON")]
 UpOption = Annotated[
-    Up | None, typer.Option("--up", help="What is up in the world; of meshes but GLB and GLTF it is y by default")
+    Up | None, typer.Option("--up", help="Up direction of the world; default for meshes: y, except GLB and GLTF")
 ]
 
 
 class Things:
-    """Reads what is named on the command line."""
+    """Reads the things named on the command line."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class Things:
         self._default_depth: float | DefaultDepth | None = default_depth_of(default_depth)
 
     def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
-        """The things, and whether they are meshes whose files say nothing of what is up, but for y by custom."""
+        """The things, and whether all are meshes whose files do not define an up direction, so that it is y by custom."""
         things: list[DepthImage | Mesh] = []
         customary = True
         rest = list(names)
@@ -69,7 +69,7 @@ class Things:
             elif is_mesh_file(name):
                 things.append(Mesh.load(name))
             elif not rest:
-                raise ArgumentError("THINGS", f"a depth after the color {printable_text(name)}", "none")
+                raise ArgumentError("THINGS", f"a depth file after the image {printable_text(name)}", "none")
             else:
                 color = self._exposure.read(name)
                 own, far = self._lens.camera_of(name, self._camera), self._stored.empty_from
@@ -81,7 +81,7 @@ class Things:
     def _cleaned(
         self, color: NDArray[Any], depth: NDArray[np.float32], camera: Camera
     ) -> tuple[NDArray[np.float32], float | None]:
-        """The depth, and its noise if that is told; what is left of it by cleaning is found."""
+        """The depth, and its noise if given; None after cleaning: the remaining noise is estimated."""
         how, told = self._cleaning, deviation_of(self._noise, camera)
         return (
             (depth, told) if how is None else (ibr.clean_depth(depth, color, noise=told, **how._asdict()).depth, None)
@@ -89,7 +89,7 @@ class Things:
 
 
 def customary_up(mesh: Path) -> Up | None:
-    """The direction that is up in a mesh's file by custom; None of GLB and GLTF, which say it."""
+    """Customary up direction of a mesh file; None for GLB and GLTF, which define it."""
     return None if mesh.name.lower().endswith((".glb", ".gltf")) else "y"
 
 

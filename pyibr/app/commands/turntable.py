@@ -1,4 +1,4 @@
-"""Pictures of things from cameras that are told, or on a turntable."""
+"""Pictures of things from given cameras, or on a turntable."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from pyibr.picture.render import Thing
 
 
 class TurntableOptions(NamedTuple):
-    """Options of where pictures are taken from, and how finely."""
+    """Options of the cameras and of the sampling."""
 
     to: Annotated[
         Path | None,
-        typer.Option(help="The picture's camera, or several, as --camera of `warp`; default: chosen"),
+        typer.Option(help="The picture's camera, or several, as --camera of `warp`; default: chosen automatically"),
     ] = None
-    orbit: Annotated[float, typer.Option(metavar="DEGREES", help="How far --frames turn about the thing's middle")] = (
+    orbit: Annotated[float, typer.Option(metavar="DEGREES", help="Angle of the turn by --frames about the thing's middle")] = (
         360.0
     )
     frames: Annotated[
-        int, typer.Option(min=1, max=100_000, help="Pictures of a turntable, the first from the camera")
+        int, typer.Option(min=1, max=100_000, help="Number of pictures of a turntable, the first from the camera")
     ] = 1
     size: Size = None
     up: UpOption = None
@@ -43,12 +43,12 @@ class TurntableOptions(NamedTuple):
 
 
 class Turntable:
-    """Pictures of a thing, one, several or a video: what is asked for is checked before any work.
+    """A picture, numbered pictures or a video of a thing; options are checked before any work.
 
     Parameters
     ----------
     output : path
-        Of the picture, of numbered ones, or of a video.
+        Path of the picture, of numbered pictures, or of a video.
     turn : TurntableOptions
     video : VideoOptions
     inputs : mapping
@@ -76,21 +76,21 @@ class Turntable:
         light: Callable[[Camera], Light | None] = lambda _: None,
         anisotropy: int = 1,
     ) -> None:
-        """Draw the pictures, and say so.
+        """Draw the pictures and report them.
 
         Parameters
         ----------
         thing : thing
         ball : (3,), float
-            Middle, which it is turned about, and radius of a ball that it is in.
+            Middle and radius of a ball that contains the thing; the turntable turns about the middle.
         start : Camera, optional
-            The first camera, unless options tell one; by default one that sees the ball from above and aside.
+            The first camera, unless options set it; by default a camera that sees the ball obliquely from above.
         up : str, optional
-            Up in the world, unless options tell it; by default as the first camera has it.
+            Up in the world, unless options set it; by default the first camera's up direction.
         light : callable, optional
-            Of a camera: its light.
+            Returns the light for a camera.
         anisotropy : int
-            As `pyibr.render` takes it.
+            As for `pyibr.render`.
         """
         turn, (middle, radius) = self._turn, ball
         axis = direction_of(turn.up or up)
@@ -107,4 +107,4 @@ class Turntable:
             for number, camera in enumerate(with_progress(cameras, len(cameras), "Drawing")):
                 frame = ibr.render(thing, camera, light(camera), samples=turn.samples, anisotropy=anisotropy)
                 outputs.write({"color": frame.color}, number, float(frame.valid.mean()), camera)
-        outputs.tell(cameras[0].size, "views", "its camera sees nothing of it")
+        outputs.tell(cameras[0].size, "views", "the thing is out of view")

@@ -25,13 +25,13 @@ Depth = NDArray[np.float32]
 
 
 class DepthRange:
-    """The least and the greatest depth that was read so far."""
+    """Smallest and largest depth read so far."""
 
     def __init__(self) -> None:
         self._range = np.inf, -np.inf
 
     def add(self, depth: Depth) -> None:
-        """Take a frame's depth into it."""
+        """Extend the range by a frame's depth."""
         known = depth[np.isfinite(depth) & (depth > 0)]
         if known.size:
             self._range = min(self._range[0], float(known.min())), max(self._range[1], float(known.max()))
@@ -42,10 +42,10 @@ class DepthRange:
 
 
 class DepthOptions(NamedTuple):
-    """Options of reading depth: as it is stored, --default-depth, --clean, --noise with --baseline.
+    """Options for reading depth: its storage, --default-depth, --clean, --noise with --baseline.
 
-    `steady`: they come one after the other, and each is cleaned by what is known from the last; else they are all of
-    one scene. `recorded`: a frame may lack depth altogether, and errors name it. `seen`: what came.
+    `steady`: frames form a sequence, and the last frame helps to clean the next; else all show one scene.
+    `recorded`: frames may lack depth, and errors name the frame. `seen`: collects the depth range.
     """
 
     stored: StoredDepth
@@ -58,9 +58,9 @@ class DepthOptions(NamedTuple):
 
 
 class DepthReader:
-    """Depth of frames, one after the other: read and, if that is asked for, cleaned by what is known from the last.
+    """Reads the depth of a sequence of frames, and cleans it, if asked for, with the last frame's help.
 
-    invented: where the last one that was read and cleaned was not measured.
+    invented: mask of the samples of the last cleaned frame that were not measured.
     """
 
     def __init__(self, depth_options: DepthOptions, losses: Losses) -> None:
@@ -69,7 +69,7 @@ class DepthReader:
         self.invented: NDArray[np.bool_] | None = None
 
     def read(self, shot: Shot, color: NDArray[Any] | None = None) -> Depth | None:
-        """The frame's depth, None if it is lost; `color` guides the cleaning, if it is of the depth's camera."""
+        """The frame's depth, None if it is lost; `color` guides the cleaning if depth and colours share a camera."""
         return self._losses.or_none(lambda: self._read(shot, color))
 
     def _read(self, shot: Shot, color: NDArray[Any] | None) -> Depth:
@@ -93,11 +93,11 @@ class DepthReader:
         return depth
 
     def is_blank(self, depth: Depth) -> bool:
-        """Tell whether it is a frame of a recording without any depth."""
+        """Tell whether the frame belongs to a recording and has no depth."""
         return self._options.recorded and not (np.isfinite(depth) & (depth > 0)).any()
 
     def registered(self, shot: Shot, depth: Depth) -> Depth:
-        """The frame's depth in the camera of its colours."""
+        """Register the frame's depth to the camera of its colours."""
         if shot.depth_camera is None:
             return depth
         if self.is_blank(depth):
@@ -105,18 +105,18 @@ class DepthReader:
         return ibr.register(depth, shot.depth_camera, shot.camera, noise=self.noise_of(shot))
 
     def noise_of(self, shot: Shot) -> float | None:
-        """The noise of the frame's depth, as `DepthImage` takes it; what is left of it by cleaning is found."""
+        """Noise of the frame's depth for `DepthImage`; None after cleaning: the remaining noise is estimated."""
         return None if self._options.clean else deviation_of(self._options.noise, shot.depth_camera or shot.camera)
 
     def naming(self, shot: Shot) -> AbstractContextManager[None]:
-        """Errors name the frame of a recording."""
+        """Context in which errors name the frame of a recording."""
         return _naming(shot) if self._options.recorded else nullcontext()
 
 
 def views_of(
     source: Source, depth_options: DepthOptions, losses: Losses, exposure: Exposure, skipped: Collection[int] = ()
 ) -> Iterator[DepthImage | None]:
-    """The frames of a source, one after the other; None where one is lost, or its number skipped."""
+    """Yield the frames of a source; None if a frame is lost or its number skipped."""
     depths = DepthReader(depth_options, losses)
     for shot, stored in zip(source.shots, source.colors(losses, skipped), strict=True):
         color = None if stored is None else exposure.shown(stored, shot.color)
@@ -146,30 +146,30 @@ def _view_of(
 
 
 def _check_size(depth: Depth, color: NDArray[Any], camera: Camera) -> None:
-    """Raise ArgumentError if the camera or the depth alone is of another size, and say what helps."""
+    """Raise ArgumentError with a hint if only the camera or only the depth has another size."""
     size = camera.width, camera.height
     if depth.shape == color.shape[:2] and color.shape[1::-1] != size:
         is_alike = color.shape[1] * size[1] == color.shape[0] * size[0]
-        helps = " (Camera.resized makes one of the same view)" if is_alike else ""
-        expected = f"that of {color.shape[1]}x{color.shape[0]} pixels, as the picture and its depth have{helps}"
-        raise ArgumentError("camera", expected, f"one of {size[0]}x{size[1]}")
+        helps = " (Camera.resized converts it)" if is_alike else ""
+        expected = f"a camera of {color.shape[1]}x{color.shape[0]} pixels, as picture and depth have{helps}"
+        raise ArgumentError("camera", expected, f"a camera of {size[0]}x{size[1]}")
     if depth.shape[::-1] != size and color.shape[1::-1] == size:
-        expected = f"{size[0]}x{size[1]} samples, as its picture has pixels (else --depth-camera with its own camera)"
+        expected = f"{size[0]}x{size[1]} samples, the size of its picture (or give --depth-camera)"
         raise ArgumentError("depth", expected, f"{depth.shape[1]}x{depth.shape[0]}")
 
 
 def _carried(last: DepthImage, camera: Camera) -> Depth:
-    """Depth of the last frame as the camera sees it now."""
+    """Warp the last frame's depth to the current camera."""
     if camera == last.camera:
         return last.depth
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # it may see nothing of it
+        warnings.simplefilter("ignore", UserWarning)  # the last frame may be out of view
         return ibr.warp(last, camera).depth
 
 
 @contextmanager
 def _naming(shot: Shot) -> Generator[None, None, None]:
-    """Errors of a frame's arrays become those of its files."""
+    """Context that turns errors of a frame's arrays into errors of its files."""
     try:
         yield
     except ArgumentError as error:

@@ -1,4 +1,4 @@
-"""`pyibr warp`: new views of images with depth, and of recordings of depth cameras."""
+"""`pyibr warp`: new views of images with depth, and of recordings."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ _Orbit = Annotated[
 _Frames = Annotated[
     int,
     typer.Option(
-        min=1, max=100_000, help="Views along --move or --orbit, the source's first: OUT_0000, ... or a video"
+        min=1, max=100_000, help="Views along --move or --orbit, starting at the source: OUT_0000, ... or a video"
     ),
 ]
 _CutRatio = Annotated[
     float | None,
-    typer.Option(metavar="R", help="Cut where neighbours' depths differ by more; default: by shape and noise"),
+    typer.Option(metavar="R", help="Cut between neighbours whose depths differ by more; default: by shape and noise"),
 ]
 
 
 def warp(
     sources: Sources,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The new view; of several: OUT_0000, ... or a video")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The new view; several: OUT_0000, ... or a video")],
     *,
     reading: Reading,
     lens: LensOptions,
@@ -59,18 +59,18 @@ def warp(
     orbit: _Orbit = None,
     frames: _Frames = 1,
     together: Annotated[bool, typer.Option("--together", help="All frames of a recording show one scene")] = False,
-    method: Annotated[Method, typer.Option(help="How the surface is searched")] = "epipolar",
-    interpolation: Annotated[Interpolation, typer.Option(help="How depth and colour are read")] = "linear",
-    edges: Annotated[Edges, typer.Option(help="Neighbours are cut apart at depth edges, or one surface")] = "cut",
+    method: Annotated[Method, typer.Option(help="How surfaces are found")] = "epipolar",
+    interpolation: Annotated[Interpolation, typer.Option(help="Interpolation of depth and colour")] = "linear",
+    edges: Annotated[Edges, typer.Option(help="Cut neighbours at depth edges, or connect them to one surface")] = "cut",
     cut_ratio: _CutRatio = None,
-    thin: Annotated[bool, typer.Option("--thin", help="Things one sample thin as wide as their samples")] = False,
+    thin: Annotated[bool, typer.Option("--thin", help="Draw objects one sample wide as wide as their samples")] = False,
     fill: FillOption = "none",
-    side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",
+    side: Annotated[Side, typer.Option(help="Visible sides of the surface")] = "front",
     samples: Samples = 1,
-    blend: Annotated[Blend, typer.Option(help="Several views: by how well each saw it; the nearest")] = "quality",
-    depth_out: Annotated[Path | None, typer.Option(help="Write the new view's depth too")] = None,
-    valid_out: Annotated[Path | None, typer.Option(help="Write the mask of what is no hole too")] = None,
-    skip_existing: Annotated[bool, typer.Option("--skip-existing", help="Leave out views that are there")] = False,
+    blend: Annotated[Blend, typer.Option(help="Several views: weighted by quality, or the nearest")] = "quality",
+    depth_out: Annotated[Path | None, typer.Option(help="Also write the new view's depth")] = None,
+    valid_out: Annotated[Path | None, typer.Option(help="Also write the mask of pixels that are not holes")] = None,
+    skip_existing: Annotated[bool, typer.Option("--skip-existing", help="Skip views whose files exist")] = False,
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
@@ -90,25 +90,25 @@ def warp(
     draw = functools.partial(drawn_views, samples=samples, how=how)
     with device_of(device), outputs:
         size = _write(_jobs(inputs, targets, count, done), draw, outputs, count)
-    outputs.tell(size, "views", f"its camera sees nothing of {printable_text(sources[0])}", inputs.seen)
+    outputs.tell(size, "views", f"{printable_text(sources[0])} is out of view", inputs.seen)
 
 
 def _files(output: Path, depth_out: Path | None, valid_out: Path | None) -> dict[str, tuple[Path | None, Kind]]:
-    """Files to write, by their options, and what they hold."""
+    """Files to write and their kind, by option."""
     return {"--output": (output, "color"), "--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
 
 
 def _done(outputs: Outputs, count: int | None, output: Path) -> set[int]:
-    """Numbers of the frames that are there; if all are, the command ends."""
+    """Numbers of the frames whose files exist; exit if all do."""
     done = outputs.done()
     if len(done) == (count or 1):
-        typer.echo(f"{printable_text(output)}: all of it is there already")
+        typer.echo(f"{printable_text(output)}: all files exist already")
         raise typer.Exit
     return done
 
 
 def _jobs(inputs: Inputs, targets: Targets, count: int | None, done: set[int]) -> Iterator[Job]:
-    """The views to draw, without those that are done."""
+    """Yield the views to draw, except finished ones."""
     if inputs.numbers is None:
         for _, views in inputs.frames():
             yield from (job for job in targets.of_scene(views, count) if job.number not in done)
@@ -118,7 +118,7 @@ def _jobs(inputs: Inputs, targets: Targets, count: int | None, done: set[int]) -
 
 
 def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None) -> tuple[int, int]:
-    """Draw and write the views; returns the last one's size."""
+    """Draw and write the views; return the size of the last view."""
     size = 0, 0
     for views, target, number in with_progress(read_ahead(jobs), count or 1, "Warping"):
         (frame,) = draw(views, [target])
