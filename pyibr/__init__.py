@@ -1,7 +1,7 @@
 """New views from images with depth, on any OpenCL device.
 
-Importing this package touches no device, and loads neither pyopencl nor OpenCV. `slicing`, `relief`, `depthmesh` and the
-pages are loaded on first use.
+Importing this package touches no device, and loads neither pyopencl nor OpenCV. `slicing`, `relief`, `depthmesh` and
+the pages are loaded on first use.
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ def view_pages(browser: Any) -> dict[str, Image.Image]:
     start = ibr.Camera.look_at((-11.5, -14.0, 6.5), (0.6, -0.4, -0.2), (0, 0, 1), (480, 400), fov_y=40)
 
     def classes(page: Any) -> None:
-        choose(page, "Show", "what pixels are")
+        choose(page, "Show", "pixel classes")
 
     def compared(page: Any) -> None:
         choose(page, "Compare with", "depth mesh")

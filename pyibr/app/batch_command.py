@@ -29,7 +29,7 @@ def batch(
 ) -> None:
     """Run a command for each set of files that patterns match, in several processes, by Dask.
 
-    Results are recorded with checksums, so that an interrupted job resumes. Paths are relative to this folder.
+    Results are recorded with checksums, so that an interrupted job resumes. Paths are relative to the current folder.
     """
     read = _read(job)
     with progress() as bar:

@@ -51,7 +51,10 @@ Sharpen = Annotated[
     bool | None, typer.Option("--sharpen/--no-sharpen", help="Sharpen soft edges; default: only for relative depth")
 ]
 DefaultDepthText = Annotated[
-    str, typer.Option(metavar="DEPTH", help="Depth for samples without depth, such as sky; farthest: the farthest sample's; none")
+    str,
+    typer.Option(
+        metavar="DEPTH", help="Depth for samples without depth, such as sky; farthest: the farthest sample's; none"
+    ),
 ]
 DepthScale = Annotated[
     float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
@@ -74,7 +77,9 @@ MinConfidence = Annotated[
 ]
 DepthChannel = Annotated[
     str | None,
-    typer.Option(metavar="[PART:]CHANNEL", help="Channel of depth in EXR, as ViewLayer.Depth.Z; in NPZ the array's name"),
+    typer.Option(
+        metavar="[PART:]CHANNEL", help="Channel of depth in EXR, as ViewLayer.Depth.Z; in NPZ the array's name"
+    ),
 ]
 ExposureOption = Annotated[
     float, typer.Option("--exposure", metavar="STOPS", help="Brighten colours in EXR by 2^STOPS")
@@ -87,8 +92,12 @@ Baseline = Annotated[
     float | None, typer.Option(help="Baseline of the two cameras that measured the depth, in scene units; for --noise")
 ]
 Take = Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording to use, as 10:90:2")]
-FillOption = Annotated[Literal["none", Fill], typer.Option("--fill", help="Fill holes: from the background, from all around")]
-Size = Annotated[tuple[int, int] | None, typer.Option(metavar="W H", help="Size of the pictures; default: the camera's")]
+FillOption = Annotated[
+    Literal["none", Fill], typer.Option("--fill", help="Fill holes: from the background, from all around")
+]
+Size = Annotated[
+    tuple[int, int] | None, typer.Option(metavar="W H", help="Size of the pictures; default: the camera's")
+]
 Samples = Annotated[int, typer.Option(help="Samples a pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")]
 DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]
 
@@ -131,7 +140,7 @@ class StoredDepth(NamedTuple):
         )
 
     def read(self, path: Path, camera: Camera | None) -> NDArray[np.float32]:
-        """The planar depth of a file with this camera; of several frames the first, with a note."""
+        """The planar depth of a file with this camera; for several frames only the first, with a note."""
         frames = frames_in(path, self.how.get("channel"))
         if frames is None:
             return self._sharpened(ibr.read_depth(path, camera=camera, **self.how))

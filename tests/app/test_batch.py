@@ -83,7 +83,7 @@ def test_what_fails_is_told_and_the_rest_is_done(cluster: Any, tmp_path: Path):
     (tmp_path / "in/scan 2/depth.png").write_bytes(b"no image")
     found = batch(WARP, inputs, str(output), scheduler=cluster.scheduler_address, retries=1)
     assert sorted(found.done) == ["0", "3"] and sorted(found.failed) == ["1", "2"]
-    assert "there is no" in found.failed["1"] and "not a readable image" in found.failed["2"]
+    assert "no file of this name matches" in found.failed["1"] and "not a readable image" in found.failed["2"]
     assert json.loads((output / "manifest/failed.json").read_text()) == found.failed
     assert sorted(path.name for path in output.iterdir()) == ["0.png", "3.png", "manifest"]
 
@@ -160,7 +160,7 @@ def test_the_command_starts_a_cluster_of_its_own(tmp_path: Path):
     job.write_text(f'command = "{WARP}"\noutput = "{tmp_path}/out"\n[inputs]\n{table}\n')
     command = ("-m", "pyibr", "batch", str(job))
 
-    for counts in ("2 done, 0 there from before, 0 failed", "0 done, 2 there from before, 0 failed"):
+    for counts in ("2 done, 0 kept from earlier runs, 0 failed", "0 done, 2 kept from earlier runs, 0 failed"):
         done = run_within(120, (sys.executable, *command))
         assert done.returncode == 0 and done.stdout == f"{tmp_path}/out: {counts}\n", done.stderr
 

@@ -46,7 +46,7 @@ def test_from_cameras_of_a_file_or_of_a_set(mesh: Path, tmp_path: Path):
     cameras = [ibr.Camera.look_at((0, y, 4), (0, y, 0), (0, 1, 0), (31, 23), fov_y=45) for y in (0.5, 50)]
     (tmp_path / "list.json").write_text(json.dumps([camera.to_json() for camera in cameras]))
     result = run(mesh, "--camera", tmp_path / "list.json", "--layer", "last", "-o", tmp_path / "set")
-    assert result.exit_code == 0 and "camera 1 sees nothing of the mesh; left out" in result.stderr
+    assert result.exit_code == 0 and "camera 1 does not see the mesh; left out" in result.stderr
     assert_same(ibr.load(tmp_path / "set"), [capture(ibr.Mesh.load(mesh), cameras[0], layer="last")])
     result = run(mesh, "--camera", tmp_path / "set", "-o", tmp_path / "again")
     assert result.exit_code == 0, result.output
@@ -72,9 +72,15 @@ def test_from_frusta(mesh: Path, tmp_path: Path):
         (("donut.ply", "--camera", "gone.json"), ("gone.json",)),
         (("donut.ply", "--frusta", "gone.json"), ("gone.json",)),
         (("donut.ply", "--frusta", "donut.ply"), ("donut.ply",)),
-        (("donut.ply", "--camera", "away.json", "--frusta", "away.json"), ("--frusta: expected none together with --camera",)),
+        (
+            ("donut.ply", "--camera", "away.json", "--frusta", "away.json"),
+            ("--frusta: expected none together with --camera",),
+        ),
         (("donut.ply", "--camera", "away.json"), ("--camera: expected cameras that see the mesh", "1 of which none")),
-        (("donut.ply", "--camera", "away.json", "--size", "9"), ("--size: expected none here: cameras tell it",)),
+        (
+            ("donut.ply", "--camera", "away.json", "--size", "9"),
+            ("--size: expected none with --camera, which sets it",),
+        ),
         (("donut.ply", "--camera", "away.json", "--projection", "perspective"), ("--projection: expected none",)),
         (("donut.ply", "--layer", "last"), ("--layer: expected --camera with it",)),
         (("point.ply",), ("mesh: expected a mesh of some extent",)),

@@ -123,7 +123,7 @@ def test_disparity_stays_disparity_of_principal_points_apart(delivered: Delivere
 def test_what_has_no_depth_is_told_by_the_status(delivered: Delivered):
     np.save(delivered.folder / "none.npy", np.zeros((38, 62), np.float32))
     result = delivered.clean("none.npy", scale=None)
-    assert result.exit_code == 3 and "is empty: there is no depth in it" in result.stderr
+    assert result.exit_code == 3 and "is empty: it has no depth" in result.stderr
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ def test_depth_of_another_size_wants_its_own_camera(scene: Scene, clean: tuple[s
     ibr.write_depth(scene.folder / "small.npy", np.full((19, 31), 2, np.float32))
     words = ("--move", "0.2", "0", "0", "-o", scene.folder / "new.png", *clean)
     result = scene.run(*words, depth="small.npy", scale=None)
-    assert_one_line(result, "depth: expected 61x37 samples", "--depth-camera with its own camera", "got 31x19")
+    assert_one_line(result, "depth: expected 61x37 samples", "or give --depth-camera", "got 31x19")
     scene.camera.resized((31, 19)).save(scene.folder / "small.json")
     result = scene.run(*words, "--depth-camera", scene.folder / "small.json", depth="small.npy", scale=None)
     assert result.exit_code == 0, result.output
@@ -79,11 +79,15 @@ def test_a_photo_without_a_camera_gets_one_that_is_told(scene, tmp_path):
     exif.get_ifd(0x8769).update({0x920A: 4.0, 0xA20E: 1000.0, 0xA210: 3, 0xA002: 2 * SIZE[0]})
     Image.fromarray(scene.color).save(of_plane, exif=exif)
     cases = (
-        ([], ibr.Camera.from_fov(SIZE, fov_x=60), "taken to be 60 degrees across; --camera, --fov or --focal-35mm"),
+        (
+            [],
+            ibr.Camera.from_fov(SIZE, fov_x=60),
+            "assumed 60 degrees across; else set --camera, --fov or --focal-35mm",
+        ),
         (["--fov", 90], ibr.Camera.from_fov(SIZE, fov_x=90), ""),
         (["--focal-35mm", 50], ibr.Camera.from_fov(SIZE, focal_35mm=50), ""),
-        ([photo], ibr.Camera.from_fov(SIZE, focal_35mm=26), "its EXIF data tell of a lens of 26 mm"),
-        ([of_plane], ibr.Camera([[200, 0, 30], [0, 200, 18], [0, 0, 1]], SIZE), "its EXIF data tell of a lens of"),
+        ([photo], ibr.Camera.from_fov(SIZE, focal_35mm=26), "lens of 26 mm (on 35 mm film) by its EXIF data"),
+        ([of_plane], ibr.Camera([[200, 0, 30], [0, 200, 18], [0, 0, 1]], SIZE), "mm (on 35 mm film) by its EXIF data"),
     )
     for given, camera, told in cases:
         pictures = [word for word in given if isinstance(word, Path)]
@@ -120,7 +124,7 @@ def test_what_is_out_of_scale_is_told(scene, tmp_path):
     for move, is_told in ((1e-3, True), (0.1, False), (21, True)):
         result = scene.run("--move", move, 0, 0, "-o", tmp_path / "n.png")
         assert (result.exit_code == 0 and "depth from 2 to 2" in result.stdout) or move > 20
-        assert ("--move: by" in result.stderr) == is_told
+        assert ("--move: moves by" in result.stderr) == is_told
     scene.camera.resized((122, 74)).save(tmp_path / "large.json")
     result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / "n.png", camera="large.json")
     assert_one_line(result, "--camera: expected that of 61x37 pixels", "Camera.resized", "one of 122x74")

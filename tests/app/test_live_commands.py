@@ -135,7 +135,7 @@ def test_heights_of_a_relief_map_are_its_alpha(folder, seen):
 
 def test_what_is_wrong_is_said_in_one_line(folder):
     for words, said in (
-        (("color.png", "--camera", "camera.json"), ("THINGS", "a depth after")),
+        (("color.png", "--camera", "camera.json"), ("THINGS", "a depth file after")),
         (("nowhere.ply",), ("nowhere.ply", "no such file")),
         (("donut.glb", "--height", "height.png"), ("--scale",)),
         (("donut.glb", "--height", "height.png", "--scale", "-1"), ("--scale", "> 0")),

@@ -251,7 +251,7 @@ def test_frames_keep_their_numbers(recorded: Recorded):
     asked = ("--poses", "pose", "--move", 0, 0, 0, "--skip-existing")
     assert "2 views" in succeeded(recorded.run("rgb", "depth", *asked))
     assert (recorded.folder / "new_0001.png").read_bytes() == b"mine" and recorded.new(17).any()
-    assert "all of it is there already" in succeeded(recorded.run("rgb", "depth", *asked))
+    assert "all files exist already" in succeeded(recorded.run("rgb", "depth", *asked))
 
 
 # ---- real ones

@@ -116,7 +116,7 @@ def test_frames_without_any_depth_are_empty_and_told(pair: Pair):
     for words in ((), ("--color", "rgb")):
         result = pair.register("depth", "--clean", *words)
         succeeded(result)
-        assert "2 of 4 frames are empty, as" in result.stderr and "no depth is in view" in result.stderr
+        assert "2 of 4 frames are empty, as" in result.stderr and "their depth is out of view" in result.stderr
         for number in range(COUNT):
             assert ibr.read_color(pair.folder / f"new_{number:04d}.png").any() == (number in (1, 3))
 

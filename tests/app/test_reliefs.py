@@ -102,6 +102,6 @@ def test_mistakes_are_told(folder: Path, command: str, words, said: str):
 def test_what_is_out_of_view_is_told_by_the_status(folder: Path):
     CAMERA.moved(0, 0, 9).save(folder / "camera.json")
     result = run(folder, "slices", "square.obj", "bumps.png", "--scale", 0.1, "--slices", 40, "--to", "camera.json")
-    assert result.exit_code == 3 and "new.png is empty: its camera sees nothing of it" in result.stderr
+    assert result.exit_code == 3 and "new.png is empty: the thing is out of view" in result.stderr
     refused = run(folder, "slices", "square.obj", "bumps.png", "--scale", 0.1, "--slices", "many")
     assert refused.exit_code == 2 and "--slices: expected a whole number, or view, got many" in refused.stderr

@@ -15,7 +15,7 @@ from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import fsspec
 
-_TIMES = ("mtime", "LastModified", "last_modified", "updated", "ETag", "etag", "md5Hash")  # names of change markers in file systems
+_TIMES = ("mtime", "LastModified", "last_modified", "updated", "ETag", "etag", "md5Hash")  # change markers
 
 
 class Task(NamedTuple):
@@ -63,7 +63,7 @@ class Job:
         for name in sorted({one for urls in several.values() for one in urls}):
             missing = [self.inputs[one] for one, urls in several.items() if name not in urls]
             if missing:
-                lacking[name] = f"no file matches {' or '.join(missing)}"
+                lacking[name] = f"no file of this name matches {' or '.join(missing)}"
                 continue
             own = shared | {one: urls[name] for one, urls in several.items()}
             told = json.dumps([self.template, {one: state for one, (_, state) in own.items()}, ibr.__version__])

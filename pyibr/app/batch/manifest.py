@@ -50,7 +50,7 @@ class Manifest:
                     self._entries[entry["name"]] = entry
 
     def has(self, task: Task, verify: bool) -> bool:
-        """Tell whether the task is done and its files exist with the right size, and with `verify` the right checksum."""
+        """Tell whether the task is done and its files have the right size, and with `verify` the right checksum."""
         entry = self._entries.get(task.name)
         if entry is None or entry["key"] != task.key:
             return False

@@ -64,7 +64,7 @@ def run_task(template: Sequence[str], output: str, task: Task) -> Entry:
     files, root = fsspec().url_to_fs(output)
     is_local = "file" in files.protocol
     worker = f"{PART}{socket.gethostname()}-{os.getpid()}-{threading.get_ident()}"
-    place = Path(root if is_local else tempfile.gettempdir(), worker)  # kept between tasks: some file systems remove folders slowly
+    place = Path(root if is_local else tempfile.gettempdir(), worker)  # kept: some file systems remove folders slowly
     out = place / "out"
     out.mkdir(parents=True, exist_ok=True)
 

@@ -47,7 +47,7 @@ class LensOptions(NamedTuple):
                 print_note(f"{printable_text(picture)}: lens of {focal:.3g} mm (on 35 mm film) by its EXIF data")
             return Camera.from_fov(size, focal_35mm=focal)
         print_note(
-            f"{printable_text(picture)}: assumed to be {_FOV:g} degrees across; set --camera, --fov or --focal-35mm to change it"
+            f"{printable_text(picture)}: assumed {_FOV:g} degrees across; else set --camera, --fov or --focal-35mm"
         )
         return Camera.from_fov(size, fov_x=_FOV) if width >= height else Camera.from_fov(size, fov_y=_FOV)
 
@@ -60,7 +60,7 @@ class LensOptions(NamedTuple):
 
 
 def camera_in(file: Path, picture: Path, read: Callable[[Path], NDArray[Any]] = read_color) -> Camera:
-    """The file's camera; of several, the one with the picture's name, or with its size as `read` gives it."""
+    """The file's camera; among several, the camera with the picture's name, or with its size as `read` gives it."""
     found: dict[str, Camera] = {}
     with suppress(ArgumentError):  # the file lacks the size
         found = read_cameras(file)
@@ -73,5 +73,5 @@ def camera_in(file: Path, picture: Path, read: Callable[[Path], NDArray[Any]] = 
 
 
 def depth_camera_in(file: Path, depth: Path, stored: Stored = PLAIN) -> Camera:
-    """The file's camera; of several, the one with the depth's name or size."""
+    """The file's camera; among several, the camera with the depth's name or size."""
     return camera_in(file, depth, stored.depth or (lambda path: read_depth(path, depth_scale=1)))

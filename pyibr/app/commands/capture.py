@@ -36,10 +36,10 @@ def capture(
     ] = None,
     frusta: Annotated[Path | None, typer.Option(help="The frusta of a set: its folder, or a JSON file")] = None,
     size: Annotated[int | None, typer.Option(min=2, max=8192, help="Pixels a side of the images")] = None,
-    projection: Annotated[Projection, typer.Option(help="Projection of the six images from all round")] = "orthographic",
-    layer: Annotated[
-        Layer, typer.Option(help="With --camera: the nearest or the farthest surface on a ray")
-    ] = "first",
+    projection: Annotated[
+        Projection, typer.Option(help="Projection of the six images from all round")
+    ] = "orthographic",
+    layer: Annotated[Layer, typer.Option(help="With --camera: the nearest or the farthest surface on a ray")] = "first",
     device: DeviceName = None,
 ) -> None:
     """Capture depth images of a mesh: six from all round, or from cameras, or from the frusta of a set."""
@@ -66,9 +66,7 @@ def capture(
             save(views, output)
     covered = [float(view.valid.mean()) for view in views]
     if empty := covered.count(0.0):
-        print_note(
-            f"{empty} of {len(views)} images of {printable_text(output)} are empty: the mesh is out of view"
-        )
+        print_note(f"{empty} of {len(views)} images of {printable_text(output)} are empty: the mesh is out of view")
     width, height = views[0].camera.size
     share = float(np.mean(covered))
     words = f"{len(views)} depth images, {width}x{height}, {share:.1%} covered"

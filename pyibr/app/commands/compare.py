@@ -182,7 +182,7 @@ def _of_depth(truth: _Image, depth: _Image, counted: _Mask | None) -> _Figures:
 
 
 def _color_errors(a: _Image, b: _Image) -> tuple[NDArray[np.float32], _Mask, _Mask]:
-    """Mean differences of the channels, 1 shown as white; mask of known errors; mask of pixels that one picture lacks."""
+    """Mean differences of the channels, 1 for white; mask of known errors; mask of pixels that one picture lacks."""
     top = _WHITE * (255 if a.dtype == np.uint8 else 1)
     errors: NDArray[np.float32] = np.abs(a.astype(np.float32) - b.astype(np.float32)).mean(axis=-1) / np.float32(top)
     return errors, np.ones(errors.shape, np.bool_), np.zeros(errors.shape, np.bool_)

@@ -55,7 +55,8 @@ def convert(
     sources: _Sources,
     output: _Output,
     form: Annotated[
-        CameraForm | None, typer.Option("--as", help="Form of the cameras; default: pyibr's JSON, or COLMAP's text for a folder")
+        CameraForm | None,
+        typer.Option("--as", help="Form of the cameras; default: pyibr's JSON, or COLMAP's text for a folder"),
     ] = None,
     size: Annotated[
         tuple[int, int] | None, typer.Option(metavar="W H", help="Size of the pictures, if a calibration lacks it")

@@ -35,7 +35,7 @@ OutputOrFolder = Annotated[
 def drawn_views(
     views: Sequence[DepthImage], cameras: Sequence[Camera], samples: int, how: WarpOptions
 ) -> list[ibr.Frame]:
-    """A frame for each camera, black if no view has depth; without warnings, as empty frames are reported at the end."""
+    """A frame for each camera, black if no view has depth; without warnings, as the command reports empty frames."""
     seen = [view for view in views if view.valid.any()]
     if not seen:
         return [_black(camera, views[0].color.dtype) for camera in cameras]

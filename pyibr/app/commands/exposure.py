@@ -50,7 +50,7 @@ class Exposure:
         """Print the share of clipped pixels."""
         share = float(np.mean(self._clipped or [0]))
         if share:
-            print_note(f"{share:.2%} of the pixels are brighter than 1 and are clipped; --exposure -1 halves their light")
+            print_note(f"{share:.2%} of all pixels are brighter than 1 and clipped; --exposure -1 halves their light")
 
 
 def stored(color: NDArray[Any], path: Path) -> NDArray[Any]:

@@ -31,7 +31,10 @@ class MapOptions(NamedTuple):
     scale: Annotated[float | None, typer.Option(help="The displacement of height 1, in scene units")] = None
     tiles: Annotated[tuple[int, int], typer.Option(metavar="U V", help="Repetitions of height and color")] = (1, 1)
     wrap: Annotated[
-        str, typer.Option(metavar="HOW", help="Height and color outside uv 0 to 1: repeat or clamp; repeat,clamp for u and v")
+        str,
+        typer.Option(
+            metavar="HOW", help="Height and color outside uv 0 to 1: repeat or clamp; repeat,clamp for u and v"
+        ),
     ] = "repeat"
     deep: Annotated[bool, typer.Option("--deep", help="White in the height map is deep, not high")] = False
 

@@ -42,8 +42,12 @@ def mesh(
     max_error: Annotated[
         float | None, typer.Option(help="Largest error of the depths, in scene units; 0: exact")
     ] = None,
-    count: Annotated[int | None, typer.Option(help="Largest number of triangles; the flattest are merged first")] = None,
-    segmentation: Annotated[Test, typer.Option(help="Test that detects triangles between two surfaces")] = "orthogonality",
+    count: Annotated[
+        int | None, typer.Option(help="Largest number of triangles; the flattest are merged first")
+    ] = None,
+    segmentation: Annotated[
+        Test, typer.Option(help="Test that detects triangles between two surfaces")
+    ] = "orthogonality",
     camera: CameraFile = None,
     *,
     lens: LensOptions,

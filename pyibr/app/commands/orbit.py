@@ -46,10 +46,14 @@ from pyibr.picture.light import Light
 from pyibr.picture.render import Thing
 
 _Orbit = Annotated[
-    float | None, typer.Option(metavar="DEGREES", help="Angle by which the camera turns to the right about them; default: 360")
+    float | None,
+    typer.Option(metavar="DEGREES", help="Angle by which the camera turns to the right about them; default: 360"),
 ]
 _Swing = Annotated[
-    float | None, typer.Option(metavar="DEGREES", help="Instead: swing to and fro, by this angle to either side; for single photographs")
+    float | None,
+    typer.Option(
+        metavar="DEGREES", help="Instead: swing to and fro, by this angle to either side; for single photographs"
+    ),
 ]
 _Path = Annotated[
     Path | None, typer.Option("--path", help="Instead: a smooth path through cameras, as `view` saves it, or as --to")

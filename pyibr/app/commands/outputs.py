@@ -30,9 +30,11 @@ Fps = Annotated[
     float | None,
     typer.Option(help="Frame rate of a video; default: the source's frame times and sound, or 30"),
 ]
-VideoCodec = Annotated[Codec | None, typer.Option(help="Codec of a video; default: H.264, VP9 in WebM, lossless FFV1 in MKV")]
+VideoCodec = Annotated[
+    Codec | None, typer.Option(help="Codec of a video; default: H.264, VP9 in WebM, lossless FFV1 in MKV")
+]
 
-_FPS = 30.0  # of videos, if neither --fps nor the source sets it
+_FPS = 30.0  # for videos, if neither --fps nor the source sets it
 _DEPTH_FILM = ".mkv"  # for depth: FFV1, which is lossless
 
 
@@ -138,7 +140,7 @@ class Outputs:
     def write(self, images: Mapping[Kind, NDArray[Any]], number: int, covered: float, camera: Camera | None) -> None:
         """Write a frame in the background.
 
-        covered: share of covered pixels. camera: of the depth.
+        covered: share of covered pixels. camera: camera of the depth.
         """
         self._behind.add(lambda: self._store(images, number, camera))
         self._written.append(self._main if self._main in self._films else self._name(self._main, number))

@@ -20,7 +20,9 @@ _Size = Annotated[
     typer.Option(metavar="W H", help="Size of each view, cut from the picture's middle; default: the picture's"),
 ]
 _Cone = Annotated[float, typer.Option(metavar="DEGREES", help="Angle between the outermost views, seen from the focus")]
-_Focus = Annotated[float | None, typer.Option(metavar="DEPTH", help="Depth that appears in the display's plane; default: median")]
+_Focus = Annotated[
+    float | None, typer.Option(metavar="DEPTH", help="Depth that appears in the display's plane; default: median")
+]
 
 
 def quilt(

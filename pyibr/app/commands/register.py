@@ -70,7 +70,9 @@ def register(
     *,
     stored: StoredDepth,
     exposure: ExposureOption = 0.0,
-    seen_out: Annotated[Path | None, typer.Option(help="With --color: also write the mask of samples with a colour")] = None,
+    seen_out: Annotated[
+        Path | None, typer.Option(help="With --color: also write the mask of samples with a colour")
+    ] = None,
     device: DeviceName = None,
 ) -> None:
     """Register depth to a colour camera's image, or colours to depth samples; for each frame of a recording."""

@@ -39,7 +39,9 @@ class ShadingOptions(NamedTuple):
     ] = None
     lamp: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="Position of a lamp relative to the camera, in scene units; with --light a spot"),
+        typer.Option(
+            metavar="X Y Z", help="Position of a lamp relative to the camera, in scene units; with --light a spot"
+        ),
     ] = None
     ambient: Annotated[float, typer.Option(help="Share of ambient light, 0 to 1")] = 0.25
     shadows: Annotated[bool, typer.Option("--shadows/--no-shadows", help="Whether shadows are cast")] = True

@@ -67,7 +67,8 @@ def hull(
         Path | None, typer.Argument(metavar="MASKS", help="A folder of masks, black outside the object")
     ] = None,
     camera: Annotated[
-        Path | None, typer.Option(help="Cameras of the pictures: a list, a folder, a COLMAP model; default: JSON beside them")
+        Path | None,
+        typer.Option(help="Cameras of the pictures: a list, a folder, a COLMAP model; default: JSON beside them"),
     ] = None,
     *,
     turn: TurntableOptions,

@@ -71,7 +71,7 @@ class Losses:
             print_note(f"{files} cannot be used; left out: {printable_text(self._errors[0])}")
         if any(self._unsure):
             share = sum(self._unsure) / len(self._unsure)
-            print_note(f"{share:.1%} of the samples are left out for low confidence (--min-confidence)")
+            print_note(f"{share:.1%} of all samples are left out for low confidence (--min-confidence)")
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,13 @@ from pyibr.app.options import DeviceName, FillOption, Samples, StoredDepth, devi
 from pyibr.capture.stereo import SUFFIXES, Layout, StereoRig, SyntheticView, joined
 
 _LAYOUT = "Side by side (sbs) or top and bottom (tb), full or half; or an anaglyph: dubois, gray"
-_Divergence = Annotated[float, typer.Option(help="Shift of the nearest relative to the farthest, in per cent of the width")]
+_Divergence = Annotated[
+    float, typer.Option(help="Shift of the nearest relative to the farthest, in per cent of the width")
+]
 _Convergence = Annotated[float, typer.Option(help="Depth in the screen's plane: 0, the farthest, to 1, the nearest")]
-_Synthetic = Annotated[SyntheticView, typer.Option(help="Eyes that are rendered beside the camera; any other eye is at the camera")]
+_Synthetic = Annotated[
+    SyntheticView, typer.Option(help="Eyes that are rendered beside the camera; any other eye is at the camera")
+]
 _Range = Annotated[
     tuple[float, float] | None,
     typer.Option(metavar="NEAR FAR", help="Nearest and farthest depth; default: by the first frame"),

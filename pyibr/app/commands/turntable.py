@@ -31,9 +31,9 @@ class TurntableOptions(NamedTuple):
         Path | None,
         typer.Option(help="The picture's camera, or several, as --camera of `warp`; default: chosen automatically"),
     ] = None
-    orbit: Annotated[float, typer.Option(metavar="DEGREES", help="Angle of the turn by --frames about the thing's middle")] = (
-        360.0
-    )
+    orbit: Annotated[
+        float, typer.Option(metavar="DEGREES", help="Angle of the turn by --frames about the thing's middle")
+    ] = 360.0
     frames: Annotated[
         int, typer.Option(min=1, max=100_000, help="Number of pictures of a turntable, the first from the camera")
     ] = 1

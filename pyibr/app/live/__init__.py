@@ -1,1 +1,1 @@
-"""Live pages: a server that only this machine can open, and pictures that follow a page's camera."""
+"""Live pages: a server for this machine only, and pictures that follow a page's camera."""

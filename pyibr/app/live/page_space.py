@@ -12,12 +12,12 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.rotations import quaternion_from_rotation, rotation_from_quaternion
 
-_RADIUS = 3.0  # of the scene on the page: its near plane, its keys and its depths suit scenes of about that size
+_RADIUS = 3.0  # scene radius on the page; the page's near plane, keys and depths suit scenes of about this size
 
 
 @dataclass(frozen=True)
 class PageSpace:
-    """Similarity from a page to the world; a page's numbers are in single precision and suit scenes of one size.
+    """Similarity from a page to the world. Pages use single precision and suit scenes of one size.
 
     A point of the world is at (point - middle) / unit on the page; directions are the same.
     """
@@ -26,7 +26,7 @@ class PageSpace:
     unit: float
 
     def camera(self, wxyz: ArrayLike, position: ArrayLike, fov: float, size: tuple[int, int]) -> Camera:
-        """The camera of a page: OpenCV's axes, `fov` radians over the height, square pixels."""
+        """The camera of a page: OpenCV's axes, vertical field of view `fov` in radians, square pixels."""
         pose = np.eye(4)
         pose[:3, :3] = rotation_from_quaternion(np.asarray(wxyz, np.float64))
         pose[:3, 3] = np.asarray(position, np.float64) * self.unit + self.middle
@@ -43,16 +43,16 @@ class PageSpace:
 
 
 def fov_of(camera: Camera) -> float:
-    """Radians that a camera's height covers."""
+    """Vertical field of view of a camera in radians."""
     return 2 * float(np.arctan(camera.height / (2 * camera.K[1, 1])))
 
 
 def page_space_around(low: Float64, high: Float64) -> PageSpace:
-    """The place of a scene in a box, (low, high) in the world.
+    """The page space for a scene inside a box, (low, high) in the world.
 
     Raises
     ------
     ArgumentError
-        If the box has no extent, or no end.
+        If the box has no extent, or is infinite.
     """
     return PageSpace(0.5 * (low + high), radius_of(low, high) / _RADIUS)

@@ -30,23 +30,23 @@ class Page(Protocol):
     """Contents of a browser's page."""
 
     def leave(self) -> None:
-        """It is closed: nothing is to be drawn for it any more."""
+        """Stop drawing, because the page is closed."""
         ...
 
 
 class Pages:
-    """A server whose pages show live pictures, until it is closed.
+    """A server whose pages show live pictures until it is closed.
 
-    `pyibr.view` makes it.
+    Made by `pyibr.view` and `pyibr.place`.
 
     Attributes
     ----------
     url : str
-        Where the page is; only this machine can open it.
+        Address of the page; only this machine can open it.
     open : dict
-        The pages that browsers have open, by the server's numbers of them.
+        The pages that are open in browsers, by the server's client numbers.
     server : ViserServer
-        Of viser.
+        The viser server.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Pages:
         self._make = make
         self._lock = threading.Lock()
         self._closed = threading.Event()
-        self._context = contextvars.copy_context()  # `use_device` counts for the thread that it is called in
+        self._context = contextvars.copy_context()  # `use_device` applies to the thread that calls it
         self.server = start_server(port, title)
         self._renderer = stream_renderer()
         self.url = url_of(self.server)
@@ -95,16 +95,16 @@ class Pages:
 
     @property
     def closed(self) -> bool:
-        """Tell whether it was closed."""
+        """Whether the server is closed."""
         return self._closed.is_set()
 
     @property
     def waiting(self) -> int:
-        """Pictures that are to be drawn as soon as possible: at most one for each page."""
+        """Number of pictures waiting to be drawn: at most one for each page."""
         return self._renderer.waiting
 
     def wait(self) -> None:
-        """Until it is closed, or Ctrl-C ends it."""
+        """Wait until the server is closed, or Ctrl-C ends it."""
         try:
             while not self._closed.wait(0.5):
                 pass
@@ -121,7 +121,7 @@ class Pages:
             self._renderer.close()
 
     def call(self, function: Callable[[], _Made], say: Callable[[str], object]) -> _Made:
-        """Call a function on the device of the pages' pictures, from any thread, and say which kernels are built."""
+        """Call a function on the device of the pages' pictures, from any thread; `say` is called with kernel builds."""
 
         def told() -> _Made:
             with telling_builds(say):
@@ -147,7 +147,7 @@ class Pages:
             if client.client_id in known and not self._closed.is_set():
                 self.open[client.client_id] = page
                 return
-        page.leave()  # it was closed before it was there
+        page.leave()  # the page was closed while it was made
 
     def _left(self, client: ClientHandle) -> None:
         with self._lock:

@@ -1,4 +1,4 @@
-"""The panel of a page: what it says, and its controls, beside the picture or, in a narrow window, closed below it."""
+"""The panel of a page: text and controls, beside the picture or, in a narrow window, collapsed below it."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _BAR = 8, 180  # pixels from the upper left corner, and its width
 
 
 def set_theme(gui: GuiApi, dark: bool = False) -> None:
-    """Make a page light or dark; nothing of it can be shared through servers on the internet."""
+    """Make a page light or dark; switch off viser's sharing through servers on the internet."""
     gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
 
 
 def told(error: Exception) -> str:
-    """An error's own words; with its type, if it is not one of ours."""
+    """Message of an error, preceded by its type if it is not an error of pyibr."""
     return str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
 
 
@@ -34,16 +34,16 @@ def uploaded(file: Any) -> object:
 
 
 class Panel:
-    """A panel of its own, since viser closes such in narrow windows, and its main one never.
+    """A separate panel, which viser, unlike its main panel, collapses in narrow windows.
 
-    The main one is left with the first line of what the page says. In a wide window it is a bar that tells whether the
-    page is connected.
+    The main panel only holds the first line of the page's text. In a wide window it is a bar that shows the state of
+    the connection.
 
     Attributes
     ----------
     gui : GuiApi
     controls : GuiTabHandle
-        A context, within which controls are added to `gui`.
+        Context in which controls are added to `gui`.
     """
 
     def __init__(self, gui: GuiApi) -> None:
@@ -60,7 +60,7 @@ class Panel:
 
     @property
     def text(self) -> str:
-        """Text that the page says, as Markdown."""
+        """Text of the page, as Markdown."""
         return self._text.content
 
     def add_dark(self) -> None:
@@ -72,17 +72,17 @@ class Panel:
             set_theme(self.gui, dark.value)
 
     def say(self, text: str) -> None:
-        """Say something else of the picture."""
+        """Replace the text about the picture."""
         self._picture = text
         self._show()
 
     def answer(self, text: str) -> None:
-        """Say what came of what a user asked for: before what is said of pictures, until something else is asked."""
+        """Show the result of a user's action above the text about the picture, until the next action."""
         self._answer = text
         self._show()
 
     def attempt(self, act: Callable[[], object]) -> None:
-        """Do what a user asked for, or say what is wrong with it."""
+        """Run a user's action, or show its error."""
         self.answer("")
         try:
             act()

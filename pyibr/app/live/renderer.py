@@ -1,4 +1,4 @@
-"""One thread that draws for several clients: of each its latest request, all others are dropped."""
+"""One thread that draws the latest request of each of several clients, and drops older requests."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class _Client(Generic[_Request]):
     Attributes
     ----------
     newest : request or None
-        To be drawn as soon as it is this client's turn.
+        Request to draw as soon as it is this client's turn.
     rested : request or None
-        The last one, to be drawn in full once nothing newer has come for a while.
+        Last request, to draw in full if no newer request comes for a while.
     due : float
-        When that is, by `time.monotonic`.
+        Time of the full drawing, by `time.monotonic`.
     used : float
-        Seconds of the device that it has had; the one with the least comes next.
+        Seconds of device time used; the client with the least comes next.
     """
 
     newest: _Request | None = None
@@ -36,22 +36,22 @@ class _Client(Generic[_Request]):
 
 
 class Renderer(Generic[_Request, _Result]):
-    """Draws requests on a thread of its own and delivers what comes of them.
+    """Draws requests on a thread of its own and delivers the results.
 
-    A client has one request, its latest: a newer one takes its place, however long drawing takes. Once a client's
-    last request has rested for a while it is drawn again, in full. Clients get equal shares of the time. The thread
-    keeps the device that is chosen where the renderer is made.
+    A client has one request: a newer request replaces it, however long drawing takes. If a client's last request rests
+    for a while, it is drawn again, in full. Clients get equal shares of the time. The thread keeps the device that is
+    selected when the renderer is made.
 
     Parameters
     ----------
     draw : callable (request, full) -> result
     deliver : callable (request, full, result)
-        Called on the same thread, in the order of drawing, unless the client has left, or the request was to be drawn
-        in full and is not the latest any more.
+        Called on the same thread, in the order of drawing. Not called if the client has left, or if a full drawing is
+        outdated by a newer request.
     failed : callable (request, exception)
-        Drawing or delivering raised it.
+        Called if drawing or delivering raises the exception.
     rest : float
-        Seconds.
+        Seconds without a new request until a full drawing.
     """
 
     def __init__(
@@ -66,19 +66,19 @@ class Renderer(Generic[_Request, _Result]):
         self._changed = threading.Condition()
         self._closed = False
         self.dropped = 0
-        """Requests that were never drawn because a newer one came."""
-        context = contextvars.copy_context()  # `use_device` counts for the thread that it is called in
+        """Number of requests that were replaced before they were drawn."""
+        context = contextvars.copy_context()  # `use_device` applies to the thread that calls it
         self._thread = threading.Thread(target=context.run, args=(self._run,), name="pyibr-renderer", daemon=True)
         self._thread.start()
 
     def ask(self, client: Hashable, request: _Request, at_once: bool = True) -> None:
-        """Let this be the client's latest request; without `at_once` it is drawn in full only, and without a rest."""
+        """Set the client's latest request; without `at_once`, it is only drawn in full, without waiting for a rest."""
         with self._changed:
             if self._closed:
                 return
             known = self._clients.setdefault(client, _Client())
             if known.newest is None and known.rested is None:
-                # Who has had nothing to do, or is new, has saved up no time for now.
+                # An idle or new client may not use the time that it has saved up.
                 busy = [other.used for other in self._clients.values() if other is not known]
                 known.used = max(known.used, min(busy, default=0.0))
             self.dropped += known.newest is not None
@@ -88,24 +88,24 @@ class Renderer(Generic[_Request, _Result]):
             self._changed.notify()
 
     def leave(self, client: Hashable) -> None:
-        """Forget a client: what it waits for is not drawn, what is being drawn is not delivered."""
+        """Forget a client: drop its requests, and do not deliver its current drawing."""
         with self._changed:
             self._clients.pop(client, None)
 
     @property
     def clients(self) -> list[Hashable]:
-        """Those that have asked and not left."""
+        """Clients that have made requests and have not left."""
         with self._changed:
             return list(self._clients)
 
     @property
     def waiting(self) -> int:
-        """Requests that are to be drawn as soon as possible: at most one of each client."""
+        """Number of requests waiting to be drawn: at most one for each client."""
         with self._changed:
             return sum(known.newest is not None for known in self._clients.values())
 
     def close(self, seconds: float = 10.0) -> None:
-        """Draw nothing any more; wait for what is being drawn, for a while."""
+        """Stop drawing; wait at most `seconds` for the current drawing."""
         with self._changed:
             self._closed = True
             self._clients.clear()
@@ -121,12 +121,12 @@ class Renderer(Generic[_Request, _Result]):
                 result = self._draw(request, full)
                 if self._is_wanted(client, full):
                     self._deliver(request, full, result)
-            except Exception as error:  # one page's mistake must not end the others'
+            except Exception as error:  # an error of one page must not end the other pages
                 self._failed(request, error)
             self._charge(client, time.monotonic() - start)
 
     def _next(self) -> tuple[Hashable, _Request, bool] | None:
-        """Whose turn it is, and with what; waits until there is something to draw. None once it is closed."""
+        """Wait for the next client and its request; None once the renderer is closed."""
         with self._changed:
             while not self._closed:
                 now = time.monotonic()
@@ -151,7 +151,7 @@ class Renderer(Generic[_Request, _Result]):
     def _is_wanted(self, client: Hashable, full: bool) -> bool:
         with self._changed:
             known = self._clients.get(client)
-            # A request that is drawn in full while the next one waits would be old when it is seen.
+            # A full drawing is outdated if the next request already waits.
             return known is not None and not (full and known.rested is not None)
 
     def _charge(self, client: Hashable, seconds: float) -> None:

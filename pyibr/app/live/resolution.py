@@ -1,24 +1,24 @@
-"""Choice of the resolution at which pictures keep up with a camera that moves."""
+"""Choice of a resolution at which drawing keeps up with a moving camera."""
 
 from __future__ import annotations
 
-_STEPS = (1.0, 0.75, 0.5, 0.375, 0.25, 0.1875, 0.125)  # few sizes, so that the device's memory is used again
-_MEMORY = 0.8  # of each measurement, one frame later
-_ALIKE = 1e-3  # variance of the pixels' share below which measurements do not tell what a pixel costs
-_UPWARDS = 0.75  # of the time allowed, for a finer step: it must not be taken back at once
-_WORTH = 1.3  # times what an empty picture costs: coarser pictures would hardly be faster
+_STEPS = (1.0, 0.75, 0.5, 0.375, 0.25, 0.1875, 0.125)  # few sizes, so that device memory can be reused
+_MEMORY = 0.8  # weight of each measurement one frame later
+_ALIKE = 1e-3  # variance of the share of pixels below which the cost of a pixel cannot be fitted
+_UPWARDS = 0.75  # share of the allowed time for a finer step, so that it is not reverted immediately
+_WORTH = 1.3  # times the cost of an empty picture: below that, coarser pictures are hardly faster
 
 
 class Resolution:
-    """Chooses the part of the full width and height at which a frame takes no longer than allowed.
+    """Chooses the scale of width and height at which a frame takes no longer than allowed.
 
-    A frame's time is taken as a + b * pixels; both are fitted to what the last frames took. Where a alone is too long,
-    as for meshes of very many triangles, the resolution falls only until b does not matter much any more.
+    The time of a frame is modelled as a + b * pixels, fitted to the last frames. If a alone is too long, as for meshes
+    of very many triangles, the resolution only falls until b hardly matters.
 
     Parameters
     ----------
     seconds : float
-        That a frame may take.
+        Allowed time of a frame.
 
     Examples
     --------
@@ -35,12 +35,12 @@ class Resolution:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what frames took: others are drawn from now on."""
-        self._sums = [0.0] * 5  # of 1, p, p^2, t, p t: p is the share of the pixels, t the time
+        """Forget earlier timings, for a change of the scene."""
+        self._sums = [0.0] * 5  # sums of 1, p, p^2, t, p t: p is the share of the pixels, t the time
         self._slope: float | None = None
 
     def took(self, seconds: float) -> None:
-        """Say how long the frame at `scale` took, and choose the next one's."""
+        """Add the time of the frame at `scale`, and choose the next scale."""
         share = self.scale**2
         new = (1.0, share, share * share, seconds, share * seconds)
         self._sums = [_MEMORY * old + one for old, one in zip(self._sums, new, strict=True)]
@@ -54,7 +54,7 @@ class Resolution:
         self.scale = _STEPS[-1]
 
     def _fitted(self) -> tuple[float, float]:
-        """a and b, neither below 0."""
+        """Fit a and b, both at least 0."""
         count, p, pp, t, pt = self._sums
         variance = pp / count - (p / count) ** 2
         if variance >= _ALIKE:

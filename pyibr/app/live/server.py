@@ -1,7 +1,7 @@
-"""A server of pages that only this machine can open: viser, bound to the loopback, for pages of its own alone.
+"""A server of pages that only this machine can open: viser, bound to loopback, for its own pages only.
 
-viser has no public way to refuse a page, nor to leave out its sharing. So its private members are reached into, here
-and nowhere else, and pyproject.toml keeps to the versions that have them: `ViserServer._websock_server`, of that
+viser has no public way to refuse a page or to switch off sharing. This module, and no other, therefore uses its private
+members, and pyproject.toml pins the versions that have them: `ViserServer._websock_server` with its
 `_live_connections`, `_client_state_from_id` and `_client_connect_cb`, and two messages of `viser._messages`.
 """
 
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
 HOST = "127.0.0.1"
-_OWN = ("127.0.0.1", "localhost", "::1")  # what browsers on this machine, or at the end of a tunnel to it, call it
-_PORTS = 1000  # that viser tries from the given one on
+_OWN = ("127.0.0.1", "localhost", "::1")  # host names that browsers here, or behind a tunnel, use
+_PORTS = 1000  # number of ports that viser tries
 
 
 def start_server(port: int, title: str) -> ViserServer:
-    """Serve pages at 127.0.0.1, on the first free port from the given one on; 0 takes any.
+    """Serve pages at 127.0.0.1, on the given port or the next free one; 0 takes any free port.
 
-    Another machine cannot connect, and a foreign page that a browser of this machine has open is turned away: it could
-    otherwise press the buttons here. Nothing is shared through servers on the internet, as viser offers to.
+    Other machines cannot connect. A foreign page that is open in a browser of this machine is refused, as it could
+    otherwise press the buttons here. viser's sharing through servers on the internet is switched off.
 
     Raises
     ------
     ArgumentError
-        If the port is none.
+        If the port is not a valid number.
     MissingPackageError
         If viser is not installed.
     Error
@@ -45,7 +45,7 @@ def start_server(port: int, title: str) -> ViserServer:
     package = viser()
     with _quiet():
         server: ViserServer = package.ViserServer(host=HOST, port=port, label=title, verbose=False)
-    if server.get_host() != HOST:  # viser's own default is every network that the machine is in
+    if server.get_host() != HOST:  # viser listens on all networks by default
         stop_server(server)
         raise Error(f"viser listens on {server.get_host()} instead of {HOST}, so it was ended")
     if port and not port <= server.get_port() < port + _PORTS:
@@ -56,7 +56,7 @@ def start_server(port: int, title: str) -> ViserServer:
 
 
 def stop_server(server: ViserServer) -> None:
-    """End the server; its pages say that the connection is lost."""
+    """Stop the server; its pages show that the connection is lost."""
     with _quiet():
         server.stop()
 
@@ -69,8 +69,8 @@ def url_of(server: ViserServer) -> str:
 def is_own_page(headers: Mapping[str, str]) -> bool:
     """Tell whether a connection with these headers comes from a page of this server, or from no browser.
 
-    Browsers say in `Origin` which page connects and in `Host` whom it believes to connect to. A page of another site
-    has that site's name there, also where it made its name stand for this machine.
+    Browsers send the connecting page in `Origin` and the requested host in `Host`. For a page of another site, both
+    hold that site's name, even if it makes its name resolve to this machine.
     """
     host, origin = headers.get("Host") or "", headers.get("Origin")
     if urlsplit(f"//{host}").hostname not in _OWN:
@@ -79,7 +79,7 @@ def is_own_page(headers: Mapping[str, str]) -> bool:
 
 
 def _keep_private(server: ViserServer) -> None:
-    """Turn foreign pages away before anything that they say is heard, and offer no public address."""
+    """Refuse foreign pages before their messages are read, and switch off public addresses."""
     from viser import _messages
 
     connections: Any = server._websock_server  # pyright: ignore[reportPrivateUsage] - viser has no public way to either
@@ -93,24 +93,24 @@ def _keep_private(server: ViserServer) -> None:
                 connections._live_connections[connection.client_id],
                 connections._client_state_from_id[connection.client_id],
             )
-            raise _ForeignPageError  # before anything that it sent is read; closing would leave that to be heard
+            raise _ForeignPageError  # ends the connection before its messages are read; closing would still read them
 
     connections._client_connect_cb.insert(0, turn_away)
     logging.getLogger("websockets.server").addFilter(_is_no_foreign_page)
-    connections.disconnect_all_clients()  # who was faster than this; pages of one's own connect again
+    connections.disconnect_all_clients()  # connections made before this point; own pages connect again
 
 
 class _ForeignPageError(Exception):
-    """Ends the connection of a page that is none of this server's."""
+    """Ends the connection of a page of another site."""
 
 
 def _is_no_foreign_page(record: logging.LogRecord) -> bool:
-    """Tell whether to log it: not that a page was turned away, with all the calls that led there."""
+    """Tell whether to log a record: not the traceback of a refused page."""
     return not (record.exc_info and isinstance(record.exc_info[1], _ForeignPageError))
 
 
 @contextlib.contextmanager
 def _quiet() -> Any:
-    """viser prints what it does."""
+    """Context without viser's output."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from viser import ClientHandle
 
 MOVING = 1 / 30
-"""Seconds that a picture may take while the camera moves: its resolution falls for that."""
+"""Seconds that a picture may take while the camera moves; its resolution is reduced to reach this."""
 
-_QUALITY = 85  # of JPEG, while the camera moves; what rests is PNG, which loses nothing
-_PIXELS_MAX = 1 << 23  # of a picture: more than any screen has
-_EMPTY = 167.0  # units of the page: where there is nothing, as far as its depths go
+_QUALITY = 85  # JPEG quality while the camera moves; resting pictures are PNG, which is lossless
+_PIXELS_MAX = 1 << 23  # most pixels of a picture: more than any screen has
+_EMPTY = 167.0  # units of the page: depth of empty pixels, the largest that pages can hold
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,12 @@ class Picture:
     ----------
     color : (H, W, 3) uint8
     depth : (H, W) float32, or None
-        Planar z of the camera's, NaN where there is nothing; None if what the page draws itself is not to be hidden.
+        Planar z in the camera, NaN for empty pixels; None if the picture shall not occlude the page's own objects.
     camera : Camera
     stages : dict
-        Seconds by what they were spent on.
+        Seconds by stage.
     note : str
-        What else there is to say; it may be empty.
+        Further text; may be empty.
     """
 
     color: NDArray[np.uint8]
@@ -58,9 +58,9 @@ class SentPicture:
     ----------
     picture : Picture
     full : bool
-        At full resolution and without loss; else drawn for a camera that moves.
+        Whether it has full resolution and no loss; else it was drawn for a moving camera.
     seconds : float
-        From the drawing's start until it was sent.
+        Time from the start of drawing to the end of sending.
     """
 
     picture: Picture
@@ -69,7 +69,7 @@ class SentPicture:
 
 
 class Stream:
-    """Draws what a client's camera sees behind all that the page shows.
+    """Draws the view of a client's camera as the background of the page.
 
     Parameters
     ----------
@@ -79,10 +79,10 @@ class Stream:
     page_space : PageSpace
     paint : callable camera -> Picture
         Called on the renderer's thread.
-    shown : callable (Shown)
-        Called after each picture, on that thread.
+    shown : callable (SentPicture)
+        Called after each picture, on the same thread.
     failed : callable (exception)
-        Called instead, if there is none.
+        Called instead if drawing fails.
     """
 
     def __init__(
@@ -97,32 +97,32 @@ class Stream:
         self.client, self.renderer, self.page_space, self.paint = client, renderer, page_space, paint
         self.shown, self.failed = shown, failed
         self.camera: Camera | None = None
-        """The page's camera at full resolution, once it is known."""
+        """The page's camera at full resolution; None before it is known."""
         self.with_depth = False
-        """Whether what rests is sent with its depth, so that it hides what the page draws behind it."""
+        """Whether resting pictures are sent with depth, so that they occlude the page's own objects behind them."""
         self.moved: Callable[[Camera], None] = lambda _: None
-        """Called with the camera whenever that has moved, on the server's own thread."""
+        """Called with the camera when it has moved, on the server's own thread."""
         self.resolution = Resolution(MOVING)
         self._started = 0.0
-        self._moving = threading.Lock()  # what is asked for last is the newest camera, whichever threads hear of it
+        self._moving = threading.Lock()  # the last request holds the newest camera, whichever threads call
 
     def follow(self) -> None:
-        """Draw whenever the page's camera moves, from now on."""
+        """Start drawing whenever the page's camera moves."""
 
-        async def moved(_: Any) -> None:  # on the server's own thread, so that cameras come in their order
+        async def moved(_: Any) -> None:  # on the server's own thread, so that cameras arrive in order
             self._moved()
 
         self.client.camera.on_update(moved)
-        self._moved()  # a page counts as open once its first camera has come
+        self._moved()  # viser reports a page as open when its first camera has arrived
 
     def refresh(self) -> None:
-        """Draw again, since something else than the camera has changed."""
+        """Draw again after a change other than the camera's."""
         if self.camera is not None:
             self.resolution.reset()
             self.renderer.ask(self.client.client_id, Request(self, self.camera))
 
     def leave(self) -> None:
-        """The page is closed."""
+        """Stop drawing, because the page is closed."""
         self.renderer.leave(self.client.client_id)
 
     def _moved(self) -> None:
@@ -134,7 +134,7 @@ class Stream:
                 self.renderer.ask(self.client.client_id, Request(self, full), at_once=not first)
 
     def _full_camera(self) -> Camera | None:
-        """The page's camera as it is now; None in a window without any room."""
+        """The page's current camera; None in a window of size 0."""
         camera = self.client.camera
         width, height = camera.image_width, camera.image_height
         if width < 1 or height < 1:
@@ -146,12 +146,12 @@ class Stream:
         return full.resized((max(int(width * shrunk), 1), max(int(height * shrunk), 1)))
 
     def draw(self, camera: Camera, full: bool) -> Picture:
-        """The picture of a camera; at a resolution that keeps up, unless it is wanted in full."""
+        """Draw the picture of a camera; at reduced resolution to keep up, unless `full`."""
         self._started = time.perf_counter()
         return self.paint(camera if full else camera.resized(self.resolution.size(camera.size)))
 
     def deliver(self, full: bool, picture: Picture) -> None:
-        """Send what `draw` has just made."""
+        """Send the picture that `draw` has just made."""
         start = time.perf_counter()
         depth = None
         if full and self.with_depth and picture.depth is not None:
@@ -177,7 +177,7 @@ class Request:
 
 
 def stream_renderer(rest: float = 0.2) -> Renderer[Request, Picture]:
-    """A renderer for the streams of a server's pages; `rest` is the seconds until a camera counts as resting."""
+    """A renderer for the streams of a server's pages; a camera rests after `rest` seconds without a move."""
     return Renderer(
         lambda request, full: request.stream.draw(request.camera, full),
         lambda request, full, picture: request.stream.deliver(full, picture),

@@ -1,4 +1,4 @@
-"""Placing frusta on a mesh, in a browser (Schaufler & Priglinger 1999, section 7.1)."""
+"""Placement of frusta on a mesh in a browser (Schaufler & Priglinger 1999, section 7.1)."""
 
 from __future__ import annotations
 
@@ -38,35 +38,36 @@ def place(
     side: Side = "front",
     within: ArrayLike | None = None,
 ) -> Pages:
-    """Place frusta on a mesh in a browser, until depth images from there cover it.
+    """Place frusta on a mesh in a browser, until their depth images cover it.
 
-    Frusta are added, moved, turned, resized and deleted, by hand or as they are proposed. What no frustum sees is red,
-    and its share is told. The chosen one's own picture is in a corner, where parts that are not wanted are painted
-    over. All browsers that open the page work on one set. The page can only be opened on this machine.
+    Frusta are proposed automatically or added by hand. They can be moved, turned, resized and deleted. Surface that no
+    frustum sees is red, and the page shows its share. A corner shows the chosen frustum's own picture, where unwanted
+    parts can be painted over. All browsers that open the page edit the same set. Only this machine can open the page.
 
     Parameters
     ----------
     mesh : Mesh
     frusta : sequence of pyibr.capture.frusta.Frustum, or a path
-        To begin with: a set's folder, or a JSON file of frusta.
+        Initial frusta; also a set's folder, or a JSON file of frusta.
     size : int
         Pixels a side of the frusta's images.
     folder : path
-        Where the page saves its sets unless another is named there; `load` reads them.
+        Where the page saves its sets, unless the page names another folder; `load` reads them.
     up : (3,)
-        What is up in the world.
+        Up direction of the world.
     port : int
-        The first one that is tried; 0 takes any that is free.
+        Port of the page, or the next free one; 0 takes any free port.
     side : {"front", "back", "both"}
-        Of the surface, that the frusta's images show: "back" for frusta within a solid. A set's file knows its own.
+        Side of the surface that the frusta's images show: "back" for frusta inside a solid. Ignored for a set's file,
+        which has its own.
     within : (2, 3), optional
-        A box, (low, high) in the world: only the part of the mesh in it is to be covered. By default all of it, or
-        what a set's file says.
+        A box, (low, high) in the world: only the part of the mesh inside it shall be covered. By default the box in
+        a set's file, or the whole mesh.
 
     Returns
     -------
     Pages
-        As by `view`.
+        As for `view`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The brush of a browser's page: an unseen sheet over the corner, before the camera, that is dragged over."""
+"""The brush of a browser's page: an invisible sheet before the camera, over the corner, that receives drags."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from viser import ClientHandle, MeshHandle
 
 SHEET = 0.02
-"""Units of the page: how far the sheet is before the camera."""
+"""Distance of the sheet from the camera, in units of the page."""
 
 
 class Brush:
@@ -26,11 +26,11 @@ class Brush:
     ----------
     client : ClientHandle
     stream : Stream
-        Of that browser's pictures.
+        Stream of this browser's pictures.
     paints : callable
-        Whether a drag over the corner paints now.
+        Returns whether a drag over the corner paints now.
     paint_at : callable
-        Takes where the brush is, in widths and heights of the corner's picture, and the gesture that it is of.
+        Called with the brush's position, in widths and heights of the corner's picture, and its gesture.
     """
 
     def __init__(
@@ -45,10 +45,10 @@ class Brush:
         self._sheet: MeshHandle | None = None
         self._sheet_for: object = None
         self._gesture: object = None
-        self._lock = RLock()  # the camera moves on one thread, and others tell what is painted
+        self._lock = RLock()  # the camera moves on one thread, paint events come on others
 
     def move(self, camera: Camera) -> None:
-        """Put the sheet before a camera."""
+        """Place the sheet before a camera."""
         key = camera.size, camera.K[0, 0]
         wxyz, position = self._stream.page_space.pose(camera)
         with self._lock, self._client.atomic():
@@ -58,7 +58,7 @@ class Brush:
             self.show()
 
     def show(self) -> None:
-        """Let the sheet be there while a drag paints, and no longer."""
+        """Show the sheet only while a drag would paint."""
         with self._lock:
             if self._sheet is not None:
                 self._sheet.visible = self._paints()
@@ -67,7 +67,7 @@ class Brush:
         left, top, side = inset_box(camera.size)
         pixels = np.array([[left, top], [left + side, top], [left + side, top + side], [left, top + side]]) - 0.5
         corners = np.column_stack([camera.ideal_positions(pixels), np.ones(4)]) * SHEET
-        faces = np.array([[0, 2, 1], [0, 3, 2]], np.uint32)  # backs away: viser colours those of what is pointed at
+        faces = np.array([[0, 2, 1], [0, 3, 2]], np.uint32)  # backs point away: viser colours backs of hovered meshes
         sheet = self._client.scene.add_mesh_simple(
             "/brush",
             corners.astype(np.float32),
@@ -78,7 +78,7 @@ class Brush:
             receive_shadow=False,
         )
 
-        async def dragged(event: Any) -> None:  # on the server's own thread, so that places come in their order
+        async def dragged(event: Any) -> None:  # on the server's own thread, so that positions arrive in order
             if event.phase == "start":
                 self._gesture = object()
             self._touch(event.end_screen_pos, self._gesture)

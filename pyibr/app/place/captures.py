@@ -1,4 +1,4 @@
-"""The images of frusta that are being placed, made when they are asked for and kept as long as they are."""
+"""Images of the frusta of a placement, captured on request and kept while in use."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from pyibr.picture.light import Light
 
 
 class Captures:
-    """The depth images that frusta see of a mesh.
+    """Depth images of a mesh, captured from frusta.
 
     Parameters
     ----------
     surface : Surface
-        Of the mesh.
+        Surface of the mesh.
     light : Light or None
-        That is in the images' colours.
+        Light for the images' colours.
     """
 
     def __init__(self, surface: Surface, light: Light | None) -> None:
@@ -34,7 +34,7 @@ class Captures:
         self._lock = RLock()  # pictures are drawn on one thread, and sets saved on others
 
     def views(self, frusta: Sequence[Frustum]) -> list[DepthImage]:
-        """The depth images of some frusta. What others saw is forgotten."""
+        """The depth images of some frusta; drops the images of all others."""
         cameras = {(one.camera, one.far) for one in frusta}
         with self._lock:
             self._bare = {key: view for key, view in self._bare.items() if key in cameras}
@@ -47,7 +47,7 @@ class Captures:
         with self._lock:
             if frustum not in self._views:
                 key = frustum.camera, frustum.far
-                if key not in self._bare:  # a stroke more needs no new picture
+                if key not in self._bare:  # another stroke needs no new capture
                     bare = Frustum(frustum.camera, frustum.far)
                     self._bare[key] = bare.capture(self.surface.mesh, self.light)
                 bare_view = self._bare[key]
@@ -56,12 +56,12 @@ class Captures:
             return self._views[frustum]
 
     def nearest(self, frustum: Frustum) -> float | None:
-        """The least depth in a frustum's image; None if that is not known yet, or there is nothing in it."""
+        """The smallest depth in a frustum's image; None if it is not captured yet, or empty."""
         view = self._views.get(frustum)
         return float(view.depth[view.valid].min()) if view is not None and view.valid.any() else None
 
     def unseen(self, frusta: Sequence[Frustum], side: Side) -> float:
-        """The share of the surface, as far as it can be seen from outside, that no frustum sees."""
+        """The share of the surface visible from outside that no frustum sees."""
         with self._lock:
             return unseen_share(self.surface, [self._mask(one, side) for one in frusta])
 

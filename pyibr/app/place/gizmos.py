@@ -1,4 +1,4 @@
-"""Frusta as a page draws them, and the handles that move, turn and resize the chosen one."""
+"""Frusta drawn on a page, and the handles that move, turn and resize the chosen frustum."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from pyibr.core.rotations import rotation_from_quaternion
 if TYPE_CHECKING:
     from viser import CameraFrustumHandle, SceneApi, TransformControlsHandle
 
-_ENDLESS = 1.5  # units of the page: as deep as a frustum without a far plane is drawn
+_ENDLESS = 1.5  # units of the page: drawn depth of a frustum without a far plane
 _HANDLE = 0.5  # size of the gizmo that moves and turns
-_CORNER = 0.3  # of the one that resizes
+_CORNER = 0.3  # size of the gizmo that resizes
 _CHOSEN = (255, 255, 255)
 
 
@@ -31,11 +31,11 @@ class Gizmos:
     Parameters
     ----------
     scene : SceneApi
-        Of the server.
+        Scene of the server.
     placement : Placement
     page_space : PageSpace
     nearest : callable
-        The depth at which the surface begins in a frustum, if that is known.
+        Returns the depth at which the surface begins in a frustum, if it is known.
     choose : callable
         Chooses a frustum by its number.
     """
@@ -59,7 +59,7 @@ class Gizmos:
             "/resize", _CORNER, disable_rotations=True, disable_sliders=True, depth_test=False, visible=False
         )
 
-        async def moved(event: Any) -> None:  # on the server's own thread, so that places come in their order
+        async def moved(event: Any) -> None:  # on the server's own thread, so that positions arrive in order
             self._drag(event, self._moved)
 
         async def resized(event: Any) -> None:
@@ -69,12 +69,12 @@ class Gizmos:
         self.corner.on_update(resized)
 
     def show(self, visible: bool) -> None:
-        """Show all of it, or nothing: not where the picture's panes are no picture of the page's camera."""
+        """Show or hide all frusta; they are hidden while the picture consists of panes with cameras of their own."""
         self._visible = visible
         self.follow()
 
     def follow(self) -> None:
-        """Draw the placement as it is now, from any thread: viser refuses handles that another has replaced."""
+        """Draw the current placement; locked, as viser refuses handles that another thread has replaced."""
         with self._placement.lock:
             self._follow(self._placement.state)
 
@@ -91,11 +91,11 @@ class Gizmos:
         wxyz, position = self._page_space.pose(state.current.camera)
         corner = self._page_space.point(_corner_of(state.current, self._depth(state.current)))
         for handle, at in ((self.handle, position), (self.corner, corner)):
-            if handle is not self._held:  # who drags it has it where it belongs
+            if handle is not self._held:  # a handle that is dragged is already in place
                 handle.wxyz, handle.position = tuple(wxyz), tuple(at)
 
     def _draw(self, number: int, frustum: Frustum, chosen: bool) -> None:
-        """The chosen one as deep as it is, the others to the plane whose samples displacement moves back."""
+        """Draw the chosen frustum at full depth, others up to the plane where their surface begins."""
         known = self._drawn[number] if number < len(self._drawn) else None
         reach = self._depth(frustum) if chosen else self._nearest(frustum) or self._depth(frustum)
         key = frustum, chosen, reach
@@ -109,7 +109,7 @@ class Gizmos:
             f"/frusta/{number}",
             2 * math.atan(down),
             across / down,
-            scale=depth * (across * down / 3) ** (1 / 3),  # viser draws a plane of that volume's size at depth 1
+            scale=depth * (across * down / 3) ** (1 / 3),  # viser scales a frustum by its volume
             thickness=3.0 if chosen else 1.5,
             thickness_units="screen",
             color=_CHOSEN if chosen else view_color(number),

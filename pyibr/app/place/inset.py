@@ -1,4 +1,4 @@
-"""The chosen frustum's own picture in a corner of the page's, and where the page's brush is on it."""
+"""The chosen frustum's own picture in a corner of the page, and the position of the brush on it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pyibr.images import DepthImage
 Kind = Literal["colors", "depth", "disparity"]
 Image = NDArray[np.uint8]
 
-_WIDTH_SHARE = 0.36  # of the page's height
+_WIDTH_SHARE = 0.36  # share of the page's height
 _SIDE_MAX = 320  # pixels
 _FRAME = 2
 _PAINT = (200, 0, 200)
@@ -20,7 +20,7 @@ _BACKGROUND = (70, 70, 80)
 
 
 def inset_box(size: tuple[int, int]) -> tuple[int, int, int]:
-    """Left, top and side of the picture on a page of (width, height) pixels: its lower left corner."""
+    """Left, top and side of the picture in the lower left corner of a page of (width, height) pixels."""
     width, height = size
     side = max(min(round(_WIDTH_SHARE * height), round(0.45 * width), _SIDE_MAX), 1)
     gap = max(min(8, width - side, height - side), 0)
@@ -28,14 +28,14 @@ def inset_box(size: tuple[int, int]) -> tuple[int, int, int]:
 
 
 def inset_position(size: tuple[int, int], at: tuple[float, float]) -> tuple[float, float] | None:
-    """Turn a place of the page, in its widths and heights, into one of the picture, in its own; None beside it."""
+    """Convert a position in widths and heights of the page to the picture's; None outside the picture."""
     left, top, side = inset_box(size)
     x, y = (at[0] * size[0] - left) / side, (at[1] * size[1] - top) / side
     return (x, y) if 0 <= x <= 1 and 0 <= y <= 1 else None
 
 
 def own_picture(view: DepthImage, kind: Kind, mask: NDArray[np.bool_]) -> Image:
-    """(H, W, 3) what a frustum sees: its colours, its depth or its disparity, near is light; paint over it."""
+    """(H, W, 3): a frustum's colours, depth or disparity, near is light, with the paint on top."""
     made = np.empty((*view.depth.shape, 3), np.uint8)
     made[:] = _BACKGROUND
     seen = view.valid
@@ -53,7 +53,10 @@ def own_picture(view: DepthImage, kind: Kind, mask: NDArray[np.bool_]) -> Image:
 
 
 def draw_inset(picture: Image, own: Image, full: tuple[int, int]) -> None:
-    """Write a frustum's picture into a page's, which is `full` pixels large, or drawn smaller while it moves."""
+    """Draw a frustum's picture into the page's picture.
+
+    full: size of the page in pixels; its picture is smaller while the camera moves.
+    """
     height, width = picture.shape[:2]
     left, top, side = (round(value * width / full[0]) for value in inset_box(full))
     side = min(side, width - left, height - top)

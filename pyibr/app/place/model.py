@@ -1,4 +1,4 @@
-"""Frusta that are being placed: which there are, which one is chosen, and the way back. It knows no page."""
+"""The frusta of a placement, the chosen frustum, and undo, independent of any page."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Side
 
-_STEPS = 200  # that can be undone
+_STEPS = 200  # steps that can be undone
 _COUNT_MAX = 256  # frusta
 
 
 @dataclass(frozen=True)
 class State:
-    """The state that undoing brings back.
+    """A state that undo restores.
 
     Attributes
     ----------
     frusta : tuple of Frustum
     chosen : int or None
-        Number of the one that is being worked on.
+        Number of the frustum that is edited.
     side : {"front", "back", "both"}
-        Of the surface, that the frusta's images show.
+        Side of the surface that the frusta's images show.
     """
 
     frusta: tuple[Frustum, ...] = ()
@@ -44,17 +44,17 @@ class State:
 
 
 class Placement:
-    """A set of frusta in the making.
+    """A set of frusta that is edited.
 
-    All that changes it can be undone. A gesture, as a drag of the mouse, is undone as one. It may be changed from any
-    thread; who listens is told on the thread that makes the change, within `lock`: of one change after the other.
+    All changes can be undone. A gesture, such as a drag of the mouse, is undone in one step. Changes may come from any
+    thread. Listeners are called on the thread that makes the change, within `lock`, for one change after the other.
 
     Parameters
     ----------
     size : int
         Pixels a side of the frusta's images.
     within : (2, 3), optional
-        The box, (low, high) in the world, of the part of the surface that is to be covered, if it is not all of it.
+        A box, (low, high) in the world, around the part of the surface to cover; by default all of it.
 
     Examples
     --------
@@ -80,7 +80,7 @@ class Placement:
     # ---- changes
 
     def add(self, *frusta: Frustum) -> None:
-        """Add frusta, and choose the last one."""
+        """Add frusta, and choose the last of them."""
         sized = tuple(one.resized(self.size) if one.camera.size != (self.size,) * 2 else one for one in frusta)
 
         def added(state: State) -> State:
@@ -92,7 +92,7 @@ class Placement:
         self._change(added)
 
     def delete(self) -> None:
-        """Take the chosen frustum away, if there is one."""
+        """Delete the chosen frustum, if any."""
 
         def deleted(state: State) -> State:
             if state.chosen is None:
@@ -103,7 +103,7 @@ class Placement:
         self._change(deleted)
 
     def put(self, changed: Callable[[Frustum], Frustum], gesture: object = None) -> None:
-        """Let the chosen frustum, if there is one, be what a function makes of it; a gesture is undone as one."""
+        """Replace the chosen frustum, if any, by a function's result for it; a gesture is undone in one step."""
 
         def put(state: State) -> State:
             number = state.chosen
@@ -119,11 +119,11 @@ class Placement:
         self.put(lambda frustum: frustum.at(world_from_camera), gesture)
 
     def open(self, across: float, down: float, far: float, gesture: object = None) -> None:
-        """Give the chosen frustum other angles, in degrees, and another far plane."""
+        """Set the chosen frustum's angles, in degrees, and far plane."""
         self.put(lambda frustum: frustum.opened(across, down, far), gesture)
 
     def paint(self, point: tuple[float, float], radius: float, erases: bool = False, gesture: object = None) -> None:
-        """Paint emptiness over the chosen frustum's image; see `Stroke`. A gesture's points are one stroke."""
+        """Mark parts of the chosen frustum's image as empty; see `Stroke`. A gesture's points form one stroke."""
 
         def painted(frustum: Frustum) -> Frustum:
             goes_on = gesture is not None and gesture == self._gesture and frustum.strokes
@@ -134,67 +134,67 @@ class Placement:
         self.put(painted, gesture)
 
     def clean(self) -> None:
-        """Take all paint off the chosen frustum's image."""
+        """Remove all paint from the chosen frustum's image."""
         self.put(lambda frustum: replace(frustum, strokes=()))
 
     def look_from(self, side: Side) -> None:
-        """Let another side of the surface be the one that is shown."""
+        """Show another side of the surface."""
         one_of("side", side, Side)
         self._change(lambda state: replace(state, side=side))
 
     def choose(self, number: int | None) -> None:
-        """Choose a frustum by its number, or none; that is no change to undo."""
+        """Choose a frustum by its number, or none; this cannot be undone."""
         with self.lock:
             if number is not None and not 0 <= number < len(self.state.frusta):
-                raise ArgumentError("number", f"of one of {len(self.state.frusta)} frusta", str(number))
+                raise ArgumentError("number", f"a number below {len(self.state.frusta)}", str(number))
             if number == self.state.chosen:
                 return
             self.state, self._gesture = replace(self.state, chosen=number), None
             self._tell()
 
-    # ---- the way back
+    # ---- undo
 
     def undo(self) -> None:
-        """Take the last change back, if there is one."""
+        """Undo the last change, if any."""
         self._step(self._past, self._future)
 
     def redo(self) -> None:
-        """Take the last undoing back, if nothing was changed since."""
+        """Redo the last undone change, if nothing was changed since."""
         self._step(self._future, self._past)
 
     @property
     def steps(self) -> tuple[int, int]:
-        """The number of changes that can be undone, and of those that can be redone."""
+        """The numbers of changes that can be undone and redone."""
         return len(self._past), len(self._future)
 
     # ---- files
 
     @property
     def about(self) -> dict[str, Any]:
-        """The set's entries in files beside its frusta."""
+        """The set's entries in files, besides its frusta."""
         part = {} if self.within is None else {"within": self.within.tolist()}
         return {"side": self.state.side} | part
 
     def save(self, folder: str | PathLike[str], views: Sequence[DepthImage]) -> None:
-        """Write the set with the images that its frusta see; `pyibr.load` and `load` read it."""
+        """Write the set with the images of its frusta; `pyibr.load` and `load` read it."""
         save_set(folder, self.state.frusta, views, **self.about)
 
     def save_frusta(self, path: str | PathLike[str]) -> None:
-        """Write the frusta alone."""
+        """Write only the frusta."""
         save_frusta(path, self.state.frusta, **self.about)
 
     def load(self, path: str | PathLike[str]) -> None:
-        """Take the frusta of a set's folder or JSON file instead of those that there are; that can be undone.
+        """Replace all frusta by a set's folder or JSON file; this can be undone.
 
         Raises
         ------
         FileFormatError
-            If it is no such file.
+            If the file has another content.
         """
         self.take(*load_frusta(path))
 
     def take(self, frusta: Sequence[Frustum], about: dict[str, Any]) -> None:
-        """Take other frusta, and what their file says of the set."""
+        """Replace all frusta, and the set's entries in their file."""
         side = about.get("side", "front")
         known: Side = side if side in get_args(Side) else "front"
         sized = tuple(one.resized(self.size) for one in frusta)

@@ -1,4 +1,4 @@
-"""The page for placing frusta: gizmos, controls, the corner's brush, and the pictures that they ask for."""
+"""The page for placing frusta: gizmos, controls, the corner's brush, and the pictures."""
 
 from __future__ import annotations
 
@@ -48,24 +48,24 @@ _SHOWN: dict[str, tuple[str, str | None, Layout]] = {
     "mesh, set, difference": ("plain", "set", "side by side"),
     "difference": ("plain", "set", "difference"),
 }
-"""The ways, and their layout, by the words of the page's control."""
+"""Methods and layout by the text of the page's control."""
 
-_NEW = 40.0  # degrees of a new frustum
-_BEFORE = 0.6  # of the way from the camera to the surface: how far before it a new one stands
+_NEW = 40.0  # opening angle of a new frustum in degrees
+_BEFORE = 0.6  # distance of a new frustum from the surface, as a share of the camera's
 _NONE = "none"
 
 
 class PlacePage:
-    """The part that all browsers share that place frusta on one mesh.
+    """The shared part of all browsers that place frusta on one mesh.
 
     Parameters
     ----------
     pages : Pages
-        Whose server is used.
+        Pages with the server.
     placement : Placement
     captures : Captures
     folder : Path
-        Where sets are saved at first.
+        Initial folder for saving sets.
     """
 
     def __init__(
@@ -96,15 +96,15 @@ class PlacePage:
     # ---- pictures
 
     def page(self, client: ClientHandle) -> BrowserPage:
-        """A browser has opened the page."""
+        """Make the page of a browser that opens it."""
         return BrowserPage(self, client)
 
     def join(self, browser: BrowserPage, joins: bool) -> None:
-        """Let a browser's page be told of changes, or no more."""
+        """Add a browser's page to the pages that follow changes, or remove it."""
         (self._browsers.add if joins else self._browsers.discard)(browser)
 
     def picture(self, camera: Camera, full: tuple[int, int]) -> Picture:
-        """Draw what a page with a canvas of `full` pixels shows from a camera."""
+        """Draw the picture of a page with a canvas of `full` pixels, from a camera."""
         state = self.placement.state
         method, other, layout = _SHOWN[self._shown.value]
         style = Style(method, other, layout, self._swipe.value, self._gain.value)
@@ -118,18 +118,18 @@ class PlacePage:
             if picture.depth is not None:
                 before = np.zeros((*picture.depth.shape, 1), np.uint8)
                 draw_inset(before, np.full((1, 1, 1), 255, np.uint8), full)
-                picture.depth[before[..., 0] > 0] = SHEET * self.page_space.unit  # nothing is drawn over it
+                picture.depth[before[..., 0] > 0] = SHEET * self.page_space.unit  # so that nothing occludes the corner
         return replace(picture, color=color)
 
     def tell(self, shown: SentPicture) -> None:
-        """Say what the picture is, and how much is unseen."""
+        """Show the picture's data and the unseen share of the surface."""
         if not shown.full:
             return
         state, picture = self.placement.state, shown.picture
         key = state.frusta, state.side
         if self._measured is None or self._measured[0] != key:
             self._measured = key, self.captures.unseen(state.frusta, state.side)
-            self.gizmos.follow()  # where the surface begins in each is known now
+            self.gizmos.follow()  # the depths at which the surface begins are known now
         lines = [
             f"**{len(state.frusta)} frusta**, {self._measured[1]:.1%} of the surface unseen",
             f"{picture.camera.width}x{picture.camera.height}, {1e3 * shown.seconds:.0f} ms",
@@ -137,7 +137,7 @@ class PlacePage:
         self.panel.say("  \n".join([*lines, picture.note] if picture.note else lines))
 
     def tell_error(self, error: Exception) -> None:
-        """Say what is wrong."""
+        """Show an error."""
         self.panel.say(f"**Not done:** {told(error)}")
 
     def _draw_marked(self, things: Any, camera: Camera, style: Style) -> Frame:
@@ -160,7 +160,7 @@ class PlacePage:
 
     def _changed(self) -> None:
         state = self.placement.state
-        self._quiet = True  # what follows sets controls to what is, which asks for nothing
+        self._quiet = True  # controls are set to the current state; this must not trigger their actions
         names = tuple(str(number + 1) for number in range(len(state.frusta))) or (_NONE,)
         self._chosen.options = names
         self._chosen.value = _NONE if state.chosen is None else str(state.chosen + 1)
@@ -185,7 +185,7 @@ class PlacePage:
         step = float(10.0 ** np.floor(np.log10(self.page_space.unit) - 1))
         with gui.add_folder("Frusta", order=1):
             self._chosen: Any = gui.add_dropdown("Chosen", (_NONE,))
-            add = gui.add_button("Add one where I look")
+            add = gui.add_button("Add a frustum here")
             self._across = gui.add_number("Degrees across", 40.0, min=1.0, max=150.0, step=1.0)
             self._down = gui.add_number("Degrees down", 40.0, min=1.0, max=150.0, step=1.0)
             self._far = gui.add_number("Far plane (0: none)", 0.0, min=0.0, step=step)
@@ -201,7 +201,7 @@ class PlacePage:
         self._redo.on_click(lambda _: self.placement.redo())
 
     def _when_turned(self, handle: Any, act: Callable[[], object]) -> None:
-        """Act whenever a control is turned, but not when it is set to what is, as another thread may just be doing."""
+        """Act when a user changes a control, but not while another thread sets it to the current state."""
 
         def turned(_: Any) -> None:
             with self.placement.lock:
@@ -211,13 +211,13 @@ class PlacePage:
         handle.on_update(turned)
 
     def _choose(self, number: int) -> None:
-        self.panel.attempt(lambda: self.placement.choose(number))  # it may be gone since the click
+        self.panel.attempt(lambda: self.placement.choose(number))  # the frustum may have been deleted since the click
 
     def _open(self) -> None:
         self.placement.open(self._across.value, self._down.value, self._far.value or math.inf)
 
     def add_at(self, client: ClientHandle | None) -> None:
-        """Add a frustum before what the middle of a browser's page shows."""
+        """Add a frustum before the surface in the middle of a browser's page."""
         cameras = [one.stream.camera for one in self._browsers if client is not None and one.stream.client == client]
         if cameras and cameras[0] is not None:
             camera = cameras[0]
@@ -251,7 +251,7 @@ class PlacePage:
         self._when_turned(self._side, lambda: self.placement.look_from(cast("Side", self._side.value)))
 
     def propose(self) -> None:
-        """Add frusta that see most of what is unseen; does nothing while that is being done already."""
+        """Add frusta that see most of the unseen surface; do nothing while a proposal is running."""
         if self._proposing.is_set():
             return
         self._proposing.set()
@@ -280,9 +280,9 @@ class PlacePage:
 
     def _add_corner_controls(self) -> None:
         gui = self.pages.server.gui
-        with gui.add_folder("The chosen one's picture", order=3, expand_by_default=False):
+        with gui.add_folder("Picture of the chosen frustum", order=3, expand_by_default=False):
             self._corner: Any = gui.add_dropdown("In the corner", (*get_args(Kind), _NONE))
-            self._brush = gui.add_checkbox("Brush", True, hint="Drag over the corner: what is painted is empty")
+            self._brush = gui.add_checkbox("Brush", True, hint="Drag over the corner to mark parts as empty")
             self._radius = gui.add_slider("Radius", 0.01, 0.3, 0.01, 0.06)
             self._erases = gui.add_checkbox("Erase", False)
             clean = gui.add_button("Clear paint")
@@ -292,12 +292,12 @@ class PlacePage:
         clean.on_click(lambda _: self.placement.clean())
 
     def paint_at(self, at: tuple[float, float], gesture: object) -> None:
-        """Paint where the brush is on a page, in its widths and heights, if that is on the corner's picture."""
+        """Paint at the brush's position, in widths and heights of the corner's picture."""
         self.placement.paint(at, self._radius.value, self._erases.value, gesture)
 
     @property
     def paints(self) -> bool:
-        """True while a drag over the corner paints."""
+        """Whether a drag over the corner paints now."""
         return self._brush.value and self._corner.value != _NONE and self.placement.state.current is not None
 
     def _add_picture_controls(self) -> None:
@@ -336,7 +336,7 @@ class PlacePage:
         self.panel.answer(f"**Saved** {len(state.frusta)} frusta to {folder}")
 
     def _named_folder(self) -> Path:
-        """The folder that the page names, shown as the whole path that it is."""
+        """The folder that the page names; the page then shows its absolute path."""
         folder = _whole(self._folder.value)
         self._folder.value = str(folder)
         return folder
@@ -366,12 +366,12 @@ class BrowserPage:
         self.stream.follow()
 
     def refresh(self) -> None:
-        """Something has changed that the page shows."""
+        """Draw the page again after a change."""
         self._brush.show()
         self.stream.refresh()
 
     def leave(self) -> None:
-        """The page is closed: nothing is drawn for it any more."""
+        """Stop drawing, because the page is closed."""
         self._shared.join(self, False)
         self.stream.leave()
 
@@ -381,8 +381,8 @@ class BrowserPage:
 
 
 def _whole(folder: str | Path) -> Path:
-    """The absolute path that a user means, ~ being their home."""
+    """The absolute path of a folder, with ~ as the user's home."""
     try:
         return checked_path(folder).expanduser().absolute()
-    except RuntimeError:  # there is no user of that name
-        raise ArgumentError("folder", "a folder, ~ before it for one in your home", repr(str(folder))) from None
+    except RuntimeError:  # unknown user after ~
+        raise ArgumentError("folder", "a folder, with ~ for your home", repr(str(folder))) from None

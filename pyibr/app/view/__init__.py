@@ -1,4 +1,4 @@
-"""Looking around in anything that pyibr draws, in a browser."""
+"""A page in a browser for looking around in anything that pyibr draws."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ __all__ = ["view"]
 def view(things: object, camera: Camera | None = None, *, up: ArrayLike | None = None, port: int = 8080) -> Pages:
     """Look around in a browser, with pictures that pyibr draws while the camera moves.
 
-    The page can only be opened on this machine. Its controls choose the method, how depth images are drawn, the light,
-    and whatever the things' classes are made with; two methods are compared beside each other. While the camera moves
-    the resolution falls as far as it must, and is full 0.2 s after it rests.
+    Only this machine can open the page. Its controls select the method, the drawing of depth images, the light and the
+    constructor arguments of the things. Two methods can be compared. While the camera moves, the resolution is reduced
+    as needed; 0.2 s after the camera rests, it is full.
 
     Parameters
     ----------
     things : thing, sequence of things, or mapping of str to either
-        As for `render`. Of a mapping each entry is a method to choose, and to compare with the others. Depth images
-        can be drawn by the warp's methods, as depth meshes, as a depth object and as a visual hull, too.
+        As for `render`. Each entry of a mapping is a method, which can be selected and compared with the others. Depth
+        images can also be drawn by the warp's methods, as depth meshes, as a depth object and as a visual hull.
     camera : Camera, optional
-        Where to begin; only its pose and its field of view count. By default the first depth image's, or one that
-        sees all.
+        Initial camera; only its pose and field of view are used. By default the first depth image's camera, or a
+        camera that sees everything.
     up : (3,), optional
-        What is up in the world. By default what is up in the depth images, or -y.
+        Up direction of the world. By default the depth images' up direction, or -y.
     port : int
-        The first one that is tried; 0 takes any that is free.
+        Port of the page, or the next free one; 0 takes any free port.
 
     Returns
     -------
     Pages
-        It shows its page in a notebook. In a script call its `wait`, or the page ends with the script; `close` ends it
-        before.
+        Shows its page in a notebook. In a script, call `wait`, as the page ends with the script; `close` ends it
+        earlier.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The controls of a page for looking around, and the style that they ask for."""
+"""The controls of a page for looking around, and the style that they select."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _SAMPLES, _SHADOWS = ("1", "4", "9", "16"), ("0", "512", "1024", "2048", "4096")
 LABELS: dict[Show, str] = {
     "color": "colors",
     "depth": "depth",
-    "classes": "what pixels are",
-    "view": "which view they are of",
+    "classes": "pixel classes",
+    "view": "source views",
 }
-"""What is shown, in the words of its control."""
+"""Labels of the shown quantities in their control."""
 
 
 class Controls:
@@ -41,14 +41,14 @@ class Controls:
     panel : Panel
     scene : Scene
     changed : callable
-        Called when one of them has been changed.
+        Called when a control has changed.
     """
 
     def __init__(self, panel: Panel, scene: Scene, changed: Callable[[], None]) -> None:
         self._panel, self._gui, self._scene, self._changed = panel, panel.gui, scene, changed
         self._parameters: dict[str, tuple[Parameter, Any]] = {}
         self._parameter_folder: Any = None
-        self._lock = Lock()  # two changes of the method may be heard of on two threads
+        self._lock = Lock()  # two threads may handle changes of the method
         with panel.controls:
             self._add_picture()
             self._add_light()
@@ -57,16 +57,16 @@ class Controls:
 
     @property
     def shows_frusta(self) -> bool:
-        """Tell whether the sources' frusta are to be seen."""
+        """Whether the sources' frusta are shown."""
         return bool(self._frusta.value)
 
     @property
     def times_kernels(self) -> bool:
-        """Tell whether kernels are to be timed."""
+        """Whether kernels are timed."""
         return bool(self._times.value)
 
     def style(self) -> Style:
-        """Style that the controls ask for now."""
+        """Return the style that the controls select now."""
         shows: dict[str, Show] = {text: name for name, text in LABELS.items()}
         other = self._other.value
         return Style(
@@ -83,7 +83,7 @@ class Controls:
             int(self._anisotropy.value),
         )
 
-    # ---- what there is
+    # ---- controls
 
     def _add_picture(self) -> None:
         gui, methods = self._gui, list(self._scene.methods)
@@ -114,14 +114,14 @@ class Controls:
             self._add_parameters()
 
     def _add_parameters(self) -> None:
-        """Those of the things that the chosen way draws."""
+        """Add controls for the parameters of the selected method's things."""
         with self._lock, self._panel.controls:
             if self._parameter_folder is not None:
                 self._parameter_folder.remove()
                 self._parameter_folder, self._parameters = None, {}
             try:
                 parameters = self._scene.methods[self._method.value].parameters
-            except Error:  # its things cannot be made, as the page says when it is to draw them
+            except Error:  # its things cannot be made; the page shows this error when it draws them
                 return
             if not parameters:
                 return
@@ -136,7 +136,7 @@ class Controls:
         label = parameter.name.replace("_", " ").replace(".", " ").capitalize()
         if parameter.kind is str and not parameter.choices:
             text = "" if parameter.value is None else str(parameter.value)
-            return self._gui.add_text(label, text, hint="A number; nothing; or a word")
+            return self._gui.add_text(label, text, hint="A number, a word, or empty")
         if parameter.kind is str:
             words = [_NOTHING if choice is None else choice for choice in parameter.choices]
             return self._gui.add_dropdown(
@@ -170,7 +170,7 @@ class Controls:
             self._times = self._watched(gui.add_checkbox("Kernel times", False))
             self._panel.add_dark()
 
-    # ---- what it means
+    # ---- values
 
     def _light(self) -> Light | None:
         if not self._lit.value:
@@ -203,7 +203,7 @@ def _value(parameter: Parameter, handle: Any) -> Value:
 
 
 def _typed(text: str) -> Value:
-    """The number that a text is, or the word; None of none."""
+    """Parse a number or a word; None for an empty text."""
     for kind in (int, float):
         with suppress(ValueError):
             return kind(text)
@@ -211,7 +211,7 @@ def _typed(text: str) -> Value:
 
 
 def _step(value: float) -> float:
-    """By which a number of this size is turned: a tenth of it, or its last digit."""
+    """The step of a control for a number of this size: a tenth of it, or its last digit."""
     if not value:
         return 0.01
     exponent = cast("int", Decimal(repr(value)).normalize().as_tuple().exponent)
@@ -220,7 +220,7 @@ def _step(value: float) -> float:
 
 @lru_cache(maxsize=8)
 def _light_from(**settings: Any) -> Light:
-    """The same light for the same settings: it keeps its shadow maps."""
+    """Return the same light for the same settings, so that it keeps its shadow maps."""
     return Light(**settings)
 
 

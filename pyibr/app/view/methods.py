@@ -1,7 +1,7 @@
-"""The ways to draw a scene, by name: the only part of the page that knows systems.
+"""The methods for drawing a scene, by name: the only part of the page that depends on the rendering systems.
 
-Whatever keeps the contract of `pyibr.Drawable` is drawn by `render`. Depth images are drawn by the warp, too, and by
-the systems that make an object of several.
+`render` draws everything that fulfils the contract of `pyibr.Drawable`. Depth images can also be drawn by the warp, and
+by the systems that combine several of them to an object.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from pyibr.warp.warp import warp
 
 Draw = Callable[[Sequence[Any], Camera, Style], Frame]
 
-_CACHED_MAX = 4  # states of the parameters whose things stay on the device
+_CACHED_MAX = 4  # sets of parameter values whose things stay on the device
 
 
 @dataclass(frozen=True)
 class RenderMethod:
-    """A way to draw a scene.
+    """A method for drawing a scene.
 
     Attributes
     ----------
     make : callable -> sequence of things
-        What is drawn, made on first use.
+        Makes the things to draw, on first use.
     how : callable (things, camera, style) -> Frame
     explains : bool
-        Its frames tell what each pixel is and which view it comes from.
+        Whether its frames hold the class and the source view of each pixel.
     fixed : tuple of str
-        Options of the things that make this the way that it is: no parameters.
+        Options of the things that define this method and are therefore not parameters.
     """
 
     make: Callable[[], Sequence[Any]]
@@ -54,7 +54,7 @@ class RenderMethod:
 
     @cached_property
     def things(self) -> Sequence[Any]:
-        """Things that are drawn, with all parameters as they were given."""
+        """The things to draw, with all parameters as given."""
         return self.make()
 
     @property
@@ -63,7 +63,7 @@ class RenderMethod:
         return {name: parameter for name, parameter in parameters_of(self.things).items() if name not in self.fixed}
 
     def draw(self, camera: Camera, style: Style) -> Frame:
-        """A frame of the things, with the parameters turned as the style says."""
+        """A frame of the things, with the style's parameters."""
         things = self._with_parameters.get(style.parameters)
         if things is None:
             values = {name: value for name, value in style.parameters if name not in self.fixed}
@@ -79,12 +79,12 @@ class RenderMethod:
 
 
 def methods_of(things: object) -> dict[str, RenderMethod]:
-    """The ways to draw what a user has given: a thing, a sequence of things, or named ones to choose from.
+    """The methods for drawing a thing, a sequence of things, or a mapping of named things to select from.
 
     Raises
     ------
     ArgumentError
-        If it is none of that, or something in it is nothing that can be drawn.
+        If `things` has another type, or holds objects that cannot be drawn.
     """
     if isinstance(things, Mapping):
         named = cast("Mapping[object, object]", things)
@@ -116,7 +116,7 @@ def _warped(views: Sequence[DepthImage], method: Method) -> RenderMethod:
         if style.show not in ("classes", "view") or method == "forward":
             return _render(things, camera, style)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # an empty picture is seen to be empty
+            warnings.simplefilter("ignore", UserWarning)  # the user sees that a picture is empty
             frame = warp(things[0], camera, origins=True, classes=style.show == "classes")
         frame.color[np.isnan(frame.depth)] = _background(style, frame.color.dtype)
         return frame
@@ -144,6 +144,6 @@ def _checked(things: object) -> list[Any]:
 
 
 def _alike(views: Sequence[DepthImage]) -> list[DepthImage]:
-    """The views with colours of one kind, as the warp wants them."""
+    """Convert the views to colours of one kind, as the warp requires."""
     shown = [view.in_color for view in views]
     return shown if len({view.color.dtype for view in shown}) == 1 else [view.in_float for view in shown]

@@ -1,4 +1,4 @@
-"""Overlays: classes and origins of a picture as colours, and two pictures' difference."""
+"""Overlays: pixel classes and source views as colours, and the difference of two pictures."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ CLASS_COLORS = {
     PixelClass.UNOBSERVED: (200, 0, 200),
     PixelClass.OUTSIDE: (60, 110, 190),
 }
-"""Of what was hidden from the source, what it has no depth for, and what lies outside of its image."""
+"""Colours of pixels that were occluded in the source, have no depth there, or lie outside its image."""
 
 _NAMED = 16  # views in a legend
 _MORE = (128, 128, 128)
-_GOLDEN = 0.618033988749895  # turns of the hue that never come near one another early
+_GOLDEN = 0.618033988749895  # golden ratio, in turns of the hue: keeps the hues of the first views far apart
 
 
 def class_colors(frame: Frame) -> Image:
-    """The colours where something was seen; where not, why not (`CLASS_COLORS`), over what was filled in there."""
+    """The picture's colours, with the holes tinted by their class (`CLASS_COLORS`)."""
     made = in_bytes(frame.color).copy()
     if frame.classes is None:
         return made
@@ -34,7 +34,7 @@ def class_colors(frame: Frame) -> Image:
 
 
 def view_colors(frame: Frame, background: tuple[int, int, int]) -> Image:
-    """The picture with a hue for each view that pixels come from; in its own colours where no view is told."""
+    """The picture with a hue for each source view; unchanged if the frame has no source views."""
     if frame.view is None:
         return in_bytes(frame.color)
     made = np.empty((*frame.depth.shape, 3), np.uint8)
@@ -48,13 +48,13 @@ def view_colors(frame: Frame, background: tuple[int, int, int]) -> Image:
 
 
 def view_color(number: int) -> tuple[int, int, int]:
-    """The colour that stands for the view of a number."""
+    """The colour for the view with this number."""
     red, green, blue = colorsys.hsv_to_rgb(number * _GOLDEN % 1, 0.65, 1.0)
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
 def legend(show: Show, views: int) -> list[tuple[tuple[int, int, int], str]]:
-    """Name the colours of an overlay: classes by their names, views by their numbers from 0, the first of many."""
+    """Legend of an overlay: names of classes, or numbers of the first views from 0."""
     if show == "classes":
         return [(color, kind.name.lower()) for kind, color in CLASS_COLORS.items()]
     if show != "view":
@@ -64,6 +64,6 @@ def legend(show: Show, views: int) -> list[tuple[tuple[int, int, int], str]]:
 
 
 def difference(one: Image, other: Image, gain: float) -> Image:
-    """The absolute difference of two pictures, times a gain."""
+    """The absolute difference of two pictures, multiplied by a gain."""
     apart = np.abs(one.astype(np.int16) - other.astype(np.int16))
     return np.minimum(apart * np.float32(gain), 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""The page for looking around: its controls, and what they do to the picture."""
+"""The page for looking around: its controls and its pictures."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from pyibr.opencl.program import telling_builds
 if TYPE_CHECKING:
     from viser import CameraFrustumHandle, ClientHandle
 
-_STATUS_SECONDS = 0.3  # seconds between two words on how long frames take, while the camera moves
-_THUMB = 96  # pixels of the longer side of a picture in a frustum
-_FRUSTUM = 0.35  # of a source, in units of the page
+_STATUS_SECONDS = 0.3  # seconds between two updates of the frame times while the camera moves
+_THUMB = 96  # longer side of a picture in a frustum, in pixels
+_FRUSTUM = 0.35  # size of a source's frustum in units of the page
 _PLAYED = 1 / 30  # seconds between two cameras of a path
 
 
@@ -43,11 +43,11 @@ class ViewPage:
     client : ClientHandle
     scene : Scene
     stream_for : callable
-        Makes the page's `Stream` of (client, place, paint, shown, failed).
+        Makes the page's `Stream` from (client, page_space, paint, shown, failed).
     device : str
-        What draws, in words.
+        Name of the device that draws.
     call : callable
-        Calls a function on the device that the page's pictures are drawn on, from any thread; see `Pages.call`.
+        Calls a function on the device of the page's pictures, from any thread; see `Pages.call`.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class ViewPage:
         self.stream.follow()
 
     def leave(self) -> None:
-        """The page is closed: nothing is drawn for it any more."""
+        """Stop drawing, because the page is closed."""
         self._stops.set()
         self.stream.leave()
 
@@ -109,7 +109,7 @@ class ViewPage:
                 self.scene.methods[name].explains for name in (style.method, style.other) if name is not None
             )
             swatches = " ".join(_swatch(color, text) for color, text in meanings)
-            lines.append(swatches if explained else f"{style.method} does not tell {LABELS[style.show]}")
+            lines.append(swatches if explained else f"{style.method} has no {LABELS[style.show]}")
         if shown.full and self.controls.times_kernels:
             times = kernel_seconds(self.scene.methods, picture.camera, style)
             longest = sorted(times.items(), key=lambda item: -item[1])[:8]
@@ -153,7 +153,7 @@ class ViewPage:
         self.stream.with_depth = shown and bool(self._frusta)
 
     def _hide_frusta_at(self, camera: Camera) -> None:
-        """A source's picture would hide everything from a camera that stands where it was taken."""
+        """Hide a source's frustum near the camera, where its picture would occlude everything."""
         if not self.stream.with_depth:
             return
         at = self.scene.page_space.point(camera.center)
@@ -165,7 +165,7 @@ class ViewPage:
     # ---- cameras
 
     def go_to(self, camera: Camera) -> None:
-        """Let the page look as a camera does, as far as pages can: with square pixels and the axis in the middle."""
+        """Move the page's view to a camera; pages have square pixels and a central principal point only."""
         page_space, page = self.scene.page_space, self.client.camera
         wxyz, position = page_space.pose(camera)
         ahead = max(float((self.scene.pivot - camera.center) @ camera.forward) / page_space.unit, 0.05)
@@ -199,11 +199,11 @@ class ViewPage:
 
     def _camera(self) -> Camera:
         if self.stream.camera is None:
-            raise Error("the page has not said yet where its camera is")
+            raise Error("the page has not sent its camera yet")
         return self.stream.camera
 
     def screenshot(self) -> bytes:
-        """A PNG file of the picture as it rests."""
+        """A PNG file of the picture at full resolution."""
         camera, style = self._camera(), self.controls.style()
         picture = self._call(lambda: paint(self.scene.methods, camera, style), self.panel.say)
         return encoded(picture.color, ".png")
@@ -244,7 +244,7 @@ class ViewPage:
         self._set_path(list(path.cameras))
 
     def play(self) -> None:
-        """Move the page's camera along its path; a second call while it moves stops it."""
+        """Move the page's camera along its path; a second call during the move stops it."""
         if self._playing.is_set():
             self._playing.clear()
             return

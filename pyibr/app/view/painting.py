@@ -1,4 +1,4 @@
-"""From a camera and a style to the picture that a page shows, and the time that each stage took."""
+"""Pictures of a page for a camera and a style, with the time of each stage."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class _Stopwatch:
 
 
 def paint(methods: Mapping[str, RenderMethod], camera: Camera, style: Style) -> Picture:
-    """Draw what the style asks for from a camera.
+    """Draw a picture from a camera in a style.
 
     Raises
     ------
     ArgumentError
-        If the style names a way that there is not, or the things refuse what it asks for.
+        If the style names an unknown method, or has parameters that the things refuse.
     """
     watch = _Stopwatch()
     if style.other is None or style.layout == "one":
@@ -65,17 +65,17 @@ def paint(methods: Mapping[str, RenderMethod], camera: Camera, style: Style) -> 
 
 
 def kernel_seconds(methods: Mapping[str, RenderMethod], camera: Camera, style: Style) -> dict[str, float]:
-    """Seconds that each kernel takes for such a picture; the queue is awaited after each."""
+    """Seconds of each kernel for a picture, measured by waiting for the queue after each kernel."""
     with watching(LaunchTimes()) as seen:
         paint(methods, camera, style)
     return {name: sum(values) for name, values in seen.of.items()}
 
 
 def _beside(methods: Mapping[str, RenderMethod], camera: Camera, style: Style, watch: _Stopwatch) -> Picture:
-    """Both ways and their difference, each the middle third of its picture."""
+    """Both methods and their difference, each as the middle third of its picture."""
     width = max((camera.width - 2) // 3, 1)
     K = camera.K.copy()
-    K[0, 2] -= 0.5 * (camera.width - width)  # the middle stays in the middle
+    K[0, 2] -= 0.5 * (camera.width - width)  # keeps the middle in the middle
     narrow = Camera(K, (width, camera.height), camera.world_from_camera)
     one, other = (_drawn(methods, narrow, style, name, watch) for name in (style.method, style.other or style.method))
     colors = [_shown(frame, style, watch) for frame in (one, other)]
@@ -107,10 +107,10 @@ def _shown(frame: Frame, style: Style, watch: _Stopwatch) -> Image:
 
 
 def _apart(one: Frame, other: Frame) -> str:
-    """Describe the difference of two frames where both see something, and the pixels where only one does."""
+    """Describe the difference of two frames in their common pixels, and the share of pixels that only one covers."""
     both, either = one.valid & other.valid, one.valid | other.valid
     only = np.count_nonzero(one.valid ^ other.valid) / max(np.count_nonzero(either), 1)
     if not both.any():
-        return "they see nothing in common"
+        return "no pixels in common"
     decibels = psnr(in_bytes(one.color), in_bytes(other.color), valid=both)
-    return f"{decibels:.1f} dB where both see something; {only:.1%} is seen by one alone"
+    return f"{decibels:.1f} dB in common pixels; only one covers {only:.1%}"

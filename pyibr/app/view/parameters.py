@@ -1,7 +1,7 @@
-"""Parameters of things that a page can change: the choices and numbers of their constructors.
+"""Parameters of things that a page can change: choices and numbers among their constructors' arguments.
 
-Any class will do whose arguments are its attributes, as those of all of pyibr's things are: a thing of that class with
-one of them changed is made anew from the attributes. So a system of your own has controls, too.
+A class needs an attribute for each constructor argument, as all drawable classes of pyibr have. To change a parameter,
+a new object is made from the attributes. Your own systems get controls in the same way.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ class Parameter:
     Attributes
     ----------
     name : str
-        Of the argument, and of the attribute; ``a.b`` of what an argument consists of.
+        Name of the argument and the attribute; ``a.b`` for a part of an argument.
     kind : type
-        bool, int, float, or str: for one of `choices`, or, without any, for a number or a word that is typed.
+        bool, int, float, or str: one of `choices`, or without choices a typed number or word.
     value : bool, int, float, str or None
-        What the thing has.
+        Current value.
     choices : tuple of str or None
-        None among them: the argument may be None, too.
+        Allowed words; None is among them if the argument may be None.
     may_be_none : bool
-        A number that is None at first; on the page 0 stands for it.
+        Whether the number is None at first; the page shows 0 for it.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Parameter:
 
 
 def parameters_of(things: Sequence[object]) -> dict[str, Parameter]:
-    """All parameters of some things by their names; where several have one of a name, the first one's value counts."""
+    """All parameters of some things by name; if several things share a name, the first value is used."""
     found: dict[str, Parameter] = {}
     for thing in things:
         for parameter in _parameters_of_one(thing):
@@ -56,14 +56,14 @@ def parameters_of(things: Sequence[object]) -> dict[str, Parameter]:
 
 
 def with_parameters(thing: _Thing, values: Mapping[str, Value]) -> _Thing:
-    """The thing with those of the values that its class knows; itself if they are what it has.
+    """The thing with the values that apply to its class; the same object if nothing changes.
 
-    A word that is another class's choice alone is none of them.
+    Words that are choices of another class only do not apply.
 
     Raises
     ------
     ArgumentError
-        By the thing's class, if a value is out of its range.
+        Raised by the thing's class, if a value is out of its range.
     """
     own = {parameter.name: parameter for parameter in _parameters_of_one(thing)}
     known = {name: value for name, value in values.items() if name in own and own[name].may_be(value)}
@@ -74,7 +74,7 @@ def with_parameters(thing: _Thing, values: Mapping[str, Value]) -> _Thing:
 
 
 def _changed(arguments: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[str, Any]:
-    """Arguments with those values, also in what they consist of."""
+    """Arguments with changed values, also of their parts."""
     made = dict(arguments)
     for name, value in changes.items():
         first, _, rest = name.partition(".")
@@ -93,7 +93,7 @@ def _parameters_of_one(thing: object) -> list[Parameter]:
         return []
     try:
         hints = get_type_hints(type(thing).__init__)
-    except Exception:  # a class may name in its hints what is not there at run time
+    except Exception:  # hints may use names that do not exist at run time
         return []
     return [one for name, value in arguments.items() for one in _parameters_at(name, value, hints.get(name))]
 
@@ -116,10 +116,10 @@ def _parameters_at(name: str, value: Any, hint: object) -> list[Parameter]:
 
 
 def _arguments(thing: object) -> dict[str, Any] | None:
-    """Constructor arguments that make the same thing again; None if its attributes do not tell."""
+    """Constructor arguments that make the same thing again; None if attributes are missing."""
     try:
         parameters = inspect.signature(type(thing)).parameters.values()
-    except (TypeError, ValueError):  # not all classes say how they are made
+    except (TypeError, ValueError):  # some classes have no signature
         return None
     found: dict[str, Any] = {}
     for parameter in parameters:
@@ -133,13 +133,13 @@ def _arguments(thing: object) -> dict[str, Any] | None:
 
 
 def _number(hint: object) -> type | None:
-    """bool, int or float, also one beside None or words; None if the hint is none of them."""
+    """The type bool, int or float in a hint, also in a union with None or words; None if there is none."""
     hints = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
     return next((kind for kind in (bool, int, float) if kind in hints), None)
 
 
 def _choices(hint: object) -> tuple[str | None, ...]:
-    """The words of a `Literal`; and None, if that may stand beside them."""
+    """The words of a `Literal`, preceded by None if the hint allows it."""
     if get_origin(hint) is Literal:
         return tuple(one for one in get_args(hint) if isinstance(one, str))
     if get_origin(hint) in (Union, types.UnionType):

@@ -1,4 +1,4 @@
-"""Paths of cameras: a few of them, and a smooth way through all."""
+"""Camera paths: smooth paths through a few cameras."""
 
 from __future__ import annotations
 
@@ -21,15 +21,14 @@ _SECONDS_MAX = 3600.0  # seconds
 
 @dataclass(frozen=True)
 class CameraPath:
-    """Cameras that are passed one after the other.
+    """A smooth path that passes through cameras in order.
 
     Parameters
     ----------
     cameras : sequence of Camera
-        At least one, all perspective. Their sizes and principal points do not count: pictures of the path are drawn
-        for the first one's.
+        At least one, all perspective. The path uses the size and the principal point of the first camera.
     seconds : float
-        The way from the first to the last takes, more than 0 and up to an hour; the same time from each to the next.
+        Duration from the first to the last camera, more than 0 and up to an hour; all segments take the same time.
 
     Raises
     ------
@@ -57,10 +56,10 @@ class CameraPath:
         number_from("seconds", self.seconds, 1e-3, _SECONDS_MAX, f"seconds > 0, up to {_SECONDS_MAX:g}")
 
     def at(self, time: float) -> Camera:
-        """The camera at a time, 0 to `seconds`; before and after that it stands.
+        """The camera at a time, 0 to `seconds`; outside of this range it rests.
 
-        Positions follow a Catmull-Rom spline, which passes through all cameras; turns follow the shortest arc, and
-        focal lengths grow by equal factors in equal times.
+        Positions follow a Catmull-Rom spline, which passes through all cameras. Rotations follow the shortest arc, and
+        focal lengths change by equal factors in equal times.
         """
         last = len(self.cameras) - 1
         at = min(max(time / self.seconds, 0.0), 1.0) * last
@@ -78,7 +77,7 @@ class CameraPath:
         return Camera(K, start.size, pose)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write it as JSON: `seconds` and `cameras`, each as `Camera.save` writes it."""
+        """Write JSON with `seconds` and `cameras`, each as `Camera.save` writes it."""
         write_json(path, self.to_json())
 
     def to_json(self) -> dict[str, Any]:
@@ -87,12 +86,12 @@ class CameraPath:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> CameraPath:
-        """Read what `save` wrote; FileFormatError, which names the file, for anything else."""
+        """Read a file of `save`; raise FileFormatError, which names the file, for any other."""
         return cls.from_json(read_json(path, "camera path JSON"), path)
 
     @classmethod
     def from_json(cls, data: object, path: str | PathLike[str] = "path") -> CameraPath:
-        """Make the path that an object of a JSON file means; `path` is for error messages."""
+        """Make a path from the object of a JSON file; the argument `path` is for error messages."""
         if not isinstance(data, dict) or not {"seconds", "cameras"} >= data.keys() >= {"cameras"}:
             raise FileFormatError(f"{path}: expected a JSON object with cameras and seconds")
         entries = cast("dict[str, Any]", data)
@@ -112,7 +111,7 @@ def _focal(camera: Camera) -> float:
 
 
 def _between(one: Float64, other: Float64, part: float) -> Float64:
-    """The rotation between two, on the shortest arc."""
+    """Interpolate two rotations on the shortest arc."""
     start, end = quaternion_from_rotation(one), quaternion_from_rotation(other)
     cosine = float(start @ end)
     if cosine < 0:
@@ -124,7 +123,7 @@ def _between(one: Float64, other: Float64, part: float) -> Float64:
 
 
 def _spline(points: Sequence[Float64], part: float) -> Float64:
-    """Between the second and the third of four points."""
+    """Interpolate between the second and the third of four points."""
     before, one, other, after = points
     u, uu, uuu = part, part**2, part**3
     return 0.5 * (

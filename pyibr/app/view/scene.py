@@ -1,4 +1,4 @@
-"""The scene of a page: methods to draw it, its place, its up direction, and the cameras of its pictures."""
+"""The scene of a page: its methods, page space, up direction, and initial camera."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ class Scene:
 
     Attributes
     ----------
-    ways : dict
-        The ways to draw them, by name; see `pyibr.app.view.methods`.
+    methods : dict
+        Methods for drawing them, by name; see `pyibr.app.view.methods`.
     sources : list of DepthImage
-        Those that are among the things.
+        The depth images among the things.
     up : (3,)
-        In the world, of length 1.
+        Up direction of the world, of length 1.
     start : Camera
-        Where one begins; its size does not count.
+        Initial camera; its size is not used.
     pivot : (3,)
-        In the world: what one turns about.
+        Point of the world that the view turns about.
     plain : bool
-        There is a mesh without colours, which shows its form only in a light.
+        Whether there is a mesh without colours, whose shape needs a light to be visible.
     page_space : PageSpace
     """
 
@@ -48,12 +48,12 @@ class Scene:
 
 
 def scene_of(things: object, camera: Camera | None = None, up: ArrayLike | None = None) -> Scene:
-    """The scene of what a user has given; see `pyibr.view`.
+    """The scene for the arguments of `pyibr.view`.
 
     Raises
     ------
     ArgumentError
-        If there is nothing that can be drawn, or an argument has a wrong type or value.
+        If nothing can be drawn, or an argument has a wrong type or value.
     """
     methods = methods_of(things)
     given = [thing for some in _groups(things) for thing in some]

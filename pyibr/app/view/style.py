@@ -1,4 +1,4 @@
-"""Style of a page's pictures: all that its controls say but the camera."""
+"""Style of a page's pictures: all settings of its controls except the camera."""
 
 from __future__ import annotations
 
@@ -14,31 +14,30 @@ Show = Literal["color", "depth", "classes", "view"]
 
 @dataclass(frozen=True)
 class Style:
-    """Settings by which pictures are drawn and shown.
+    """Settings for drawing and showing pictures.
 
     Attributes
     ----------
-    way : str
-        Name of the way that draws; see `pyibr.app.view.methods`.
+    method : str
+        Name of the drawing method; see `pyibr.app.view.methods`.
     other : str or None
-        Of the way that it is compared with.
+        Name of the method to compare with.
     layout : {"one", "swipe", "side by side", "difference"}
-        How two ways are compared: the other one right of a line; both and their difference beside each other, each
-        the middle of its picture; or the difference alone.
+        Comparison of two methods: the other one right of a line; both and their difference side by side, each showing
+        the middle of its picture; or only the difference.
     swipe : float
-        Where that line is, 0 to 1.
+        Position of the line, 0 to 1.
     gain : float
-        By which differences are multiplied.
+        Factor of the differences.
     show : {"color", "depth", "classes", "view"}
-        The colours; the depth; the colours, and what each hole is (`pyibr.PixelClass`); the number of the view that
-        each pixel comes from.
+        Colours; depth; colours with the class of each hole (`pyibr.PixelClass`); or the source view of each pixel.
     light : Light or None
     background : (r, g, b)
         0 to 255.
     parameters : tuple of (name, value)
-        What is turned at the things; see `pyibr.app.view.parameters`.
+        Changed parameters of the things; see `pyibr.app.view.parameters`.
     samples, anisotropy : int
-        As of `pyibr.render`.
+        As for `pyibr.render`.
     """
 
     method: str

@@ -121,7 +121,7 @@ def assert_shown(work: Work, mesh: ibr.Mesh) -> None:
 def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, mesh):
     tab, placement = work.tab, work.shared.placement
     assert_shown(work, mesh)  # all unseen
-    work.click("Add one where I look")
+    work.click("Add a frustum here")
     until(lambda: len(work.state.frusta) == 1)
     assert_shown(work, mesh)
     added = work.state.current
@@ -210,7 +210,7 @@ def test_frusta_are_proposed_and_the_set_is_compared_with_the_mesh(work, mesh):
     assert both.sum() > 0.9 * plain.valid.sum()  # what they cover looks as the mesh does
     assert psnr(truth.color, plain.color, valid=both) > 25
     work.shared._shown.value = "difference"
-    until(lambda: "dB where both see something" in work.shared.panel.text)
+    until(lambda: "dB in common pixels" in work.shared.panel.text)
     work.shared._shown.value = "mesh"
 
 

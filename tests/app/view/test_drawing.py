@@ -255,7 +255,7 @@ def test_a_comparison_is_of_the_two_pictures():
     np.testing.assert_array_equal(swiped.color[:, border + 1 :], other[:, border + 1 :])
     apart = paint(methods, CAMERA, Style("warp", "forward", "difference", gain=3))
     np.testing.assert_array_equal(apart.color, difference(one, other, 3))
-    assert "dB where both see something" in apart.note
+    assert "dB in common pixels" in apart.note
     beside = paint(methods, CAMERA, Style("warp", "forward", "side by side", gain=3))
     width = (83 - 2) // 3
     first = (83 - width) // 2

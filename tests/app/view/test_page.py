@@ -302,7 +302,7 @@ def test_the_command_listens_to_this_machine_alone_and_leaves_nothing_behind(bro
     try:
         line = command.stdout.readline()
         assert line.startswith("http://127.0.0.1:")
-        assert "open to this machine alone" in line
+        assert "can be opened on this machine only" in line
         assert listeners(command.pid) == LOOPBACK
         with opened(browser, line.split()[0], (320, 240)) as tab:
             rested(tab)
