@@ -1,7 +1,7 @@
-"""Batches: rate by workers, overhead of a frame, and what is left after kills, a lost scheduler and a full disk.
+"""Batches: rate by workers, overhead of a frame, and results after kills, a lost scheduler and a full disk.
 
-``python -m benchmarks.app.batch`` prints the rows; kernels use one core a worker. It starts Dask's processes on
-loopback and ends them by their process ids.
+``python -m benchmarks.app.batch`` prints the rows; kernels use one core a worker. Dask's processes are started on
+loopback and ended by their process ids.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _ROWS = _COMMAND.replace(
 
 
 def write_scans(folder: Path) -> dict[str, str]:
-    """Frames of waves that move, and the inputs of the job that they are."""
+    """Write frames of moving waves; return them as inputs of the job."""
     width, height = SIZE
     y, x = np.mgrid[:height, :width]
     camera = ibr.Camera([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], SIZE)
@@ -50,7 +50,7 @@ def write_scans(folder: Path) -> dict[str, str]:
 
 
 def timed(run: Callable[..., Batch]) -> tuple[float, float]:
-    """Seconds a frame from a twentieth of them on, and until the first was done."""
+    """Seconds a frame, without the first twentieth of the frames, and seconds until the first frame."""
     times = list[float]()
     start = time.perf_counter()
     run(progress=lambda *counts: times.append(time.perf_counter()))
@@ -59,12 +59,12 @@ def timed(run: Callable[..., Batch]) -> tuple[float, float]:
 
 
 def checksums(folder: Path) -> dict[str, str]:
-    """SHA-256 of the pictures there."""
+    """SHA-256 of the pictures in a folder."""
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.glob("*.png"))}
 
 
 def alone(inputs: dict[str, str], output: Path) -> float:
-    """Seconds a frame by the command, time after time in one process, without anything of a batch."""
+    """Seconds a frame for the command, repeated in one process without a batch."""
     job = Job(_COMMAND, inputs, str(output))
     runs = [
         [word.format(**task.inputs, out=output, name=task.name).removeprefix("file://") for word in job.template]
@@ -79,7 +79,7 @@ def alone(inputs: dict[str, str], output: Path) -> float:
 
 
 class Cluster:
-    """A scheduler and workers, processes of their own on loopback, that are killed and started anew."""
+    """A scheduler and workers in processes of their own on loopback, which are killed and restarted."""
 
     def __init__(self) -> None:
         with socket.socket() as free:
@@ -105,11 +105,11 @@ class Cluster:
         self._running.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
 
     def kill_worker(self) -> None:
-        """Kill the last one; there is one less."""
+        """Kill the last worker without a replacement."""
         self._end(self._running[-1])
 
     def restart_scheduler(self) -> None:
-        """Kill it, and start another at the same place with two workers, as who watches over them would."""
+        """Kill the scheduler, and start another at the same address with two workers, as a supervisor would."""
         self._end(self._running[0])
         self.__enter__()
 
@@ -120,7 +120,7 @@ class Cluster:
 
 
 def disturbed(inputs: dict[str, str], output: Path) -> Batch:
-    """The job while a worker is killed after a quarter, and the scheduler is after a half."""
+    """Run the job; kill a worker after a quarter and the scheduler after half of the tasks."""
     with Cluster() as cluster:
 
         def disturb(done: int, total: int) -> None:
@@ -133,7 +133,7 @@ def disturbed(inputs: dict[str, str], output: Path) -> Batch:
 
 
 def on_full_disk(inputs: dict[str, str], output: Path, size: int) -> Batch | None:
-    """The job on a disk of so many bytes, which takes root; and again once there is more room."""
+    """Run the job on a disk of `size` bytes, which needs root, and again on a larger disk."""
     output.mkdir()
     if subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(output)]).returncode:
         return None

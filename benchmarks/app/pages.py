@@ -1,7 +1,7 @@
-"""Pictures a second on a page, for a client that only receives them and for Chromium, and the time until it rests.
+"""Pictures a second on a page, and the time until it rests, for a receive-only client and for Chromium.
 
-The client is a process of its own that sends sixty cameras a second; Chromium, without a window, is dragged over.
-Both share the machine with what draws. While the camera moves the resolution may fall; how far is recorded.
+The client is a separate process that sends sixty cameras a second. Headless Chromium is driven by dragging the mouse.
+Both share the machine with the renderer. The reduced resolution while the camera moves is recorded.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from tools.browser import CHROMIUM, PANEL, chromium
 
 RECEIVES, DRAWS = "receives", "Chromium draws"
 RATES = {"depth image": 30.0, "relief torus": 20.0, "depth object": 20.0}
-"""Pictures a second that a client which only receives is to get while the camera moves."""
+"""Required pictures a second for the receive-only client while the camera moves."""
 DRAWN_RATE = 12.0
-"""That Chromium is to draw on the same processor."""
+"""Required pictures a second that Chromium draws on the same processor."""
 RESTS = {RECEIVES: 400.0, DRAWS: 800.0}
 """Milliseconds from the last camera to the full resolution."""
 SLOW = "depth image, by the search"
 _ORBIT = 12.0  # degrees to either side
-_CAMERAS = 240  # of one swing, four seconds long
+_CAMERAS = 240  # cameras of one swing of four seconds
 _PATIENCE = 20.0  # seconds
 
 Seen = list[dict[str, Any]]
-"""Rounds, as `benchmarks.app.receiver` writes them."""
+"""Rounds in the format of `benchmarks.app.receiver`."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """Each thing for each client; and what takes long."""
+    """Yield each thing for each client, and a slow case."""
     for client in (RECEIVES, DRAWS) if plan.pages_chromium else (RECEIVES,):
         for thing in RATES:
             yield Case({"thing": thing, "client": client}, functools.partial(_prepare, thing, client, plan))
@@ -74,14 +74,14 @@ def _prepare(name: str, client: str, plan: Plan) -> Work | Skip:
             seen = watch(pages, scene, plan)
             ended.set()
             watcher.join()
-        yield from _records(name, parameters, seen[1:], plan)  # in the first one kernels are built
+        yield from _records(name, parameters, seen[1:], plan)  # the first round builds kernels
         yield Record(name, "requests that wait", "count", parameters, [max(waiting, default=0)])
 
     return Work(read=read)
 
 
 def _missing(client: str) -> str:
-    """Names of what a client needs and is not there."""
+    """Name of a missing package or program that a client needs."""
     if find_spec("viser") is None:
         return "viser is not installed"
     if client == RECEIVES:
@@ -105,7 +105,7 @@ def _thing(name: str, plan: Plan) -> Any:
 
 
 def _count(pages: Pages, waiting: list[int], ended: threading.Event, slow: bool) -> None:
-    """Count waiting requests now and then; the slow case's page is told its method as soon as there is one."""
+    """Count waiting requests repeatedly; set the method of the slow case's page as soon as it is open."""
     while not ended.wait(0.002):
         waiting.append(pages.waiting)
         opened: list[Any] = list(pages.open.values()) if slow else []
@@ -137,7 +137,7 @@ def _records(name: str, parameters: dict[str, Parameter], rounds: Seen, plan: Pl
 
 
 def _received(pages: Pages, scene: Scene, plan: Plan) -> Seen:
-    """By a process that only receives."""
+    """Rounds of the receive-only client."""
     angles = _ORBIT * np.sin(np.linspace(0, 2 * np.pi, _CAMERAS, endpoint=False))
     poses = [scene.page_space.pose(scene.start.orbited(angle, scene.pivot)) for angle in angles]
     asked = {
@@ -161,7 +161,7 @@ def _received(pages: Pages, scene: Scene, plan: Plan) -> Seen:
     return json.loads(done.stdout)
 
 
-# A picture counts once Chromium begins a frame with it: of those that come in between, the last one alone.
+# A picture counts when Chromium begins a frame with it; only the last of several between two frames counts.
 _WATCH = """
 window.shown = [];
 let latest = null;
@@ -188,7 +188,7 @@ async () => Promise.all(window.shown.map(async ([at, kind, blob]) => {
 
 
 def _drawn(pages: Pages, scene: Scene, plan: Plan) -> Seen:
-    """By a Chromium without a window, which the mouse is dragged over."""
+    """Rounds of headless Chromium with a mouse drag."""
     width, height = plan.pages_size
     made: Seen = []
     with chromium() as browser:

@@ -11,16 +11,17 @@ from benchmarks.tables import only, table, verdict
 
 PAGES = """## Pages in the browser
 
-`pyibr view` at {width} x {height}, rendered, encoded and sent while the camera moves: to a client in a process of its
-own that sends sixty cameras a second and only receives pictures, and to Chromium without a window, which draws them on
-the same processor. *Width* is the pictures' while it moves, as a part of the full one. *Until full* counts from the
-last camera to the picture at full resolution and without loss, of which 200 ms are the rest that is waited for. *Waits*
-is the most requests that waited at once, *late* the pictures for moving cameras that came after the last one.
+Pictures of `pyibr view` at {width} x {height}, rendered, encoded and sent while the camera moves. One client is a
+separate process, which sends sixty cameras a second and only receives pictures. The other is headless Chromium, which
+draws the pictures on the same processor. *Width* is the pictures' width during the move, as a share of full width.
+*Until full* is the time from the last camera to the lossless picture at full resolution; it includes a wait of 200 ms.
+*Waits* is the largest number of waiting requests. *Late* is the number of pictures for moving cameras that arrived
+after the last camera.
 """
 
 
 def pages_section(result: Result, folder: Path) -> list[str]:
-    """Rates, and the time until full resolution, with their bars."""
+    """Rates and times until full resolution, with their limits."""
     rows: list[list[str]] = []
     found = {(record.subject, str(record.parameters["client"])) for record in result.records}
     order = [(name, client) for client in pages.RESTS for name in (*pages.RATES, pages.SLOW)]

@@ -1,9 +1,9 @@
 """``python -m benchmarks.app.receiver``: a client of a page that moves its camera, and only receives the pictures.
 
-It reads from its standard input, as JSON: `url`, `cameras` (a list of wxyz and position, on the page), `fov`, `size`,
-`rounds`, `seconds` that each moves, and `patience`, seconds that it waits for what rests. It writes, as JSON, a list
-of rounds: `last`, when its last camera was sent, and `pictures`, each (when, kind, width, height), in seconds of one
-clock.
+It reads JSON from standard input: `url`, `cameras` (a list of wxyz and position, on the page), `fov`, `size`, `rounds`,
+`seconds` of each round's move, and `patience`, the longest wait for the resting picture in seconds. It writes a JSON
+list of rounds: `last`, the time of the last camera, and `pictures`, each as (time, kind, width, height). Times are in
+seconds of one clock.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Picture = tuple[float, str, int, int]
 
 
 async def _receive(socket: Any, pictures: list[tuple[float, str, bytes]]) -> None:
-    """Keep all pictures that come: of a window of messages, the last one, as a browser shows it."""
+    """Keep the last picture of each window of messages, as a browser shows it."""
     import msgspec
     import zstandard
 
@@ -61,7 +61,7 @@ async def _rounds(asked: dict[str, Any]) -> list[dict[str, Any]]:
             until = last + asked["patience"]
             while time.perf_counter() < until and not any(at > last and kind == "png" for at, kind, _ in pictures):
                 await asyncio.sleep(0.002)
-            await asyncio.sleep(0.3)  # whatever came after that would be old
+            await asyncio.sleep(0.3)  # any picture after this would be outdated
             made.append({"last": last, "pictures": [_measured(*one) for one in pictures]})
         task.cancel()
     return made

@@ -1,7 +1,7 @@
-"""Rigs of cameras at work: a film with depth as a film for two eyes, and a photograph as a quilt, and what costs what.
+"""Times of camera rigs and their parts: a film with depth for two eyes, and a photograph as a quilt.
 
-``python -m benchmarks.app.rigs [FRAMES]`` prints the rows. Beside wall time stands the time that all cores work
-together: two cores give 20 frames a second if a frame takes 100 ms of that.
+``python -m benchmarks.app.rigs [FRAMES]`` prints the rows: wall time, and the total time of all cores. Two cores reach
+20 frames a second if a frame takes 100 ms of total time.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ QUILT, GRID = (512, 512), (8, 6)
 
 
 def frames_of(size: tuple[int, int], count: int) -> Iterator[tuple[Any, Any]]:
-    """Colours and depths of balls that drift before a wavy wall and a floor."""
+    """Colours and depths of balls that drift in front of a wavy wall and a floor."""
     width, height = size
     y, x = np.mgrid[:height, :width].astype(np.float32)
     rng = np.random.default_rng(1)
@@ -65,7 +65,7 @@ def write_film(folder: Path, count: int) -> None:
 
 
 def timed(what: str, call: Callable[[], object], parts: int) -> None:
-    """Print milliseconds of one of so many equal parts of a call: by the clock, and of all cores together."""
+    """Print milliseconds of a call divided by `parts`: wall time, and total time of all cores."""
     wall, cores = time.perf_counter(), time.process_time()
     call()
     wall, cores = time.perf_counter() - wall, time.process_time() - cores
@@ -73,10 +73,10 @@ def timed(what: str, call: Callable[[], object], parts: int) -> None:
 
 
 def stereo_film(folder: Path, count: int) -> None:
-    """Time the whole command, and its parts alone."""
+    """Time the whole command and its separate parts."""
     write_film(folder, count)
     words = ["stereo", f"{folder}/film.mp4", f"{folder}/depth", "--depth-scale", "1000", "--fov", "60"]
-    run_command([*words, "--take", "0:2", "-o", f"{folder}/first.mp4"])  # kernels are built
+    run_command([*words, "--take", "0:2", "-o", f"{folder}/first.mp4"])  # builds kernels
     timed(f"stereo, both eyes, {SIZE[0]} x {SIZE[1]}", lambda: run_command([*words, "-o", f"{folder}/a.mp4"]), count)
     one = [*words, "--synthetic-view", "right", "-o", f"{folder}/b.mp4"]
     timed("stereo, one eye at the camera", lambda: run_command(one), count)
@@ -93,7 +93,7 @@ def stereo_film(folder: Path, count: int) -> None:
         for frame in zip(colors, depths, strict=True):
             yield [eye.color for eye in ibr.warp(ibr.DepthImage(*frame, camera), eyes, fill="background")]
 
-    timed("  drawing", lambda: sum(len(frame) for frame in drawn()), part)  # none is kept: memory is used again
+    timed("  drawing", lambda: sum(len(frame) for frame in drawn()), part)  # no frame is kept, so memory is reused
     pictures = list(drawn())
     timed("  joining", lambda: [joined(frame, "full-sbs") for frame in pictures], part)
     whole = [joined(frame, "full-sbs") for frame in pictures]
@@ -109,7 +109,7 @@ def quilt_picture(folder: Path) -> None:
     def draw(view: ibr.DepthImage) -> None:
         ibr.write_color(name, ibr.quilt(view, grid=GRID))
 
-    draw(first)  # kernels are built
+    draw(first)  # builds kernels
     timed(f"quilt, {math.prod(GRID)} views of {QUILT[0]} x {QUILT[1]}", lambda: draw(second), 1)
     cameras = QuiltRig(GRID, focus=3).cameras(camera)
     timed("  drawing", lambda: ibr.warp(third, cameras, fill="background"), 1)

@@ -1,4 +1,4 @@
-"""Pages in a real Chromium without a window, and what they show."""
+"""Pages in headless Chromium, and the pictures that they show."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from PIL import Image
 from tools import browser
 from tools.browser import CHROMIUM, PANEL
 
-HARMLESS = "Unable to preventDefault inside passive event listener invocation."  # viser's own, at each drag of a thing
+HARMLESS = "Unable to preventDefault inside passive event listener invocation."  # from viser, at each drag of an object
 
-PATIENCE = 90.0  # seconds: on machines that do other things, too
+PATIENCE = 90.0  # seconds, for busy machines
 
-# Keeps what is loaded as the picture behind the page: the one that was asked for last is the one that is shown.
+# Keeps the pictures that are loaded as the page's background; the page shows the last of them.
 WATCH = """
 window.shown = [];
 const make = URL.createObjectURL.bind(URL);
@@ -32,7 +32,7 @@ URL.createObjectURL = (blob) => {
 };
 """
 
-# The width and the height of each PNG stand at its bytes 16 to 24.
+# Width and height of a PNG are in its bytes 16 to 24.
 SIZES = """
 async () => Promise.all(window.shown.filter((one) => one.kind === 'image/png').map(async (one) => {
     const head = new DataView(await one.blob.slice(16, 24).arrayBuffer());
@@ -52,7 +52,7 @@ async (number) => {
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """A browser; tests that ask for one are skipped where there is none."""
+    """A browser; tests that need one are skipped if Chromium is missing."""
     if CHROMIUM is None:
         pytest.skip("needs Chromium: apt install chromium")
     pytest.importorskip("playwright.sync_api", reason="needs playwright, of the extra dev")
@@ -63,38 +63,38 @@ def chromium() -> Iterator[Any]:
 
 @dataclass
 class Tab:
-    """A page that a browser has open.
+    """A page that is open in a browser.
 
     Attributes
     ----------
     page : playwright.sync_api.Page
     complaints : list of str
-        What the console holds that is an error.
+        Errors in the console.
     """
 
     page: Any
     complaints: list[str] = field(default_factory=list)
 
     def hear(self, message: Any) -> None:
-        """Keep what the console says, if it is an error."""
+        """Keep a console message if it is an error."""
         if message.type == "error" and message.text != HARMLESS:
             self.complaints.append(message.text)
 
     def canvas(self) -> NDArray[np.uint8]:
-        """(H, W, 3) what WebGL has drawn, without the panel."""
+        """(H, W, 3) pixels drawn by WebGL, without the panel."""
         data = self.page.evaluate("document.querySelector('canvas[data-engine]').toDataURL('image/png')")
         return decoded(data.split(",")[1])
 
     def kinds(self) -> list[str]:
-        """Of all pictures that were shown, in their order: image/jpeg or image/png."""
+        """Types of all shown pictures in order: image/jpeg or image/png."""
         return self.page.evaluate("window.shown.map((one) => one.kind)")
 
     def picture(self, number: int = -1) -> NDArray[np.uint8]:
-        """One of the pictures that were shown, the last one by default."""
+        """One of the shown pictures, by default the last."""
         return decoded(self.page.evaluate(READ, number))
 
     def sizes_without_loss(self) -> set[tuple[int, ...]]:
-        """(width, height) of each picture that was shown as PNG."""
+        """(width, height) of each shown PNG picture."""
         return {tuple(size) for size in self.page.evaluate(SIZES)}
 
     def drag(self, start: tuple[int, int], end: tuple[int, int], steps: int = 12, pause: float = 0.0) -> None:
@@ -110,7 +110,7 @@ class Tab:
 
 @contextmanager
 def opened(chrome: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterator[Tab]:
-    """A page in a context of its own, with a canvas of some size, once its server shows a picture in it."""
+    """A page in a context of its own, with a canvas of this size, after its server has shown a picture."""
     context = chrome.new_context(viewport={"width": size[0] + PANEL, "height": size[1]}, accept_downloads=True)
     try:
         page = context.new_page()
@@ -120,11 +120,11 @@ def opened(chrome: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterato
         page.on("console", tab.hear)
         page.on("pageerror", lambda error: tab.complaints.append(str(error)))
         page.goto(f"{url}/?fixedDpr=1")
-        # That WebGL is slow is said over the canvas.
+        # A warning about slow WebGL covers the canvas.
         page.add_style_tag(content=".mantine-Notifications-root { display: none }")
-        # The first picture may be of a canvas that has not made room for the panel yet.
+        # The first picture may be drawn before the canvas has made room for the panel.
         until(lambda: size in tab.sizes_without_loss())
-        # The sources' thumbnails, which are JPEG, may come later than it.
+        # The sources' thumbnails, which are JPEG, may arrive later.
         stays(tab.kinds)
         page.evaluate("window.shown = window.shown.filter((one) => one.kind === 'image/png')")
         yield tab
@@ -133,7 +133,7 @@ def opened(chrome: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterato
 
 
 def until(happened: Callable[[], Any], seconds: float = PATIENCE) -> None:
-    """Wait for something; fail if it does not happen."""
+    """Wait for an event; fail if it does not happen."""
     end = time.monotonic() + seconds
     while not happened():
         assert time.monotonic() < end, "it did not happen"
@@ -141,7 +141,7 @@ def until(happened: Callable[[], Any], seconds: float = PATIENCE) -> None:
 
 
 def stays(value: Callable[[], Any], seconds: float = PATIENCE) -> bool:
-    """Wait until something has not changed for a while."""
+    """Wait until a value has not changed for a while."""
     end = time.monotonic() + seconds
     last, since = value(), time.monotonic()
     while time.monotonic() < end:
@@ -154,11 +154,11 @@ def stays(value: Callable[[], Any], seconds: float = PATIENCE) -> bool:
 
 
 def rested(tab: Tab, seconds: float = PATIENCE) -> None:
-    """Wait until the page shows a picture without loss, and has shown no other for a while."""
+    """Wait until the page shows a lossless picture and no other for a while."""
 
     def is_still() -> bool:
         kinds = tab.kinds()
-        time.sleep(0.3)  # longer than a camera takes to count as resting
+        time.sleep(0.3)  # longer than a camera needs to count as resting
         return kinds[-1] == "image/png" and tab.kinds() == kinds
 
     until(is_still, seconds)
@@ -167,10 +167,10 @@ def rested(tab: Tab, seconds: float = PATIENCE) -> None:
 def settles_on(
     tab: Tab, truth: Callable[[], NDArray[np.uint8]], number: int = -1, left_out: NDArray[np.bool_] | None = None
 ) -> None:
-    """Wait until the page rests on a picture; fail with how it differs if it does not.
+    """Wait until the page rests on a picture; fail with the difference if it does not.
 
-    What a page is told to show comes through its server's threads, so that a page that rests may not have begun.
-    `truth` makes the picture of the page's camera at the time; `number` as in `Tab.picture`; `left_out` is (H, W).
+    Changes reach a page through its server's threads, so a resting page may not have begun to change. `truth` makes
+    the picture of the page's current camera; `number` is as in `Tab.picture`; `left_out` is a mask (H, W).
     """
 
     def pictures() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -180,7 +180,7 @@ def settles_on(
         return shown[~left_out], wanted[~left_out]
 
     def is_right() -> bool:
-        rested(tab)  # first, for the truth takes longer than a look at the page
+        rested(tab)  # first, as the truth takes longer than reading the page
         return np.array_equal(*pictures())
 
     with suppress(AssertionError):
@@ -190,5 +190,5 @@ def settles_on(
 
 
 def decoded(text: str) -> NDArray[np.uint8]:
-    """The picture that a base64 text holds."""
+    """The picture in a base64 text."""
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB"))

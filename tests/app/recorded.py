@@ -15,7 +15,7 @@ SCALE = 1000
 
 
 class Recorded:
-    """A wall and a box before it, in files: a camera that goes to the right by 2 cm a frame."""
+    """Files of a wall with a box in front, seen by a camera that moves right by 2 cm a frame."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -41,13 +41,13 @@ class Recorded:
         return [ibr.DepthImage(*frame) for frame in zip(self.colors, read, self.cameras, strict=True)]
 
     def views_but(self, lost: int) -> list[ibr.DepthImage]:
-        """The views of the frames that can be read."""
+        """The views of all frames except the lost one."""
         read = [number for number in range(COUNT) if number != lost]
         depths = [ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE) for number in read]
         return [ibr.DepthImage(self.colors[k], z, self.cameras[k]) for k, z in zip(read, depths, strict=True)]
 
     def run(self, *words: object, camera: object = "camera.json", output: object = "new.png"):
-        """Words that name a file of the folder are its paths."""
+        """Run a command; names of files in the folder become their paths."""
         where = ["--camera", self.folder / str(camera)] if camera else []
         return run("warp", *places(self.folder, words), *where, "--depth-scale", SCALE, "-o", self.folder / str(output))
 

@@ -1,4 +1,4 @@
-"""Ports that a process listens at."""
+"""Ports that a process listens on."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ LOOPBACK = {"0100007F"}
 
 
 def listeners(pid: int | str = "self") -> set[str]:
-    """Addresses that a process listens at, as /proc writes them: hexadecimal, the last byte of IPv4 first."""
+    """Addresses that a process listens on, as in /proc: hexadecimal, the last byte of IPv4 first."""
     own: set[str] = set()
     for link in Path(f"/proc/{pid}/fd").iterdir():
         try:
             own.add(str(link.readlink()))
-        except FileNotFoundError:  # that of the listing itself is gone by now
+        except FileNotFoundError:  # the descriptor of the listing itself is already closed
             continue
     found: set[str] = set()
     for table in ("tcp", "tcp6"):

@@ -1,4 +1,4 @@
-"""Work beside the device: in its order, no more than is asked for, and errors are the caller's."""
+"""Work in parallel with the device keeps its order and limits, and raises errors in the caller."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`pyibr capture`: depth images of a mesh in a folder that other commands read; mistakes in one line."""
+"""`pyibr capture`: depth images of a mesh in a folder that other commands read; errors in one line."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_from_all_round(mesh: Path, tmp_path: Path):
 
 
 def test_from_cameras_of_a_file_or_of_a_set(mesh: Path, tmp_path: Path):
-    """The one that sees nothing is left out, and told."""
+    """A camera that does not see the mesh is left out and reported."""
     cameras = [ibr.Camera.look_at((0, y, 4), (0, y, 0), (0, 1, 0), (31, 23), fov_y=45) for y in (0.5, 50)]
     (tmp_path / "list.json").write_text(json.dumps([camera.to_json() for camera in cameras]))
     result = run(mesh, "--camera", tmp_path / "list.json", "--layer", "last", "-o", tmp_path / "set")
@@ -54,7 +54,7 @@ def test_from_cameras_of_a_file_or_of_a_set(mesh: Path, tmp_path: Path):
 
 
 def test_from_frusta(mesh: Path, tmp_path: Path):
-    """With their far planes and what is painted over them."""
+    """Images have the frusta's far planes and painted masks."""
     frustum = Frustum.look_at((0, 1, 3), (0, 0, 0), (0, 1, 0), 30, far=3.2).painted(Stroke(((0.5, 0.5),), 0.2))
     save_frusta(tmp_path / "frusta.json", [frustum])
     result = run(mesh, "--frusta", tmp_path / "frusta.json", "--size", 44, "-o", tmp_path / "set")

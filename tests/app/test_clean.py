@@ -1,4 +1,4 @@
-"""`pyibr clean`: the same as the library's calls, of one frame, of folders and of recordings; mistakes in one line."""
+"""`pyibr clean` equals the library's calls for frames, folders and recordings; errors are one line."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from tests.app.recorded import COUNT, SCALE, Recorded
 
 
 class Delivered(Recorded):
-    """A recording as a camera has left it."""
+    """A recording as a camera writes it."""
 
     def clean(self, *words: object, output: object = "new.npy", scale: object = SCALE):
-        """Words that name a file of the folder are its paths."""
+        """Run `clean`; names of files in the folder become their paths."""
         given = [*(["--depth-scale", scale] if scale else []), "-o", self.folder / str(output)]
         return run("clean", *places(self.folder, words), *given)
 
@@ -37,14 +37,16 @@ def test_one_frame_and_what_was_not_measured(delivered: Delivered):
     asked = "--color", "rgb/0.png", "--holes", 3, "--strength", 0.5, "--invented-out", delivered.folder / "seen.png"
     out = succeeded(delivered.clean("depth/0.png", *asked))
     expected = ibr.clean_depth(delivered.stored(0), delivered.colors[0], holes=3, strength=0.5)
-    np.testing.assert_allclose(delivered.written("new.npy"), expected.depth, rtol=1e-6)  # times the scale and back
+    np.testing.assert_allclose(
+        delivered.written("new.npy"), expected.depth, rtol=1e-6
+    )  # multiplied by the scale and divided again
     found = ibr.read_color(delivered.folder / "seen.png")[..., 0] == 255
     np.testing.assert_array_equal(found, expected.invented)
     assert f"new.npy: 62x38, {np.isfinite(expected.depth).mean():.1%} covered" in out
 
 
 def test_frames_of_a_folder_keep_their_names_and_know_the_last_one(delivered: Delivered):
-    """Of depth alone the camera is taken to be at rest."""
+    """For depth without poses, the camera is assumed not to move."""
     succeeded(delivered.clean("depth", "--take", "1:4", "--far", 1.5, output="cleaned"))
     before = None
     for number in range(1, COUNT):
@@ -104,7 +106,7 @@ def test_noise_of_disparity_is_told_by_pixels_and_baseline(delivered: Delivered)
 
 
 def test_disparity_stays_disparity_of_principal_points_apart(delivered: Delivered):
-    """As Middlebury has it: also where a layout tells it."""
+    """As in Middlebury's data; also if a layout gives the offset."""
     focal, baseline, doffs = 70.0, 0.1, 4.0
     disparity = ibr.disparity_from_depth(delivered.stored(0), focal, baseline, offset=doffs)
     ibr.write_depth(delivered.folder / "bury/disp0.pfm", np.where(np.isfinite(disparity), disparity, np.inf))

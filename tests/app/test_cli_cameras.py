@@ -1,4 +1,4 @@
-"""Cameras of photos and files, depth of other kinds and sizes, and scales, as commands take them."""
+"""Commands with cameras of photos and files, and with depth of other kinds, sizes and scales."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.app.plane import SIZE, Scene
 @pytest.mark.thorough
 @pytest.mark.parametrize("clean", [(), ("--clean",)])
 def test_depth_of_another_size_wants_its_own_camera(scene: Scene, clean: tuple[str, ...]):
-    """As phones deliver it: depth of fewer samples than the picture has pixels, of the same view."""
+    """As on phones: the depth has fewer samples than the picture has pixels, but the same view."""
     ibr.write_depth(scene.folder / "small.npy", np.full((19, 31), 2, np.float32))
     words = ("--move", "0.2", "0", "0", "-o", scene.folder / "new.png", *clean)
     result = scene.run(*words, depth="small.npy", scale=None)
@@ -26,13 +26,13 @@ def test_depth_of_another_size_wants_its_own_camera(scene: Scene, clean: tuple[s
     result = scene.run(*words, "--depth-camera", scene.folder / "small.json", depth="small.npy", scale=None)
     assert result.exit_code == 0, result.output
     new = ibr.read_color(scene.folder / "new.png").astype(int)
-    # The plane is known 30 and 18 of the small depth's pixels wide and high: of its picture, all but the margins.
+    # The depth of the plane is known for 30 x 18 of its samples: for the whole picture except the margins.
     assert (np.abs(new[2:-2, 2:-8] - scene.color[2:-2, 7:-3]) <= 1).all()
 
 
 @pytest.mark.parametrize("kind", ["distance", "inverse"])
 def test_depth_may_be_stored_in_other_kinds(scene: Scene, kind: str):
-    """The same picture, and depth out as it came in."""
+    """The picture is the same, and the depth is written as it was read."""
     move, new, out = ("--move", "0.2", "0", "0.1"), scene.folder / "new.png", scene.folder / "out.npy"
     assert scene.run(*move, "-o", new, "--depth-out", out).exit_code == 0
     expected, depth = ibr.read_color(new), ibr.read_depth(out, depth_scale=1000)
@@ -75,7 +75,7 @@ def test_a_photo_without_a_camera_gets_one_that_is_told(scene, tmp_path):
     exif.get_ifd(0x8769)[0xA405] = 26
     Image.fromarray(scene.color).save(photo, exif=exif)
     of_plane = tmp_path / "plane.jpg"
-    exif = Image.Exif()  # 4 mm on a sensor of 100 pixels a millimetre, of which a half was left
+    exif = Image.Exif()  # 4 mm on a sensor of 100 pixels a millimetre, half of them kept
     exif.get_ifd(0x8769).update({0x920A: 4.0, 0xA20E: 1000.0, 0xA210: 3, 0xA002: 2 * SIZE[0]})
     Image.fromarray(scene.color).save(of_plane, exif=exif)
     cases = (
@@ -115,7 +115,7 @@ def test_relative_depth_is_sharpened_and_lies_between_near_and_far(scene, tmp_pa
         assert result.exit_code == 0, result.output
         assert "depth from 2 to 8" in result.stdout
         depth = ibr.read_depth(new)
-        assert set(np.unique(depth.round(3))) == {2, 8}  # no ramp is left
+        assert set(np.unique(depth.round(3))) == {2, 8}  # no ramps remain
         result = scene.run(*line, "--no-sharpen", depth=file, scale=None)
         assert "depth from 2 to 10" in result.stdout and len(np.unique(ibr.read_depth(new).round(3))) > 4
 

@@ -1,4 +1,4 @@
-"""`pyibr compare`: figures as the library's, for pictures, folders, videos and depth; mistakes in one line."""
+"""`pyibr compare`: the library's figures for pictures, folders, videos and depth; errors in one line."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COUNT, HEIGHT, WIDTH = 3, 24, 32
 
 
 class Pairs:
-    """Pictures and depth, and the same with errors."""
+    """Pictures and depth, each also with errors."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -82,7 +82,7 @@ def test_folders_and_videos(pairs: Pairs):
         found = pairs.figures("a", other, "--metrics", "psnr")
         assert found["mean"]["psnr"] == pytest.approx(np.mean(each))
         assert [one["psnr"] for one in found["each"]] == each
-    (pairs.folder / "b/1.png").rename(pairs.folder / "b/7.png")  # of files, those of the same names
+    (pairs.folder / "b/1.png").rename(pairs.folder / "b/7.png")  # files are paired by name
     found = pairs.figures("a", "b", "--metrics", "psnr")
     assert [(one["name"], one["psnr"]) for one in found["each"]] == [("0", each[0]), ("2", each[2])]
     assert "2 files without a partner are left out" in pairs.run("a", "b", "--metrics", "psnr").stderr
@@ -121,7 +121,7 @@ def test_pictures_of_errors(pairs: Pairs):
     a, b = pairs.folder / "black.png", pairs.folder / "other.png"
     image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     ibr.write_color(a, image)
-    image[:, 8:16], image[:, 16:] = 64, 21  # white is a quarter of the peak; a third of that is red
+    image[:, 8:16], image[:, 16:] = 64, 21  # white is a quarter of the peak, red is a third of that
     ibr.write_color(b, image)
     result = pairs.run(a, b, "--metrics", "psnr", "-o", pairs.folder / "errors.png", "--mask", "mask.png")
     assert result.exit_code == 0, result.output
@@ -137,7 +137,7 @@ def test_pictures_of_errors_of_depth(pairs: Pairs):
     assert pairs.run(*words, "-o", pairs.folder / "errors.mkv").exit_code == 0
     for errors in ibr.Video(pairs.folder / "errors.mkv"):
         assert (errors[:3] == (30, 30, 60)).all() and (errors[-6:] == (60, 60, 160)).all()
-        assert (errors[3:-6] == (153, 0, 0)).all()  # a hundredth, of which five are white
+        assert (errors[3:-6] == (153, 0, 0)).all()  # errors of 1 %; 5 % would be white
 
 
 def test_figures_in_a_file(pairs: Pairs):

@@ -1,4 +1,4 @@
-"""`pyibr convert`: what is converted is the same when it is read again; mistakes in one line."""
+"""`pyibr convert`: converted files read back equal; errors in one line."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def convert(folder: Path, *words: object, status: int = 0) -> str:
-    """Words that name a file of the folder, or come after -o, are its paths."""
+    """Run `convert`; names of files in the folder, and the name after -o, become paths."""
     named = [
         str(folder / str(word)) if (folder / str(word)).exists() or before == "-o" else str(word)
         for before, word in zip(("", *words), words, strict=False)
@@ -63,7 +63,7 @@ def test_a_calibration_becomes_json(folder: Path):
     ("form", "place"), [("colmap", "model"), ("open3d", "o.json"), ("nerfstudio", "transforms.json"), (None, "o.json")]
 )
 def test_cameras_of_a_recording(folder: Path, form, place):
-    """Of ScanNet's layout: each picture's camera where its pose is, in any form that there is."""
+    """ScanNet's layout: each picture's camera with its pose, in each form."""
     SPECIMENS["scannet"][0](folder / "scan")
     words = ("--as", form) if form else ()
     assert "2 cameras" in convert(folder, "scan", *words, "-o", place)

@@ -1,4 +1,4 @@
-"""The examples of `--help`, and those of the manual's page on the commands, each run on files of their names."""
+"""All examples of `--help` and of the manual's page on the commands run on files of the same names."""
 
 from __future__ import annotations
 
@@ -18,8 +18,16 @@ from tests.app.commands import run
 from tests.test_docs import BLOCK, ROOT
 
 SIZE = (46, 34)
-PAGES = ("view", "place")  # which stay open
-OTHERS = ("batch", "doctor", "compare", "convert", "stereo", "quilt", "orbit")  # that have tests of their own
+PAGES = ("view", "place")  # commands that stay open
+OTHERS = (
+    "batch",
+    "doctor",
+    "compare",
+    "convert",
+    "stereo",
+    "quilt",
+    "orbit",
+)  # commands whose examples run in their own tests
 HELP = [
     f"{command.__name__.rstrip('_')} {use}"
     for command, uses in cli._EXAMPLES.items()  # pyright: ignore[reportPrivateUsage]
@@ -36,7 +44,7 @@ EXAMPLES = [use for use in HELP if use.split()[0] not in PAGES + OTHERS] + [use 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A wall and a box before it, of two cameras, and a ring: in all the forms that examples name."""
+    """A wall with a box in front, seen by two cameras, and a ring, in all forms that the examples name."""
     place = tmp_path_factory.mktemp("examples")
     camera = ibr.Camera([[50, 0, 23], [0, 50, 17], [0, 0, 1]], SIZE)
     depth = np.full(SIZE[::-1], 2, np.float32)

@@ -1,4 +1,4 @@
-"""Commands with OpenEXR: its colours are light, which pictures show as sRGB, and its depth has a name."""
+"""Commands with OpenEXR: linear colours are shown as sRGB, and the depth channel is found by its name."""
 
 from __future__ import annotations
 

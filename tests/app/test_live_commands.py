@@ -1,4 +1,4 @@
-"""`pyibr view` and `pyibr place`: what they read, what they say is wrong, and sets without a page."""
+"""`pyibr view` and `pyibr place`: their inputs, their errors, and sets without a page."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def seen(monkeypatch: pytest.MonkeyPatch) -> list:
-    """Arguments that `ibr.view` was called with; its page is closed at once."""
+    """Arguments of all calls of `ibr.view`, whose pages are closed immediately."""
     asked: list = []
     whole = ibr.view
 
@@ -69,13 +69,13 @@ def test_each_kind_of_thing_is_shown(folder, seen):
 
     things, start, up, _ = shown("donut.glb")
     assert [type(thing) for thing in things] == [ibr.Mesh]
-    assert (start, up) == (None, None)  # whose axes are known: -y
+    assert (start, up) == (None, None)  # the axes are known: up is -y
     assert shown("donut.ply")[2] == (0.0, 1.0, 0.0)
     assert shown("donut.ply", "--up", "-z")[2] == (0.0, 0.0, -1.0)
     (photo,), *_ = shown("color.png", "depth.npy", "--fov", 90)
     assert photo.camera == ibr.Camera.from_fov(photo.camera.size, fov_x=90)
     assert shown("room", "--fov", 90)[0][1].camera == photo.camera
-    SPECIMENS["depth_anything"][0](folder / "scan")  # whose confidence is 5 everywhere
+    SPECIMENS["depth_anything"][0](folder / "scan")  # its confidence is 5 everywhere
     assert not any(thing.valid.any() for thing in shown("scan", "--min-confidence", 6)[0])
     relative = shown("scan", "--depth-is", "relative", "--near", 2, "--far", 4)[0]
     assert all(np.ptp(thing.depth) == 2 and np.isinf(thing.far) for thing in relative)
@@ -92,7 +92,7 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     assert [thing.noise for thing in told] == [noise] * 3
     ibr.write_video(folder / "color.mkv", np.full((3, 37, 61, 3), 90, np.uint8), 30)
     ibr.write_video(folder / "depth.mkv", np.full((3, 37, 61), 1500, np.uint16), 30, bits=16)
-    (first,), *_ = shown("color.mkv", "depth.mkv", "--depth-scale", 1000, "--fov", 60)  # of frames without places
+    (first,), *_ = shown("color.mkv", "depth.mkv", "--depth-scale", 1000, "--fov", 60)  # frames without poses
     assert (first.color == 90).all() and (first.depth == 1.5).all()
     halves = [things[0], *shown("room", "--depth-kind", "inverse")[0]]
     things = shown("color.png", "depth.npy", "--camera", "camera.json", "--depth-kind", "inverse")[0]
@@ -110,7 +110,7 @@ def test_each_kind_of_thing_is_shown(folder, seen):
 
 
 def test_heights_of_a_relief_map_are_its_alpha(folder, seen):
-    """Its red is a normal's x, no height. Alpha that tells nothing is none, and colours are the mesh's own."""
+    """Red is a normal's x, not a height. Constant alpha is ignored, and colours come from the mesh."""
     rng = np.random.default_rng(1)
     normals, heights = rng.normal(0, 0.2, (8, 8, 3)) + np.array([0, 0, 1]), rng.integers(0, 256, (8, 8), dtype=np.uint8)
     own = rng.integers(0, 256, (4, 4, 3), dtype=np.uint8)
@@ -216,11 +216,11 @@ def test_in_a_notebook_pages_show_themselves():
 
 @pytest.fixture
 def shell():
-    """Shell that runs cells as a notebook does."""
+    """A shell that runs cells like a notebook."""
     shells = pytest.importorskip("IPython.core.interactiveshell", reason="needs IPython")
     quiet = pytest.importorskip("traitlets.config").Config(HistoryManager={"enabled": False})
     made = shells.InteractiveShell.instance(config=quiet, user_ns={"ibr": ibr, "mesh": models.donut(6)})
-    made.kernel = None  # as a notebook's has
+    made.kernel = None  # as in a notebook
     yield made
     shells.InteractiveShell.clear_instance()
 

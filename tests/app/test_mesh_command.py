@@ -1,4 +1,4 @@
-"""`pyibr mesh`: triangles of a depth image, and mistakes in one line."""
+"""`pyibr mesh`: triangles of a depth image; errors in one line."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_a_step_becomes_a_number_of_triangles(scene: Scene):
         result = scene.run(*words, "-o", file, command="mesh", depth="step.npy", scale="")
         assert result.exit_code == 0, result.output
         made.append(len(ibr.Mesh.load(file).faces))
-    assert made[0] > 36 and made[1] <= 9 and made[2] <= 9  # the quadtree's along the step; merged ones
+    assert made[0] > 36 and made[1] <= 9 and made[2] <= 9  # the quadtree's triangles along the step; merged triangles
 
 
 def test_bad_meshes(scene: Scene):

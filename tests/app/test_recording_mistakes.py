@@ -1,4 +1,4 @@
-"""Recordings that lack or break something: what is left out and told, what is refused, and what is never lost."""
+"""Incomplete or damaged recordings: frames that are left out, errors, and files that must not be lost."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ assert_refused = partial(assert_one_line, progress="Warping")
 
 
 def test_frames_without_depth_or_pose_of_their_time_are_left_out_and_told(recorded: Recorded):
-    """As in the TUM data sets: lists with times, and a trajectory of its own times."""
+    """As in the TUM data sets: lists with times, and a trajectory with other times."""
     listed = {"rgb": [f"{k}.00 rgb/{k}.png" for k in range(4)], "depth": [f"{k}.01 depth/{k}.png" for k in (0, 2, 3)]}
     for name, lines in listed.items():
         (recorded.folder / f"{name}.txt").write_text("# a list\n" + "\n".join(lines))
@@ -36,7 +36,7 @@ def test_frames_without_depth_or_pose_of_their_time_are_left_out_and_told(record
 
 @pytest.mark.parametrize("words", [["--camera", "cameras"], ["--camera", "camera.json", "--poses", "poses.txt"]])
 def test_lost_frames_are_left_out_and_told(recorded: Recorded, words):
-    """Cameras by the pictures' names, or poses in the order of all frames that there were."""
+    """Cameras by the pictures' names, or poses in the order of all original frames."""
     views = recorded.views()
     (recorded.folder / "depth/1.png").unlink()
     result = recorded.run("rgb", "depth", "--move", 0.1, 0, 0, *words, camera=None)
@@ -189,7 +189,7 @@ def test_no_output_is_a_frame_that_is_read(recorded: Recorded):
 
 
 def write_model(folder: Path, names: list[str]) -> None:
-    """A COLMAP model in the binary form: images side by side, by one camera."""
+    """Write a binary COLMAP model: images side by side, from one camera."""
     folder.mkdir(parents=True)
     (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 1, 1, *SIZE, 50, 50, 30.5, 18.5))
     heads = [struct.pack("<i7di", 1, 1, 0, 0, 0, 0.01 * k, 0, 0, 1) for k in range(len(names))]

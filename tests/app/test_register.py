@@ -1,4 +1,4 @@
-"""`pyibr register` of recordings: the same as the library's calls, frame by frame; mistakes in one line."""
+"""`pyibr register` of recordings equals the library's calls, frame by frame; errors are one line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Pair(Recorded):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        (self.folder / "poses.txt").rename(self.folder / "path.txt")  # none of the recording's own
+        (self.folder / "poses.txt").rename(self.folder / "path.txt")  # so that it is not the recording's own trajectory
         COLORS.save(folder / "colors.json")
         rng = np.random.default_rng(1)
         self.pictures = [rng.integers(0, 256, (44, 72, 3), dtype=np.uint8) for _ in range(COUNT)]
@@ -79,7 +79,7 @@ def test_each_frame_of_depth_is_registered(pair: Pair, folder):
 
 @pytest.mark.parametrize("words", [("depth", "--color", "rgb"), (".", "--color", "."), ("depth", "--color", "c.mkv")])
 def test_each_frame_gets_its_colours(pair: Pair, words):
-    """Of a folder of pictures, of a folder with both, of a video."""
+    """From a folder of pictures, a folder with both, or a video."""
     with VideoWriter(pair.folder / "c.mkv", 12) as video:
         for picture in pair.pictures:
             video.add(picture)

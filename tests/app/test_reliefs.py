@@ -1,4 +1,4 @@
-"""`pyibr relief` and `pyibr slices`: the same as the library's pictures; mistakes in one line."""
+"""`pyibr relief` and `pyibr slices` draw the library's pictures; errors are one line."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def run(folder: Path, command: str, *words: object, output: str = "new.png"):
-    """Words that name a file of the folder are its paths."""
+    """Run a command; names of files in the folder become their paths."""
     return commands.run(command, *commands.places(folder, words), "-o", folder / output)
 
 
@@ -40,7 +40,7 @@ def run(folder: Path, command: str, *words: object, output: str = "new.png"):
     ],
 )
 def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how):
-    """Light and lamp are told as the camera sees them; black is high with --deep."""
+    """Light and lamp are in the camera's axes; black is high with --deep."""
     light = "--light", 1, 1, 2, "--ambient", 0.1, "--anisotropy", 8
     maps = "--color", "paint.png", "--scale", 0.1, "--tiles", 2, 1, "--deep"
     result = run(folder, command, "square.obj", "bumps.png", *maps, *light, *words, "--to", "camera.json")
@@ -54,7 +54,7 @@ def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how)
 
 
 def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
-    """About what is up; the light stays before the camera, so that half a turn shows what is lit there, too."""
+    """The turn is about the up axis; the light stays fixed to the camera, so that all sides are lit."""
     asked = "--scale", 0.1, "--up", "z", "--frames", 4, "--size", 60, 40, "--light", 0, 0, 1, "--lamp", 0, 0, 0
     result = run(folder, "relief", "square.obj", "bumps.png", *asked)
     assert result.exit_code == 0 and "4 views, 60x40" in result.stdout, result.output

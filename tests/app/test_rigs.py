@@ -1,4 +1,4 @@
-"""`pyibr stereo`, `quilt` and `orbit`: the same as the library's calls; names that displays know; films."""
+"""`pyibr stereo`, `quilt` and `orbit` equal the library's calls; names that displays recognise; films."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_names_tell_players_the_layout(scene: Scene, layout: str, name: str, siz
 
 
 def test_a_film_has_one_range_of_depth(tmp_path: Path):
-    """That of the first frame with any depth; frames without are black, and told."""
+    """The range comes from the first frame with depth; frames without depth are black and reported."""
     made = Recorded(tmp_path)
     ibr.write_depth(tmp_path / "depth/0.png", np.full(RECORDED[::-1], np.nan, np.float32), depth_scale=SCALE)
     words = [
@@ -102,7 +102,7 @@ def test_a_turntable_is_that_of_the_library(scene: Scene):
 
 
 def test_a_path_goes_through_its_cameras(scene: Scene):
-    """Those of the viewer, or a list; here the second is where the plane is as large as half of the picture."""
+    """A path of the viewer, or a list; from the second camera, the plane is half as large as the picture."""
     ends = [scene.camera, scene.camera.moved(0, 0, -2)]
     CameraPath(ends).save(scene.folder / "path.json")
     words = ("--path", scene.folder / "path.json", "--frames", 2, "--fill", "none", "--size", 30, 18)
@@ -115,7 +115,7 @@ def test_a_path_goes_through_its_cameras(scene: Scene):
 
 
 def test_a_mesh_without_colours_is_lit(tmp_path: Path):
-    """By a light that goes with the camera: both sides of a roof are lighter than what faces away from it."""
+    """The light moves with the camera, so both sides of a roof are lighter than faces that point away."""
     ridge = [[-1, 1, -1], [1, 1, -1], [-1, -1, 0], [1, -1, 0], [-1, 1, 1], [1, 1, 1]]
     ibr.Mesh(ridge, [[0, 1, 2], [3, 2, 1], [2, 3, 4], [5, 4, 3]]).save(tmp_path / "roof.ply")
     words = ["orbit", tmp_path / "roof.ply", "--frames", 2, "--size", 40, 30, "--up", "-y", "-o", tmp_path / "a.png"]

@@ -60,7 +60,7 @@ def test_a_mesh_is_the_objects(folder: Path, views: list[ibr.DepthImage], tmp_pa
 
 @pytest.mark.parametrize("up", ["y", "-y", "z", "-x"])
 def test_a_glb_stands_upright(folder: Path, views: list[ibr.DepthImage], tmp_path: Path, up: str):
-    """Up in the world is glTF's y there, and nothing is mirrored; without --up that is -y, as of cameras."""
+    """The up direction becomes glTF's y without mirroring; without --up, it is -y, as for cameras."""
     result = run("hull", folder, "--up", up, "--resolution", 12, "-o", tmp_path / "it.glb")
     assert result.exit_code == 0, result.output
     expected, found = ibr.VisualHull(views).to_mesh(12), ibr.Mesh.load(tmp_path / "it.glb", axes="gltf")
@@ -93,7 +93,7 @@ def test_a_hull_of_depth_of_alpha_or_of_masks(form: str, folder: Path, views: li
 
 @pytest.mark.parametrize(("command", "solid"), [("object", ibr.DepthObject), ("hull", ibr.VisualHull)])
 def test_options_of_depth_are_those_of_warp(views: list[ibr.DepthImage], tmp_path: Path, command: str, solid: type):
-    """Here which array of NPZ files it is, in which unit, and from where on there is nothing."""
+    """Here: the array in NPZ files, its unit, and the far depth."""
     for number, view in enumerate(views):
         ibr.write_color(tmp_path / f"room/{number}.color.png", view.color)
         depth = np.where(view.valid, 1000 * view.depth, np.float32(99_000))

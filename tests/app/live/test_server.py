@@ -1,4 +1,4 @@
-"""Pages are for this machine alone, and a page of another site cannot press their buttons."""
+"""Only this machine can open pages, and a page of another site cannot press their buttons."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PROTOCOL = f"viser-v{viser.__version__}"
         ("127.0.0.1:8080", "http://evil.example", False),
         ("127.0.0.1:8080", "http://127.0.0.1:9999", False),  # another program's page on this machine
         ("127.0.0.1:8080", "null", False),  # a file, or a page in a sandbox
-        ("evil.example:8080", "http://evil.example:8080", False),  # a name that was made to stand for this machine
+        ("evil.example:8080", "http://evil.example:8080", False),  # a name that resolves to this machine
         ("evil.example:8080", None, False),
         ("", None, False),
     ],

@@ -1,4 +1,4 @@
-"""A page's stream: what it asks for last is the camera that the page has."""
+"""A page's stream: its last request holds the page's current camera."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_a_camera_that_moves_while_it_is_first_read_is_asked_for_last():
 
     class Space:
         def camera(self, wxyz: Any, position: Any, fov: float, size: tuple[int, int]) -> ibr.Camera:
-            if not news:  # the page's first camera is read when the news of the next one comes
+            if not news:  # the page's first camera is read while the next one arrives
                 news.append(threading.Thread(target=move))
                 news[0].start()
                 news[0].join(0.2)

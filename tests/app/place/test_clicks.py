@@ -1,4 +1,4 @@
-"""The page's controls without a browser: clicks faster than a page follows, and the folder that it saves into."""
+"""The page's controls without a browser: clicks faster than the page follows, and its folder for saving."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ONE = Frustum.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0), 16)
 
 @pytest.fixture
 def page():
-    """A page whose captures show nothing, so that no device draws."""
+    """A page with empty captures, so that no device draws."""
     server = start_server(0, "test")
     camera = ONE.camera
     view = ibr.DepthImage(None, np.ones((camera.height, camera.width), np.float32), camera)
@@ -41,7 +41,7 @@ def page():
 
 @pytest.mark.filterwarnings("error")
 def test_clicks_at_once_leave_the_frusta_that_there_are(page):
-    """Each click comes on one of the server's threads; viser refuses a handle that another has replaced."""
+    """Clicks arrive on several server threads; viser refuses a handle that another thread has replaced."""
     placement, rng = page.placement, np.random.default_rng(0)
 
     def add() -> None:
@@ -61,7 +61,7 @@ def test_clicks_at_once_leave_the_frusta_that_there_are(page):
 def test_controls_that_show_what_is_do_not_change_it_and_hands_that_turn_them_meanwhile_do(page):
     page.placement.add(ONE)
     with ThreadPoolExecutor(1) as other, page.placement.lock:
-        page._quiet = True  # while this thread shows what is
+        page._quiet = True  # while this thread shows the current state
         page._across.value = 30.0
         turned = other.submit(setattr, page._across, "value", 20.0)
         page._quiet = False
@@ -72,7 +72,7 @@ def test_controls_that_show_what_is_do_not_change_it_and_hands_that_turn_them_me
 
 def test_the_page_says_which_kernels_are_being_built_until_it_shows_a_picture(page, tmp_path, monkeypatch):
     file = tmp_path / "own.cl"
-    file.write_text(f"kernel void own(global float *x) {{ x[0] = {time.perf_counter()}f; }}")  # in no cache
+    file.write_text(f"kernel void own(global float *x) {{ x[0] = {time.perf_counter()}f; }}")  # not in any cache
     picture = Picture(np.zeros((3, 4, 3), np.uint8), None, ONE.camera)
 
     def painted(*_: object) -> Picture:

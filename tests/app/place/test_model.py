@@ -1,4 +1,4 @@
-"""The set of frusta in the making: what changes it, and the way back; the corner and its brush; what is kept."""
+"""The edited set of frusta: changes, undo, captures; the corner and its brush."""
 
 from __future__ import annotations
 
@@ -201,13 +201,13 @@ def test_images_are_made_once_and_as_long_as_they_are_wanted(monkeypatch: pytest
     assert len(made) == 2
     painted = one.painted(Stroke(((0.5, 0.2),), 0.2))
     view = captures.views([painted, other])[0]
-    assert len(made) == 2  # a stroke needs no new picture
+    assert len(made) == 2  # a stroke needs no new capture
     np.testing.assert_array_equal(view.depth, painted.capture(models.donut()).depth)
     assert captures.nearest(painted) == view.depth[view.valid].min()
     assert captures.nearest(one) is None
     captures.views([other])
     captures.views([one, other])
-    assert len(made) == 4  # one for the comparison above, and one for what was forgotten
+    assert len(made) == 4  # one for the comparison above, and one for the dropped image
 
 
 def test_the_share_is_of_all_frusta():
@@ -229,7 +229,7 @@ def test_the_corner_is_within_the_page_and_its_places_are_told(size):
     for part in ((0.0, 0.0), (0.25, 0.75), (1.0, 1.0)):
         at = (left + part[0] * side) / size[0], (top + part[1] * side) / size[1]
         found = inset_position(size, at)
-        if found is not None:  # but for rounding at its border
+        if found is not None:  # None only by rounding at its border
             np.testing.assert_allclose(found, part, atol=1e-9)
     assert inset_position((640, 480), (0.9, 0.1)) is None
 

@@ -1,4 +1,4 @@
-"""Paths pass through all of their cameras, smoothly, and files hold them to the bit."""
+"""Paths pass smoothly through all their cameras, and files store them exactly."""
 
 from __future__ import annotations
 
