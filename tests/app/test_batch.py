@@ -131,7 +131,7 @@ def test_inputs_and_outputs_by_url(cluster: Any, tmp_path: Path):
             f"command: expected one of {', '.join(COMMANDS)}, got 'view'",
         ),
         ("warp {color} -o {out}/new.png", {"color": "one.png"}, "inputs: expected a pattern with *"),
-        ("warp {color} -o {out}/new.png", {"color": "none-*.png"}, "inputs: expected patterns that files match"),
+        ("warp {color} -o {out}/new.png", {"color": "none-*.png"}, "inputs: expected patterns that match files"),
     ],
 )
 def test_jobs_that_are_none(command: str, inputs: dict[str, str], message: str, tmp_path: Path, monkeypatch: Any):

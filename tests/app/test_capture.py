@@ -76,7 +76,7 @@ def test_from_frusta(mesh: Path, tmp_path: Path):
             ("donut.ply", "--camera", "away.json", "--frusta", "away.json"),
             ("--frusta: expected none together with --camera",),
         ),
-        (("donut.ply", "--camera", "away.json"), ("--camera: expected cameras that see the mesh", "1 of which none")),
+        (("donut.ply", "--camera", "away.json"), ("--camera: expected cameras that see the mesh", "got 1 that do not")),
         (
             ("donut.ply", "--camera", "away.json", "--size", "9"),
             ("--size: expected none with --camera, which sets it",),

@@ -91,7 +91,7 @@ def test_distances_stay_distances(delivered: Delivered):
     expected = ibr.clean_depth(ibr.read_depth(delivered.folder / "far.npy", **how)).depth
     np.testing.assert_allclose(ibr.read_depth(delivered.folder / "new.npy", **how), expected, rtol=1e-5)
     refused = delivered.clean("far.npy", "--depth-kind", "distance", scale=None)
-    assert_one_line(refused, "--camera: expected the camera of the distances, or --fov")
+    assert_one_line(refused, "--camera: expected the camera of the depth for --depth-kind distance, or --fov")
 
 
 def test_noise_of_disparity_is_told_by_pixels_and_baseline(delivered: Delivered):
@@ -101,7 +101,7 @@ def test_noise_of_disparity_is_told_by_pixels_and_baseline(delivered: Delivered)
     expected = ibr.clean_depth(delivered.stored(0), noise=noise).depth
     np.testing.assert_allclose(delivered.written("new.npy"), expected, rtol=1e-6)
     assert not np.allclose(expected, ibr.clean_depth(delivered.stored(0)).depth, rtol=1e-4)
-    assert_one_line(delivered.clean("depth/0.png", *told), "--camera: expected the camera of the focal length")
+    assert_one_line(delivered.clean("depth/0.png", *told), "--camera: expected the camera of the depth for --noise")
     assert_one_line(delivered.clean("depth/0.png", "--noise", 0.5), "--baseline: expected a number > 0 together with")
 
 

@@ -127,7 +127,7 @@ def test_what_is_out_of_scale_is_told(scene, tmp_path):
         assert ("--move: moves by" in result.stderr) == is_told
     scene.camera.resized((122, 74)).save(tmp_path / "large.json")
     result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / "n.png", camera="large.json")
-    assert_one_line(result, "--camera: expected that of 61x37 pixels", "Camera.resized", "one of 122x74")
+    assert_one_line(result, "--camera: expected a camera of 61x37 pixels", "Camera.resized", "a camera of 122x74")
 
 
 def test_warnings_are_told_in_a_line(scene, tmp_path):

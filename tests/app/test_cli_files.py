@@ -45,30 +45,30 @@ def test_no_numbered_output_and_no_mesh_is_an_input(scene: Scene, monkeypatch: p
     (scene.folder / "color.png").symlink_to("f_0002.png")
     path = ("--orbit", 5, "--frames", 4)
     line = is_refused_before_the_work(scene, monkeypatch, *path, "-o", scene.folder / "f.png")
-    assert "f_0002.png, which is COLOR's too" in line
+    assert "f_0002.png, the same as COLOR" in line
     (scene.folder / "d_0001.npy").symlink_to("depth.npy")
     arguments = ("-o", scene.folder / "g.png", "--depth-out", scene.folder / "d.npy")
     assert "DEPTH" in is_refused_before_the_work(scene, monkeypatch, *path, *arguments, depth="depth.npy")
     (scene.folder / "m.obj").symlink_to("camera.json")
     arguments = ("--max-error", 1, "-o", scene.folder / "m.obj")
-    assert "--camera's too" in is_refused_before_the_work(scene, monkeypatch, *arguments, command="mesh")
+    assert "the same as --camera" in is_refused_before_the_work(scene, monkeypatch, *arguments, command="mesh")
 
 
 def test_no_two_outputs_are_one(scene: Scene, monkeypatch: pytest.MonkeyPatch):
     (scene.folder / "other.png").symlink_to("new.png")  # which does not exist yet
     for second in ("new.png", "other.png", "folder/../new.png"):
         arguments = ("--orbit", 5, "-o", scene.folder / "new.png", "--valid-out", scene.folder / second)
-        assert "--output's too" in is_refused_before_the_work(scene, monkeypatch, *arguments)
+        assert "the same as --output" in is_refused_before_the_work(scene, monkeypatch, *arguments)
         arguments = ("--orbit", 5, "--frames", 2, *arguments[2:])
         if second != "other.png":
-            assert "--output's too" in is_refused_before_the_work(scene, monkeypatch, *arguments)
+            assert "the same as --output" in is_refused_before_the_work(scene, monkeypatch, *arguments)
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("-o", "a.xyz"), "no image format .xyz"),
-        (("-o", "a.mp4"), "--output: expected several views for a video, by --frames or of a recording, got one"),
+        (("-o", "a.mp4"), "--output: expected several views for a video, by --frames or from a recording, got one"),
         (("-o", "a"), "without a suffix"),
         (("-o", "a.png", "--depth-out", "b.jpg"), "no depth format .jpg"),
         (("-o", "a.png", "--valid-out", "b.pfm"), "no image format .pfm"),

@@ -164,7 +164,7 @@ def test_meshes(folder: Path):
         (("counts.png", "-o", "out.npy"), "--depth-scale: expected stored units"),
         (("depth.npy", "-o", "out.mp4"), "out.mp4: no depth format .mp4"),
         (("depth.npy", "-o", "out.mkv", "--to-scale", 9), "out.mkv: no depth format .mkv"),
-        (("depth.npy", "-o", "out.npy", "--to-kind", "distance"), "--camera: expected the depth's"),
+        (("depth.npy", "-o", "out.npy", "--to-kind", "distance"), "--camera: expected the camera of the depth"),
         (("depth.npy", "-o", "depth.npy"), "--output: expected a file of its own"),
         (("three.npz", "-o", "out.png", "--to-scale", 50000), "depth: expected 1 to 65535 units of 1/50000"),
         (("camera.json", "--as", "colmap", "-o", "model.json"), "--output: expected a folder, for a COLMAP model"),

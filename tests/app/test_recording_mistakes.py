@@ -28,8 +28,8 @@ def test_frames_without_depth_or_pose_of_their_time_are_left_out_and_told(record
     (recorded.folder / "groundtruth.txt").write_text("\n".join(poses))
     result = recorded.run(recorded.folder, "--move", 0.1, 0, 0)
     assert "2 views" in succeeded(result)
-    assert re.search("1 picture of .*rgb: no depth of its time; left out", result.stderr)
-    assert re.search("1 picture of .*rgb: no pose of its time; left out", result.stderr)
+    assert re.search("1 picture of .*rgb: no depth at this time; left out", result.stderr)
+    assert re.search("1 picture of .*rgb: no pose at this time; left out", result.stderr)
     for number, view in enumerate(recorded.views()[2:], start=2):  # their numbers
         np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera.moved(0.1, 0, 0)).color)
 
@@ -41,7 +41,9 @@ def test_lost_frames_are_left_out_and_told(recorded: Recorded, words):
     (recorded.folder / "depth/1.png").unlink()
     result = recorded.run("rgb", "depth", "--move", 0.1, 0, 0, *words, camera=None)
     assert "3 views" in succeeded(result)
-    assert re.search("1 file of .*rgb and .*depth, 1.png: no partner by name or number; left out", result.stderr)
+    assert re.search(
+        "1 file of .*rgb and .*depth, 1.png: no partner of the same name or number; left out", result.stderr
+    )
     for number, view in zip((0, 2, 3), (views[0], *views[2:]), strict=True):  # their numbers
         np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera.moved(0.1, 0, 0)).color)
 
@@ -164,12 +166,14 @@ def test_no_output_lies_within_a_recording(recorded: Recorded):
         ((recorded.folder,), "o/n.png"),
     ):
         result = recorded.run(*words, "--move", 0, 0, 0, output=output)
-        assert_refused(result, "--output: expected a place outside of the recording", output)
+        assert_refused(result, "--output: expected a path outside of the recording", output)
         assert not list(recorded.folder.rglob("n*.png"))
 
 
 def test_all_frames_together_need_poses(recorded: Recorded):
-    assert_refused(recorded.run("rgb", "depth", "--together", "--orbit", 5), "--together: expected frames whose places")
+    assert_refused(
+        recorded.run("rgb", "depth", "--together", "--orbit", 5), "--together: expected frames with known poses"
+    )
 
 
 def test_a_video_of_another_length(recorded: Recorded):
@@ -184,7 +188,7 @@ def test_no_output_is_a_frame_that_is_read(recorded: Recorded):
     for number in range(COUNT):
         (recorded.folder / f"rgb/{number}.png").rename(recorded.folder / f"rgb/new_{number:04d}.png")
     before = (recorded.folder / "rgb/new_0002.png").read_bytes()
-    assert_refused(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="rgb/new.png"), "which is COLOR's too")
+    assert_refused(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="rgb/new.png"), "the same as COLOR")
     assert (recorded.folder / "rgb/new_0002.png").read_bytes() == before
 
 
@@ -206,9 +210,9 @@ def test_no_output_is_a_file_of_a_model_that_is_read(recorded: Recorded, name: s
         ibr.write_color(recorded.folder / f"work/images/{number}.png", recorded.colors[number])
         ibr.write_depth(recorded.folder / f"work/stereo/depth_maps/{number}.png.geometric.bin", recorded.depths[number])
     cases = [
-        ("one", ("rgb/0.png", "depth/0.png", "--to", "one"), "camera.json", "--to's too"),
-        ("one", ("rgb/0.png", "depth/0.png", "--orbit", 5), "one", "--camera's too"),
-        ("work/sparse/0", ("work", "--together", "--orbit", 5), None, "the recording's too"),
+        ("one", ("rgb/0.png", "depth/0.png", "--to", "one"), "camera.json", "the same as --to"),
+        ("one", ("rgb/0.png", "depth/0.png", "--orbit", 5), "one", "the same as --camera"),
+        ("work/sparse/0", ("work", "--together", "--orbit", 5), None, "the same as the recording"),
     ]
     for model, words, camera, said in cases:
         file = recorded.folder / model / name

@@ -70,7 +70,10 @@ def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("square.obj", "bumps.png"), "--scale: expected scene units that height 1 is displaced by (the mesh is 1 acr"),
+        (
+            ("square.obj", "bumps.png"),
+            "--scale: expected the displacement of height 1 in scene units (the mesh is 1 acr",
+        ),
         (("square.obj", "bumps.png", "--scale", "0"), "--scale: expected"),
         (("square.obj", "bumps.png", "--scale", "nan"), "--scale: expected"),
         (("gone.obj", "bumps.png", "--scale", "1"), "gone.obj"),

@@ -118,5 +118,5 @@ def test_mistakes_are_told_in_a_line(folder: Path, tmp_path: Path):
     ibr.write_color(tmp_path / "pictures/0.png", np.full((3, 4, 3), 9, np.uint8))
     words = "pictures/0.png", "expected a picture with alpha, or masks beside it, got RGB"
     assert_one_line(run("hull", tmp_path / "pictures", "--camera", folder, "-o", picture), *words)
-    assert_one_line(run("hull", folder, folder, "-o", folder / "0.color.png"), "0.color.png", "VIEWS's too")
+    assert_one_line(run("hull", folder, folder, "-o", folder / "0.color.png"), "0.color.png", "the same as VIEWS")
     assert not mesh.exists() and not picture.exists()

@@ -167,7 +167,7 @@ def open_depths(
     found = Recording([], files_in(depth, DEPTH_SUFFIXES) if depth.is_dir() else [depth])
     found = found if frames is None else recorded([], frames)
     if not found.depths:
-        raise FileFormatError(f"{depth}: expected a file of depth in it")
+        raise FileFormatError(f"{depth}: no file of depth in it")
     is_still = not depth.is_dir() and frames is None
     stored = found.stored or [PLAIN] * len(found.depths)
     cameras = alone(found.depths[0], stored[0])
