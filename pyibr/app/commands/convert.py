@@ -158,7 +158,7 @@ def _convert_depth(
 def _convert_recording(inputs: Inputs, sources: Sequence[Path], output: Path, scale: float) -> None:
     """Write pictures, depth registered to them, and transforms.json, which pyibr and nerfstudio read."""
     if any(path.resolve() in (output.resolve(), *output.resolve().parents) for path in sources):
-        raise ArgumentError("--output", "a place outside of the recording that is read", str(output))
+        raise ArgumentError("--output", "a path outside of the recording that is read", str(output))
     check_outputs(inputs.files, {"--output": [output / "transforms.json"]})
     entries, shares = list[dict[str, Any]](), list[float]()
     with Behind(in_order=False) as behind:
