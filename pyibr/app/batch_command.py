@@ -27,7 +27,7 @@ def batch(
     retries: Annotated[int, typer.Option(help="How often a failed task is repeated")] = 2,
     verify: Annotated[bool, typer.Option("--verify", help="Compare earlier results with their checksums")] = False,
 ) -> None:
-    """Run a command for each set of files that patterns match, in several processes, by Dask.
+    """Run a command for each set of files that patterns match, in several processes with Dask.
 
     Results are recorded with checksums, so that an interrupted job resumes. Paths are relative to the current folder.
     """

@@ -93,7 +93,7 @@ class _OneLineErrors(TyperGroup):
                 text = _OPTIONS[error.argument] + text.removeprefix(error.argument)
             raise _ended(text, 2, lines=isinstance(error, DeviceError)) from error
         except KeyboardInterrupt as error:
-            raise _ended("interrupted", 130) from error  # 128 + SIGINT, as shells count
+            raise _ended("interrupted", 130) from error  # 128 + SIGINT, as in shells
         except MemoryError as error:
             raise _ended("out of memory", 2) from error
         except OSError as error:

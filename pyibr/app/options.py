@@ -42,7 +42,7 @@ Focal35mm = Annotated[
 ]
 Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")]
 Holes = Annotated[int, typer.Option(help="Pixels: cleaning fills gaps up to twice as wide; 0: none")]
-Strength = Annotated[float, typer.Option(help="How much of the noise is smoothed away, 0 to 10")]
+Strength = Annotated[float, typer.Option(help="Strength of the smoothing of noise, 0 to 10")]
 FarDepth = Annotated[
     float, typer.Option(help="Samples at this depth or beyond hold no surface; relative depth: the farthest depth, 10")
 ]
@@ -179,7 +179,7 @@ class StoredDepth(NamedTuple):
 
 
 def given_of(options: Any) -> list[str]:
-    """Names of the options of a group that are not at their defaults."""
+    """Names of the options in a group that differ from their defaults."""
     defaults = options._field_defaults
     return [f"--{name.replace('_', '-')}" for name, value in options._asdict().items() if value != defaults[name]]
 
@@ -237,5 +237,5 @@ def print_note(text: str) -> None:
 
 
 def device_of(name: str | None) -> AbstractContextManager[object]:
-    """A context in which --device is used."""
+    """Context that uses the device of --device."""
     return ibr.use_device(name) if name else nullcontext()

@@ -40,7 +40,7 @@ def test_pictures_show_light_as_srgb_and_tell_what_is_clipped(run, stops, half, 
     shown = ibr.read_color(new)
     assert shown[1, 3].tolist() == [half] * 3
     assert shown[4, 5].tolist() == [255] * 3
-    assert ("1.10% of the pixels are brighter than 1, and clipped" in done.stderr) == clipped
+    assert ("1.10% of all pixels are brighter than 1 and clipped" in done.stderr) == clipped
 
 
 def test_loaded_recordings_show_light_as_srgb_too(tmp_path: Path):

@@ -20,7 +20,7 @@ _SECONDS = 5.0  # between a task's end and its entry in the manifest: a crash re
 
 
 class Entry(TypedDict):
-    """Files that a task made."""
+    """Files of a finished task."""
 
     name: str
     key: str

@@ -77,7 +77,7 @@ class Inputs:
     sources : list of Path
         The paths as users name them.
     reading, lens, stored
-        Their options.
+        Options for reading them.
     together : bool
         Whether all frames of recordings show one scene.
 
@@ -92,7 +92,7 @@ class Inputs:
     numbers : list of int, or None
         Numbers of the frames; None for one scene.
     count : int
-        How many frames there are.
+        Number of frames.
     film : Video, or None
         The video that the frames come from.
     seen : DepthRange

@@ -144,7 +144,7 @@ def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
         sources.append(Source(shots, video, recording.cameras, is_placed))
     for source in sources[1:]:
         if len(source.shots) != len(sources[0].shots):
-            expected = f"sources of as many frames as the first, {len(sources[0].shots)}"
+            expected = f"as many frames in each source as in the first, {len(sources[0].shots)}"
             raise ArgumentError("sources", expected, f"{len(source.shots)} of {source.shots[0].depth.parent}")
     return sources, are_stills
 

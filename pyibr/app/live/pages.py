@@ -95,7 +95,7 @@ class Pages:
 
     @property
     def closed(self) -> bool:
-        """Whether the server is closed."""
+        """True once the server is closed."""
         return self._closed.is_set()
 
     @property

@@ -276,7 +276,7 @@ class PlacePage:
     def _tell_progress(self, done: int, of: int, unseen: float) -> None:
         self.panel.say(f"**Proposing** {done} of {of}: {unseen:.1%} of the surface would be unseen")
         if self.pages.closed:
-            raise Error("the page was closed")
+            raise Error("the page is closed")
 
     def _add_corner_controls(self) -> None:
         gui = self.pages.server.gui
@@ -297,7 +297,7 @@ class PlacePage:
 
     @property
     def paints(self) -> bool:
-        """Whether a drag over the corner paints now."""
+        """True while a drag over the corner paints."""
         return self._brush.value and self._corner.value != _NONE and self.placement.state.current is not None
 
     def _add_picture_controls(self) -> None:

@@ -57,12 +57,12 @@ class Controls:
 
     @property
     def shows_frusta(self) -> bool:
-        """Whether the sources' frusta are shown."""
+        """True if the sources' frusta are shown."""
         return bool(self._frusta.value)
 
     @property
     def times_kernels(self) -> bool:
-        """Whether kernels are timed."""
+        """True if kernels are timed."""
         return bool(self._times.value)
 
     def style(self) -> Style:

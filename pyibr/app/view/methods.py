@@ -89,7 +89,7 @@ def methods_of(things: object) -> dict[str, RenderMethod]:
     if isinstance(things, Mapping):
         named = cast("Mapping[object, object]", things)
         if not named or not all(isinstance(name, str) for name in named):
-            raise ArgumentError("things", "things by their names, at least one", describe(cast("object", things)))
+            raise ArgumentError("things", "at least one thing by name", describe(cast("object", things)))
         return {str(name): _rendered(_checked(some)) for name, some in named.items()}
     given = _checked(things)
     if not all(isinstance(thing, DepthImage) for thing in given):
