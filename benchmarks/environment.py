@@ -74,7 +74,8 @@ def commit() -> str | None:
         return done.stdout.strip()
 
     try:
-        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no", "--", *_SOURCES) else "")
+        changed = git("status", "--porcelain", "--untracked-files=no", "--", *_SOURCES)
+        return git("rev-parse", "HEAD") + "+" * bool(changed)
     except (OSError, subprocess.CalledProcessError):
         return None
 
