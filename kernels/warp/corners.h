@@ -4,14 +4,14 @@
 #include "lib/color.h"
 #include "warp/line_hits.h"
 
-/* The samples that a hit is interpolated from, as numbers y * width + x, and their weights: the corners of its
+/* The samples from which a hit is interpolated, as numbers y * width + x, and their weights: the corners of its
  * triangle, or the nearest sample alone */
 typedef struct {
     intl corner, beside, below;
     floatl at_corner, at_beside, at_below;
 } Corners;
 
-/* Sample (x, y) alone, whose nearness the pixels get, too */
+/* Sample (x, y) alone; the pixels also take its nearness. */
 INLINED Corners one_sample(Pixels *pixels, Grid grid, PixelMap map, intl x, intl y)
 {
     const float *D = map.dst_from_src;
@@ -24,7 +24,8 @@ INLINED Corners one_sample(Pixels *pixels, Grid grid, PixelMap map, intl x, intl
     return one;
 }
 
-/* The samples around the pixels' hits on triangles; if not `linear` the nearest, whose nearness the pixels get, too */
+/* The samples around the pixels' hits on triangles. If not `linear`: the nearest sample; the pixels also take its
+ * nearness. */
 INLINED Corners corners_of_triangles(Pixels *pixels, Grid grid, PixelMap map, int linear)
 {
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
@@ -45,9 +46,10 @@ INLINED Corners corners_of_triangles(Pixels *pixels, Grid grid, PixelMap map, in
     return three;
 }
 
-#define BETWEEN_SAMPLES 2e-3f /* pixels off the middle between two samples at which a margin may be that of either */
+#define BETWEEN_SAMPLES 2e-3f /* pixels from the middle between two samples: a margin may belong to either */
 
-/* The samples whose margins pixels x of a row show: the nearest; half-way between two, the one that is as near. */
+/* The samples whose margins the pixels show: the nearest in the image; half-way between samples, the nearest in
+ * nearness. */
 INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, floatl column, int row, intl *x, intl *y)
 {
     const float *S = map.src_from_dst;
@@ -70,8 +72,8 @@ INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, floatl colu
     }
 }
 
-/* The same of hits on margins: the margin's sample, and those beside it in the place's direction as far as
- * they are of one surface */
+/* The same for hits on margins: the margin's sample, and its neighbours towards the hit if they lie on the same
+ * surface */
 INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int linear, floatl column, int row)
 {
     intl x, y;
@@ -96,7 +98,7 @@ INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int 
     return corners;
 }
 
-/* The samples that hits are interpolated from, some of which are `on_margins` */
+/* The samples from which hits are interpolated, where some hits are `on_margins` */
 INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear, intl on_margins, floatl column, int row)
 {
     Pixels beside = *pixels;
@@ -116,7 +118,7 @@ INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear, 
 
 INLINED Color interpolate_color(Corners there, PixelMap map, global const channel *src_color, int linear)
 {
-    const int count = max(map.src_width * map.src_height, 2); /* there is room for two: `read_color` reads four bytes */
+    const int count = max(map.src_width * map.src_height, 2); /* room for at least two: `read_color` reads four bytes */
     const Color c0 = read_color(src_color, there.corner, count);
     if (!linear)
         return c0;

@@ -1,11 +1,13 @@
 #ifndef WARP_FILL_CELLS_H
 #define WARP_FILL_CELLS_H
-/* Push and pull (fill.cl) in the form for GPUs: a work-item has one cell of a tile's first level, or one pixel or cell of
- * the base; what it takes from other cells it computes anew. Sums are those of fill_tiles.h, in the same order. */
+/* Push and pull (fill.cl) in the form for GPUs: a work-item computes one cell of a tile's first level, or one pixel or
+ * cell of the base, and recomputes the cells of others that it needs. Sums equal the sums of fill_tiles.h, in the same
+ * order. */
 #include "warp/pixel_weights.h"
 
 #if LANES == 1
-/* Four pixels or cells, row by row and plane by plane, become one of the cells `made`, whose planes are so far apart. */
+/* Reduces four pixels or cells, given row by row and plane by plane, to one cell of `made`. plane: the distance of its
+ * planes. */
 #define ROW_OF_FOUR(p, i) (i == 0 ? four[p].xy : four[p].zw)
 #define MADE_CELL(p) made[(size_t)(p) * plane]
 INLINED void put_cell(const float4 *four, int level, int perspective, global float *made, int plane)
@@ -14,8 +16,7 @@ INLINED void put_cell(const float4 *four, int level, int perspective, global flo
 }
 
 #if HAS_BEHIND
-/* The holes of row v of a tile and its halo, as bits: those beside what is none there. Of others behind.cl may know
- * nothing. */
+/* The holes next to a valid pixel in row v of a tile and its halo, as bits. Other holes may be unknown to behind.cl. */
 INLINED uint edge_bits(global const uchar *valid, int width, int height, int tile_x, int tile_y, int v)
 {
     uint known = 0;
@@ -27,9 +28,9 @@ INLINED uint edge_bits(global const uchar *valid, int width, int height, int til
     return known & (uint)hole_bits(valid, width, height, tile_x - HALO, tile_y - HALO + v, HALO_TILE / 8);
 }
 
-/* The weights of four pixels of depths z, the first at (x, y), row by row: by the farthest depth behind the holes in the
- * 12 x 12 pixels around the 4 x 4 that they are of; and of the holes that touch each, where there is a falloff, the
- * steepest one and the farthest depth */
+/* The weights of 2 x 2 pixels of depths z, row by row, the first at (x, y). They depend on the farthest depth behind
+ * the holes in the 12 x 12 pixels around the 4 x 4 block of these pixels, and on the holes that touch each pixel: their
+ * steepest falloff, and the farthest depth of the holes with a falloff. */
 INLINED float4 pixel_weights(global const uchar *valid, global const float *behind, int width, int height, int pitch,
                              int x, int y, float4 z)
 {
@@ -57,7 +58,7 @@ INLINED float4 pixel_weights(global const uchar *valid, global const float *behi
 
 #define EACH_OF_FOUR(F) F(0, s0) F(1, s1) F(2, s2) F(3, s3)
 
-/* A cell of the first level of a tile's pixels */
+/* Computes a cell of the first level of a tile of pixels. */
 INLINED void push_quad(global const channel *color, global const float *depth, global const uchar *valid,
                        global const float *behind, int width, int height, int pitch, int perspective, int column, int row,
                        int across, int down, global float *inner, global float *cells)
@@ -94,7 +95,7 @@ INLINED void push_quad(global const channel *color, global const float *depth, g
     put_cell(planes, 0, perspective, inner + FIRST_CELL(column, row, across), INNER_CELLS);
 }
 
-/* And of a tile's cells */
+/* Computes a cell of the first level of a tile of cells. */
 INLINED void push_base_quad(global const float *base, int width, int height, int perspective, int level, int column, int row,
                        int across, int down, global float *inner, global float *cells)
 {
@@ -110,7 +111,7 @@ INLINED void push_base_quad(global const float *base, int width, int height, int
     put_cell(four, level, perspective, inner + FIRST_CELL(column, row, across), INNER_CELLS);
 }
 
-/* A tile's other levels; level: that of its pixels or cells */
+/* Computes a tile's other levels. level: the level of its pixels or cells */
 kernel void push_levels(int width, int height, int perspective, int level, global float *inner, global float *cells)
 {
     const int across = (width + TILE - 1) / TILE, down = (height + TILE - 1) / TILE;
@@ -134,7 +135,8 @@ kernel void push_levels(int width, int height, int perspective, int level, globa
     }
 }
 
-/* What cell (x, y) of a level of `side` cells a tile leaves open, and has itself in plane p; beyond the picture nothing */
+/* The part of plane p that cell (x, y) leaves open, and its own value, in a level of `side` cells a tile; (1, 0) beyond
+ * the picture */
 INLINED float2 open_and_own(global const float *level, int across, int down, int side, int p, int x, int y)
 {
     const int column = x >= 0 ? x / side : -1, row = y >= 0 ? y / side : -1;
@@ -144,13 +146,13 @@ INLINED float2 open_and_own(global const float *level, int across, int down, int
     return (float2)(1.0f - cell[WEIGHT_PLANE * INNER_CELLS], cell[p * INNER_CELLS]);
 }
 
-/* 3 x 3 cells are enough to interpolate 3 x 3 of the level below. Those that pixel x begins at are between cells from
- * here on, n levels above. */
+/* 3 x 3 cells are enough to interpolate 3 x 3 cells of the level below. BEGIN_ABOVE: where the cells n levels above
+ * pixel x begin. */
 #define BEGIN_ABOVE(x, n) ((((x) + 1) >> (n)) - 1)
 #define PART(x) ((x) & 1 ? 0.25f : 0.75f)
-#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* whether cell i of them is between the last two, not the first two */
+#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* cell i lies between the last two cells above, not the first two */
 
-/* 3 x 3 cells of a level from (x, y) on, filled from those above, which are replaced */
+/* Fills 3 x 3 cells of a level from (x, y) on from the `cells` above, and replaces those. */
 INLINED void pull_around(global const float *level, int across, int down, int side, int p, int x, int y, float *cells)
 {
     float filled[9];
@@ -191,7 +193,7 @@ INLINED float pulled_plane(global const float *inner, global const float *cells,
     return mix(mix(filled[0], filled[3], PART(y)), mix(filled[1], filled[4], PART(y)), PART(x));
 }
 
-/* A cell, filled */
+/* Fills a cell. */
 INLINED void pull_cell(global float *base, int width, int height, int x, int y, int across, int down,
                        global const float *inner, global const float *cells)
 {
@@ -201,7 +203,7 @@ INLINED void pull_cell(global float *base, int width, int height, int x, int y, 
         base[p * plane + cell] += open * pulled_plane(inner, cells, across, down, p, x, y);
 }
 
-/* A hole, filled */
+/* Fills a hole. */
 INLINED void pull_pixel(global channel *color, global float *depth, global const uchar *valid,
                         global const float *behind, int width, int height, int pitch, int perspective, int x, int y,
                         int across, int down, global const float *inner, global const float *cells)

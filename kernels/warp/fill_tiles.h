@@ -1,13 +1,13 @@
 #ifndef WARP_FILL_TILES_H
 #define WARP_FILL_TILES_H
-/* Push and pull (fill.cl) in the form for CPUs: a work-item has whole tiles, row by row in vectors. */
+/* Push and pull (fill.cl) in the form for CPUs: a work-item processes whole tiles, row by row in vectors. */
 #include "warp/pixel_rows.h"
 #include "warp/pixel_weights.h"
 
 #if LANES == 16
 #define ELEMENT(values, x) (((const float *)&(values))[x]) /* of 16 */
 
-/* A tile's levels: row by row, plane by plane, as they lie in `inner` */
+/* A tile's levels: row by row, plane by plane, in the order of `inner` */
 typedef struct {
     float8 eight[PLANES][8];
     float4 four[PLANES][4];
@@ -24,7 +24,7 @@ typedef struct {
 #define TWO(p) levels->two[p][y]
 #define ONE(p) levels->one[p]
 
-/* A tile's levels from its first one on, which is there already, written down */
+/* Computes a tile's levels above its first one, and writes all of them. */
 INLINED void write_levels(Levels *levels, int level, int perspective, int tile, int tiles, global float *inner,
                           global float *cells)
 {
@@ -51,14 +51,15 @@ void clear_tile(int tile, int tiles, global float *cells)
         cells[p * tiles + tile] = 0.0f;
 }
 
-/* The tile behind all others, which pull takes for those without a weight and those outside of the picture */
+/* Clears the tile behind all others: pull reads it in place of tiles without a weight and tiles outside of the
+ * picture. */
 void clear_last(int tiles, global float *inner)
 {
     for (int i = 0; i < PLANES * INNER_CELLS; i++)
         inner[(size_t)tiles * PLANES * INNER_CELLS + i] = 0.0f;
 }
 #if HAS_BEHIND
-/* Whether all of them are; any() compiles to a branch a lane. */
+/* Whether all values are zero. any() compiles to a branch per lane. */
 INLINED int is_zero(float16 values)
 {
     const uint8 half_ = as_uint16(values).lo | as_uint16(values).hi;
@@ -66,9 +67,9 @@ INLINED int is_zero(float16 values)
     return (quarter.x | quarter.y | quarter.z | quarter.w) == 0;
 }
 
-/* The farthest depth behind the holes in the 12 x 12 pixels around each 4 x 4 pixels of a tile, as four rows; and of
- * the holes that touch each row's pixels, where there is a falloff, the steepest one and the farthest depth. Only holes
- * beside what is none in the tile and its halo count: of others behind.cl may know nothing. */
+/* For each 4 x 4 pixels of a tile, the farthest depth behind the holes in the surrounding 12 x 12 pixels, as four rows.
+ * For each row's pixels, the steepest falloff of the holes that touch them, and the farthest depth of the holes with a
+ * falloff. Only holes next to a valid pixel of the tile and its halo count: the others may be unknown to behind.cl. */
 INLINED void read_behind(global const float *behind, size_t plane, int pitch, const uint *bits, float16 *around,
                          float16 *touching, float16 *falloffs)
 {
@@ -118,7 +119,7 @@ INLINED void read_behind(global const float *behind, size_t plane, int pitch, co
 }
 #endif
 
-/* The levels of a tile of pixels */
+/* Computes the levels of a tile of pixels. */
 void push_tile(global const channel *color, global const float *depth, global const uchar *valid,
                global const float *behind, int width, int height, int pitch, int perspective, int column, int row,
                int across, int down, global float *inner, global float *cells)
@@ -182,7 +183,7 @@ void push_tile(global const channel *color, global const float *depth, global co
     write_levels(levels, 1, perspective, tile, tiles, inner, cells);
 }
 
-/* The same of a tile of cells */
+/* Computes the levels of a tile of cells. */
 INLINED void push_base_tile(global const float *base, int width, int height, int perspective, int level, int column, int row,
                        int across, int down, global float *inner, global float *cells)
 {
@@ -207,13 +208,13 @@ INLINED void push_base_tile(global const float *base, int width, int height, int
 #define PARTS_8 PARTS_4, PARTS_4
 #define PARTS_16 PARTS_8, PARTS_8
 
-/* Row y of a level, a cell beyond the tile being its first, is between these of the level above, */
+/* Row y of a level lies between two rows of the level above; row 0 is the row before the tile. */
 #define ROW_BETWEEN(above, y) mix((above)[(y) / 2], (above)[(y) / 2 + 1], (y) & 1 ? 0.75f : 0.25f)
-/* and its cells between those on the `left` and the `right` of them. */
+/* The cells of such a row lie between its cells on the `left` and on the `right`. */
 #define CELLS_BETWEEN(type, row, left, right, ...) mix((row).left, (row).right, (type)(__VA_ARGS__))
 
-/* What a level's row holds itself, with a cell beyond the tile on either side, from plane p of three tiles beside each
- * other. */
+/* The own values of a level's row in plane p, with one more cell on either side of the tile. tiles: three tiles, left
+ * to right. */
 #define PLANE_OF(tile, p) inner + ((size_t)(tile) * PLANES + (p)) * INNER_CELLS
 INLINED float4 own_two(global const float *inner, const int *tiles, int p, int y)
 {
@@ -231,7 +232,7 @@ INLINED float16 own_eight(global const float *inner, const int *tiles, int p, in
     return (float16)(left[8 * y + 7], vload8(y, here), (PLANE_OF(tiles[2], p))[8 * y], (float4)0.0f, 0.0f, 0.0f);
 }
 
-/* The rows of a level that are around those of the level below which are needed. */
+/* The rows of a level that are needed to interpolate the `needed` rows of the level below. */
 uint rows_around(uint needed, int count)
 {
     uint around = 0;
@@ -240,7 +241,7 @@ uint rows_around(uint needed, int count)
     return around;
 }
 
-/* A level of `side` cells, filled, with one more beyond each side, as far as its rows are needed */
+/* Fills the needed rows of a level of `side` cells, and one more cell beyond each side. */
 #define PULL_LEVEL(type, side, filled, own, above_type, above, left, right, ...)                               \
     for (int y = 0; y < side + 2; y++) {                                                                       \
         if (!(needed_##filled >> y & 1u))                                                                      \
@@ -256,7 +257,7 @@ uint rows_around(uint needed, int count)
         }                                                                                                      \
     }
 
-/* A tile's first level, as far as needed for rows of its base, as bits, the first of them beyond the tile */
+/* Fills a tile's first level. needed: bits of the rows of its base; the lowest bit is the row before the tile. */
 INLINED void pull_first(uint needed, int column, int row, int across, int down, global const float *inner,
                         global const float *cells, float16 filled[WEIGHT_PLANE][10])
 {
@@ -289,7 +290,7 @@ INLINED float16 pulled(float16 *filled, int y)
     return CELLS_BETWEEN(float16, row, s0112233445566778, s1223344556677889, 0.75f, PARTS_8, PARTS_4, 0.25f, 0.75f, 0.25f);
 }
 
-/* A tile of cells, filled */
+/* Fills a tile of cells. */
 INLINED void pull_base_tile(global float *base, int width, int height, int column, int row, int across, int down,
                        global const float *inner, global const float *cells)
 {
@@ -305,12 +306,12 @@ INLINED void pull_base_tile(global float *base, int width, int height, int colum
         }
 }
 
-/* The holes of a tile of pixels, filled */
+/* Fills the holes of a tile of pixels. */
 INLINED void pull_tile(global channel *color, global float *depth, global const uchar *valid, global const float *behind,
                        int width, int height, int pitch, int perspective, int column, int row, int across, int down,
                        global const float *inner, global const float *cells)
 {
-    uint bits[TILE + 2], needed = 0; /* with a pixel more on every side; bit 0 is the one on the left */
+    uint bits[TILE + 2], needed = 0; /* with one more pixel on every side; bit 0 is the left one */
     for (int y = 0; y < TILE + 2; y++)
         bits[y] = hole_bits(valid, width, height, column * TILE - 1, row * TILE + y - 1, 3);
     for (int y = 0; y < TILE; y++)

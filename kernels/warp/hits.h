@@ -1,9 +1,9 @@
 #ifndef WARP_HITS_H
 #define WARP_HITS_H
-/* The hit of a line in a pixel: the target nearness of the surface that it meets first there, EMPTY if it meets none.
+/* The hit of a line in a pixel: the target nearness of the first surface that the line meets there, EMPTY without one.
  *
- * The last bit of the nearness is 1 if that is a side that is not shown: nothing is seen there, but the surface hides
- * what lies behind it.
+ * The last bit of the nearness is 1 if the hit's side is not shown: nothing is drawn there, but the surface hides
+ * everything behind it.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
@@ -11,8 +11,8 @@
 #define OWN_RAY 2 /* bit: the pixel's own ray meets something, there or farther (patches.cl) */
 #define PACKED_HIT(nearness, hides) as_floatl((as_intl(nearness) & ~1) | (hides))
 #define IS_VISIBLE_HIT(hit) (IS_HIT(hit) & ((as_intl(hit) & 1) == 0))
-/* Puts a hit, by its bits, there unless what is there is nearer. Floats are ordered as ints are, below 0 the other way
- * round. */
+/* Stores a hit, given by its bits, unless the stored hit is nearer. Positive floats are ordered as ints are, negative
+ * floats in reverse. */
 void put_nearest(global float *pixel, int hit)
 {
     if (hit > 0)
@@ -21,7 +21,7 @@ void put_nearest(global float *pixel, int hit)
         atomic_min((volatile global uint *)pixel, (uint)hit);
 }
 
-/* Puts a hit of a pixel's own ray there, unless what is there is nearer, and tells that there is one. */
+/* Stores a hit of a pixel's own ray unless the stored hit is nearer, and sets the pixel's bit OWN_RAY. */
 void put_own_hit(global float *pixel, float met, int hides)
 {
     put_nearest(pixel, (as_int(met) & ~(OWN_RAY | 1)) | OWN_RAY | hides);

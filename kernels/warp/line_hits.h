@@ -1,28 +1,28 @@
 #ifndef WARP_LINE_HITS_H
 #define WARP_LINE_HITS_H
-/* Where each pixel's own ray meets the source's surface, as far as the hits of its epipolar line and of its neighbours'
- * lines tell: at once where these lie on one smooth surface.
+/* Hits of the pixels' own rays where the hits of their epipolar line and of its neighbours lie on one smooth surface.
+ * Other pixels are traced.
  */
 #include "warp/hits.h"
 #include "warp/trace.h"
 
 #define HITS_OF_LINES 0         /* the hits are of lines that pass by the pixels */
-#define HITS_OF_PIXELS 1        /* they are of the pixels' own rays */
-#define HITS_WITHOUT_PARALLAX 2 /* nothing moves with its depth: each pixel sees its place in the source */
+#define HITS_OF_PIXELS 1        /* the hits belong to the pixels' own rays */
+#define HITS_WITHOUT_PARALLAX 2 /* nothing moves with its depth: each pixel has one place in the source */
 
-#define IS_ZOOMED (neighbour_offset > 1) /* a sample is larger than a pixel: hits that far away count, too */
+#define IS_ZOOMED (neighbour_offset > 1) /* a sample is larger than a pixel: hits at this offset count, too */
 #define AT_EPIPOLE 1e-2f /* pixels of the target around the epipole in which no line has hits */
 #define TOLERANCE 1e-3f  /* pixels of the source by which a hit may lie outside its triangle by rounding */
 
 /* LANES pixels of a row */
 typedef struct {
     floatl n;    /* the line's hit, later the pixel's own */
-    floatl u, v; /* where in the source the hit lies */
+    floatl u, v; /* where the hit lies in the source */
     intl smooth; /* the hits around lie on one smooth surface */
     intl traced; /* the pixel's own ray is to be traced, unless it meets the triangle at the line's hit */
 } Pixels;
 
-/* Sets where in the source the hits of pixels x of row y lie. Returns 1 / w there. */
+/* Finds where the hits of pixels x of row y lie in the source. Returns 1 / w there. */
 INLINED floatl find_place(Pixels *pixels, PixelMap map, floatl x, int y)
 {
     const float *S = map.src_from_dst;
@@ -32,7 +32,7 @@ INLINED floatl find_place(Pixels *pixels, PixelMap map, floatl x, int y)
     return inverse;
 }
 
-/* The pixels with the hits of their own lines, and what the neighbours' hits tell of the surface there */
+/* Reads the hits of the pixels' own lines, and judges from the neighbours' hits whether the surface is smooth there. */
 INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, intl inside, int hit_kind,
                          int neighbour_offset, float density, float typical, float rough)
 {
@@ -70,7 +70,7 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
         pixels.traced = inside & any_met;
     }
     intl in_place = hit_kind == HITS_WITHOUT_PARALLAX ? inside : (intl)0;
-    /* What is drawn there beside the lines (patches.cl) is no line's. */
+    /* A hit that patches.cl drew belongs to no line. */
     const intl none = !IS_HIT(n) | (hit_kind == HITS_OF_LINES ? (as_intl(n) & OWN_RAY) != 0 : (intl)0);
     if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
         in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & none);
@@ -80,7 +80,7 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
     if (hit_kind == HITS_OF_LINES) {
         const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
         pixels.smooth = pixels.smooth & (curved * moves_by < rough * density);
-        /* Where all hits around are of one smooth side that is not shown, the pixel sees nothing. */
+        /* If all hits around lie on one smooth side that is not shown, the pixel sees nothing. */
         pixels.traced = pixels.traced & (any_seen | !pixels.smooth);
         pixels.smooth = pixels.smooth & seen_here;
     }
@@ -89,8 +89,8 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
     return pixels;
 }
 
-/* Intersects the pixels' own rays with the planes of the triangles at their lines' hits. Those that meet the triangle
- * itself have their hit; the others' become EMPTY. */
+/* Intersects the pixels' own rays with the planes of the triangles at their lines' hits. A ray that meets its triangle
+ * gets this hit; the hits of the others become EMPTY. */
 INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int hit_kind, int sides)
 {
     const float *S = map.src_from_dst;
@@ -100,7 +100,7 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
     floatl uc = truncated(clamp_lanes(u + 1.0f, (floatl)0.0f, (floatl)(last_u + 1.0f))) - 1.0f;
     floatl vc = truncated(clamp_lanes(v + 1.0f, (floatl)0.0f, (floatl)(last_v + 1.0f))) - 1.0f;
     intl on_column = 0, on_row = 0;
-    if (hit_kind == HITS_WITHOUT_PARALLAX) { /* a ray that passes a sample or an edge sees that alone */
+    if (hit_kind == HITS_WITHOUT_PARALLAX) { /* a ray through a sample or an edge sees nothing else */
         const floatl column = floor_lanes(u + 0.5f), row = floor_lanes(v + 0.5f);
         on_column = (fabs(u - column) < ON_SAMPLES) & (column >= 0.0f) & (column <= last_u);
         on_row = (fabs(v - row) < ON_SAMPLES) & (row >= 0.0f) & (row <= last_v);
@@ -135,8 +135,8 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
     const intl in_lower = (du >= -TOLERANCE) & (dv >= -TOLERANCE) & (diagonal <= 1.0f + TOLERANCE);
     const intl in_upper = (du <= 1.0f + TOLERANCE) & (dv <= 1.0f + TOLERANCE) & (diagonal >= 1.0f - TOLERANCE);
     const intl in_triangle = (upper & in_upper) | ((!upper) & in_lower);
-    /* Close before a back there is a front, which the pixel's ray may meet instead: where both are shown, it is
-     * traced. */
+    /* Just before a back side there is a front side that the pixel's ray may meet instead: if both are shown, the ray
+     * is traced. */
     const int shows_back = hit_kind == HITS_WITHOUT_PARALLAX ? sides & SHOWS_BACK : sides == SHOWS_BACK;
     const intl shows = ((per_unit > 0.0f) & (intl)(sides & SHOWS_FRONT ? -1 : 0)) |
                        ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));

@@ -1,21 +1,22 @@
-/* Small patches of planes, drawn: margins, which no triangle covers, and triangles that the sweep's lines may miss.
+/* Draws small patches of planes: margins, which no triangle covers, and triangles that the sweep's lines may miss.
  *
- * Margins (lib/margins.h) give pixels' own hits, which go to a plane of their own.
+ * Margins (lib/margins.h) give hits of the pixels' own rays. These hits are stored in a plane of their own.
  *
- * Lines pass within half a pixel of the pixels that they settle, and resolve.cl looks for a pixel's surface only around the
- * hits of its line and of its neighbours' lines. A narrower thing may lie between the lines. In the source it stands out
- * alone: within two samples on both sides, along rows or along columns, it is torn off; or the surface falls away from it
- * across the lines, amid even samples, so far that the target sees them LONE_BY pixels apart, and farther than noise
- * explains. (On rough surfaces everything does; there lines meet enough.) The triangles of the cells around such samples are
- * drawn among the lines' hits.
+ * Lines pass within half a pixel of the pixels that they settle, and resolve.cl looks for a pixel's surface only around
+ * the hits of its line and of its neighbours' lines. A narrower part may lie between the lines. In the source such a
+ * part is isolated: within two samples on both sides, along rows or along columns, it is torn off, or the surface falls
+ * away from it. A fall counts across the lines only, amid even samples, if the target sees the samples LONE_BY pixels
+ * apart and the fall exceeds noise. (On rough surfaces every sample stands out; there lines meet enough.) The triangles
+ * of the cells around such samples are drawn among the lines' hits.
  *
- * surface: picture/edges.cl. prominence, margins: picture/small_parts.cl; (MARGIN_PLANES, margin_pitch) of `count` quarters.
- * hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the nearest hit of each pixel stays. The hits on margins lie `plane`
- * values farther on, EMPTY before; a hidden side blocks the view. least: a difference of nearness that moves nothing in the
- * target by LONE_BY pixels.
- * Work-item: the first `lone_items` take STRIP * PROMINENCE_BLOCK cells of a row, the others STRIP * LANES quarters. Cost:
- * O(samples + margins + drawn pixels). Determinism: maxima and bits that are set do not depend on the order of work-items.
- * Not in the paper, whose samples are all connected, and whose pixels see what their lines see.
+ * surface: picture/edges.cl. prominence, margins: picture/small_parts.cl; (MARGIN_PLANES, margin_pitch) of `count`
+ * quarters.
+ * hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the nearest hit of each pixel stays. The hits on margins begin
+ * `plane` values later, EMPTY before; a hidden side blocks the view. least: a difference of nearness that moves nothing
+ * in the target by LONE_BY pixels.
+ * Work-item: the first `lone_items` take STRIP * PROMINENCE_BLOCK cells of a row, the others STRIP * LANES quarters.
+ * Cost: O(samples + margins + drawn pixels). Determinism: maxima and set bits do not depend on the order of work-items.
+ * Not in the paper, where all samples are connected, and pixels take the hits of their lines.
  */
 #include "lib/margins.h"
 #include "lib/prominence.h"
@@ -24,11 +25,12 @@
 #define LONE_BY 4.0f  /* target pixels: more than the windows of candidates.h reach in all */
 #define NARROW 4.0f   /* target pixels: lines meet a triangle that is nowhere narrower */
 #define ON_LINE 2e-3f /* pixels off an edge, and its line's slope, at which a ray still may run along it */
-#define HAIR 1e-3f    /* pixels by which patches overlap others, for rounding */
-#define PATCH_WIDTH_MAX 256.0f /* target pixels: a margin is drawn no wider, as one right before the target would be */
+#define HAIR 1e-3f    /* pixels by which patches overlap their neighbours, against rounding */
+#define PATCH_WIDTH_MAX 256.0f /* target pixels: greatest size of a drawn margin */
 
-/* Patches, one a lane: the part of a plane from its sample to `reach` pixels in the directions `to` (1 or -1), on the upper
- * left (lower) or the lower right (upper) of a diagonal, where the offsets from the sample add up to `diagonal` */
+/* Patches, one a lane. A patch is a part of a plane: from its sample it extends `reach` pixels in the directions `to`
+ * (1 or -1), on the upper left (lower) or the lower right (upper) of a diagonal. On the diagonal the offsets from the
+ * sample add up to `diagonal`. */
 typedef struct {
     Plane plane;
     floatl to_x, to_y, diagonal;
@@ -52,19 +54,19 @@ INLINED Seen seen_at(PixelMap map, floatl x, floatl y, floatl n)
     return seen;
 }
 
-/* Widens [*low, *high] to where edges from a to b run within `hair` of rows of the target. */
+/* Widens [*low, *high] to the part where edges from a to b run within `hair` of rows of the target. */
 INLINED void widen(Seen a, Seen b, floatl row, floatl hair, floatl *low, floatl *high)
 {
     const intl passes = (row >= min_lanes(a.v, b.v) - hair) & (row <= max_lanes(a.v, b.v) + hair);
     const floatl zero = 0.0f, one = 1.0f, per_row = 1.0f / (b.v - a.v), to_u = b.u - a.u;
-    /* A NaN of level edges becomes 0, and others' ends are theirs. */
+    /* Level edges give NaN, which becomes 0; the adjoining edges then define the ends. */
     const floatl above = a.u + clamp_lanes((row - hair - a.v) * per_row, zero, one) * to_u;
     const floatl below = a.u + clamp_lanes((row + hair - a.v) * per_row, zero, one) * to_u;
     *low = select_lanes(passes, min_lanes(*low, min_lanes(above, below) - hair), *low);
     *high = select_lanes(passes, max_lanes(*high, max_lanes(above, below) + hair), *high);
 }
 
-/* Puts the own hits of pixels that `meet` something among `hits`. */
+/* Enters the hits of the pixels' own rays into `hits`, for pixels that `meet` something. */
 INLINED void put_own_hits(intl meet, floatl column, floatl row, floatl met, intl hides, PixelMap map, global float *hits)
 {
     const intl pixel = to_intl(row) * map.dst_pitch + to_intl(column);
@@ -74,7 +76,7 @@ INLINED void put_own_hits(intl meet, floatl column, floatl row, floatl met, intl
     }
 }
 
-/* Puts the hits of pixels there. */
+/* Enters hits at the pixels (column, row). */
 INLINED void put_hits(intl meet, floatl column, floatl row, floatl packed, PixelMap map, global float *hits)
 {
     const intl pixel = to_intl(row) * map.dst_pitch + to_intl(column), bits = as_intl(packed);
@@ -82,7 +84,8 @@ INLINED void put_hits(intl meet, floatl column, floatl row, floatl packed, Pixel
         put_nearest(hits + int_lane(pixel, LOWEST(left)), int_lane(bits, LOWEST(left)));
 }
 
-/* Draws the wanted patches between four corners: margins' hits are put as they are, others among the lines' hits. */
+/* Draws the wanted patches between four corners. Hits on margins are entered as they are, others as hits of own
+ * rays. */
 OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wanted, Grid grid, PixelMap map, int sides,
                           int are_margins, global float *hits)
 {
@@ -128,7 +131,7 @@ OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wan
     }
 }
 
-/* Draws LANES margins, those that are `wanted`. */
+/* Draws the `wanted` of LANES margins. */
 OUTLINED void draw_margins(global const float *margins, int pitch, intl wanted, Grid grid, PixelMap map, int sides,
                            global float *hits)
 {
@@ -144,18 +147,18 @@ OUTLINED void draw_margins(global const float *margins, int pitch, intl wanted, 
                              seen_at(map, x, y + dy, n_y)};
     const floatl side_x = max_lanes(fabs(corners[1].u - corners[0].u), fabs(corners[1].v - corners[0].v));
     const floatl side_y = max_lanes(fabs(corners[3].u - corners[0].u), fabs(corners[3].v - corners[0].v));
-    /* A hair of the source, seen large */
+    /* `hair` is a hair of the source, magnified. */
     draw_packet(at, corners, HAIR * max_lanes(2.0f * max_lanes(side_x, side_y), (floatl)1.0f), wanted, grid, map, sides, 1,
                 hits);
 }
 
 #define ONE_OF(mask) select_lanes(mask, (intl)1, (intl)0)
 
-/* Which of the samples (x, y) to (x + LANES - 1, y) stand out alone in the target? */
+/* Which of the samples (x, y) to (x + LANES - 1, y) are isolated in the target? */
 OUTLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
 {
     const Neighbours n = with_neighbours(grid, x, y);
-    /* By how much nearness LONE_BY pixels are, here */
+    /* The nearness that corresponds to LONE_BY pixels here */
     const float *D = map.dst_from_src, *S = map.src_from_dst;
     const floatl u = to_floatl(x + lane_index), v = y, w = MAP_ROW(D, 2, u, v, n.here), inverse = 1.0f / w;
     const floatl moves_x = D[3] - D[11] * (MAP_ROW(D, 0, u, v, n.here) * inverse),
@@ -163,7 +166,7 @@ OUTLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
     const floatl by = LONE_BY * w / max_lanes(fabs(moves_x), fabs(moves_y));
     const intl along_rows = fabs(u * S[11] - S[3]) >= fabs(v * S[11] - S[7]); /* the line through here */
     const Sides all = sides_of(n);
-    /* Another one that stands out, or an edge, may lie on one of the sides. */
+    /* One of the sides may have another isolated sample, or an edge. */
     const intl is_even = ONE_OF(all.left.change > by) + ONE_OF(all.right.change > by) + ONE_OF(all.above.change > by) +
                              ONE_OF(all.below.change > by) <= 1;
     intl lone = 0;
@@ -178,13 +181,13 @@ OUTLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
     return lone & (w > 0.0f) & (u >= 0.0f) & (u < grid.width) & (n.here > NO_SURFACE);
 }
 
-/* Triangles, one a lane: the corners whose samples beside them, `to` (1 or -1) along row and column, are the others */
+/* Triangles, one a lane: a corner and the samples next to it by `to` (1 or -1) along its row and its column */
 typedef struct {
     int x[LANES], y[LANES], to[LANES];
     int count;
 } LonePacket;
 
-/* Puts the hits of pixels on triangles among `hits`. */
+/* Enters the hits of pixels on triangles into `hits`. */
 OUTLINED void draw_triangles(LonePacket *triangles, Grid grid, PixelMap map, int sides, global float *hits)
 {
     const intl wanted = lane_index < triangles->count;
@@ -213,8 +216,9 @@ INLINED intl run_along(PixelMap map, floatl x, floatl y, float dx, float dy)
     return fabs(u * dy - v * dx) <= ON_LINE * (fabs(u) + fabs(v));
 }
 
-/* Puts the hits of the pixels whose rays run along the edges from samples (x, y) by (dx, dy) among `hits`: they see these
- * even if the triangles beside them are open. For other rays that pass within a hair, the hit is one more place to look. */
+/* Enters hits of the pixels whose rays run along the edges from samples (x, y) by (dx, dy). Such rays see these edges
+ * even if the triangles on both sides are open. For other rays that pass within a hair, the hit is one more place to
+ * look. */
 OUTLINED void draw_edges(Grid grid, PixelMap map, intl x, intl y, int dx, int dy, intl wanted, global float *hits)
 {
     const float *D = map.dst_from_src;
@@ -235,7 +239,7 @@ OUTLINED void draw_edges(Grid grid, PixelMap map, intl x, intl y, int dx, int dy
         const floatl other = select_lanes(is_wide, a.v + part * dv, a.u + part * du);
         const floatl nearest = floor_lanes(clamp_lanes(other + 0.5f, (floatl)-1.0f, other_size));
         const intl passes = (i <= last) & (fabs(other - nearest) <= ON_LINE) & (nearest >= 0.0f) & (nearest < other_size);
-        const floatl there = part * a.w / (b.w + part * (a.w - b.w)); /* where in the source, from a to b */
+        const floatl there = part * a.w / (b.w + part * (a.w - b.w)); /* the place in the source, from a to b */
         const floatl u = a_x + there * dx, v = a_y + there * dy, n = q + there * (q_to - q);
         const floatl met = MAP_ROW(D, 3, u, v, n) / MAP_ROW(D, 2, u, v, n);
         put_own_hits(passes & IS_BEFORE(map.dst_perspective, met), select_lanes(is_wide, i, nearest),
@@ -243,7 +247,7 @@ OUTLINED void draw_edges(Grid grid, PixelMap map, intl x, intl y, int dx, int dy
     }
 }
 
-/* Adds the triangles of the wanted of LANES corners from (x, y) on, and draws them by packets. */
+/* Adds the triangles of the wanted corners among LANES from (x, y) on; draws each full packet. */
 INLINED void add_triangles(LonePacket *triangles, int x, int y, int to, intl wanted, Grid grid, PixelMap map, int sides,
                            global float *hits)
 {
@@ -257,8 +261,8 @@ INLINED void add_triangles(LonePacket *triangles, int x, int y, int to, intl wan
     }
 }
 
-/* Draws the cells from sample (x, y) on that have a bit: their triangles, and where these are open the edges that lines run
- * along. */
+/* Draws the cells from sample (x, y) on that have a bit: their triangles, and the edges along lines where triangles are
+ * open. */
 OUTLINED void draw_cells(LonePacket *triangles, Grid grid, PixelMap map, int x, int y, uint cells, int sides, global float *hits)
 {
     global const float *samples = grid.nearness + y * grid.pitch + x;
@@ -280,7 +284,7 @@ OUTLINED void draw_cells(LonePacket *triangles, Grid grid, PixelMap map, int x, 
         draw_edges(grid, map, columns + 1, y, -1, 1, diagonal, hits);
 }
 
-/* Does anything of a block of samples stand out by at least that much? */
+/* Does any sample of a block stand out by at least `least`? */
 INLINED int stands_out(global const float *prominence, int block, int blocks, int y, int height, int sides, float least)
 {
     if (y < 0 || y >= height)
@@ -289,14 +293,14 @@ INLINED int stands_out(global const float *prominence, int block, int blocks, in
     return ((sides & SHOWS_FRONT) && most[0] >= least) || ((sides & SHOWS_BACK) && most[1] >= least);
 }
 
-/* Draws lone things in STRIP blocks of cells of row y, which lie between the samples of two rows. */
+/* Draws isolated samples of STRIP blocks of cells of row y. The cells lie between the samples of two rows. */
 OUTLINED void draw_lone(Grid grid, global const float *prominence, int first, int y, global float *hits, PixelMap map,
                         int sides, float least)
 {
     const int blocks = (grid.width + PROMINENCE_BLOCK - 1) / PROMINENCE_BLOCK, end = min(first + STRIP, blocks);
     LonePacket triangles;
     triangles.count = 0;
-    uint before = 0; /* whether the sample before a packet stands out alone */
+    uint before = 0; /* whether the sample before a packet is isolated */
     for (int block = first; block < end; block++) {
         const int above = stands_out(prominence, block, blocks, y, grid.height, sides, least);
         const int below = stands_out(prominence, block, blocks, y + 1, grid.height, sides, least);

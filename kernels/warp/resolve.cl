@@ -1,29 +1,29 @@
-/* Resolving: each pixel's own hit from what the epipolar lines of the sweep met, and its depth and colour.
+/* Finds each pixel's own hit from the hits of the sweep's lines, and its depth and colour.
  *
- * The sweep's lines pass within half a pixel of the pixels whose hits they find; aligned ones pass through them, and
+ * The sweep's lines pass within half a pixel of the pixels whose hits they find; aligned lines pass through them, and
  * their hits are the pixels' own. Elsewhere, where the hits of a pixel's line and of its neighbours' lines lie on one
  * smooth surface, the pixel's own ray is intersected with the triangle at its line's hit (line_hits.h). Other pixels
- * (at silhouettes, cuts and rough surfaces, and those beside hits that no line passed) are traced along their own
- * epipolar line, in windows around the hits of their line and of their neighbours' lines (candidates.h). They are
- * gathered to full packets first, so that a trace costs the same whether few pixels need it or all.
+ * (at silhouettes, cuts and rough surfaces, and pixels without a line's hit next to pixels with one) are traced along
+ * their own epipolar line, in windows around the hits of their line and of their neighbours' lines (candidates.h). They
+ * are gathered into full packets first, so that a trace costs the same whether few pixels need it or all.
  *
- * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: whose they are, HITS_... of line_hits.h.
- * The hits on margins lie `plane` values farther on, if there are any (0: none; patches.cl); of a pixel's hits the nearer
- * one counts.
- * depth, color, valid: (dst_height, dst_width); merge: pixels that show something nearer already stay. density: pixels
+ * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: the rays that the hits belong to,
+ * HITS_... in line_hits.h. The hits on margins begin `plane` values later, if there are any (0: none; patches.cl); the
+ * nearer hit of a pixel counts.
+ * depth, color, valid: (dst_height, dst_width); merge: pixels that already show something nearer stay. density: pixels
  * of the source over one of the target, >= 1. neighbour_offset: pixels of the target over one of the source, >= 1: a
- * surface reaches up to half a sample beyond the hits of lines, which is so many pixels. typical: some nearness that
- * the view has in the target. rough: pixels of the source; a second difference of neighbouring hits that makes a
- * surface rough. window: pixels of the source that are traced to either side of a hit.
- * source: (dst_height, dst_width, 2) u and v of the samples' grid, NaN in holes, source_view: the same shape without the 2,
- * the number of the view, -1 in holes; with ORIGINS. classes: (dst_height, dst_width), classes.h: CLASS_HIDDEN is written
- * where a side of the surface is met that is not shown; with ORIGINS 2.
+ * surface may extend this many pixels, half a sample, beyond the hits of lines. typical: some nearness that the view
+ * has in the target. rough: pixels of the source; a second difference of neighbouring hits that makes a surface rough.
+ * window: pixels of the source that are traced to either side of a hit.
+ * source: (dst_height, dst_width, 2) u and v in the samples' grid, NaN in holes; source_view: (dst_height, dst_width)
+ * the number of the view, -1 in holes; with ORIGINS. classes: (dst_height, dst_width), classes.h: CLASS_HIDDEN is
+ * written where the ray meets a side of the surface that is not shown; with ORIGINS 2.
  * counters: (work-items, 2) cells visited by the slowest lane, times LANES, and pixels traced, with COUNTERS.
  * Work-item: STRIP * LANES pixels of a row.
- * Cost: O(pixels): a pixel looks at no more than CANDIDATES * 2 * window * density columns of the source; where a
- * connected surface is not met there, once more at CANDIDATES * 2 * WIDE_WINDOW * density of them. Beside what stands
- * out alone (OWN_RAY), the first window is FOLLOWED * density columns long.
- * Determinism: every pixel on its own, from inputs alone.
+ * Cost: O(pixels): a pixel visits at most CANDIDATES * 2 * window * density columns of the source; if it misses a
+ * connected surface there, CANDIDATES * 2 * WIDE_WINDOW * density columns more. Next to isolated samples (OWN_RAY), the
+ * first window is FOLLOWED * density columns long.
+ * Determinism: each pixel depends on the inputs alone.
  */
 #include "lib/color.h"
 #include "lib/gbuffer.h"
@@ -33,7 +33,7 @@
 #include "warp/corners.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: where in which view each pixel comes from is written, too; 2: and what is hidden */
+#define ORIGINS 0 /* 1: the origin of each pixel is written, too; 2: also the class of hidden pixels */
 #endif
 
 /* A row of the picture, and the view that it is resolved from */
@@ -57,7 +57,7 @@ typedef struct {
     global const float *normals;
 } PictureRow;
 
-/* Enters those of the row's pixels x that are `written` into the G-buffer. */
+/* Enters the `written` ones of the row's pixels x into the G-buffer. */
 INLINED void enter_pixels(PictureRow row, Corners there, intl written, intl x)
 {
 #if GBUFFER
@@ -76,7 +76,7 @@ INLINED void enter_pixels(PictureRow row, Corners there, intl written, intl x)
 #endif
 }
 
-/* Writes where those of the row's pixels x come from that are `written`. */
+/* Writes the origins of the `written` ones of the row's pixels x. */
 INLINED void write_origins(PictureRow row, Pixels pixels, intl written, intl x)
 {
 #if ORIGINS
@@ -96,7 +96,7 @@ INLINED void write_origins(PictureRow row, Pixels pixels, intl written, intl x)
 #endif
 }
 
-/* Tells that the row's pixels x, up to high_x, are hidden where their hits are on a side that is not shown. */
+/* Marks the row's pixels x before high_x as hidden if their hits lie on a side that is not shown. */
 INLINED void write_hidden(PictureRow row, floatl hits, intl x, int high_x)
 {
 #if ORIGINS == 2
@@ -105,8 +105,8 @@ INLINED void write_hidden(PictureRow row, floatl hits, intl x, int high_x)
 #endif
 }
 
-/* Writes the first `count` of LANES pixels of the row from x0 on; to merge: those alone that are nearer than what the
- * picture shows. Returns which are written. */
+/* Writes the first `count` of LANES pixels of the row from x0 on. With merge, only pixels nearer than the picture are
+ * written. Returns the mask of written pixels. */
 INLINED intl write_pixels(PictureRow row, Pixels pixels, Color c, int x0, int count)
 {
     const intl settled = IS_HIT(pixels.n);
@@ -135,7 +135,7 @@ INLINED intl write_pixels(PictureRow row, Pixels pixels, Color c, int x0, int co
     return written;
 }
 
-/* Prefetches the samples around the pixels' hits, which hardware does not foresee. */
+/* Prefetches the samples around the pixels' hits, which the hardware cannot predict. */
 void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 {
 #if LANES == 16
@@ -157,8 +157,8 @@ void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 #endif
 }
 
-/* Traces the pixels of packets of a row that have no hit yet, in full packets; those that are still to be `traced` then,
- * once more in wider windows. Returns how many they are. */
+/* Traces the pixels without a hit in packets of a row, in full packets; pixels that are still marked `traced`
+ * afterwards are traced once more, in wider windows. Returns the number of traced pixels. */
 OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits, Grid grid, PixelMap map, int strip_x,
                          int y, int sides, int neighbour_offset, float density, float window, int connected, uint *cells)
 {
@@ -205,7 +205,8 @@ OUTLINED void read_strip(Pixels *pixels, PictureRow row, global const float *hit
     }
 }
 
-/* Writes these pixels: what they hit, or the row's margins where these are nearer (margins: 0, there are none). */
+/* Writes the pixels of a strip: their hits, or the row's margins where these are nearer (margins: 0 if there are
+ * none). */
 OUTLINED void write_strip(PictureRow row, Pixels *pixels, int strip_x, int high_x, int packets, int hit_kind,
                           global const float *hits, global const float *margins)
 {
