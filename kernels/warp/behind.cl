@@ -1,51 +1,51 @@
-/* What lies behind holes, told along epipolar lines: a disocclusion lies on its line between the edge of what hid it
- * and the background that it belongs to. So of the two valid pixels at its ends the farther one has the depth behind
- * it, and the nearer one is foreground.
+/* Finds the depth behind holes along epipolar lines. On its line, a disocclusion lies between the edge of the occluding
+ * surface and the background that it belongs to. So of the two valid pixels at its ends the farther one gives the depth
+ * behind the hole, and the nearer one is foreground.
  *
- * But wide holes show far sides of what hid them, too, which look like it. So what is nearer counts as foreground
- * beside holes that are narrow in the picture; beside wide ones as far as both surfaces are flat, so that they would
- * not meet in the hole if they went on; and only where the ends are farther apart than pixels of one surface. All of
- * that begins and ends smoothly, lest sequences flicker.
+ * But wide holes also show far sides of the occluding object, which look like it. So the nearer end counts as
+ * foreground next to holes that are narrow in the picture. Next to wide holes it counts as far as both surfaces are
+ * flat, so that they would not meet in the hole if they were continued. And it counts only if the ends are farther
+ * apart than pixels of one surface. All of these transitions are smooth, lest sequences flicker.
  *
- * A line goes from a hole in steps of a pixel along its longer axis; each step is at the nearest pixel. Where it is the
- * same through all of its pixels, along rows, columns or diagonals, the holes between two ends are written at once
+ * A line leaves a hole in steps of a pixel along its longer axis; each step takes the nearest pixel. If one line passes
+ * through all of its pixels, along rows, columns or diagonals, the holes between two ends are written together
  * (behind_runs). Elsewhere each hole searches for its own ends (behind_lines), and crosses blocks of holes in large
- * steps; only holes beside valid pixels do, since fill.cl needs no others.
+ * steps. Only holes next to valid pixels do so, since fill.cl needs no others.
  *
- * depth, valid: (height, width). behind: holes.h, written in holes alone. Its first plane is the depth behind them; 0
- * where the line ends at the picture's border on both sides. The second one is the falloff: how much of a pixel beside
- * the hole is foreground, for each unit of depth that it is nearer than that. blocks: SKIP_BLOCK x SKIP_BLOCK pixels
- * each, whether any of them is valid. epipole: the lines lead away from it; all 0: they are the rows. dx, dy: -1, 0 or
- * 1, a step along all lines, down or, along rows, right. same: how far apart pixels of one surface may be.
+ * depth, valid: (height, width). behind: holes.h, written in holes alone. Its first plane is the depth behind the
+ * holes; 0 if the line ends at the picture's border on both sides. The second plane is the falloff: the part of a pixel
+ * next to the hole that is foreground, per unit of depth that it is nearer. blocks: for each SKIP_BLOCK x SKIP_BLOCK
+ * pixels, whether any is valid. epipole: the lines lead away from it; all 0: rows. dx, dy: -1, 0 or 1, a step along all
+ * lines, down or, along rows, right. same: how far apart pixels of one surface may be.
  * Work-item: one block (behind_blocks); 64 * `strip` pixels of a row, and the holes of all lines that begin in them
- * (behind_runs); `run` pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + holes
- * beside valid pixels * hole's length), of which whole blocks count once. Determinism: no pixel that is written is
- * read.
+ * (behind_runs); `run` pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + holes next
+ * to valid pixels * hole's length), where a whole block counts once. Determinism: no pixel that is written is read.
  */
 #include "lib/pixelspace.h"
 #include "warp/holes.h"
 
 #define SKIP_BLOCK 32
-#define LOOK_EVERY 8 /* steps: a line looks so often whether it is in a block of holes */
-#define SKIP_BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less what rounding may move a step by */
-#define NARROW_HOLE 0.02f /* of the picture's longer side: holes up to it are narrow, */
-#define WIDE_HOLE 0.035f  /* and from it on wide */
-#define OUTWARD 8         /* slopes are told by pixels 1/8 of a hole's length beyond its ends */
-#define FLAT 0.05f        /* of the gap between two surfaces: those that, going on in it, close no more are flat, */
-#define SLOPING 0.15f     /* and those that close so much are not */
+#define LOOK_EVERY 8 /* steps: interval at which a line tests whether it is in a block of holes */
+#define SKIP_BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less the rounding of a step */
+#define NARROW_HOLE 0.02f /* of the picture's longer side: holes up to this length are narrow */
+#define WIDE_HOLE 0.035f  /* holes from this length on are wide */
+#define OUTWARD 8         /* slopes are measured over 1/8 of a hole's length beyond its ends */
+#define FLAT 0.05f        /* part of the gap that two flat surfaces close at most if they are continued into it */
+#define SLOPING 0.15f     /* part of the gap from which on they are not flat */
 
-/* How far apart in depth two pixels of one surface may be: same_2 z^2 + same_1 z + same_0 at depth z */
+/* The depth by which two pixels of one surface may differ: same_2 z^2 + same_1 z + same_0 at depth z */
 typedef struct {
     float same_2, same_1, same_0;
 } Same;
 
-/* The end of a hole's line: depth, and how many steps from the hole it is; 0 both if it is not in the picture. */
+/* The end of a hole's line: its depth, and its distance from the hole in steps; both 0 if it is outside of the
+ * picture */
 typedef struct {
     float depth;
     int steps;
 } End;
 
-/* 0 where the value is `from` or less, 1 where it is `to` or more */
+/* 0 if the value is `from` or less, 1 if it is `to` or more */
 float rising(float from, float to, float value)
 {
     const float part = clamp((value - from) / (to - from), 0.0f, 1.0f);
@@ -59,7 +59,7 @@ float depth_at(global const float *depth, global const uchar *valid, int width, 
     return x >= 0 && y >= 0 && x < width && y < height && valid[y * width + x] ? depth[y * width + x] : 0.0f;
 }
 
-/* The falloff of holes whose line has its ends at a and b, at depths z_a and z_b, `length` steps of (dx, dy) apart */
+/* The falloff of holes whose line ends at a and b with depths z_a and z_b, `length` steps of (dx, dy) apart */
 float falloff_of(global const float *depth, global const uchar *valid, int width, int height, Same same,
                  int perspective, float2 a, float z_a, float2 b, float z_b, float2 step, int length)
 {
@@ -81,7 +81,7 @@ float falloff_of(global const float *depth, global const uchar *valid, int width
     return differ * sure / gap;
 }
 
-/* The holes of the lines that begin in 64 pixels of a row; begins: the first hole of each, as bits */
+/* Writes the holes of the lines that begin in 64 pixels of a row. begins: the first hole of each line, as bits */
 void follow_runs(global const float *depth, global const uchar *valid, global float *behind, int width, int height,
                  int pitch, int perspective, Same same, int dx, int dy, int x0, int y0, ulong begins)
 {
@@ -135,7 +135,7 @@ kernel void behind_blocks(global const uchar *valid, global uchar *blocks, int w
     blocks[by * across + bx] = holes != columns;
 }
 
-/* Beside a valid pixel, or at the border */
+/* Whether the hole is next to a valid pixel, or at the border */
 int is_edge(global const uchar *valid, int width, int height, int x, int y)
 {
     uchar any = x == 0 || y == 0 || x == width - 1 || y == height - 1;

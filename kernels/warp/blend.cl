@@ -1,25 +1,28 @@
-/* The pictures of several views, the layers, blended: of the layers that show a pixel's nearest surface, each weighs
- * the more the better its view saw it.
+/* Blends the pictures of several views, the layers. At each pixel, the layers of the nearest surface are averaged. A
+ * layer's weight is greater, the better its view saw the surface.
  *
- * A layer contributes where it lies no farther behind the nearest one than the noise of both explains. Where any view
- * saw the surface away from its steps, those that saw it at one do not count: what they show may be a rubber sheet.
+ * A layer contributes if it lies no farther behind the nearest layer than the noise of both explains. If any view saw
+ * the surface away from its steps, layers at steps do not count: they may show a rubber sheet.
  * The weight is the product of
- * - resolution: its view's samples per pixel, up to one: finer than the picture is as good as the picture;
- * - angle between its view's ray and the picture's: by what a depth is off, a colour lies aside as the sine of it. This
- *   is the inverse of the variance, which at ANGLE_SQUARE is twice that of the same ray; and the cosine;
- * - distance to the view's edges (view_edges.cl): so that seams follow these, and colours that are half of another
- *   surface count least.
- * (The weights are of the kind that Pajarola, Sainz & Meng 2003, section 4, blend depth meshes by.)
+ * - resolution: the view's samples per pixel, at most 1, since a view finer than the picture is no better than the
+ *   picture;
+ * - angle between the view's ray and the picture's: an error of depth moves a colour aside in proportion to the angle's
+ *   sine. The factor is the inverse of this variance, which at ANGLE_SQUARE is twice the variance at angle 0, times the
+ *   cosine;
+ * - distance to the view's edges (view_edges.cl): seams then follow the edges, and colours mixed with another surface
+ *   count least.
+ * (Pajarola, Sainz & Meng 2003, section 4, blend depth meshes with weights of this kind.)
  *
- * Launches: weigh_layer for each layer, once it is drawn; then blend_layers, once for as many as are held. Where not
- * all are, nearest_layers finds the nearest of all before, and those that are not held any more are drawn again.
- * depth, color, valid, source, source_view: (height, width) of a layer, or of the picture (resolve.cl). best: (2, height, pitch) depth of the nearest
- * layer, and its tolerance, negative if it was seen at a step, 0 if there is none.
- * stack: (layers, LAYER_PLANES, height, pitch) weight, negative if seen at a step, 0 where there is nothing; depth;
- * colour (a word of 8 bits a channel, or three planes); with ORIGINS two more, with GBUFFER 2 three, of the normal.
- * sums: (SUMS, height, pitch) of the layers so far: the weights' sum; the weighted means of red, green, blue and depth,
- * which are a layer's own to the bit where it contributes alone; with ORIGINS the greatest weight and its origin, with
- * GBUFFER 2 the normal.
+ * Launches: weigh_layer for each layer, once it is drawn; then blend_layers, once for each stack of layers. If the
+ * stack cannot hold all layers, nearest_layers first finds the nearest of all, and the layers that are no longer held
+ * are drawn again.
+ * depth, color, valid, source, source_view: (height, width) of a layer, or of the picture (resolve.cl). best: (2,
+ * height, pitch) depth of the nearest layer, and its tolerance: negative if it was seen at a step, 0 without a layer.
+ * stack: (layers, LAYER_PLANES, height, pitch) weight, negative if seen at a step, 0 in holes; depth; colour (a word of
+ * 8 bits a channel, or three planes); with ORIGINS two more planes, with GBUFFER 2 three planes of the normal.
+ * sums: (SUMS, height, pitch) of the layers so far: the sum of weights; the weighted means of red, green, blue and
+ * depth, which equal a layer's own values to the bit where it contributes alone; with ORIGINS the greatest weight and
+ * its origin, with GBUFFER 2 the normal.
  * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels) a layer. Determinism: layers are added in the order of the
  * stack.
  */
@@ -30,12 +33,12 @@
 #include "warp/layers.h"
 #include "warp/view_edges.h"
 
-#define ANGLE_SQUARE 0.03f    /* of the sine of 10 degrees */
-#define AT_SAMPLE 0.01f       /* pixels: so close to a sample it is seen itself */
-#define AT_STEP 0.5f          /* of the edges' bytes: up to it, a place is at a step */
-#define WEIGHT_MIN 1e-6f      /* of a layer that contributes at all */
+#define ANGLE_SQUARE 0.03f    /* square of the sine of 10 degrees */
+#define AT_SAMPLE 0.01f       /* pixels: a place this close to a sample shows the sample alone */
+#define AT_STEP 0.5f          /* in units of the edges' bytes: up to it, a place is at a step */
+#define WEIGHT_MIN 1e-6f      /* least weight of a layer that contributes */
 
-/* Of a packet's pixels, of which `count` are in the picture, the first one's `at` */
+/* A packet of pixels of an image. at: the first pixel's index; count: how many of them lie in the picture */
 INLINED floatl pixels_at(global const float *image, size_t at, int count)
 {
     if (count >= LANES)
@@ -44,7 +47,7 @@ INLINED floatl pixels_at(global const float *image, size_t at, int count)
     return (floatl)(gather(image + at, inside));
 }
 
-/* Of each lane a pair of bytes and the next pair */
+/* For each lane, a pair of bytes and the next pair */
 #if LANES == 16
 #define WORD_FROM(l) ((global const Word *)(pairs + at.s##l))->bytes
 #define WORDS_FROM(pairs, at)                                                                                  \
@@ -59,7 +62,7 @@ INLINED intl words_at(global const ushort *pairs, intl at)
     return as_intl(WORDS_FROM(pairs, at));
 }
 
-/* The view's weight of points p of the picture, but for its edges */
+/* The view's weight at points p of the picture, without the factor for edges */
 INLINED floatl view_weight(LayerView view, Screen screen, Vector p, floatl z, float density)
 {
     const Vector centre = {view.centre[0], view.centre[1], view.centre[2]};
@@ -67,7 +70,8 @@ INLINED floatl view_weight(LayerView view, Screen screen, Vector p, floatl z, fl
     const Vector direction = minus(p, centre);
     const floatl deep = DOT(direction, forward);
     const floatl finer = (screen.perspective ? z : (floatl)1.0f) / (view.perspective ? deep : (floatl)1.0f);
-    /* A perspective picture's eye is the origin. Lengths do not count: by the depth they are about 1. */
+    /* A perspective picture's eye is the origin. The vectors' lengths cancel; the division by depth keeps them near
+     * 1. */
     const float *m = screen.to_world;
     const Vector along = {-m[3], -m[7], -m[11]};
     const floatl scale = screen.perspective ? 1.0f / z : (floatl)1.0f;
@@ -79,8 +83,8 @@ INLINED floatl view_weight(LayerView view, Screen screen, Vector p, floatl z, fl
     return min_lanes(view.density / density * (finer * finer), (floatl)1.0f) * cosine / (1.0f + aside);
 }
 
-/* How far from its view's edges a layer's pixels were seen, as view_edges.cl counts; 0 on margins, too, where the surface
- * only goes on as it does beside them */
+/* The distance of a layer's pixels from its view's edges, in units of view_edges.cl; 0 on margins, too, which only
+ * extend the surface */
 INLINED floatl edges_at(PixelMap map, global const ushort *edges, floatl x, floatl y, floatl n)
 {
     const float *S = map.src_from_dst;
@@ -96,11 +100,12 @@ INLINED floatl edges_at(PixelMap map, global const ushort *edges, floatl x, floa
 }
 
 #if CHANNELS && COLOR_BYTES == 1
-/* A packet's colours as words, whose highest bytes are anything; `count` pixels from its first on are in the row. */
+/* A packet's colours as words, whose highest bytes are undefined. `count` pixels from the first one on are in the
+ * row. */
 INLINED intl pixel_words(global const uchar *first, int count)
 {
 #if LANES == 16
-    if (count >= LANES + 2) { /* four bytes beyond the packet are read, too */
+    if (count >= LANES + 2) { /* the read goes four bytes beyond the packet */
 #define FOUR_PIXELS(at) as_int4(((global const UnalignedBytes *)(first + 12 * at))->bytes.s0123345667899abc)
         return (int16)(FOUR_PIXELS(0), FOUR_PIXELS(1), FOUR_PIXELS(2), FOUR_PIXELS(3));
     }
@@ -150,7 +155,7 @@ kernel void weigh_layer(global const float *depth, global const channel *color, 
 #if COLOR_BYTES == 1
         store_lanes(as_floatl(pixel_words(color + CHANNELS * at, width - x0)), out + COLOR * plane);
 #else
-        const Color none = {0.0f, 0.0f, 0.0f}; /* what a layer does not draw may be anything */
+        const Color none = {0.0f, 0.0f, 0.0f}; /* pixels that a layer does not draw are undefined */
         const Color c = select_color(known, read_color(color, pixel, width * screen.height), none);
         store_lanes(c.r, out + COLOR * plane);
         store_lanes(c.g, out + (COLOR + 1) * plane);
@@ -170,12 +175,12 @@ kernel void weigh_layer(global const float *depth, global const channel *color, 
     }
 }
 
-/* The nearest of some layers, as `best` holds it */
+/* The nearest of some layers, as stored in `best` */
 typedef struct {
     floatl z, off;
 } Nearest;
 
-/* None depends on the order of the layers. stack: at the packet's first pixel */
+/* The result does not depend on the order of the layers. stack: at the packet's first pixel */
 INLINED void find_nearest(Nearest *best, global const float *stack, size_t plane, global const BlendedView *views,
                           int count, float unit)
 {
@@ -193,7 +198,7 @@ INLINED void find_nearest(Nearest *best, global const float *stack, size_t plane
     }
 }
 
-/* first: `best` holds nothing yet. */
+/* first: `best` is empty. */
 kernel void nearest_layers(global const float *stack, global float *best, global const BlendedView *views, int count,
                            int first, int pitch, float unit, int width, int height)
 {
@@ -214,7 +219,7 @@ kernel void nearest_layers(global const float *stack, global float *best, global
     }
 }
 
-/* What the layers so far make of a packet of pixels */
+/* The weighted means of the layers so far, for a packet of pixels */
 typedef struct {
     floatl total;
     Color color;
@@ -281,7 +286,8 @@ INLINED void add_layer(Blended *sums, global const float *layer, size_t plane, B
 #endif
 }
 
-/* Into a picture that shows something already (`merge`), where it is nearer; `count` pixels of the packet are in it. */
+/* Writes a packet, of which `count` pixels are in the picture; with `merge` only where it is nearer than the
+ * picture. */
 INLINED void write_blend(Blended sums, size_t at, int count, int merge, global float *depth, global channel *color,
                          global uchar *valid
 #if ORIGINS
@@ -327,7 +333,8 @@ INLINED void write_blend(Blended sums, size_t at, int count, int merge, global f
     }
 }
 
-/* first: no layers were added before; last: none are left, and the picture is written. If both, `best` is not read. */
+/* first: no layers were added before; last: no layers are left, and the picture is written. If both, `best` is not
+ * read. */
 kernel void blend_layers(global const float *stack, global const float *best, global float *sums,
                          global const BlendedView *views, int count, int first, int last, int pitch, float unit,
                          global float *depth, global channel *color, global uchar *valid, int width, int height,

@@ -1,25 +1,26 @@
-/* Holes filled from around them by push and pull (Gortler, Grzeszczuk, Szeliski, Cohen: The Lumigraph, 1996, section
- * 3.4): valid pixels beside holes are averaged into ever coarser cells of a pyramid (push, pyramid.h), and each hole
- * takes from coarse levels what finer ones do not know (pull). So narrow holes are filled from close by and wide ones
+/* Fills holes from their surroundings by push and pull (Gortler, Grzeszczuk, Szeliski, Cohen: The Lumigraph, 1996,
+ * section 3.4). Push averages the valid pixels next to holes into ever coarser cells of a pyramid (pyramid.h). Pull
+ * fills the unknown part of each level from the coarser one. So narrow holes are filled from close by and wide holes
  * from all around.
  *
- * With HAS_BEHIND a pixel weighs the less the nearer it is than what lies behind the holes around it, and the more it
- * is foreground beside the holes that it touches (behind.cl): so a disocclusion is filled from what was hidden, not from
- * what hid it. But no weight is 0: where there is no background far and wide, the foreground fills the hole. And a hole
- * beside foreground shows some of it, as silhouettes in pictures do, which are mixed with what is behind them.
+ * With HAS_BEHIND, a pixel's weight falls with its nearness relative to the depth behind the surrounding holes, and
+ * with its part of foreground next to the holes that it touches (behind.cl): so a disocclusion is filled from the
+ * background, not from the occluding surface. But no weight is 0: if no background is in reach, the foreground fills
+ * the hole. And a hole next to foreground shows some of it, since silhouettes in pictures are mixed with their
+ * background.
  *
  * color, depth, valid: (height, width). behind: behind.cl. base, cells, inner: pyramid.h; the base of the lowest tiles
- * are the pixels. pull replaces the cells' colour and nearness by the filled ones. Work-item: on CPUs a row of `strip`
- * tiles (pixels), or a tile (cells); on GPUs, where `strip` is 1, a cell of a tile's first level (push), a tile
- * (push_levels), or a pixel or cell (pull). Cost: O(pixels). Determinism: no pixel that is written is read, but by its
- * own work-item; sums run in a fixed order.
+ * are the pixels. pull replaces the cells' colour and nearness by the filled values. Work-item: on CPUs a row of
+ * `strip` tiles (pixels), or a tile (cells); on GPUs, where `strip` is 1, a cell of a tile's first level (push), a tile
+ * (push_levels), or a pixel or cell (pull). Cost: O(pixels). Determinism: a pixel that is written is read by its own
+ * work-item alone; sums run in a fixed order.
  */
 #include "warp/fill_cells.h"
 #include "warp/fill_tiles.h"
 
 #if LANES == 16
-#define PUSHERS 1 /* work-items of a tile's side that push, */
-#define PULLERS 1 /* and that pull */
+#define PUSHERS 1 /* work-items that push, along a tile's side */
+#define PULLERS 1 /* work-items that pull, along a tile's side */
 #define PUSH_PIXELS push_tile
 #define PUSH_CELLS push_base_tile
 #define PULL_CELLS pull_base_tile

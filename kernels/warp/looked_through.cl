@@ -1,21 +1,22 @@
-/* Margins and uncertain bridges of a view's surface that other views have looked through.
+/* Finds the margins and uncertain bridges of a view's surface that other views have looked through.
  *
  * A view extends its surface by half a sample at edges (lib/margins.h), and it bridges steep steps that seem to go on
- * (step_allowed). Neither was seen. A ray of another view that passes such a place and goes on shows that nothing is
- * there. So places of the surface are listed as points, each view looks at the points of all others, and the places that
- * were looked through are dropped.
+ * (step_allowed). Neither was seen. A ray of another view that passes such a place and goes on shows that the place is
+ * empty. So these places are listed as points, each view tests the points of all others, and the places that were
+ * looked through are dropped.
  *
- * A point's depth is known within its noise. So a point is a piece of its view's ray. One view must look through both ends
- * and the middle. The nearest ray of that view must pass within half of a sample of the point's own
- * view: coarse views do not tell of details. It must meet its surface farther away than noise and a part of a sample
- * explain, or be known to meet nothing. Things one sample thin show nothing but margins, so that these stay.
+ * A point's depth is known within its noise. So a point is a piece of its view's ray, and one view must look through
+ * both ends and the middle. The view's nearest ray must pass within half a sample of the point, in samples of the
+ * point's view, since coarse views do not show details. The ray must meet its surface farther away than noise and a
+ * part of a sample explain, or be known to meet nothing. Objects one sample thin consist of margins alone, so these
+ * margins stay.
  *
- * points: (POINT_PLANES, pitch), a point a column; a view's columns lie side by side. seen: (pitch,) 1 if another view has
- * looked through it. surface: picture/edges.cl; nearness: picture/nearness.cl, of the same pitch.
- * Launches: find_bridges for each view, to count them and to list them; look_through for each view; tear_bridges. Then the
- * same with list_margins and keep_margins.
- * Work-item: a piece of a row; STRIP * LANES columns; of tear_bridges one, of keep_margins `share` of them. Cost:
- * O(samples + points x views). Determinism: points of a view may come in any order, which changes nothing.
+ * points: (POINT_PLANES, pitch), a point a column; a view's columns are adjacent. seen: (pitch,) 1 if another view has
+ * looked through the point. surface: picture/edges.cl; nearness: picture/nearness.cl, of the same pitch.
+ * Launches: find_bridges twice for each view, to count the bridges and to list them; look_through for each view;
+ * tear_bridges. Then the same with list_margins and keep_margins.
+ * Work-item: a piece of a row; STRIP * LANES columns; one column in tear_bridges, `share` columns in keep_margins.
+ * Cost: O(samples + points x views). Determinism: a view's points may come in any order, which changes nothing.
  */
 #include "lib/lanes.h"
 #include "lib/margins.h"
@@ -23,17 +24,18 @@
 #include "lib/vectors.h"
 #include "warp/view_edges.h"
 
-#define ENDS 0   /* of the piece: two points of the world, from the set's origin, */
-#define POINT_REACH 6  /* half a sample of its view; negative: nothing looks through it */
+#define ENDS 0   /* of the piece: two points in the world, relative to the set's origin */
+#define POINT_REACH 6  /* half a sample of its view; negative: the point is not tested */
 #define BRIDGE 7 /* an int: the place of the bridge's sample in `surface`, times 8, and its TORN_... bit */
 #define POINT_PLANES 8
 
-#define POINT_ASIDE 0.3f           /* of a sample: how far out a margin's point lies, a bit beyond its middle */
-#define OWN_DEVIATIONS 4.0f  /* a point's depth is known within so much of the noise */
-#define SEEN_DEVIATIONS 6.0f /* so much noise explains that a point lies before a surface; */
-#define SURFACE_TOLERANCE 0.2f       /* or so much of a sample does: surfaces bend between samples */
+#define POINT_ASIDE 0.3f           /* of a sample: how far out a margin's point lies, slightly beyond the margin's middle */
+#define OWN_DEVIATIONS 4.0f  /* the interval of a point's depth, in standard deviations of its noise */
+#define SEEN_DEVIATIONS 6.0f /* a point must lie before a surface by more than this many deviations, */
+#define SURFACE_TOLERANCE 0.2f       /* and by more than this part of a sample, since surfaces bend between samples */
 
-/* A view of the set. noise: a standard deviation of noise_2 z z + noise_1 z + noise_0 at depth z, if it is noise for sure */
+/* A view of the set. noise: its standard deviation is noise_2 z z + noise_1 z + noise_0 at depth z, where noise is
+ * certain */
 typedef struct {
     float pixel_from_world[16], world_from_pixel[16];
     int width, height, pitch, perspective;
@@ -46,7 +48,7 @@ typedef struct {
 #define GRID_OF_VIEW(surface, view) GRID_OF(surface, (view).width, (view).height, (view).pitch, NO_CUT)
 #define SAMPLES_AT(values, place) (floatl)(gather(values, place))
 
-/* A packet of points, the planes' values */
+/* A packet of points: the values of its planes */
 typedef struct {
     floatl planes[POINT_PLANES - 1];
 } Points;
@@ -70,8 +72,8 @@ INLINED Points points_at(SetView view, floatl x, floatl y, floatl n)
     return points;
 }
 
-/* Counts the uncertain bridges of samples `first` to `end` - 1 of a row, and, where `points` are given, lists them from
- * column `at` on. */
+/* Counts the uncertain bridges of samples `first` to `end` - 1 of a row. If `points` are given, also lists the bridges
+ * from column `at` on. */
 OUTLINED int bridges_of(Grid grid, SetView view, EdgeView steps, int first, int end, int y, global float *points, int at,
                         int point_pitch)
 {
@@ -104,7 +106,7 @@ OUTLINED int bridges_of(Grid grid, SetView view, EdgeView steps, int first, int 
     return count;
 }
 
-/* count: a number for each view of the set, 0 before. lists: they are listed, too, from column `start` on. */
+/* count: a number for each view of the set, 0 before. lists: whether to list the bridges, from column `start` on. */
 kernel void find_bridges(global const float *surface, SetView view, EdgeView steps, global int *count, int number,
                          int piece, int lists, global float *points, int start, int point_pitch)
 {
@@ -120,10 +122,10 @@ kernel void find_bridges(global const float *surface, SetView view, EdgeView ste
         bridges_of(grid, view, steps, first, end, y, points, start + at, point_pitch);
 }
 
-/* Is a cell whole, of its first sample and those to the right and below? */
+/* Is a cell whole? Its first sample and the samples to the right and below are given. */
 #define IS_WHOLE_CELL(first, right, below) ((!IS_LOWER_OPEN(first)) & (!IS_UPPER_OPEN(first, right, below)))
 
-/* Is each of the samples (x, y) a corner of a whole cell? Else it is one sample thin. */
+/* Is each of the samples (x, y) a corner of a whole cell? Otherwise it is one sample thin. */
 INLINED intl in_cell(Grid grid, intl x, intl y)
 {
     const intl at = y * grid.pitch + x, above = at - grid.pitch, below = at + grid.pitch;
@@ -142,7 +144,7 @@ INLINED Points points_of_margins(Grid grid, SetView view, global const float *ma
     const intl bits = as_intl(load_lanes(margins + MARGIN_BITS * pitch));
     const floatl x = load_lanes(margins + MARGIN_X * pitch), y = load_lanes(margins + MARGIN_Y * pitch);
     const intl to_right = (bits & TO_RIGHT) != 0, to_below = (bits & TO_BELOW) != 0;
-    /* Half a quarter lies nearer to one of the two sides. */
+    /* A triangle's half of a quarter lies nearer to one of the two sides. */
     const intl is_half = ((bits & IN_LOWER) != 0) ^ ((bits & IN_UPPER) != 0);
     const intl is_flat = is_half & (to_right ^ ((bits & IN_LOWER) != 0)), is_high = is_half & !is_flat;
     const floatl much = 1.15f * POINT_ASIDE, little = 0.5f * POINT_ASIDE, even = POINT_ASIDE;
@@ -158,8 +160,8 @@ INLINED Points points_of_margins(Grid grid, SetView view, global const float *ma
     return points;
 }
 
-/* Lists the points of a view's `count` margins from column `start` on. It may write LANES columns beyond them, which views
- * after it write anew. `surface`: before bridges were torn. */
+/* Lists the points of a view's `count` margins from column `start` on. The kernel may write LANES columns beyond them,
+ * which later views overwrite. `surface`: before bridges were torn. */
 kernel void list_margins(global const float *surface, SetView view, global const float *margins, int count, int pitch,
                          global float *points, int start, int point_pitch)
 {
@@ -172,7 +174,7 @@ kernel void list_margins(global const float *surface, SetView view, global const
     }
 }
 
-/* Is a view's nearest ray within reach of points p, and does it go on behind them? */
+/* Does a view's nearest ray pass within reach of points p, and go on behind them? */
 INLINED intl looks_beyond(Grid grid, SetView view, global const float *nearness, Vector p, floatl reach)
 {
     const float *m = view.pixel_from_world;
@@ -200,7 +202,7 @@ INLINED intl looks_beyond(Grid grid, SetView view, global const float *nearness,
     return inside & (max_lanes(off_x, off_y) * sample <= reach) & select_lanes(here > NO_SURFACE, farther, is_free);
 }
 
-/* A view looks at all points but its own, which are columns `own_first` to `own_end` - 1. */
+/* Tests all points except the view's own, which are columns `own_first` to `own_end` - 1. */
 kernel void look_through(global const float *points, global uchar *seen, global const float *surface,
                          global const float *nearness, SetView view, int count, int pitch, int own_first, int own_end)
 {
@@ -241,8 +243,8 @@ kernel void tear_bridges(global const float *points, global const uchar *seen, g
     atomic_or((volatile global int *)surface + bridge / (TORN_ALL + 1), bridge & TORN_ALL);
 }
 
-/* Copies the margins of a view, `count` of them, that were not looked through; their columns of `seen` begin with `start`.
- * kept_count: 0 before. */
+/* Copies a view's margins that were not looked through. The view has `count` margins; their columns of `seen` begin at
+ * `start`. kept_count: 0 before. */
 kernel void keep_margins(global const float *margins, global const uchar *seen, global float *kept, global int *kept_count,
                          int count, int pitch, int kept_pitch, int start, int share)
 {
