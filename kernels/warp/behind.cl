@@ -27,7 +27,7 @@
 #define SKIP_BLOCK 32
 #define LOOK_EVERY 8 /* steps: interval at which a line tests whether it is in a block of holes */
 #define SKIP_BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less the rounding of a step */
-#define NARROW_HOLE 0.02f /* of the picture's longer side: holes up to this length are narrow */
+#define NARROW_HOLE 0.02f /* part of the picture's longer side: holes up to it are narrow */
 #define WIDE_HOLE 0.035f  /* holes from this length on are wide */
 #define OUTWARD 8         /* slopes are measured over 1/8 of a hole's length beyond its ends */
 #define FLAT 0.05f        /* part of the gap that two flat surfaces close at most if they are continued into it */

@@ -123,7 +123,7 @@ kernel void weigh_layer(global const float *depth, global const channel *color, 
 #if ORIGINS
                         , global const float *layer_source
 #endif
-                        NORMALS_PARAMETER(float) /* of the layer, in the world, of any length */
+                        NORMALS_PARAMETER(float) /* the layer's, in the world, of any length */
 )
 {
     const int width = screen.width, y = get_global_id(1), strip_x = get_global_id(0) * (STRIP * LANES);
@@ -286,7 +286,7 @@ INLINED void add_layer(Blended *sums, global const float *layer, size_t plane, B
 #endif
 }
 
-/* Writes a packet, of which `count` pixels are in the picture; with `merge` only where it is nearer than the
+/* Writes the `count` pixels of a packet that are in the picture; with `merge` only where they are nearer than the
  * picture. */
 INLINED void write_blend(Blended sums, size_t at, int count, int merge, global float *depth, global channel *color,
                          global uchar *valid

@@ -1,44 +1,44 @@
 #ifndef WARP_CELLS_H
 #define WARP_CELLS_H
-/* Traversal of the source's triangulated grid along a straight line, from cell to cell.
+/* Traverses the source's triangulated grid along a straight line, from cell to cell.
  *
- * In each cell the line passes one triangle and then, unless it misses it, the other: three places, where it enters the
- * cell, crosses the diagonal and leaves, and two parts between them.
+ * In each cell the line passes one triangle and then, unless it misses it, the other one. So a cell has three places,
+ * where the line enters the cell, crosses the diagonal and leaves, and two parts between them.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
 
-/* Lines of the source, one a lane, by the distance walked along their major axis. */
+/* Lines of the source, one a lane, as functions of the distance walked along their major axis. */
 typedef struct {
     floatl u, v, du, dv; /* position at distance 0, and its change */
-    floatl length;       /* distance to walk; < 0: nothing */
+    floatl length;       /* distance to walk; < 0: no walk */
     intl along_row, along_column, along_diagonal; /* the line runs along edges of the grid */
 } Lines;
 
-/* What is the same in all cells of a line. */
+/* Values that are the same in all cells of a line. */
 typedef struct {
     floatl step_u, step_v;   /* to the next cell */
-    floatl ahead_u, ahead_v; /* from a cell to the column and the row that the line leaves it by */
+    floatl ahead_u, ahead_v; /* from a cell to the column and the row by which the line leaves it */
     floatl per_u, per_v, per_d, never_u, never_v; /* distance from column to column, row to row, diagonal to diagonal */
     floatl last_x, last_y;
-    float lowest;            /* the last row that has a next one */
-    intl edges;              /* TORN_... bits of the samples that the line sees: all, or those of the edges it runs along */
+    float lowest;            /* the last row that has a row below */
+    intl edges;              /* TORN_... bits of the edges that the line sees: all, or the edges that it runs along */
     intl lower_first;
-    int collapsed; /* some of the cells are */
+    int collapsed; /* whether some of the cells are collapsed */
 } Traversal;
 
 typedef struct {
-    floatl x, y;                /* of the sample at its upper left */
+    floatl x, y;                /* the sample at its upper left */
     floatl q10, q00, q01, q11;  /* its samples */
     floatl lower_u, lower_v, upper_u, upper_v; /* its triangles' gradients */
     floatl crossing, out;       /* distances at which the line crosses the diagonal, and leaves */
-    floatl q_in, q_crossing, q_out; /* the surface's nearness there and where it enters */
-    intl has_first, has_second; /* whether the parts are there */
-    intl first_open, second_open; /* and no surface */
+    floatl q_in, q_crossing, q_out; /* the surface's nearness at the entry, the crossing and the exit */
+    intl has_first, has_second; /* whether each part exists */
+    intl first_open, second_open; /* and is no surface */
     floatl next_x, next_y;
 } Cell;
 
-/* A line that runs along samples, or their diagonals, but for rounding, does. */
+/* Puts lines that run along samples, or their diagonals, to within rounding, exactly on them. */
 INLINED void snap(Lines *lines)
 {
     const floatl longest = fmax(lines->length, (floatl)1.0f);
@@ -78,8 +78,8 @@ INLINED Traversal traversal_of(Lines lines, Grid grid)
     return traversal;
 }
 
-/* Corners of cells (`gather_cells`) are collapsed onto a row or a column: of its samples alone. lower: the row is
- * the cells' second, as only the last one of an image is. */
+/* Collapses the corners of cells (`gather_cells`) onto a row or a column, so that only its samples count. lower: the
+ * row is the cells' second one, which happens in the last row of an image. */
 INLINED void collapse_cells(floatl *corners, intl on_row, intl lower, intl on_column)
 {
     corners[0] = select_lanes(on_row & lower, corners[2], corners[0]);
@@ -98,8 +98,8 @@ INLINED void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *
     *y = select_lanes(which, select_lanes(lines.dv < 0.0f, ceil_lanes(v) - 1.0f, floor_lanes(v)), *y);
 }
 
-/* The lines' parts in the cells (x, y), which they are in at a distance. Which cell comes next cannot be predicted:
- * selections, no branches; and distances are computed from cells, no sums of steps, which drift. */
+/* The lines' parts in the cells (x, y), which contain them at a distance. The next cell cannot be predicted, so there
+ * are selections instead of branches. Distances are computed from cells, since sums of steps would drift. */
 INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, floatl y, floatl at)
 {
     Cell cell;
@@ -126,7 +126,7 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, f
     cell.next_y = y + select_lanes(out_v <= out_u, traversal.step_v, (floatl)0.0f);
     cell.crossing = clamp_lanes(diagonal, at, out);
     cell.out = out;
-    cell.has_first = diagonal > at; /* a line along the diagonal has but the second */
+    cell.has_first = diagonal > at; /* a line along the diagonal has only the second part */
     cell.has_second = !(diagonal >= out);
 
     const floatl u_0 = lines.u - xc + lines.du * at, v_0 = lines.v - yc + lines.dv * at;
@@ -145,7 +145,7 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, f
                               q10 + cell.upper_u * (u_2 - 1.0f) + cell.upper_v * v_2);
     cell.q_crossing = q01 + u_1 * (q10 - q01);
 
-    const intl beyond = lines.along_diagonal & ((x != xc) | (y != yc)); /* of the grid, by rounding */
+    const intl beyond = lines.along_diagonal & ((x != xc) | (y != yc)); /* outside of the grid, by rounding */
     lower_open = beyond | lower_open;
     upper_open = beyond | upper_open;
     cell.first_open = select_lanes(traversal.lower_first, lower_open, upper_open);

@@ -1,23 +1,24 @@
-/* Why a pixel of the target is a hole: what its ray passes through, as far as the source shows.
+/* Finds why a pixel of the target is a hole, from the space along its ray that the source has seen.
  *
  * A ray is followed along its epipolar line as it recedes. Where it is nearer than the surface, the source has seen
- * that there is nothing. So the pixel shows something beyond the last such place, and its class is that of what begins
- * there: space behind a surface, samples without depth, or the outside of the image. A ray that meets a side of the surface
- * that is not shown ends there; resolve.cl tells that of it.
+ * free space. So the pixel shows something beyond the last such place, and its class depends on what begins there:
+ * space behind a surface, samples without depth, or the outside of the image. A ray that meets a side of the surface
+ * that is not shown ends there; resolve.cl writes the class of its pixel.
  *
- * All pixels of a line (lines.h) share one walk, from its end on: the first column (or row) where a pixel's ray is free is
- * the last such place. Free are the rays of all pixels on one side of where the surface is seen. So what is told already is
- * one interval, and a step of the walk either tells one more pixel at its end or goes on to the next column. What is
- * nearer than all that the source has seen is free where depth is missing, too.
+ * All pixels of a line (lines.h) share one walk, from its end on: the first column (or row) where a pixel's ray is free
+ * is its last free place. There the rays of all pixels on one side of the visible surface are free. So the classified
+ * pixels are one interval, and a step of the walk either classifies one more pixel at its end or goes on to the next
+ * column. Where depth is missing, rays nearer than all samples of the source are free.
  *
- * told: (dst_height, dst_pitch) by this view alone: the bits of a class, or, where the line meets the surface, a nearness:
- * if the pixel's own ray does not, its place in the source at that nearness tells. 0, which it is filled with before, where
- * no line passes: beside the limits between two of them, and at the epipole. Behind them LANES more a packet, for lanes with
- * nothing to tell. Where nothing moves with its depth, there are no lines, and it is filled with any nearness.
- * valid: (dst_height, dst_width). classes: the same shape, classes.h; they hold what resolve.cl and other views
- * tell of holes, and the least stays. nearest: the source's greatest nearness.
+ * told: (dst_height, dst_pitch) this view's result. It is either the bits of a class or, where the line meets the
+ * surface, a nearness: if the pixel's own ray misses the surface, its place in the source at that nearness decides. 0,
+ * the initial value, where no line passes: next to the limits between two groups, and at the epipole. LANES more values
+ * a packet follow, for lanes without a pixel. Without parallax there are no lines, and the buffer is filled with any
+ * nearness.
+ * valid: (dst_height, dst_width). classes: the same shape, classes.h; they hold the results of resolve.cl and of other
+ * views for holes, and the least stays. nearest: the source's greatest nearness.
  * Work-item: LANES lines; STRIP * LANES pixels of a row. Cost: O(source samples + target pixels) a line.
- * Determinism: a pixel is told by at most one lane.
+ * Determinism: a pixel is written by at most one lane.
  */
 #include "warp/classes.h"
 #include "warp/interval.h"
@@ -25,7 +26,7 @@
 
 #define TELL_LANE(l) told[address.s##l] = value.s##l;
 
-/* Tells the pixels of a packet of a group's lines. */
+/* Classifies the pixels of a packet of a group's lines. */
 OUTLINED void tell_packet(Grid grid, global float *told, LineGroup group, int packet, PixelMap map, float nearest)
 {
     const SweepLines line = lines_of(group, map, packet);
@@ -34,15 +35,16 @@ OUTLINED void tell_packet(Grid grid, global float *told, LineGroup group, int pa
     const floatl first = floor_lanes(line.from), last = ceil_lanes(line.to), last_minor = to_floatl(line.last_minor);
     const floatl start = select_lanes(mirrored, line.to, line.from), minor_start = line.minor_0 + line.tilt * start;
     const intl enters = (line.from > line.to) | (start < 0.0f) | (start > line.last_major) | (minor_start < 0.0f) |
-                        (minor_start > last_minor); /* the image, over its border */
+                        (minor_start > last_minor); /* whether the ray enters the image over its border */
     const float side = group.side, guard = 5e-7f * (map.dst_width + map.dst_height);
     const int spare = map.dst_height * map.dst_pitch + packet * LANES;
-    /* Where the surface lies behind the target, rays that come from the source are farther, and those towards it nearer. */
+    /* Where the surface lies behind the target, rays from the source are farther than it, and rays towards the source
+     * are nearer. */
     const intl all_free = map.dst_from_src[11] > 0.0f ? -1 : 0;
 
     floatl steps = select_lanes(line.from > line.to, (floatl)-1.0f, last - first), major = select_lanes(mirrored, first, last), ahead = NO_SURFACE;
     floatl pixel = side > 0.0f ? line.low : line.high;
-    intl after = CLASS_OUTSIDE; /* the column ahead, for rays that are not free there */
+    intl after = CLASS_OUTSIDE; /* class for rays that are not free in the column ahead */
     for (intl there = steps >= 0.0f;; there = steps >= 0.0f) {
         const intl untold = (pixel >= line.low) & (pixel <= line.high);
         if (!any_lane(untold))
@@ -87,7 +89,7 @@ kernel void classify_lines(global const float *surface, global float *told, glob
     tell_packet(grid, told, groups[group_of(groups, group_count, packet)], packet, map, nearest);
 }
 
-/* The classes of pixels by what there is at their rays' place of a nearness. */
+/* The classes of pixels, read from the source at the place of their rays at a nearness */
 INLINED intl class_in_place(Grid grid, Rays rays, floatl near)
 {
     const floatl w = rays.w + near * rays.centre.z;
@@ -99,7 +101,7 @@ INLINED intl class_in_place(Grid grid, Rays rays, floatl near)
     return select_lanes(inside, select_lanes(missing, (intl)CLASS_UNOBSERVED, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
 }
 
-/* The classes of packets at the end of rows are read and written one by one. */
+/* Packets at the ends of rows are read and written value by value. */
 INLINED intl classes_at(global const uchar *classes, int count)
 {
     if (count >= LANES)

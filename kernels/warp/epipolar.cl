@@ -1,31 +1,33 @@
 /* The epipolar sweep: the O(n^2) inverse warp (Schaufler & Priglinger 1999, sections 4 and 5).
  *
- * Epipolar planes cut both images in lines. Along a source line, walked from the epipole outwards (its antipode
- * inwards), samples come in the order in which a ray of the target passes them, so the first segment that crosses a
- * ray is what that ray sees. The pixels that a connected run of samples has settled are one interval of the target
- * line, and a step of the walk extends it at either end: steps add up to samples plus pixels, not to their product.
+ * Epipolar planes cut both images in lines. Along a source line, walked from the epipole outwards (from its antipode
+ * inwards), samples come in the order in which a ray of the target passes them, so the ray sees the first segment that
+ * crosses it. The pixels that a connected run of samples has settled are one interval of the target line, and a step of
+ * the walk extends it at either end: steps add up to samples plus pixels, not to their product.
  *
- * Signs stand in the homogeneous epipoles b (target) and e (source), so that epipole, antipode, infinity and all
- * four walking orders are one case: with D = pixel * w - (u, v), the source is walked along +D, and the target's
- * pixels meet the front of the surface along -D.
+ * The homogeneous epipoles b (target) and e (source) keep their signs, so that epipole, antipode, infinity and all four
+ * walking orders are one case: with D = pixel * w - (u, v), the source is walked along +D, and the target's pixels meet
+ * the front of the surface along -D.
  *
  * Deviations from the paper: lines are laid where needed, one per pixel of the farthest column (or row) and every
- * second one at each halving of the distance to the epipole, instead of one per border pixel; a pixel belongs to
- * the nearest line by arithmetic, not by a flag; the order of writing needs no depth test even where the surface is
- * cut. The result is the nearness of what the line's ray sees: resolve.cl finds the pixel's own ray's hit from it.
+ * second line at each halving of the distance to the epipole, instead of one per border pixel; a pixel belongs to the
+ * nearest line by arithmetic, not by a flag; the order of writing needs no depth test even where the surface is cut.
+ * The result is the nearness of the surface that the line's ray sees: from it, resolve.cl finds the hit of the pixel's
+ * own ray.
  *
  * counters: (packet_count, 2) samples and pixels visited, with COUNTERS.
- * Work-item: LANES lines of one group, or of one line SEGMENT pixels (segments.h). Cost: source samples + target pixels a line; lines <= about 2 (width + height).
+ * Work-item: LANES lines of one group, or SEGMENT pixels of one line (segments.h). Cost: source samples + target pixels
+ * a line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
- * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY before, unless ALIGNED without SEGMENT; from `spare` on LANES
- * floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both images
- * (stereo, light fields) and pass through the pixels' centres, so that their hits are the pixels' own. There is a line
- * for each row (or column), the first packet begins with the first one, and packets of whole lines fill these with EMPTY,
- * and where margins will be drawn `plane` values farther on (patches.cl; 0: nowhere), too.
- * EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h): exact for the line. Else aligned lines
- * run along samples, from each to the next (walk_samples.h), and others are walked from column to column (row to row,
- * walk_columns.h), which leaves out the corners between, at about half the cost.
+ * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY before, unless ALIGNED without SEGMENT; from `spare` on
+ * LANES floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both
+ * images (stereo, light fields) and pass through the pixels' centres, so that their hits are the pixels' own. There is
+ * a line for each row (or column), and the first packet begins with the first one. Packets of whole lines fill their
+ * lines with EMPTY, and also the plane of margins, `plane` values later (patches.cl; 0: no margins).
+ * EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h): exact for the line. Otherwise
+ * aligned lines run along samples, from each to the next (walk_samples.h), and other lines are walked from column to
+ * column (row to row, walk_columns.h), which leaves out the corners between, at about half the cost.
  */
 #include "warp/interval.h"
 #if SEGMENT
@@ -43,7 +45,7 @@
 #endif
 
 #if ALIGNED && !SEGMENT
-/* Nothing is settled on the rows (or columns) of a packet, whose first is the given one. */
+/* Fills the rows (or columns) of a packet with EMPTY, from the `first` on. */
 INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 {
     const int rows = along ? map.dst_height : min(LANES, map.dst_height - first), columns = along ? 1 : map.dst_width;
@@ -54,7 +56,7 @@ INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 }
 #endif
 
-/* Walks a packet of a group's lines. Returns the samples and the pixels that were visited. */
+/* Walks a packet of a group's lines. Returns the numbers of samples and pixels visited. */
 OUTLINED uint2 sweep_packet(Grid grid, global float *hits, int plane, int spare, LineGroup group, int packet, PixelMap map, int sides, float nearest,
                             float farthest, global const float *bounds)
 {
@@ -70,7 +72,7 @@ OUTLINED uint2 sweep_packet(Grid grid, global float *hits, int plane, int spare,
 #if SEGMENT
     samples += clip_walk(&line, bounds, map);
 #endif
-    const int front_is_up = group.side < 0; /* -D is towards larger pixels */
+    const int front_is_up = group.side < 0; /* -D points towards larger pixels */
     HitWriter writer;
     writer.hits = hits;
     writer.spare = spare + packet * LANES;
@@ -92,7 +94,8 @@ kernel void epipolar_sweep(global const float *surface, global float *hits, glob
     const int id = get_global_id(0);
     if (id >= packet_count)
         return;
-    /* Runtimes give a thread neighbours; lines next to each other take equally long. So each thread gets all kinds. */
+    /* Runtimes give neighbouring items to one thread, and neighbouring lines take equally long. This order gives each
+     * thread all kinds of lines. */
     const int half_ = (packet_count + 1) / 2;
     const int packet = id < half_ ? 2 * id : 2 * (id - half_) + 1;
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);

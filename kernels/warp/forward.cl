@@ -1,9 +1,9 @@
-/* The forward warp: every sample of the source is carried to the target and drawn as a square of pixels, the nearest
- * one wins (Schaufler & Priglinger 1999, section 3, with a depth test in place of an order).
+/* The forward warp: each sample of the source is carried to the target and drawn as a square of pixels; the nearest one
+ * wins (Schaufler & Priglinger 1999, section 3, with a depth test instead of an order).
  *
- * Three launches: the nearest sample of each pixel by nearness, of equally near ones the first by its index, and
- * then the pixels. keys: (dst_height, dst_width) nearness as an ordered uint, 0 where nothing landed; indices: the
- * same shape, the winning sample. Work-item: one sample, one sample, one pixel. Cost: O(samples * splat^2).
+ * Three launches: the nearest sample of each pixel by nearness; the first by its index among equally near samples; then
+ * the pixels. keys: (dst_height, dst_width) nearness as an ordered uint, 0 where nothing landed; indices: the same
+ * shape, the winning sample. Work-item: one sample, one sample, one pixel. Cost: O(samples * splat^2).
  * Determinism: maximum and minimum do not depend on the order of work-items.
  */
 #include "lib/pixelspace.h"
@@ -75,7 +75,7 @@ kernel void splat_pixels(global const uint *keys, global const uint *indices, gl
     const int landed = keys[at] != 0;
     const float z = landed ? DEPTH_OF(map.dst_perspective, nearness_of_key(keys[at])) : NAN;
     if (merge && !(landed && !(z >= depth[at])))
-        return; /* what is there is nearer, or there is nothing to add */
+        return; /* the picture is nearer, or nothing landed */
     depth[at] = z;
     valid[at] = landed;
     for (int c = 0; c < CHANNELS; c++)

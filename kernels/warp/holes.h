@@ -1,11 +1,11 @@
 #ifndef WARP_HOLES_H
 #define WARP_HOLES_H
-/* Holes as bits, and how `behind` lies in memory: two planes of rows of `pitch` numbers, as many as a picture's tiles
- * have, and HALO more on every side. Shared by behind.cl and fill.cl. */
+/* Holes as bits, and the memory layout of `behind`: two planes of rows of `pitch` numbers, as many rows as a picture's
+ * tiles have, and HALO more on every side. Shared by behind.cl and fill.cl. */
 #include "lib/lanes.h"
 
-#define TILE 16 /* pixels, or cells, of a tile's side */
-#define HALO 4  /* pixels around a tile: whatever is in `behind` there */
+#define TILE 16 /* pixels, or cells, along a tile's side */
+#define HALO 4  /* pixels around a tile; `behind` is undefined there */
 #define HALO_TILE (TILE + 2 * HALO)
 #define BEHIND_PLANE(height, pitch) ((size_t)(((height) + TILE - 1) / TILE * TILE + 2 * HALO) * (pitch))
 
@@ -16,11 +16,11 @@ typedef struct __attribute__((packed)) {
     ulong bytes;
 } EightBytes;
 
-/* Bit i: whether pixel x + i of row y is a hole, for i < 8 * bytes; outside of the picture there are none. */
+/* Bit i: whether pixel x + i of row y is a hole, for i < 8 * bytes; there are no holes outside of the picture. */
 ulong hole_bits(global const uchar *valid, int width, int height, int x, int y, int bytes)
 {
     const ulong all = ~0ul >> (64 - 8 * bytes);
-    ulong bits = 0; /* of what is valid */
+    ulong bits = 0; /* valid pixels */
     if (y < 0 || y >= height)
         return 0;
     global const uchar *row = valid + (size_t)y * width;

@@ -1,6 +1,6 @@
 #ifndef WARP_KEYS_H
 #define WARP_KEYS_H
-/* Nearness as an ordered uint, for atomic maxima: 0 lies below all of them. */
+/* Nearness as an ordered uint, for atomic maxima: 0 is below all values. */
 uint key_of(float nearness)
 {
     const uint bits = as_uint(nearness);

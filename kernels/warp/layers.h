@@ -1,15 +1,15 @@
 #ifndef WARP_LAYERS_H
 #define WARP_LAYERS_H
-/* Layers, the pictures of single views, as blend.cl holds them, their sums, and what is to be known of their views. */
+/* Layers, the pictures of single views, in the memory of blend.cl; their sums, and parameters of their views. */
 #include "lib/channel.h"
 #include "lib/gbuffer.h"
 #include "lib/lanes.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: the origins of the layer of the greatest weight are kept, too */
+#define ORIGINS 0 /* 1: keeps the origins of the layer of the greatest weight, too */
 #endif
-#define TOLERANCE_MIN 0.02f   /* of the depth: layers that differ by less show one surface, whatever the noise */
-#define LAYER_DEVIATIONS 4.0f /* of the noise, that explain a difference */
+#define TOLERANCE_MIN 0.02f   /* part of the depth: layers that differ by less show one surface, whatever the noise */
+#define LAYER_DEVIATIONS 4.0f /* standard deviations of the noise that explain a difference */
 
 #define WEIGHT 0
 #define DEPTH 1
@@ -27,21 +27,21 @@
 #define NORMAL (ORIGIN + ORIGIN_PLANES * ORIGINS)
 #define LAYER_PLANES (NORMAL + NORMAL_PLANES * (GBUFFER == 2))
 
-#define MEANS 1 /* of red, green, blue, depth */
+#define MEANS 1 /* means of red, green, blue, depth */
 #define GREATEST 5
 #define ORIGIN_SUMS 4
 #define NORMAL_MEANS (GREATEST + ORIGIN_SUMS * ORIGINS)
 #define SUMS (NORMAL_MEANS + NORMAL_PLANES * (GBUFFER == 2))
 
-/* A view's sampling: pixels a unit of what is at depth 1 (perspective) or anywhere. */
+/* A view's sampling density: pixels per unit at depth 1 (perspective) or at any depth. */
 typedef struct {
     float forward[3], centre[3]; /* relative to the screen's origin */
     float density;               /* fx * fy */
     int perspective;
-    int low_x, high_x, low_y, high_y; /* pixels that it may reach */
+    int low_x, high_x, low_y, high_y; /* pixels that the view may reach */
 } LayerView;
 
-/* What a layer's view is to be blended by: gains of its colours; noise at depth z, whose standard deviation is
+/* Parameters of a layer's view in the blend: gains of its colours; noise at depth z, whose standard deviation is
  * noise_2 z z + noise_1 z + noise_0; its number. */
 typedef struct {
     float red, green, blue;
@@ -49,7 +49,7 @@ typedef struct {
     int number;
 } BlendedView;
 
-/* By how much a layer may be off; unit: a depth where none has an origin, or 0 */
+/* The depth by which a layer may be off. unit: a depth, for views whose depths have no origin, or 0 */
 INLINED floatl depth_tolerance(BlendedView view, float unit, floatl z)
 {
     const floatl noise = LAYER_DEVIATIONS * ((view.noise_2 * z + view.noise_1) * z + view.noise_0);

@@ -1,6 +1,6 @@
 #ifndef WARP_LINES_H
 #define WARP_LINES_H
-/* Where the sweep's lines run: in the target, and the same lines in the source. */
+/* Positions of the sweep's lines in the target and in the source. */
 #include "warp/cells.h"
 
 #ifndef ALIGNED
@@ -10,22 +10,22 @@
 #define SEGMENT 0 /* pixels of a line that a work-item settles; 0: all */
 #endif
 #ifndef EDGES
-#define EDGES 0 /* 1: from edge to edge of the triangles, which is what lines meet; 0: from column to column (row to row) */
+#define EDGES 0 /* 1: walk from edge to edge of the triangles, which is exact; 0: from column to column (row to row) */
 #endif
 
 /* Equally spaced epipolar lines of the target; "along" is the axis that they advance in, "across" the other. */
 typedef struct {
     int axis;                    /* along x: 0, along y: 1 */
-    int side;                    /* which side of the epipole: the sign of D along the axis */
+    int side;                    /* side of the epipole: the sign of D along the axis */
     int first_packet;            /* this group's first work-item */
     int count;                   /* lines */
     int low, high;               /* pixels along, inclusive */
     int cross_low, cross_high;   /* pixels across, inclusive */
-    int levels;                  /* how often the distance to the epipole is halved within the image */
+    int levels;                  /* number of halvings of the distance to the epipole within the image */
     float reference;             /* pixel along at which lines of level 0 are 1 pixel apart */
-    float first, spacing;        /* pixel across of the first line there, and from line to line */
+    float first, spacing;        /* pixel across of the first line there, and the distance between lines */
     float distance, distance_step; /* distance to the epipole, 1 at the reference: distance + distance_step * along */
-    float least;                   /* no pixel at this distance or nearer is these lines' */
+    float least;                   /* pixels at this distance or nearer do not belong to these lines */
 } LineGroup;
 
 /* LANES epipolar lines in both images. */
@@ -34,7 +34,7 @@ typedef struct {
     floatl start, slope;           /* in the target: across = start + slope * along, */
     floatl low, high;              /* for pixels along from low to high */
     intl u_major;                  /* in the source: minor = minor_0 + tilt * major */
-    floatl minor_0, tilt, sign;    /* sign: of the walk's steps, away from the epipole as the ray recedes */
+    floatl minor_0, tilt, sign;    /* sign of the walk's steps, away from the epipole as the ray recedes */
     floatl from, to, last_major;   /* major coordinates that are walked; none if from > to */
     intl last_minor, stride_major, stride_minor;
     intl first_pixel;              /* ALIGNED: the index of the line's pixel 0 */
@@ -49,7 +49,7 @@ int group_of(global const LineGroup *groups, int count, int packet)
     return g;
 }
 
-/* The lines of a packet in the target, and in the source all of them that lies within the image. */
+/* The lines of a packet in the target, and their whole part within the image of the source. */
 INLINED SweepLines lines_of(LineGroup group, PixelMap map, int packet)
 {
     const float *D = map.dst_from_src, *S = map.src_from_dst;
@@ -115,14 +115,14 @@ INLINED SweepLines lines_of(LineGroup group, PixelMap map, int packet)
         from = select_lanes(after, fmax(from, epipole), from);
         to = select_lanes(after, to, fmin(to, epipole));
     }
-    /* Rays in the plane of the source's centre that its pixels never show are a line nowhere, which no walk ends. */
+    /* Rays in the plane of the source's centre, which its pixels never show, have no line in the source: no walk. */
     const intl somewhere = isfinite_lanes(line.tilt) & isfinite_lanes(line.minor_0);
     line.from = select_lanes(somewhere, from, (floatl)0.0f);
     line.to = select_lanes(somewhere, to, (floatl)-1.0f);
     return line;
 }
 
-/* The same lines, and in the source what a range of depth can show of them. */
+/* The same lines, with the source part limited to the range of depth. */
 INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
 {
     const float *S = map.src_from_dst;

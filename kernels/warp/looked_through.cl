@@ -24,12 +24,12 @@
 #include "lib/vectors.h"
 #include "warp/view_edges.h"
 
-#define ENDS 0   /* of the piece: two points in the world, relative to the set's origin */
+#define ENDS 0   /* the ends of the piece: two points in the world, relative to the set's origin */
 #define POINT_REACH 6  /* half a sample of its view; negative: the point is not tested */
 #define BRIDGE 7 /* an int: the place of the bridge's sample in `surface`, times 8, and its TORN_... bit */
 #define POINT_PLANES 8
 
-#define POINT_ASIDE 0.3f           /* of a sample: how far out a margin's point lies, slightly beyond the margin's middle */
+#define POINT_ASIDE 0.3f           /* samples: how far out a margin's point lies, slightly beyond its middle */
 #define OWN_DEVIATIONS 4.0f  /* the interval of a point's depth, in standard deviations of its noise */
 #define SEEN_DEVIATIONS 6.0f /* a point must lie before a surface by more than this many deviations, */
 #define SURFACE_TOLERANCE 0.2f       /* and by more than this part of a sample, since surfaces bend between samples */

@@ -1,6 +1,6 @@
 #ifndef WARP_PIXEL_ROWS_H
 #define WARP_PIXEL_ROWS_H
-/* Colours and depths of rows of TILE pixels, as push and pull (fill.cl) read and write them. */
+/* Reads and writes colours and depths of rows of TILE pixels for push and pull (fill.cl). */
 #include "lib/channel.h"
 #include "warp/pyramid.h"
 
@@ -24,7 +24,7 @@ typedef struct __attribute__((packed)) {
 #define STORE16(v, p) vstore16(v, 0, p)
 #endif
 
-/* The colour of up to 16 pixels of a row; what is beyond them is whatever it is. */
+/* Reads the colours of up to 16 pixels of a row; the pixels beyond `count` are 0. */
 INLINED void read_row(Row *row, global const channel *color, size_t pixel, int count)
 {
     row->plane[0] = row->plane[1] = row->plane[2] = 0.0f;
@@ -47,7 +47,7 @@ INLINED void read_row(Row *row, global const channel *color, size_t pixel, int c
 }
 
 #if CHANNELS == 3
-/* The colours of 16 pixels of a row */
+/* Writes the colours of 16 pixels of a row. */
 INLINED void write_row(global channel *color, channel16 r, channel16 g, channel16 b)
 {
     const channel16 first =

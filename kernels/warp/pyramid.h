@@ -2,20 +2,20 @@
 #define WARP_PYRAMID_H
 /* The pyramid of push and pull (fill.cl): weighted means of pixels, level by level.
  *
- * A tile is TILE x TILE pixels, and one cell of the level TILE times as coarse; the tiles of that level are the cells
- * of the next one, until there is but one. Within a tile three levels halve the side: 8, 4 and 2 cells.
+ * A tile is TILE x TILE pixels, and one cell of the level TILE times as coarse. The tiles of that level are the cells
+ * of the next one, until a single tile is left. Within a tile three levels halve the side: 8, 4 and 2 cells.
  *
- * A cell has PLANES numbers: colour and nearness (in which planes are linear), each times the weight, and the weight, 1
- * at most. base: (PLANES, height, width), the cells that tiles are made of. cells: (PLANES, tiles down, tiles across),
+ * A cell has PLANES numbers: colour and nearness (in which planes are linear), each times the weight, and the weight,
+ * at most 1. base: (PLANES, height, width), the cells that make up tiles. cells: (PLANES, tiles down, tiles across),
  * the base of the next tiles. inner: PLANES * INNER_CELLS a tile, its three levels, set where its weight is not 0; and
- * one tile more, which is 0.
+ * one more tile of zeros.
  *
- * Small weights do not add up to much along a long edge: or else the foreground would leak the more, the finer the
- * picture. With HAS_BEHIND each of four cells that become one weighs the less the nearer it is than the farthest of
- * them, by the ratio of their depths to a power of 16 times the cells' side, up to 64: large cells fill what is deep in
- * wide holes, and a hole is the wider the farther its surface lies behind what hid it. So the middle of such a hole
- * shows the wall, not the floor before it. But the factor is 0.3 at least, so that few samples that are far by noise do
- * not decide alone: wide holes would flicker.
+ * Small weights may not add up along a long edge: otherwise the foreground would leak more, the finer the picture is.
+ * With HAS_BEHIND, when four cells become one, the weight of each falls with its nearness relative to the farthest of
+ * them: the factor is the ratio of their depths to the power of 16 times the cells' side, at most 64. So large cells
+ * fill the middle of wide holes with the farthest surface, since a hole is wider, the farther its surface lies behind
+ * the occluding one: the middle of such a hole shows the wall, not the floor before it. But the factor is at least 0.3,
+ * so that a few samples that are far by noise do not decide alone, which would make wide holes flicker.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
@@ -27,9 +27,9 @@
 #define PLANES 5
 #define WEIGHT_PLANE 4   /* the plane of the weights */
 #define INNER_CELLS 84   /* cells of a tile's levels: 8 x 8, 4 x 4, 2 x 2 */
-#define STEEPEST_LEVEL 2 /* the level from which on the ratio of depths is taken to one power */
-#define RATIO_MIN 0.3f   /* the least factor of a cell's weight beside the farthest of four */
-#define SATURATION 32.0f /* weights below 1/32 do not grow where there are many of them */
+#define STEEPEST_LEVEL 2 /* the level from which on the power stays the same */
+#define RATIO_MIN 0.3f   /* the least factor of a cell's weight, relative to the farthest of four cells */
+#define SATURATION 32.0f /* weights below 1/32 do not add up */
 
 /* Cell (x, y) of the level of 8 x 8 cells a tile, in plane 0 of `inner` */
 #define FIRST_CELL(x, y, across)                                                                               \
@@ -38,11 +38,11 @@
 #define MASKED(mask, values) as_float16(as_int16(values) & (mask))
 #define HALVED(a, b) (((a) + (b)).even + ((a) + (b)).odd)
 
-/* Two rows of cells of a level into one of half their length. No cell's weight is more than 1, nor more than the
- * greatest weight w of its four, or SATURATION w^2 if that is more: small weights stay small. */
+/* Reduces two rows of cells of a level to one row of half their length. No cell's weight exceeds 1, nor the greatest
+ * weight w of its four cells, or SATURATION w^2 if that is more: small weights stay small. */
 #define HALVE(long_row, half_row, made, row, level)                                                            \
     {                                                                                                          \
-        long_row a = 1.0f, b = 1.0f; /* the cells' factors beside the farthest of four */                      \
+        long_row a = 1.0f, b = 1.0f; /* factors relative to the farthest of four */                           \
         if (HAS_BEHIND) {                                                                                      \
             a = DEPTHS(row, 0), b = DEPTHS(row, 1);                                                            \
             const half_row farthest = fmax(fmax(a, b).even, fmax(a, b).odd);                                   \
@@ -62,7 +62,7 @@
             made(p) = scale * HALVED(a * row(p, 0), b * row(p, 1));                                            \
         made(WEIGHT_PLANE) = scale * weights;                                                                  \
     }
-/* Depths of a row's cells, 0 of those without a weight */
+/* Depths of a row's cells, 0 for cells without a weight */
 #define DEPTHS(row, i)                                                                                         \
     (row(WEIGHT_PLANE, i) == 0.0f ? 0.0f                                                                       \
      : perspective               ? row(WEIGHT_PLANE, i) / row(3, i)                                            \

@@ -1,21 +1,21 @@
-/* Raw depth of 16 bits, as cameras deliver it, to planar depth and back.
+/* Converts raw depth of 16 bits, as cameras deliver it, to planar depth and back.
  *
- * raw: (count,) 0 where there is no depth. depth: NaN where there is none. scale: raw units a scene unit. Raw depth is
- * rounded to nearest, and is 0, too, where a depth is more than 16 bits hold. Work-item: `share` samples, a multiple of
- * LANES. Cost: O(samples), one pass. Determinism: every sample on its own.
+ * raw: (count,) 0 for no depth. depth: NaN for no depth. scale: raw units per scene unit. Raw depth is rounded to
+ * nearest; it is 0, too, for depths beyond 16 bits. Work-item: `share` samples, a multiple of LANES. Cost: O(samples),
+ * one pass. Determinism: each sample on its own.
  */
 #include "lib/lanes.h"
 
 #define RAW_MAX 65535.0f
 
-/* Unaligned, in one instruction: vstore16 goes one by one. */
+/* For unaligned stores in one instruction: vstore16 stores value by value. */
 typedef struct __attribute__((packed)) {
     WIDE(ushort) raw;
 } UnalignedRaw;
 
 #define DEPTH_OF_RAW(type, count, scale) select((type)NAN, (count) / (scale), (count) > 0.0f)
 #define RAW_OF_DEPTH(type, depth, scale)                                                                       \
-    select((type)0.0f, (depth) * (scale) + 0.5f, ((depth) > 0.0f) & ((depth) * (scale) < RAW_MAX + 0.5f)) /* not of NaN */
+    select((type)0.0f, (depth) * (scale) + 0.5f, ((depth) > 0.0f) & ((depth) * (scale) < RAW_MAX + 0.5f)) /* NaN compares false */
 
 kernel void to_depth(global const ushort *raw, global float *depth, int count, int share, float scale)
 {

@@ -1,16 +1,17 @@
-/* The colours of a depth image's samples in the picture of another camera, where that camera sees them.
+/* Finds the colours of a depth image's samples in the picture of another camera, where that camera sees them.
  *
- * A sample is hidden if its pixel shows a point of another surface that is nearer. It is of another surface if the ray
- * that both lie on, walked in the depth image from the one to the other, passes an opening of the surface, or runs
- * behind it by more than noise explains. A ray that grazes a noisy or slanted surface does neither. A sample whose
- * pixel shows nothing is hidden if its surface turns its back to the camera there. Colours are interpolated from the
- * four pixels around, without those that show another surface. The target is a pinhole's image whose pixels a lens may
- * move (lib/lens.h): `map` leads to the pinhole's. places: (2, height, pitch) where the samples lie in the source that
- * `nearness` is of, NaN: nowhere, if HAS_PLACES. depth: (height, width) of the samples, planar z; not finite, <=
- * NEAREST or >= far is none. nearness: (src_height, src_pitch). shown, color: (dst_height, dst_width) depth that the
- * target shows, NaN: none, and its picture. sample_color, seen: (height, width); colour is black where a sample is not
- * seen. Work-item: LANES samples of a row. Cost: O(samples), and a walk of at most WALK_STEPS samples for those with
- * something nearer in front. Determinism: every sample on its own.
+ * A sample is hidden if its pixel shows a nearer point of another surface. To tell whether the two lie on one surface,
+ * the ray through both is walked in the depth image from one to the other. They lie on different surfaces if the ray
+ * passes an opening of the surface, or runs behind it by more than noise explains. A ray that grazes a noisy or slanted
+ * surface does neither. A sample whose pixel shows nothing is hidden if its surface turns its back to the camera there.
+ * Colours are interpolated from the four pixels around, without the pixels that show another surface. The target is a
+ * pinhole's image whose pixels a lens may move (lib/lens.h): `map` leads to the pinhole's pixels.
+ * places: (2, height, pitch) the samples' positions in the source of `nearness`, NaN for none, if HAS_PLACES. depth:
+ * (height, width) of the samples, planar z; not finite, <= NEAREST or >= far means no depth. nearness: (src_height,
+ * src_pitch). shown, color: (dst_height, dst_width) depth that the target shows, NaN for none, and its picture.
+ * sample_color, seen: (height, width); colour is black where a sample is not seen. Work-item: LANES samples of a row.
+ * Cost: O(samples), and a walk of at most WALK_STEPS samples for samples behind something nearer. Determinism: each
+ * sample on its own.
  */
 #include "lib/color.h"
 #include "lib/lens.h"
@@ -18,20 +19,20 @@
 #include "lib/taps.h"
 
 #ifndef HAS_PLACES
-#define HAS_PLACES 0 /* 1: the samples are not the source's own, but lie among them */
+#define HAS_PLACES 0 /* 1: the samples are not the source's own, but lie between them */
 #endif
-#define WALK_STEPS 24        /* samples of the source: points farther apart are taken to be of two surfaces, */
-#define SAME_SURFACE 1.0f    /* and points no farther apart of one */
-#define RELATIVE_TOLERANCE 1e-3f    /* of the nearness: no ray is taken to be behind a surface by less than that, */
-#define OCCLUSION_DEVIATIONS 5.0f   /* and so many standard deviations of the noise */
-#define SLOPE_STEP 2          /* samples to either side that a slope is taken from; three times as many, too, for noise */
-#define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise by which these may be off */
+#define WALK_STEPS 24        /* samples of the source: points farther apart count as two surfaces */
+#define SAME_SURFACE 1.0f    /* samples: points no farther apart count as one surface */
+#define RELATIVE_TOLERANCE 1e-3f    /* part of the nearness: a ray counts as behind a surface only by more than this */
+#define OCCLUSION_DEVIATIONS 5.0f   /* and by more than this many standard deviations of the noise */
+#define SLOPE_STEP 2          /* samples on either side over which a slope is measured; also over three times as many, against noise */
+#define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise by which slopes may be off */
 
-/* Are the depths a <= b torn apart? As IS_OPEN, without divisions; NaN is not. */
+/* Are the depths a <= b torn apart? Equals IS_OPEN, without divisions; false for NaN. */
 #define ARE_TORN(perspective, cut, a, b)                                                                       \
     ((cut).near_scale * (b) - (cut).far_scale * (a) > (cut).least * ((perspective) ? (a) * (b) : (floatl)1.0f))
 
-/* Of the source's nearness q: a + b q + c q^2 */
+/* Noise at the source's nearness q: a + b q + c q^2 */
 typedef struct {
     float a, b, c;
 } Noise;
@@ -40,11 +41,11 @@ typedef struct {
     floatl u, v, q; /* pixel, and nearness */
 } Point;
 
-/* The source's nearness at (u, v): interpolated between four samples of one surface, else that of the nearest sample */
+/* The source's nearness at (u, v): interpolated between four samples of one surface, otherwise of the nearest sample */
 INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut cut, floatl u, floatl v)
 {
     const Taps taps = clamped_taps(map.src_width, map.src_height, u, v);
-    const int beyond = map.src_pitch - map.src_width; /* of each row */
+    const int beyond = map.src_pitch - map.src_width; /* a row's padding */
     floatl n[4], high = NO_SURFACE, low = INFINITY;
     for (int i = 0; i < 4; i++) {
         const intl row = i < 2 ? taps.row : min(taps.row + 1, (intl)(map.src_height - 1));
@@ -57,7 +58,7 @@ INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut c
     return select_lanes(IS_OPEN(cut, high, low), nearest, bilinear(taps, n[0], n[1], n[2], n[3]));
 }
 
-/* Does another surface hide the sample? front: the point that its pixel shows, in the source's pixel space */
+/* Does another surface hide the sample? front: the point shown by its pixel, in the source's pixel space */
 INLINED intl is_occluded(global const float *nearness, PixelMap map, Cut cut, Noise noise, Point sample, Point front, intl active)
 {
     const floatl du = front.u - sample.u, dv = front.v - sample.v;
@@ -84,7 +85,7 @@ INLINED intl is_occluded(global const float *nearness, PixelMap map, Cut cut, No
     ((p)[0] * ((m)[4 + (i)] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[4 + (j)]) -                                    \
      (p)[1] * ((m)[i] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[j]) + (p)[2] * ((m)[i] * (m)[4 + (j)] - (m)[4 + (i)] * (m)[j]))
 
-/* Does the surface around the sample turn its back on the target, more than noise explains? */
+/* Does the surface around the sample turn its back to the target, by more than noise explains? */
 INLINED intl faces_away(global const float *nearness, PixelMap map, Cut cut, Noise noise, Point sample, float aside)
 {
     const float *D = map.dst_from_src;
@@ -102,8 +103,8 @@ INLINED intl faces_away(global const float *nearness, PixelMap map, Cut cut, Noi
     }
     for (int i = 0; i < 3; i++)
         p[i] = MAP_ROW(D, i, sample.u, sample.v, sample.q);
-    /* The orientation in which the target sees a point and its changes along u and v, which are columns and slopes
-     * of the map */
+    /* The orientation in which the target sees a point and its changes along u and v. These are columns and slopes of
+     * the map. */
     const floatl by_u = ORIENTATION(D, p, 3, 1), by_v = ORIENTATION(D, p, 0, 3);
     const floatl unsure = SLOPE_DEVIATIONS / (2.0f * aside) * (noise.a + sample.q * (noise.b + sample.q * noise.c));
     return !unknown & (ORIENTATION(D, p, 0, 1) + slope[0] * by_u + slope[1] * by_v + unsure * (fabs(by_u) + fabs(by_v)) < 0.0f);
@@ -134,7 +135,7 @@ kernel void color_samples(global const float *places, global const float *depth,
 #endif
     sample.q = select_lanes(active, perspective ? 1.0f / z : -z, (floatl)1.0f);
 
-    /* Its pixel: u, v a pinhole's, at_u, at_v the lens's */
+    /* Its pixel: u, v in the pinhole's image, at_u, at_v in the lens's */
     const floatl w = MAP_ROW(D, 2, sample.u, sample.v, sample.q), per_w = 1.0f / w;
     const floatl u = MAP_ROW(D, 0, sample.u, sample.v, sample.q) * per_w;
     const floatl v = MAP_ROW(D, 1, sample.u, sample.v, sample.q) * per_w;
@@ -146,7 +147,7 @@ kernel void color_samples(global const float *places, global const float *depth,
     at_u = select_lanes(active, at_u, (floatl)0.0f);
     at_v = select_lanes(active, at_v, (floatl)0.0f);
 
-    /* The depths that the target shows around the sample's pixel, and its own there */
+    /* The depths that the target shows around the sample's pixel, and the sample's own depth there */
     const Taps taps = clamped_taps(map.dst_width, map.dst_height, at_u, at_v);
     const floatl own_z = DEPTH_OF(map.dst_perspective, n);
     floatl around[4], weights[4], total = 0.0f, farthest = -INFINITY;
@@ -163,7 +164,7 @@ kernel void color_samples(global const float *places, global const float *depth,
     const intl nearest = select_lanes(below, select_lanes(right, taps.at[3], taps.at[2]), select_lanes(right, taps.at[1], taps.at[0]));
     const floatl z_there = select_lanes(below, select_lanes(right, around[3], around[2]), select_lanes(right, around[1], around[0]));
     const intl none = active & !(z_there == z_there);
-    /* Is what shows there nearer than the sample, and no slope that the sample lies on? */
+    /* Is the shown surface nearer than the sample, and not a slope on which the sample lies? */
     const intl torn_there = select_lanes(below, select_lanes(right, torn[3], torn[2]), select_lanes(right, torn[1], torn[0]));
     const floatl nearer_by = RELATIVE_TOLERANCE * fabs(own_z);
     const intl before = active & (own_z - z_there > nearer_by) & (torn_there | (own_z - farthest > nearer_by));

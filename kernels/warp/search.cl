@@ -2,13 +2,13 @@
  * line enters the image) to the projection of the ray's point at infinity (Schaufler & Priglinger 1999, section 4).
  *
  * hits: (dst_height, dst_pitch), hits.h. counters: (dst_height, packets a row) cells visited by the slowest lane, times
- * LANES, with COUNTERS. Work-item: LANES pixels of a row. Cost: O(source width) a pixel. Determinism: every pixel on
- * its own.
+ * LANES, with COUNTERS. Work-item: LANES pixels of a row. Cost: O(source width) a pixel. Determinism: each pixel on its
+ * own.
  */
 #include "warp/hits.h"
 #include "warp/trace.h"
 
-/* What the rays of LANES pixels at (x, y) meet; cells: visited by the slowest lane */
+/* The hits of the rays of LANES pixels at (x, y). cells: number visited by the slowest lane */
 OUTLINED floatl search_packet(Grid grid, PixelMap map, int sides, int x, int y, int high_x, uint *cells)
 {
     const Rays rays = rays_of(map, to_floatl(x + lane_index), (floatl)y);

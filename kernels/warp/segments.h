@@ -1,17 +1,18 @@
 #ifndef WARP_SEGMENTS_H
 #define WARP_SEGMENTS_H
-/* Lines cut into segments: pixels of the target that a work-item settles, and what it walks of the source for them.
+/* Lines cut into segments: the pixels of the target that a work-item settles, and the part of the source that it walks
+ * for them.
  *
- * A walk along the whole line settles the same pixels alike: it passes nothing earlier or later that shows there.
+ * A walk along the whole line gives the same hits: the steps left out show nothing at these pixels.
  */
 #include "lib/bounds.h"
 #include "warp/interval.h"
 
 #define BLOCK_STEPS (BOUNDS_STEP - 1) /* steps along a line that are within one window with both their ends */
-#define NEAR_PIXEL 0.05f              /* pixels: of what shows that far from one, rounding may make what shows there */
+#define NEAR_PIXEL 0.05f              /* pixels: by rounding, a surface this far from a pixel may still show there */
 
-#if LANES == 1 /* others walk whole lines */
-/* May steps of a line from a major coordinate on, BLOCK_STEPS at most, show something at pixels from low to high? */
+#if LANES == 1 /* other devices walk whole lines */
+/* Can steps of a line from a major coordinate on, at most BLOCK_STEPS, show something at pixels from low to high? */
 INLINED int may_show(SweepLines line, Targets targets, global const float *bounds, PixelMap map, float major, float low,
                      float high)
 {
@@ -25,7 +26,7 @@ INLINED int may_show(SweepLines line, Targets targets, global const float *bound
     UNROLLED
     for (int corner = 0; corner < 4; corner++) {
         const Projection place = project_at(targets, corner & 1 ? last : major, corner & 2 ? range.y : range.x);
-        if (place.w <= 0.0f) /* beside the target's centre, or behind it, one may be anywhere */
+        if (place.w <= 0.0f) /* in the plane of the target's centre, or behind it, the place may be anywhere */
             return range.x <= range.y;
         least = fmin(least, place.p / place.w);
         most = fmax(most, place.p / place.w);
@@ -33,7 +34,8 @@ INLINED int may_show(SweepLines line, Targets targets, global const float *bound
     return range.x <= range.y && most >= low && least <= high;
 }
 
-/* Of what is walked for a segment, leaves out what shows beside it, block by block from both ends. Returns the blocks. */
+/* Shortens a segment's walk, block by block from both ends, by the steps that show nothing at its pixels. Returns the
+ * number of blocks tested. */
 INLINED uint clip_walk(SweepLines *line, global const float *bounds, PixelMap map)
 {
     const Targets targets = targets_along(map, *line);

@@ -1,4 +1,5 @@
-/* Things one sample thin, as wide as the samples that saw them: wires, leaves, bars, by their ribbons (lib/ribbons.h).
+/* Draws objects one sample thin, such as wires, leaves and bars, as wide as the samples that saw them, by their ribbons
+ * (lib/ribbons.h).
  *
  * Three launches, as of forward.cl: the nearest ribbon of each pixel by nearness, of equally near ones the first by its
  * number, and then the pixels, where a ribbon is nearer than what is there or there is nothing. A side of the surface
@@ -8,7 +9,7 @@
  * source, source_view: of resolve.cl.
  * Work-item: a ribbon; STRIP * LANES pixels of a row. Cost: O(pixels + pixels of ribbons). Determinism: maximum and
  * minimum do not depend on the order of work-items.
- * Not in the paper, whose samples are all connected.
+ * Not in the paper, where all samples are connected.
  */
 #include "lib/channel.h"
 #include "lib/gbuffer.h"
@@ -17,16 +18,16 @@
 #include "warp/keys.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: where pixels come from is written, too */
+#define ORIGINS 0 /* 1: the origins of pixels are written, too */
 #endif
-#define RIBBON_WIDTH_MAX 256 /* target pixels: a ribbon's box is drawn no wider, as of one right before the target */
+#define RIBBON_WIDTH_MAX 256 /* target pixels: greatest size of a ribbon's box, which would be huge right before the target */
 #define NO_RIBBON 0xFFFFFFFFu
-#define END_BIAS 1024u /* of the least differences of nearness: the half squares beyond a ribbon's samples are behind what
-                           goes on there in the same plane, whose colours run on */
-#define NEARER 1e-6f /* of the depth: rounding. At its samples a ribbon is as near as the surface, which is shown there */
+#define END_BIAS 1024u /* least differences of nearness: puts the half squares beyond a ribbon's samples behind a surface
+                           that goes on there in the same plane, so that its colours are shown */
+#define NEARER 1e-6f /* part of the depth, against rounding: at its samples a ribbon is as near as the surface, which is shown there */
 
-/* Narrows [*low, *high], the part of a ribbon's sweep in which its square holds a point, by one axis: p is the point's
- * distance from the first middle, d the sweep's length. */
+/* Narrows [*low, *high], the part of a ribbon's sweep in which its square holds a point, along one axis. p: the point's
+ * distance from the first middle, d: the sweep's length. */
 void narrow_sweep(float p, float d, float *low, float *high)
 {
     if (fabs(d) > 1e-6f) {
@@ -38,8 +39,8 @@ void narrow_sweep(float p, float d, float *low, float *high)
     }
 }
 
-/* The target's nearness where a pixel's ray meets a ribbon, or EMPTY; part: where along it, below 0 or above 1 beyond
- * its samples. */
+/* The target's nearness where a pixel's ray meets a ribbon, or EMPTY. part: the position along the ribbon, below 0 or
+ * above 1 beyond its samples. */
 float intersect_ribbon(Ribbon ribbon, PixelMap map, int sides, int column, int row, float *part)
 {
     const float *S = map.src_from_dst;
@@ -59,7 +60,7 @@ float intersect_ribbon(Ribbon ribbon, PixelMap map, int sides, int column, int r
     return is_on && shows && IS_BEFORE(map.dst_perspective, met) ? met : EMPTY;
 }
 
-/* Puts a ribbon's nearness into keys; with indices, its number there, where it is what the keys hold. */
+/* Enters a ribbon's nearness into `keys`; with `indices`, enters its number where the keys hold its nearness. */
 void draw_ribbon(Ribbon ribbon, PixelMap map, int sides, uint number, global uint *keys, global uint *indices)
 {
     const float *D = map.dst_from_src;
@@ -118,7 +119,7 @@ kernel void thin_index(global const float *surface, global const uint *ribbons, 
     draw_numbered(surface, ribbons, count, keys, indices, map, cut, sides);
 }
 
-/* The colours of samples a and b, mixed */
+/* Mixes the colours of samples a and b. */
 void mix_colors(global const channel *src_color, int a, int b, float part, global channel *color)
 {
     for (int c = 0; c < CHANNELS; c++) {
@@ -127,8 +128,8 @@ void mix_colors(global const channel *src_color, int a, int b, float part, globa
     }
 }
 
-/* Writes the pixel (x, y) of a ribbon, unless what the picture shows there is nearer. Returns whether it does. Sets the
- * samples that the ribbon runs between, and where `along` it the pixel lies, 0 to 1. */
+/* Writes the pixel (x, y) of a ribbon, unless the picture is nearer there. Returns whether it was written. Sets `ends`,
+ * the samples at the ribbon's ends, and `along`, the pixel's position between them, 0 to 1. */
 int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, int x, int y,
                  global const channel *src_color, global float *depth, global channel *color, global uchar *valid,
                  global float *source, global int *source_view, int view, int2 *ends, float *along)
@@ -151,7 +152,7 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
     *ends = (int2)(ribbon.from.y, ribbon.to.y) * grid.width + (int2)(ribbon.from.x, ribbon.to.x);
     mix_colors(src_color, ends->x, ends->y, part, color);
 #if ORIGINS
-    vstore2(convert_float2(nearest), 0, source); /* the nearest sample: beside a wire is another thing */
+    vstore2(convert_float2(nearest), 0, source); /* the nearest sample: the sample next to a wire belongs to another object */
     *source_view = view;
 #endif
     *along = part;

@@ -1,22 +1,22 @@
 #ifndef WARP_TRACE_H
 #define WARP_TRACE_H
-/* Rays of the target against the triangulated grid of the source, exactly, each along its own epipolar line.
+/* Traces rays of the target through the triangulated grid of the source, exactly, each along its own epipolar line.
  *
- * In the source's pixel space a ray is Y(n) = start + n * centre, n being the nearness in the target, and its image is
- * a straight line, walked away from the epipole. The first triangle that the ray crosses is what it sees. The walk goes
- * from cell to cell; in each, the line passes one triangle and then the other. The surface's nearness less the ray's is
- * affine over a triangle: where it changes its sign, the ray meets the triangle.
+ * In the source's pixel space a ray is Y(n) = start + n * centre, where n is the nearness in the target. Its image is a
+ * straight line, walked away from the epipole. The ray sees the first triangle that it crosses. The walk goes from cell
+ * to cell; in each cell, the line passes one triangle and then the other. The surface's nearness minus the ray's is
+ * affine over a triangle: the ray meets the triangle where this difference changes its sign.
  *
  * Cost: the cells within the windows, for the slowest of LANES rays.
  */
 #include "warp/cells.h"
 #include "warp/hits.h"
 
-/* One ray a lane; all of them pass the target's centre, which is the epipole of the source. */
+/* One ray a lane; all rays pass through the target's centre, which is the epipole of the source. */
 typedef struct {
     floatl u, v, w, q; /* at target nearness 0 */
     float4 centre;
-    int perspective; /* the target is */
+    int perspective; /* whether the target is perspective */
 } Rays;
 
 /* The plane of a triangle: nearness is q + gu (u - x) + gv (v - y). */
@@ -31,13 +31,13 @@ typedef struct {
     floatl start, centre;   /* the rays' start and centre along the lines' major axes, as distances */
 } Epipolar;
 
-#define END_TOLERANCE 2e-4f /* pixels of the source by which a surface reaches beyond its end: rounding */
+#define END_TOLERANCE 2e-4f /* pixels of the source by which a surface extends beyond its end, against rounding */
 #ifndef WINDOWS
-#define WINDOWS 1 /* windows of a line that are searched, after the first, at most */
+#define WINDOWS 1 /* greatest number of windows of a line after the first */
 #endif
 
-/* The windows of a line that are searched, in order: from ... to, and `radius` to either side of the places that
- * follow (INFINITY: none). */
+/* The windows of a line that are searched, in order: `from` to `to`, then `radius` to either side of the places `next`
+ * (INFINITY: none). */
 typedef struct {
     floatl from, to;
     floatl next[WINDOWS];
@@ -57,7 +57,7 @@ INLINED Rays rays_of(PixelMap map, floatl x, floatl y)
     return rays;
 }
 
-/* Target nearness at which the rays meet a plane; per_unit > 0: its front. */
+/* The target nearness at which the rays meet a plane; per_unit > 0: they meet its front. */
 INLINED floatl intersect_plane(Rays rays, Plane plane, floatl *per_unit)
 {
     const float4 c = rays.centre;
@@ -67,7 +67,7 @@ INLINED floatl intersect_plane(Rays rays, Plane plane, floatl *per_unit)
     return -at_start / *per_unit;
 }
 
-/* Where the lines run, from the epipole (or the image's border) to the border (or the epipole). */
+/* The rays' epipolar lines, from the epipole (or the image's border) to the border (or the epipole) */
 INLINED Epipolar epipolar_of(Rays rays, Grid grid)
 {
     const float4 c = rays.centre;
@@ -82,7 +82,7 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
     const floatl minor = select_lanes(u_major, -offset, offset) * per_major;
     const floatl slope = (rays.q * c.z - c.w * rays.w) * per_major, level = (c.w * start - rays.q * centre) * per_major;
 
-    /* Clip to the image's pixels, and by a little beyond their edges: rounding. */
+    /* Clip to the image's pixels, and a little beyond their edges against rounding. */
     const float last_u = grid.width - 1, last_v = grid.height - 1;
     const floatl last_minor = select_lanes(u_major, (floatl)last_v, (floatl)last_u);
     const floatl per_tilt = 1.0f / select_lanes(fabs(tilt) < 1e-12f, (floatl)1e-12f, tilt);
@@ -90,14 +90,14 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
     const floatl edge_1 = (last_minor + BORDER + ON_SAMPLES - minor) * per_tilt;
     floatl low = fmax((floatl)-BORDER, fmin(edge_0, edge_1));
     floatl high = fmin(select_lanes(u_major, (floatl)last_u, (floatl)last_v) + BORDER, fmax(edge_0, edge_1));
-    /* To this side of the epipole, */
+    /* Clip to this side of the epipole, */
     if (c.z != 0.0f) {
         const floatl epipole = centre / c.z;
         const intl after = c.z * sign > 0.0f;
         low = select_lanes(after, fmax(low, epipole), low);
         high = select_lanes(after, high, fmin(high, epipole));
     }
-    /* and to what lies before the target: nearness 0 is infinity, or an orthographic camera's own plane. */
+    /* and to the part before the target: nearness 0 is infinity, or an orthographic camera's own plane. */
     const intl ahead = rays.w > 0.0f, rising = sign > 0.0f;
     const floatl border = start / rays.w;
     const intl cuts_high = ahead & (rays.perspective ? rising : !rising);
@@ -121,28 +121,28 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
     return epipolar;
 }
 
-/* The distance along the lines at which a target nearness lies. */
+/* The distance of a target nearness along the lines */
 INLINED floatl distance_of(Rays rays, Epipolar epipolar, floatl nearness)
 {
     return (epipolar.start + nearness * epipolar.centre) / (rays.w + nearness * rays.centre.z);
 }
 
-/* The first triangle that the rays cross within windows of their lines: a hit, EMPTY if they meet none, or BLOCKED by a
- * side that is not shown and that is not before the target. */
+/* The first triangle that the rays cross within windows of their lines. Returns a hit; EMPTY without one; BLOCKED if a
+ * side that is not shown is met, but not before the target. */
 INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, int sides, intl wanted, uint *cells)
 {
     const Lines lines = epipolar.lines;
     const Traversal traversal = traversal_of(lines, grid);
-    /* By how much nearness differs over END_TOLERANCE */
+    /* The change of nearness over END_TOLERANCE */
     const floatl tolerance = END_TOLERANCE * fabs(epipolar.near_step);
     floatl at = fmax(windows.from, (floatl)0.0f), to = fmin(windows.to, lines.length), difference = 0.0f, x = 0.0f,
            y = 0.0f;
     intl active = wanted & (at <= lines.length), begins = active, connected = 0;
     Plane met_plane = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
     intl is_met = 0, hides = 0;
-    /* A line enters a cell by a column or a row, each of them once, and a window may begin in each cell anew. */
+    /* A line enters each cell by a column or a row, each at most once, and each window may enter one more cell. */
     for (int cells_left = grid.width + grid.height + 6 + 2 * WINDOWS; cells_left > 0; cells_left--) {
-        /* At the end of a window, on to the next one. */
+        /* At the end of a window, go on to the next one. */
         const intl over = active & !begins & (at >= to);
         if (any_lane(over)) {
             const floatl next = windows.next[0], from = next - windows.radius;
@@ -164,13 +164,13 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
         *cells += 1;
         const Cell cell = pass_cells(grid, lines, traversal, x, y, at);
 
-        /* The surface's nearness less the ray's: where it changes its sign, the ray meets the surface. */
+        /* The surface's nearness minus the ray's: the ray meets the surface where it changes its sign. */
         const floatl near_0 = epipolar.near + epipolar.near_step * at,
                      near_1 = epipolar.near + epipolar.near_step * cell.crossing,
                      near_2 = epipolar.near + epipolar.near_step * cell.out;
         const floatl difference_0 = select_lanes(connected, difference, cell.q_in - near_0), difference_2 = cell.q_out - near_2;
         const floatl difference_1 = select_lanes(cell.has_first, select_lanes(cell.has_second, cell.q_crossing - near_1, difference_2), difference_0);
-        /* Surfaces end where their triangles do, not before: hence the tolerance. */
+        /* The tolerance lets surfaces extend to the ends of their triangles despite rounding. */
         const intl first = cell.has_first & !cell.first_open, second = cell.has_second & !cell.second_open;
         const intl first_front = first & (difference_0 < tolerance) & (difference_1 >= -tolerance) &
                                  (difference_1 > difference_0);

@@ -1,8 +1,9 @@
-/* Where a source has a colour but no depth, a filled hole shows that colour, if its filled depth projects there.
+/* Fills holes with colours of the source that have no depth: a hole takes such a colour if its filled depth projects
+ * there.
  *
- * Black without depth is no colour: registered cameras, and frames with holes, have it where nothing was seen.
+ * Black without depth is no colour: registered cameras, and frames with holes, use it for missing colours.
  *
- * color, depth, valid: (dst_height, dst_width), the holes' colours are replaced. nearness: (src_height, src_pitch).
+ * color, depth, valid: (dst_height, dst_width); the holes' colours are replaced. nearness: (src_height, src_pitch).
  * src_color: (src_height, src_width). Work-item: `strip` times LANES pixels of a row. Cost: O(pixels).
  */
 #include "lib/channel.h"
@@ -26,7 +27,7 @@ float4 color_between(global const channel *color, int width, int height, float u
     return mix(above, below, in_v - upper);
 }
 
-/* Of LANES pixels from (x, y) on, those that are holes */
+/* Replaces the colours of the holes among LANES pixels from (x, y) on. */
 INLINED void show_pixels(global channel *color, global const float *depth, global const uchar *valid,
                          global const float *nearness, global const channel *src_color, const PixelMap *map, int x,
                          int y)

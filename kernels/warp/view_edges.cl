@@ -1,15 +1,16 @@
-/* How far a view's samples lie from edges of its surface: what weighs them where several views are blended (blend.cl).
+/* Finds the distances of a view's samples from edges of its surface, which give their weights when several views are
+ * blended (blend.cl).
  *
- * edges: (height, width), of each sample a byte, and that of the one below it, and two bits that tell which triangles of
- * its cell are open: what shows there is a margin. 0 at a step, where the surface goes on
- * so steeply that its cells may be rubber sheets; else 1 + STEPS d, where d, 0 to FEATHER, is how many samples away the
- * nearest step is, or the nearest end of the surface: a hole, a cut, or the image's border; by the farther of both
- * axes.
+ * edges: (height, width), for each sample its own byte, the byte of the sample below, and two bits that mark the open
+ * triangles of its cell, where the picture shows a margin. The byte is 0 at a step, where the surface goes on so
+ * steeply that its cells may be rubber sheets. Otherwise it is 1 + STEPS d, where d, 0 to FEATHER, is the distance in
+ * samples to the nearest step or end of the surface: a hole, a cut, or the image's border; the larger of the distances
+ * along both axes.
  *
  * surface: (height + 2, pitch), picture/edges.cl. marks, in_row: (height, mark_pitch), marks with FEATHER more to each
- * side; at a step STEP, at an end and beyond the image 0, elsewhere FEATHER.
+ * side; STEP at a step, 0 at an end and beyond the image, elsewhere FEATHER.
  * Launches: mark_edges, row_distances, edge_distances, once a view.
- * Work-item: LANES samples of a row. Cost: O(samples). Determinism: every sample on its own.
+ * Work-item: LANES samples of a row. Cost: O(samples). Determinism: each sample on its own.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -33,7 +34,7 @@ kernel void mark_edges(global const float *surface, global float *marks, EdgeVie
                               (floatl)(gather(nearness, above + x)), (floatl)(gather(nearness, below + x))};
     const floatl z = DEPTH_OF(view.perspective, n);
     intl is_step = (intl)0, is_end = (n <= NO_SURFACE) | (at < 0) | (at >= view.width);
-    /* Edges' bits are those of their left or upper sample. */
+    /* An edge's bit is stored in its left or upper sample. */
     const intl open_to[4] = {as_intl(around[0]) & TORN_RIGHT, as_intl(n) & TORN_RIGHT, as_intl(around[2]) & TORN_BELOW,
                              as_intl(n) & TORN_BELOW};
     for (int i = 0; i < 4; i++) {
@@ -60,11 +61,11 @@ kernel void row_distances(global const float *marks, global float *in_row, int w
     store_lanes(least, in_row + (size_t)y * mark_pitch + x0);
 }
 
-/* The edges' bytes of a row's samples */
+/* The bytes of `edges` of a row's samples */
 INLINED intl distances_at(global const float *marks, global const float *in_row, int x0, int y, int height,
                           int mark_pitch)
 {
-    floatl distance = min(min(y + 1, height - y), FEATHER); /* to what lies beyond the image */
+    floatl distance = min(min(y + 1, height - y), FEATHER); /* to the area beyond the image */
     for (int row = max(y - FEATHER, 0); row <= min(y + FEATHER, height - 1); row++) {
         const floatl along = load_lanes(in_row + (size_t)row * mark_pitch + x0);
         distance = min_lanes(distance, max_lanes(along, (floatl)abs(row - y)));

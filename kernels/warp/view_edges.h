@@ -1,28 +1,28 @@
 #ifndef WARP_VIEW_EDGES_H
 #define WARP_VIEW_EDGES_H
-/* Distances of a view's samples to its edges, as view_edges.cl writes them and blend.cl reads them; what a step is. */
+/* Distances of a view's samples to its edges, shared by view_edges.cl and blend.cl; the definition of a step. */
 #include "lib/lanes.h"
 
 #define FEATHER 8          /* samples within which weights fade towards an edge */
-#define STEPS 4            /* of a byte, a sample of distance */
+#define STEPS 4            /* units of a byte per sample of distance */
 #define FAR_FROM_EDGES 33  /* 1 + STEPS * FEATHER */
-#define DISTANCE_BITS 63   /* of a sample's byte; further bits of the upper one: */
+#define DISTANCE_BITS 63   /* of a sample's byte; further bits of the own byte: */
 #define LOWER_OPEN 64      /* the triangles of the sample's cell are open */
 #define UPPER_OPEN 128
-#define EDGE_DEVIATIONS 8.0f /* of the noise, that explain a step between neighbours */
-#define STEEP 11.0f    /* a surface at less than 5 degrees to its rays goes so many times as far back as aside */
-#define STEP_MIN 0.01f /* of the depth: less is no step */
+#define EDGE_DEVIATIONS 8.0f /* standard deviations of the noise that explain a step between neighbours */
+#define STEEP 11.0f    /* slope of a surface at 5 degrees to its rays: a steeper one is a step */
+#define STEP_MIN 0.01f /* part of the depth: smaller differences are no step */
 
-/* unit: a depth, where the view's have no origin; else 0 */
+/* unit: a depth, if the view's depths have no origin; otherwise 0 */
 typedef struct {
     int width, height, pitch;
     int perspective;
-    float density; /* pixels a unit of what is at depth 1 (perspective) or anywhere, along both axes: fx * fy */
+    float density; /* pixels per unit at depth 1 (perspective) or at any depth, along both axes: fx * fy */
     float noise_2, noise_1, noise_0;
     float unit;
 } EdgeView;
 
-/* By how much neighbours' depths differ on one surface, the nearer one's being z */
+/* The greatest difference of neighbours' depths on one surface, if z is the nearer depth */
 INLINED floatl step_allowed(EdgeView view, floatl z)
 {
     const floatl noise = EDGE_DEVIATIONS * ((view.noise_2 * z + view.noise_1) * z + view.noise_0);

@@ -1,42 +1,43 @@
 #ifndef WARP_WALK_COLUMNS_H
 #define WARP_WALK_COLUMNS_H
-/* Along lines of the source from column to column (or row to row): the surface is straight between two of them where it
- * is connected, which leaves out the corners at diagonals and rows, but it ends where its triangles end.
+/* Walks lines of the source from column to column (or row to row). Between two columns the surface counts as straight
+ * where it is connected, which leaves out the corners at diagonals and rows, but it ends where its triangles end.
  */
 #include "warp/interval.h"
 
-/* Where lines pass a column, between two of its samples. */
+/* Places where lines pass a column, between two of its samples. */
 typedef struct {
     floatl cell; /* the first sample */
-    floatl part; /* where between it and the second, 0 to 1; beyond these beside the image */
+    floatl part; /* position between it and the second, 0 to 1; outside of this range beyond the image */
     intl at;           /* the first sample's index */
     floatl a, b;       /* the samples' nearness */
     Projection place;
 } Column;
 
-/* What lies between two columns. The lines are in one cell, or pass a row and are in two. */
+/* The part of the lines between two columns. It lies in one cell, or passes a row and lies in two. */
 typedef struct {
     Column from, to;
-    floatl begins, ends; /* the part of the step that lies on the lines: all of it, 0 to 1, but at their ends */
+    floatl begins, ends; /* the part of the step that lies on the lines: 0 to 1, except at the lines' ends */
     floatl passed;                 /* the row: 1 the cell's last, -1 its first, 0 none */
-    floatl beyond_from, beyond_to; /* then the columns' samples of the two cells that are not the columns' own */
+    floatl beyond_from, beyond_to; /* then the columns' samples in the two cells that are not in `from` and `to` */
     floatl slope;                  /* rows a column */
     intl mirrored, transposed;     /* steps go towards smaller columns and rows; "columns" are rows */
-    intl along, edge;              /* lines run along samples' edges: which of TORN_..., and whether it is torn here */
+    intl along, edge;              /* lines that run along samples' edges: the TORN_... bit, and whether the edge is torn here */
 } Step;
 
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
-    floatl leaves[4];   /* where on the step, 0 to 1, the lines leave them: none is entered that is left before */
-    floatl nearness[4]; /* the surface's, there */
+    floatl leaves[4];   /* where on the step, 0 to 1, the lines leave them; a triangle left before it is entered is skipped */
+    floatl nearness[4]; /* of the surface, there */
     intl open[4];
 } PassedTriangles;
 
-/* Are the triangles of a cell open that has these samples of two columns? The first holds the first column's samples. */
+/* Are the triangles of a cell open? The cell is given by its samples in two columns; the `first` triangle holds the
+ * first column's samples. */
 INLINED void are_open(Step step, floatl from_a, floatl from_b, floatl to_a, floatl to_b, intl *first, intl *second)
 {
     const floatl q00 = select_lanes(step.mirrored, to_b, from_a);
-    /* The cell's samples in the image: the one to the right of its first, and the one below it */
+    /* The cell's samples to the right of and below its first sample, in the image */
     const intl swapped = step.mirrored != step.transposed;
     const floatl q10 = select_lanes(swapped, from_b, to_a), q01 = select_lanes(swapped, to_a, from_b);
     const intl lower = IS_LOWER_OPEN(q00), upper = IS_UPPER_OPEN(q00, q10, q01);
@@ -44,12 +45,13 @@ INLINED void are_open(Step step, floatl from_a, floatl from_b, floatl to_a, floa
     *second = select_lanes(step.along != 0, step.edge, select_lanes(step.mirrored, lower, upper));
 }
 
-/* Cells' diagonals go from the first column's second sample to the second column's first. */
+/* The triangles of a step. Cells' diagonals go from the first column's second sample to the second column's first. */
 INLINED PassedTriangles triangles_of(Step step)
 {
     const Column from = step.from, to = step.to;
     const intl none = step.passed == 0.0f, down = step.passed > 0.0f, up = step.passed < 0.0f;
-    /* The second column's samples of the cell that is left, and the first column's of the cell that is entered. */
+    /* The second column's samples of the cell that is left, and the first column's samples of the cell that is
+     * entered. */
     const floatl to_a = select_lanes(down, step.beyond_to, select_lanes(up, to.b, to.a)),
                  to_b = select_lanes(down, to.a, select_lanes(up, step.beyond_to, to.b));
     const floatl from_a = select_lanes(down, from.b, select_lanes(up, step.beyond_from, from.a));
@@ -74,8 +76,8 @@ INLINED PassedTriangles triangles_of(Step step)
     return triangles;
 }
 
-/* On a step where the surface may be torn: each run of triangles that are there is a segment. major: of the first
- * column. */
+/* Extends the interval on a step where the surface may be torn: each run of closed triangles is a segment. major: of
+ * the first column. */
 INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targets targets, floatl major, intl active,
                          SweepLines line, LineGroup group, PixelMap map)
 {
@@ -83,7 +85,7 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
     const int is_clipped = any_lane((step.begins > 0.0f) | (step.ends < 1.0f));
     Projection begin = step.from.place, enters = begin, held_begin = begin, held_end = begin, last = begin;
     floatl entered = 0.0f;
-    intl inside = 0, held = 0; /* held: a run has ended, and waits for those of the other lanes */
+    intl inside = 0, held = 0; /* held: a run has ended, and waits for the ends of the other lanes' runs */
     for (int part = 0; part < 4; part++) {
         const floatl leaves = CHOSEN(triangles.leaves, part);
         Projection left = step.to.place;
@@ -92,7 +94,7 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
         const Projection passed = left;
         const intl is_passed = leaves > entered;
         intl there = active & is_passed;
-        if (is_clipped) { /* of this triangle's part of the step, what lies on the lines */
+        if (is_clipped) { /* keep the part of this triangle that lies on the lines */
             const floatl low = max_lanes(entered, step.begins), high = min_lanes(leaves, step.ends);
             const floatl change = (left.nearness - enters.nearness) / (leaves - entered);
             const Projection at_low = project_at(targets, major + line.sign * low,
@@ -126,7 +128,7 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
     interval->ended = interval->ended | held;
 }
 
-/* Lines that run along samples see the edges between them alone: which of TORN_... these are, 0 of other lines. */
+/* Lines that run along samples see only the edges between them: the TORN_... bit of these edges, 0 for other lines. */
 INLINED intl edges_along(floatl start, floatl slope, floatl length, intl u_major)
 {
     const floatl longest = max_lanes(length, (floatl)1.0f);
@@ -137,7 +139,8 @@ INLINED intl edges_along(floatl start, floatl slope, floatl length, intl u_major
     return select_lanes(straight, edges, select_lanes(diagonals, (intl)TORN_DIAGONAL, (intl)0));
 }
 
-/* The sample whose bits tell of the edge that a step runs along: its upper or left one, or that above a diagonal's both */
+/* The sample that stores the bit of the edge along a step: the edge's upper or left sample, or the one above a
+ * diagonal */
 INLINED floatl edge_owner(Grid grid, Step step, intl stride)
 {
     const intl along_diagonals = step.along == TORN_DIAGONAL;
@@ -148,14 +151,14 @@ INLINED floatl edge_owner(Grid grid, Step step, intl stride)
     return select_lanes(along_diagonals, (floatl)(gather(grid.nearness, max(above, (intl)(-grid.pitch - 1)))), owner);
 }
 
-/* The columns that lines pass. Where steps go towards smaller ones, rows are mirrored: so all lines meet the cells'
+/* The columns that lines pass. Where steps go towards smaller columns, rows are mirrored: so all lines meet the cells'
  * diagonals alike. */
 typedef struct {
     floatl minor_0, tilt;   /* row = minor_0 + tilt * column */
-    intl along;             /* as of a step */
-    intl at_0, stride;      /* the sample's index of column 0 and row 0, and from row to row */
+    intl along;             /* as in Step */
+    intl at_0, stride;      /* index of the sample in column 0 and row 0, and stride from row to row */
     intl last_row, last_column, stride_major;
-    intl ahead;             /* samples from a column to the one that is prefetched */
+    intl ahead;             /* distance from a column's sample to the prefetched one */
 } Columns;
 
 INLINED Columns columns_of(SweepLines line)
@@ -174,7 +177,7 @@ INLINED Columns columns_of(SweepLines line)
     return columns;
 }
 
-/* before: the cell in the column before, if this is not the first one */
+/* before: the cell in the column before, unless this is the first column */
 INLINED Column column_at(Columns columns, floatl major, int is_first, floatl before, Grid grid, Targets targets,
                          LineGroup group)
 {
@@ -186,7 +189,7 @@ INLINED Column column_at(Columns columns, floatl major, int is_first, floatl bef
     const floatl minor = columns.minor_0 + columns.tilt * major;
     Column column;
     column.cell = to_floatl(max(min(to_intl(minor + nudge + 1.0f) - 1, last_cell), (intl)-1));
-    if (!is_first) /* no two rows at once, by rounding */
+    if (!is_first) /* rounding must not skip a row */
         column.cell = clamp_lanes(column.cell, before - 1.0f, before + 1.0f);
     column.part = select_lanes(along, (floatl)0.0f, minor - column.cell);
     column.at = columns.at_0 + number * columns.stride_major + to_intl(column.cell) * columns.stride;
@@ -196,13 +199,13 @@ INLINED Column column_at(Columns columns, floatl major, int is_first, floatl bef
     column.a = (floatl)(gather(grid.nearness, column.at));
     column.b = (floatl)(gather(grid.nearness, at_b));
     const floatl part = clamp_lanes(column.part, (floatl)0.0f, (floatl)1.0f);
-    /* At the second sample the first one does not count: it may be no surface. */
+    /* At the second sample the first one has no influence: it may be no surface. */
     const floatl between = column.a + part * (column.b - column.a);
     column.place = project_at(targets, major, select_lanes(part < 1.0f, between, column.b));
     return column;
 }
 
-/* Returns the columns that were passed. */
+/* Returns the number of columns passed. */
 INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl first = floor_lanes(line.from), last = min_lanes(ceil_lanes(line.to), line.last_major + 1.0f);
@@ -219,7 +222,7 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
     step.edge = 0;
     const intl along = step.along != 0;
     columns.along = along;
-    /* They end at the image's border and at the epipole, between columns. */
+    /* Lines end at the image's border and at the epipole, between columns. */
     const floatl begins = select_lanes(mirrored, last - line.to, line.from - first);
     const floatl ends = 1.0f - select_lanes(mirrored, line.from - first, last - line.to);
 
@@ -235,7 +238,7 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         COUNT(passed, active)
         const Column from = step.from, to = next;
         major += line.sign;
-        /* Samples are fetched a step before they are needed. */
+        /* Samples are fetched one step ahead. */
         next = column_at(columns, major + line.sign, 0, to.cell, grid, targets, group);
         step.passed = select_lanes(along, (floatl)0.0f, to.cell - from.cell);
         step.beyond_from = from.a;

@@ -1,11 +1,11 @@
 #ifndef WARP_WALK_EDGES_H
 #define WARP_WALK_EDGES_H
-/* Along lines of the source from edge to edge of its triangles: exactly what the lines meet. Cells are what is
- * counted. */
+/* Walks along lines of the source from edge to edge of its triangles, which finds exactly what the lines meet. Counts
+ * cells. */
 #include "warp/interval.h"
 
-/* Samples that the lines come to soon. Along rows each line has a cache line of its own, for 16 steps: two take
- * turns. */
+/* Prefetches samples ahead of the lines. Along rows each line has a cache line of its own for 16 steps, so two lines
+ * are prefetched in turn. */
 INLINED void prefetch_samples(Grid grid, SweepLines line, LineGroup group, intl index, int turn)
 {
 #if LANES == 16
@@ -18,7 +18,7 @@ INLINED void prefetch_samples(Grid grid, SweepLines line, LineGroup group, intl 
 #endif
 }
 
-/* Returns the cells that were passed. */
+/* Returns the number of cells passed. */
 INLINED uint walk_edges(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl from = select_lanes(line.sign > 0.0f, line.from, line.to), minor = line.minor_0 + line.tilt * from;
@@ -38,7 +38,7 @@ INLINED uint walk_edges(Grid grid, SweepLines line, LineGroup group, PixelMap ma
     Projection before = project_at(targets, at, (floatl)NO_SURFACE);
     const floatl last_u = grid.width - 1, last_v = grid.height - 1;
     uint cells = 0;
-    /* A line enters a cell by a column or a row, each of them once. */
+    /* A line enters each cell by a column or a row, each at most once. */
     for (int cells_left = grid.width + grid.height + 6; cells_left > 0 && any_lane(active); cells_left--) {
         COUNT(cells, active)
         const floatl u = clamp_lanes(lines.u + lines.du * (at + PREFETCH_STEPS), (floatl)0.0f, last_u),

@@ -1,17 +1,17 @@
 #ifndef WARP_WALK_SAMPLES_H
 #define WARP_WALK_SAMPLES_H
-/* Along rows or columns of the source's samples, from each to the next: exactly what such lines meet, which see the
- * edges between their samples alone.
+/* Walks along rows or columns of the source's samples, from each to the next. This is exact: such lines see only the
+ * edges between their samples.
  */
 #include "warp/interval.h"
 
-/* Returns the samples that were passed. */
+/* Returns the number of samples passed. */
 INLINED uint walk_samples(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl first = floor_lanes(line.from), last = min_lanes(ceil_lanes(line.to), line.last_major + 1.0f);
     const intl steps = select_lanes((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
     const Targets targets = targets_along(map, line);
-    const intl row = clamp(to_intl(line.minor_0), (intl)0, line.last_minor) * line.stride_minor; /* there may be none */
+    const intl row = clamp(to_intl(line.minor_0), (intl)0, line.last_minor) * line.stride_minor; /* the line may miss the image */
     Interval interval = nothing_settled(line);
     floatl major = select_lanes(line.sign > 0.0f, first, last);
     const intl rises = line.sign > 0.0f;
@@ -31,7 +31,7 @@ INLINED uint walk_samples(Grid grid, SweepLines line, LineGroup group, PixelMap 
         if (count == 1)
             from = project_at(targets, begins, n - change * (major - begins) * line.sign);
         const Projection to = project_at(targets, major + last_step * line.sign, n + last_step * change);
-        /* An edge's bit is that of its sample to the left, or above. */
+        /* An edge's bit is stored in its left or upper sample. */
         const intl owner = select_lanes(rises, as_intl(before), as_intl(n)), edge = select_lanes(line.u_major, (intl)TORN_RIGHT, (intl)TORN_BELOW);
         extend(&interval, writer, from, to, active & (intl)(count ? -1 : 0), (owner & edge) != 0, line, group, map);
         from = to;
