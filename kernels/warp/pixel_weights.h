@@ -7,7 +7,7 @@
 #define RIM_PART 0.2f         /* the greatest part of foreground in a hole next to it */
 #define BESIDE 1              /* pixels from a hole within which valid ones have a weight */
 #define PIXEL_WEIGHT_MIN 1e-6f /* the least weight of any pixel */
-#define RATIO_FLOOR 1e-3f     /* ratios up to it weigh nothing, so that pixels at half the depth behind leave no trace */
+#define RATIO_FLOOR 1e-3f     /* ratios up to it weigh nothing: pixels at half the depth behind leave no trace */
 
 #if HAS_BEHIND
 /* The part of foreground in a pixel of depth z next to a hole */

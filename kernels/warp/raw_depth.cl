@@ -15,7 +15,7 @@ typedef struct __attribute__((packed)) {
 
 #define DEPTH_OF_RAW(type, count, scale) select((type)NAN, (count) / (scale), (count) > 0.0f)
 #define RAW_OF_DEPTH(type, depth, scale)                                                                       \
-    select((type)0.0f, (depth) * (scale) + 0.5f, ((depth) > 0.0f) & ((depth) * (scale) < RAW_MAX + 0.5f)) /* NaN compares false */
+    select((type)0.0f, (depth) * (scale) + 0.5f, ((depth) > 0.0f) & ((depth) * (scale) < RAW_MAX + 0.5f)) /* NaN: 0 */
 
 kernel void to_depth(global const ushort *raw, global float *depth, int count, int share, float scale)
 {

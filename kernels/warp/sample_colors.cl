@@ -25,7 +25,7 @@
 #define SAME_SURFACE 1.0f    /* samples: points no farther apart count as one surface */
 #define RELATIVE_TOLERANCE 1e-3f    /* part of the nearness: a ray counts as behind a surface only by more than this */
 #define OCCLUSION_DEVIATIONS 5.0f   /* and by more than this many standard deviations of the noise */
-#define SLOPE_STEP 2          /* samples on either side over which a slope is measured; also over three times as many, against noise */
+#define SLOPE_STEP 2          /* samples on either side of a slope; and three times as many, against noise */
 #define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise by which slopes may be off */
 
 /* Are the depths a <= b torn apart? Equals IS_OPEN, without divisions; false for NaN. */

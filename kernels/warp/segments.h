@@ -35,7 +35,7 @@ INLINED int may_show(SweepLines line, Targets targets, global const float *bound
 }
 
 /* Shortens a segment's walk, block by block from both ends, by the steps that show nothing at its pixels. Returns the
- * number of blocks tested. */
+ * number of blocks left out. */
 INLINED uint clip_walk(SweepLines *line, global const float *bounds, PixelMap map)
 {
     const Targets targets = targets_along(map, *line);

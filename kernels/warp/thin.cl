@@ -20,11 +20,11 @@
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: the origins of pixels are written, too */
 #endif
-#define RIBBON_WIDTH_MAX 256 /* target pixels: greatest size of a ribbon's box, which would be huge right before the target */
+#define RIBBON_WIDTH_MAX 256 /* target pixels: greatest size of a ribbon's box */
 #define NO_RIBBON 0xFFFFFFFFu
-#define END_BIAS 1024u /* least differences of nearness: puts the half squares beyond a ribbon's samples behind a surface
-                           that goes on there in the same plane, so that its colours are shown */
-#define NEARER 1e-6f /* part of the depth, against rounding: at its samples a ribbon is as near as the surface, which is shown there */
+#define END_BIAS 1024u /* least differences of nearness: puts the half squares beyond a ribbon's samples behind a
+                           surface that goes on there in the same plane, so that its colours are shown */
+#define NEARER 1e-6f /* part of the depth, against rounding: at its samples a ribbon is as near as the surface */
 
 /* Narrows [*low, *high], the part of a ribbon's sweep in which its square holds a point, along one axis. p: the point's
  * distance from the first middle, d: the sweep's length. */
@@ -152,7 +152,7 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
     *ends = (int2)(ribbon.from.y, ribbon.to.y) * grid.width + (int2)(ribbon.from.x, ribbon.to.x);
     mix_colors(src_color, ends->x, ends->y, part, color);
 #if ORIGINS
-    vstore2(convert_float2(nearest), 0, source); /* the nearest sample: the sample next to a wire belongs to another object */
+    vstore2(convert_float2(nearest), 0, source); /* the nearest sample: its neighbour may belong to another object */
     *source_view = view;
 #endif
     *along = part;

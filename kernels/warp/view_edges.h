@@ -6,7 +6,7 @@
 #define FEATHER 8          /* samples within which weights fade towards an edge */
 #define STEPS 4            /* units of a byte per sample of distance */
 #define FAR_FROM_EDGES 33  /* 1 + STEPS * FEATHER */
-#define DISTANCE_BITS 63   /* of a sample's byte; further bits of the own byte: */
+#define DISTANCE_BITS 63   /* a sample's byte: its distance; further bits of the own byte: */
 #define LOWER_OPEN 64      /* the triangles of the sample's cell are open */
 #define UPPER_OPEN 128
 #define EDGE_DEVIATIONS 8.0f /* standard deviations of the noise that explain a step between neighbours */

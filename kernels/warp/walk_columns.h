@@ -28,7 +28,7 @@ typedef struct {
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
     floatl leaves[4];   /* where on the step, 0 to 1, the lines leave them; a triangle left before it is entered is skipped */
-    floatl nearness[4]; /* of the surface, there */
+    floatl nearness[4]; /* the surface's nearness there */
     intl open[4];
 } PassedTriangles;
 
@@ -76,8 +76,8 @@ INLINED PassedTriangles triangles_of(Step step)
     return triangles;
 }
 
-/* Extends the interval on a step where the surface may be torn: each run of closed triangles is a segment. major: of
- * the first column. */
+/* Extends the interval on a step where the surface may be torn: each run of closed triangles is a segment. major: the
+ * first column */
 INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targets targets, floatl major, intl active,
                          SweepLines line, LineGroup group, PixelMap map)
 {

@@ -1,4 +1,4 @@
-"""Depth images to new views (Schaufler & Priglinger 1999)."""
+"""Warping of depth images to new views (Schaufler & Priglinger 1999)."""
 
 from __future__ import annotations
 

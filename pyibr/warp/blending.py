@@ -1,4 +1,4 @@
-"""Several views of one scene in one picture: each shows the more the better it saw what is there."""
+"""Several views of one scene in one picture: the better a view saw a surface, the greater its weight."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from pyibr.warp.launches import map_of
 
 Blend = Literal["quality", "nearest"]
 
-_HELD_BYTES = 1 << 26  # of layers that are held at once; the views of all others are drawn twice
-_HELD_MIN = 6  # layers that are held in any case
-_CUTS_MAX = 4  # distances to edges that a view keeps, by where it is cut
-NOISE_MAX = 1e18  # scene units: its products with depths are still within single precision
+_HELD_BYTES = 1 << 26  # size of the layers that are kept; all other views are drawn twice
+_HELD_MIN = 6  # number of layers that are kept in any case
+_CUTS_MAX = 4  # distances to edges that a view keeps, one for each way of cutting it
+NOISE_MAX = 1e18  # scene units: products with depths still fit single precision
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,16 @@ class Layer:
     Attributes
     ----------
     number : int
-        The view's.
+        The view's number.
     view : DepthImage
     pixel_map : PixelMap
         From the view to the picture.
     area : Rectangle
-        The picture's pixels that drawing it writes.
+        The pixels of the picture that drawing the layer writes.
     surface : Surface
-        Its surface, which tells where it is open.
+        The view's surface, which shows where it is open.
     gains : (3,) float64
-        What its colours are multiplied by.
+        Factors of the view's colours.
     """
 
     number: int
@@ -65,7 +65,7 @@ def blend(
     own: Target,
     entry: Entry = NO_ENTRY,
 ) -> None:
-    """Draw the picture that the layers make together.
+    """Draw the blended picture of some layers.
 
     Parameters
     ----------
@@ -75,13 +75,13 @@ def blend(
     draw : callable
         Draws a layer alone into a target.
     own : Target
-        For one layer after the other; with normals, if `entry` draws them.
+        Holds one layer after the other; with normals, if `entry` draws them.
     entry : Entry
-        That of a picture in a light.
+        Entry of a picture in a light.
     """
     making = _Blending(target, own, draw, entry, len(layers))
     held, *others = (layers[at : at + making.held] for at in range(0, len(layers), making.held))
-    # The nearest of all layers must be known before the first is added: those that are not held are drawn twice.
+    # The nearest of all layers must be known before the first is added, so layers that are not kept are drawn twice.
     for batch in [*others, held] if others else []:
         making.draw_layers(batch)
         making.find_nearest(batch, first=batch is others[0])
@@ -95,7 +95,7 @@ def blend(
 
 
 class _Blending:
-    """A picture in the making, and the layers that are held."""
+    """A picture in progress, and the layers that are kept."""
 
     def __init__(
         self, target: Target, own: Target, draw: Callable[[Layer, Target], None], entry: Entry, count: int
@@ -118,7 +118,7 @@ class _Blending:
         self._unit = longer_side(target.camera) if target.camera.projection == "orthographic" else 0.0
 
     def draw_layers(self, layers: Sequence[Layer]) -> None:
-        """Draw and weigh some of the layers, which are held then."""
+        """Draw and weigh some of the layers, and keep them."""
         camera = self._target.camera
         for place, layer in enumerate(layers):
             self._draw(layer, self._own)
@@ -144,7 +144,7 @@ class _Blending:
             )
 
     def find_nearest(self, layers: Sequence[Layer], *, first: bool) -> None:
-        """Find what is nearest among the layers that are held and those before them."""
+        """Find the nearest surface of the kept layers and the earlier ones."""
         launch(
             kernel("warp/blend.cl", "nearest_layers", **self._defines),
             self._grid,
@@ -153,7 +153,7 @@ class _Blending:
         )
 
     def _held(self, layers: Sequence[Layer]) -> dict[str, Any]:
-        """Arguments of the kernels that look at the layers which are held."""
+        """Arguments of the kernels that read the kept layers."""
         width, height = self._target.camera.size
         return {
             "stack": self._stack,
@@ -167,7 +167,7 @@ class _Blending:
         }
 
     def add_layers(self, layers: Sequence[Layer], *, first: bool, last: bool) -> None:
-        """Add the layers that are held to those before them; the last ones make the picture."""
+        """Add the kept layers to the earlier ones; the last layers complete the picture."""
         launch(
             kernel("warp/blend.cl", "blend_layers", **self._defines),
             self._grid,
@@ -188,7 +188,7 @@ def edges_of(view: DepthImage, surface: Surface) -> DeviceArray:
 
 
 def edge_view(view: DepthImage) -> Struct:
-    """The kernels' struct EdgeView, which tells steps of a view's surface."""
+    """The kernels' struct EdgeView, which defines steps of a view's surface."""
     camera = view.camera
     values = np.zeros((), struct("warp/view_edges.cl", "EdgeView"))
     values["width"], values["height"], values["pitch"] = *camera.size, pitch(camera.width)
@@ -205,7 +205,7 @@ def _found_edges(view: DepthImage, surface: Surface) -> DeviceArray:
     mark_pitch = pitch(camera.width + margins)
     size = {"width": camera.width, "height": camera.height, "mark_pitch": mark_pitch}
     marks, in_row = (empty((camera.height, mark_pitch), np.float32) for _ in range(2))
-    edges = empty((camera.height * camera.width + 1,), np.uint16)  # of each place the next one is read, too
+    edges = empty((camera.height * camera.width + 1,), np.uint16)  # the kernel reads one value beyond each place
     launch(
         kernel("warp/view_edges.cl", "mark_edges"),
         profile.packets(camera.width + margins, camera.height),
@@ -230,7 +230,7 @@ def _found_edges(view: DepthImage, surface: Surface) -> DeviceArray:
 
 
 def _layer_view(layer: Layer, target: Target) -> np.ndarray[Any, np.dtype[np.void]]:
-    """A record of the kernels' struct LayerView."""
+    """Record of the kernels' struct LayerView."""
     camera, area = layer.view.camera, layer.area
     values = np.zeros((), struct("warp/blend.cl", "LayerView"))
     values["forward"], values["centre"] = camera.forward, camera.center - target.camera.center
@@ -242,7 +242,7 @@ def _layer_view(layer: Layer, target: Target) -> np.ndarray[Any, np.dtype[np.voi
 
 
 def _blended_view(layer: Layer) -> np.ndarray[Any, np.dtype[np.void]]:
-    """A record of the kernels' struct BlendedView."""
+    """Record of the kernels' struct BlendedView."""
     values = np.zeros((), struct("warp/blend.cl", "BlendedView"))
     values["red"], values["green"], values["blue"] = layer.gains
     values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(layer.view.noise, NOISE_MAX)

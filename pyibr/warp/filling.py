@@ -1,4 +1,4 @@
-"""Holes filled: by kernels that run one after the other, or by OpenCV."""
+"""Filling of holes, by kernels that run one after the other, or by OpenCV."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from pyibr.warp.launches import map_of
 Fill = Literal["background", "smooth", "inpaint"]
 
 _DEVIATIONS = 3 * 2**0.5
-"""Standard deviations of a sample: three of a difference of two, which noise alone seldom reaches."""
+"""Standard deviations of a sample: three for a difference of two, which noise alone seldom exceeds."""
 _ONE_SURFACE = 0.015
-"""Of the depth, or of what an orthographic camera sees: how far apart pixels of one surface may be."""
-_RUN = 64  # pixels whose holes' lines a work-item of behind_runs follows at a time
+"""Part of the depth, or of the side of an orthographic camera's image: how far apart pixels of one surface may be."""
+_RUN = 64  # pixels: a work-item of behind_runs follows the holes' lines of so many together
 
 
 def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelMap]], how: Fill) -> None:
-    """Fill holes, from the views and what is in the picture by now.
+    """Fill holes from the views and the current picture.
 
-    The nearest view counts most; of equally near ones the first.
+    The nearest view counts most; among equally near views the first.
     """
     target.filled = True
     if how == "inpaint":
@@ -52,9 +52,9 @@ def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelM
 
 
 def find_behind(target: Target, epipole: Float64, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> DeviceArray:
-    """Depth behind holes and its falloff, along the lines through the epipole, (3,) homogeneous; all 0: along rows.
+    """Find depth behind holes, and its falloff, along lines through the epipole, (3,) homogeneous; all 0: along rows.
 
-    noise: the view's, as `DepthImage.noise` has it.
+    noise: the view's, in the form of `DepthImage.noise`.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def find_behind(target: Target, epipole: Float64, noise: tuple[float, float, flo
     shared = {**image, "depth": target.depth, "behind": behind, "pitch": behind.shape[2], **ends}
     profile = current().profile
     x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()
-    # An epipole at infinity gives all pixels one direction: if it is exactly to a neighbour, they share lines, too.
+    # An epipole at infinity gives all pixels one direction. If it leads exactly to a neighbour, they share lines, too.
     if w == 0 and {x, y} <= {-1.0, 0.0, 1.0}:
         dx, dy = (x, y) if (y, x) > (0, 0) else (-x, -y) if x or y else (1, 0)
         grid = -(-width // (profile.strip * _RUN)), height
@@ -96,12 +96,12 @@ def _same_surface(camera: Camera, noise: tuple[float, float, float]) -> Struct:
 
 
 def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
-    """Fill holes from a pyramid of cells: means up to a single one, and down again; None: all pixels weigh the same."""
+    """Fill holes by push and pull through a pyramid of cells; with `behind` None all pixels weigh the same."""
     tile, planes, inner = (
         _of_holes("TILE"),
         *(int(constant("warp/fill.cl", name)) for name in ("PLANES", "INNER_CELLS")),
     )
-    pyramid: list[dict[str, Any]] = []  # of each level of tiles its arrays, fine to coarse
+    pyramid: list[dict[str, Any]] = []  # for each level of tiles its arrays, fine to coarse
     width, height = target.camera.size
     while width > 1 or height > 1 or not pyramid:
         down, across = -(-height // tile), -(-width // tile)
@@ -137,7 +137,7 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
 
 
 def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> None:
-    """The colours that a view has without depth, where filled depths lead to them."""
+    """Fill holes with colours that a view has without depth, where the filled depths lead to them."""
     profile = current().profile
     launch(
         kernel("warp/unobserved.cl", "show_unobserved", **target.color_defines),
@@ -151,5 +151,5 @@ def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> N
 
 
 def _of_holes(name: str) -> int:
-    """A number of kernels/warp/holes.h."""
+    """Constant of kernels/warp/holes.h."""
     return int(constant("warp/holes.h", name))

@@ -1,4 +1,4 @@
-"""Holes filled by OpenCV on the host."""
+"""Filling of holes by OpenCV on the host."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pyibr.core.optional import opencv
 from pyibr.opencl.memory import copy, to_host, upload
 from pyibr.picture.target import Target
 
-_RADIUS = 3  # pixels around a hole's pixel that it is told from
-_STEPS = 65535.0  # of floats' range: OpenCV adds about a step to each pixel, whatever the image's range is
+_RADIUS = 3  # radius in pixels of the surroundings that determine a hole's pixel
+_STEPS = 65535.0  # steps of floats' range: OpenCV adds about a step to each pixel, whatever the image's range is
 
 
 def inpaint(target: Target) -> None:
-    """Colour and depth of what is around holes are continued in them (Telea 2004)."""
+    """Continue colour and depth from around the holes into them (Telea 2004)."""
     cv2 = opencv('fill="inpaint"', "inpaint")
     color, depth, valid = to_host([target.color, target.depth, target.valid])
     known = valid != 0
@@ -36,7 +36,7 @@ def inpaint(target: Target) -> None:
 
 
 def _inpainted(cv2: Any, image: NDArray[Any], known: NDArray[np.bool_]) -> NDArray[Any]:
-    """An image, (H, W, 3) uint8 or (H, W) float32, filled where it is not known, within the range of what is."""
+    """Fill the unknown pixels of an image, (H, W, 3) uint8 or (H, W) float32, within the range of its known ones."""
     low, high = image[known].min(), image[known].max()
     if image.dtype == np.uint8:
         return _filled(cv2, image, known, low, high)
@@ -47,6 +47,6 @@ def _inpainted(cv2: Any, image: NDArray[Any], known: NDArray[np.bool_]) -> NDArr
 
 
 def _filled(cv2: Any, image: NDArray[Any], known: NDArray[np.bool_], low: Any, high: Any) -> NDArray[Any]:
-    framed = cv2.copyMakeBorder(image, 1, 1, 1, 1, cv2.BORDER_REPLICATE)  # images of one row are read beyond it
+    framed = cv2.copyMakeBorder(image, 1, 1, 1, 1, cv2.BORDER_REPLICATE)  # OpenCV reads beyond images of one row
     holes = cv2.copyMakeBorder((~known).astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     return np.clip(cv2.inpaint(framed, holes, _RADIUS, cv2.INPAINT_TELEA)[1:-1, 1:-1], low, high)

@@ -1,4 +1,4 @@
-"""The warp on the device: which kernels run, with what, in which order."""
+"""The warp on the device: order and arguments of its kernels."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
 
 _NEIGHBOUR_OFFSET_MAX = 16
-_LINES = 8  # more than lines of a picture by the sum of its sides
+_LINES = 8  # exceeds the number of a picture's lines, relative to the sum of its sides
 _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options of drawing views.
+    """Options for drawing views.
 
     Attributes
     ----------
     search : bool
-        Each pixel on its own instead of whole lines.
+        Search for each pixel separately instead of sweeping whole lines.
     linear : bool
-        Between the samples, or the nearest of them.
+        Interpolate between the samples instead of taking the nearest.
     connected : bool
-        All neighbours are one surface.
+        Treat all neighbours as one surface.
     side : str
-        Of the surface, which is shown: one of `Side`.
+        Side of the surface that is shown: one of `Side`.
     """
 
     search: bool = False
@@ -54,7 +54,7 @@ class Options:
     side: Side = "front"
 
     def from_both_sides(self) -> Options:
-        """Those for a light's map: the surface itself, exactly, whichever side the light is on."""
+        """Options for a light's map: the exact surface, whichever side the light is on."""
         return Options(connected=self.connected, side="both")
 
 
@@ -79,12 +79,12 @@ def inverse_warp(
     *,
     in_reach: bool = False,
 ) -> None:
-    """Each pixel looks for what its ray meets first: by sweep or by search, then exactly.
+    """Find the first hit of each pixel's ray: by sweep or by search, then exactly.
 
-    `view` is its number, `entry` that of a picture in a light, with the samples' normals if it draws them. `in_reach`:
-    of a target that is blank, no more pixels are written than the view may reach.
+    view: its number. entry: entry of a picture in a light, with the samples' normals if it draws them. in_reach: write
+    no more pixels of a blank target than the view may reach.
     """
-    # The device clears it before the surface is waited for.
+    # The device clears it while the surface is prepared.
     hits, spare = _room_for_hits(surface, pixel_map.pair, target, options)
     reach = pixel_map.reach
     if reach.empty and (in_reach or not target.blank):
@@ -98,7 +98,7 @@ def inverse_warp(
 
 
 def _shared(surface: Surface, pixel_map: PixelMap, options: Options) -> dict[str, Any]:
-    """The arguments of all kernels that look for a view's surface."""
+    """Arguments of all kernels that search a view's surface."""
     return {
         "surface": surface.nearness,
         "map": map_of(pixel_map.pair),
@@ -107,19 +107,19 @@ def _shared(surface: Surface, pixel_map: PixelMap, options: Options) -> dict[str
 
 
 def _plane_of(camera: Camera) -> int:
-    """Values of a plane of hits: packets at the end of its last row read beyond it."""
+    """Number of values in a plane of hits: packets at the end of its last row read beyond it."""
     return camera.height * pitch(camera.width) + current().profile.lanes + _NEIGHBOUR_OFFSET_MAX
 
 
 def _sweeps_all(pair: CameraPair, options: Options) -> bool:
-    """Tell whether the sweep, if there is any, leaves out no pixel of its lines: rows or columns of the picture."""
+    """Tell whether the sweep, if there is one, covers all pixels of its lines: rows or columns of the picture."""
     return pair.aligned and not options.search and not current().profile.segment
 
 
 def _room_for_hits(surface: Surface, pair: CameraPair, target: Target, options: Options) -> tuple[DeviceArray, int]:
-    """Planes of hits of lines and on margins, EMPTY where the sweep does not make them so, and the end of these planes.
+    """Allocate planes of line hits and margin hits, EMPTY unless the sweep clears them; also returns the planes' end.
 
-    Behind them lanes of the sweep write that have nothing to write.
+    Beyond the end, lanes of the sweep write that have nothing to write.
     """
     plane = _plane_of(target.camera)
     size, segment = target.camera.size, current().profile.segment
@@ -146,7 +146,7 @@ def _find_hits(
     spare: int,
     shared: dict[str, Any],
 ) -> float:
-    """Find hits by lines (or a search), and draw patches; returns HITS_... of kernels/warp/line_hits.h."""
+    """Find hits by lines (or a search), and draw patches; returns HITS_... in kernels/warp/line_hits.h."""
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
     groups, packets = line_groups(epipole, area, profile.lanes, aligned, profile.segment)
@@ -158,7 +158,7 @@ def _find_hits(
         clear(shared["hits"], constant("lib/pixelspace.h", "EMPTY"))
     if reach.empty:
         return kind
-    if not packets:  # no epipole, or it is all there is: any nearness gives the source position
+    if not packets:  # no epipole, or nothing else: any nearness gives the source position
         kind = _hits("WITHOUT_PARALLAX")
     elif options.search:
         launch(
@@ -189,10 +189,10 @@ def _find_hits(
 
 
 def _defines_of_sweep(pair: CameraPair, options: Options) -> dict[str, int]:
-    """The defines of kernels/warp/epipolar.cl.
+    """Defines of kernels/warp/epipolar.cl.
 
-    Lines that are the pixels' own must be exact, and connected surfaces have crests that no line may miss. Elsewhere
-    lines tell where to look.
+    Lines through the pixels' centres must be exact, and connected surfaces have crests that no line may miss.
+    Elsewhere lines only show where to look.
     """
     on_samples = pair.aligned and pair.off_samples < constant("lib/surface.h", "ON_SAMPLES")
     exact, segment = not (on_samples if pair.aligned else not options.connected), current().profile.segment
@@ -200,13 +200,13 @@ def _defines_of_sweep(pair: CameraPair, options: Options) -> dict[str, int]:
 
 
 def defines_of(target: Target, entry: Entry) -> dict[str, int]:
-    """The defines of kernels/warp/resolve.cl."""
+    """Defines of kernels/warp/resolve.cl."""
     origins = len(target.origins) and 1 + (target.classes is not None)
     return {"ORIGINS": origins, **target.color_defines, **entry.defines}
 
 
 def build_ahead_of_warp(pair: CameraPair, options: Options, defines: dict[str, int]) -> None:
-    """Have the programs built that `inverse_warp` needs, in their order, beside this process."""
+    """Build the programs that `inverse_warp` needs, in their order, in parallel to this process."""
     build_ahead("picture/begin.cl", "prepare" if current().profile.band else "find_edges")
     if not options.search:
         build_ahead("warp/epipolar.cl", "epipolar_sweep", compiled=False, **_defines_of_sweep(pair, options))
@@ -215,7 +215,7 @@ def build_ahead_of_warp(pair: CameraPair, options: Options, defines: dict[str, i
 
 
 def _draw_patches(surface: Surface, pixel_map: PixelMap, plane: int, shared: dict[str, Any], *, lone: bool) -> None:
-    """Add the hits on margins, and with `lone` those on things that are too small for lines."""
+    """Add the hits on margins, and with `lone` the hits on objects that are too small for lines."""
     profile, margins = current().profile, surface.margins
     rows, blocks, _ = surface.prominence.shape
     lone_items = (rows + 1) * -(-blocks // profile.strip) if lone else 0
@@ -234,12 +234,12 @@ def _draw_patches(surface: Surface, pixel_map: PixelMap, plane: int, shared: dic
 
 
 def _hits(name: str) -> float:
-    """Number of a kind of hits, HITS_... of kernels/warp/line_hits.h."""
+    """Number of a kind of hits, HITS_... in kernels/warp/line_hits.h."""
     return constant("warp/line_hits.h", f"HITS_{name}")
 
 
 def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangle:
-    """`reach` with all rows of the picture, or all columns: a line for each of them, along the epipole's axis."""
+    """Extend `reach` to all rows of the picture, or all columns: a line for each of them, along the epipole's axis."""
     if epipole[0] != 0.0:
         return replace(reach, low_y=0, high_y=camera.height)
     return replace(reach, low_x=0, high_x=camera.width)
@@ -255,14 +255,14 @@ def _resolve(
     entry: Entry,
     in_reach: bool,
 ) -> None:
-    """Depth and colour of the pixels from what their lines saw."""
+    """Find depth and colour of the pixels from the hits of their lines."""
     profile = current().profile
     low_x, high_x, low_y, high_y = 0, target.camera.width, 0, target.camera.height
     if in_reach or not target.blank:
         reach = pixel_map.reach
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
     rough, window = _LOOK_CONNECTED if options.connected else _LOOK_TORN
-    # Aligned lines leave nothing to look for beside their answers, and what only such a look needs takes a while.
+    # Hits of aligned lines are final, and the parameters of a search around them take time to compute.
     is_exact = pixel_map.pair.aligned and shared["hit_kind"] == _hits("OF_PIXELS")
     density, typical = (1.0, 1.0) if is_exact else (pixel_map.density, pixel_map.typical)
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
@@ -292,7 +292,7 @@ def _resolve(
 
 
 def _origins(target: Target, view: int) -> dict[str, Any]:
-    """The arguments of kernels that write where a view's pixels come from, if the target tells that."""
+    """Arguments of kernels that write the origins of a view's pixels, if the target has any."""
     return {**target.origins, "view": view} if target.origins else {}
 
 
@@ -333,7 +333,7 @@ def draw_thin(
 
 
 def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: float, entry: Entry = NO_ENTRY) -> None:
-    """Each sample is carried over to a square of `size` pixels."""
+    """Carry each sample over to a square of `size` pixels."""
     shape = (target.camera.height, target.camera.width)
     keys, indices = empty(shape, np.uint32), empty(shape, np.uint32)
     clear(keys, 0)
@@ -364,7 +364,7 @@ def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: fl
 
 
 def classify(surface: Surface, pixel_map: PixelMap, target: Target) -> None:
-    """Add to the holes what this view knows of why they are holes."""
+    """Reduce the holes' classes by the reasons that this view knows."""
     assert target.classes is not None
     profile, (width, height) = current().profile, target.camera.size
     defines = {"ALIGNED": int(pixel_map.pair.aligned)}

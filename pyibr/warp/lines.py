@@ -1,10 +1,10 @@
 """Layout of a target image's epipolar lines, which the sweep walks.
 
-The epipole may lie in any of nine regions in and around the image, or at infinity (Schaufler & Priglinger 1999,
-table 1 and figure 7). Lines that advance mainly in x and mainly in y, on either side of the epipole, make at most four
-fans, as many as the paper walks borders. In each fan lines are one pixel apart at the column (or row) farthest from
-the epipole; nearer to it only every second one goes on each time the distance halves, so that pixels near the epipole
-are not visited much more often than others (the squares around the epipole that the paper proposes in section 8).
+The epipole may lie in any of nine regions in and around the image, or at infinity (Schaufler & Priglinger 1999, table 1
+and figure 7). Lines that advance mainly in x and mainly in y, on either side of the epipole, make at most four fans, as
+many as the paper walks borders. In each fan lines are one pixel apart at the column (or row) farthest from the epipole.
+Each time the distance to it halves, only every second line goes on, so that pixels near the epipole are not visited
+much more often than others (the squares around the epipole that the paper proposes in section 8).
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import Rectangle
 from pyibr.opencl.headers import struct
 
-_LEVELS_MAX = 4  # halvings of the distance to the epipole; what lies nearer is 1/16 of the fan's length
+_LEVELS_MAX = 4  # halvings of the distance to the epipole; the innermost ring is 1/16 of the fan's length
 _ROUNDING = 4e-7  # relative: on a diagonal, the kernel's float32 decides between two fans
-_OFFSET = 0.137  # lines keep clear of pixel borders, where ownership would hang on rounding
+_OFFSET = 0.137  # keeps lines clear of pixel borders, where rounding would decide ownership
 
 
 @dataclass(frozen=True)
@@ -49,16 +49,16 @@ class _Fan:
 
     @cached_property
     def nearest(self) -> float:
-        """The least distance in the area, as a part of the reference's; <= 0 if the epipole is within its columns."""
+        """Least distance in the area, as a part of the reference's; <= 0 if the epipole is within its columns."""
         return min(map(self.distance, self.along)) / self.distance(self.reference)
 
     @property
     def is_diagonal(self) -> bool:
-        """Lines from pixel to pixel along the image's diagonals: those through one centre pass through many."""
+        """Whether lines run along the image's diagonals: those through one pixel's centre pass through many."""
         return self.w == 0.0 and math.isclose(abs(self.e_across), abs(self.e_along), rel_tol=_ROUNDING)
 
     def reach(self) -> tuple[float, float]:
-        """Range on the reference where the lines needed cut it: no steeper than one to one, and through the area."""
+        """Range of the needed lines on the reference: no steeper than one to one, and through the area."""
         low, high = -math.inf, math.inf
         if self.nearest > 0.0:
             cuts = [
@@ -99,7 +99,7 @@ def line_groups(
     lanes : int
         Lines a work-item.
     through_pixels : bool
-        Lines that run along rows or columns pass through the pixels' centres, and not beside them.
+        Put lines that run along rows or columns through the pixels' centres, instead of next to them.
     segment : int
         Pixels of a line that a work-item settles; 0: all.
 
@@ -130,7 +130,7 @@ def _laid(
             if low > high:
                 continue
             levels = min(_LEVELS_MAX, max(0, int(-math.log2(max(fan.nearest, 1e-9)))))
-            # Lines through pixels are the pixels' own, from the first on; others' slopes lead in from beyond.
+            # Lines through pixels belong to the pixels, from the first on; sloping lines also enter from beyond.
             beyond = 0 if through_pixels else 2**levels
             first = math.floor(low) - beyond + (0.0 if through_pixels or fan.is_diagonal else _OFFSET)
             # All odd lines end at half the distance, all odd multiples of two at a quarter, ...

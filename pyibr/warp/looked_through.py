@@ -21,14 +21,14 @@ from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.surface import Margins, Surface, make_surface, surface_of
 from pyibr.warp.blending import NOISE_MAX, edge_view
 
-_SETS_MAX = 2  # that the first of their views keeps
-_POINTS_MAX = 1 << 21  # that are listed at once, unless a single view has more
+_SETS_MAX = 2  # sets that their first view keeps
+_POINTS_MAX = 1 << 21  # points in one list, unless a single view has more
 _FILE = "warp/looked_through.cl"
 
 
 @dataclass(frozen=True)
 class _Member:
-    """A view of the set, as the kernels know it (struct SetView), its own surface, and what is left of that."""
+    """View of the set, as the kernels' struct SetView; its own surface, and the remaining part of it."""
 
     view: DepthImage
     record: Struct
@@ -38,10 +38,10 @@ class _Member:
 
 
 def surfaces_of(views: Sequence[DepthImage], cut_ratio: float | None) -> list[Surface]:
-    """The surfaces of a set of views on the current device, without what other views have looked through.
+    """Find the surfaces of a set of views on the current device, without what other views have looked through.
 
-    They are made once for a set, and the first view keeps them. With a `cut_ratio`, as `surface_of` takes it, that
-    number alone tells bridges.
+    They are made once for a set, and the first view keeps them. With a `cut_ratio`, as in `surface_of`, the ratio
+    alone decides about bridges.
     """
     key = tuple(ref(view) for view in views), cut_ratio
     return cached_on_device(views[0], "looked through", lambda: _made(views, cut_ratio), key, _SETS_MAX)
@@ -74,7 +74,7 @@ def _record(view: DepthImage, origin: Float64) -> Struct:
 
 
 def _without_bridges(members: list[_Member]) -> list[_Member]:
-    """The members with those uncertain bridges torn that others have looked through."""
+    """Tear the members' uncertain bridges that others have looked through."""
     counts = zeros((len(members),), np.int32)
     for number, member in enumerate(members):
         _find_bridges(member, counts, number)
@@ -91,7 +91,7 @@ def _without_bridges(members: list[_Member]) -> list[_Member]:
 
 
 def _without_margins(members: list[_Member]) -> list[Surface]:
-    """The members' surfaces without the margins that others have looked through."""
+    """Remove the margins that others have looked through from the members' surfaces."""
     surfaces = [member.surface for member in members]
     for points in _batches([surface.margins.count for surface in surfaces]):
         for number in points.starts:
@@ -106,7 +106,7 @@ def _without_margins(members: list[_Member]) -> list[Surface]:
 
 
 class _Points:
-    """Points of some of the members, side by side, and which of them others have looked through."""
+    """Points of some of the members, in adjacent columns, and flags of the points that others have looked through."""
 
     def __init__(self, counts: dict[int, int]) -> None:
         self.counts = counts
@@ -122,7 +122,7 @@ class _Points:
         return slice(self.starts[number], self.starts[number] + self.counts[number])
 
     def looked_through(self, members: Sequence[_Member]) -> NDArray[np.uint8]:
-        """Have all members look at the points of all others: 1 where one has looked through."""
+        """Test all points against all other members; 1 where a member has looked through."""
         for number, member in enumerate(members):
             own = self.columns(number) if number in self.starts else slice(0, 0)
             launch(
@@ -142,7 +142,7 @@ class _Points:
 
 
 def _batches(counts: Sequence[int] | NDArray[np.int32]) -> Iterator[_Points]:
-    """The points of members that have so many, as many members at once as there is room for."""
+    """Divide the members' points into batches of as many members as there is room for."""
     batch: dict[int, int] = {}
     for number, count in enumerate(map(int, counts)):
         if batch and sum(batch.values()) + count > _POINTS_MAX:
@@ -155,13 +155,13 @@ def _batches(counts: Sequence[int] | NDArray[np.int32]) -> Iterator[_Points]:
 
 
 def _packets(count: int) -> tuple[int]:
-    """Work-items for so many columns, STRIP packets each."""
+    """Work-items for `count` columns, STRIP packets each."""
     profile = current().profile
     return (-(-count // (profile.strip * profile.lanes)),)
 
 
 def _find_bridges(member: _Member, counts: DeviceArray, number: int, points: _Points | None = None) -> None:
-    """Count a member's uncertain bridges, and list them as points."""
+    """Count a member's uncertain bridges, and list them as points if `points` is given."""
     piece, pieces = current().profile.pieces(member.view.camera.width)
     launch(
         kernel(_FILE, "find_bridges"),
@@ -180,7 +180,7 @@ def _find_bridges(member: _Member, counts: DeviceArray, number: int, points: _Po
 
 
 def _torn(member: _Member, points: _Points, number: int) -> _Member:
-    """The member without its bridges that were looked through."""
+    """Tear the member's bridges that were looked through."""
     columns = points.columns(number)
 
     def tear(nearness: DeviceArray) -> None:
@@ -215,7 +215,7 @@ def _list_margins(member: _Member, points: _Points, number: int) -> None:
 
 
 def _kept(margins: Margins, left: int, points: _Points, number: int) -> Margins:
-    """The `left` ones of a member's margins that were not looked through."""
+    """Keep the `left` margins of a member that were not looked through."""
     profile, planes = current().profile, margins.quarters.shape[0]
     kept, count = empty((planes, left + profile.lanes), np.float32), zeros((1,), np.int32)
     launch(

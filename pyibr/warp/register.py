@@ -1,4 +1,4 @@
-"""Registration: the depth of one camera in the image of another, and the colours of one for the depth of another."""
+"""Registration of depth to the image of another camera, and of colours to the depth of another camera."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from pyibr.warp.launches import Options, inverse_warp, map_of
 
 AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
-_CUT_RATIO = 1.05  # of depths that are not those of one surface, where nothing but two depths is known
+_CUT_RATIO = 1.05  # ratio of depths of different surfaces, where only two depths are known
 _DEVIATIONS = 3 * 2**0.5
-"""Standard deviations of a sample: three of a difference of two, which noise alone seldom reaches."""
+"""Standard deviations of a sample: three for a difference of two, which noise alone seldom exceeds."""
 
-_STRIDE, _RANGE = 7, (0.02, 0.98)  # every seventh sample of each seventh row, and their part, that tells depth's range
+_STRIDE, _RANGE = 7, (0.02, 0.98)  # every 7th sample of every 7th row; quantiles that bound the range of depth
 _LENSES = {  # LENS of kernels/lib/lens.h
     "brown_conrady": 1,
     "rational": 1,
@@ -46,14 +46,14 @@ _LENSES = {  # LENS of kernels/lib/lens.h
 
 
 class RegisteredColor(NamedTuple):
-    """The colours of depth samples, as `register_color` finds them.
+    """Colours of depth samples, as returned by `register_color`.
 
     Attributes
     ----------
     color : (H, W, 3)
-        For each depth sample, in the dtype of the colours; black where it is not seen.
+        For each depth sample, in the dtype of the colours; black where the sample is not seen.
     seen : (H, W) bool
-        Where there is a sample and the colour camera sees it.
+        Whether there is a sample and the colour camera sees it.
 
     Examples
     --------
@@ -95,33 +95,34 @@ def register(
     cut_ratio: float | None = None,
     noise: Noise | None = None,
 ) -> AnyDepth:
-    """Bring depth to the camera that took the colours: depth as that would have measured it.
+    """Bring depth to the camera that took the colours: the depth that this camera would have measured.
 
-    The depth image means a surface, as in `warp`, and one as large as the pixels that measured it: at depth edges it
-    reaches half a pixel beyond the last samples, so that things one sample thin are there, and single samples that are
-    missing amid a surface are bridged. So depth in the colour camera has no gaps between samples, and of several
-    surfaces it is the nearest one's, wherever the colour camera looks past an edge that the depth camera saw.
+    The depth image defines a surface, as in `warp`. It is as large as the pixels that measured it: at depth edges it
+    extends half a pixel beyond the last samples, so that objects one sample thin are kept. Single missing samples amid
+    a surface are bridged. So depth in the colour camera has no gaps between samples. It shows the nearest of several
+    surfaces, wherever the colour camera looks past an edge that the depth camera saw.
 
     Parameters
     ----------
     depth : (H, W) float32 or uint16
-        Planar z of `depth_camera`; NaN, infinite or <= 0 where there is none.
+        Planar z of `depth_camera`; NaN, infinite or <= 0 for missing depth.
     depth_camera, color_camera : Camera
-        Both with their poses in one world: ``world_from_camera`` is the identity for the one and the calibration's
+        Both with their poses in one world: ``world_from_camera`` is the identity for one camera and the calibration's
         transform for the other. Lenses are taken into account.
     depth_scale : float
         For uint16: stored units per scene unit (the unit of the cameras' poses), 1000 for millimetres and metres.
     cut_ratio : float, optional
-        Greater than 1: at depth edges neighbours' depths have a greater ratio, unless noise explains it. By default it
-        is 1.05, and the surface's shape must tell an edge there, too, as in `warp`.
+        Greater than 1: at depth edges neighbours' depths have a greater ratio, unless noise explains it. By default the
+        ratio is 1.05, and the surface's shape must show an edge there, too, as in `warp`.
     noise : float, (a, b, c) or callable, optional
-        The depth's, as `DepthImage` takes it, in scene units. By default it is found from the samples.
+        Noise of the depth in scene units, in the forms that `DepthImage` accepts. By default it is estimated
+        from the samples.
 
     Returns
     -------
     (h, w) array of the depth's dtype
-        Planar z of `color_camera` in the same units; NaN (0 for uint16) where the depth camera saw nothing. 0, too,
-        where uint16 does not hold the depth.
+        Planar z of `color_camera` in the same units; NaN (0 for uint16) where the depth camera saw nothing. Depths
+        beyond the range of uint16 become 0, too.
 
     Raises
     ------
@@ -156,17 +157,17 @@ def register_color(
     cut_ratio: float | None = None,
     noise: Noise | None = None,
 ) -> RegisteredColor:
-    """Bring colours to the samples of depth, none where the colour camera does not see them.
+    """Bring colours to the samples of depth that the colour camera sees.
 
-    Samples that something nearer hides from the colour camera, beyond what noise explains, or that lie outside of its
-    image, have no colour. The colours of other surfaces beside a sample's own are not mixed into it.
+    Samples have no colour if something nearer hides them from the colour camera, beyond what noise explains, or if they
+    lie outside of its image. Colours of other surfaces next to a sample are not mixed into its colour.
 
     Parameters
     ----------
     depth, depth_camera, color_camera, depth_scale, cut_ratio, noise
         As for `register`.
     color : (h, w, 3) uint8, or float32 in [0, 1]
-        Of `color_camera`.
+        Image of `color_camera`.
 
     Returns
     -------
@@ -196,18 +197,18 @@ def register_color(
 
 
 def _check_cameras(depth_camera: Camera, color_camera: Camera) -> None:
-    """Raise ArgumentError for what is no camera, or too large."""
+    """Raise ArgumentError for arguments that are no cameras, or for too large ones."""
     for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
         check_pixels(name, instance_of(name, camera, Camera, "a pyibr.Camera").size)
 
 
 def _view_of(stored: Any, units: float, camera: Camera, noise: Noise | None) -> DepthImage:
-    """Depth alone, in scene units, of what `_checked` returns. The session is held."""
+    """Depth alone, in scene units, from the results of `_checked`. The session is held."""
     return DepthImage(None, _in_scene_units(stored, units) if units else stored, camera, noise=noise)
 
 
 def _checked(depth: AnyDepth, camera: Camera, depth_scale: float | None) -> tuple[Any, float]:
-    """The depth, and its stored units per scene unit; 0 of float32."""
+    """The depth, and its stored units per scene unit; 0 for float32."""
     shape = camera.height, camera.width
     if not isinstance(depth, np.ndarray) or depth.dtype.name != "uint16":  # pyright: ignore[reportUnnecessaryIsInstance]
         if depth_scale is not None:
@@ -219,19 +220,19 @@ def _checked(depth: AnyDepth, camera: Camera, depth_scale: float | None) -> tupl
         raise ArgumentError(
             "depth_scale", "stored units per scene unit for uint16 depth (1000: millimetres to metres)", "none"
         )
-    counts = np.ascontiguousarray(plain_array("depth", depth, "integers", 0), np.uint16)  # none where it is masked
+    counts = np.ascontiguousarray(plain_array("depth", depth, "integers", 0), np.uint16)  # masked: no depth
     return counts, positive("depth_scale", depth_scale)
 
 
 def _in_scene_units(counts: NDArray[np.uint16], scale: float) -> NDArray[np.float32]:
-    """Depth of counts. The session is held."""
+    """Convert counts to depth. The session is held."""
     depth = empty(counts.shape, np.float32)
     _convert("to_depth", depth, raw=upload(counts), depth=depth, scale=scale)
     return depth.to_host()
 
 
 def _in_raw_units(depth: DeviceArray, scale: float) -> DeviceArray:
-    """Counts of depth. The session is held."""
+    """Convert depth to counts. The session is held."""
     counts = empty(depth.shape, np.uint16)
     _convert("to_raw_depth", counts, raw=counts, depth=depth, scale=scale)
     return counts
@@ -244,16 +245,16 @@ def _convert(name: str, made: DeviceArray, **arguments: Any) -> None:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """A depth image in a picture of depth.
+    """A depth image drawn as a picture of depth.
 
     Attributes
     ----------
     source : DepthImage
         The image, undistorted.
     cut, cut_there : record
-        Of the kernels' struct Cut: what is torn apart in it, and in the picture.
+        The kernels' struct Cut for the image, and for the picture.
     samples : Samples
-        The image's, without single missing ones amid a surface.
+        The image's samples, with single missing ones bridged amid a surface.
     picture : Target
     """
 
@@ -265,14 +266,14 @@ class _Drawn:
 
 
 def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
-    """The surface of an image as a camera sees it. The session is held."""
+    """Draw the surface of an image as a camera sees it. The session is held."""
     own, there, ratio = view.camera.projection, camera.projection, cut_ratio or _CUT_RATIO
     noise = _noise_in(view, own)
     cut = cut_of(view.camera, ratio, noise)
     cut_there = cut_of(camera, ratio, noise if own == there else _noise_in(view, there))
     source = undistorted_view(view, cut)
     samples = bridged_samples(source, cut)
-    # Gaps are worse here than what bridges a small step: both must tear.
+    # A gap is worse here than a bridge over a small step: both tests must agree to tear.
     test = straightness_test(source.camera, cut) if cut_ratio is None else test_by_cut(source.camera, cut)
     surface = make_surface(samples, source.camera.size, test)
     targets: list[Target] = []
@@ -285,7 +286,7 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
 
 
 def _noise_in(view: DepthImage, projection: Projection) -> tuple[float, float]:
-    """By how much noise alone sets neighbours apart in an image of such a camera, as `cut_of` takes it."""
+    """Depth by which noise alone separates neighbours in such a camera's image, in the form for `cut_of`."""
     if not any(view.noise):
         return 0.0, 0.0
     a, b, c = (_DEVIATIONS * each for each in view.noise)
@@ -299,7 +300,7 @@ def _noise_in(view: DepthImage, projection: Projection) -> tuple[float, float]:
 
 
 def _noise(view: DepthImage) -> Struct:
-    """Of nearness, as kernels/warp/sample_colors.cl takes it."""
+    """Noise of nearness, in the form for kernels/warp/sample_colors.cl."""
     values = np.zeros((), struct("warp/sample_colors.cl", "Noise"))
     a, b, c = view.noise
     values["a"], values["b"], values["c"] = (a, b, c) if view.camera.projection == "perspective" else (c, -b, a)
@@ -319,7 +320,7 @@ def _lens(camera: Camera) -> tuple[int, Struct]:
 
 
 def _colors_for(view: DepthImage, camera: Camera, color: Color, drawn: _Drawn) -> RegisteredColor:
-    """The colours of a view's samples in a camera's image. The session is held."""
+    """Find the colours of a view's samples in a camera's image. The session is held."""
     width, height = view.camera.size
     kind, lens = _lens(camera)
     samples = drawn.samples

@@ -1,4 +1,4 @@
-"""Depth images as things that `render` draws, by the warp of Schaufler & Priglinger (1999)."""
+"""Depth images that `render` draws, by the warp of Schaufler & Priglinger (1999)."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ Method = Literal["epipolar", "search", "forward"]
 Edges = Literal["connect", "cut"]
 
 _SPLAT_MAX = 64.0
-_LENS_CUT_RATIO = 1.05  # of depths that a lens's image is not mixed across
+_LENS_CUT_RATIO = 1.05  # ratio of depths: an undistorted image is not interpolated across a greater one
 
 
 class WarpOptions(TypedDict, total=False):
-    """The options of a `WarpedView`, as `pyibr.warp` takes them, too."""
+    """Options of a `WarpedView`, which `pyibr.warp` accepts, too."""
 
     method: Method
     interpolation: Interpolation
@@ -70,59 +70,58 @@ class WarpOptions(TypedDict, total=False):
 class WarpedView(Immutable):
     """One or several depth images, drawn by the warp.
 
-    A depth image means a surface: the grid of its samples, each cell split from its upper right to its lower left
-    corner, as far as its outermost pixels reach. Each pixel of the target sees what its ray meets first. `pyibr.warp`
-    draws one of these alone; `pyibr.render` draws it among other things, where a bare `DepthImage` is one with the
-    defaults.
+    A depth image defines a surface: the grid of its samples, each cell split from its upper right to its lower left
+    corner, as far as its outermost pixels extend. Each pixel of the target shows the first surface that its ray meets.
+    `pyibr.warp` draws one such object alone; `pyibr.render` draws it together with other objects, where a bare
+    `DepthImage` stands for one with the defaults.
 
     Parameters
     ----------
     views : DepthImage or sequence of DepthImage
-        The sources, perspective or orthographic, with colours of one dtype, or all of depth alone. Their buffers stay
+        The sources, perspective or orthographic, with colours of one dtype, or all without colours. Their buffers stay
         on the device, so that drawing the same object again is cheaper.
     method : {"epipolar", "search", "forward"}
-        "epipolar" sweeps whole epipolar lines, O(n^2) (section 4 of the paper); "search" lets each pixel search its
-        own epipolar segment, O(n^3); "forward" carries each sample over as a point, which leaves gaps where the
-        target sees the surface larger than the source did, and to which `interpolation`, `edges` and `side` do not
-        apply.
+        "epipolar" sweeps whole epipolar lines, O(n^2) (section 4 of the paper). "search" lets each pixel search its own
+        epipolar segment, O(n^3). "forward" carries each sample over as a point, which leaves gaps where the target sees
+        the surface larger than the source did; it ignores `interpolation`, `edges` and `side`.
     interpolation : {"linear", "nearest"}
-        Read the surface between the samples, or the sample nearest to where the ray meets the surface; for depth and
-        colour alike.
+        Interpolate depth and colour between the samples, or take both from the sample nearest to the ray's hit.
     edges : {"cut", "connect"}
-        "cut": the surface is open at depth edges, as at the borders of objects in scenes. Half a sample beside edges,
-        and steep bridges, stay only where no other view has looked through them. "connect": neighbouring samples are
-        one surface, however far apart, as in displacement maps; other views change nothing.
+        "cut": the surface is open at depth edges, as at the borders of objects in scenes. The half sample added next to
+        edges, and steep bridges, stay only where no other view has looked through them. "connect": neighbouring samples
+        are one surface, however far apart, as in displacement maps; other views change nothing.
     cut_ratio : float, optional
-        By default, neighbours are one surface if it faces the camera, or goes on straight (in 1 / depth) on one side or
-        the other; and where noise explains that it does not (`DepthImage.noise`): so floors that recede are whole, and
-        small steps are edges. Greater than 1: they are cut apart where their depths have a greater ratio instead.
-        Depths of an orthographic view have no origin that a ratio could refer to: it is cut where they differ by more
-        than (`cut_ratio` - 1) times the longer side of what its camera sees. The number alone tells bridges then: other
+        By default, neighbours are one surface if it faces the camera, if it goes on straight (in 1 / depth) on one side
+        or the other, or if noise explains the difference (`DepthImage.noise`): so receding floors are whole, and small
+        steps are edges. Greater than 1: neighbours are cut apart if their depths have a greater ratio. Depths of an
+        orthographic view have no origin for a ratio: such a view is cut where depths differ by more than (`cut_ratio` -
+        1) times the longer side of the area that its camera sees. The ratio alone then decides about bridges: other
         views tear none.
     side : {"front", "back", "both"}
-        Which side of the surface is shown: the one that faces the source's camera, the other (a solid displaced from
-        a centre inside it and seen from outside), or either. A ray that meets the other side first sees a hole.
+        Visible side of the surface: the side that faces the source's camera, the other side (of a solid that is
+        displaced from a centre inside it and seen from outside), or both. A ray that meets a hidden side first sees a
+        hole.
     fill : {None, "background", "smooth", "inpaint"}
-        What is shown in holes; `valid` stays False there, and depth is filled, too. Among other things, holes are
-        filled when all things have been drawn, so that invented colour hides nothing that was seen. "background":
-        what lies behind, from all around each hole, with a fifth of the foreground along its rim; and where a view has
-        a colour but no depth, that colour (black is none). "smooth": whatever is around, by distance. "inpaint":
-        colours continued by OpenCV (Telea 2004), which is slower.
+        How holes are filled; `valid` stays False there, and depth is filled, too. Holes are filled after all objects
+        have been drawn, so that invented colour hides nothing that was seen. "background": with the surface behind,
+        from all around each hole, with a fifth of the foreground along its rim; where a view has a colour but no depth,
+        with that colour (black counts as none). "smooth": from all surroundings, by distance. "inpaint": with colours
+        continued by OpenCV (Telea 2004), which is slower.
     thin : bool
-        Things one sample thin (wires, leaves, bars) that run aslant, of which samples' pixels show steps whose corners
-        alone meet, are drawn whole, as wide as their samples: each sample that makes a whole cell with its neighbours
-        on no side as a square of its own size, swept to the neighbours that it is connected with. They cast shadows as
-        wide. Not with "forward", whose samples are squares (see `forward_warp`).
+        Draw oblique objects one sample thin (wires, leaves, bars) whole, as wide as their samples; otherwise their
+        samples' pixels form steps that meet only at their corners. Each sample that is part of no whole cell is drawn
+        as a square of its own size, swept to the neighbours that it is connected with. Shadows have the same width. Not
+        with "forward", which draws samples as squares (see `forward_warp`).
     splat : float
         With "forward": side of the square of target pixels that a sample covers, 1 to 64.
     blend : {"quality", "nearest"}
-        How several views become one picture. "quality": where what they see is no farther apart than their noise
-        explains, all of them count: by resolution (up to the target's), by the angle between their ray and the
-        target's, and less near their holes and depth edges. At steep steps, where cells may be rubber sheets between
-        two surfaces, views count only where no other saw better. Depths are blended, too. Exposures are matched:
-        where views show one surface their colours agree, and the exposure in the middle stays. The gains are found once
-        for all views and are the same in every picture. "nearest": each pixel is of the view that shows it nearest.
-        The order of the views changes nothing either way.
+        How several views become one picture. "quality": all views whose surfaces are no farther apart than their noise
+        explains are averaged. A view's weight depends on its resolution (up to the target's) and on the angle between
+        its ray and the target's, and falls near its holes and depth edges. At steep steps, where cells may be rubber
+        sheets between two surfaces, views count only where no other view saw better. Depths are blended, too. Exposures
+        are matched: where views show one surface their colours are made to agree, and the exposure in the middle stays.
+        The gains are found once for all views and are the same in every picture. "nearest": each pixel shows the
+        nearest view. Neither depends on the order of the views.
 
     Attributes
     ----------
@@ -206,7 +205,7 @@ class WarpedView(Immutable):
         return [undistorted(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
 
     def begin(self, camera: Camera, *, origins: bool = False, classes: bool = False) -> None:
-        """Have the device begin with the views' surfaces, and what a camera's picture of them needs built meanwhile."""
+        """Start preparing the views' surfaces, and building the programs for a camera's picture of them."""
         if self.method == "forward":
             return
         color = self.views[0].color
@@ -216,7 +215,7 @@ class WarpedView(Immutable):
             surface_of(view, self.cut_ratio, self.edges == "connect")
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the views; into a light's map their surfaces themselves, from both sides."""
+        """Draw the views; into a light's map, draw their surfaces from both sides."""
         if target.from_light:
             self._draw_surfaces(target, self._options.from_both_sides())
             return
@@ -230,7 +229,7 @@ class WarpedView(Immutable):
                 classify(*self._surface_of(number, target), target)
 
     def finish(self, target: Target) -> None:
-        """Fill holes, if that is asked for, from the views and what all things have drawn."""
+        """Fill holes, if `fill` is set, from the views and the finished drawing."""
         if self.fill is not None:
             views = [self.sources[number] for number in self._order]
             fill_holes(target, [(view, *_placed(view, target)) for view in views], self.fill)
@@ -249,36 +248,36 @@ class WarpedView(Immutable):
         own = target.layer()
         own_entry = entry_for(own, lighting, normals=True) if entry.normals else NO_ENTRY
         layers = [self._layer(number, target) for number in self._order]
-        # If none may show, one of them writes that.
+        # If no layer is visible, one of them writes the empty picture.
         shown = [layer for layer in layers if not layer.area.empty] or layers[:1]
         blend(shown, target, functools.partial(self._draw_layer, entry=own_entry), own, entry)
 
     @cached_property
     def _order(self) -> list[int]:
-        """The views' numbers in the order in which they are drawn, however they are listed."""
+        """Numbers of the views in drawing order, whatever the order of the list."""
         return order_of(self.sources)
 
     @cached_property
     def _gains(self) -> Float64:
-        """(views, 3) what the views' colours are multiplied by, so that their exposures agree."""
+        """(views, 3) factors of the views' colours that make their exposures agree."""
         return exposure_gains(self.sources)
 
     def _layer(self, number: int, target: Target) -> Layer:
-        """A view's part in the target."""
+        """Layer of a view in the target."""
         view = self.sources[number]
         surface, pixel_map = self._surface_of(number, target)
         gains = self._gains[number] if target.color.shape[2] else np.ones(3)
-        whole = self.thin or self.method == "forward"  # they draw beyond the surface
+        whole = self.thin or self.method == "forward"  # both draw beyond the surface
         area = Rectangle(0, target.camera.width, 0, target.camera.height) if whole else pixel_map.reach
         return Layer(number, view, pixel_map, area, surface, gains)
 
     def _draw_layer(self, layer: Layer, own: Target, entry: Entry) -> None:
-        """Draw a view alone, over what was drawn before."""
+        """Draw a view alone, over the previous content."""
         own.blank = True
         self._draw_surface(layer.number, own, self._options, entry, in_reach=not self.thin)
 
     def _draw_surfaces(self, target: Target, options: Options, entry: Entry = NO_ENTRY) -> None:
-        """Draw all views into the target, where the nearest stays; of equally near ones the first by their order."""
+        """Draw all views into the target: the nearest wins; among equally near views the first in order."""
         for number in self._order:
             self._draw_surface(number, target, options, entry)
 
@@ -299,7 +298,7 @@ class WarpedView(Immutable):
             draw_thin(surface, pixel_map, target, options, number, entry)
 
     def _surface_of(self, number: int, target: Target) -> tuple[Surface, PixelMap]:
-        """A view's surface, in what the target shows of it, and its map into the target."""
+        """A view's surface, with the colours that the target shows, and its map into the target."""
         view = self.sources[number]
         if len(self.sources) == 1 or self.edges == "connect" or self.method == "forward":
             surface = surface_of(_shown(view, target), self.cut_ratio, self.edges == "connect")
@@ -309,12 +308,12 @@ class WarpedView(Immutable):
         return surface, PixelMap(camera_pair(view.camera, target.camera), surface)
 
     def _surfaces(self, target: Target) -> dict[int, Surface]:
-        """By number, what of the views' surfaces no other view has looked through."""
+        """The views' surfaces by number, without the parts that another view has looked through."""
         views = [_shown(self.sources[number], target) for number in self._order]
         return dict(zip(self._order, surfaces_of(views, self.cut_ratio), strict=True))
 
     def _bias(self, target: Target) -> tuple[float, int]:
-        """Scene units by which samples lie off the surface, and pixels over which its slope shows; for a light."""
+        """For a light: samples' distance from the surface in scene units, and the pixels over which its slope shows."""
         low, high = self.bounds
         middle = 0.5 * (low + high)
         noise, apart = noise_bias(self.sources, target.camera, middle)
@@ -329,7 +328,7 @@ class WarpedView(Immutable):
 
 
 OPTIONS = [one for one in inspect.signature(WarpedView).parameters.values() if one.kind is one.KEYWORD_ONLY]
-"""The options as parameters, in their order: for what shows or passes on all of them."""
+"""The options as parameters, in their order, for code that shows or passes on all of them."""
 
 
 @as_drawable.register
@@ -338,18 +337,18 @@ def _(thing: DepthImage) -> WarpedView:
 
 
 def _placed(view: DepthImage, target: Target) -> tuple[Samples, PixelMap]:
-    """A view's samples, in the colours or normals that the target shows, and its map into the target."""
+    """Samples of a view, in the colours or normals that the target shows, and its map into the target."""
     samples = samples_of(_shown(view, target))
     return samples, PixelMap(camera_pair(view.camera, target.camera), samples)
 
 
 def _normals_of(view: DepthImage) -> DeviceArray:
-    """(H, W, 3) float32 normals of the view's samples, as `showing_normals` has them."""
+    """(H, W, 3) float32 normals of the view's samples, as stored by `showing_normals`."""
     return cached_on_device(view, "normals", lambda: upload(showing_normals(view).color))
 
 
 def _shown(view: DepthImage, target: Target) -> DepthImage:
-    """The view in the colours that a target holds."""
+    """The view with colours in the target's format."""
     if target.color.shape[2] == 0:
         return view
     return view.in_float if target.color.dtype == np.float32 else view.in_color

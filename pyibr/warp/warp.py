@@ -1,4 +1,4 @@
-"""Image warping: a depth image, or several, to a new view (Schaufler & Priglinger 1999)."""
+"""Image warping: one or several depth images to a new view (Schaufler & Priglinger 1999)."""
 
 from __future__ import annotations
 
@@ -66,31 +66,31 @@ def warp(
     Parameters
     ----------
     views : DepthImage, sequence of DepthImage, or WarpedView
-        The sources: those of a `WarpedView`, which is made of them with the options; or one that is made already.
+        The sources. Depth images are drawn with the options; a `WarpedView` has options of its own.
     camera : Camera or sequence of Camera
-        The target, perspective or orthographic; or several, which are drawn without a wait between them: each frame is
-        the same as by a call of its own.
+        The target, perspective or orthographic; or several targets, which are drawn without a wait between them: each
+        frame equals the frame of a separate call.
     origins : bool
-        The frame tells, too, where in which view each pixel comes from (`Frame.source`, `Frame.view`: of several, the
-        one that counts most). Not with `method="forward"`.
+        Add the origin of each pixel to the frame: the place in the source and the view (`Frame.source`, `Frame.view`;
+        with several views, the view of the greatest weight). Not with `method="forward"`.
     classes : bool
-        The frame tells its origins, and what each pixel is (`Frame.classes`: seen, hidden, never observed, outside of
-        the view). Not with `method="forward"`.
+        Add the origins and the class of each pixel to the frame (`Frame.classes`: seen, hidden, never observed, outside
+        of the view). Not with `method="forward"`.
     samples : int
-        A pixel, on a regular grid within it: 1, 4, 9, 16, 25, 36, 49 or 64. Several make silhouettes and depth edges
-        smooth, at up to as many times the cost; `Frame.alpha` tells how much of each pixel is covered. Only with one
-        there are `origins` and `classes`.
+        Number of samples a pixel, on a regular grid within it: 1, 4, 9, 16, 25, 36, 49 or 64. Several samples make
+        silhouettes and depth edges smooth, at up to as many times the cost; `Frame.alpha` gives the covered part of
+        each pixel. `origins` and `classes` require a single sample.
     out : Frame or sequence of Frame, optional
-        Frames whose arrays are written instead of new ones: C-contiguous and writable, of the target's size and the
-        views' dtype, each of them once. What `origins` and `classes` tell is new in any case. A call that Ctrl-C ends
-        leaves them written in part.
+        Frames whose arrays are overwritten instead of new ones: C-contiguous and writable, of the target's size and the
+        views' dtype, all different. Arrays for `origins` and `classes` are new in any case. If Ctrl-C ends the call,
+        the frames are partly written.
     **options
-        How the views are drawn: the options of `WarpedView`, as `method`, `interpolation`, `edges` and `fill`.
+        Options of `WarpedView`, such as `method`, `interpolation`, `edges` and `fill`.
 
     Returns
     -------
     Frame, or list of Frame if `camera` is a sequence
-        Colour in the views' dtype, planar depth, and where anything was seen.
+        Colour in the views' dtype, planar depth, and a mask of the pixels that were seen.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def warp(
     Warns
     -----
     UserWarning
-        If the target sees nothing of any view.
+        If the target sees no part of any view.
 
     Examples
     --------
@@ -123,10 +123,10 @@ def warp(
         check_pixels("views", view.camera.size)
     asked = {"origins": checked_bool("origins", origins), "classes": checked_bool("classes", classes)}
     for one in cameras:
-        PictureParts(one, samples)  # which checks them
+        PictureParts(one, samples)  # checks them
     for name in (name for name, is_asked in asked.items() if is_asked):
         if thing.method == "forward":
-            raise ArgumentError(name, 'False with method="forward", which asks no rays', "True")
+            raise ArgumentError(name, 'False with method="forward", which casts no rays', "True")
         if samples > 1:
             raise ArgumentError(name, "False with several samples a pixel, which may differ", "True")
     asked["origins"] |= asked["classes"]
@@ -157,7 +157,7 @@ def warp(
 
 
 def _complete_signature() -> inspect.Signature:
-    """The signature of `warp` with all options by name, for `help` and the manual."""
+    """Signature of `warp` with all options by name, for `help` and the manual."""
     own = inspect.signature(warp)
     parameters = [one for one in own.parameters.values() if one.kind is not one.VAR_KEYWORD]
     return own.replace(parameters=[*parameters[:2], *OPTIONS, *parameters[2:]])
@@ -175,7 +175,7 @@ def _view_of(views: Views, options: WarpOptions) -> WarpedView:
 
 
 def _tell_empty(made: Sequence[Frame], is_single: bool) -> None:
-    """Warn the caller of `warp` of frames without anything."""
+    """Warn the caller of `warp` about empty frames."""
     empty = [number for number, frame in enumerate(made) if not frame.valid.any()]
     if empty and is_single:
         warnings.warn("warp: the target camera sees nothing of the views; the frame is empty", stacklevel=3)
@@ -185,7 +185,7 @@ def _tell_empty(made: Sequence[Frame], is_single: bool) -> None:
 
 
 def _through_lenses(frame: Frame, views: Sequence[DepthImage]) -> None:
-    """Turn what a frame says of places in undistorted views into what it says of the views."""
+    """Convert a frame's origins from undistorted views to the views with their lenses."""
     if frame.source is None or frame.view is None:
         return
     for number, view in enumerate(views):
@@ -211,7 +211,7 @@ def _checked_out(
     cameras: Sequence[Camera],
     views: Sequence[DepthImage],
 ) -> Sequence[Frame | None]:
-    """A frame to write into for each camera, or None."""
+    """Frame to write into for each camera, or None."""
     if out is None:
         return [None] * len(cameras)
     several = not isinstance(camera, Camera)
