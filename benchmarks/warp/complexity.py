@@ -1,11 +1,10 @@
 """Growth of time and visited samples with the image's side: O(n^3) for `search`, O(n^2) for `epipolar`.
 
-The scene is fixed in normalised image coordinates, so that the depth's range spans a part of the image that
-does not depend on n, and epipolar segments grow with n. White noise in the same range is the other extreme:
-what a pixel's line saw tells next to nothing of what the pixel sees, and the windows that are traced come apart as
-n grows. Their number is bounded, but images are too small to reach it: no exponent is asked of its visits. Both are
-drawn with `edges="connect"`, as the paper's displacement maps are: one surface without holes, whatever n makes of its
-steps.
+The scene is fixed in normalised image coordinates, so that the depth's range spans a part of the image that does not
+depend on n, and epipolar segments grow with n. White noise in the same range is the other extreme: the hit of a pixel's
+line is almost unrelated to the pixel's own hit, and the traced windows come apart as n grows. Their number is bounded,
+but images are too small to reach the bound: the exponent of its visits has no limit. Both are drawn with
+`edges="connect"`, like the paper's displacement maps: one surface without holes, however steep its steps become with n.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from benchmarks.launches import counted_samples, kernel_times
 from benchmarks.results import Parameter, Record
 from benchmarks.runner import Case, Work
 
-SLOW = 512  # from here on a search takes seconds: no turn for nothing before
+SLOW = 512  # from here on a search takes seconds: no warm-up turn
 
 SMOOTH, NOISE, SEARCH = "epipolar", "epipolar, white noise", "search"
 SUBJECTS: dict[str, tuple[Any, Callable[[int], Any]]] = {
@@ -38,11 +37,11 @@ BARS = {
     (NOISE, "end to end"): (-math.inf, 2.25),
     (SEARCH, "visited"): (2.85, 3.15),
 }
-"""The exponent's least and greatest, by subject and quantity. Of O(n^2) only the greatest counts."""
+"""The exponent's least and greatest value, by subject and quantity. O(n^2) only limits the greatest."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a subject, size and position."""
+    """One case per subject, size and position."""
     for subject, sizes in plan.complexity.items():
         for n, repeats in sizes.items():
             for region, motion in plan.complexity_positions:

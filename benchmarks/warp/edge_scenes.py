@@ -1,7 +1,7 @@
-"""Scenes with exact depth and exact edges, in metres: what depth cameras, renderers and games see.
+"""Scenes with exact depth and exact edges, in metres: subjects of depth cameras, renderers and games.
 
-The world is the camera's at rest: x right, y down, z forward. Parts are set by seeds, so that each scene is always the
-same.
+The world frame is the frame of the camera at rest: x right, y down, z forward. Seeds place the parts, so that each
+scene is always the same.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ Array = NDArray[Any]
 Things = list[Thing]
 
 _FOCAL = 0.9  # image widths: 58 degrees across
-_FEWEST_SAMPLES = 3.0  # that a pattern's pitch takes, so that its image is no alias
+_FEWEST_SAMPLES = 3.0  # samples per pitch of a pattern; images with fewer would show aliases
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Things, and the camera that sees them.
+    """Objects, and the camera that sees them.
 
     Attributes
     ----------
     name : str
     build : callable
-        Returns the things in it.
+        Returns the scene's objects.
     eye, target : (3,)
         Position of the camera, and a point that it looks at.
     across : float
-        Metres that an orthographic camera sees across its picture; 0: a perspective one.
+        Width of an orthographic camera's picture in metres; 0: a perspective camera.
     pitch : float
         Distance x/z from one bar or square of its pattern to the next; infinite without a pattern.
     """
@@ -62,7 +62,7 @@ class Scene:
         return self.pitch * _FOCAL * width >= _FEWEST_SAMPLES
 
     def sampled(self, width: int, height: int) -> tuple[Array, Array, Array]:
-        """Exact depth, and what joins each sample with its right and its lower neighbour (`solids.sampled`)."""
+        """Exact depth, and the judgements of each sample's right and lower neighbour (`solids.sampled`)."""
         return solids.sampled(self.build(), self.camera(width, height))
 
 
@@ -122,7 +122,7 @@ def _fence(pitch: float, width: float) -> Things:
 
 
 def _wires(pitch: float, radius: float, angles: tuple[float, ...]) -> Things:
-    """Crossed wires on a plane aslant some 2 m away, a wall at 4 m."""
+    """Crossed wires in an oblique plane some 2 m away, a wall at 4 m."""
     wires: Things = []
     for angle in np.radians(angles):
         s, c = np.sin(angle), np.cos(angle)
@@ -134,20 +134,20 @@ def _wires(pitch: float, radius: float, angles: tuple[float, ...]) -> Things:
 
 
 def _chequer(side: float, near: float, far: float, turn: tuple[float, float] = (0, 0)) -> Things:
-    """Squares at one depth before a plane at another, turned about the point of that depth in the middle."""
+    """Squares at one depth before a plane at another, turned about the middle point at the first depth."""
     frame, middle = _turn(*turn), _point(0, 0, near)
     return [[Squares(middle, frame.T, side)], [_behind(middle + (far - near) * frame[:, 2], -frame[:, 2])]]
 
 
 def _terraces(step: float) -> Things:
-    """Plates one behind the other, each farther by a part of its depth."""
+    """Plates one behind the other, each farther by a fixed part of its depth."""
     depths = 2 * (1 + step) ** np.arange(8)
     ends = zip(depths, np.linspace(-0.4, 0.4, len(depths)), strict=True)
     return [*([box((-9, -9, z), (x * z, 9, z + 0.001))] for z, x in ends), _wall(4)]
 
 
 def _stairs(tread: float) -> Thing:
-    """Ten stairs that go up and away, to the floor or as planks of a thickness; the floor is y = 0."""
+    """Ten stairs that go up and away, down to the floor y = 0, or as planks of thickness `tread`."""
     return [box((-1, -0.18 * (n + 1), 1.5 + 0.28 * n), (1, tread - 0.18 * (n + 1) if tread else 0, 1.78 + 0.28 * n))
             for n in range(10)]  # fmt: skip
 
@@ -174,7 +174,7 @@ def _cylinders() -> Things:
 
 
 def _ridge(degrees: float, valley: bool) -> Things:
-    """Two planes that meet in a line, both so many degrees from facing the camera."""
+    """Two planes that meet in a line, each turned by so many degrees from facing the camera."""
     s, c = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     if valley:
         normals = np.array([[s, 0.1, c], [-s, 0.1, c]])
@@ -184,9 +184,9 @@ def _ridge(degrees: float, valley: bool) -> Things:
 
 
 def _waves(amplitude: float, across: float, down: float) -> Things:
-    """Depth whose logarithm is a wave over the image.
+    """A surface whose logarithm of depth is a wave over the image.
 
-    The tangent of its greatest angle from facing the camera is the amplitude times the wave's (across, down) in length.
+    The tangent of its greatest angle from facing the camera is the amplitude times the length of (across, down).
     """
     return [[Relief(lambda x, y: 3 * np.exp(amplitude * np.sin(across * x + down * y)))]]
 
@@ -299,7 +299,7 @@ def _house() -> Things:
 
 
 def _corrugated() -> Things:
-    """Rods side by side, half sunk into a plate that is seen aslant: each hides a part of the next."""
+    """Rods side by side, half sunk into an oblique plate: each hides a part of the next."""
     turn, middle = _turn(0, 50), _point(0, 0, 2.5)
     rods = [
         Rod(middle + turn @ _point(x, -3, 0), middle + turn @ _point(x, 3, 0), 0.1) for x in np.arange(-2.4, 2.5, 0.25)
@@ -358,4 +358,4 @@ SCENES: tuple[Scene, ...] = (
     Scene("balls, orthographic", lambda: _balls(0.25), across=3),
     Scene("knot, orthographic", lambda: [_knot(), _wall(4)], across=2.6),
 )
-"""Wires and fences, steps, round things, slopes, rooms and plants."""
+"""Wires and fences, steps, round objects, slopes, rooms and plants."""

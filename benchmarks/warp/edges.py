@@ -1,6 +1,7 @@
-"""Depth edges against scenes whose edges are known: smooth surface that is torn, sheets where nothing is.
+"""Depth edges in scenes with known edges: torn samples of smooth surfaces, and sheets across empty space.
 
-By the default test and by two ratios of depths, with noise of each kind, in full and in small. Nothing is timed.
+The default test is compared with two ratios of depths, with noise of each kind, for full and small images. Nothing is
+timed.
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ WAYS: dict[str, float | None] = {AUTOMATIC: None, **{f"cut_ratio={ratio:g}": rat
 TORN, SHEETS = "torn", "sheets"
 BASE = "cut_ratio=1.05"
 BARS = {TORN: (0.3, 0), SHEETS: (1.1, 30)}
-"""At most so many times what `BASE` has in all scenes, and so many samples more."""
-SEPARATOR = ", "  # between the noises: a record has a value for each
-FEW = 100  # samples across, of images in which sheets are at most as many
+"""Greatest multiple of the count of `BASE` in all scenes, and number of samples more."""
+SEPARATOR = ", "  # between the noises: a record has one value per noise
+FEW = 100  # samples across; smaller images may have no more sheets than with `BASE`
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a size and scene, all noises and ways in it."""
+    """One case per size and scene, with all noises and ways in it."""
     for size in plan.edges:
         for scene in SCENES[:: plan.edge_scenes]:
             if scene.is_resolved(size[0]):
@@ -55,9 +56,9 @@ def torn_and_sheets(view: ibr.DepthImage, cut_ratio: float | None, right: Array,
     ----------
     view : DepthImage
     cut_ratio : float or None
-        As `WarpedView` takes it.
+        As in `WarpedView`.
     right, below : int8 (H, W - 1), (H - 1, W)
-        The truth, as `solids.sampled` returns it.
+        The true judgements, as returned by `solids.sampled`.
     """
     width, height = view.camera.size
     surface = to_host([surface_of(view, cut_ratio).nearness])[0][1 : height + 1, 1 : width + 1]
@@ -71,7 +72,7 @@ def torn_and_sheets(view: ibr.DepthImage, cut_ratio: float | None, right: Array,
 
 
 def view_of(depth: Array, camera: ibr.Camera, scene: str, noise: str) -> ibr.DepthImage:
-    """A depth image of exact depth with noise put on it, always the same of one scene, noise and size."""
+    """Depth image of exact depth with added noise, always the same for one scene, noise and size."""
     seed = zlib.crc32(f"{scene}, {noise}, {camera.size}".encode())
     return ibr.DepthImage(None, noisy(depth, noise, seed), camera)
 

@@ -1,6 +1,6 @@
-"""Errors of filled holes against what was hidden there: each way to fill, beside OpenCV's inpainting.
+"""Errors of filled holes compared with the hidden colours: each way to fill, and OpenCV's inpainting.
 
-Between frames of a depth camera's scene, and between photographs with known disparity. Nothing is timed.
+Pairs are frames of a depth camera's scene, and photographs with known disparity. Nothing is timed.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ Pair = tuple[ibr.DepthImage, ibr.Camera, Array]
 
 FILLS: tuple[Any, ...] = ("background", "smooth", "inpaint")
 TELEA = "cv2.inpaint"
-RADII = (3, 5)  # pixels, of which the better one counts
+RADII = (3, 5)  # pixels; the better radius counts
 BETWEEN, HIDDEN = "colour error between surfaces", "colour error where hidden"
 FRAMES = (0, 4, 50)
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a pair of pictures."""
+    """One case per pair of pictures."""
     scene, missing = scenes.standing_in(plan.rgbd_scene)
     if missing is not None:
         yield Case({"case": "filling"}, lambda: missing)

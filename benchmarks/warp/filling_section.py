@@ -10,15 +10,15 @@ from benchmarks.warp.filling import BETWEEN, FILLS, HIDDEN, RADII, TELEA
 
 FILLING = """## Filled holes
 
-Mean differences to the colours that the new camera saw, in levels of 255, in holes between surfaces: all but those
-beyond the source's frame. Those that were *hidden* are the disocclusions; in the others, as windows, the source has
-colours without depth. {telea} is that of Telea (2004) on the unfilled picture, the better one of a radius of {radii}
+Mean differences to the colours that the new camera saw, in levels of 255, in holes between surfaces: all holes except
+those beyond the source's frame. The *hidden* ones are the disocclusions; in the others, such as windows, the source has
+colours without depth. {telea} is the method of Telea (2004) on the unfilled picture, with the better radius of {radii}
 pixels.
 """
 
 
 def filling_section(result: Result, _: Path) -> list[str]:
-    """Errors by pair, each way beside OpenCV's, with the bar for filling from behind."""
+    """Errors by pair, for each way and for OpenCV's, with the bar for filling from behind."""
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in result.records:
         groups.setdefault((str(record.parameters["scene"]), str(record.parameters["motion"])), []).append(record)

@@ -1,4 +1,4 @@
-"""OpenCV's functions for the same warp, and pyibr's own subjects beside them."""
+"""OpenCV's functions for the same warp, and the subjects of pyibr to compare them with."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ KERNEL_RUNS = 3
 
 @dataclass(frozen=True)
 class Task:
-    """One warp between cameras of one K: the same arrays and cameras for everybody.
+    """A warp between cameras of one K: the same arrays and cameras for all subjects.
 
     Attributes
     ----------
     color : (H, W, 3) uint8
     depth : (H, W) float32
-        NaN where there is none.
+        NaN for missing depth.
     source, target : Camera
     finest : dict
-        The options of our own frame that the maps of cv2.remap are made from.
+        Options of the pyibr frame that provides the maps of cv2.remap.
     """
 
     color: Array
@@ -44,22 +44,22 @@ class Task:
     finest: Options = field(default_factory=dict[str, Any])
 
     def ours(self, **options: Any) -> ibr.Frame:
-        """The warp of a fresh `DepthImage`."""
+        """Warp a fresh `DepthImage`."""
         return ibr.warp(ibr.DepthImage(self.color, self.depth, self.source), self.target, **options)
 
     @functools.cached_property
     def target_from_source(self) -> Array:
-        """(4, 4), as OpenCV takes it."""
+        """(4, 4), in the form for OpenCV."""
         return self.target.camera_from_world @ self.source.world_from_camera
 
     @functools.cached_property
     def mask(self) -> Array:
-        """(H, W) uint8: what cv2.warpFrame is to carry over."""
+        """(H, W) uint8 mask of the samples that cv2.warpFrame carries over."""
         return np.where(np.isfinite(self.depth), np.uint8(255), np.uint8(0))
 
 
 def subjects(task: Task) -> dict[str, Subject]:
-    """OpenCV's warps. cv2.remap is given finished maps: the least that a warp of colour and depth costs."""
+    """OpenCV's warps. cv2.remap is given finished maps: the least cost of a warp of colour and depth."""
     cv2 = opencv("the benchmark of the warp", "warpFrame", "registerDepth")
     K, Rt, undistorted = task.source.K, task.target_from_source, np.zeros(5)
     across, down = source_positions(task)
@@ -75,7 +75,7 @@ def subjects(task: Task) -> dict[str, Subject]:
 
 
 def source_positions(task: Task) -> tuple[Array, Array]:
-    """float32 (H, W) x and y in the source of what each target pixel sees; -1 where it sees nothing."""
+    """float32 (H, W) x and y: the place in the source that each target pixel shows; -1 in holes."""
     frame = task.ours(**task.finest)
     x, y = np.meshgrid(*(np.arange(size, dtype=np.float32) for size in task.target.size))
     z = np.where(frame.valid, frame.depth, 1.0).astype(np.float32)
@@ -86,14 +86,14 @@ def source_positions(task: Task) -> tuple[Array, Array]:
     seen = frame.valid & (w > 0)
     w = np.where(seen, w, np.float32(1))
     nowhere = np.float32(-1)
-    # Beyond the outermost samples, to the edges of their pixels, colours go on as they are.
+    # Beyond the outermost samples, to the edges of their pixels, colours stay constant.
     width, height = task.source.size
     across, down = np.clip(u / w, 0, width - 1), np.clip(v / w, 0, height - 1)
     return np.where(seen, across, nowhere), np.where(seen, down, nowhere)
 
 
 def kernels(task: Task, ours: Mapping[str, Options], parameters: dict[str, Parameter]) -> Iterator[Record]:
-    """Time of our kernels alone."""
+    """Time of pyibr's kernels alone."""
     for name, options in ours.items():
         totals: list[float] = []
         for _ in range(KERNEL_RUNS):
@@ -104,7 +104,7 @@ def kernels(task: Task, ours: Mapping[str, Options], parameters: dict[str, Param
 
 
 def sameness(task: Task, name: str, options: Options, parameters: dict[str, Parameter]) -> Iterator[Record]:
-    """Share of the target that one of ours and cv2.warpFrame cover, and a check that both mean the same warp."""
+    """Shares of the target that a pyibr subject and cv2.warpFrame cover, and a check that both warps are the same."""
     cv2 = opencv("the benchmark of the warp", "warpFrame")
     depth, _, seen = cv2.warpFrame(task.depth, task.color, task.mask, task.target_from_source, task.source.K)
     frame = task.ours(**options)

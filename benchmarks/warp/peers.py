@@ -1,7 +1,7 @@
-"""pyibr beside OpenCV and Open3D, from NumPy arrays to NumPy arrays, over the epipole's nine regions.
+"""pyibr compared with OpenCV and Open3D, from NumPy arrays to NumPy arrays, over the epipole's nine regions.
 
-The surface is open between the relief and what is raised above it (`edges="cut"`), for Open3D's rays, too. OpenCV
-carries samples alone.
+The surface is open between the relief and the parts raised above it (`edges="cut"`), for Open3D's rays, too. OpenCV
+carries over samples alone.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from benchmarks.warp.opencv import Task
 
 Array = NDArray[Any]
 
-CUT_RATIO = 1.05  # of neighbours' depths: beyond it they are no one surface
+CUT_RATIO = 1.05  # ratio of neighbours' depths beyond which they are not one surface
 NEAREST, LINEAR = "pyibr nearest", "pyibr linear"
 OURS: dict[str, opencv.Options] = {NEAREST: {"interpolation": "nearest"}, LINEAR: {"interpolation": "linear"}}
 OPEN3D_BUILD, OPEN3D_CAST = "Open3D build", "Open3D cast"
@@ -33,14 +33,14 @@ BARS = {
     (LINEAR, 1024): 0.65,
     **{(subject, n): 0.35 for subject in OURS for n in (2048, 4096)},
 }
-"""At most this part of the time of cv2.warpFrame, by subject and size: the median over the positions."""
+"""Greatest part of the time of cv2.warpFrame, by subject and size: the median over the positions."""
 
 REMAP_BAR, REMAP_FROM = 1.7, 1024
-"""At most this multiple of the time of cv2.remap, from this size on: the median over the positions."""
+"""Greatest multiple of the time of cv2.remap, from this size on: the median over the positions."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a size and position."""
+    """One case per size and position."""
     for n, repeats in plan.peers.items():
         for region, motion in plan.peers_positions:
             prepare = functools.partial(_prepare, n, region, motion, repeats, n <= plan.open3d_largest)
@@ -69,7 +69,7 @@ def _relief(n: int) -> tuple[Array, Array]:
 
 
 def _open3d(task: Task) -> dict[str, Subject]:
-    """Rays against the same surface, depth only. The scene is built anew each turn, the rays are not."""
+    """Rays against the same surface, depth only. The scene is built anew in each turn, the rays are not."""
     o3d: Any = import_module("open3d")
 
     height, width = task.depth.shape
@@ -92,7 +92,7 @@ def _open3d(task: Task) -> dict[str, Subject]:
     def build() -> Any:
         scene = o3d.t.geometry.RaycastingScene()
         scene.add_triangles((toward * task.depth[..., None]).reshape(-1, 3), faces)
-        scene.cast_rays(rays[0, :1])  # the tree is made at the first cast
+        scene.cast_rays(rays[0, :1])  # the first cast builds the tree
         return scene
 
     scene = build()

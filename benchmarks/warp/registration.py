@@ -1,4 +1,4 @@
-"""Registration beside OpenCV's: depth of a depth camera in the image of a colour camera, and colours for its samples.
+"""Registration compared with OpenCV: depth in the image of a colour camera, and colours for a depth camera's samples.
 
 From NumPy arrays to NumPy arrays, in turns in one process.
 """
@@ -30,16 +30,16 @@ DILATED = "cv2.registerDepth, dilated"
 
 @dataclass(frozen=True)
 class Rig:
-    """A colour camera beside a depth camera.
+    """A colour camera next to a depth camera.
 
     Attributes
     ----------
     zoom : float
-        Its focal length over the depth camera's.
+        Ratio of its focal length to the depth camera's.
     aside : float
-        Metres.
+        Distance in metres.
     turn : float
-        Degrees.
+        Angle in degrees.
     """
 
     zoom: float
@@ -48,7 +48,7 @@ class Rig:
 
 
 RIGS = {"wide": Rig(0.95, 0.025, 0.5), "narrow": Rig(0.95 / 0.8, 0.05, 1.0)}
-"""By whether the colour camera sees more or less than the depth camera: most of those that are sold see less."""
+"""Rigs whose colour camera sees more or less than the depth camera: most commercial rigs see less."""
 
 BARS = {
     ("wide", "640 x 480"): 1.0,
@@ -58,7 +58,7 @@ BARS = {
 }
 """At most this ratio of `REGISTERED` to cv2.registerDepth, by rig and size."""
 
-SCALE = 1000.0  # counts of a uint16 a metre
+SCALE = 1000.0  # counts of uint16 per metre
 
 
 def cases(plan: Plan) -> Iterator[Case]:
@@ -66,14 +66,14 @@ def cases(plan: Plan) -> Iterator[Case]:
     scene, missing = scenes.standing_in(plan.rgbd_scene)
     if missing is not None:
         yield Case({"case": "registration"}, lambda: missing)
-    # Both rigs of a size, then the next: larger arrays that were freed spare OpenCV the fresh pages of smaller ones.
+    # Both rigs of a size, then the next size: freed larger arrays would spare OpenCV fresh pages for smaller ones.
     for (size, repeats), rig, noise in itertools.product(plan.registration.items(), RIGS, plan.rgbd_noise):
         parameters: dict[str, Parameter] = {"scene": scene, "rig": rig, "size": scenes.shown(size), "noise": noise}
         yield Case(parameters, functools.partial(_prepare, parameters, scene, RIGS[rig], size, noise, repeats))
 
 
 def color_camera(depth_camera: ibr.Camera, rig: Rig) -> ibr.Camera:
-    """Beside the depth camera, and turned a little."""
+    """The colour camera: next to the depth camera, and turned a little."""
     turn = np.radians(rig.turn)
     pose = depth_camera.world_from_camera @ np.array(
         [[np.cos(turn), 0, np.sin(turn), rig.aside], [0, 1, 0, 0], [-np.sin(turn), 0, np.cos(turn), 0], [0, 0, 0, 1]]
@@ -92,7 +92,7 @@ def _prepare(
         return view
     here, there, depth = view.camera, color_camera(view.camera, rig), view.depth
     counts = ibr.uint16_from_depth(depth, SCALE)
-    color: Any = view.color  # any picture is as good
+    color: Any = view.color  # any picture will do
     Rt, undistorted = there.camera_from_world @ here.world_from_camera, np.zeros(5)
 
     def peer(dilation: bool = False) -> NDArray[Any]:

@@ -12,11 +12,12 @@ from benchmarks.warp.registration import BARS, COLORS, DILATED, MILLIMETRES, REG
 
 REGISTRATION = """## Registration
 
-Depth of a depth camera in the image of a colour camera beside it: frame 0 of the scene of *Real RGB-D*, without noise
-and with so many pixels of disparity. Milliseconds from NumPy arrays to NumPy arrays, in turns in one process. *Covers*:
-the share of the colour image that gets depth. {register} moves samples to whole pixels and leaves gaps where they
-spread; dilated, it writes each to four. It asks the system for fresh pages in each call: in a process that has freed
-larger arrays before, it need not, and takes less than half as long. The colour camera is
+Depth of a depth camera in the image of a colour camera next to it: frame 0 of the scene of *Real RGB-D*, without noise
+and with noise in pixels of disparity. Milliseconds from NumPy arrays to NumPy arrays, in turns in one process.
+*Covers*: the share of the colour image that gets depth. {register} moves samples to whole pixels and leaves gaps where
+they spread; dilated, it writes each sample to four pixels. It asks the system for fresh pages in each call; in a
+process that has freed larger arrays before, it reuses their pages and takes less than half as long. The colour camera
+is
 
 {rigs}
 """
@@ -27,7 +28,7 @@ _SUBJECTS = (REGISTERED, MILLIMETRES, COLORS, REGISTER, DILATED)
 
 
 def registration_section(result: Result, _: Path) -> list[str]:
-    """Times by rig, size and noise, the ratio with its bar, and how much is covered."""
+    """Times by rig, size and noise, the ratio with its bar, and the covered share."""
     groups: dict[tuple[str, str, float], list[Record]] = {}
     for record in result.records:
         rig, size, noise = (record.parameters[name] for name in ("rig", "size", "noise"))

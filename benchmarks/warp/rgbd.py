@@ -1,7 +1,7 @@
-"""The warp on what depth cameras deliver, beside OpenCV; then what such warps are used for (`rgbd_uses`).
+"""The warp of depth cameras' frames, compared with OpenCV; then uses of such warps (`rgbd_uses`).
 
-From NumPy arrays to NumPy arrays, a fresh `DepthImage` each time. The frames of a rendered living room have exact poses
-and no noise; noise is added as structured light has it (`scenes.rgbd`).
+Times are from NumPy arrays to NumPy arrays, with a fresh `DepthImage` each time. The frames of a rendered living room
+have exact poses and no noise; noise like that of structured light is added (`scenes.rgbd`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MOTIONS: dict[str, dict[str, tuple[int, int | None]]] = {
     POSES: {"0 to 50": (0, 50), "50 to 0": (50, 0), "0 to 4": (0, 4)},
     SIDEWAYS: {"from 0": (0, None), "from 50": (50, None)},
 }
-"""By kind and name: the frame that is warped, and the one whose camera it is warped to."""
+"""By kind and name: the frame that is warped, and the frame whose camera is the target."""
 
 ASIDE = 0.07  # metres
 
@@ -49,12 +49,12 @@ BARS = {
     (POSES, "1920 x 1440", 0.3): 1.1,
     **{(SIDEWAYS, size, noise): 0.6 for size in ("640 x 480", "1920 x 1440") for noise in (0.0, 0.1, 0.3)},
 }
-"""At most this ratio of `LINEAR` to cv2.warpFrame, the mean over the motions, by their kind, size and noise."""
+"""Greatest ratio of `LINEAR` to cv2.warpFrame, the mean over the motions, by their kind, size and noise."""
 
 
 @dataclass(frozen=True)
 class Published:
-    """A figure of another program as it was published, on another machine."""
+    """Published figure of another program, from another machine."""
 
     program: str
     task: str
@@ -82,7 +82,7 @@ PUBLISHED = (
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a size, noise and motion; then the uses, and what a camera at rest shows."""
+    """One case per size, noise and motion; then the uses, and a camera at rest."""
     scene, missing = scenes.standing_in(plan.rgbd_scene)
     if missing is not None:
         yield Case({"case": "warp"}, lambda: missing)
@@ -130,6 +130,6 @@ def _task(scene: str, motion: tuple[int, int | None], size: Size, noise: float) 
 
 
 def kernel_work(scene: str, size: Size, noise: float) -> ibr.Frame | Skip:
-    """The warp whose kernels are timed by the number of threads."""
+    """Warp whose kernels are timed by the number of threads."""
     task = _task(scene, MOTIONS[POSES]["0 to 50"], size, noise)
     return task if isinstance(task, Skip) else task.ours(**OURS[LINEAR])

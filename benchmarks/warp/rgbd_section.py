@@ -14,18 +14,18 @@ from benchmarks.warp.rgbd import LINEAR, MOTIONS, OURS
 
 RGBD = """## Real RGB-D
 
-Frames of the scene *{scenes}*: a camera that sees 63 by 49 degrees, from frame to frame (34 degrees and 0.7 m, or 3
-degrees and 0.1 m, apart) and 7 cm sideways. Larger sizes are scaled from 640 x 480, those of 16:9 the middle of a
-taller picture. Noise is that of structured light: so many pixels of disparity (standard deviation) at a baseline of
-7.5 cm, then rounded to 1/8 pixel.
+Frames of the scene *{scenes}*, from a camera with a field of view of 63 by 49 degrees: from one frame to the camera of
+another (34 degrees and 0.7 m, or 3 degrees and 0.1 m, apart) and 7 cm sideways. Larger sizes are scaled from 640 x 480;
+sizes of 16:9 are the middle of a taller picture. Noise is that of structured light, in pixels of disparity (standard
+deviation) at a baseline of 7.5 cm, then rounded to 1/8 pixel.
 
-From NumPy arrays to NumPy arrays, a fresh `DepthImage` each time, in turns in one process. Surfaces are cut, but for
-*connected*. {register} delivers depth alone; {remap} (colour and depth) is given the finished maps.
+Times are from NumPy arrays to NumPy arrays, with a fresh `DepthImage` each time, in turns in one process. Surfaces are
+cut, except for *connected*. {register} delivers depth alone; {remap} (colour and depth) is given the finished maps.
 
 ![Ratio to {base} by noise and size](rgbd.png)
 """
 
-RATIOS = """Ratios to {base}, means over the motions; the bars are for {linear}. Where it is above 1, {base} is faster.
+RATIOS = """Ratios to {base}, means over the motions; the bars are for {linear}. Above 1, {base} is faster.
 """
 
 WORST = """The worst row of all: {subject}, {size}, {noise} pixels of noise, {kind}, {motion}: **{ratio:.2f} times** the
@@ -33,7 +33,7 @@ time of {base}. {slower} of {count} rows of pyibr are slower than {base}.
 """
 
 COVERAGE = """{ours} covers {covered:.1%} of the target, {base} {base_covered:.1%} (medians over all cases); where both
-do, their depths differ by {difference:.2%} (median).
+cover it, their depths differ by {difference:.2%} (median).
 """
 
 THREADS = """### Threads
@@ -43,9 +43,9 @@ Milliseconds of the kernels of *{linear}*, 0 to 50, in processes of one and of t
 
 NOISE = """### White noise
 
-Milliseconds of the kernel `resolve`, which traces again what a pixel's line saw wrongly: on a smooth surface and on
-white noise, in turns. Connected, the noise has the surface's whole range of depth and nothing else; cut, a tenth of it
-on top of the surface, so that both are covered.
+Milliseconds of the kernel `resolve`, which traces pixels again if their line's hit is not theirs: on a smooth surface
+and on white noise, in turns. Connected, the noise has the whole range of depth of the surface and replaces it; cut, a
+tenth of this range is added to the surface, so that both are covered.
 """
 
 STEREO = """### Stereo
@@ -55,35 +55,34 @@ Both eyes, 3.2 cm to either side, from one fresh colour and depth image in one c
 
 LIGHT_FIELD = """### A light field
 
-Views for a light field display, from cameras on a line of {width:g} cm: milliseconds for all of them, in one call from
-a fresh view, beside single warps from a fresh one each; then from a view that is kept.
+Views for a light field display, from cameras on a line of {width:g} cm: milliseconds for all views, in one call from
+a fresh view, compared with single warps from a fresh view each; then from a view that is kept.
 """
 
 TOGETHER = """### Several views in one picture
 
-Views {step:g} mm apart, blended: milliseconds of a picture of all, beside those of a picture of each. Fresh views are
-new to the device, and their exposures are told; of those that are kept, both are known.
+Views {step:g} mm apart, blended: milliseconds for one picture of all views, compared with a picture of each. Fresh
+views are new to the device, and their exposures must be found; kept views need neither.
 """
 
-TOLD = """### What pixels are
+TOLD = """### Origins and classes of pixels
 
-Milliseconds of a warp that tells nothing of its pixels but what they show, of one that tells where in the source they
-come from (`origins`), and of one that tells what they are, too (`classes`), in turns; from a fresh view each, and from
-one that is kept. The relief is the one of the other benchmarks, from the region F; the shelf is a RealSense's, raw: two
-thirds of its samples are missing.
+Milliseconds of a plain warp, of a warp with the origins of its pixels in the source (`origins`), and of one with their
+classes, too (`classes`), in turns; from a fresh view each, and from a kept view. The relief is that of the other
+benchmarks, seen from the region F; the shelf is a raw RealSense's frame: two thirds of its samples are missing.
 """
 
 SMALL = """### Small images
 
-Milliseconds of a warp whose kernels have next to nothing to do.
+Milliseconds of a warp of an image so small that its kernels have next to nothing to do.
 """
 
 STEADY = """### Steady over time
 
 Standard deviations over {frames} frames of a camera at rest, means over the pixels that the noise-free view sees, and
-over its holes, which are filled: depth in millimetres, colour in levels of 255. Each frame has noise of its own:
-{noise:g} pixels of disparity, {lost:.0%} of the samples missing, {color:g} levels of colour. The bar: no more than the
-input's.
+over its filled holes: depth in millimetres, colour in levels of 255. Each frame has noise of its own: {noise:g} pixels
+of disparity, {lost:.0%} of the samples missing, {color:g} levels of colour. The bar: no more than the deviations of the
+input.
 """
 
 PUBLISHED = """### Published figures of others
@@ -96,7 +95,7 @@ _KINDS = (steady.DEPTH, steady.COLOR)
 
 
 def rgbd_section(result: Result, folder: Path) -> list[str]:
-    """Ratios with their bars, the worst of them, the uses, and each row."""
+    """Ratios with their bars, the worst ratio, the uses, and each row."""
     rows = _Rows(result)
     uses = [*_threads(result), *_noise(result), *_stereo(result), *_light_field(result)]
     uses += [*_together(result), *_told(result), *_small(result)]
@@ -120,7 +119,7 @@ def rgbd_section(result: Result, folder: Path) -> list[str]:
 
 
 class _Rows:
-    """The timed warps: a group is a kind of motion, a size and a noise; its rows are the motions."""
+    """The timed warps, in groups by kind of motion, size and noise; a group's rows are its motions."""
 
     def __init__(self, result: Result) -> None:
         self.result = result
@@ -133,7 +132,7 @@ class _Rows:
         self.groups = sorted(groups, key=lambda group: list(MOTIONS).index(group[0]))
 
     def ratios(self, subject: str, kind: str, size: str, noise: float) -> list[float]:
-        """To cv2.warpFrame, by motion; empty where the subject was not timed."""
+        """Ratios to cv2.warpFrame, by motion; empty if the subject was not timed."""
         rows = [self.found[key] for motion in MOTIONS[kind] if (key := (kind, size, noise, motion)) in self.found]
         return [median(row[subject]) / median(row[BASE]) for row in rows if subject in row]
 
@@ -152,7 +151,7 @@ class _Rows:
         return table(["motion", "size", "noise", LINEAR, "bar", "", *others], lines)
 
     def worst(self) -> str:
-        """The row of ours with the largest ratio, whatever its subject, size and noise."""
+        """The row of pyibr with the largest ratio, of any subject, size and noise."""
         ratios = {
             (subject, key): median(row[subject]) / median(row[BASE])
             for key, row in self.found.items()
@@ -173,7 +172,7 @@ class _Rows:
         )
 
     def details(self) -> list[str]:
-        """Each row, a table a size."""
+        """All rows, in one table per size."""
         parts: list[str] = []
         for size in dict.fromkeys(size for _, size, _, _ in self.found):
             here = {key: row for key, row in self.found.items() if key[1] == size}
@@ -207,7 +206,7 @@ def _coverage(result: Result) -> str:
 
 
 def _by(result: Result, *names: str, **wanted: Parameter) -> dict[tuple[Parameter, ...], list[Record]]:
-    """Records by the values of some of their parameters, in the order of measuring."""
+    """Records by the values of some of their parameters, in measuring order."""
     found: dict[tuple[Parameter, ...], list[Record]] = {}
     for record in result.select(**wanted):
         found.setdefault(tuple(record.parameters[name] for name in names), []).append(record)
@@ -342,5 +341,5 @@ def _steady(result: Result) -> list[str]:
 
 
 def _levels(deviations: list[float]) -> list[str]:
-    """Of depth in millimetres, of colour in levels."""
+    """Depth in millimetres, and colour in levels."""
     return [number(1000 * deviations[0]), number(255 * deviations[1])]

@@ -1,4 +1,4 @@
-"""Uses of warps of depth cameras' frames, and what they hang on: threads, noise, pairs, rows of views, what is told."""
+"""Uses of warps of depth cameras' frames: threads, noise, pairs, rows of views, origins and classes of pixels."""
 
 from __future__ import annotations
 
@@ -32,23 +32,22 @@ BARS = {
     "origins": 1.15,
     "classes": 1.5,
 }
-"""At least: one thread's time over two threads'; at most: `resolve` on white noise over the same on a smooth surface;
-at least: pairs a second; at most: one call over single ones; at most: milliseconds of a fresh small image; at most:
-several views in one picture over as many pictures of one, once their gains are known; a warp that tells where its
-pixels come from, and one that tells what they are, too, over one that tells neither."""
+"""At least: one thread's time over two threads'; pairs a second. At most: `resolve` on white noise over the same on a
+smooth surface; one call over single calls; milliseconds of a fresh small image; several views in one picture over as
+many pictures of one view, once their gains are known; a warp with origins, or also with classes, over a plain one."""
 
 THREADS = (1, 2)
 SMOOTH, NOISE = "smooth surface", "white noise"
 AMPLITUDES = {"connect": 1.0, "cut": 0.1}
-"""The noise's range, of the smooth surface's, by `edges`: what is cut must be covered as well."""
+"""Range of the noise as a part of the smooth surface's, by `edges`: a cut surface must stay covered."""
 
-EYES = 0.032  # metres from the middle to either
+EYES = 0.032  # metres from the middle to either eye
 STEREO = {"connected": "connect", "cut": "cut"}
 LIGHT_FIELD_WIDTH = 0.24  # metres from the first camera to the last
 ONE_CALL, SINGLE = "one call", "single warps"
-TOGETHER_STEP = 0.002  # metres from view to view
+TOGETHER_STEP = 0.002  # metres between neighbouring views
 TOGETHER = "in one picture"
-TOGETHER_HELD = 6  # views of which none is drawn twice
+TOGETHER_HELD = 6  # the greatest number of views at which none is drawn twice
 FRESH, KEPT = "fresh", "kept"
 PLAIN = "plain"
 TOLD: dict[str, opencv.Options] = {PLAIN: {}, "origins": {"origins": True}, "classes": {"classes": True}}
@@ -60,7 +59,7 @@ _POCL = "Portable Computing Language"
 
 
 def cases(plan: Plan, scene: str) -> Iterator[Case]:
-    """Threads, white noise, stereo, a light field, several views in one picture, what is told, small images."""
+    """Threads, white noise, stereo, a light field, several views in one picture, origins and classes, small images."""
 
     def case(what: str, size: Size, **more: Parameter) -> dict[str, Parameter]:
         return {"case": what, "scene": scene, "size": scenes.shown(size), **more}
@@ -91,11 +90,11 @@ def cases(plan: Plan, scene: str) -> Iterator[Case]:
 
 
 def _threads(parameters: dict[str, Parameter], scene: str, size: Size, repeats: int) -> Work | Skip:
-    """Processes of one and of two threads in turns, each thread kept on a processor as pyibr keeps them."""
+    """Processes of one and of two threads in turns, each thread pinned to a processor as in pyibr."""
     from pyibr.opencl.device import explain
 
     if (platform := explain()[0].platform) != _POCL:
-        return Skip("threads", f"only PoCL can be told their number, and the device is {platform}'s")
+        return Skip("threads", f"only PoCL takes their number, and the device is {platform}'s")
     if (os.cpu_count() or 1) < max(THREADS):
         return Skip("threads", "there is one processor")
     if isinstance(view := scenes.rgbd(scene, 0, size), Skip):
@@ -120,7 +119,7 @@ def _threads(parameters: dict[str, Parameter], scene: str, size: Size, repeats: 
 
 
 def _white_noise(parameters: dict[str, Parameter], size: Size, repeats: int) -> Work:
-    """`resolve` where every line's answer misleads, and where next to none does; in turns."""
+    """`resolve` where every line's hit misleads, and where almost none does; in turns."""
     edges: Any = parameters["edges"]
     width, height = size
     color, depth = np.ascontiguousarray(scenes.relief(width)[0][:height]), _without_steps(width)[:height]
@@ -149,7 +148,7 @@ def _white_noise(parameters: dict[str, Parameter], size: Size, repeats: int) -> 
 
 
 def _without_steps(n: int) -> Any:
-    """(n, n) float32: depths of the relief's range, without its box and its disc."""
+    """(n, n) float32 depths of the relief without its box and its disc."""
     x = np.linspace(-1, 1, n, dtype=np.float32)
     a, b = x[None, :], x[:, None]
     return 4 + np.float32(0.6) * np.sin(2.3 * a + 0.5) * np.cos(2.9 * b)
@@ -188,7 +187,7 @@ def _light_field(scene: str, side: int, views: int, repeats: int, kind: str) -> 
 
 
 def _together(scene: str, size: Size, count: int, repeats: int, kind: str) -> Work | Skip:
-    """Views side by side in one picture, which matches their exposures, beside a picture of each."""
+    """Neighbouring views in one picture, which matches their exposures, compared with a picture of each."""
     found = scenes.rgbd(scene, 0, size)
     if isinstance(found, Skip):
         return found
@@ -211,7 +210,7 @@ def _together(scene: str, size: Size, count: int, repeats: int, kind: str) -> Wo
 
 
 def _told(scene: str, size: Size, repeats: int, motion: str, kind: str) -> Work | Skip:
-    """Warps that tell where their pixels come from, or what they are, too, beside one that tells neither."""
+    """Warps with origins of pixels, and with classes, too, compared with a plain warp."""
     if motion == RELIEF:
         width, height = size
         color, depth = (np.ascontiguousarray(part[:height]) for part in scenes.relief(width))

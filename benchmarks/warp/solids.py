@@ -1,4 +1,4 @@
-"""Convex solids, flat sheets and smooth reliefs that rays meet exactly; which neighbouring samples one surface joins.
+"""Convex solids, flat sheets and smooth reliefs with exact ray hits, and judgements of neighbouring samples.
 
 A ray is a position (N, 3) and a direction (N, 3) whose z is 1 in the camera's frame: its parameter is planar depth.
 """
@@ -18,11 +18,11 @@ Array = NDArray[Any]
 
 NEAREST = 0.05  # metres: rays begin there
 UNJUDGED, ONE_SURFACE, TWO_SURFACES = 0, 1, 2
-_SEAM = 1e-4  # a smaller jump, as a part of depth, is what rounding and finite refinement leave at a seam
-_JUMP = 2e-3  # a jump between these two is not judged: surfaces bend as much from sample to sample
-_STEPS = 32  # between two pixels: a part thinner than such a step may be passed over
-_CHANGES = 4  # from part to part within a step
-_HALVINGS = 25  # a step's: even at its limb a ball of 1 m at 3 m falls by less than _SEAM there
+_SEAM = 1e-4  # part of the depth: smaller jumps come from rounding and finite refinement at a seam
+_JUMP = 2e-3  # part of the depth: jumps between the two are not judged, since surfaces bend as much between samples
+_STEPS = 32  # between two pixels: parts thinner than a step may be missed
+_CHANGES = 4  # changes from part to part within a step
+_HALVINGS = 25  # halvings of a step: even at its limb, a ball of 1 m at 3 m falls by less than _SEAM there
 
 
 class Rays(NamedTuple):
@@ -49,7 +49,7 @@ class Part(Protocol):
     """A body whose depth is continuous over the image wherever rays meet it."""
 
     def depth(self, rays: Rays) -> Array:
-        """Planar depth (N,), infinite where a ray passes by."""
+        """Planar depth (N,), infinite for rays without a hit."""
         ...
 
 
@@ -59,7 +59,7 @@ Thing = Sequence[Part]
 
 @dataclass(frozen=True)
 class Polytope:
-    """All points p with normals p <= offsets; or, as a hollow one, all others, as seen from within."""
+    """All points p with normals p <= offsets; or, if hollow, all others, seen from within."""
 
     normals: Array
     offsets: Array
@@ -176,7 +176,7 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Squares:
-    """Every other square of a chequer in a plane: pixels are smaller than squares."""
+    """Every other square of a chequer in a plane. Pixels must be smaller than squares."""
 
     center: Array
     axes: Array
@@ -204,14 +204,14 @@ class Relief:
 
 
 def _passing(rays: Rays, center: Array, reach: float) -> Array:
-    """Find the rays that pass a point within a distance: a fast test that spares the others the exact one."""
+    """Find the rays that pass a point within a distance: a fast test that saves exact tests of the others."""
     offset = center - rays.origin
     along = np.einsum("ij,ij->i", offset, rays.direction) ** 2 / np.einsum("ij,ij->i", rays.direction, rays.direction)
     return np.einsum("ij,ij->i", offset, offset) - along <= reach * reach * (1 + 1e-9)
 
 
 def _roots(offset: Array, direction: Array, radius: float) -> tuple[Array, Array]:
-    """Solve |offset + t direction| = radius for both t; NaN where there is none."""
+    """Solve |offset + t direction| = radius for both t; NaN without a solution."""
     a, b, c = (direction**2).sum(1), (offset * direction).sum(1), (offset**2).sum(1) - radius**2
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(b * b - a * c)
@@ -231,7 +231,7 @@ def box(low: ArrayLike, high: ArrayLike, turn: Array | None = None, hollow: bool
 
 
 def cast(things: Sequence[Thing], rays: Rays) -> tuple[Array, Array]:
-    """Depth (N,), infinite where nothing is, and the index of the part, over all things."""
+    """Depth (N,), infinite for rays without a hit, and the index of the part, counted over all things."""
     depth, part = np.full(len(rays.origin), np.inf), np.full(len(rays.origin), -1)
     for index, one in enumerate(one for thing in things for one in thing):
         found = one.depth(rays)
@@ -241,7 +241,7 @@ def cast(things: Sequence[Thing], rays: Rays) -> tuple[Array, Array]:
 
 
 def sampled(things: Sequence[Thing], camera: ibr.Camera) -> tuple[Array, Array, Array]:
-    """Exact depth (H, W), NaN where nothing is, and what joins each sample with its right and its lower neighbour.
+    """Exact depth (H, W), NaN without a hit, and judgements of each sample's right and lower neighbour.
 
     Returns
     -------
@@ -269,7 +269,7 @@ def sampled(things: Sequence[Thing], camera: ibr.Camera) -> tuple[Array, Array, 
 
 
 def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, ends: Array) -> Array:
-    """Judge pairs of two parts. Their things stand alone, so that no third one hides where they meet."""
+    """Judge pairs of two parts. Only their own things are cast, so that no third one hides their seam."""
     thing = np.repeat(np.arange(len(things)), [len(each) for each in things])
     joined = np.empty(len(a), np.int8)
     keys = np.sort(np.stack([thing[a], thing[b]], -1), -1)
@@ -281,9 +281,10 @@ def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, end
 
 
 def _largest_jump(things: Sequence[Thing], camera: ibr.Camera, ends: Array) -> Array:
-    """Find by how much of its depth the surface jumps between two pixels (2, N, 2).
+    """Find the largest jump of the surface between two pixels (2, N, 2), as a part of its depth.
 
-    Only where one part follows another can it jump. Each such place is found by halving, up to `_CHANGES` in a step.
+    The surface can jump only where one part follows another. Each such place is found by halving, up to `_CHANGES` in a
+    step.
     """
     pixels = ends[0] + (ends[1] - ends[0]) * np.linspace(0, 1, _STEPS + 1)[:, None, None]
     depth, part = _cast_at(things, camera, pixels)

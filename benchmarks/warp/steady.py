@@ -1,5 +1,5 @@
-"""Changes over time in warps of a noisy camera's frames where nothing moves: as they come, cleaned frame by frame,
-and cleaned with what is known from the frame before.
+"""Changes over time in warps of a noisy camera's frames of a scene at rest: with raw depth, with depth cleaned frame by
+frame, and with depth cleaned with the help of the frame before.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SEEN, HOLES = "seen", "holes"
 DEPTH, COLOR = "depth deviation", "colour deviation"
 
 NOISE = 0.3  # pixels of disparity
-LOST = 0.05  # of the samples
+LOST = 0.05  # part of the samples
 COLOR_NOISE = 2.0  # levels of 255
 
 MOTIONS: dict[str, tuple[tuple[int, ...], int | None]] = {
@@ -34,7 +34,7 @@ MOTIONS: dict[str, tuple[tuple[int, ...], int | None]] = {
     "0 to 7 cm sideways": ((0,), None),
     "0 and 50 to 4": ((0, 50), 4),
 }
-"""By name: the frames that are warped, and the one whose camera they are warped to."""
+"""By name: the frames that are warped, and the frame whose camera is the target."""
 
 ASIDE = 0.07  # metres
 FILLS: tuple[Any, ...] = ("background", "smooth", "inpaint")
@@ -85,13 +85,13 @@ def _prepare(parameters: dict[str, Parameter], size: Size, count: int) -> Work |
 def _frame(
     views: list[ibr.DepthImage], recorded: list[list[Frame]], found: list[list[NDArray[np.float32]]], k: int
 ) -> list[ibr.DepthImage]:
-    """Surroundings that all cameras have at one time."""
+    """Surroundings that all cameras have in common at one time."""
     of_each = zip(views, recorded, found, strict=True)
     return [ibr.DepthImage(frames[k][0], own[k], view.camera) for view, frames, own in of_each]
 
 
 def noisy(view: ibr.DepthImage, number: int) -> Frame:
-    """Colour and depth of a view as a camera delivers them: with noise that is new in each frame, and samples lost."""
+    """Colour and depth of a view as from a camera: with new noise in each frame, and lost samples."""
     rng = np.random.default_rng([number, view.camera.width])
     depth = scenes.with_disparity_noise(view.depth, float(view.camera.K[0, 0]), NOISE, rng)
     depth[rng.random(depth.shape) < LOST] = np.nan
@@ -100,7 +100,7 @@ def noisy(view: ibr.DepthImage, number: int) -> Frame:
 
 
 def depths(frames: list[Frame], how: str) -> list[NDArray[np.float32]]:
-    """The depth of each frame: as it comes, or cleaned."""
+    """The depth of each frame: raw, or cleaned."""
     if how == RAW:
         return [depth for _, depth in frames]
     cleaned: list[NDArray[np.float32]] = []
@@ -122,7 +122,7 @@ def _input(frames: list[Frame]) -> Iterator[tuple[str, float]]:
 
 
 def _deviations(shown: list[ibr.Frame], part: NDArray[np.bool_]) -> Iterator[tuple[str, float]]:
-    """Standard deviations over time, means over the pixels of a part."""
+    """Standard deviations over time, as means over the pixels of a part."""
     if part.any():
         yield DEPTH, float(np.stack([frame.depth[part] for frame in shown]).std(axis=0).mean())
         colors = np.stack([frame.color[part] for frame in shown])
