@@ -1,5 +1,6 @@
-"""Bad input: an error that names the argument, what was expected and what came; never a crash or a silent
-picture.
+"""Bad input raises an error that names the argument, the expected value and the given one.
+
+It never crashes or gives a wrong picture silently.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ def image(color: Any = COLOR, depth: Any = DEPTH, camera: Any = CAMERA, **option
     return ibr.DepthImage(color, depth, camera, **options)
 
 
-# What is called, the argument that the error names, and words of what was expected and of what came.
+# The call, the argument that the error names, and words of the expected and of the given value.
 CASES: dict[str, tuple[Call, str, str, str]] = {
     "no view": (lambda: warp([]), "views", "at least one DepthImage", "an empty sequence"),
     "an array as view": (lambda: warp(COLOR), "views", "DepthImage", "(31, 41, 3)"),
@@ -162,14 +163,14 @@ def test_a_target_that_sees_nothing_gets_a_warning_and_holes(method, projection)
     away = ibr.Camera(K_here, (33, 25), np.diag([-1.0, 1, -1, 1]), projection=projection).moved(0, 0, 1)
     aside = ibr.Camera(K_here, (33, 25), projection=projection).moved(100, 0, 0)
     ibr.warp(VIEW, VIEW.camera, method=method)
-    for thread in threading.enumerate():  # one that builds programs ahead changes the filters of warnings meanwhile
+    for thread in threading.enumerate():  # a thread that builds programs ahead changes the warning filters
         if thread.name == "pyibr ahead":
             thread.join()
     for target in (away, aside):
         for fill in (None, "background", "smooth"):
             with pytest.warns(UserWarning, match="sees nothing") as caught:
                 frame = ibr.warp(VIEW, target, method=method, fill=fill)
-            assert caught[0].filename == __file__  # the caller's line, not pyibr's
+            assert caught[0].filename == __file__  # the caller's line, not a line of pyibr
             assert not frame.valid.any()
             assert np.isnan(frame.depth).all()
             assert (frame.color == 0).all()
@@ -184,7 +185,7 @@ def test_a_tuple_of_views_is_a_sequence():
 @pytest.mark.parametrize("extreme", [1e-30, 1e-12, 1e12, 1e30])
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
 def test_extreme_depths_do_no_harm(method, extreme):
-    """One sample out of all proportion may spoil what is around it, and nothing else."""
+    """One extreme sample may spoil its surroundings, and nothing else."""
     depth = DEPTH.copy()
     depth[15, 20] = extreme
     for target in (CAMERA.moved(0.2, 0.1, 0), CAMERA.moved(0, 0, 1.0), CAMERA.orbited(20, (0, 0, 2))):
@@ -192,7 +193,7 @@ def test_extreme_depths_do_no_harm(method, extreme):
         clean = ibr.warp(VIEW, target, method=method, edges="cut")
         np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
         same = frame.valid & clean.valid & np.isclose(frame.depth, clean.depth, rtol=1e-3)
-        # 60: one sample spoils six triangles, which cover some 5 x 5 pixels here at most, and their rims.
+        # 60: one sample spoils six triangles, which cover at most some 5 x 5 pixels here, and their rims.
         assert np.count_nonzero(clean.valid & ~same) <= 60
 
 

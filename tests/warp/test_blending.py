@@ -1,4 +1,4 @@
-"""Several views in one picture: nearer to the truth than the nearest one's alone, wherever they overlap."""
+"""Several views in one picture: nearer to the truth than the nearest view alone, wherever they overlap."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_exposures_are_matched_to_the_one_in_the_middle(dtype):
     both = right.valid & frame.valid
     most = 255 if dtype == np.uint8 else 1
     off = np.abs(frame.color.astype(float) - right.color)[both] / most
-    assert np.median(off) < 0.01 and off.mean() < 0.02, "of the middle's exposure; texture is sampled three times"
+    assert np.median(off) < 0.01 and off.mean() < 0.02, "from the middle exposure; texture is sampled three times"
     unmatched = ibr.warp(views, target, blend="nearest")
     assert np.abs(unmatched.color.astype(float) - right.color)[both].mean() / most > 2 * off.mean()
 
@@ -106,7 +106,7 @@ def test_noise_becomes_less(projection):
     target = camera.moved(0.03, 0, 0)
     inside = np.s_[10:-10, 20:-20]
     off = {how: ibr.warp(views, target, blend=how).depth[inside] - 3 for how in ("quality", "nearest")}
-    # Of four, the nearest is a deviation too near; their mean has half of it.
+    # With four views, the nearest depth is a deviation too near; their mean has half of that error.
     assert abs(off["quality"].mean()) < 0.25 * abs(off["nearest"].mean())
     assert off["quality"].std() < 0.75 * (ibr.warp(views[0], target).depth[inside] - 3).std()
 
@@ -135,7 +135,7 @@ def psnr(frame: ibr.Frame, seen: ibr.DepthImage, where: np.ndarray) -> float:
 @pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_a_view_that_is_left_out_is_seen_better(noise):
-    """Half a decibel at least over the nearest view's; a view 25 % darker costs no more than that."""
+    """At least half a decibel better than the nearest view; a view 25 % darker costs no more than that."""
     shared("rgbd_livingroom1")
     size = (640, 480)
     views = [real.rgbd(real.LIVINGROOM, number, size, noise) for number in (0, 50)]
@@ -145,14 +145,14 @@ def test_a_view_that_is_left_out_is_seen_better(noise):
     np.testing.assert_array_equal(hard.valid, blended.valid)
     assert psnr(blended, seen, where) > psnr(hard, seen, where) + 0.5
     changes = [np.count_nonzero(np.diff(frame.view, axis=1)) for frame in (hard, blended)]
-    assert changes[1] < 0.7 * changes[0], "which view is shown changes less from pixel to pixel"
+    assert changes[1] < 0.7 * changes[0], "the shown view changes less from pixel to pixel"
     darker = ibr.DepthImage((views[1].color * 0.75).astype(np.uint8), views[1].depth, views[1].camera)
     three = [views[0], real.rgbd(real.LIVINGROOM, 0, size, noise), darker]
     assert psnr(ibr.warp(three, seen.camera), seen, where) > psnr(blended, seen, where) - 0.5
 
 
 def test_exposures_by_orthographic_depths_are_the_same_however_far_the_camera_is():
-    """Depths there have no origin: two surfaces are two also for a camera that stands far back."""
+    """Depths have no origin there: two surfaces stay two also for a camera that stands far back."""
     cameras = [scenes.source_camera((97, 61), "orthographic").moved(0.1 * k, 0, 0) for k in range(2)]
     texture = scenes.texture(*scenes.image_coordinates((97, 61))) // 2 + 60
     views = [
@@ -164,7 +164,7 @@ def test_exposures_by_orthographic_depths_are_the_same_however_far_the_camera_is
 
 
 def test_how_many_pixels_tell_exposures():
-    """Some 200 of an overlap do, of which none is nearly black or white in either view: sensors do not tell there."""
+    """Some 200 pixels of an overlap suffice; nearly black or white ones do not count: sensors are unreliable there."""
     rng = np.random.default_rng(0)
 
     def told(count: int, dark: int = 0) -> float | None:

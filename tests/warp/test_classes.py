@@ -1,7 +1,7 @@
 """Classes and origins of a new view's pixels, against rays cast at the whole scene.
 
-The scene is known on all sides: boxes and a ball before a wall that fills every view. So what a target's pixel shows is
-a point of the scene, and whether the source saw that point, and why not, is a matter of projection.
+The scene is known on all sides: boxes and a ball before a wall that fills every view. So each target pixel shows a
+known point of the scene, and projection tells whether the source saw that point, and why not.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from tests.reference.edges import edges_of
 pytest.importorskip("open3d")
 
 SIZE = (170, 130)
-ON_SURFACE = 0.01  # pixels: how far (u, v) may be off the truth
-AGREES = 0.999  # share of the pixels two pixels away from where the class changes
+ON_SURFACE = 0.01  # pixels: allowed error of (u, v)
+AGREES = 0.999  # share of the pixels at least two pixels from a change of class
 
 
 @cache
@@ -58,12 +58,12 @@ def source(projection: Projection, unobserved: bool = True) -> ibr.DepthImage:
     camera = Camera([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]], SIZE, projection=projection)
     depth = cast(camera).astype(np.float32)
     if unobserved:
-        depth[4:20, 40:80] = np.nan  # of the wall: of what is nowhere observed nobody can tell what it hides
+        depth[4:20, 40:80] = np.nan  # a part of the wall, which hides nothing
     return ibr.DepthImage(scenes.texture(*scenes.image_coordinates(SIZE)), depth, camera)
 
 
 def expected(view: ibr.DepthImage, target: Camera) -> NDArray[np.uint8]:
-    """Classes by where in the source each pixel's point of the scene lies."""
+    """Classes by the place in the source of each pixel's point of the scene."""
     y, x = np.indices((target.height, target.width))
     points = target.unproject(np.column_stack([x.ravel(), y.ravel()]).astype(float), cast(target).ravel())
     pixel, z = view.camera.project(points)
@@ -72,7 +72,7 @@ def expected(view: ibr.DepthImage, target: Camera) -> NDArray[np.uint8]:
     classes = np.full(len(pixel), ibr.PixelClass.OUTSIDE, np.uint8)
     at = np.clip(np.rint(np.where(inside[:, None], pixel, 0)).astype(int), 0, (width - 1, height - 1))
     known = view.valid[at[:, 1], at[:, 0]]
-    hidden = z > 1.02 * cast(view.camera)[at[:, 1], at[:, 0]]  # 2 %: less than any two surfaces here are apart
+    hidden = z > 1.02 * cast(view.camera)[at[:, 1], at[:, 0]]  # 2 %: less than the distance of any two surfaces here
     classes[inside] = ibr.PixelClass.SEEN
     classes[inside & ~known] = ibr.PixelClass.UNOBSERVED
     classes[inside & hidden] = ibr.PixelClass.HIDDEN
@@ -81,7 +81,7 @@ def expected(view: ibr.DepthImage, target: Camera) -> NDArray[np.uint8]:
 
 
 def away_from_changes(classes: NDArray[np.uint8], depth: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Pixels with one class, and no depth edge, within two pixels."""
+    """Pixels without another class or a depth edge within two pixels."""
     around = np.ones((5, 5), np.uint8)
     near, far = (f(depth.astype(np.float32), around) for f in (cv2.erode, cv2.dilate))
     return (cv2.erode(classes, around) == cv2.dilate(classes, around)) & (far < 1.05 * near)
@@ -113,7 +113,7 @@ def test_classes_and_origins_are_the_truths(projection, move):
 
 
 def test_all_classes_occur():
-    """The test above would not notice a class that never comes."""
+    """Without this test, the one above would not notice a class that never occurs."""
     view = source("perspective")
     found = [np.unique(expected(view, Camera(view.camera.K, SIZE, pose))) for pose in MOVES.values()]
     assert set(np.concatenate(found)) == set(ibr.PixelClass)
@@ -121,7 +121,7 @@ def test_all_classes_occur():
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_what_shows_its_back_is_hidden(count):
-    """A patch seen from behind, with nothing around it: its rays come out of it towards the source."""
+    """A patch seen from behind, with empty surroundings: its rays leave it towards the source."""
     view = source("perspective")
     depth = np.full_like(view.depth, np.nan)
     depth[40:90, 60:110] = 3.0
@@ -159,8 +159,8 @@ def test_what_belongs_to_the_source_is_carried_over_by_a_gather():
     frame = ibr.warp(view, view.camera.moved(0.3, 0.1, 0.2), edges="cut", classes=True)
     across, down = np.ascontiguousarray(np.moveaxis(frame.source, -1, 0))
     carried = cv2.remap(view.color, across, down, cv2.INTER_LINEAR)
-    # cv2 mixes four samples, the warp three, and it rounds positions to 1/32 of a pixel: 3 of 255, as for a homography.
-    # At an edge the warp's samples are of one side, and cv2's of both.
+    # cv2 interpolates four samples, the warp three, and cv2 rounds positions to 1/32 of a pixel: 3 of 255, as for a
+    # homography. At an edge the warp interpolates samples of one side, and cv2 samples of both sides.
     torn = edges_of(view)
     whole = ~(torn.right[:-1, :-1] | torn.right[1:, :-1] | torn.below[:-1, :-1] | torn.below[:-1, 1:])
     x, y = (
@@ -182,7 +182,7 @@ def test_of_several_views_the_one_that_shows_is_told_and_holes_are_what_knows_mo
     assert set(np.unique(both.view)) >= {0, 1}
     for number, frame in enumerate(alone):
         shown = both.view == number
-        # Few pixels show the view behind its own margins, where the other one has looked through these.
+        # A few pixels show the view behind its own margins, where the other view has looked through these.
         is_same = (both.source[shown] == frame.source[shown]).all(axis=1)
         assert is_same.mean() > 0.995
         np.testing.assert_array_equal(both.color[shown][is_same], frame.color[shown][is_same])
@@ -223,7 +223,7 @@ def test_frames_that_are_given_forget_classes_that_are_not_asked_for():
 
 
 def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.DepthImage:
-    """A slope with things before it, each other one noisy, with single samples missing, or most of them."""
+    """A slope with objects before it, every other one noisy, with single samples missing, or most of them."""
     rng = np.random.default_rng(seed)
     x, y = scenes.image_coordinates(size)
     depth = 4 + 1.5 * rng.standard_normal() * x + 1.5 * rng.standard_normal() * y
@@ -238,7 +238,7 @@ def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.Depth
 
 
 def by_own_rays(view: ibr.DepthImage, target: Camera) -> NDArray[np.int64]:
-    """(H, W) classes of holes by their own rays in float64, by the samples that these are nearest to on their way."""
+    """(H, W) classes of holes by their own rays in float64, from the samples nearest to the rays on their way."""
     y, x = np.indices((target.height, target.width))
     pixels = np.column_stack([x.ravel(), y.ravel()]).astype(float)
     first, second = (target.unproject(pixels, np.full(len(pixels), depth)) for depth in (1.0, 2.0))
@@ -256,7 +256,7 @@ def by_own_rays(view: ibr.DepthImage, target: Camera) -> NDArray[np.int64]:
     return state[np.minimum(begins, len(free) - 1), np.arange(x.size)].reshape(y.shape)
 
 
-@pytest.mark.parametrize("seed", [60, 61, 98])  # no samples are missing; single ones; most of them
+@pytest.mark.parametrize("seed", [60, 61, 98])  # no samples are missing; single samples; most of them
 def test_classes_of_messy_depth_are_those_of_the_pixels_own_rays(seed):
     size = (61, 37)
     view = messy(size, "perspective", seed)
@@ -264,5 +264,5 @@ def test_classes_of_messy_depth_are_those_of_the_pixels_own_rays(seed):
     frames = ibr.warp(view, targets, classes=True)
     holes = ~np.array([frame.valid for frame in frames])
     found, rays = np.array([frame.classes for frame in frames]), np.array([by_own_rays(view, t) for t in targets])
-    # Lines pass up to half a pixel beside rays, and look at them once a column: among scattered samples that differs.
+    # Lines pass up to half a pixel beside rays, and test them once a column: among scattered samples results differ.
     assert (found == rays)[holes].mean() >= (0.9 if seed == 98 else 0.98)

@@ -1,4 +1,4 @@
-"""Views of depth alone: depth is carried over as from a view with colours, and pictures show them in white."""
+"""Views of depth alone: depth is carried over as from a view with colours, and pictures show the views in white."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def alone(colored: ibr.DepthImage) -> ibr.DepthImage:
 @pytest.mark.parametrize("several", [False, True])
 def test_depth_is_the_same_with_and_without_colours(colored, alone, method, fill, several, lanes):
     with one_lane() if lanes == 1 else nullcontext(), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that some targets see nothing
+        warnings.simplefilter("ignore")  # some targets see nothing
         for pose in scenes.special_cameras(colored, (53, 30))[::3]:
             views = [([view] * (1 + several)) for view in (colored, alone)]
             with_color, without = (ibr.warp(some, pose.camera, method=method, fill=fill) for some in views)
@@ -69,4 +69,4 @@ def test_pictures_show_it_white(alone):
         assert frame.valid.any() and (frame.color[frame.valid] == 255).all()
     in_float = ibr.DepthImage(np.zeros((*alone.depth.shape, 3), np.float32), alone.depth, alone.camera, far=alone.far)
     frame = ibr.render([alone, in_float], camera)
-    assert frame.color.dtype == np.float32 and frame.color[frame.valid].min() == pytest.approx(1.0)  # the first stays
+    assert frame.color.dtype == np.float32 and frame.color[frame.valid].min() == pytest.approx(1.0)  # the first is kept

@@ -1,8 +1,8 @@
-"""The layout of epipolar lines, as a pure function: every pixel has a line, and none has many.
+"""The layout of epipolar lines, as a pure function: every pixel has a line, and no pixel has many.
 
-Who owns what is worked out here once more, from the description in kernels/warp/epipolar.cl: a pixel belongs
-to a fan by the sign and the greater part of D, its offset from the epipole, and there to any line that passes
-within half of the distance between the lines that are there.
+Ownership is computed here once more, from the description in kernels/warp/epipolar.cl: a pixel belongs to a fan by the
+sign and the greater part of D, its offset from the epipole. In that fan it belongs to any line that passes within half
+of the distance between the lines there.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ REGIONS = [(column, row) for row in (-1, 0, 1) for column in (-1, 0, 1)]
 
 
 def areas(size: tuple[int, int]) -> list[Rectangle]:
-    """The whole image, and a part of it as a view that reaches no more gives."""
+    """The whole image, and a part of it, as for a view that reaches no farther."""
     width, height = size
     whole = Rectangle(0, width, 0, height)
     part = Rectangle(width // 3, max(width // 3 + 1, width - 2), height // 4, height)
@@ -27,7 +27,7 @@ def areas(size: tuple[int, int]) -> list[Rectangle]:
 
 
 def finite_epipoles(size: tuple[int, int], region: tuple[int, int], seed: int) -> list[np.ndarray]:
-    """Near and far, on pixel centres and off them, with both signs and several scales."""
+    """Near and far epipoles, on pixel centres and off them, with both signs and several scales."""
     rng = np.random.default_rng(seed)
     extent = np.array(size, np.float64)
     found = []
@@ -48,12 +48,12 @@ def finite_epipoles(size: tuple[int, int], region: tuple[int, int], seed: int) -
 
 
 def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
-    """Pixels visited and lines laid, once all that must hold of each pixel is seen to hold."""
+    """Check each pixel's owner. Returns the numbers of pixels visited and lines laid."""
     groups, packets = line_groups(epipole, area, LANES)
     width, height = area.high_x - area.low_x, area.high_y - area.low_y
     y, x = np.mgrid[area.low_y : area.high_y, area.low_x : area.high_x].astype(np.float64)
     D = x * epipole[2] - epipole[0], y * epipole[2] - epipole[1]
-    # Which fan is the greater part of D is decided as the kernel does, in float32: on a diagonal, rounding
+    # The kernel chooses the fan, the greater part of D, in float32, and so does this test: on a diagonal, rounding
     # decides.
     x32, y32, e32 = x.astype(np.float32), y.astype(np.float32), epipole.astype(np.float32)
     rounded = x32 * e32[2] - e32[0], y32 * e32[2] - e32[1]
@@ -71,9 +71,9 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
         reference = float(g["reference"])
         at_reference = (reference * epipole[2] - epipole[axis]) * side
         with np.errstate(divide="ignore", invalid="ignore"):
-            # The pixel's own line, where it passes the reference.
+            # Where the pixel's own line passes the reference.
             cut = (x, y)[1 - axis] + D[1 - axis] * side / d_along * (reference - pixel)
-            # A pixel there is `apart` wide here.
+            # A pixel of the reference is `apart` wide here.
             distance = d_along / at_reference
         apart = distance.copy()
         for level in range(1, int(g["levels"]) + 1):
@@ -82,8 +82,8 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
             nearest = np.clip(np.round((cut - g["first"]) / g["spacing"]), 0, int(g["count"]) - 1)
             off = np.abs(g["first"] + nearest * g["spacing"] - cut) * distance
             mine &= distance > g["least"]
-            owners += mine & (off < (0.5 - 1e-6) * apart)  # the kernel keeps off the border between two lines
-            assert not (mine & (off < 0.5 * apart) & (off > 0.5)).any(), "a line owns what is over half a pixel off"
+            owners += mine & (off < (0.5 - 1e-6) * apart)  # the kernel keeps clear of the border between two lines
+            assert not (mine & (off < 0.5 * apart) & (off > 0.5)).any(), "a line owns a pixel over half a pixel away"
         lines = g["first"] + g["spacing"] * np.arange(int(g["count"]))
         visits += steps(lines, g, epipole, reference)
     assert first_packet == packets
@@ -92,13 +92,13 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
 
 
 def coverage(owners: np.ndarray, D: tuple[np.ndarray, np.ndarray]) -> float:
-    """Share of the pixels that have an owner, the epipole's own pixel aside: it has no line at all."""
+    """Share of the pixels that have an owner, without the epipole's own pixel, which has no line at all."""
     asked = np.maximum(np.abs(D[0]), np.abs(D[1])) > 0
     return float((owners > 0)[asked].mean()) if asked.any() else 1.0
 
 
 def steps(lines: np.ndarray, group: np.void, epipole: np.ndarray, reference: float) -> float:
-    """Pixels between low and high along, and cross_low and cross_high across, that lines pass."""
+    """Number of pixels between low and high along, and cross_low and cross_high across, that lines pass."""
     axis = int(group["axis"])
     slope = (lines * epipole[2] - epipole[1 - axis]) / (reference * epipole[2] - epipole[axis])
     along = np.arange(int(group["low"]), int(group["high"]) + 1)
@@ -115,9 +115,8 @@ def test_every_pixel_has_a_line_within_half_a_pixel(size, region):
         for epipole in finite_epipoles(size, region, seed=1):
             covered, visits = check(epipole, area)
             assert covered == 1.0, (epipole, area)
-            # 1.7: between two halvings up to 1.5 lines, if spread by the distance, cross the width of one.
-            # And in four fans up to two lines at either end, of each of up to five spacings, are there to
-            # be safe.
+            # 1.7: between two halvings up to 1.5 lines, if spread by the distance, cross the width of one. As a
+            # reserve, each of four fans also has up to two lines at either end, for each of up to five spacings.
             assert visits <= 1.7 * pixels + 16 * border, (epipole, area)
 
 
@@ -142,7 +141,7 @@ def test_epipoles_at_infinity(size):
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_epipoles_all_but_at_infinity(size):
-    """A sideways motion with rounding: the third coordinate is not 0 but next to it."""
+    """A sideways motion with rounding: the third coordinate is almost 0."""
     for area in areas(size):
         for x, y in ((30.0, 0.0), (-30.0, 1e-15), (1e-14, 25.0), (0.0, -25.0), (-20.0, 15.0), (17.0, 17.0)):
             for w in (1e-6, 1e-7, 1e-8, 1e-9, 1e-12, 1e-14, 1.1e-16, 3e-17, 1e-18, 1e-25):
@@ -152,16 +151,14 @@ def test_epipoles_all_but_at_infinity(size):
 
 
 def test_lines_near_the_epipole_are_thinned():
-    """Of the 1024 lines that end at the border of a 256 x 256 image, few come near an epipole in its
-    middle.
-    """
+    """Only a few of the 1024 lines that end at the border of a 256 x 256 image come near an epipole in its middle."""
     epipole = np.array([127.3, 120.8, 1.0])
     area = Rectangle(0, 256, 0, 256)
     _, visits = check(epipole, area)
     assert visits <= 1.7 * 256 * 256
     groups, _ = line_groups(epipole, area, LANES)
     near = [g for g in groups if g["low"] - 4 <= epipole[g["axis"]] <= g["high"] + 4]
-    # Thinned four times by two, 1024 lines are 64; a fan adds up to three beyond either end.
+    # Thinned four times by two, 1024 lines become 64; a fan adds up to three beyond either end.
     assert sum(int(g["count"]) for g in near) <= 64 + 4 * 6
 
 

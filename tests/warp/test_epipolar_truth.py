@@ -1,7 +1,7 @@
-"""The epipolar warp against rays cast at the surface that a depth image means.
+"""The epipolar warp against rays cast at the surface that a depth image defines.
 
-Sources and targets of both projections, all nine places of the epipole, all pairs of signs, and no epipole
-at all.
+Sources and targets have both projections, with all nine places of the epipole, all pairs of signs, and no epipole at
+all.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tests.warp.test_special_positions import beside_border
 pytest.importorskip("open3d")
 
 PROJECTIONS: tuple[Projection, ...] = ("perspective", "orthographic")
-WITH_EPIPOLES: list[tuple[Projection, Projection]] = [  # source and target; orthographic ones have none but at infinity
+WITH_EPIPOLES: list[tuple[Projection, Projection]] = [  # source and target; orthographic epipoles lie at infinity
     ("perspective", "perspective"),
     ("perspective", "orthographic"),
     ("orthographic", "perspective"),
@@ -29,14 +29,14 @@ SCENES = ("smooth", "stepped")
 PLACES = (*scenes.REGIONS, "special")  # special: identity, rotation alone, epipoles at infinity
 SOURCE, TARGET = (256, 192), (240, 200)
 
-DEPTH = 1e-3  # relative: what the warp promises for linear samples
-ROUNDING = 1e-5  # relative: depth is float32, and comes of a few dozen operations on pixels up to 256
-RIGHT = 0.999  # share of the interior pixels that must be right: the rest is thinner than the band sees
+DEPTH = 1e-3  # relative: the promised precision of the warp for linear samples
+ROUNDING = 1e-5  # relative: float32 depth after a few dozen operations on pixels up to 256
+RIGHT = 0.999  # share of the interior pixels that must be right: the rest is thinner than the band detects
 COVERAGE = 0.005  # share of the image whose coverage may differ: silhouettes, to within a pixel
 AGREEMENT = 0.995  # share of the image where epipolar and search must be the same: silhouettes again
 COLUMNS = 512  # more than any image has columns or rows
-TIE = 1 / 8  # source pixels: within that of the middle between two samples, either may be the nearest
-COLOR = 1.0  # of 255: half for rounding to bytes, half for a position that is right to 0.1 % of the depth
+TIE = 1 / 8  # source pixels: this near to the middle between two samples, either may be the nearest
+COLOR = 1.0  # levels of 255: half for rounding to bytes, half for a position with an error of 0.1 % of the depth
 
 
 @cache
@@ -60,8 +60,8 @@ def agreement(a: ibr.Frame, b: ibr.Frame, limit: np.ndarray | float = 0.0) -> fl
 
 def check_linear(seen: truth.Truth, frame: ibr.Frame, name: str) -> None:
     interior = seen.interior()
-    # 100 pixels: a share of 99.9 % means that all are right, at least.
-    assert interior.sum() > 100, f"{name}: the truth is all edges"
+    # 100 pixels: a share of 99.9 % then means that all are right.
+    assert interior.sum() > 100, f"{name}: the truth consists of edges"
     right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
     assert right[interior].mean() >= RIGHT, name
     assert (frame.valid != seen.valid).mean() <= COVERAGE, name
@@ -80,7 +80,7 @@ def check_nearest(seen: truth.Truth, frame: ibr.Frame, view: ibr.DepthImage, nam
 
 
 def colored_by_place(view: ibr.DepthImage) -> ibr.DepthImage:
-    """The same depth; each sample's colour is its x and y, as parts of `COLUMNS`."""
+    """The view's depth, with each sample's x and y, as parts of `COLUMNS`, for colours."""
     y, x = np.indices(view.depth.shape, np.float32) / np.float32(COLUMNS)
     return ibr.DepthImage(np.stack([x, y, 0 * x], axis=-1), view.depth, view.camera)
 
@@ -138,7 +138,7 @@ def check_search(scene: str, source: Projection, target: Projection, place: str)
 
 
 def around(view: ibr.DepthImage, target: Projection) -> list[tuple[str, Camera]]:
-    """Cameras that see the surface's other side, straight and askew, and one of those that see its front."""
+    """Cameras that see the surface's other side, straight and obliquely, and one camera that sees its front."""
     K = scenes.target_intrinsics(TARGET, target)
     behind = {
         "behind": scenes.pose(yaw=180, center=(0, 0, 8)),
@@ -150,7 +150,7 @@ def around(view: ibr.DepthImage, target: Projection) -> list[tuple[str, Camera]]
 
 
 def test_sideways_motion_of_turned_cameras():
-    """Their epipole is at infinity but for rounding, which says no more of where it is."""
+    """Their epipole is at infinity except for rounding, which gives a wrong direction."""
     scene = scenes.smooth((160, 120))
     rng = np.random.default_rng(0)
     for number in range(40):
@@ -200,7 +200,7 @@ def test_targets_much_smaller_and_larger_than_the_source(source, target, size):
         assert (frame.valid != seen.valid).mean() <= COVERAGE, pose.name
         interior = seen.interior()
         right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
-        # One pixel of a small image may be more than a share of 0.1 %.
+        # One pixel of a small image may exceed a share of 0.1 %.
         assert np.count_nonzero(~right[interior]) <= max(1, (1 - RIGHT) * interior.sum()), pose.name
 
 
@@ -217,7 +217,7 @@ def test_awkward_sizes(size, source, target):
         if not seen.valid.any():
             continue
         frame = ibr.warp(here.view, pose.camera, edges="connect")
-        # 2: of a small image, a pixel or two may be any share. Its border may run along a line of pixels.
+        # 2: in a small image, a pixel or two may be any share. Its border may run along a line of pixels.
         differ = (frame.valid != seen.valid) & ~beside_border(seen.valid)
         assert np.count_nonzero(differ) <= max(2, COVERAGE * seen.valid.size), pose.name
         interior = seen.interior()
@@ -229,9 +229,7 @@ def test_awkward_sizes(size, source, target):
 @pytest.mark.parametrize("method", ["epipolar", "search"])
 @pytest.mark.parametrize("source", PROJECTIONS)
 def test_the_pixel_at_the_epipole_is_no_hole(source, method, forward):
-    """Forward motion with a principal point on a pixel's centre: that pixel has no epipolar line, yet a
-    ray.
-    """
+    """Forward motion with a principal point on a pixel's centre: that pixel has no epipolar line, yet a ray."""
     f = 50 if source == "perspective" else 20
     y, x = np.mgrid[:49, :65]
     depth = (3 + 0.02 * x + 0.01 * y).astype(np.float32)
@@ -256,8 +254,7 @@ def test_images_of_one_row_or_column_do_no_harm(size, source, target, method):
             frame = ibr.warp(view, pose.camera, method=method)
             assert frame.color.shape == (target_size[1], target_size[0], 3)
             np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
-            # A line of samples is no surface; what is drawn of it must be of it: depth is 3 to 5, and
-            # turned by 25.
+            # A line of samples is no surface, but drawn pixels must come from it: depth is 3 to 5, and turned by 25.
             assert (np.abs(frame.depth[frame.valid] - middle) < 3).all(), pose.name
 
 
@@ -274,10 +271,10 @@ def test_targets_of_one_row_or_column(target_size, source, target):
         assert seen.valid.any(), pose.name
         for sample in ("linear", "nearest"):
             frame = ibr.warp(here.view, camera, interpolation=sample, edges="connect")
-            # 1: a ray may pass just beside a silhouette that another one meets.
+            # 1: a ray may just miss a silhouette that another ray meets.
             assert np.count_nonzero(frame.valid != seen.valid) <= (1 if seen.valid.size > 1 else 0), pose.name
             both = frame.valid & seen.valid
             limit = truth.depth_change_one_pixel(seen, here.view, camera) if sample == "nearest" else 0
             off = np.abs(frame.depth - seen.depth) - limit
-            # No interior in one row: one ray may pass a hill's crest that another one just meets.
+            # One row has no interior: one ray may pass a hill's crest that another ray just meets.
             assert np.count_nonzero(off[both] > DEPTH * seen.depth[both]) <= 1, pose.name

@@ -1,4 +1,4 @@
-"""Holes filled, against the plain rules in float64, on masks of all kinds and lines of all directions."""
+"""Filled holes, against the plain rules in float64, on masks of all kinds and lines of all directions."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def lanes(request: pytest.FixtureRequest) -> Iterator[int]:
 
 @cache
 def images(size: scenes.Size, mask: str, dtype: type) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Colour, depth and valid. Neighbours' depths are the same background's, in between, and others'."""
+    """Colour, depth and valid. Depths of neighbours lie on one background, on other surfaces, and in between."""
     width, height = size
     rng = np.random.default_rng([width, height, MASKS.index(mask)])
     y, x = np.mgrid[:height, :width]
@@ -76,7 +76,7 @@ def images(size: scenes.Size, mask: str, dtype: type) -> tuple[np.ndarray, np.nd
 
 
 def target_of(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, projection: str = "perspective") -> Target:
-    """A picture with that in it."""
+    """A picture with these arrays."""
     camera = Camera([[50, 0, 0], [0, 50, 0], [0, 0, 1]], valid.shape[::-1], projection=projection)
     target = Target(camera, color.dtype, channels=color.shape[2])
     given = color, depth, valid.astype(np.uint8)
@@ -86,14 +86,14 @@ def target_of(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, projectio
 
 
 def told(target: Target, epipole: Epipole, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """(2, H, W): the depth behind the pixels and the falloff; whatever they are where there is no hole."""
+    """(2, H, W): the depth behind the pixels and the falloff; undefined outside of holes."""
     width, height = target.camera.size
     behind = find_behind(target, np.array(epipole), noise).to_host()
     return behind[:, HALO : height + HALO, HALO : width + HALO].copy()
 
 
 def filled(target: Target, epipole: Epipole | None) -> tuple[np.ndarray, np.ndarray]:
-    """Colour and depth by the kernels."""
+    """Colour and depth from the kernels."""
     push_and_pull(target, None if epipole is None else find_behind(target, np.array(epipole)))
     frame = target.frame()
     return frame.color.copy(), frame.depth.copy()
@@ -106,15 +106,15 @@ def test_the_farther_end_of_a_line_is_what_lies_behind(place, mask, projection, 
     epipole, noise = (STRAIGHT | OTHER)[place], (2e-3, 1e-3, 3e-3)
     for size in SIZES:
         given = images(size, mask, np.uint8)
-        a, b, c = (3 * 2**0.5 * each for each in noise)  # of a difference of two: what noise seldom reaches
+        a, b, c = (3 * 2**0.5 * each for each in noise)  # for a difference of two depths, which noise seldom exceeds
         relative, absolute = (0.015, 0) if projection == "perspective" else (0, 0.015 * max(size) / 50)
-        same = a, b + relative, c + absolute  # at distance 1 the camera sees so much
+        same = a, b + relative, c + absolute  # at distance 1 the camera sees this width
         expected = behind_reference(*given[1:], epipole, projection == "perspective", same)
         assert expected.decided.mean() >= (0.5 if place in OTHER else 1.0)
         sure = edges_of(given[2]) & expected.decided
         depth, falloff = told(target_of(*given, projection), epipole, noise)
         np.testing.assert_array_equal(depth[sure], expected.depth[sure])
-        # It is told from differences of depths of some 3 that are 0.05 or more, all in single precision: to 1e-5 of it.
+        # It comes from differences of at least 0.05 between depths of some 3, in single precision: 1e-5 of it is lost.
         np.testing.assert_allclose(falloff[sure], expected.falloff[sure], rtol=1e-3, atol=1e-3)
 
 
@@ -143,7 +143,7 @@ def test_holes_are_filled_by_push_and_pull(way, mask, projection, lanes):
 
 @pytest.mark.parametrize("place", STRAIGHT)
 def test_shared_lines_give_what_each_hole_finds_for_itself(place, lanes):
-    """Of an epipole so far away that its direction rounds to the same one, to the bit."""
+    """An epipole so far away that its direction rounds to the same direction gives the same bits."""
     x, y, _ = STRAIGHT[place] if any(STRAIGHT[place]) else (-1.0, 0.0, 0.0)
     far = x, y, 1e-20
     for size in SIZES:
@@ -178,20 +178,20 @@ def test_the_foreground_leaves_no_trace_at_any_resolution(width):
     rim = np.zeros_like(near)
     for shift, axis in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
         rim |= hidden & np.roll(near, shift, axis)
-    # The box counts (2/3)^12 beside the wall's 1: less than a hundredth, even where there is twice as much of it.
+    # The box weighs (2/3)^12, the wall 1: less than a hundredth, even with twice as many pixels of the box.
     assert np.abs(frame.color[hidden & ~rim] - [50.0, 100.0, 150.0]).mean() <= 0.01 * 200
     assert np.abs(frame.depth[hidden] / 3.0 - 1.0).mean() <= 0.01
     assert rim.any()
     assert (np.abs(frame.color[rim] - [90.0, 80.0, 120.0]) <= 1).mean() >= 0.95  # a fifth of the box
 
 
-RATIOS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.97)  # of a foreground's depth to that of what is behind it
+RATIOS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.97)  # foreground's depth over the depth behind it
 
 
 def near_walls(width: int, ratio: float, hole: float, slope: float) -> tuple[ibr.DepthImage, Camera, np.ndarray]:
-    """A box before a wall; a camera to its right that sees a hole, of a part of the width; and the wall alone there.
+    """A box before a wall; a camera to its right that sees a hole, a part of the width wide; and the wall alone there.
 
-    slope: the wall's nearness changes so much, as a part of it, from the left to the right.
+    slope: the relative change of the wall's nearness from the left to the right.
     """
     height = 2 * width // 3
     y, x = np.mgrid[:height, :width]
@@ -200,10 +200,10 @@ def near_walls(width: int, ratio: float, hole: float, slope: float) -> tuple[ibr
     u, v = x / width, y / width
     wall = np.dstack([90 + 30 * np.sin(21 * u), 20 + 10 * np.cos(28 * v), 20 + 0 * u]).astype(np.uint8)
     box = np.dstack([190 + 0 * u, 160 + 0 * u, 110 + 20 * np.sin(96 * u)]).astype(np.uint8)
-    nearness = (1 + slope * (u - 0.625)) / 3  # where the box's right edge is, it is 3 away
+    nearness = (1 + slope * (u - 0.625)) / 3  # at the box's right edge, the wall is 3 away
     inside = (u > 0.31) & (u < 0.625) & (v > 0.19)
     aside = hole * 3 * ratio / (1 - ratio)
-    # What is 3 away stays where it is.
+    # A surface 3 away stays in place.
     there = Camera(
         K + np.array([[0, 0, width * aside / 3], [0, 0, 0], [0, 0, 0]]),
         (width, height),
@@ -219,7 +219,7 @@ def near_walls(width: int, ratio: float, hole: float, slope: float) -> tuple[ibr
 @pytest.mark.parametrize(("hole", "slope"), [(0.1, 0.0), (0.012, 0.0), (0.012, 0.05), (0.012, -0.05)])
 @pytest.mark.parametrize("width", [160, 480, 1280])
 def test_holes_show_what_was_hidden_however_close_it_is_behind(width, hole, slope, ratio, lanes):
-    """Narrow holes, whatever the wall's slope is, and wide ones if it is flat."""
+    """Narrow holes, at any slope of the wall, and wide ones if it is flat."""
     view, camera, truth = near_walls(width, ratio, hole, slope)
     cut_ratio = 1 + 0.5 * (1 / ratio - 1)
     bare = ibr.warp(view, camera, classes=True, cut_ratio=cut_ratio)
@@ -227,15 +227,15 @@ def test_holes_show_what_was_hidden_however_close_it_is_behind(width, hole, slop
     holes = bare.classes == ibr.PixelClass.HIDDEN
     assert holes.mean() > 0.2 * hole
     error = np.abs(frame.color[holes].astype(float) - truth[holes]).mean()
-    # Half of the box would be 55 levels; what the wall looks like elsewhere is up to 10 off, and a fifth of the box in
-    # one of a hole's columns is 22 / columns.
+    # Half of the box would be an error of 55 levels. Other parts of the wall differ by up to 10, and a fifth of the box
+    # in one of a hole's columns makes 22 / columns.
     assert error <= 10 + 22 / max(hole * width - 1, 1)
 
 
 def foreground_of(lengths: Sequence[int], near: float, slope: float = 0.0) -> np.ndarray:
-    """Part of holes' near end that is foreground, of so many pixels in 1000 pixels' width; the far one is at 3.
+    """Part of foreground at holes' near end, for holes of so many pixels in 1000 pixels' width; the far end is at 3.
 
-    slope: of its depth at the hole, by how much the near surface recedes towards it over 100 pixels.
+    slope: how much the near surface recedes towards the hole over 100 pixels, as a part of its depth there.
     """
     depth = np.full((len(lengths), 1000), 3.0, np.float32)
     depth[:, :200] = near * (1 + slope * np.linspace(-2, 0, 200))
@@ -247,7 +247,7 @@ def foreground_of(lengths: Sequence[int], near: float, slope: float = 0.0) -> np
 
 
 def test_what_is_foreground_changes_smoothly_as_holes_grow(lanes):
-    """So that what fills a hole does not flicker from frame to frame."""
+    """Smooth changes keep filled holes from flickering from frame to frame."""
     lengths = range(5, 60)
     part = foreground_of(lengths, 2.5, slope=0.3)
     assert part[0] == pytest.approx(1) and part[-1] == 0
@@ -259,15 +259,15 @@ def test_what_is_foreground_changes_smoothly_as_holes_grow(lanes):
 def test_what_is_foreground_changes_smoothly_as_surfaces_part(lanes):
     part = np.array([foreground_of([10], 3 * (1 - gap))[0] for gap in np.linspace(0.01, 0.035, 26)])
     assert part[0] == 0 and part[-1] == pytest.approx(1)
-    # A smooth step from 1.5 % to 3 % of the depth: 1.5 / 15 for each tenth of a percent at its steepest.
+    # A smooth step from 1.5 % to 3 % of the depth: at its steepest 1.5 / 15 for each tenth of a percent.
     assert (np.diff(part) >= -1e-4).all() and np.diff(part).max() <= 0.101
 
 
 def test_what_is_foreground_changes_smoothly_as_surfaces_slope(lanes):
     part = np.array([foreground_of([100], 2.5, slope)[0] for slope in np.linspace(0, 0.04, 41)])
     assert part[0] == pytest.approx(1) and part[-1] == 0
-    # A smooth step from 5 % to 15 % of the gap in nearness, of which a thousandth of the depth is 0.6 %: 1.5 * 0.06 at
-    # its steepest, and a little more as nearness is not quite linear.
+    # A smooth step from 5 % to 15 % of the gap in nearness, and a thousandth of the depth is 0.6 % of that gap: 1.5 *
+    # 0.06 at its steepest, and a little more, since nearness is not quite linear.
     assert (np.diff(part) <= 1e-4).all() and np.diff(part).min() >= -0.1
 
 
@@ -288,7 +288,7 @@ def test_both_forms_of_the_kernels_fill_alike():
 
 
 def window(color_there: np.ndarray | int, dtype: type = np.uint8) -> ibr.DepthImage:
-    """A wall with a window in it, which has colours but no depth."""
+    """A wall with a window, which has colours but no depth."""
     camera = Camera([[100, 0, 65], [0, 100, 50], [0, 0, 1]], (131, 101))
     color = np.full((101, 131, 3), 90, np.uint8)
     depth = np.full((101, 131), 2.0, np.float32)
@@ -303,7 +303,7 @@ def window(color_there: np.ndarray | int, dtype: type = np.uint8) -> ibr.DepthIm
 def test_colours_without_depth_are_shown_where_the_depth_around_leads_to_them(dtype, lanes):
     stripes = (np.arange(50)[None, :, None] * np.array([5, 3, 4]) + 10).astype(np.uint8)
     view = window(stripes, dtype)
-    frame = ibr.warp(view, view.camera.moved(0.2, 0, 0), fill="background")  # by 10 pixels
+    frame = ibr.warp(view, view.camera.moved(0.2, 0, 0), fill="background")  # shifts by 10 pixels
     assert not frame.valid[35:65, 35:75].any()
     np.testing.assert_allclose(frame.depth[35:65, 35:75], 2.0, rtol=1e-5)
     np.testing.assert_allclose(frame.color[35:65, 35:75], view.color[35:65, 45:85], atol=1e-5)
@@ -353,7 +353,7 @@ def test_inpainting_continues_what_is_around(mask, dtype):
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_inpainting_asks_for_no_unit(projection):
-    """Metres or millimetres, bright or dark, floats or bytes: the same picture."""
+    """Metres or millimetres, bright or dark, floats or bytes give the same picture."""
     color, depth, valid = images((131, 101), "patches", np.uint8)
     bright = color.astype(np.float32) / np.float32(255)
     colors, depths = [], []
@@ -362,10 +362,10 @@ def test_inpainting_asks_for_no_unit(projection):
         inpaint(target)
         colors.append(target.frame().color)
         depths.append(target.frame().depth / unit)
-    # A step of 1/65535 of the range, added to pixels that are told from filled ones, and single precision's rounding
+    # A step of 1/65535 of the range, added to pixels next to filled ones, and single precision's rounding
     np.testing.assert_allclose(depths[0], depths[1], atol=1e-4)
     np.testing.assert_allclose(colors[0], 8 * colors[1], atol=1e-4)
-    assert np.abs(255 * colors[0] - colors[2])[~valid].mean() < 2  # bytes: of such a step of 1/255, and rounded
+    assert np.abs(255 * colors[0] - colors[2])[~valid].mean() < 2  # bytes have steps of 1/255, and are rounded
 
 
 def test_a_missing_opencv_is_named(monkeypatch: pytest.MonkeyPatch):

@@ -1,13 +1,13 @@
 """Random warps: the sweep against the search, and the search against its reference.
 
-A seed makes a scene, two cameras and the options. To try more of them than the suite does, from the repository's root:
+A seed makes a scene, two cameras and the options. To try more seeds than the suite does, from the repository's root:
 
     python -m tests.warp.test_generated --seconds 120 --first 1000
 
 This prints the worst warps, each with its seed, and the worst shares of pixels by scene and by movement.
 
-The sweep's lines pass up to half a pixel beside the pixels, and what no line of a pixel and its neighbours saw is not
-looked for: what is less than a pixel wide may be missed, and is not counted here.
+The sweep's lines pass up to half a pixel beside the pixels, and resolve only looks where lines of a pixel and its
+neighbours met something. So parts less than a pixel wide may be missed, and are not counted here.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from tests.reference.warp import search_reference
 
 SCENES = ("smooth", "steps", "noise", "soft", "thin", "holes")
 MOVES = ("x", "y", "z", "diagonal", "any", "turned", "turned alone")
-LIMIT = 0.005  # share of the target's pixels that the sweep may see otherwise than the search
-FEW = 3  # pixels that it may in any case: 0.5 % of a target of 20 x 20 is but two
+LIMIT = 0.005  # share of the target's pixels that may differ between sweep and search
+FEW = 3  # pixels that may differ in any case: 0.5 % of a target of 20 x 20 is only two
 
 
 @dataclass
@@ -51,7 +51,7 @@ class Case:
 
     @property
     def limit(self) -> float:
-        """Pixels that sweep and search may see otherwise."""
+        """Number of pixels that may differ between sweep and search."""
         return max(FEW, LIMIT * self.target.width * self.target.height)
 
     def __str__(self) -> str:
@@ -60,7 +60,7 @@ class Case:
 
 
 def make_case(seed: int, least: int = 20, most: tuple[int, int] = (160, 130)) -> Case:
-    """Sources of `least` ... `most` samples a side; targets of the same size or another one."""
+    """Sources of `least` ... `most` samples a side; targets of the same or another size."""
     rng = np.random.default_rng(seed)
     size = int(rng.integers(least, most[0])), int(rng.integers(least, most[1]))
     scene, move = str(rng.choice(SCENES)), str(rng.choice(MOVES))
@@ -84,8 +84,8 @@ def make_case(seed: int, least: int = 20, most: tuple[int, int] = (160, 130)) ->
 def camera(
     rng: np.random.Generator, size: scenes.Size, focal: float, pose: np.ndarray, projection: Projection
 ) -> Camera:
-    """The principal point is in the middle, or beside it."""
-    f = focal if projection == "perspective" else focal / 4  # as much of what is 4 away
+    """A camera with its principal point in the middle, or off it."""
+    f = focal if projection == "perspective" else focal / 4  # the same field of view at distance 4
     K = [[f, 0, (size[0] - 1) / 2 + rng.choice([0, 0.3])], [0, f, (size[1] - 1) / 2], [0, 0, 1]]
     return Camera(K, size, pose, projection=projection)
 
@@ -125,29 +125,29 @@ def random_pose(rng: np.random.Generator, move: str) -> np.ndarray:
 
 
 def options_of(case: Case) -> dict[str, Any]:
-    """Noise is cut by number: the noise that it is would explain all of it, and nothing be cut."""
+    """Options of a case. Noise is cut by a ratio: its estimate would explain all of it, and nothing would be cut."""
     by_number = {"cut_ratio": 1.05} if case.scene == "noise" else {}
     return {"edges": case.edges, "side": case.side, **by_number}
 
 
 def searched(case: Case, target: Camera) -> np.ndarray:
-    """(H, W) depth that the search sees for a target, nan in holes."""
+    """(H, W) depth that the search sees for a target, NaN in holes."""
     return ibr.warp(case.view, target, method="search", **options_of(case)).depth
 
 
 def without_ties(case: Case, wrong: np.ndarray) -> np.ndarray:
-    """Wrong pixels, less those whose rays pass an end of the surface within a hair."""
+    """Wrong pixels, without those whose rays pass an end of the surface within a hair."""
     return wrong & ~ties(partial(searched, case), case.target) if wrong.any() else wrong
 
 
 def differing(case: Case) -> np.ndarray:
-    """(H, W) bool: pixels where the sweep sees something else than the search."""
+    """(H, W) bool: pixels where sweep and search differ."""
     swept = ibr.warp(case.view, case.target, **options_of(case))
     return without_ties(case, off(swept.depth, searched(case, case.target)))
 
 
 def differing_by_a_pixel(case: Case) -> np.ndarray:
-    """(H, W) bool: where what the search sees and the sweep does not is at least a pixel wide."""
+    """(H, W) bool: pixels where the search sees something at least a pixel wide that the sweep misses."""
     wrong = differing(case)
     return wrong & ~slivers(partial(searched, case), case.target) if wrong.any() else wrong
 
@@ -167,7 +167,7 @@ def test_epipolar_sees_what_search_sees(first):
     [
         *(11, 143, 517, 2646, 2905, 4487, 5011, 5879, 20786),  # slits between torn pieces
         33878,  # a back close behind a front
-        *(40163, 41897, 50170, 52136),  # along diagonals, and at the border of the source
+        *(40163, 41897, 50170, 52136),  # along diagonals, and at the source's border
         *(33488, 39031, 48318, 52866),  # backs amid fronts
     ],
 )
@@ -189,9 +189,9 @@ def test_search_sees_what_its_reference_sees(seed):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Random warps, the sweep against the search.")
+    parser = argparse.ArgumentParser(description="Compare the sweep with the search in random warps.")
     parser.add_argument("--seconds", type=float, default=60)
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--first", type=int, default=0, help="number of the first seed")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     end, results = time.monotonic() + given.seconds, []

@@ -1,4 +1,4 @@
-"""The host's part of small pictures: counted in calls and commands, which are the same on every machine."""
+"""The host's cost of small pictures, counted in calls and commands, which are the same on every machine."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _SIZE = (67, 61)
 
 @pytest.fixture(autouse=True)
 def whole_launches(monkeypatch: pytest.MonkeyPatch) -> None:
-    """None is cut or awaited because it took long on a busy machine."""
+    """Keep launches from being split or awaited because they take long on a busy machine."""
     monkeypatch.setattr(launch, "UNSPLIT_SECONDS", math.inf)
     monkeypatch.setattr(launch, "QUEUED_SECONDS_MAX", math.inf)
 
 
 def calls_of(task: Callable[[], object]) -> int:
-    """Calls of functions, Python's and built in, that a task makes when all that is made once is there."""
+    """Count the calls of functions, Python's and built in, in a task whose caches are filled."""
     task()
     seen = 0
 
@@ -45,7 +45,7 @@ def calls_of(task: Callable[[], object]) -> int:
             sys.setprofile(before)
         return seen
 
-    return min(counted() for _ in range(3))  # what others left may go meanwhile
+    return min(counted() for _ in range(3))  # other tests' objects may be freed meanwhile
 
 
 @pytest.mark.parametrize(("edges", "fresh", "kept"), [("cut", 1500, 900), ("connect", 1400, 880)])
@@ -78,7 +78,7 @@ def test_a_fresh_warp_is_few_commands(moved, launches, lanes, monkeypatch: pytes
     depth[20:40, 20:40] = 1.0
     camera = view.camera.moved(*moved)
     prepares = ["find_noise", "prepare"]
-    if lanes == "one":  # GPUs have no wait between these; they walk along parts of lines, whose pixels are cleared
+    if lanes == "one":  # GPUs need no wait between these; they walk along parts of lines, whose pixels are cleared
         prepares = ["find_noise", "to_nearness", "find_edges", "continue_border", "look_around"]
         launches = ["clear", *(name for name in launches if name != "clear")]
         launches.insert(1, "bound_surface")
@@ -86,7 +86,7 @@ def test_a_fresh_warp_is_few_commands(moved, launches, lanes, monkeypatch: pytes
     take = memory._take
     monkeypatch.setattr(memory, "_take", lambda session, size: taken.append(size) or take(session, size))
     with one_lane() if lanes == "one" else nullcontext():
-        ibr.warp(ibr.DepthImage(view.color, depth, view.camera), camera)  # builds what is built once
+        ibr.warp(ibr.DepthImage(view.color, depth, view.camera), camera)  # fills the caches
         taken.clear()
         with watching(Traffic()) as seen:
             ibr.warp(ibr.DepthImage(view.color, depth, view.camera), camera)

@@ -1,6 +1,4 @@
-"""Laws that hold of any warp, whatever the scene, with answers that are known without a second
-renderer.
-"""
+"""Laws that hold for any warp of any scene, with answers that are known without a second renderer."""
 
 from __future__ import annotations
 
@@ -34,7 +32,7 @@ def pinhole(size: scenes.Size, focal: float = 60.0) -> Camera:
 
 
 def image(depth: np.ndarray, camera: Camera, **options: float) -> ibr.DepthImage:
-    """``depth`` with the scenes' texture."""
+    """Depth image of ``depth`` with the scenes' texture."""
     return ibr.DepthImage(
         scenes.texture(*scenes.image_coordinates(camera.size)), depth.astype(np.float32), camera, **options
     )
@@ -54,7 +52,7 @@ def test_the_same_camera_copies(size, projection, sample, dtype):
     frame = ibr.warp(view, view.camera, interpolation=sample)
     assert frame.valid.all()
     np.testing.assert_array_max_ulp(frame.depth, view.depth, KEPT_ULP)
-    # Float colours pass through sums of weights, 4 roundings.
+    # Float colours pass through weighted sums with 4 roundings.
     np.testing.assert_allclose(frame.color, color, rtol=0, atol=0 if dtype == np.uint8 else 4 * 2**-24)
 
 
@@ -63,8 +61,7 @@ def test_the_same_camera_copies(size, projection, sample, dtype):
 def test_holes_stay_where_they_are(method, projection):
     view = scenes.holed((61, 37), projection)
     frame = ibr.warp(view, view.camera, method=method)
-    # A sample is a vertex of triangles, which are gone where one of their corners is: never more than the
-    # valid ones.
+    # A sample is a vertex of triangles, and a missing sample removes its triangles: the valid pixels can only decrease.
     assert not frame.valid[~view.valid].any()
     np.testing.assert_array_max_ulp(frame.depth[frame.valid], view.depth[frame.valid], KEPT_ULP)
     if method == "forward":
@@ -85,7 +82,7 @@ def test_every_kind_of_no_surface_is_the_same_hole(bad):
     grown = cv2.dilate(hole.astype(np.uint8), np.ones((3, 3))).astype(bool)
     assert not frame.valid[hole].any()
     assert frame.valid[~grown].all()
-    np.testing.assert_allclose(frame.depth[frame.valid], 2, rtol=1e-6)  # float32, a dozen operations
+    np.testing.assert_allclose(frame.depth[frame.valid], 2, rtol=1e-6)  # float32, after a dozen operations
 
 
 def test_a_far_background_is_no_surface():
@@ -93,8 +90,8 @@ def test_a_far_background_is_no_surface():
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     disc = (x - 47) ** 2 + (y - 31) ** 2 < 400
     view = image(np.where(disc, 2.0, 50.0), camera, far=50.0)
-    np.testing.assert_array_equal(ibr.warp(view, camera).valid, disc)  # rays through samples see those alone
-    # The disc is its samples' pixels, half a pixel beyond its samples: moved by .3 and .6 pixels it covers as many.
+    np.testing.assert_array_equal(ibr.warp(view, camera).valid, disc)  # rays through samples see the samples alone
+    # The disc consists of its samples' pixels, up to half a pixel beyond: moved by .3 and .6 pixels it covers as many.
     assert ibr.warp(view, camera.moved(0.01, 0.02, 0)).valid.sum() == disc.sum()
     everything = image(np.where(disc, 2.0, 50.0), camera)
     assert ibr.warp(everything, camera).valid.all()
@@ -115,7 +112,7 @@ def test_a_wall_shifts_by_focal_times_baseline_over_depth(method, pixels):
     source = np.s_[max(dy, 0) : SIZE[1] + min(dy, 0), max(dx, 0) : SIZE[0] + min(dx, 0)]
     target = np.s_[max(-dy, 0) : SIZE[1] + min(-dy, 0), max(-dx, 0) : SIZE[0] + min(-dx, 0)]
     expected[target], there[target] = view.color[source], True
-    # Rays through the outermost samples may pass just beside the surface's border.
+    # Rays through the outermost samples may just miss the surface's border.
     inner = cv2.erode(there.astype(np.uint8), np.ones((3, 3))).astype(bool)
     assert not frame.valid[~there].any()
     assert frame.valid[inner].all()
@@ -125,9 +122,7 @@ def test_a_wall_shifts_by_focal_times_baseline_over_depth(method, pixels):
 
 @pytest.mark.parametrize("move", [(0.3, 0, 0), (0.1, -0.2, 0.4), (0, 0, -0.7)], ids=str)
 def test_a_plane_is_its_homography(move):
-    """A slanted plane n . X = d from a turned camera: H = K (R - t n^T / d) K^-1, and the colours cv2
-    draws with it.
-    """
+    """A slanted plane n . X = d seen by a turned camera: H = K (R - t n^T / d) K^-1, and the colours that cv2 draws."""
     camera = pinhole(SIZE)
     normal, d = np.array([0.15, -0.1, 1.0]), 3.0
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
@@ -146,12 +141,11 @@ def test_a_plane_is_its_homography(move):
     inner = cv2.erode(inside.astype(np.uint8), np.ones((3, 3))).astype(bool)
     assert inner.mean() > 0.5
     assert frame.valid[inner].all()
-    # 3 of 255: cv2 mixes four samples, the warp three (a triangle), and cv2 rounds positions to 1/32 of a
-    # pixel.
+    # 3 of 255: cv2 interpolates four samples, the warp three (a triangle), and cv2 rounds positions to 1/32 of a pixel.
     off = np.abs(frame.color.astype(np.float64) - drawn)[inner]
     assert off.max() <= 3
     assert off.mean() < 0.5
-    # Depth has a closed form: where the target's ray meets the plane.
+    # Depth has a closed form: the target's ray intersected with the plane.
     rotation, center = target.world_from_camera[:3, :3], target.center
     expected = (d - center @ normal) / (ray @ rotation.T @ normal)
     np.testing.assert_allclose(frame.depth[inner], expected[inner], rtol=2e-6)
@@ -163,7 +157,7 @@ def test_a_plane_is_its_homography(move):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("scale", [2.0**-6, 2.0**10])
 def test_scaling_depth_and_baseline_together_changes_nothing(method, scale):
-    """A power of two changes exponents alone: the same bits."""
+    """A power of two only changes exponents: the bits stay the same."""
     view = scenes.stepped(SIZE)
 
     def scaled(camera: Camera) -> Camera:
@@ -189,12 +183,12 @@ def test_the_same_bits_every_time(method, sample):
         first = ibr.warp(view, pose.camera, method=method, interpolation=sample, fill="background")
         for _ in range(3):
             same_bits(first, ibr.warp(view, pose.camera, method=method, interpolation=sample, fill="background"))
-        fresh = ibr.DepthImage(view.color, view.depth, view.camera)  # nothing kept on the device
+        fresh = ibr.DepthImage(view.color, view.depth, view.camera)  # no buffer is kept on the device
         same_bits(first, ibr.warp(fresh, pose.camera, method=method, interpolation=sample, fill="background"))
 
 
 def three_views() -> list[ibr.DepthImage]:
-    """Seen from three places, of three different surfaces, so that no depths are equal."""
+    """Views from three places, of three different surfaces, so that no depths are equal."""
     first = scenes.stepped(SIZE)
     turned = [
         scenes.pose(yaw=8, center=(-0.5, 0.1, 0.2)),
@@ -224,11 +218,11 @@ def test_several_views_are_their_frames_merged_by_depth_in_any_order(method, sam
         expected = ibr.Frame(color, np.where(valid, depths.min(axis=0), np.nan).astype(np.float32), valid, target)
         options: WarpOptions = {"method": method, "interpolation": sample, "edges": edges, "blend": "nearest"}
         if edges == "cut" and method != "forward":
-            # Half a sample beside edges yields to what other views have looked at through it.
+            # The half sample next to edges is dropped where other views have looked through it.
             merged = ibr.warp(views, target, **options)
             assert not (merged.valid & ~expected.valid).any()
             is_same = (merged.valid == expected.valid) & (~merged.valid | (merged.depth == expected.depth))
-            assert is_same.mean() > 0.9  # views that contradict one another, full of holes
+            assert is_same.mean() > 0.9  # views that contradict each other, full of holes
             expected = merged
         for order in permutations(views):
             merged = ibr.warp(order, target, **options)
@@ -259,12 +253,11 @@ def test_there_and_back_is_where_it_was(method, move):
     back = ibr.warp(ibr.DepthImage(there.color, there.depth, there.camera), view.camera, method=method)
     inner = cv2.erode(back.valid.astype(np.uint8), np.ones((7, 7))).astype(bool)
     assert inner.mean() > 0.6
-    # A curved surface, sampled twice: to second order in a pixel, h^2 / 8 of the curvature. That is 0.1 %
-    # here.
+    # A curved surface is sampled twice: the error is second order in a pixel, h^2 / 8 of the curvature, here 0.1 %.
     error = np.abs(back.depth / view.depth - 1)[inner]
     assert np.quantile(error, 0.999) < 2e-3
     assert np.median(error) < 2e-4
-    # The same of the texture, whose finest wave is some 17 pixels long, and two roundings to bytes.
+    # The same for the texture, whose finest wave is some 17 pixels long, and two roundings to bytes.
     assert np.median(np.abs(back.color.astype(int) - view.color.astype(int))[inner]) <= 2
 
 
@@ -285,8 +278,7 @@ def two_walls() -> tuple[ibr.DepthImage, Camera]:
 def test_cut_opens_what_connect_stretches(method):
     view, target = two_walls()
     connected, cut = (ibr.warp(view, target, method=method, edges=edges) for edges in ("connect", "cut"))
-    # The near wall ends at 47 - 20 = 27, the far one begins at 48 - 10 = 38: just there a ray may pass by
-    # or not.
+    # The near wall ends at 47 - 20 = 27, the far one begins at 48 - 10 = 38: exactly there a ray may hit or miss.
     gap = np.s_[:, 28:38]
     assert connected.valid[:, :84].all()
     assert not cut.valid[gap].any()
@@ -320,14 +312,14 @@ def test_edges_are_cut_unless_they_are_to_be_connected(method):
 @pytest.mark.parametrize(("step", "torn"), [(0.31, False), (0.33, True)])
 @pytest.mark.parametrize("turned", [False, True])
 def test_orthographic_views_are_cut_by_the_longer_side_of_what_they_see(method, lifted, step, torn, turned):
-    """5 % of 6.4 scene units are 0.32, wherever along its axis the camera stands."""
+    """5 % of 6.4 scene units are 0.32, at any position of the camera along its axis."""
     size, focal = ((64, 40), 10.0) if not turned else ((40, 64), 10.0)
     camera = Camera(
         [[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]], size, projection="orthographic"
     ).moved(0, 0, -lifted)
     across = np.mgrid[: size[1], : size[0]][0 if turned else 1]
     view = image(lifted + 3 + np.where(across < max(size) // 2, 0, step), camera)
-    # From the near half's side, so that the step's slope is seen from its front: all of the source is before it.
+    # From the near half's side, so that the step's slope is seen from its front, and the whole source is before it.
     aside = np.array([0.0, 3.0, 0.0] if turned else [3.0, 0.0, 0.0])
     target = Camera.look_at(aside, (0, 0, 3), (0, -1, 0), (96, 96), projection="orthographic", height=8)
     cut = ibr.warp(view, target, method=method, edges="cut", cut_ratio=1.05).valid
@@ -351,11 +343,11 @@ def test_holes_are_filled_from_behind(sign):
     np.testing.assert_array_equal(filled.color[bare.valid], bare.color[bare.valid])
     np.testing.assert_array_equal(filled.depth[bare.valid], bare.depth[bare.valid])
     gap = filled.depth[flip][:, 28:38], filled.color[flip][:, 28:38]
-    # The near wall, at half the depth, counts a millionth of the far one.
+    # The near wall, at half the depth, weighs a millionth of the far one.
     np.testing.assert_allclose(gap[0], 4, rtol=3e-3)
     assert (gap[1][:, 1:] == (30, 30, 200)).all()
-    assert (gap[1][:, 0] == (64, 30, 166)).all(), "a fifth of the near wall, as silhouettes are mixed"
-    # Beyond the far wall's end there is one side only.
+    assert (gap[1][:, 0] == (64, 30, 166)).all(), "a fifth of the near wall, since silhouettes are mixed"
+    # Beyond the far wall's end there is only one side.
     np.testing.assert_allclose(filled.depth[flip][:, 86:], 4, rtol=1e-4)
 
 
@@ -392,8 +384,7 @@ def test_bytes_and_floats_agree(method, sample, fill):
         np.testing.assert_array_equal(one.depth, other.depth)
         np.testing.assert_array_equal(one.valid, other.valid)
         assert other.color.dtype == np.float32
-        # Half a level for the rounding to bytes, and a whole one after filling, which mixes what is rounded
-        # already.
+        # Half a level for rounding to bytes, and a whole level after filling, which averages rounded values.
         limit = 1.01 if fill else 0.501
         assert np.abs(one.color - other.color.astype(np.float64) * 255).max() <= limit, pose.name
 
@@ -412,7 +403,7 @@ def test_only_what_is_before_the_camera_is_seen(method, source, target):
 def test_one_program_resolves_whatever_is_zoomed():
     view, builds = scenes.stepped((41, 31)), Builds()
     with watching(builds):
-        for scale in (1, 4):  # of a sample, in pixels
+        for scale in (1, 4):  # pixels per sample
             camera = view.camera.moved(0.2, 0.1, 0.1).resized((41 * scale, 31 * scale))
             ibr.warp(view, camera)
     assert len([of for of in builds.of if of[0] == "resolve"]) == 1

@@ -1,4 +1,4 @@
-"""Real calibrations: an Azure Kinect's depth in its colour camera, against ray casting and against the photograph."""
+"""Real calibrations: an Azure Kinect's depth in its colour camera, against ray casting and the photograph."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ pytest.importorskip("open3d")
 
 @cache
 def kinect(depth_lens: bool = True, color_lens: bool = True) -> tuple[ibr.DepthImage, ibr.Camera, np.ndarray]:
-    """The infrared image with its depth, the colour camera, and what it saw."""
+    """The infrared image with its depth, the colour camera, and its photograph."""
     folder = shared("formats") / "azure_kinect_raw"
     calibration = json.loads((folder / "calibration.json").read_text())
     depth = ibr.depth_from_uint16(cv2.imread(str(folder / "depth.png"), cv2.IMREAD_UNCHANGED), 1000)
     infrared = cv2.imread(str(folder / "ir.png"), cv2.IMREAD_UNCHANGED)
-    logarithm = (np.log1p(infrared.astype(np.float32)) / np.log(2**16)).astype(np.float32)  # it falls off by 1 / z^2
+    logarithm = (np.log1p(infrared.astype(np.float32)) / np.log(2**16)).astype(np.float32)  # light falls off by 1 / z^2
     modes = ("NFOV_UNBINNED", depth_lens), ("720P", color_lens)
     here, there = (ibr.Camera.from_azure_kinect(calibration, mode) for mode, _ in modes)
     here, there = (each if lens else without_lens(each) for each, (_, lens) in zip((here, there), modes, strict=True))
@@ -43,7 +43,7 @@ def test_depth_in_the_colour_camera_is_what_its_rays_meet():
     seen, frame = truth.raycast(view, small, "cut"), ibr.warp(view, small)
     interior = seen.interior(4)
     assert interior.mean() > 0.1
-    right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=3e-3)  # real noise: 2 mm or more of a metre
+    right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=3e-3)  # real noise: at least 2 mm per metre
     assert right[interior].mean() > 0.99
     right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=1e-3)
     assert right[interior].mean() > 0.9
@@ -51,13 +51,13 @@ def test_depth_in_the_colour_camera_is_what_its_rays_meet():
 
 
 def test_the_mapping_is_opencvs():
-    """Positions within 0.01 px, from both cameras' factory numbers as they stand in the file."""
+    """Positions agree within 0.01 px, with both cameras' factory parameters from the file."""
     view, camera, _ = kinect()
     calibration = json.loads((shared("formats") / "azure_kinect_raw" / "calibration.json").read_text())
     entries = calibration["CalibrationInformation"]["Cameras"]
     pixels = np.argwhere(view.valid)[::97, ::-1].astype(np.float64)
     points = view.camera.unproject(pixels, view.depth[view.valid][::97])
-    modes = ((1024, 1024), (192, 180)), ((1280, 960), (0, 120))  # the whole image, and where the mode's begins
+    modes = ((1024, 1024), (192, 180)), ((1280, 960), (0, 120))  # the whole image, and the origin of the mode's image
     seen = pixels, camera.project(points)[0]
     for entry, (whole, crop), expected in zip(entries, modes, seen, strict=True):
         cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1 = entry["Intrinsics"]["ModelParameters"]
@@ -74,9 +74,9 @@ def slopes(image: np.ndarray) -> np.ndarray:
 
 
 def alike(depth_lens: bool = True, color_lens: bool = True) -> float:
-    """Correlation of two gradients: of the infrared image's logarithm, and of the colours of its samples.
+    """Correlation of two gradients: the infrared image's logarithm, and the colours of its samples.
 
-    In the depth camera's image, both blurred by a pixel, at samples that have only coloured ones within 3 pixels.
+    Both are in the depth camera's image, blurred by a pixel, at samples without uncoloured ones within 3 pixels.
     """
     view, camera, photograph = kinect(depth_lens, color_lens)
     found = ibr.register_color(view.depth, view.camera, camera, np.repeat(photograph[..., None], 3, 2))
@@ -86,6 +86,6 @@ def alike(depth_lens: bool = True, color_lens: bool = True) -> float:
 
 def test_lenses_bring_both_cameras_pictures_together():
     both = alike()
-    assert both > 0.36  # what each sample's position in the photograph by itself gives, by OpenCV
+    assert both > 0.36  # OpenCV's correlation, from each sample's own position in the photograph
     assert both > alike(color_lens=False) + 0.05
     assert both > alike(depth_lens=False) + 0.05

@@ -1,4 +1,4 @@
-"""The law that the sweep sees what the search sees, where samples stand out alone between the sweep's lines."""
+"""The sweep sees the same as the search where isolated samples lie between the sweep's lines."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ MOVES = {
     "back": (0.1, 0.0, -0.5),
 }
 LIMIT = 0.001
-"""Of the pixels: a ray between two things, both of which other lines met, may still see what no line did."""
+"""Share of the pixels: a ray between two objects that other lines met may still see something that no line met."""
 
 
 def pins(rng: np.random.Generator) -> np.ndarray:
-    """Single samples, and pairs, before or behind a wall that leans."""
+    """Single samples, and pairs, before or behind an oblique wall."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     depth = 4.0 + 0.004 * x - 0.003 * y
     for step, wide in ((-1.3, 1), (-0.7, 2), (0.6, 1)):
@@ -39,7 +39,7 @@ def pins(rng: np.random.Generator) -> np.ndarray:
 
 
 def crumbs(rng: np.random.Generator) -> np.ndarray:
-    """A wall of which only pieces of one to three samples are there, as a depth camera's may be."""
+    """A wall in pieces of one to three samples, as from a depth camera."""
     depth = 3.5 + 0.5 * np.sin(np.arange(SIZE[0]) / 9.0) + np.zeros((SIZE[1], 1))
     depth += rng.normal(0, 0.004, depth.shape)
     depth[rng.random(depth.shape) < 0.25] = np.nan
@@ -48,12 +48,12 @@ def crumbs(rng: np.random.Generator) -> np.ndarray:
 
 
 def grains(rng: np.random.Generator) -> np.ndarray:
-    """White noise, which a ratio of depths tears to single triangles."""
+    """White noise, torn to single triangles by a ratio of depths."""
     return rng.uniform(2.5, 4.0, SIZE[::-1])
 
 
 def tongues(rng: np.random.Generator) -> np.ndarray:
-    """Bars along rows, columns and diagonals, one sample wide, before a wall that they are connected with."""
+    """Bars along rows, columns and diagonals, one sample wide, before a wall and connected with it."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     depth = np.full(SIZE[::-1], 4.5)
     for bar in (y % 23 == 11, x % 29 == 7, (x + y) % 41 == 3, (x - y) % 37 == 5):
@@ -65,12 +65,12 @@ SCENES = {"pins": pins, "crumbs": crumbs, "grains": grains, "tongues": tongues}
 
 
 def camera(projection: Projection) -> Camera:
-    f = 110.0 if projection == "perspective" else 28.0  # as much of what is 4 away
+    f = 110.0 if projection == "perspective" else 28.0  # the same field of view at distance 4
     return Camera([[f, 0, 61.2], [0, f, 44.7], [0, 0, 1]], SIZE, projection=projection)
 
 
 def differing(view: ibr.DepthImage, target: Camera, **options: Any) -> np.ndarray:
-    """(H, W) bool: where the sweep sees something else than the search, and no hair decides."""
+    """(H, W) bool: pixels where sweep and search differ by more than a hair."""
     seen = partial(ibr.warp, view, method="search", **options)
     wrong = off(ibr.warp(view, target, **options).depth, seen(target).depth)
     return wrong & ~ties(lambda other: seen(other).depth, target) if wrong.any() else wrong
@@ -121,7 +121,7 @@ def test_one_lane_sees_what_sixteen_see(scene, move):
 
 
 def test_rays_along_edges_of_no_triangle_see_them():
-    """Rays of the image's diagonal, of a target on the source's axis, see edges that two samples alone make."""
+    """Rays along the image's diagonal, of a target on the source's axis, see edges between two samples alone."""
     depth = np.full((31, 31), np.nan, np.float32)
     steps = np.arange(4, 28)
     depth[steps, 30 - steps] = 3.0 + 0.01 * steps
@@ -146,7 +146,7 @@ def test_noise_does_not_stand_out_and_spikes_in_it_do(projection):
     spiked = np.zeros(front.shape, bool)
     spiked[rows, columns // 16] = True
     assert (front[spiked] == np.inf).all()
-    # A sample is 5.7 deviations off, and its neighbours not, once in 1e8 samples; at borders there is one side alone.
+    # Once in 1e8 samples, a sample is 5.7 deviations off and its neighbours are not; at borders there is only one side.
     within = (slice(2, -2), slice(1, -1))
     assert (front[within][~spiked[within]] == -np.inf).all()
 

@@ -1,4 +1,4 @@
-"""Several views correct one another: where one has looked through, no other view's margin or rubber sheet stays."""
+"""Several views correct one another: where one has looked through, other views keep no margin or rubber sheet."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from tests.one_lane import one_lane
 
 SIZE = (61, 47)
 TARGET = (183, 141)  # three pixels a sample
-CARD = np.array([0.45, 0.35, 0.0])  # half of its sides
+CARD = np.array([0.45, 0.35, 0.0])  # half of its side lengths
 
 
 def rays_of(camera):
-    """Origins and directions, (H, W, 3), such that depth is how many directions a point lies from its origin."""
+    """Origins and directions, (H, W, 3), scaled so that depth is the parameter along the ray."""
     x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     pixels = np.stack([x, y], -1).reshape(-1, 2).astype(float)
     near, far = (camera.unproject(pixels, np.full(x.size, depth)) for depth in (1.0, 2.0))
@@ -44,7 +44,7 @@ def camera_at(eye, size=SIZE, *, projection="perspective", target=(0.0, 0.0, 0.0
 
 
 def card_at(camera, background):
-    """Depth of a card at z = 0 before a background, and which pixels see the card."""
+    """Depth of a card at z = 0 before a background, and the mask of the card's pixels."""
     origins, directions = rays_of(camera)
     depth = -origins[..., 2] / directions[..., 2]
     on_card = (np.abs(origins + depth[..., None] * directions) <= CARD + 1e-9).all(axis=-1)
@@ -52,7 +52,7 @@ def card_at(camera, background):
 
 
 def balls_at(camera, balls, background=np.inf):
-    """Depth of balls, rows of a centre and a radius."""
+    """Depth of balls, given as rows of a centre and a radius."""
     origins, directions = rays_of(camera)
     nearest = np.full(origins.shape[:2], np.inf)
     for *centre, radius in balls:
@@ -69,7 +69,7 @@ BETWEEN = (0.05, 0.1, -2.0)
 
 
 def sticking_out(views, **options):
-    """Numbers of pixels: beside the card, that a finer picture draws, and on the card, that it leaves open."""
+    """Numbers of pixels in a finer picture: drawn next to the card, and left open on the card."""
     camera = camera_at(BETWEEN, TARGET)
     _, on_card = card_at(camera, np.inf)
     frame = ibr.warp(views, camera, **options)
@@ -86,14 +86,14 @@ def test_margins_yield_where_space_is_known_to_be_empty(projections, blend):
     for background, far in ((np.inf, np.inf), (9.0, 5.0), (5.0, np.inf)):
         views = [textured(camera, card_at(camera, background)[0], far=far) for camera in cameras]
         outside, uncovered = sticking_out(views, blend=blend)
-        # A margin stays if no other view's ray passed by within half a sample.
+        # A margin stays unless another view's ray passed by within half a sample.
         assert outside < 0.2 * before, (background, far)
         assert uncovered - open_before < before - outside
 
 
 @pytest.mark.parametrize("background", [np.nan, 0.0, -1.0])
 def test_what_is_unknown_tells_nothing(background):
-    # Parallel cameras have margins in the card's plane: nobody sees the card itself behind them.
+    # Parallel cameras have margins in the card's plane: no camera sees the card itself behind them.
     camera = camera_at(BETWEEN, TARGET, target=(0.05, 0.1, 0.0))
     cameras = [camera_at((x, y, -2.0), target=(x, y, 0.0)) for x, y, _ in EYES]
     views = [textured(one, card_at(one, background)[0]) for one in cameras]
@@ -113,15 +113,15 @@ def test_a_ball_is_as_large_as_it_is():
         valid, alone = ibr.warp(views, camera).valid, np.any([ibr.warp(view, camera).valid for view in views], axis=0)
         outside, fat = outside + (valid & ~there).sum(), fat + (alone & ~there).sum()
         lost += (alone & there & ~valid).sum()
-    # Within half a sample no image knows where the outline runs.
+    # Within half a sample no image shows the position of the outline.
     assert outside < 0.6 * fat
     assert lost < fat - outside
 
 
 def ramp_views():
-    """A box before a wall, from in front with a ramp between the two, as soft edges have it, and from beside."""
+    """A box before a wall: from in front, with a ramp between the two as at soft edges, and from the side."""
     front, near, far = camera_at((0.0, 0.0, -2.0)), 1 / 1.6, 1 / 3.0
-    ramp = np.clip((31 - np.arange(SIZE[0])) / 3, 0, 1)  # so steep that it would be seen at under 5 degrees
+    ramp = np.clip((31 - np.arange(SIZE[0])) / 3, 0, 1)  # so steep that it is seen at less than 5 degrees
     nearness = far + (near - far) * ramp
     soft = textured(front, np.tile(1 / nearness, (SIZE[1], 1)))
     views = [soft]
@@ -160,7 +160,7 @@ def test_floors_that_recede_stay():
     camera = ibr.Camera([[210, 0, 91], [0, 210, 28.9], [0, 0, 1]], TARGET).moved(0.1, 0.02, 0.1)
     alone = np.any([ibr.warp(view, camera).valid for view in views], axis=0)
     lost = alone & ~ibr.warp(views, camera).valid
-    assert lost[32:].sum() == 0  # from the horizon's own row on, which a view sees in steps of many metres
+    assert lost[32:].sum() == 0  # from the horizon's own row on, where a view's samples are many metres apart
 
 
 @pytest.mark.parametrize("fault", ["none", "noise", "holes", "off", "too near", "all"])

@@ -1,4 +1,4 @@
-"""Many views in one picture: what each costs, and what neither their order nor the target may change."""
+"""Many views in one picture: the cost of each, and independence of their order and of the target."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def lanes(request):
 
 
 def several(count: int, size=SIZE, apart: float = 0.02) -> list[ibr.DepthImage]:
-    """Views of one surface, one beside the other, exposed differently."""
+    """Neighbouring views of one surface, with different exposures."""
     first = scenes.stepped(size)
     made = [first]
     for number in range(1, count):
@@ -49,14 +49,14 @@ def same(one: ibr.Frame, other: ibr.Frame) -> None:
 
 
 def hold(monkeypatch: pytest.MonkeyPatch, layers: int) -> None:
-    """No more layers than that are held at once."""
+    """Limit the number of layers that are kept."""
     monkeypatch.setattr(blending, "_HELD_BYTES", 1)
     monkeypatch.setattr(blending, "_HELD_MIN", layers)
 
 
 @pytest.mark.usefixtures("lanes")
 def test_the_order_of_views_changes_no_bit():
-    """Of views of one camera, too, that differ in what they hold alone."""
+    """The order changes nothing for views of one camera either, which differ only in their contents."""
     views = several(4)
     views.append(ibr.DepthImage(views[0].color // 2, views[0].depth * np.float32(1.018), views[0].camera))
     target = views[0].camera.moved(0.05, 0.02, 0.1)
@@ -73,7 +73,7 @@ def test_the_order_of_views_changes_no_bit():
 
 
 def cross_of_views() -> tuple[list[ibr.DepthImage], ibr.Camera]:
-    """Four views, equally far from the camera in their middle, with samples and depths missing."""
+    """Four views at equal distances from the camera in their middle, with samples and depths missing."""
     middle = scenes.source_camera(SIZE)
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     rng = np.random.default_rng(3)
@@ -90,7 +90,7 @@ def cross_of_views() -> tuple[list[ibr.DepthImage], ibr.Camera]:
 @pytest.mark.parametrize("blend", ["quality", "nearest"])
 @pytest.mark.parametrize("fill", ["background", None])
 def test_the_order_of_views_that_are_equally_near_changes_no_bit(method, blend, fill):
-    """They see the same depths, too, and their colours without depth fill the same holes."""
+    """The views see the same depths, too, and their colours without depth fill the same holes."""
     views, camera = cross_of_views()
     told = method != "forward"
     first = ibr.warp(views, camera, method=method, blend=blend, fill=fill, classes=told)
@@ -105,7 +105,7 @@ def test_the_order_of_views_that_are_equally_near_changes_no_bit(method, blend, 
 
 
 def test_two_views_as_far_apart_as_one_surface_may_be_are_so_in_either_order():
-    """Two per cent: each one's tolerance is of its own depth, so that one may count the other in alone."""
+    """Two per cent: each tolerance is relative to the view's own depth, so only one of them may include the other."""
     camera = scenes.source_camera(SIZE)
     texture = scenes.texture(*scenes.image_coordinates(SIZE)) // 2 + 40
 
@@ -145,7 +145,7 @@ def test_relit_layers_that_are_drawn_twice_give_the_bits_of_those_that_are_held(
 
 
 def test_work_is_linear_in_the_views(monkeypatch):
-    """Each is drawn twice at most, and looked up in nine others at most to tell exposures."""
+    """Each view is drawn at most twice, and looked up in at most nine others for exposures."""
     hold(monkeypatch, 2)
     compared = 0
     compare = exposure._Sampled.compared_with
@@ -164,12 +164,12 @@ def test_work_is_linear_in_the_views(monkeypatch):
         assert compared <= 9 * count
         launches = Counter(name for _, name, _ in seen.of)
         for name in ("epipolar_sweep", "resolve", "weigh_layer"):
-            assert launches[name] == 2 * count - 2, "but for the two that are held in the end"
+            assert launches[name] == 2 * count - 2, "all except the last two, which are kept"
         assert launches["blend_layers"] == -(-count // 2)
 
 
 def test_memory_does_not_grow_with_the_views(monkeypatch):
-    """That of the picture; the views' own is theirs."""
+    """Memory of the picture; the views' own memory is not counted."""
     hold(monkeypatch, 2)
     live = peak = 0
     take, give = memory._take, memory._give_back
@@ -202,7 +202,7 @@ def test_memory_does_not_grow_with_the_views(monkeypatch):
 
 
 def test_views_that_cannot_show_are_not_drawn():
-    """Beside the target's view, behind it, and around a target that looks away from most."""
+    """Views to the side of the target's view, behind it, and around a target that faces away from most of them."""
     here = scenes.flat(SIZE)
     camera = here.camera
     aside = ibr.DepthImage(here.color, here.depth, camera.moved(50, 0, 0))
@@ -223,7 +223,7 @@ def test_views_that_cannot_show_are_not_drawn():
 
 @pytest.mark.usefixtures("lanes")
 def test_tiles_of_a_target_are_parts_of_the_whole():
-    """But for what lines laid otherwise miss of a view alone: of pixels that agree there, all do when blended."""
+    """Pixels that agree for each view alone agree when blended; others may differ, since lines lie differently."""
     views = several(3, (97, 61), 0.1)
     whole = views[0].camera.moved(0.1, 0.05, 0.2)
     frames = {"blended": ibr.warp(views, whole)} | {k: ibr.warp(view, whole) for k, view in enumerate(views)}
@@ -252,7 +252,7 @@ def test_a_wall_has_one_colour_along_a_path():
     seen: list[int] = []
     for step in range(40):
         frame = ibr.warp(views, camera.moved(0.15 * step - 0.5, 0.01 * step, 0))
-        assert np.ptp(frame.color[frame.valid]) <= 1  # of one colour within a picture, too
+        assert np.ptp(frame.color[frame.valid]) <= 1  # the colour is constant within a picture, too
         seen += [int(np.median(frame.color[frame.valid]))]
     assert max(abs(a - b) for a, b in pairwise(seen)) <= 1
 
@@ -275,7 +275,7 @@ def test_rubber_sheets_do_not_hide_what_another_view_saw(how):
     assert sheet.any(axis=0).sum() >= 4
     assert (both.color[sheet] == 60).all() and np.abs(both.depth[sheet] - 4.0).max() < 1e-3
     box = alone.valid & (alone.depth < 3.001)
-    assert (both.color[box] == 200).mean() > 0.95, "but for a tenth of a sample at its edge"
+    assert (both.color[box] == 200).mean() > 0.95, "except for a tenth of a sample at its edge"
 
 
 @pytest.mark.usefixtures("lanes")
@@ -283,7 +283,7 @@ def test_rubber_sheets_do_not_hide_what_another_view_saw(how):
 @pytest.mark.parametrize("size", [(7, 13), (61, 37), (1, 1), (33, 1)])
 @pytest.mark.parametrize("cut_ratio", [None, 1.05])
 def test_distances_to_edges_are_those_of_numpy(size, projection, cut_ratio):
-    """A steep place is a step where nothing is cut, and else an end of the surface."""
+    """A steep place is a step if nothing is cut, otherwise an end of the surface."""
     width, height = size
     rng = np.random.default_rng(3)
     depth = np.full((height, width), 4.0, np.float32)

@@ -1,4 +1,4 @@
-"""The warp's use of OpenCL: what the second process finds in the cache, the kernels' GPU form."""
+"""The warp's use of OpenCL: the cache that a second process finds, and the kernels' GPU form."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_the_second_process_builds_nothing(first: tuple[str, str]):
     told, cache = first
     binaries = {path: path.stat().st_mtime_ns for path in (Path(cache) / "programs").iterdir()}
     assert len(binaries) >= 4  # nearness, epipolar, resolve, fill
-    # What would build anew has no compiler: a program made from source raises.
+    # A new build is impossible: a program made from source raises.
     forbid = "import pyopencl as cl; make = cl.Program.__init__\n" + (
         "def refuse(self, context, *rest):\n"
         "    assert len(rest) == 2, 'built from source'\n"
@@ -87,8 +87,7 @@ def test_one_lane_is_as_good_as_sixteen(place, source):
     with one_lane():
         found = frames(place, source)
     for number, (one, other) in enumerate(zip(found, expected, strict=True)):
-        # Compilers contract other products in other forms: last bits differ, and with them a pixel at a
-        # silhouette.
+        # Compilers contract different products in the two forms: last bits differ, and so may a pixel at a silhouette.
         assert (one.valid == other.valid).mean() >= 0.999, number
         both = one.valid & other.valid
         same = np.isclose(one.depth, other.depth, rtol=1e-5, atol=0)

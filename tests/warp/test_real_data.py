@@ -1,6 +1,6 @@
-"""Real pictures: a frame warped to another camera, against what that camera saw.
+"""Real pictures: a frame warped to another camera, against the frame of that camera.
 
-The data is not part of the project: the folder is named by ``$PYIBR_DATA``, or lies beside the repository.
+The data is not part of the project. Its folder is named by ``$PYIBR_DATA``, or lies next to the repository.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def room(number: int) -> ibr.DepthImage:
 
 
 def seen_by(source: ibr.DepthImage, target: ibr.DepthImage, tolerance: float) -> np.ndarray:
-    """(H, W) bool: pixels of the target whose point the source sees, by its four samples around it."""
+    """(H, W) bool: pixels of the target whose point the source sees, in the four samples around it."""
     height, width = target.depth.shape
     y, x = np.nonzero(target.valid)
     world = target.camera.unproject(np.column_stack([x, y]).astype(float), target.depth[y, x].astype(float))
@@ -57,12 +57,12 @@ def seen_by(source: ibr.DepthImage, target: ibr.DepthImage, tolerance: float) ->
 def test_a_frame_is_the_other_one_where_both_see(source, target, sample):
     a, b = room(source), room(target)
     frame = ibr.warp(a, b.camera, interpolation=sample, edges="cut")
-    # 2 %: far above the millimetre that is asked for, far below the steps between objects.
+    # 2 %: far above the required millimetre, far below the steps between objects.
     both = frame.valid & b.valid & (np.abs(frame.depth - b.depth) <= 0.02 * b.depth)
-    # 90.1 % of frame 50, which is a closer look, lie in frame 0, and 98.3 % of frame 0 in frame 4.
+    # 90.1 % of frame 50, which is a close-up, lie in frame 0, and 98.3 % of frame 0 in frame 4.
     assert both.mean() > (0.45 if source == 50 else 0.9)
-    # 1 mm: depth is in whole millimetres, and reprojection of the samples gives 0.57. 2 of 255: it gives
-    # 1.7 and 1.8.
+    # 1 mm: depth is in whole millimetres, and reprojection of the samples gives 0.57. 2 of 255: reprojection gives 1.7
+    # and 1.8.
     assert metrics.median_depth_error(frame.depth, b.depth, valid=both) <= 1e-3
     assert metrics.median_color_error(frame.color, b.color, valid=both) <= 2
 
@@ -73,10 +73,9 @@ def test_holes_are_what_the_other_frame_did_not_see(source, target):
     frame = ibr.warp(a, b.camera, edges="cut")
     seen = seen_by(a, b, tolerance=0.005)
     assert seen.mean() > (0.45 if source == 50 else 0.8)
-    # 0.1 %: surfaces that the source sees at a grazing angle, whose neighbours differ by more than the cut
-    # ratio.
+    # 0.1 %: surfaces seen at a grazing angle, whose neighbours differ by more than the cut ratio.
     assert metrics.hole_ratio(frame.valid, expected=seen) <= 1e-3
-    # And nothing is drawn where the source saw something far behind: 5 %, as the cut ratio.
+    # No pixel may be drawn where the source saw something far behind: 5 %, like the cut ratio.
     wrong = frame.valid & b.valid & (np.abs(frame.depth - b.depth) > 0.05 * b.depth)
     assert wrong.mean() <= 0.01
 
@@ -87,13 +86,12 @@ def test_filled_holes_hold_the_background(source, target):
     bare, filled = (ibr.warp(a, b.camera, edges="cut", fill=fill) for fill in (None, "background"))
     holes = ~bare.valid & np.isfinite(filled.depth) & b.valid
     assert holes.sum() > 0.6 * np.count_nonzero(~bare.valid)
-    # A guess, yet a better one than the foreground: most of what was hidden is no nearer than what it is
-    # filled with.
+    # A guess, yet a better one than the foreground: most hidden surfaces are no nearer than the filled depth.
     assert (filled.depth >= 0.9 * b.depth)[holes].mean() > 0.65
 
 
 def filled_error(view: ibr.DepthImage, camera: Camera, truth: np.ndarray) -> tuple[float, float]:
-    """Mean difference of colours in holes between surfaces: filled from behind, and by the better one of OpenCV's."""
+    """Mean difference of colours in holes between surfaces: filled from behind, and by OpenCV's better method."""
     bare, filled = ibr.warp(view, camera, classes=True), ibr.warp(view, camera, fill="background")
     between = ~bare.valid & (bare.classes != ibr.PixelClass.OUTSIDE)
     holes = (~bare.valid).astype(np.uint8)
@@ -109,14 +107,14 @@ FRAMES = (0, 1, 2, 3, 4, 50)
 def test_filled_holes_of_the_room_look_like_what_was_hidden(source, target):
     b = room(target)
     error, inpainted = filled_error(room(source), b.camera, b.color)
-    # Between neighbouring frames, half of the holes is a window, whose colours the source has. From or to frame 50 the
-    # camera turns by 34 degrees: holes are wide and show objects' own far sides, and any guess is better by little. In
-    # one of ten such pairs it is worse, by 2 %.
+    # Between neighbouring frames, half of the holes is a window, whose colours the source has. Between frame 50 and
+    # others the camera turns by 34 degrees: holes are wide and show objects' own far sides, and no guess is much better
+    # than another. For one of ten such pairs it is worse, by 2 %.
     assert error < (0.6 if 50 not in (source, target) else 1.025) * inpainted
 
 
 def foreground_iou(view: ibr.DepthImage, truth: ibr.DepthImage) -> float:
-    """Intersection over union of what stands before depth edges, around these, in a warped view and in the real one."""
+    """Intersection over union of the foregrounds at depth edges, in a warped view and in the real one."""
     frame = ibr.warp(view, truth.camera)
     depth, around = truth.known_depth, np.ones((13, 13))
     nearest, farthest = cv2.erode(np.nan_to_num(depth, nan=1e9), around), cv2.dilate(np.nan_to_num(depth), around)
@@ -127,7 +125,7 @@ def foreground_iou(view: ibr.DepthImage, truth: ibr.DepthImage) -> float:
 
 @pytest.mark.parametrize(("source", "target"), [(0, 4), (3, 1)])
 def test_foregrounds_are_as_large_as_they_are(source, target):
-    # By samples alone, half a pixel smaller on each side, 0.92.
+    # With the samples alone, half a pixel smaller on each side, it is 0.92.
     assert foreground_iou(room(source), room(target)) > 0.94
 
 
@@ -154,7 +152,7 @@ def disparity(path: Path) -> np.ndarray:
 def pair(name: str) -> tuple[ibr.DepthImage, Camera, np.ndarray]:
     here = shared("stereo_middlebury") / name
     left, right = (np.asarray(Image.open(here / f"im{number}.png"))[..., :3] for number in (2, 6))
-    # No calibration is known: with any focal length and baseline the picture is the same.
+    # The calibration is unknown: any focal length and baseline give the same picture.
     depth = ibr.depth_from_disparity(disparity(here / "disp2.png"), focal=500, baseline=0.1)
     camera = Camera([[500, 0, 224.5], [0, 500, 187], [0, 0, 1]], left.shape[1::-1])
     return ibr.DepthImage(left, depth, camera), camera.moved(0.1, 0, 0), right
@@ -169,7 +167,7 @@ def test_left_to_right(load, name, figure):
     view, camera, right = load(name) if name else load()
     frame = ibr.warp(view, camera, edges="cut")
     assert frame.valid.mean() > 0.75
-    # The figures are a backward warp's with the given disparity: so much do the photographs differ.
+    # The figures are errors of a backward warp with the given disparity: the photographs differ by so much.
     error = metrics.median_color_error(frame.color, right, valid=frame.valid)
     assert error <= figure + 0.5
 
@@ -184,7 +182,7 @@ def test_holes_of_a_stereo_pair_are_what_the_left_camera_did_not_see(name):
     at = x + right
     u = np.clip(np.floor(at).astype(int), 0, right.shape[1] - 2)
     seen = (right > 0) & (at < right.shape[1] - 1)
-    for dy in (-1, 0, 1):  # the cell above or below is no surface if one of its corners is none
+    for dy in (-1, 0, 1):  # the cell above or below is no surface if one of its corners is missing
         row = np.clip(y + dy, 0, right.shape[0] - 1)
         for dx in (0, 1):
             seen &= (left[row, u + dx] > 0) & (np.abs(left[row, u + dx] - right) <= 0.5)
@@ -222,7 +220,7 @@ def test_alpha_at_silhouettes_is_what_they_cover():
             truth = scene.capture(camera.resized((1024, 1024))).valid.reshape(256, 4, 256, 4).mean(axis=(1, 3))
             assert frame.alpha is not None
             more = float((frame.alpha - truth).clip(0).sum() / truth.sum())
-            assert more <= 0.01  # the samples' stairs along the silhouette
+            assert more <= 0.01  # the samples' staircase along the silhouette
             if not any(move):
                 assert abs(float((frame.alpha - truth).sum())) <= 2e-3 * truth.sum()
 

@@ -1,4 +1,4 @@
-"""Registration of a real camera's frames, an Asus Xtion's, beside what librealsense's `align` makes of the same."""
+"""Registration of frames of a real camera, an Asus Xtion, compared with librealsense's `align` on the same frames."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from tests.reference.align import aligned
 pytestmark = pytest.mark.thorough
 
 FRAMES = (1, 4, 10)
-ASIDE = ((4, 1), (4.5, 1.5), (5, 2))  # of the depth image in the calibrated infrared one: nothing tells exactly
+ASIDE = ((4, 1), (4.5, 1.5), (5, 2))  # offset of the depth image in the infrared one; not known exactly
 ONE = 1.05  # ratio of depths up to which neighbours are one surface
 
 
 def cameras(aside: tuple[float, float]) -> tuple[ibr.Camera, ibr.Camera]:
-    """Without distortion, as `align` takes them."""
+    """Cameras without distortion, as in `align`."""
     given = matlab.load(shared("formats") / "asus_xtion_unregistered" / "calib_asus.mat")
     color_from_depth = np.eye(4)
     color_from_depth[:3, :3], color_from_depth[:3, 3:] = given["R_d_to_rgb"], given["T_d_to_rgb"]
@@ -37,7 +37,7 @@ def depth_of(name: str) -> np.ndarray:
 
 @cache
 def frame(number: int, aside: tuple[float, float] = ASIDE[1]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The slopes of the picture, what `align` makes of the depth, and what `register` does; millimetres."""
+    """The picture's slopes, and the depth from `align` and from `register`, in millimetres."""
     folder, depth = shared("formats") / "asus_xtion_unregistered", depth_of(f"depth1_{number:02d}.png")
     picture = cv2.imread(str(next(folder.glob(f"rgb_image1_{number:02d}.*"))), cv2.IMREAD_GRAYSCALE)
     slopes = np.hypot(*np.gradient(cv2.GaussianBlur(picture.astype(np.float64), (0, 0), 1)))
@@ -46,9 +46,9 @@ def frame(number: int, aside: tuple[float, float] = ASIDE[1]) -> tuple[np.ndarra
 
 
 def steps(depth: np.ndarray) -> np.ndarray:
-    """Depth steps around each pixel, as a logarithm of at most 0.3, blurred as the picture."""
+    """Depth steps around each pixel, as a logarithm of at most 0.3, blurred like the picture."""
     z = depth.astype(np.float32)
-    far = np.maximum(cv2.dilate(z, np.ones((3, 3))), 1)  # 1: there is none
+    far = np.maximum(cv2.dilate(z, np.ones((3, 3))), 1)  # 1: no depth
     near = np.minimum(cv2.erode(np.where(z > 0, z, np.float32(np.inf)), np.ones((3, 3))), far)
     return cv2.GaussianBlur(np.minimum(np.log(far / near), 0.3), (0, 0), 1)
 
@@ -58,7 +58,7 @@ def edges_agree(depth: np.ndarray, slopes: np.ndarray, where: np.ndarray) -> flo
 
 
 def slivers(depth: np.ndarray) -> int:
-    """Pixels without depth, or of another surface, between two neighbours of one surface, in their row or column."""
+    """Count pixels without depth, or of another surface, between two neighbours of one surface in a row or column."""
     found = np.zeros(depth.shape, bool)
     z = depth.astype(np.float64)
     for part, (before, at, after) in (
@@ -71,7 +71,7 @@ def slivers(depth: np.ndarray) -> int:
 
 
 def test_the_reference_is_the_vendors_tool():
-    """All but for the last bits of positions, which it computes in float32."""
+    """They agree except for the last bits of positions, which the tool computes in float32."""
     theirs = depth_of("rs2_align_depth_to_color_01.png")
     ours = aligned(depth_of("depth1_01.png"), 1000, *cameras((0, 0)))
     assert (ours == theirs).mean() >= 0.99
@@ -85,9 +85,9 @@ def test_it_covers_more_with_fewer_slivers_than_align(number):
 
 
 def test_its_edges_are_as_near_to_the_pictures_as_aligns_at_its_best():
-    """Each at the offset that brings its edges nearest, for `align` is half a pixel off by itself.
+    """Each is taken at its best offset, since `align` is half a pixel off by itself.
 
-    They are as near: a hundredth is half of what the picture's distortion changes (0.02).
+    The distances agree to a hundredth, which is half of the effect of the picture's distortion (0.02).
     """
     scores = np.zeros((len(ASIDE), len(FRAMES), 2))
     for place, aside in enumerate(ASIDE):

@@ -1,4 +1,4 @@
-"""Registration against rays cast at a room: thin things, noise, dropped samples, wide baselines, all camera sizes."""
+"""Registration against rays cast at a room: thin objects, noise, dropped samples, wide baselines, all camera sizes."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ BARS: tuple[Box, ...] = tuple(
 
 @dataclass(frozen=True)
 class Room:
-    """A scene with queries: what is seen, and whether anything lies between two points."""
+    """A scene with queries: the visible surface, and obstacles between two points."""
 
     pictures: MeshScene
     rays: Any
 
     def before(self, eye: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(N,) parts of the ways from an eye to points at which something lies, 1 at the points themselves."""
+        """(N,) relative distances of the first surface on the ways from an eye to points; 1 at the points."""
         ways = points - eye
         answer = np.full(len(ways), np.nan)
         known = np.isfinite(ways).all(axis=1)
@@ -78,7 +78,7 @@ def posed(x: float, y: float, z: float, *turn: float) -> np.ndarray:
     return pose
 
 
-# Of none of them a column of rays runs along an edge.
+# No camera has a column of rays along an edge.
 HERE, SMALL, LARGE_ONE = (
     camera((307, 229), 252),
     camera((157, 119), 130),
@@ -110,7 +110,7 @@ def pixels_of(one: ibr.Camera) -> np.ndarray:
 
 
 def measured(one: ibr.Camera, noise: float = 0.0, dropped: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """True depth, and what a camera delivers: `noise` pixels of disparity, and some samples not at all."""
+    """True depth, and a camera's depth with `noise` pixels of disparity and some samples dropped."""
     depth = scene().pictures.capture(one).depth
     rng, focal = np.random.default_rng(7), one.K[0, 0]
     made = depth.copy()
@@ -130,7 +130,7 @@ def changes(mask: np.ndarray, pixels: int) -> np.ndarray:
 
 
 def silhouettes(depth: np.ndarray, pixels: int) -> np.ndarray:
-    """Near which nearness is not what two neighbours on a side let expect, by more than a slope's rounding."""
+    """Places near which nearness deviates from the line through two neighbours on a side, beyond rounding."""
     nearness, edge = 1 / depth.astype(float), np.zeros(depth.shape, bool)
     for axis in (0, 1):
         step = np.diff(nearness, axis=axis)
@@ -142,9 +142,9 @@ def silhouettes(depth: np.ndarray, pixels: int) -> np.ndarray:
 
 @cache
 def seen_in_color(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The colour camera's true depth, where the depth camera saw that, too, and where that is sure.
+    """The colour camera's true depth, the mask of what the depth camera saw, too, and where the mask is certain.
 
-    It is two pixels from silhouettes: the colour camera's, and the depth camera's as large as they are seen there.
+    It is certain two pixels from silhouettes of either camera, both measured in the colour camera.
     """
     depth = scene().pictures.capture(color_camera).depth
     points = color_camera.unproject(pixels_of(color_camera), depth.ravel())
@@ -161,7 +161,7 @@ def test_depth_of_what_both_see_has_no_gaps(rig):
     truth, _, sure = seen_in_color(*cameras)
     assert sure.mean() > 0.15
     found = ibr.register(measured(cameras[0])[1], *cameras)
-    # Seen nearly edge-on from the depth camera, a table's samples may lie farther apart than the cut ratio.
+    # A table seen nearly edge-on from the depth camera may have samples farther apart than the cut ratio.
     assert np.isnan(found[sure]).mean() <= (2e-3 if rig in WIDE else 0)
     off = np.abs(found / truth - 1)[sure & np.isfinite(found)]
     assert (off < 1e-3).mean() > 0.995
@@ -174,17 +174,17 @@ def test_noise_tears_no_surface(rig, noise, dropped):
     cameras = NARROW[rig]
     truth, _, sure = seen_in_color(*cameras)
     found = ibr.register(measured(cameras[0], noise, dropped)[1], *cameras)
-    # Three deviations of a difference tear 0.3 % of neighbours, of which a triangle has three; some dropped samples lie
-    # side by side.
+    # At three deviations of a difference, 0.3 % of neighbours are torn, and a triangle has three pairs of them; some
+    # dropped samples are adjacent.
     assert np.isnan(found[sure]).mean() < (0.01 if dropped else 0.008)
     clean = np.abs(measured(cameras[0], noise)[1] / measured(cameras[0])[0] - 1)
     off = np.abs(found / truth - 1)[sure & np.isfinite(found)]
-    assert np.median(off) < 1.1 * np.median(clean), "what is shown is no noisier than what came in"
+    assert np.median(off) < 1.1 * np.median(clean), "the result is no noisier than the input"
 
 
 @pytest.mark.parametrize("rig", FEW)
 def test_thin_things_are_there(rig):
-    """Bars of one to five samples: of what both cameras see of them, no less than OpenCV's points cover."""
+    """Bars of one to five samples: where both cameras see them, at least as much is covered as by OpenCV's points."""
     cameras = NARROW[rig]
     truth, seen, _ = seen_in_color(*cameras)
     behind = scene(thin=False).pictures.capture(cameras[1]).depth
@@ -192,14 +192,14 @@ def test_thin_things_are_there(rig):
     assert bars.sum() > 200
     found = ibr.register(measured(cameras[0])[1], *cameras)
     right = (np.abs(found / truth - 1) < 0.02)[bars].mean()
-    # Where within half a sample their rims are, nobody knows: of bars one sample wide that is up to a third.
+    # Rims are uncertain by half a sample: for bars one sample wide that is up to a third.
     assert right > (0.65 if rig == "small depth" else 0.75)
     assert np.isnan(found[bars]).mean() < 0.02
     if cameras[0].lens is None and cameras[1].lens is None:
         relation = cameras[1].camera_from_world @ cameras[0].world_from_camera
         depth = measured(cameras[0])[1]
         points = cv2.registerDepth(cameras[0].K, cameras[1].K, np.zeros(5), relation, depth, cameras[1].size)
-        # They are a whole pixel wide, even where a sample is less.
+        # They are a whole pixel wide, even where a sample is smaller.
         assert right >= (np.abs(points / truth - 1) < 0.02)[bars].mean() - 0.01
 
 
@@ -209,7 +209,7 @@ def colored(cameras: tuple[ibr.Camera, ibr.Camera], depth: np.ndarray) -> ibr.Re
 
 @cache
 def seen_samples(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Samples that the colour camera sees, and those of which that is sure."""
+    """Samples that the colour camera sees, and the mask of certain samples."""
     depth = measured(depth_camera)[0]
     points = depth_camera.unproject(pixels_of(depth_camera), depth.ravel())
     pixels, before_it = color_camera.project(points)
@@ -227,7 +227,7 @@ def test_samples_get_colours_where_they_are_seen(rig, noise, dropped):
     found = colored(cameras, depth)
     sure = sure & np.isfinite(depth)
     assert (seen & sure).mean() > 0.3 and (~seen & sure).mean() > 0.005
-    few = 0 if noise < 0.3 else 2e-3  # noise sets some samples before what hides them, or behind an edge
+    few = 0 if noise < 0.3 else 2e-3  # noise sets some samples before the surface that hides them, or behind an edge
     assert (~found.seen)[seen & sure].mean() <= few
     assert found.seen[~seen & sure].mean() <= few
     assert not found.color[~found.seen].any()
@@ -239,14 +239,14 @@ def test_wide_baselines_hide_what_the_depth_camera_saw(rig):
     seen, sure = seen_samples(*cameras)
     found = colored(cameras, measured(cameras[0])[1])
     assert not (~found.seen & seen & sure).any()
-    # What hides the others was not seen by the depth camera: the box's side, and what lies beyond its image.
+    # The rest is hidden by surfaces that the depth camera did not see: the box's side, and the scene beyond its image.
     assert found.seen[~seen & sure].mean() < 0.025
 
 
 @pytest.mark.parametrize(("size", "noise"), [((211, 193), 0.0), ((211, 193), 0.1), ((53, 48), 0.0)])
 @pytest.mark.parametrize("angle", [1.4, 1.8])
 def test_a_ball_hides_itself(angle, size, noise):
-    """Seen from the left, and from the right: what the depth camera sees of it behind its own bulge, or from behind."""
+    """Seen from the left, and from the right: the samples that the ball hides behind its own bulge, or from behind."""
     left = camera(size, 1.9 * size[0])
     pose = np.eye(4)
     pose[:3, :3] = cv2.Rodrigues(np.array([0, -angle, 0]))[0]
@@ -266,12 +266,12 @@ def test_a_ball_hides_itself(angle, size, noise):
     turned, faces = facing < -0.35, facing > 0.2  # the cosine: between, noise may turn the surface
     assert turned.mean() > 0.05 and faces.mean() > 0.05
     assert found[faces].mean() > (0.97 if noise else 0.999)
-    # Next to its rim few samples tell where it faces; in images of few samples the rim's last ones are torn off.
+    # Next to its rim few samples show its direction; in images of few samples the outermost samples are torn off.
     assert found[turned].mean() < (0.02 if size[0] > 100 else 0.03)
 
 
 def test_colours_are_of_the_own_surface():
-    """No wall gets the red of the bars before it, nor a bar the wall's."""
+    """No wall gets the red of the bars before it, and no bar gets the wall's colour."""
     cameras = NARROW["beside"]
     depth, _ = measured(cameras[0])
     behind = scene(thin=False).pictures.capture(cameras[0]).depth
@@ -287,7 +287,7 @@ def test_colours_are_of_the_own_surface():
     assert (bars & sure).sum() > 50 and (~bars & sure).sum() > 40_000
     np.testing.assert_array_equal(found.color[bars & sure], [[255, 0, 0]] * int((bars & sure).sum()))
     np.testing.assert_array_equal(found.color[~bars & sure], [[0, 0, 255]] * int((~bars & sure).sum()))
-    # And there, it is seldom both: a third as often as between any four pixels.
+    # Even there, a sample seldom mixes both: a third as often as between any four pixels.
     plain = cv2.remap(color, *pixels.astype(np.float32).reshape(*depth.shape, 2).transpose(2, 0, 1), cv2.INTER_LINEAR)
     both, either = (np.count_nonzero(each[found.seen], axis=1) > 1 for each in (found.color, plain))
     assert both.sum() < either.sum() / 3
@@ -295,7 +295,7 @@ def test_colours_are_of_the_own_surface():
 
 @pytest.mark.parametrize("model", ["none", "brown_conrady", "rational", "modified_brown_conrady", "kannala_brandt"])
 def test_colours_come_from_where_opencv_sees_the_samples(model):
-    """Colours that name their pixels: what is read is the place, within 0.01 pixels."""
+    """Colours encode their pixels: each sample's colour is its place, within 0.01 pixels."""
     numbers = {
         "brown_conrady": [-0.22, 0.05, 0.002, -0.001, 0.002],
         "rational": list(RATIONAL.coefficients),

@@ -1,7 +1,7 @@
 """Sideways steps along rows, columns and diagonals of samples, against the exact polyline of the surface.
 
-All rays of such a step run along the source's samples or in the middle between the cells' corners, which decides what
-they see of thin and of torn things. `tests/reference/lines.py` says what that is.
+All rays of such a step run along the source's samples or in the middle between the cells' corners. This decides which
+thin and torn parts they see. `tests/reference/lines.py` computes the expected result.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from tests.reference.warp import search_reference
 METHODS: tuple[Method, ...] = ("epipolar", "search")
 SIZE = (93, 79)
 FOCAL = 80.0
-NOISE = 0.005  # share of the pixels that may be off where every sample is an edge
-TIE = 1 / 8  # pixels of the source: within that of the middle between two samples, either may be the nearest
+NOISE = 0.005  # share of the pixels that may be wrong if every sample is an edge
+TIE = 1 / 8  # pixels of the source: this near to the middle between two samples, either may be the nearest
 
 STEPS = {
     "right": (0.3, 0.0),
@@ -63,7 +63,7 @@ def depth_of(scene: str, size: scenes.Size = SIZE) -> np.ndarray:
         depth = np.where((y >= 30) & (y < 50) & (x >= 20) & (x < 60), 2.0, far)
         depth[(7 * x + 3 * y) % 29 == 0] = np.nan
     elif scene == "whole disparities":
-        # 4, 6 and 12 pixels of 0.3, 8 / 3 ones of 0.2 and so on: whole for all steps but "up".
+        # Shifts of 4, 6 and 12 pixels of 0.3, 8 / 3 pixels of 0.2 and so on: whole for all steps except "up".
         depth = np.choose((x // 7 + y // 5) % 3, (4.0, 2.0, 2.0 / 0.75))
     elif scene.startswith("noise"):
         spread = {"noise of 3 %": 0.1, "noise of 6 %": 0.2, "noise of 100 %": 1.5}[scene]
@@ -84,14 +84,14 @@ def depth_of(scene: str, size: scenes.Size = SIZE) -> np.ndarray:
 
 @cache
 def view_of(scene: str, size: scenes.Size = SIZE, turned: bool = False) -> ibr.DepthImage:
-    """The scene, seen by a camera whose principal point is off the middle; colours are the samples' x and y,
-    as parts of `COLUMNS`."""
+    """The scene, seen by a camera with an off-centre principal point; colours are the samples' x and y, as parts of
+    `COLUMNS`."""
     width, height = size
     K = [[FOCAL, 0, (width - 1) / 2 + 3.3], [0, FOCAL, (height - 1) / 2 - 1.7], [0, 0, 1]]
     pose = scenes.pose(yaw=33, pitch=-21, roll=48, center=(2.1, -3.4, 1.3)) if turned else np.eye(4)
     y, x = np.mgrid[:height, :width].astype(np.float32)
     color = np.dstack([x, y, 0 * x]) / np.float32(COLUMNS)
-    # Stripes as dense as these would count as noise, which tears nothing.
+    # Stripes as dense as these would count as noise, and noise tears nothing.
     return ibr.DepthImage(color, depth_of(scene, size), Camera(K, size, pose), noise=0.0)
 
 
@@ -126,7 +126,7 @@ def test_the_nearest_sample_is_the_one_next_to_where_the_ray_meets_the_surface(s
         wrong = (frame.valid != np.isfinite(seen.depth)) | (away > 0.5 + TIE)
         assert (wrong & ~seen.on_end).mean() <= limit_of(scene), (method, np.count_nonzero(wrong & ~seen.on_end))
         x, y = np.nan_to_num(frame.color[..., :2] * COLUMNS).astype(int).transpose(2, 0, 1)
-        # float32, a dozen operations; a step sideways leaves a sample's depth as it is
+        # float32, after a dozen operations; a step sideways keeps a sample's depth
         np.testing.assert_allclose(frame.depth[frame.valid], view.depth[y, x][frame.valid], rtol=2e-6)
 
 
@@ -138,7 +138,7 @@ def test_cameras_that_are_turned_in_the_world_step_as_exactly(step, scene, edges
     view, seen = view_of(scene, turned=True), seen_of(scene, STEPS[step], edges)
     target = view.camera.moved(*STEPS[step], 0)
     along_axis = 0.0 in STEPS[step]
-    assert camera_pair(view.camera, target).aligned == along_axis  # rounding of the poses is no slope
+    assert camera_pair(view.camera, target).aligned == along_axis  # rounding of the poses does not tilt the lines
     for method in METHODS:
         wrong = off(ibr.warp(view, target, method=method, edges=edges).depth, seen.depth) & ~seen.on_end
         assert wrong.mean() <= limit_of(scene), (method, wrong.sum())
@@ -149,7 +149,7 @@ def test_cameras_that_are_turned_in_the_world_step_as_exactly(step, scene, edges
 @pytest.mark.parametrize("edges", ["connect", "cut"])
 @pytest.mark.parametrize("target", ["shifted", "smaller", "larger"])
 def test_rows_between_the_sources_rows(step, scene, edges, target):
-    """Stereo pairs whose lines run between the samples: epipolar sees what search sees."""
+    """Stereo pairs whose lines run between the samples: sweep and search agree."""
     view = view_of(scene)
     camera = between(view.camera, target).moved(*step, 0)
     assert camera_pair(view.camera, camera).aligned
@@ -174,7 +174,7 @@ def test_rows_between_the_sources_rows_are_the_references(scene, edges, target):
 
 
 def between(camera: Camera, target: str) -> Camera:
-    """Like the camera, but its rows and columns see places between the camera's."""
+    """The camera with rows and columns between the original ones."""
     if target == "shifted":
         return with_center_moved(camera, 0.43, -0.29)
     width, height = camera.size
@@ -189,7 +189,7 @@ def passes_ends(view: ibr.DepthImage, camera: Camera, edges: Edges) -> np.ndarra
 
 
 def test_nothing_is_nearer_than_the_nearest_sample():
-    """A wall before another one, in stripes: where both lie on one line, what is seen is of one or between them."""
+    """A wall before another wall, in stripes: where both lie on one line, depth is that of either wall, or between."""
     camera = Camera([[80, 0, 47.5], [0, 80, 47.5], [0, 0, 1]], (96, 95))
     depth = np.where(np.arange(96) % 9 < 3, 2.2, 4.5)[None].repeat(95, 0).astype(np.float32)
     view = ibr.DepthImage(np.zeros((95, 96, 3), np.uint8), depth, camera)

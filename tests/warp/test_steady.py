@@ -1,4 +1,4 @@
-"""Views of a noisy camera at rest change less than what the camera delivers: depth and colour, in filled holes, too."""
+"""Views of a noisy camera at rest change less than its images: depth and colour, also in filled holes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PLAN = replace(QUICK, rgbd_steady={(640, 480): 10})
 
 @pytest.mark.thorough
 def test_views_are_as_steady_as_their_input():
-    """Turned by 34 degrees and moved by 0.7 m, where depth's noise moves the colours most."""
+    """The target is turned by 34 degrees and moved by 0.7 m, where depth noise moves the colours most."""
     shared("rgbd_livingroom1")
     (case,) = (c for c in steady.cases(PLAN, scenes.LIVINGROOM) if c.parameters["motion"] == "50 to 0")
     records = list(case.prepare().read())
@@ -29,7 +29,7 @@ def test_views_are_as_steady_as_their_input():
     assert len(bars) == 2 and len(changes) == 3 * 3 * 2 * 2
     for (subject, *_, quantity), change in changes.items():
         assert subject != steady.STEADY or change <= bars[quantity]
-    # It is the frame before that does it: by itself, each cleaned frame lets more of the noise through.
+    # The frame before makes the difference: frames cleaned separately let more of the noise through.
     for fill in steady.FILLS:
         single, both = (changes[subject, fill, steady.SEEN, steady.DEPTH] for subject in (steady.SINGLE, steady.STEADY))
         assert both < 0.6 * single

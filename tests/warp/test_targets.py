@@ -1,4 +1,4 @@
-"""Several targets in one call, and frames that are written into: each the same as by a call of its own."""
+"""Several targets in one call, and frames that are written into: each frame equals that of a separate call."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIZE = (97, 61)
 
 
 def targets(view: ibr.DepthImage) -> list[ibr.Camera]:
-    """Of several sizes, stereo steps and others, one that reuses a camera."""
+    """Targets of several sizes, stereo steps and others, one that reuses a camera."""
     camera = view.camera
     small = camera.resized((50, 33))
     return [camera.moved(0.1, 0, 0), camera.moved(-0.2, 0, 0), small, camera.moved(0.1, 0.2, 0.3), camera, small]
@@ -50,7 +50,7 @@ def check_given_frames() -> None:
         assert frame.depth is own.depth
         assert frame.valid is own.valid
         same_bits(frame, ibr.warp(view, camera))
-    # The same again over what is there.
+    # The same again over the previous content.
     same_bits(ibr.warp(view, cameras[1], out=given[0]), ibr.warp(view, cameras[1]))
 
 
@@ -90,7 +90,7 @@ def test_out_fits_the_cameras():
     with pytest.raises(ibr.ArgumentError, match="memory of its own"):
         ibr.warp(view, [camera, camera], out=[frame, frame])
     other = ibr.DepthImage(view.color, view.depth, camera)
-    for given in (view, other):  # of several views, no one's memory
+    for given in (view, other):  # no view of several may share its memory
         shared = replace(frame, depth=np.array(given.depth))
         views = [
             ibr.DepthImage(one.color, shared.depth if one is given else one.depth, camera) for one in (view, other)

@@ -1,4 +1,4 @@
-"""Things one sample thin: beside rays at their models, and where special positions leave nothing to chance."""
+"""Objects one sample thin, compared with rays cast at their models, and at special positions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOVES = ((0, 0, 0), (0.13, 0, 0), (0, 0.09, 0), (0.1, 0.1, 0), (0.1, 0.07, 0), (
 
 
 def strip(at, degrees: float, length: float, ends: tuple[float, float] = (2.0, 2.0)) -> np.ndarray:
-    """Corners in the world of a strip one sample wide and so many long, from one depth to another."""
+    """World corners of a strip one sample wide and `length` samples long, from one depth to another."""
     along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
     across = 0.5 * np.array([-along[1], along[0]])
     pixels = [np.array(at) + 0.5 * s * length * along + t * across for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
@@ -41,7 +41,7 @@ def strips(*corners: np.ndarray, wall: bool = True) -> MeshScene:
 
 
 def magnified(zoom: int, move=(0, 0, 0), size=(244, 188)) -> ibr.Camera:
-    """The camera moved, with pixels so many times as fine; its image's middle stays the scene's."""
+    """The moved camera, with pixels `zoom` times as fine; its image's middle stays the scene's."""
     size = min(SIZE[0] * zoom, size[0]), min(SIZE[1] * zoom, size[1])
     middle = (np.array(size) - 1) / 2 + 0.5 * FOCAL * zoom * np.array(move[:2])
     K = [[FOCAL * zoom, 0, middle[0]], [0, FOCAL * zoom, middle[1]], [0, 0, 1]]
@@ -49,9 +49,9 @@ def magnified(zoom: int, move=(0, 0, 0), size=(244, 188)) -> ibr.Camera:
 
 
 def compared(seen: ibr.DepthImage, frame: ibr.Frame, zoom: float) -> tuple[float, float]:
-    """The share of the strips' pixels that are covered, and right to 1 %, and how many samples others lie beyond.
+    """The share of the strips' pixels that are covered, and right to 1 %, and the distance of the others in samples.
 
-    By rows or columns, whichever is more. A pixel of the strip lies up to one pixel within its border.
+    The distance is the greater one of rows and columns. A pixel of the strip lies up to one pixel within its border.
     """
     thin = seen.depth < 3
     with np.errstate(invalid="ignore"):
@@ -97,7 +97,7 @@ def test_wires_are_covered_and_little_more(name, wall):
     scene = strips(*CASES[name], wall=wall)
     view = scene.capture(CAMERA)
     for zoom in (2, 8):
-        # Samples' pixels cover what lies along rows and columns, of slanted wires so much: that is why there is `thin`.
+        # Samples' pixels cover objects along rows and columns, but only a part of slanted wires: hence `thin`.
         straight = name in ("row", "column", "dots", "a row that recedes")
         truths = [scene.capture(magnified(zoom, move)) for move in MOVES]
         for thin, least in ((True, 0.95), (False, 0.95 if straight else 0.6)):
@@ -144,7 +144,7 @@ def test_what_runs_along_rows_and_columns_is_its_samples_squares(shape, projecti
             np.full((height, width, 3), 77, np.uint8), np.where(mask, np.float32(2), np.float32(np.nan)), camera
         )
         fine = np.diag([8.0, 8, 1]) @ K
-        fine[:2, 2] += 3.5  # eight pixels a sample, with half a sample to either side of the middles
+        fine[:2, 2] += 3.5  # eight pixels a sample, and half a sample more on either side of the middles
         frame = ibr.warp(view, ibr.Camera(fine, (8 * width, 8 * height), projection=projection), thin=True)
         np.testing.assert_array_equal(frame.valid, mask.repeat(8, 0).repeat(8, 1))
         two = np.full(frame.valid.sum(), 2, np.float32)
@@ -166,7 +166,7 @@ def test_a_bar_on_a_block_leaves_no_gap_and_does_not_widen_the_block():
 
 
 def crossing_wires(projection: str, behind: float, dtype: type = np.uint8) -> ibr.DepthImage:
-    """Wires of many slopes, some of which recede or cross, stairs, dots, a block and missing samples."""
+    """Wires of many slopes, some of which recede or cross, staircases, dots, a block and missing samples."""
     width, height = SIZE[0], 37
     y, x = np.mgrid[:height, :width].astype(float)
     rng = np.random.default_rng(1)
@@ -221,7 +221,7 @@ def test_a_view_from_its_own_camera_is_its_image(method, sample, cut_ratio, proj
 @pytest.mark.parametrize("zoom", [1, 2, 3])
 @pytest.mark.parametrize("aside", [0, 1e-6, 1e-3, 0.03])
 def test_rays_through_samples_show_them(behind, zoom, aside):
-    """So do those that pass them by a hair: the picture of a camera that moves changes as things in it move."""
+    """So do rays that pass them by a hair: as the camera moves, the picture changes as objects in it move."""
     view = crossing_wires("perspective", behind)
     K = np.diag([zoom, zoom, 1.0]) @ view.camera.K
     for way in ((1, 0), (0, 1), (-0.7, 0.7)):
@@ -233,15 +233,15 @@ def test_rays_through_samples_show_them(behind, zoom, aside):
         np.testing.assert_array_equal(frame.valid[at], plain.valid[at])
         np.testing.assert_array_equal(frame.depth[at] < 3, view.depth < 3)
         seen = plain.valid[at]
-        # Depths along wires change by at most 5 % from sample to sample, or they are cut.
+        # Depths along wires change by at most 5 % from sample to sample; otherwise they are cut.
         np.testing.assert_allclose(frame.depth[at][seen], plain.depth[at][seen], rtol=0.05 * aside + 1e-6)
-        if zoom > 1:  # and between samples wires are wider than their samples' pixels
+        if zoom > 1:  # between samples wires are wider than their samples' pixels
             assert (frame.depth < 3).sum() >= (plain.depth < 3).sum()
 
 
 @pytest.mark.parametrize("slope", [0.3, 0.7, 1.0])
 def test_wires_widen_where_the_target_looks_between_samples(slope):
-    """Each row shows one pixel of the wire or two, and one pixel where rays meet samples."""
+    """Each row shows one or two pixels of the wire, and one pixel where rays meet samples."""
     y, x = np.mgrid[:37, :61].astype(float)
     wire = np.abs(x - 12.13 - slope * y) < 0.5
     camera = ibr.Camera([[55, 0, 30], [0, 55, 18], [0, 0, 1]], (61, 37))
@@ -267,7 +267,7 @@ def test_nearer_things_hide_thin_ones_and_are_hidden_by_them():
     for blend, views in (("nearest", [view, before]), ("nearest", [before, view]), ("quality", [view, before])):
         frame = ibr.warp(views, magnified(2), thin=True, blend=blend)
         hidden = ibr.warp([before, before], magnified(2), blend=blend).valid
-        hidden[46:48, 39] = False  # half a sample beside the block, where the other view has looked through
+        hidden[46:48, 39] = False  # half a sample next to the block, where the other view has looked through
         np.testing.assert_array_equal(np.isclose(frame.depth, 2), np.isclose(alone, 2) & ~hidden)
         shown = np.isclose(alone, 1.5)
         if blend == "quality":  # the half sample beyond the strip's last one hides nothing that another view saw
@@ -310,11 +310,11 @@ def test_colours_and_depths_run_along_wires(sample):
     fine = ibr.Camera([[200, 0, 59.5], [0, 200, 44.5], [0, 0, 1]], (120, 90))
     frame = ibr.warp(ibr.DepthImage(color, depth, camera), fine, thin=True, interpolation=sample)
     assert (frame.valid.sum(axis=1) == np.repeat([0, 80, 0], [40, 10, 40])).all()
-    x = (np.arange(20, 100) + 0.5) / 10 - 0.5 - 2  # in samples, from the first on
+    x = (np.arange(20, 100) + 0.5) / 10 - 0.5 - 2  # in samples, counted from the first one
     at = np.clip(x if sample == "linear" else np.rint(x), 0, 7)
     np.testing.assert_allclose(frame.color[45, 20:100, 0], at * 30, atol=0.51)
-    # The wire goes on straight through the halves of its first and last samples, but where the surface's margin, which
-    # stays as near, is nearer.
+    # The wire goes straight on through the halves of its first and last samples, except where the surface's margin is
+    # nearer: the margin's nearness is constant.
     along = np.minimum(x, 7) if sample == "linear" else at
     np.testing.assert_allclose(frame.depth[45, 20:100], 1 / (0.5 - 0.05 * along / 7), rtol=1e-5)
 
@@ -376,7 +376,7 @@ def test_the_forward_warp_has_squares_of_its_own():
 
 
 def test_through_lenses():
-    """A lens's picture is undistorted first: what is one sample thin in it is half a sample off at most then."""
+    """A lens's picture is undistorted first, which moves objects one sample thin by at most half a sample."""
     lens = ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0])
     scene = strips(*CASES["row"], strip((30, 10), 20, 30))
     bent = ibr.Camera(CAMERA.K, SIZE, lens=lens)

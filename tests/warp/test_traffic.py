@@ -1,4 +1,4 @@
-"""Traffic between the host and a device that copies memory, as GPUs do: counted in the GPUs' form."""
+"""Traffic between the host and a device with separate memory, such as a GPU, counted in the kernels' GPU form."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from tests import scenes
 from tests.one_lane import one_lane
 from tests.warp.test_laws import same_bits
 
-_GROUPS = 4 * 5  # of lines, at most: fans and levels (`pyibr.warp.lines`)
-_CAMERA = _GROUPS * struct("warp/lines.h", "LineGroup").itemsize  # bytes of where a camera's lines run
+_GROUPS = 4 * 5  # greatest number of groups of lines: fans and levels (`pyibr.warp.lines`)
+_CAMERA = _GROUPS * struct("warp/lines.h", "LineGroup").itemsize  # bytes that describe a camera's lines
 _SIZE = (97, 61)
 
 
@@ -32,7 +32,7 @@ def copied_memory() -> Iterator[None]:
 
 
 def traffic_of(views: Any, camera: Any, **options: Any) -> Traffic:
-    """Of a second frame of views that are kept."""
+    """Traffic of a second frame of kept views."""
     ibr.warp(views, camera, **options)
     with watching(Traffic()) as seen:
         ibr.warp(views, camera, **options)
@@ -55,7 +55,7 @@ def test_several_targets_are_copied_back_beside_launches():
     kinds = [kind for kind, _, _ in seen.of]
     assert kinds.count("wait") == 1 and kinds[-1] == "wait"
     last_launch = len(kinds) - 1 - kinds[::-1].index("launch")
-    assert kinds[:last_launch].count("download") == 2 * 3  # of all but the last target
+    assert kinds[:last_launch].count("download") == 2 * 3  # all targets except the last
     assert current().copies != current().queue
 
 
