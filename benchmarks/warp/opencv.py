@@ -49,7 +49,7 @@ class Task:
 
     @functools.cached_property
     def target_from_source(self) -> Array:
-        """(4, 4), in the form for OpenCV."""
+        """(4, 4) transform in OpenCV's form."""
         return self.target.camera_from_world @ self.source.world_from_camera
 
     @functools.cached_property

@@ -94,7 +94,7 @@ def _threads(parameters: dict[str, Parameter], scene: str, size: Size, repeats: 
     from pyibr.opencl.device import explain
 
     if (platform := explain()[0].platform) != _POCL:
-        return Skip("threads", f"only PoCL takes their number, and the device is {platform}'s")
+        return Skip("threads", f"only PoCL takes a number of threads, and the device is {platform}'s")
     if (os.cpu_count() or 1) < max(THREADS):
         return Skip("threads", "there is one processor")
     if isinstance(view := scenes.rgbd(scene, 0, size), Skip):

@@ -85,7 +85,7 @@ def _prepare(parameters: dict[str, Parameter], size: Size, count: int) -> Work |
 def _frame(
     views: list[ibr.DepthImage], recorded: list[list[Frame]], found: list[list[NDArray[np.float32]]], k: int
 ) -> list[ibr.DepthImage]:
-    """Surroundings that all cameras have in common at one time."""
+    """Surroundings that all cameras share at one time."""
     of_each = zip(views, recorded, found, strict=True)
     return [ibr.DepthImage(frames[k][0], own[k], view.camera) for view, frames, own in of_each]
 

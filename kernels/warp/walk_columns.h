@@ -19,15 +19,15 @@ typedef struct {
     Column from, to;
     floatl begins, ends; /* the part of the step that lies on the lines: 0 to 1, except at the lines' ends */
     floatl passed;                 /* the row: 1 the cell's last, -1 its first, 0 none */
-    floatl beyond_from, beyond_to; /* then the columns' samples in the two cells that are not in `from` and `to` */
+    floatl beyond_from, beyond_to; /* if a row is passed: samples of the two cells that are not in `from` and `to` */
     floatl slope;                  /* rows a column */
     intl mirrored, transposed;     /* steps go towards smaller columns and rows; "columns" are rows */
-    intl along, edge;              /* lines that run along samples' edges: the TORN_... bit, and whether the edge is torn here */
+    intl along, edge;              /* lines along samples' edges: the TORN_... bit, and whether it is set here */
 } Step;
 
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
-    floatl leaves[4];   /* where on the step, 0 to 1, the lines leave them; a triangle left before it is entered is skipped */
+    floatl leaves[4];   /* where on the step, 0 to 1, the lines leave each; one that is not past the ones before is not passed */
     floatl nearness[4]; /* the surface's nearness there */
     intl open[4];
 } PassedTriangles;

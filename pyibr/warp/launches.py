@@ -158,7 +158,7 @@ def _find_hits(
         clear(shared["hits"], constant("lib/pixelspace.h", "EMPTY"))
     if reach.empty:
         return kind
-    if not packets:  # no epipole, or nothing else: any nearness gives the source position
+    if not packets:  # no epipole, or no other pixel: any nearness gives the source position
         kind = _hits("WITHOUT_PARALLAX")
     elif options.search:
         launch(

@@ -99,8 +99,8 @@ class WarpedView(Immutable):
         views tear none.
     side : {"front", "back", "both"}
         Visible side of the surface: the side that faces the source's camera, the other side (of a solid that is
-        displaced from a centre inside it and seen from outside), or both. A ray that meets a hidden side first sees a
-        hole.
+        displaced from a centre inside it and seen from outside), or both. A pixel whose ray first meets a hidden side
+        is a hole.
     fill : {None, "background", "smooth", "inpaint"}
         How holes are filled; `valid` stays False there, and depth is filled, too. Holes are filled after all objects
         have been drawn, so that invented colour hides nothing that was seen. "background": with the surface behind,
