@@ -150,7 +150,7 @@ INLINED float2 open_and_own(global const float *level, int across, int down, int
  * pixel x begin. */
 #define BEGIN_ABOVE(x, n) ((((x) + 1) >> (n)) - 1)
 #define PART(x) ((x) & 1 ? 0.25f : 0.75f)
-#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* cell i is between the last two cells above, not the first two */
+#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* cell i is between the last two cells, not the first two */
 
 /* Fills 3 x 3 cells of a level from (x, y) on from the `cells` above, and replaces those. */
 INLINED void pull_around(global const float *level, int across, int down, int side, int p, int x, int y, float *cells)

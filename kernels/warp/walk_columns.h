@@ -27,7 +27,7 @@ typedef struct {
 
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
-    floatl leaves[4];   /* where on the step, 0 to 1, the lines leave each; one that is not past the ones before is not passed */
+    floatl leaves[4];   /* where on the step, 0 to 1, the lines leave each; no later than the one before: skipped */
     floatl nearness[4]; /* the surface's nearness there */
     intl open[4];
 } PassedTriangles;

@@ -54,7 +54,7 @@ class _Fan:
 
     @property
     def is_diagonal(self) -> bool:
-        """Whether lines run along the image's diagonals: those through one pixel's centre pass through many."""
+        """True if lines run along the image's diagonals: a line through one pixel's centre passes through many."""
         return self.w == 0.0 and math.isclose(abs(self.e_across), abs(self.e_along), rel_tol=_ROUNDING)
 
     def reach(self) -> tuple[float, float]:
