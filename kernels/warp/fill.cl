@@ -3,11 +3,10 @@
  * fills the unknown part of each level from the coarser one. So narrow holes are filled from close by and wide holes
  * from all around.
  *
- * With HAS_BEHIND, a pixel's weight falls with its nearness relative to the depth behind the surrounding holes, and
- * with its part of foreground next to the holes that it touches (behind.cl): so a disocclusion is filled from the
- * background, not from the occluding surface. But no weight is 0: if no background is in reach, the foreground fills
- * the hole. And a hole next to foreground shows some of it, since silhouettes in pictures are mixed with their
- * background.
+ * With HAS_BEHIND, nearer pixels have smaller weights: relative to the depth behind the surrounding holes, and by their
+ * part of foreground next to the holes that they touch (behind.cl). So a disocclusion is filled from the background,
+ * not from the occluding surface. But no weight is 0: if no background is in reach, the foreground fills the hole. And
+ * a hole next to foreground shows some of it, since silhouettes in pictures are mixed with their background.
  *
  * color, depth, valid: (height, width). behind: behind.cl. base, cells, inner: pyramid.h; the base of the lowest tiles
  * are the pixels. pull replaces the cells' colour and nearness by the filled values. Work-item: on CPUs a row of
