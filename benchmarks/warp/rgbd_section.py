@@ -303,7 +303,7 @@ def _told(result: Result) -> list[str]:
                 ratio, bar = median(values) / median(plain), rgbd_uses.BARS[subject]
                 judged = [f"{ratio:.2f}", f"at most {bar:g}", verdict(ratio <= bar)]
             lines.append([str(size), str(motion), str(view), subject, str(Quartiles.of(values)), *judged])
-    heads = ["size", "motion", "view", "output", "ms", "ratio", "bar", ""]
+    heads = ["size", "motion", "view", "told", "ms", "ratio", "bar", ""]
     return [TOLD, table(heads, lines)] if lines else []
 
 
