@@ -1,12 +1,12 @@
 /* Draws objects one sample thin, such as wires, leaves and bars, as wide as the samples that saw them, by their ribbons
  * (lib/ribbons.h).
  *
- * Three launches, as of forward.cl: the nearest ribbon of each pixel by nearness, of equally near ones the first by its
- * number, and then the pixels, where a ribbon is nearer than what is there or there is nothing. A side of the surface
- * that is not shown hides no ribbon behind it. keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where
- * no ribbon is; indices: the same shape, the ribbon's number. ribbons: (count,) numbers of all ribbons of the view
- * (picture/ribbons.cl).
- * source, source_view: of resolve.cl.
+ * Three launches, as in forward.cl: the nearest ribbon of each pixel by nearness; the first by its number among equally
+ * near ribbons; then the pixels where a ribbon is nearer than the picture or the picture is empty. A side of the
+ * surface that is not shown hides no ribbon behind it. keys: (dst_height, dst_width) nearness as ordered by
+ * warp/keys.h, 0 without a ribbon; indices: the same shape, the ribbon's number. ribbons: (count,) numbers of the view's
+ * ribbons (picture/ribbons.cl).
+ * source, source_view: as in resolve.cl.
  * Work-item: a ribbon; STRIP * LANES pixels of a row. Cost: O(pixels + pixels of ribbons). Determinism: maximum and
  * minimum do not depend on the order of work-items.
  * Not in the paper, where all samples are connected.

@@ -304,7 +304,7 @@ def draw_thin(
     view: int = 0,
     entry: Entry = NO_ENTRY,
 ) -> None:
-    """Draw things one sample thin where they are nearest. The other parameters are as in `inverse_warp`."""
+    """Draw objects one sample thin, where they are nearer than the picture; parameters as in `inverse_warp`."""
     ribbons = surface.ribbons
     if not ribbons.shape[0]:
         return
