@@ -136,15 +136,15 @@ Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
     return ribbon;
 }
 
-/* A ribbon by its number: NEIGHBOURS times its thin sample's, plus the neighbour that it leads to. */
+/* The ribbon with a number: NEIGHBOURS times the index of its thin sample, plus the neighbour at its other end. */
 Ribbon numbered_ribbon(Grid grid, uint number)
 {
     const int sample = number / NEIGHBOURS;
     return ribbon_of(grid, sample % grid.width, sample / grid.width, number % NEIGHBOURS);
 }
 
-/* Does another sample than a ribbon's two have the pixel around a point, and the ribbon's line pass that sample no
- * closer than it passes the point? p: from the first middle. */
+/* Tells whether a point of a ribbon belongs to a third sample: the point lies in that sample's pixel, and no closer to
+ * the ribbon's line than the sample. p: the point, relative to the first middle. */
 int belongs_to_another(Ribbon ribbon, float2 p)
 {
     const float2 middle = (float2)(ribbon.x, ribbon.y), sample = rint(middle + p);

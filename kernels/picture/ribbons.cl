@@ -1,13 +1,13 @@
-/* Finds the ribbons of things one sample thin (lib/ribbons.h): wires, leaves, bars.
+/* Finds the ribbons of parts that are one sample wide (lib/ribbons.h), such as wires, leaves and bars.
  *
- * surface: (height + 2, pitch), picture/edges.cl. begins: (height, width), 0 before the launch; bit `neighbour` of a thin
- * sample is set if it begins the ribbon to that neighbour. Work-item: STRIP * LANES samples of a row. Cost: O(samples), and
- * a read of each neighbour of thin samples. Determinism: samples are independent.
+ * surface: (height + 2, pitch), picture/edges.cl. begins: (height, width), initially 0; bit `neighbour` of a thin
+ * sample is set if the sample owns the ribbon to this neighbour. Work-item: STRIP * LANES samples of a row. Cost:
+ * O(samples), and a read of each neighbour of thin samples. Determinism: samples are independent.
  */
 #include "lib/lanes.h"
 #include "lib/ribbons.h"
 
-/* Reads a row's LANES samples from x0 on, and their neighbours to the left and to the right; NO_SURFACE beyond the image. */
+/* Reads LANES samples of a row, starting at x0, and their left and right neighbours; NO_SURFACE outside the image. */
 INLINED void load_row(Grid grid, int x0, int y, floatl *left, floatl *here, floatl *right)
 {
     const intl x = x0 + lane_index;
@@ -16,13 +16,13 @@ INLINED void load_row(Grid grid, int x0, int y, floatl *left, floatl *here, floa
         return;
     global const float *own = grid.nearness + (size_t)y * grid.pitch + x0;
     *here = select_lanes(x < grid.width, load_lanes(own), (floatl)NO_SURFACE);
-    /* Rows have room to look beyond. */
+    /* Rows have room for reads beyond the image. */
     *right = select_lanes(x + 1 < grid.width, load_lanes(own + 1), (floatl)NO_SURFACE);
     *left = shifted_lanes(*here);
     set_float_lane(*left, 0, x0 > 0 ? own[-1] : NO_SURFACE);
 }
 
-/* Is a cell of samples torn or incomplete? */
+/* Tells whether a cell of samples is torn or incomplete. */
 #define IS_TORN(q00, q10, q01, q11)                                                                            \
     (IS_LOWER_OPEN(q00) | IS_UPPER_OPEN(q00, q10, q01) | (min_lanes(q01, q11) <= NO_SURFACE))
 

@@ -93,7 +93,7 @@ class Surface:
 
     @property
     def grid(self) -> dict[str, Any]:
-        """The arguments of kernels that read the samples and their edges."""
+        """Arguments of kernels that read the samples and their edges."""
         width, height = self.size
         shape = {"width": width, "height": height, "pitch": self.nearness.shape[1]}
         return {"surface": self.nearness, "cut": Struct("Cut", self.test.cut), **shape}
@@ -111,7 +111,7 @@ class Surface:
 
     @cached_property
     def ribbons(self) -> DeviceArray:
-        """(N,) uint32: the numbers of the ribbons of things one sample thin (kernels/lib/ribbons.h)."""
+        """(N,) uint32: numbers of the ribbons for parts that are one sample wide (kernels/lib/ribbons.h)."""
         width, height = self.size
         begins, profile = zeros((height, width), np.uint16), current().profile
         launch(
