@@ -114,7 +114,7 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
     intl from_behind = 0;
     if (!map.dst_perspective)
         from_behind = clip_at_plane(&a, &b, &open);
-    const floatl crosses = b.p * a.w - a.p * b.w; /* the sign of the target's move from a to b, if both lie before the target */
+    const floatl crosses = b.p * a.w - a.p * b.w; /* the sign of the target's move from a to b, if both are before it */
     const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* out of the plane of the target's centre */
     const intl begins = there & (!open) & (interval->ended | emerges | from_behind);
     if (any_lane(begins)) {
