@@ -98,7 +98,7 @@ def test_a_mesh_that_cannot_be_written_is_told_before_the_work(scene: Scene, mon
     [
         (KeyboardInterrupt(), "pyibr: interrupted", 130),
         (OSError(28, "No space left on device"), "pyibr: [Errno 28] No space left on device", 2),
-        (MemoryError(), "pyibr: that does not fit into the memory", 2),
+        (MemoryError(), "pyibr: out of memory", 2),
     ],
 )
 def test_what_ends_the_work_is_one_line(scene: Scene, monkeypatch: pytest.MonkeyPatch, error, line, status):

@@ -172,7 +172,7 @@ def test_meshes(folder: Path):
         (("depth.npy", "-o", "out.json"), "--size: expected the (width, height)"),
         (("camera.json", "-o", "camera.json"), "--output: expected a file of its own"),
         (("bent.json", "--as", "open3d", "-o", "out.json"), "cameras: expected perspective cameras without a lens"),
-        (("scan", "-o", "scan/out"), "--output: expected a place outside of the recording"),
+        (("scan", "-o", "scan/out"), "--output: expected a path outside of the recording"),
     ],
 )
 def test_mistakes_are_told_in_one_line(folder: Path, words, said):

@@ -247,7 +247,7 @@ def test_section_judges_totals_and_shows_losses(tmp_path: Path) -> None:
             )
     result.save(tmp_path / "edges.json")
     text = report.write(tmp_path).read_text()
-    assert "2 scenes whose depth" in text
+    assert "2 scenes with exact depth" in text
     assert "| 320 x 240 | none | 30 / 1,104 | 160 / 2 | 100 / 1,000 | met | met |" in text
     assert "| 320 x 240 | blurred | 10 / 0 | 180 / 2 | 14 / 6 | **not met** | met |" in text
     assert "| 60 x 45 | none | 30 / 1,104 | 160 / 2 | 100 / 1,000 | met | **not met** |" in text

@@ -62,7 +62,7 @@ def test_without_a_gpu_the_section_says_that_it_is_empty(tmp_path: Path) -> None
     result = run("card", card.cases(replace(QUICK, card="no such kind")))
     assert result.records == []
     assert "No GPU has run these kernels yet" in card_section(result, tmp_path)[0]
-    assert [skip.reason for skip in result.skipped] == ["no device here is a no such kind that works"]
+    assert [skip.reason for skip in result.skipped] == ["there is no working device of the kind no such kind"]
 
 
 @pytest.mark.thorough

@@ -278,7 +278,7 @@ def test_files_of_transforms_as_people_write_them(tmp_path: Path, caplog: pytest
         np.testing.assert_allclose(other[1], one[1], rtol=1e-6)
     assert len(ibr.load(tmp_path)) == 2
     assert "as millimetres, as in nerfstudio" in caplog.text
-    assert "1 files are left out, as picture or depth is missing: lone.png" in caplog.text
+    assert "1 files are left out, because picture or depth is missing: lone.png" in caplog.text
 
 
 def test_frames_without_poses_are_at_no_known_place(tmp_path: Path):

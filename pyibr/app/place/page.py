@@ -297,7 +297,7 @@ class PlacePage:
 
     @property
     def paints(self) -> bool:
-        """Whether a drag over the corner paints now."""
+        """True while a drag over the corner paints."""
         return self._brush.value and self._corner.value != _NONE and self.placement.state.current is not None
 
     def _add_picture_controls(self) -> None:
