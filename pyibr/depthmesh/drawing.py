@@ -115,30 +115,23 @@ def draw_depth_meshes(
         Output: bit k is set where view k gave colour.
     """
     entry = _entry(target, lighting, [mesh.view for mesh in meshes], tolerance, bounds)
-    camera, closing, drawn = target.camera, blending.closing, blending.drawn
-    near, more = target.near(bounds), dict[str, Any](entry.arguments)
+    camera, near = target.camera, target.near(bounds)
+    closing, drawn = blending.closing, blending.drawn
     colored = [*drawn.others, *drawn.chosen]
-    listed = [*drawn.sheets, *drawn.around, *colored]
-    seen = listed if closing is None else range(len(meshes))  # free space depends on all views
-    pairs = {number: camera_pair(meshes[number].view.camera, camera) for number in seen}
-    underlay, closed = None, False
-    if closing is not None:
-        underlay, closed = closing.underlay(drawn), bool(closing.arguments) or "sheets"
-        if closing.arguments:
-            maps = np.array([pair.src_from_dst for pair in pairs.values()], np.float32)
-            more |= closing.arguments | {"from_target": upload(maps.reshape(-1, 16))}
     trees = [meshes[number].tree for number in drawn.chosen]
+    listed = [meshes[number].view for number in (*drawn.sheets, *drawn.around, *colored)]
+    pairs = [camera_pair(view.camera, camera) for view in listed]
+    underlay = None if closing is None else closing.underlay(drawn)
     how = blending.share * tolerance, underlay, 0.0 if target.from_light else reuse
-    triangles, projected = projected_triangles(thing, trees, camera, [pairs[number] for number in listed], *how)
+    triangles, projected = projected_triangles(thing, trees, camera, pairs, *how)
     sides = "both" if target.from_light else "front"  # back sides have no colours, but cast shadows
     bins = bin_primitives(target, triangles.corners, projected, near, sides)
-    more |= _color_arguments(thing, meshes, blending, colored, camera, entry.normals)
-    defines = _defines_of(target, closed, entry)
+    closed: Closed = closing is not None and (bool(closing.arguments) or "sheets")
+    defines, outputs = _defines_of(target, closed, entry), target.outputs()
     if "GUESSES" in defines:
-        more["guesses"] = target.made_guesses()
+        outputs["guesses"] = target.made_guesses()
     if occupancy is not None:
-        defines["OCCUPIED"] = 1
-        more["occupancy"] = occupancy
+        defines["OCCUPIED"], outputs["occupancy"] = 1, occupancy
     items = min(current().profile.drawers, math.prod(bins.grid))
     layers = len(colored), items, bins.region**2
     counts = tuple(map(len, (drawn.sheets, drawn.around, drawn.others, drawn.chosen)))
@@ -157,8 +150,9 @@ def draw_depth_meshes(
         layer_owner=empty(layers, np.int32),
         items=items,
         **bins.arguments,
-        **target.outputs(),
-        **more,
+        **outputs,
+        **_view_arguments(thing, meshes, blending, colored, camera, entry.normals),
+        **entry.arguments,
     )
     target.blank = False
 
@@ -172,7 +166,7 @@ def _defines_of(target: Target, closed: Closed, entry: Entry) -> dict[str, int]:
     return defines
 
 
-def _color_arguments(
+def _view_arguments(
     thing: Immutable,
     meshes: Sequence[ViewMesh],
     blending: Blending,
@@ -180,9 +174,9 @@ def _color_arguments(
     camera: Camera,
     with_normals: bool,
 ) -> dict[str, Any]:
-    """Kernel arguments for the views' colours and weights, and for their normals if requested."""
-    far_sides = () if blending.closing is None else blending.closing.far_sides
-    views = [mesh.view for mesh in meshes]
+    """Arguments from the views: colours and weights, normals if requested, and free space if rays close holes."""
+    closing, views = blending.closing, [mesh.view for mesh in meshes]
+    far_sides = () if closing is None else closing.far_sides
     feathers = cached_on_device(thing, "feathers", lambda: list(map(feathers_of, meshes)))
     colors = cached_on_device(thing, "colors", lambda: view_colors(views, feathers, blending.gains, far_sides))
     closeness = (blending.closeness / blending.closeness.max()).astype(np.float32)
@@ -194,14 +188,18 @@ def _color_arguments(
         "scales": upload((colors.focals[colored] / focal).astype(np.float32)),
         "weights": upload(closeness[colored]),
     }
-    if far_sides:
-        first_levels = np.ascontiguousarray(colors.sources[:, 1])
-        arguments |= {"far_colors": colors.far_sides, "first_levels": upload(first_levels)}
-        arguments["closeness"] = upload(closeness)
     if with_normals:
         normals = list(map(showing_normals, views))
         shown = cached_on_device(thing, "normals", lambda: view_colors(normals, feathers, None, far_sides))
         arguments |= {"normals": shown.words} | ({"far_normals": shown.far_sides} if far_sides else {})
+    if closing is not None and closing.arguments:  # free space depends on all views
+        maps = np.array([camera_pair(view.camera, camera).src_from_dst for view in views], np.float32)
+        arguments |= closing.arguments | {
+            "from_target": upload(maps.reshape(-1, 16)),
+            "far_colors": colors.far_sides,
+            "first_levels": upload(np.ascontiguousarray(colors.sources[:, 1])),
+            "closeness": upload(closeness),
+        }
     return arguments
 
 
