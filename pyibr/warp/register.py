@@ -27,7 +27,7 @@ from pyibr.picture.samples import Samples, at_least_a_word, bridged_samples, cut
 from pyibr.picture.surface import make_surface, straightness_test, test_by_cut
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import positions_on_device, undistorted_view
-from pyibr.warp.launches import Options, inverse_warp, map_of
+from pyibr.warp.launches import Options, Pass, map_of
 
 AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
@@ -281,7 +281,7 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
     for part in cube_face_cameras(camera):
         targets.append(Target(part, np.dtype(np.uint8), channels=0, pool=pool))
         pixel_map = PixelMap(camera_pair(source.camera, part), surface)
-        inverse_warp(surface, pixel_map, targets[-1], Options())
+        Pass(surface, pixel_map, targets[-1], Options()).draw()
     return _Drawn(source, cut, cut_there, samples, joined_faces(targets, camera))
 
 

@@ -32,15 +32,7 @@ from pyibr.picture.target import Target, color_defines
 from pyibr.picture.undistort import Interpolation, undistorted
 from pyibr.warp.blending import Blend, Layer, blend
 from pyibr.warp.filling import Fill, fill_holes
-from pyibr.warp.launches import (
-    Options,
-    build_ahead_of_warp,
-    classify,
-    defines_of,
-    draw_thin,
-    forward_warp,
-    inverse_warp,
-)
+from pyibr.warp.launches import Options, Pass, build_ahead_of_warp, defines_of, forward_warp
 from pyibr.warp.looked_through import surfaces_of
 
 if TYPE_CHECKING:
@@ -226,7 +218,7 @@ class WarpedView(Immutable):
         self._draw_views(target, lighting)
         if target.classes is not None:
             for number in range(len(self.sources)):
-                classify(*self._surface_of(number, target), target)
+                Pass(*self._surface_of(number, target), target, self._options).classify()
 
     def finish(self, target: Target) -> None:
         """Fill holes, if `fill` is set, from the views and the finished drawing."""
@@ -292,10 +284,10 @@ class WarpedView(Immutable):
             forward_warp(*_placed(view, target), target, self.splat, entry)
             return
         build_ahead_of_warp(camera_pair(view.camera, target.camera), options, defines_of(target, entry))
-        surface, pixel_map = self._surface_of(number, target)
-        inverse_warp(surface, pixel_map, target, options, number, entry, in_reach=in_reach)
+        drawn = Pass(*self._surface_of(number, target), target, options, number, entry)
+        drawn.draw(in_reach=in_reach)
         if self.thin:
-            draw_thin(surface, pixel_map, target, options, number, entry)
+            drawn.draw_thin()
 
     def _surface_of(self, number: int, target: Target) -> tuple[Surface, PixelMap]:
         """A view's surface, with the colours that the target shows, and its map into the target."""
