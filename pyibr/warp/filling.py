@@ -7,19 +7,20 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
+from pyibr.core.optional import opencv
 from pyibr.core.pixelspace import PixelMap, longer_side
 from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.memory import DeviceArray, copy, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import Samples
 from pyibr.picture.target import Target
-from pyibr.warp.inpaint import inpaint
 from pyibr.warp.launches import map_of
 
 Fill = Literal["background", "smooth", "inpaint"]
@@ -29,6 +30,8 @@ _DEVIATIONS = 3 * 2**0.5
 _ONE_SURFACE = 0.015
 """Part of the depth, or of the side of an orthographic camera's image: how far apart pixels of one surface may be."""
 _RUN = 64  # pixels: a work-item of behind_runs follows the holes' lines of so many together
+_RADIUS = 3  # pixels: the surroundings that determine a pixel inpainted by OpenCV
+_STEPS = 65535.0  # steps of floats' range: OpenCV adds about a step to each pixel, whatever the image's range is
 
 
 def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelMap]], how: Fill) -> None:
@@ -153,3 +156,40 @@ def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> N
 def _of_holes(name: str) -> int:
     """Constant of kernels/warp/holes.h."""
     return int(constant("warp/holes.h", name))
+
+
+def inpaint(target: Target) -> None:
+    """Continue colour and depth from around the holes into them (Telea 2004)."""
+    cv2 = opencv('fill="inpaint"', "inpaint")
+    color, depth, valid = to_host([target.color, target.depth, target.valid])
+    known = valid != 0
+    if known.all() or not known.any():
+        return
+    perspective = target.camera.projection == "perspective"
+    solid = np.where(known, depth, np.float32(1))
+    found = _inpainted(cv2, 1 / solid if perspective else solid, known)  # planes are linear in nearness
+    made = [(np.where(known, depth, 1 / found if perspective else found).astype(np.float32), target.depth)]
+    if color.dtype == np.uint8 and color.size:
+        made.append((_inpainted(cv2, color, known), target.color))
+    elif color.size:
+        channels = [_inpainted(cv2, np.ascontiguousarray(color[..., i]), known) for i in range(3)]
+        made.append((np.dstack(channels), target.color))
+    for array, into in made:
+        copy(upload(array), into)
+
+
+def _inpainted(cv2: Any, image: NDArray[Any], known: NDArray[np.bool_]) -> NDArray[Any]:
+    """Fill the unknown pixels of an image, (H, W, 3) uint8 or (H, W) float32, within the range of its known ones."""
+    low, high = image[known].min(), image[known].max()
+    if image.dtype == np.uint8:
+        return _filled(cv2, image, known, low, high)
+    if low == high:
+        return np.full_like(image, low)
+    steps = _filled(cv2, (image - low) * (_STEPS / (high - low)), known, 0, _STEPS)
+    return np.where(known, image, low + steps * ((high - low) / _STEPS))
+
+
+def _filled(cv2: Any, image: NDArray[Any], known: NDArray[np.bool_], low: Any, high: Any) -> NDArray[Any]:
+    framed = cv2.copyMakeBorder(image, 1, 1, 1, 1, cv2.BORDER_REPLICATE)  # OpenCV reads beyond images of one row
+    holes = cv2.copyMakeBorder((~known).astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    return np.clip(cv2.inpaint(framed, holes, _RADIUS, cv2.INPAINT_TELEA)[1:-1, 1:-1], low, high)

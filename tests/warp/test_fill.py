@@ -15,8 +15,7 @@ from pyibr.core.camera import Camera
 from pyibr.opencl.device import current
 from pyibr.opencl.memory import copy, upload
 from pyibr.picture.target import Target
-from pyibr.warp.filling import find_behind, push_and_pull
-from pyibr.warp.inpaint import inpaint
+from pyibr.warp.filling import find_behind, inpaint, push_and_pull
 from tests import scenes
 from tests.one_lane import one_lane
 from tests.reference.fill import HALO, behind_reference, edges_of, fill_reference
