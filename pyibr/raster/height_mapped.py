@@ -1,4 +1,4 @@
-"""Colour and normal maps of surfaces with height maps, for their kernels (kernels/lib/footprint.h)."""
+"""Colours, normals and wrap modes of surfaces with height maps, for their kernels (kernels/lib/footprint.h)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 from pyibr.core.camera import Camera
 from pyibr.meshes.height_mapped import HeightMapped
+from pyibr.meshes.heights import Wraps
 from pyibr.meshes.textures import normal_pyramid, texture_pyramid
 from pyibr.opencl.memory import DeviceArray, upload
 
@@ -33,3 +34,8 @@ def normal_arguments(surface: HeightMapped, buffers: dict[str, DeviceArray], unr
     """Kernel arguments for a lit surface's normal map; without a map the size is 0, and `unread` takes its place."""
     height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
     return {"normal_width": width, "normal_height": height, "normal_map": buffers.get("normal_map", unread)}
+
+
+def wrap_defines(wrap: Wraps) -> dict[str, int]:
+    """Return the defines for axes that clamp (kernels/lib/wrap.h); without a define, an axis repeats."""
+    return {name: 1 for name, how in zip(("CLAMPED_U", "CLAMPED_V"), wrap, strict=True) if how == "clamp"}

@@ -26,9 +26,8 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.clear import clear
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
-from pyibr.picture.wrap import wrap_defines
 from pyibr.raster.bins import bin_defines, bin_primitives, project
-from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
+from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments, wrap_defines
 from pyibr.relief.interior import Interior, InteriorPoint
 from pyibr.relief.levels import HeightLevels, height_levels
 from pyibr.relief.neighbours import mitred, sides_beside

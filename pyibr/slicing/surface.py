@@ -22,9 +22,8 @@ from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
-from pyibr.picture.wrap import wrap_defines
 from pyibr.raster.bins import bin_defines, bin_primitives, project
-from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
+from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments, wrap_defines
 from pyibr.slicing.prisms import Volume, extruded
 from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_slices, slices_text
 
