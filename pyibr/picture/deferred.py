@@ -12,9 +12,8 @@ from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.gbuffer import GBuffer
 from pyibr.picture.shadow import Lighting
-from pyibr.picture.target import Target
+from pyibr.picture.target import GBuffer, Target
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from pyibr.images import Frame
 from pyibr.opencl.headers import struct
 from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, output
 from pyibr.opencl.memory_pool import rounded
-from pyibr.picture.gbuffer import GBuffer
 
 _NEAR = 1e-5  # near plane, relative to the distance of the farthest point that is drawn
 
@@ -25,6 +24,34 @@ _NEAREST = 1e-30  # scene units: near plane for a point at the camera's centre
 def color_defines(dtype: np.dtype[Any], channels: int) -> dict[str, int]:
     """Return the defines for a colour's type and channels (kernels/lib/channel.h)."""
     return {"COLOR_BYTES": dtype.itemsize, "CHANNELS": channels}
+
+
+class GBuffer:
+    """The G-buffer (Saito & Takahashi 1990): geometry of the pixels that are lit after all things are drawn.
+
+    The kernels that draw these things write the buffers (kernels/lib/gbuffer.h).
+
+    Parameters
+    ----------
+    camera : Camera
+        Camera of the picture.
+
+    Attributes
+    ----------
+    depth, thing : (H, W) DeviceArray
+        float32 and int32. Where the depth differs from the picture's depth, the pixel shows another thing.
+    normal : (H, W, 3) float32 DeviceArray, or None
+        None until a thing with normals is drawn.
+    things : list of tuples
+        Parameters of each thing for `light_things`.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        shape = camera.height, camera.width
+        self.depth, self.thing = empty(shape, np.float32), empty(shape, np.int32)
+        self.depth.fill(np.nan)
+        self.normal: DeviceArray | None = None
+        self.things: list[tuple[float, int, float, bool]] = []
 
 
 class Target:
