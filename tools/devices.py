@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.opencl import device, memory
-from pyibr.opencl.outcome import Outcome
+from pyibr.opencl.selftest import Outcome
 from pyibr.opencl.watch import Watch, watching
 from tests.one_lane import one_lane
 from tests.opencl.everything import calls

@@ -10,7 +10,6 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -32,20 +31,6 @@ importlib.import_module(sys.argv[1]).main(*sys.argv[3:count])
 """
 
 
-@dataclass(frozen=True)
-class Ended:
-    """Lines that a process printed, its exit status, and the fault to report if the last line is not a result."""
-
-    lines: list[str]
-    status: int
-    fault: str
-
-    @property
-    def result(self) -> str:
-        """The last line."""
-        return self.lines[-1] if self.lines else ""
-
-
 class Apart:
     """A process that runs a module's `main`. A thread reads its output and waits for its end.
 
@@ -53,6 +38,8 @@ class Apart:
     ----------
     lines : list of str
         Lines that it has printed so far.
+    status : int or None
+        Its exit status; None until it has ended.
     """
 
     def __init__(self, command: list[str], environment: dict[str, str]) -> None:
@@ -61,7 +48,7 @@ class Apart:
         self.lines: list[str] = []
         self._messages: list[str] = []
         self._changed = threading.Condition()
-        self._status: int | None = None
+        self.status: int | None = None
         self._timeout = timeout()
         pipe = subprocess.PIPE
         # Unbuffered: a buffer has a lock, which a thread must not hold when Python exits.
@@ -77,15 +64,10 @@ class Apart:
         self._thread = threading.Thread(target=self._read, name="pyibr apart", daemon=True)
         self._thread.start()
 
-    @property
-    def has_ended(self) -> bool:
-        """Tell whether the process has ended."""
-        return self._status is not None
-
     def wait(self, until: Callable[[], bool] = lambda: False) -> bool:
         """Wait until `until()` is True or the process has ended. After a timeout, kill it and return False."""
         with self._changed:
-            if self._changed.wait_for(lambda: self._status is not None or until(), self._timeout):
+            if self._changed.wait_for(lambda: self.status is not None or until(), self._timeout):
                 return True
         self.kill()
         return False
@@ -100,13 +82,12 @@ class Apart:
         self._process.kill()
         self._thread.join(_ENDING)
 
-    def ended(self, task: str) -> Ended:
-        """Return the result of the ended process; `task` names its task in the fault."""
-        status = self._status or 0
-        if status < 0:
-            return Ended(self.lines, status, f"the runtime crashed on {task} (signal {-status})")
+    def fault(self, task: str) -> str:
+        """Return why the process ended without a result; `task` names its task."""
+        if self.status is not None and self.status < 0:
+            return f"the runtime crashed on {task} (signal {-self.status})"
         last = next((line for line in reversed(self._messages) if line.strip()), "no message")
-        return Ended(self.lines, status, f"the runtime ended the process (status {status}) on {task}: {last}")
+        return f"the runtime ended the process (status {self.status}) on {task}: {last}"
 
     def _read(self) -> None:
         process = self._process
@@ -118,7 +99,7 @@ class Apart:
             beside.join()
             status = process.wait()
         with self._changed:
-            self._status = status
+            self.status = status
             self._changed.notify_all()
 
     def _note(self, pipe: BinaryIO, lines: list[str]) -> None:
@@ -148,29 +129,6 @@ def start_apart(module: str, *arguments: str) -> Apart | None:
         return Apart(command, os.environ | absolute)
     except OSError:
         return None
-
-
-def run_apart(module: str, *arguments: str, task: str) -> Ended | None:
-    """Run a module's `main` in a separate process until it ends; None if Python cannot be started.
-
-    Parameters
-    ----------
-    module : str
-        Full name of the module.
-    *arguments : str
-        Arguments of `main`, which prints its result as the last line.
-    task : str
-        Name of the task for the fault, such as "a tiny kernel".
-    """
-    process = start_apart(module, *arguments)
-    if process is None:
-        return None
-    return process.ended(task) if process.wait() else too_slow(task)
-
-
-def too_slow(task: str) -> Ended:
-    """Return the result of a process that was killed after the timeout."""
-    return Ended([], 0, f"{task} did not end within {timeout():g} s")
 
 
 def timeout() -> float:

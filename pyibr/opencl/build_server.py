@@ -13,12 +13,11 @@ import numpy as np
 
 from pyibr.core.errors import DeviceError
 from pyibr.opencl import selftest
-from pyibr.opencl.binaries import VARIABLE
 from pyibr.opencl.device import current, use_device
-from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import remember
 from pyibr.opencl.program import Argument, Kernel, kernel
 from pyibr.opencl.runtimes import found_devices
+from pyibr.opencl.selftest import Outcome
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -64,7 +63,6 @@ class _Requests:
 
 def main(key: str, _: str) -> None:
     """Print that this process has started, and the outcome for the device with this key as JSON; then build."""
-    os.environ[VARIABLE] = "never"
     os.environ.setdefault("POCL_AFFINITY", "0")  # not pinned, so that it compiles on an idle processor
     everything = found_devices()
     print("\n" + selftest.READY, flush=True)

@@ -56,7 +56,7 @@ class Builder:
     @property
     def has_ended(self) -> bool:
         """Tell whether the process has ended."""
-        return self._process.has_ended
+        return self._process.status is not None
 
     def end(self) -> None:
         """End the process."""

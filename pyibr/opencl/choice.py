@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from pyibr.core.errors import ArgumentError, DeviceError
-from pyibr.opencl.outcome import Outcome, Speed
-from pyibr.opencl.runtimes import Found, Kind, cpu_remedies, problems, remedy_for
+from pyibr.opencl.runtimes import Found, Kind, cpu_remedies, preference, problems, remedy_for
+from pyibr.opencl.selftest import Outcome, Speed
 
 _log = logging.getLogger("pyibr")
 
@@ -68,10 +68,10 @@ def describe(found: Found, outcome: Outcome) -> Device:
     )
 
 
-def choose(found: Sequence[Found], examine: Examine, picture_time: Callable[[Found], float]) -> Device:
+def choose(found: Sequence[Found], examine: Examine) -> Device:
     """Return the first GPU that works, else the fastest CPU runtime that works, else any device that works.
 
-    Only as many devices are examined as necessary. Times are measured only if several CPU runtimes work.
+    Only as many devices are examined as necessary.
 
     Raises
     ------
@@ -79,19 +79,11 @@ def choose(found: Sequence[Found], examine: Examine, picture_time: Callable[[Fou
         No device works.
     """
     broken: list[Device] = []
-    for kind in ("gpu", "cpu", "accelerator"):
-        working: list[Found] = []
-        for entry in (f for f in found if f.kind == kind):
-            device = describe(entry, examine(entry))
-            if device.works and kind != "cpu":
-                return device
-            if device.works:
-                working.append(entry)
-            else:
-                broken.append(device)
-        if working:
-            fastest = min(working, key=picture_time) if len(working) > 1 else working[0]
-            return describe(fastest, examine(fastest))
+    for entry in sorted(found, key=preference):
+        device = describe(entry, examine(entry))
+        if device.works:
+            return device
+        broken.append(device)
     raise DeviceError(_nothing_works(sorted(broken, key=lambda d: d.index)))
 
 

@@ -22,18 +22,15 @@ from typing import TYPE_CHECKING, Any
 
 from pyibr.core.checks import checked_bool
 from pyibr.core.errors import ArgumentError, DeviceError
-from pyibr.opencl.binaries import forget_all, reading
 from pyibr.opencl.cache import cache_folder
 from pyibr.opencl.calls import Calls
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
-from pyibr.opencl.fastest import forget_picture_time, picture_time
 from pyibr.opencl.in_flight import InFlight
-from pyibr.opencl.memory_pool import MemoryPool, Room
-from pyibr.opencl.outcome import Outcome
+from pyibr.opencl.memory_pool import MemoryPool, Room, tell_shortage
 from pyibr.opencl.probe import Doubted, forget, probe
 from pyibr.opencl.profile import DeviceProfile, profile_of
 from pyibr.opencl.runtimes import Found, found_devices, new_context
-from pyibr.opencl.shortage import tell_shortage
+from pyibr.opencl.selftest import Outcome
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
@@ -151,8 +148,6 @@ def _take_locks() -> list[threading.RLock]:
     """Acquire all locks that calls need, after other threads' calls are done or a timeout."""
     end = time.monotonic() + _EXIT_TIMEOUT
     taken = [_lock] if _lock.acquire(timeout=_EXIT_TIMEOUT) else []  # from here on, no session can be opened
-    if reading.acquire(timeout=_EXIT_TIMEOUT):
-        taken.append(reading)
     gates = [session.calls.stop(end) for session in list(_sessions.values())]
     return taken + [gate for gate in gates if gate is not None]
 
@@ -170,7 +165,6 @@ def _after_fork() -> None:
 def _after_fork_in_child() -> None:
     global _forked
     _after_fork()
-    forget_all()
     _forked = _forked or found_devices.cache_info().currsize > 0
 
 
@@ -210,8 +204,6 @@ def devices(*, fresh: bool = False) -> list[Device]:
     checked_bool("fresh", fresh)
     with _lock:
         doubted: Doubted = "all" if fresh else "broken"
-        for found in found_devices() if fresh else ():
-            forget_picture_time(found)
         return [describe(found, _examine(found, doubted, measure=fresh)) for found in found_devices()]
 
 
@@ -312,11 +304,9 @@ def explain() -> tuple[Device, str]:
         return device, f"named by ${VARIABLE}"
     if device.kind == "gpu":
         return device, "the first GPU that works"
-    rivals = [found_devices()[other.index] for other in devices() if other.works and other.kind == device.kind]
-    if len(rivals) > 1 and device.kind == "cpu":
-        times = ", ".join(f"{1e3 * picture_time(found):.1f} ms on {found.platform}" for found in rivals)
-        return device, f"the fastest CPU runtime that works: a small warp and a small relief take {times}"
-    return device, f"the {'first' if len(rivals) > 1 else 'only'} {device.kind} device that works"
+    rivals = [other for other in devices() if other.works and other.kind == device.kind]
+    which = "only" if len(rivals) == 1 else "fastest" if device.kind == "cpu" else "first"
+    return device, f"the {which} {device.kind} device that works"
 
 
 @functools.cache
@@ -327,9 +317,9 @@ def _default_session(selector: str) -> Session:
             return _session(select(found, _examine_broken_again, selector, f"${VARIABLE}"))
         while True:
             try:
-                device = choose(found, _examine, picture_time)
+                device = choose(found, _examine)
             except DeviceError:
-                device = choose(found, _examine_broken_again, picture_time)
+                device = choose(found, _examine_broken_again)
             try:
                 return _session(device)
             except DeviceError:

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from pyibr.opencl.device import Session, current
-from pyibr.opencl.memory_pool import Block, MemoryPool, rounded, when_gone
-from pyibr.opencl.shortage import is_shortage, tell_shortage
+from pyibr.opencl.memory_pool import Block, MemoryPool, is_shortage, rounded, tell_shortage, when_gone
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:

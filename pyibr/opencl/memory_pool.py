@@ -1,15 +1,19 @@
-"""Device memory: a count of bytes in use, and a pool of free blocks for reuse."""
+"""Device memory: a count of bytes in use, a pool of free blocks for reuse, and the error if memory is short."""
 
 from __future__ import annotations
 
 import atexit
+import errno
 import functools
 import threading
 import weakref
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from pyibr.core.errors import Error, OutOfMemoryError
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -121,3 +125,38 @@ class MemoryPool:
         """Release all blocks."""
         while (block := next(iter(self), None)) is not None:
             self.take(block.size)
+
+
+@contextmanager
+def telling_shortage(device: object) -> Generator[None, None, None]:
+    """Convert out-of-memory errors inside the ``with`` block by `tell_shortage`."""
+    try:
+        yield
+    except Exception as error:
+        tell_shortage(error, device)
+        raise
+
+
+def tell_shortage(error: Exception, device: object, needed: str | None = None) -> None:
+    """Raise OutOfMemoryError if an error from NumPy, the system or OpenCL means a lack of memory.
+
+    Parameters
+    ----------
+    error : Exception
+    device : object
+        The device to name in the message.
+    needed : str, optional
+        Purpose of the memory, for the message; by default, the message quotes the error.
+    """
+    if not isinstance(error, Error) and is_shortage(error):
+        what = f" for {needed}" if needed else f": {error}" if str(error) else ""
+        raise OutOfMemoryError(f"not enough memory on {device}{what}") from error
+
+
+def is_shortage(error: Exception) -> bool:
+    """Tell whether an error means that memory is short, or that a buffer is too large for the device."""
+    import pyopencl as cl
+
+    if isinstance(error, (MemoryError, cl.MemoryError)) or getattr(error, "errno", None) == errno.ENOMEM:
+        return True
+    return isinstance(error, cl.Error) and error.code == cl.status_code.INVALID_BUFFER_SIZE

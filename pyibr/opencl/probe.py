@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import Literal
 
 from pyibr.opencl import selftest
-from pyibr.opencl.apart import start_apart, too_slow
+from pyibr.opencl.apart import start_apart, timeout
 from pyibr.opencl.builder import keep_builder
 from pyibr.opencl.cache import Entry
-from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.runtimes import Found, runtime_of
+from pyibr.opencl.selftest import Outcome
 
 Doubted = Literal["nothing", "broken", "all"]
 """Outcomes of earlier processes that are not trusted."""
@@ -78,10 +78,11 @@ def _test_apart(found: Found, measure: bool) -> Outcome:
         process.wait()
     if outcome is not None:
         return outcome
-    ended = process.ended(_TASK) if in_time else too_slow(_TASK)
-    if selftest.READY not in ended.lines and ended.status > 0:
+    if not in_time:
+        return Outcome(False, f"{_TASK} did not end within {timeout():g} s")
+    if selftest.READY not in process.lines and (process.status or 0) > 0:
         return selftest.test(found.handle, measure)
-    return Outcome(False, ended.fault)
+    return Outcome(False, process.fault(_TASK))
 
 
 def _outcome_in(lines: list[str]) -> Outcome | None:

@@ -10,7 +10,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from pyibr.core.errors import ArgumentError, BuildError
-from pyibr.opencl.binaries import keep_binary
 from pyibr.opencl.builder import builder_of
 from pyibr.opencl.cache import Entry
 from pyibr.opencl.device import Session, current
@@ -50,6 +49,7 @@ _LONG = 0.3  # seconds of building after which a message is logged: one program 
 _spent = 0.0  # seconds that this process has spent on builds
 _filtering = threading.Lock()  # warning filters are global to the process
 _building: ContextVar[Callable[[str], object]] = ContextVar("building", default=lambda _: None)
+_keeps_all: ContextVar[bool] = ContextVar("keeps_all", default=False)
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,8 @@ def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, 
             program = _compiled(session, file, source, options)
         signatures = {str(handle.function_name): _signature(handle) for handle in program.all_kernels()}
         head = json.dumps(signatures).encode() + b"\n"
-        keep_binary(program, entry, head, runtime.compiles_for_binaries, session.calls)
+        if _keeps_all.get() or not runtime.compiles_for_binaries:
+            _keep(program, entry, head)
     else:
         program, signatures = loaded
     declared = {argument[1].rstrip("*") for signature in signatures.values() for argument in signature}
@@ -215,6 +216,29 @@ def telling_builds(tell: Callable[[str], object]) -> Generator[None, None, None]
         yield
     finally:
         _building.reset(token)
+
+
+@contextmanager
+def keeping_binaries() -> Generator[None, None, None]:
+    """Keep the binaries of all programs that are built inside the ``with`` block, even if that takes long.
+
+    Before it returns a binary, PoCL compiles every kernel of the program again, for work-groups of any size. So pyibr
+    otherwise relies on PoCL's own cache of kernels.
+    """
+    token = _keeps_all.set(True)
+    try:
+        yield
+    finally:
+        _keeps_all.reset(token)
+
+
+def _keep(program: cl.Program, entry: Entry, head: bytes) -> None:
+    import pyopencl as cl
+
+    with suppress(cl.Error):  # some runtimes have no binaries
+        (binary,) = cast("list[bytes]", program.get_info(cl.program_info.BINARIES))
+        if binary:
+            entry.write(head + binary)
 
 
 @contextmanager

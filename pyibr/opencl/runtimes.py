@@ -86,7 +86,7 @@ class Runtime:
     name: str
     platform: str
     """A part of the platform's name, in lower case."""
-    mend: Callable[[], str] = lambda: cpu_remedies()[-1]
+    mend: Callable[[], str] = lambda: cpu_remedies()[0]
     """Returns the command that fixes a listed runtime that does not work; by default, it installs another runtime."""
     install: Callable[[], str] = str
     """Returns the command that installs the runtime here; empty if there is none."""
@@ -207,8 +207,14 @@ def remedy_for(found: Found) -> str:
 
 
 def runtime_of(found: Found) -> Runtime:
-    """Return the runtime of a device; one without particulars if it is not in `RUNTIMES`."""
-    return next((runtime for runtime in RUNTIMES if runtime.is_of(found)), Runtime("", ""))
+    """Return the runtime of a device."""
+    return next(runtime for runtime in RUNTIMES if runtime.is_of(found))
+
+
+def preference(found: Found) -> tuple[int, int]:
+    """Return the sort key by which devices are chosen: GPUs, then CPUs by their runtimes, then other devices."""
+    kind = ("gpu", "cpu", "accelerator").index(found.kind)
+    return kind, RUNTIMES.index(runtime_of(found)) if found.kind == "cpu" else 0
 
 
 def new_context(device: cl.Device) -> cl.Context:
@@ -330,7 +336,7 @@ def _optimized_once(found: Found) -> list[str]:
 def _mend_pocl_wheel() -> str:
     """Command that replaces PoCL's wheel, whose compiler is older than many processors, by the distribution's build."""
     here = (SYSTEM_ICDS / "pocl.icd").exists()
-    return "pip uninstall pocl-binary-distribution" if here else cpu_remedies()[0]
+    return "pip uninstall pocl-binary-distribution" if here else _install_pocl() or cpu_remedies()[0]
 
 
 def _items_apart() -> dict[str, str]:
@@ -369,5 +375,6 @@ _INTEL = Runtime(
     needs=("tbb12.dll",) if _WINDOWS else ("libintlc.so.5", "libirng.so", "libimf.so", "libsvml.so", "libtbb.so.12"),
     needs_from="pip install intel-cmplr-lib-rt tbb",
 )
-RUNTIMES = (_POCL_WHEEL, _POCL, _INTEL)
-"""Runtimes with particulars. A device belongs to the first that matches; the first that can be installed is best."""
+_OTHER = Runtime("another runtime", "")
+RUNTIMES = (_INTEL, _POCL_WHEEL, _POCL, _OTHER)
+"""Runtimes for CPUs, fastest first by ``python -m benchmarks runtimes``. A device belongs to the first that matches."""

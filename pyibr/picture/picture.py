@@ -14,7 +14,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import check_pixels
 from pyibr.images.frame import Frame
 from pyibr.opencl.memory import DeviceArray
-from pyibr.opencl.shortage import telling_shortage
+from pyibr.opencl.memory_pool import telling_shortage
 from pyibr.picture.antialiasing import averaged, checked_side, finer
 from pyibr.picture.cube_faces import cube_face_cameras, joined_faces
 from pyibr.picture.target import Target

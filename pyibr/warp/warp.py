@@ -16,7 +16,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import origins_in_lens
 from pyibr.images import DepthImage, Frame
 from pyibr.opencl.device import one_call
-from pyibr.opencl.shortage import telling_shortage
+from pyibr.opencl.memory_pool import telling_shortage
 from pyibr.picture.bands import Begin, frames_in_memory
 from pyibr.picture.picture import PictureParts
 from pyibr.picture.target import Target

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import gc
-import os
 import sys
 import time
 
@@ -33,7 +32,6 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=2000, help="calls of each kind; warps: five times as many")
     parser.add_argument("names", nargs="*", help="kinds of calls (default: all)")
     given = parser.parse_args()
-    os.environ.setdefault("PYIBR_BINARIES", "never")  # otherwise binaries would be read amid the calls
     made, worst = calls(), 0.0
     for name in given.names or made:
         count, start = given.count * (5 if name == "sweep" else 1), time.monotonic()

@@ -10,6 +10,7 @@ import pytest
 
 from pyibr.opencl import cache, device, headers, probe
 from pyibr.opencl.device import current
+from pyibr.opencl.program import keeping_binaries
 
 
 @pytest.fixture
@@ -20,8 +21,14 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.F
     monkeypatch.setattr(probe, "_tested", {})
     monkeypatch.setattr(cache, "_warned", set())
     monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("PYIBR_BINARIES", "now")
     return tmp_path / "cache"
+
+
+@pytest.fixture
+def binaries() -> Iterator[None]:
+    """Keep the binaries of all programs, whatever the runtime."""
+    with keeping_binaries():
+        yield
 
 
 @pytest.fixture
@@ -42,7 +49,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     shutil.copytree(headers.kernels_folder(), copy)
     monkeypatch.setattr(headers, "kernels_folder", lambda: copy)
     monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("PYIBR_BINARIES", "now")
     kept = dict(current().kernels)
     current().kernels.clear()
     _forget_headers()

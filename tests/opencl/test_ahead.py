@@ -138,7 +138,7 @@ pocl = pytest.mark.skipif(
 
 def draw(folder: Path, here: str = "", **variables: str) -> dict[str, str]:
     """Draw in a process with its own caches, and return its lines by their first word."""
-    caches = {"PYIBR_CACHE": str(folder / "pyibr"), "POCL_CACHE_DIR": str(folder / "pocl"), "PYIBR_BINARIES": "never"}
+    caches = {"PYIBR_CACHE": str(folder / "pyibr"), "POCL_CACHE_DIR": str(folder / "pocl")}
     environment = with_path(**(caches | variables))
     command = [sys.executable, "-W", "error", "-X", "dev", "-c", PICTURE.replace("HERE", here)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)

@@ -293,6 +293,7 @@ import numpy as np
 import pyibr as ibr
 from pyibr.opencl import cache, probe
 from pyibr.opencl.device import _default_session, current
+from pyibr.opencl.program import keeping_binaries
 from pyibr.opencl.runtimes import found_devices
 sys.path.insert(0, sys.argv[1])
 from damage import KINDS
@@ -306,7 +307,8 @@ def render():
     current().kernels.clear()
     probe._tested.clear()
     assert probe.probe(found_devices()[current().device.index]).works
-    frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2), fill="background")
+    with keeping_binaries():
+        frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2), fill="background")
     return frame.color.tobytes() + frame.depth.tobytes() + frame.valid.tobytes()
 
 written = []

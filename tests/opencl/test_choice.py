@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,8 @@ import pytest
 from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl import runtimes
 from pyibr.opencl.choice import choose, select
-from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.runtimes import Found, remedy_for
+from pyibr.opencl.selftest import Outcome
 
 BROKEN = Outcome(False, "every build fails: unknown target CPU 'generic'")
 
@@ -25,87 +24,59 @@ def found(index: int, name: str, kind: runtimes.Kind, version: str = "OpenCL 3.0
 
 
 class Examiner:
-    """Predefined outcomes and picture times, with a record of the devices that were asked for."""
+    """Devices that work, except some, with a record of the devices that were asked for."""
 
-    def __init__(self, **known: Outcome | float) -> None:
-        self.known = known
+    def __init__(self, *broken: str) -> None:
+        self.broken = broken
         self.asked: list[str] = []
-        self.timed: list[str] = []
 
     def __call__(self, entry: Found) -> Outcome:
         self.asked.append(entry.name)
-        known = self.known[entry.name]
-        return known if isinstance(known, Outcome) else Outcome(True)
-
-    def picture_time(self, entry: Found) -> float:
-        self.timed.append(entry.name)
-        known = self.known[entry.name]
-        assert isinstance(known, float)
-        return known
-
-
-def chosen(listed: list[Found], examiner: Examiner) -> str:
-    return choose(listed, examiner, examiner.picture_time).name
+        return BROKEN if entry.name in self.broken else Outcome(True)
 
 
 def test_the_first_gpu_that_works_comes_before_any_cpu():
-    listed = [
-        found(0, "cpu", "cpu"),
-        found(1, "bad", "gpu"),
-        found(2, "good", "gpu"),
-        found(3, "next", "gpu"),
-    ]
-    examiner = Examiner(cpu=1.0, bad=BROKEN, good=9.0, next=5.0)
-    assert chosen(listed, examiner) == "good"
-    assert examiner.asked == ["bad", "good"] and not examiner.timed, "only as many are examined as necessary"
+    names = ["cpu", "bad", "good", "next"]
+    listed = [found(index, name, "cpu" if name == "cpu" else "gpu") for index, name in enumerate(names)]
+    listed[3] = dataclasses.replace(listed[3], platform="Intel(R) OpenCL Graphics")
+    examiner = Examiner("bad")
+    assert choose(listed, examiner).name == "good"
+    assert examiner.asked == ["bad", "good"], "only as many are examined as necessary"
 
 
-def test_the_fastest_cpu_runtime_is_chosen_where_no_gpu_works():
-    listed = [
-        found(0, "bad", "gpu"),
-        found(1, "slow", "cpu"),
-        found(2, "quick", "cpu"),
-        found(3, "broken", "cpu"),
-    ]
-    examiner = Examiner(bad=BROKEN, slow=2.0, quick=1.0, broken=BROKEN)
-    assert chosen(listed, examiner) == "quick"
-    assert examiner.timed == ["slow", "quick"]
-
-
-def test_a_single_runtime_is_not_measured():
-    examiner = Examiner(only=1.0, broken=BROKEN)
-    assert chosen([found(0, "broken", "cpu"), found(1, "only", "cpu")], examiner) == "only"
-    assert not examiner.timed
-
-
-@pytest.mark.parametrize("seconds", [1.0, math.inf])
-def test_equal_runtimes_are_taken_in_their_order(seconds: float):
-    assert chosen([found(0, "a", "cpu"), found(1, "b", "cpu")], Examiner(a=seconds, b=seconds)) == "a"
+def test_the_fastest_cpu_runtime_that_works_is_chosen_where_no_gpu_works():
+    platforms = ["Another", "Portable Computing Language", "Portable Computing Language", "Intel(R) OpenCL"]
+    names = ["other", "pocl", "same", "intel"]
+    listed = [dataclasses.replace(found(i, names[i], "cpu"), platform=platforms[i]) for i in range(4)]
+    listed.append(found(4, "card", "gpu"))
+    order: list[str] = []
+    while len(order) < 4:
+        order.append(choose(listed, Examiner("card", *order)).name)
+    assert order == ["intel", "pocl", "same", "other"]
 
 
 def test_an_accelerator_is_the_last_resort():
     listed = [found(0, "emulator", "accelerator"), found(1, "cpu", "cpu")]
-    assert chosen(listed, Examiner(emulator=1.0, cpu=9.0)) == "cpu"
-    assert chosen(listed, Examiner(emulator=1.0, cpu=BROKEN)) == "emulator"
+    assert choose(listed, Examiner()).name == "cpu"
+    assert choose(listed, Examiner("cpu")).name == "emulator"
 
 
 @pytest.mark.parametrize(("selector", "index"), [(1, 1), ("1", 1), ("EPYC", 1), ("gpu", 0), ("pocl 6", 1)])
 def test_select(selector: int | str, index: int):
     listed = [found(0, "Radeon", "gpu"), found(1, "pthread-AMD EPYC", "cpu", "OpenCL 3.0 PoCL 6.0+debian")]
-    examiner = Examiner(**{"Radeon": 1.0, "pthread-AMD EPYC": 1.0})
-    assert select(listed, examiner, selector, "device").index == index
+    assert select(listed, Examiner(), selector, "device").index == index
 
 
 def test_of_several_that_match_the_first_that_works_is_taken():
     listed = [found(0, "one", "cpu"), found(1, "two", "cpu")]
-    assert select(listed, Examiner(one=BROKEN, two=1.0), "portable", "device").name == "two"
+    assert select(listed, Examiner("one"), "portable", "device").name == "two"
 
 
 def test_names_of_platforms_come_before_those_of_processors(caplog: pytest.LogCaptureFixture):
     """PoCL names its device after the processor, which may be Intel's."""
     pocl = found(0, "pthread-Intel(R) Xeon(R)", "cpu", "OpenCL 3.0 PoCL 6.0+debian")
     intel = dataclasses.replace(found(1, "Intel(R) Xeon(R)", "cpu", "OpenCL 3.1 LINUX"), platform="Intel(R) OpenCL")
-    examiner = Examiner(**{pocl.name: 1.0, intel.name: 1.0})
+    examiner = Examiner()
     with caplog.at_level("INFO", "pyibr"):
         assert select([pocl, intel], examiner, "intel", "device").platform == intel.platform
         assert select([pocl, intel], examiner, "PoCL", "device").index == 0
@@ -120,7 +91,7 @@ def test_names_of_platforms_come_before_those_of_processors(caplog: pytest.LogCa
 @pytest.mark.parametrize("selector", ["radeon", 7, -1, "", "  "])
 def test_a_name_that_matches_nothing(selector: int | str):
     with pytest.raises(ArgumentError, match=r"\$PYIBR_DEVICE: expected .*0 = Portable.*: one.*, got ") as caught:
-        select([found(0, "one", "cpu")], Examiner(one=1.0), selector, "$PYIBR_DEVICE")
+        select([found(0, "one", "cpu")], Examiner(), selector, "$PYIBR_DEVICE")
     assert repr(selector) in str(caught.value)
 
 
@@ -128,7 +99,7 @@ def test_a_named_device_that_does_not_work_is_not_replaced():
     with pytest.raises(DeviceError, match="requested by device='one'") as caught:
         select(
             [found(0, "one", "cpu"), found(1, "two", "cpu")],
-            Examiner(one=BROKEN, two=1.0),
+            Examiner("one"),
             "one",
             "device",
         )
@@ -146,7 +117,7 @@ def debian(monkeypatch: pytest.MonkeyPatch, root: bool = False) -> None:
 def test_the_error_tells_what_was_found_why_it_failed_and_what_mends_it(monkeypatch: pytest.MonkeyPatch):
     debian(monkeypatch)
     with pytest.raises(DeviceError) as caught:
-        chosen([found(0, "pthread", "cpu")], Examiner(pthread=BROKEN))
+        choose([found(0, "pthread", "cpu")], Examiner("pthread"))
     text = str(caught.value)
     assert "Portable Computing Language: pthread (cpu, driver driver 0)" in text
     assert "unknown target CPU 'generic'" in text
@@ -156,7 +127,7 @@ def test_the_error_tells_what_was_found_why_it_failed_and_what_mends_it(monkeypa
 
 def test_the_error_where_there_is_no_device_at_all(monkeypatch: pytest.MonkeyPatch):
     debian(monkeypatch, root=True)
-    for ask in (lambda: chosen([], Examiner()), lambda: select([], Examiner(), "gpu", "device")):
+    for ask in (lambda: choose([], Examiner()), lambda: select([], Examiner(), "gpu", "device")):
         with pytest.raises(DeviceError, match="no OpenCL device was found") as caught:
             ask()
         assert "  apt install pocl-opencl-icd" in str(caught.value), "root needs no sudo"

@@ -1,4 +1,4 @@
-"""The report on the devices of this machine."""
+"""The report on the devices of this machine, and kernels built in advance."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+import pyibr as ibr
+from pyibr.app.cli import app
+from pyibr.app.commands import doctor, pictures
 from pyibr.opencl.device import current, devices
 from pyibr.opencl.doctor import print_report, report
 from tests.processes import with_path
@@ -40,3 +44,31 @@ def test_the_report_may_go_where_not_all_characters_can(encoding: str):
     command = [sys.executable, "-c", "from pyibr.opencl.doctor import print_report; print_report()"]
     done = subprocess.run(command, env=with_path(PYTHONIOENCODING=encoding), capture_output=True)
     assert done.returncode == 0 and b"pyibr uses" in done.stdout, done.stderr.decode()
+
+
+BUILDS_NOTHING = """
+import pyopencl as cl
+make = cl.Program.__init__
+def refuse(self, context, *rest):
+    assert len(rest) == 2, 'built from source'
+    make(self, context, *rest)
+cl.Program.__init__ = refuse
+from pyibr.app.commands import pictures
+print(pictures.PICTURES[0]().valid.sum())
+"""
+
+
+def test_doctor_builds_beforehand(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(doctor, "PICTURES", pictures.PICTURES[:1])
+    monkeypatch.setattr(doctor, "print_report", lambda: True)
+    current().kernels.clear()
+    pictures._view.cache_clear()
+    result = CliRunner().invoke(app, ["doctor", "--build"])
+    assert result.exit_code == 0 and "kernels of 1 kinds of pictures are built" in result.output, result.output
+    done = subprocess.run([sys.executable, "-c", BUILDS_NOTHING], env=with_path(), capture_output=True, text=True)
+    assert done.returncode == 0 and int(done.stdout), done.stderr
+
+
+@pytest.mark.parametrize("draw", pictures.PICTURES)
+def test_what_doctor_draws_can_be_drawn(draw):
+    assert isinstance(draw(), ibr.Frame | ibr.CleanedDepth)

@@ -189,8 +189,7 @@ def _whole(file: str) -> str:
 
 
 @pytest.mark.parametrize("file", [file for file in FILES if _readable(file)])
-def test_every_struct_lies_as_the_compiler_lays_it(folder, file, monkeypatch):
-    monkeypatch.setenv("PYIBR_BINARIES", "never")
+def test_every_struct_lies_as_the_compiler_lays_it(folder, file):
     kinds = structs(file, expanded(file), _readable(file), {"LANES": current().profile.lanes})
     texts, expected = list[str](), list[int]()
     for name, kind in kinds.items():
@@ -205,7 +204,7 @@ def test_every_struct_lies_as_the_compiler_lays_it(folder, file, monkeypatch):
 
 
 @pytest.fixture
-def take(folder: Path) -> Kernel:
+def take(folder: Path, binaries: None) -> Kernel:
     (folder / "take.cl").write_text(THING)
     return kernel("take.cl", "take")
 

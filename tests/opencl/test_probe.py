@@ -16,9 +16,9 @@ from pyibr.opencl import device as device_module
 from pyibr.opencl import probe as probe_module
 from pyibr.opencl.choice import choose
 from pyibr.opencl.device import current, devices, use_device
-from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import forget, probe
 from pyibr.opencl.runtimes import Found, found_devices
+from pyibr.opencl.selftest import Outcome
 from tests.opencl.test_choice import found
 from tests.processes import with_path
 
@@ -87,7 +87,7 @@ def test_a_runtime_that_hangs_is_broken_with_a_reason(own_cache: Path, monkeypat
 def test_a_time_to_wait_for_runtimes_is_checked(wrong: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv(apart.VARIABLE, wrong)
     with pytest.raises(ArgumentError, match=r"PYIBR_TIMEOUT.*seconds > 0"):
-        apart.run_apart("none", task="nothing")
+        apart.timeout()
 
 
 def a_call() -> None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from pyibr.app.telling import telling
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, BuildError
 from pyibr.opencl import program
 from pyibr.opencl.device import current
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import empty
+from pyibr.opencl.runtimes import found_devices, runtime_of
 from pyibr.picture.target import Target
 
 CAMERA = Camera([[9, 0, 3], [0, 9, 2], [0, 0, 1]], (7, 5))
@@ -31,7 +35,7 @@ def test_a_failed_build_names_file_options_and_log(folder):
 
 
 @pytest.mark.parametrize("binary", [b"", b"not a program", b"\x7fELF"])
-def test_what_the_runtime_does_not_take_is_built_anew(folder, monkeypatch, binary):
+def test_what_the_runtime_does_not_take_is_built_anew(folder, binaries, monkeypatch, binary):
     first = program.kernel("picture/nearness.cl", "to_nearness")
     load = program._load
     signatures = b'{"to_nearness": []}\n'
@@ -49,7 +53,7 @@ def test_launch_checks_names_and_types(folder):
         launch(kernel, (1,), **values)
 
 
-def test_kernels_of_the_cache_compute_as_fresh_ones_do(folder):
+def test_kernels_of_the_cache_compute_as_fresh_ones_do(folder, binaries):
     """The treatment of denormals is an option that binaries do not store."""
     (folder / "picture/nearness.cl").write_text(
         "kernel void halve(global float *a, float b) { a[0] = b * 0.5f; a[1] = a[0] * 4.0f; }"
@@ -72,7 +76,7 @@ kernel void write(global int *out, Screen screen) { out[0] = SIZE + VALUE; }
 
 
 @pytest.fixture
-def own(tmp_path: Path, own_cache: Path) -> Path:
+def own(tmp_path: Path, own_cache: Path, binaries: None) -> Path:
     """A user's kernel with a header in the same folder."""
     file = tmp_path / "a b" / "own.cl"
     file.parent.mkdir()
@@ -124,6 +128,51 @@ def test_a_log_names_lines_of_the_users_file(own):
     with pytest.raises(BuildError) as raised:
         program.kernel(own, "write", VALUE=1)
     assert "size.h:3" in str(raised.value)
+
+
+def test_a_file_is_built_once_for_all_its_kernels(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
+    current().kernels.clear()
+    built: list[object] = []
+    compiled = program._compiled
+    monkeypatch.setattr(program, "_compiled", lambda *given: built.append(given) or compiled(*given))
+    for name in ("clear", "clear_uints", "to_nearness", "to_bridged_nearness"):
+        assert program.kernel("picture/begin.cl", name).name == name
+    assert len(built) == 1
+    made = empty((4,), np.uint32)
+    launch(program.kernel("picture/begin.cl", "clear_uints"), (1,), values=made, count=4, share=4, value=7)
+    assert made.to_host().tolist() == [7] * 4
+
+
+def test_binaries_that_take_long_are_kept_on_request(own_cache: Path):
+    def kept() -> int:
+        current().kernels.clear()
+        program.kernel("lib/clear.cl", "clear")
+        return len(list(own_cache.glob("programs/*")))
+
+    assert kept() == (not runtime_of(found_devices()[current().device.index]).compiles_for_binaries)
+    with program.keeping_binaries():
+        assert kept() == 1
+
+
+def test_users_are_told_once_that_kernels_are_built(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch):
+    def build(seconds: float) -> None:
+        times = iter((0.0, seconds))
+        monkeypatch.setattr(program, "time", SimpleNamespace(perf_counter=lambda: next(times)))
+        with program._told("warp/resolve.cl"):
+            pass
+
+    monkeypatch.setattr(program, "_spent", 0.0)
+    said: list[str] = []
+    with caplog.at_level(logging.INFO, logger="pyibr"), telling(said.append):
+        build(program._LONG / 2)
+        assert not said
+        build(program._LONG)
+        build(program._LONG)
+    assert said == [record.getMessage() for record in caplog.records] and len(said) == 1
+    assert "doctor --build" in said[0]
+    program._spent = 0.0
+    build(9.0)
+    assert len(said) == 1, "no messages after the end of the block"
 
 
 def test_what_is_not_there_is_said_in_one_sentence(own):

@@ -18,9 +18,11 @@ from tests.processes import with_path
 
 FIRST_FRAME = """
 import numpy as np, pyibr as ibr
+from pyibr.opencl.program import keeping_binaries
 camera = ibr.Camera([[30, 0, 20], [0, 30, 15], [0, 0, 1]], (41, 31))
 view = ibr.DepthImage(np.full((31, 41, 3), 9, np.uint8), np.full((31, 41), 2, np.float32), camera)
-frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2), fill="background")
+with keeping_binaries():
+    frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2), fill="background")
 print(int(frame.valid.sum()))
 """
 
@@ -33,7 +35,7 @@ def run(*command: str, timeout: float = 120, **environment: str) -> subprocess.C
 def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     """Output of a first process, and the folder of its cache."""
     cache = str(tmp_path_factory.mktemp("cache"))
-    done = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=cache, PYIBR_BINARIES="now")
+    done = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=cache)
     assert done.returncode == 0, done.stderr
     return done.stdout, cache
 
@@ -49,7 +51,7 @@ def test_the_second_process_builds_nothing(first: tuple[str, str]):
         "    make(self, context, *rest)\n"
         "cl.Program.__init__ = refuse\n"
     )
-    second = run(sys.executable, "-c", forbid + FIRST_FRAME, PYIBR_CACHE=cache, PYIBR_BINARIES="now")
+    second = run(sys.executable, "-c", forbid + FIRST_FRAME, PYIBR_CACHE=cache)
     assert (second.returncode, second.stdout) == (0, told), second.stderr
     assert {path: path.stat().st_mtime_ns for path in (Path(cache) / "programs").iterdir()} == binaries
 
@@ -59,7 +61,7 @@ def test_damaged_binaries_are_built_anew(first: tuple[str, str]):
     binaries = list((Path(cache) / "programs").iterdir())
     for path in binaries:
         path.write_bytes(b"not a program")
-    second = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=cache, PYIBR_BINARIES="now")
+    second = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=cache)
     assert (second.returncode, second.stdout) == (0, told), second.stderr
     assert all(path.stat().st_size > 100 for path in binaries)
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Annotated
 
 import typer
 
 from pyibr.app.commands.pictures import PICTURES
-from pyibr.opencl.binaries import read_all
+from pyibr.app.commands.progress import with_progress
 from pyibr.opencl.doctor import print_report
+from pyibr.opencl.program import keeping_binaries
 
 
 def doctor(
@@ -26,14 +26,7 @@ def doctor(
 
 def build_kernels() -> None:
     """Draw each small picture, which builds its kernels, and keep their binaries."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True, soft_wrap=True), disable=not sys.stderr.isatty()) as progress:
-        drawing = progress.add_task("building kernels", total=len(PICTURES))
-        for draw in PICTURES:
+    with keeping_binaries():
+        for draw in with_progress(PICTURES, len(PICTURES), "building kernels"):
             draw()
-            progress.advance(drawing)
-        keeping = progress.add_task("keeping them", total=None)
-        read_all(lambda left, total: progress.update(keeping, total=total, completed=total - left))
     typer.echo(f"The kernels of {len(PICTURES)} kinds of pictures are built.")
