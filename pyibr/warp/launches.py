@@ -252,8 +252,8 @@ class Pass:
 
     def classify(self) -> None:
         """Reduce the holes' classes by the reasons that this view knows."""
-        assert self.target.classes is not None
         target, pixel_map, aligned = self.target, self.pixel_map, self.pixel_map.pair.aligned
+        assert target.classes is not None
         profile, (width, height) = current().profile, target.camera.size
         defines = {"ALIGNED": int(aligned)}
         groups, packets = line_groups(pixel_map.epipole, Rectangle(0, width, 0, height), profile.lanes, aligned)

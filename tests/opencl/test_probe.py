@@ -136,7 +136,7 @@ def test_a_device_that_was_broken_is_left_alone_where_another_works(own_cache: P
     """Testing it may take long."""
     listed = [found(0, "bad", "gpu"), found_devices()[current().device.index]]
     probe_module._entry(listed[0]).write(Outcome(False, "as it was yesterday").to_json().encode())
-    assert choose(listed, device_module._examine, lambda entry: 1.0).works
+    assert choose(listed, device_module._examine).works
     assert listed[0].key not in probe_module._tested
 
 
