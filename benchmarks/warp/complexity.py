@@ -2,9 +2,10 @@
 
 The scene is fixed in normalised image coordinates, so that the depth's range spans a part of the image that does not
 depend on n, and epipolar segments grow with n. White noise in the same range is the other extreme: the hit of a pixel's
-line is almost unrelated to the pixel's own hit, and the traced windows come apart as n grows. Their number is bounded,
-but images are too small to reach the bound: the exponent of its visits has no limit. Both are drawn with
-`edges="connect"`, like the paper's displacement maps: one surface without holes, however steep its steps become with n.
+line is almost unrelated to the pixel's own hit, and the traced windows come apart as n grows. The number of windows is
+bounded, but these images are too small to reach the bound. So the growth of visits on noise has no bar. Both are
+drawn with `edges="connect"`, like the paper's displacement maps: one surface without holes, however steep its steps
+become with n.
 """
 
 from __future__ import annotations

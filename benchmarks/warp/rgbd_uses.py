@@ -1,4 +1,4 @@
-"""Uses of warps of depth cameras' frames: threads, noise, pairs, rows of views, origins and classes of pixels."""
+"""Times of warping depth-camera frames: by threads, with white noise, as stereo pairs and rows of views."""
 
 from __future__ import annotations
 

@@ -269,7 +269,10 @@ def sampled(things: Sequence[Thing], camera: ibr.Camera) -> tuple[Array, Array, 
 
 
 def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, ends: Array) -> Array:
-    """Judge pairs of two parts. Only their own things are cast, so that no third one hides their seam."""
+    """Classify pairs of parts: one surface, two surfaces, or undecided.
+
+    Rays meet only the objects of the pair, so that no third object hides the seam.
+    """
     thing = np.repeat(np.arange(len(things)), [len(each) for each in things])
     joined = np.empty(len(a), np.int8)
     keys = np.sort(np.stack([thing[a], thing[b]], -1), -1)

@@ -1,4 +1,5 @@
-/* Sharpening of soft edges: each sample of a ramp between two surfaces moves to the closer one, extrapolated to it.
+/* Sharpening of soft edges: each sample of a ramp between two surfaces moves to the closer surface, which
+ * is extrapolated to the sample.
  *
  * Depth from networks has edges that are ramps, several pixels wide. Ramps are detected along rows, columns and
  * diagonals: a ramp is a run of samples that all rise, or all fall, by at least RAMP_RISE of the steepest step in the

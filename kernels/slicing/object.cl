@@ -1,11 +1,11 @@
 /* Objects from images: the intersection of the images' volumes, drawn by slices (Kautz & Seidel 2001, sections 4 and
  * 5).
  *
- * A pixel walks the slices of its ray's part of the object's box from front to back and stops at the first point that
- * passes the test of every view: behind the surface that the view's depth image displaces (SILHOUETTES 0), or inside
- * its silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness, with creases between samples. It ends
- * half-way to background samples, like the outline of a mask, and farther out with more views. Samples of unknown depth
- * are as near as the box reaches.
+ * A pixel's ray is clipped to the object's box, and walks the slices there from front to back. It stops at the first
+ * point that passes the test of every view: the point lies behind the surface of the view's depth image
+ * (SILHOUETTES 0), or inside the view's silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness, with
+ * creases between samples. It ends half-way to background samples, like the outline of a mask, and farther out with
+ * more views. Samples of unknown depth are as near as the box reaches.
  *
  * Deviations from the paper: the slices are met per pixel instead of drawn as polygons, so the stencil passes become
  * one loop. `halvings` bring the point that passes closer to the surface than its slice. `visible` colours by the views

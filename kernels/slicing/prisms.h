@@ -78,7 +78,7 @@ typedef struct {
     float count;           /* slices over the displacement, if they are even heights */
     float spacing, band;   /* spacing of its slices; range of heights that BAND accepts */
     float height_rounding; /* HEIGHT_ROUNDING, or more where the displacement is shallow */
-    float share_rounding;  /* for the corners' shares; at least height_rounding */
+    float share_rounding;  /* rounding error of barycentric weights; at least height_rounding */
     float slice_rounding;  /* at least SLICE_ROUNDING */
     int halvings; /* halvings of the interval between two slices */
     int ends;     /* 1: rays that leave it may leave the surface */

@@ -9,7 +9,7 @@ typedef struct {
 } Linear;
 
 #define SLICES_MAX 4096     /* most slices that a picture chooses over a thing */
-#define SLICES_STEADY 256   /* slices over a displacement that miss little, even where pixels are wide */
+#define SLICES_STEADY 256   /* so many slices over a displacement miss few thin parts, even if a pixel is wide */
 #define HALVINGS_MAX 24     /* halvings of the interval between two slices: float32 resolves no more */
 #define PIXEL_PARTS 8       /* with slices by view, points are within 1/8 of a pixel of the surface */
 #define TEXTURE_PARTS 512   /* and within 1/512 of the displacement, so that textures do not flicker */

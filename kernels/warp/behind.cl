@@ -30,8 +30,8 @@
 #define NARROW_HOLE 0.02f /* part of the picture's longer side: holes up to it are narrow */
 #define WIDE_HOLE 0.035f  /* holes from this length on are wide */
 #define OUTWARD 8         /* slopes are measured over 1/8 of a hole's length beyond its ends */
-#define FLAT 0.05f        /* part of the gap that two flat surfaces close at most if they are continued into it */
-#define SLOPING 0.15f     /* part of the gap from which on they are not flat */
+#define FLAT 0.05f        /* surfaces that, continued into the gap, close at most this part of it are flat */
+#define SLOPING 0.15f     /* surfaces that close this part or more are sloping */
 
 /* The depth by which two pixels of one surface may differ: same_2 z^2 + same_1 z + same_0 at depth z */
 typedef struct {

@@ -23,8 +23,9 @@
  * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY before, unless ALIGNED without SEGMENT; from `spare` on
  * LANES floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both
  * images (stereo, light fields) and pass through the pixels' centres, so that their hits are the pixels' own. There is
- * a line for each row (or column), and the first packet begins with the first one. Packets of whole lines fill their
- * lines with EMPTY, and also the plane of margins, `plane` values later (patches.cl; 0: no margins).
+ * a line for each row (or column), and the first packet begins with the first one. A packet of whole lines first
+ * writes EMPTY to its lines, and to the same lines of the margins' hits, `plane` floats further on (patches.cl; 0: no
+ * margins).
  * EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h): exact for the line. Otherwise
  * aligned lines run along samples, from each to the next (walk_samples.h), and other lines are walked from column to
  * column (row to row, walk_columns.h), which leaves out the corners between, at about half the cost.

@@ -115,7 +115,7 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
     if (!map.dst_perspective)
         from_behind = clip_at_plane(&a, &b, &open);
     const floatl crosses = b.p * a.w - a.p * b.w; /* the sign of the target's move from a to b, if both are before it */
-    const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* out of the plane of the target's centre */
+    const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* crosses to the front of the target's centre */
     const intl begins = there & (!open) & (interval->ended | emerges | from_behind);
     if (any_lane(begins)) {
         const floatl from_infinity = select_lanes(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);

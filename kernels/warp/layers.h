@@ -33,7 +33,8 @@
 #define NORMAL_MEANS (GREATEST + ORIGIN_SUMS * ORIGINS)
 #define SUMS (NORMAL_MEANS + NORMAL_PLANES * (GBUFFER == 2))
 
-/* A view's sampling density: pixels per unit at depth 1 (perspective) or at any depth. */
+/* A view's sampling density: pixels per square scene unit, at depth 1 in perspective views, at every depth in
+ * orthographic ones. */
 typedef struct {
     float forward[3], centre[3]; /* relative to the screen's origin */
     float density;               /* fx * fy */

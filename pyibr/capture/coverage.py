@@ -199,7 +199,10 @@ def _inside(points: Float64, box: Float64) -> Mask:
 
 
 def _spread(corner: Float64, weights: Float64, count: int) -> tuple[Float64, NDArray[np.intp]]:
-    """Points on triangles, (F, 3, 3), in proportion to their weights, and the index of each point's triangle."""
+    """Spread `count` points over triangles (F, 3, 3), as many on each as its share of the weights.
+
+    Returns the points, and the index of each point's triangle.
+    """
     ends = np.cumsum(weights)
     random = np.random.default_rng(1999)
     places = (np.arange(count) + random.random(count)) * (ends[-1] / count)  # one point in each stretch of equal area

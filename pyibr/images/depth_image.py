@@ -40,7 +40,7 @@ Side = Literal["front", "back", "both"]
 """Side of a depth image's surface: the front faces its camera."""
 DefaultDepth = Literal["farthest"]
 
-_UNIT = 1e-3  # tolerance for squared lengths of normals, as float32 and rounded ones differ from 1
+_UNIT = 1e-3  # tolerance of squared lengths: float32 or rounded normals are not exactly of length 1
 _LEAST_NEAR = 1e-3  # least nearness half a pixel beside a sample, relative to the sample's nearness
 _EVEN = 0.005  # relative difference of nearness below which neighbours are one surface
 _CHUNK = 1 << 15  # samples per chunk: float64 values of larger chunks take several times longer

@@ -241,8 +241,8 @@ def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
 def _carved(outlines: Sequence[Outline], center: Float64, radius: float) -> Box | None:
     """Return the box of the grid cells in a cube that may have a part within all silhouettes; None without such cells.
 
-    Cells are halved until the longest edge has `_CARVED` of them. Only cells that may still lie at a side of the box
-    are kept: those beyond the points that surely lie within.
+    Cells are halved until the longest edge has `_CARVED` of them. Cells inside the extent of the points that surely
+    lie within all silhouettes cannot change the box, and are dropped.
     """
     low, cell = center - radius, 2 * radius / _FIRST
     cells = np.indices((_FIRST, _FIRST, _FIRST)).reshape(3, -1).T

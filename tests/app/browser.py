@@ -180,7 +180,7 @@ def settles_on(
         return shown[~left_out], wanted[~left_out]
 
     def is_right() -> bool:
-        rested(tab)  # first, as the truth takes longer than reading the page
+        rested(tab)  # before the comparison, because computing the truth takes longer than reading the page
         return np.array_equal(*pictures())
 
     with suppress(AssertionError):

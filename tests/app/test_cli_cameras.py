@@ -75,7 +75,7 @@ def test_a_photo_without_a_camera_gets_one_that_is_told(scene, tmp_path):
     exif.get_ifd(0x8769)[0xA405] = 26
     Image.fromarray(scene.color).save(photo, exif=exif)
     of_plane = tmp_path / "plane.jpg"
-    exif = Image.Exif()  # 4 mm on a sensor of 100 pixels a millimetre, half of them kept
+    exif = Image.Exif()  # focal length 4 mm, 100 sensor pixels per mm; the photo has half the width
     exif.get_ifd(0x8769).update({0x920A: 4.0, 0xA20E: 1000.0, 0xA210: 3, 0xA002: 2 * SIZE[0]})
     Image.fromarray(scene.color).save(of_plane, exif=exif)
     cases = (

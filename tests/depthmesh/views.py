@@ -137,7 +137,7 @@ def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
     )
     diagonal = (np.abs(run) == np.abs(rise)) & ((cell % 2 == 0) == (run * rise > 0))
     aslant = (run != 0) & (rise != 0) & ~diagonal
-    if aslant.any():  # edges of triangles squeezed into the image, next to a lost one: nothing may be beyond them
+    if aslant.any():  # oblique edges are left where a degenerate triangle was dropped: no triangle lies outside them
         along = (end - start)[aslant] / np.linalg.norm((end - start)[aslant], axis=1, keepdims=True)
         beyond = 0.5 * (end + start)[aslant] + 0.01 * np.stack([-along[:, 1], along[:, 0]], -1)
         assert not (weights_in(corners, np.broadcast_to(beyond, (len(corners), *beyond.shape))) > 0).all(axis=-1).any()

@@ -118,7 +118,7 @@ def test_what_is_tested_once_is_the_same_hull():
 def test_of_opposite_views_the_closer_one_colours(number):
     views = disk_views(50)
     frame = ibr.render(ibr.VisualHull(views, slices=64), views[number].camera)
-    # Views at right angles weigh a thousandth each, half a step of 255.
+    # Each of four views at right angles has a weight of a thousandth: together at most one step of 255.
     assert np.abs(frame.color[frame.valid].astype(int) - COLORS[number]).max() <= 1
 
 

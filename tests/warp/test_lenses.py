@@ -14,7 +14,7 @@ from tests.one_lane import one_lane
 pytest.importorskip("open3d")
 
 DEPTH = 1e-3  # relative
-RIGHT = 0.998  # share of the interior pixels that must be right: the rest is thinner than the band detects
+RIGHT = 0.998  # share of the interior pixels that must be right: some parts are thinner than the margin to edges
 COLOR = 6.0  # greatest error of 255: colours are interpolated two or three times
 SOURCE, TARGET = (200, 150), (180, 140)
 

@@ -166,7 +166,7 @@ def _layers(stack: NDArray[Any], file: Path) -> NDArray[np.float32]:
 
 
 def _keys(file: Path, is_alone: bool) -> dict[str, str]:
-    """The array names in this file, by content; empty if it is unreadable, unless it is the only file."""
+    """Name of the array for each kind of content. An unreadable file gives {}, or raises if it is the only file."""
     try:
         there = _arrays(file)
     except FileFormatError:
