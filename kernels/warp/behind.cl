@@ -1,11 +1,11 @@
-/* Finds the depth behind holes along epipolar lines. On its line, a disocclusion lies between the edge of the occluding
- * surface and the background that it belongs to. So of the two valid pixels at its ends the farther one gives the depth
- * behind the hole, and the nearer one is foreground.
+/* Finds the depth behind holes along epipolar lines. On such a line, a disocclusion lies between the edge of the
+ * occluding surface and the background. So the farther of the valid pixels at its two ends gives the depth behind the
+ * hole, and the nearer one is foreground.
  *
- * But wide holes also show far sides of the occluding object, which look like it. So the nearer end counts as
- * foreground next to holes that are narrow in the picture. Next to wide holes it counts as far as both surfaces are
- * flat, so that they would not meet in the hole if they were continued. And it counts only if the ends are farther
- * apart than pixels of one surface. All of these transitions are smooth, lest sequences flicker.
+ * But wide holes also show far sides of the occluding object, which look like its front. So the nearer end counts as
+ * foreground if the hole is narrow in the picture, or if both surfaces are flat: continued into the hole, they would
+ * not meet. In both cases the two depths must differ by more than depths of one surface. All of these transitions are
+ * smooth, lest sequences flicker.
  *
  * A line leaves a hole in steps of a pixel along its longer axis; each step takes the nearest pixel. If one line passes
  * through all of its pixels, along rows, columns or diagonals, the holes between two ends are written together
@@ -13,13 +13,13 @@
  * steps. Only holes next to valid pixels do so, since fill.cl needs no others.
  *
  * depth, valid: (height, width). behind: holes.h, written in holes alone. Its first plane is the depth behind the
- * holes; 0 if the line ends at the picture's border on both sides. The second plane is the falloff: the part of a pixel
- * next to the hole that is foreground, per unit of depth that it is nearer. blocks: for each SKIP_BLOCK x SKIP_BLOCK
- * pixels, whether any is valid. epipole: the lines lead away from it; all 0: rows. dx, dy: -1, 0 or 1, a step along all
- * lines, down or, along rows, right. same: how far apart pixels of one surface may be.
+ * holes; 0 if the line ends at the picture's border on both sides. The second plane is the falloff: times the
+ * depth by which a pixel next to the hole is nearer, it gives the pixel's fraction of foreground. blocks: for each
+ * SKIP_BLOCK x SKIP_BLOCK pixels, whether any is valid. epipole: the lines lead away from it; all 0: rows. dx, dy: -1,
+ * 0 or 1, a step along all lines, down or, in rows, right. same: differences of depth between pixels of one surface.
  * Work-item: one block (behind_blocks); 64 * `strip` pixels of a row, and the holes of all lines that begin in them
  * (behind_runs); `run` pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + holes next
- * to valid pixels * hole's length), where a whole block counts once. Determinism: no pixel that is written is read.
+ * to valid pixels * hole's length), where a block counts as one pixel. Determinism: no pixel that is written is read.
  */
 #include "lib/pixelspace.h"
 #include "warp/holes.h"
@@ -27,11 +27,11 @@
 #define SKIP_BLOCK 32
 #define LOOK_EVERY 8 /* steps: interval at which a line tests whether it is in a block of holes */
 #define SKIP_BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less the rounding of a step */
-#define NARROW_HOLE 0.02f /* part of the picture's longer side: holes up to it are narrow */
-#define WIDE_HOLE 0.035f  /* holes from this length on are wide */
+#define NARROW_HOLE 0.02f /* fraction of the picture's longer side: shorter holes are narrow, */
+#define WIDE_HOLE 0.035f  /* and longer holes are wide */
 #define OUTWARD 8         /* slopes are measured over 1/8 of a hole's length beyond its ends */
-#define FLAT 0.05f        /* surfaces that, continued into the gap, close at most this part of it are flat */
-#define SLOPING 0.15f     /* surfaces that close this part or more are sloping */
+#define FLAT 0.05f        /* surfaces are flat if they close at most this fraction of the gap when continued into it */
+#define SLOPING 0.15f     /* surfaces are sloping if they close this fraction or more */
 
 /* The depth by which two pixels of one surface may differ: same_2 z^2 + same_1 z + same_0 at depth z */
 typedef struct {
@@ -45,7 +45,7 @@ typedef struct {
     int steps;
 } End;
 
-/* 0 if the value is `from` or less, 1 if it is `to` or more */
+/* A smooth step: 0 for values up to `from`, 1 for values from `to` on */
 float rising(float from, float to, float value)
 {
     const float part = clamp((value - from) / (to - from), 0.0f, 1.0f);
@@ -59,7 +59,7 @@ float depth_at(global const float *depth, global const uchar *valid, int width, 
     return x >= 0 && y >= 0 && x < width && y < height && valid[y * width + x] ? depth[y * width + x] : 0.0f;
 }
 
-/* The falloff of holes whose line ends at a and b with depths z_a and z_b, `length` steps of (dx, dy) apart */
+/* The falloff of holes whose line ends at a and b with depths z_a and z_b, `length` steps apart */
 float falloff_of(global const float *depth, global const uchar *valid, int width, int height, Same same,
                  int perspective, float2 a, float z_a, float2 b, float z_b, float2 step, int length)
 {

@@ -1,14 +1,14 @@
 /* Blends the pictures of several views, the layers. At each pixel, the layers of the nearest surface are averaged. A
  * layer's weight is greater, the better its view saw the surface.
  *
- * A layer contributes if it lies no farther behind the nearest layer than the noise of both explains. If any view saw
- * the surface away from its steps, layers at steps do not count: they may show a rubber sheet.
+ * A layer contributes if it lies no farther behind the nearest layer than the noise of both explains. Layers at
+ * steps may show a rubber sheet: they count only if no view saw the surface away from its steps.
  * The weight is the product of
  * - resolution: the view's samples per pixel, at most 1, since a view finer than the picture is no better than the
  *   picture;
  * - angle between the view's ray and the picture's: an error of depth moves a colour aside in proportion to the angle's
- *   sine. The factor is the inverse of this variance, which at ANGLE_SQUARE is twice the variance at angle 0, times the
- *   cosine;
+ *   sine. The factor is the cosine over the variance of the colour's position, which doubles from angle 0 to
+ *   ANGLE_SQUARE;
  * - distance to the view's edges (view_edges.cl): seams then follow the edges, and colours mixed with another surface
  *   count least.
  * (Pajarola, Sainz & Meng 2003, section 4, blend depth meshes with weights of this kind.)
@@ -35,10 +35,10 @@
 
 #define ANGLE_SQUARE 0.03f    /* square of the sine of 10 degrees */
 #define AT_SAMPLE 0.01f       /* pixels: a place this close to a sample shows the sample alone */
-#define AT_STEP 0.5f          /* in units of the edges' bytes: up to it, a place is at a step */
+#define AT_STEP 0.5f          /* places up to this distance are at a step; units of the edges' bytes */
 #define WEIGHT_MIN 1e-6f      /* least weight of a layer that contributes */
 
-/* A packet of pixels of an image. at: the first pixel's index; count: how many of them lie in the picture */
+/* A packet of pixels of an image. at: the first pixel's index; count: the number of pixels up to the row's end */
 INLINED floatl pixels_at(global const float *image, size_t at, int count)
 {
     if (count >= LANES)
@@ -100,8 +100,8 @@ INLINED floatl edges_at(PixelMap map, global const ushort *edges, floatl x, floa
 }
 
 #if CHANNELS && COLOR_BYTES == 1
-/* A packet's colours as words, whose highest bytes are undefined. `count` pixels from the first one on are in the
- * row. */
+/* A packet's colours as words, whose highest bytes are undefined. count: the number of pixels up to the
+ * row's end */
 INLINED intl pixel_words(global const uchar *first, int count)
 {
 #if LANES == 16
@@ -123,7 +123,7 @@ kernel void weigh_layer(global const float *depth, global const channel *color, 
 #if ORIGINS
                         , global const float *layer_source
 #endif
-                        NORMALS_PARAMETER(float) /* the layer's, in the world, of any length */
+                        NORMALS_PARAMETER(float) /* the layer's normals, in the world, of any length */
 )
 {
     const int width = screen.width, y = get_global_id(1), strip_x = get_global_id(0) * (STRIP * LANES);
@@ -180,7 +180,7 @@ typedef struct {
     floatl z, off;
 } Nearest;
 
-/* The result does not depend on the order of the layers. stack: at the packet's first pixel */
+/* Updates `best`; the order of the layers changes nothing. stack: at the packet's first pixel */
 INLINED void find_nearest(Nearest *best, global const float *stack, size_t plane, global const BlendedView *views,
                           int count, float unit)
 {

@@ -24,8 +24,8 @@
 #define SORT_FIVE                                                                                              \
     SORT(0, 3) SORT(1, 4) SORT(0, 2) SORT(1, 3) SORT(0, 1) SORT(2, 4) SORT(1, 2) SORT(3, 4) SORT(2, 3)
 
-/* The distances of the hits of pixels x of row y along the pixels' own epipolar lines; INFINITY without a hit. Beyond
- * the image's border, the pixels at the border are read. */
+/* The distances along the rays' epipolar lines of the hits at pixels x of row y; INFINITY without a hit. meets: set for
+ * hits with OWN_RAY. Beyond the image's border, the pixels at the border are read. */
 INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, Epipolar epipolar, intl x, int y, intl *meets)
 {
     global const float *row = hits + (size_t)clamp(y, 0, map.dst_height - 1) * map.dst_pitch;

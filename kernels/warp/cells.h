@@ -2,8 +2,8 @@
 #define WARP_CELLS_H
 /* Traverses the source's triangulated grid along a straight line, from cell to cell.
  *
- * In each cell the line passes one triangle and then, unless it misses it, the other one. So a cell has three places,
- * where the line enters the cell, crosses the diagonal and leaves, and two parts between them.
+ * In each cell the line passes one triangle and then crosses the diagonal into the other one, unless it misses one of
+ * them. So a line has two parts in a cell: from its entry to the diagonal, and from there to its exit.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -18,27 +18,27 @@ typedef struct {
 /* Values that are the same in all cells of a line. */
 typedef struct {
     floatl step_u, step_v;   /* to the next cell */
-    floatl ahead_u, ahead_v; /* from a cell to the column and the row by which the line leaves it */
+    floatl ahead_u, ahead_v; /* offset from a cell to the column and the row at which the line leaves the cell */
     floatl per_u, per_v, per_d, never_u, never_v; /* distance from column to column, row to row, diagonal to diagonal */
     floatl last_x, last_y;
     float lowest;            /* the last row that has a row below */
     intl edges;              /* TORN_... bits of the edges that the line sees: all, or the edges that it runs along */
     intl lower_first;
-    int collapsed; /* whether some of the cells are collapsed */
+    int collapsed; /* some lines run along edges, and their cells are collapsed onto these edges */
 } Traversal;
 
 typedef struct {
-    floatl x, y;                /* the sample at its upper left */
-    floatl q10, q00, q01, q11;  /* its samples */
-    floatl lower_u, lower_v, upper_u, upper_v; /* its triangles' gradients */
+    floatl x, y;                /* the cell's upper left sample */
+    floatl q10, q00, q01, q11;  /* nearness of the cell's samples */
+    floatl lower_u, lower_v, upper_u, upper_v; /* gradients of the cell's triangles */
     floatl crossing, out;       /* distances at which the line crosses the diagonal, and leaves */
     floatl q_in, q_crossing, q_out; /* the surface's nearness at the entry, the crossing and the exit */
-    intl has_first, has_second; /* whether each part exists */
-    intl first_open, second_open; /* and is no surface */
+    intl has_first, has_second; /* whether the line's two parts exist */
+    intl first_open, second_open; /* whether they pass no surface */
     floatl next_x, next_y;
 } Cell;
 
-/* Puts lines that run along samples, or their diagonals, to within rounding, exactly on them. */
+/* Snaps lines onto the rows, columns or diagonals of samples that they follow up to rounding. */
 INLINED void snap(Lines *lines)
 {
     const floatl longest = fmax(lines->length, (floatl)1.0f);
@@ -98,8 +98,8 @@ INLINED void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *
     *y = select_lanes(which, select_lanes(lines.dv < 0.0f, ceil_lanes(v) - 1.0f, floor_lanes(v)), *y);
 }
 
-/* The lines' parts in the cells (x, y), which contain them at a distance. The next cell cannot be predicted, so there
- * are selections instead of branches. Distances are computed from cells, since sums of steps would drift. */
+/* Intersects lines with the cells (x, y) that contain them at distance `at`. The code selects instead of branching,
+ * since the next cell cannot be predicted. Distances are computed from cells, since sums of steps would drift. */
 INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, floatl y, floatl at)
 {
     Cell cell;

@@ -1,18 +1,18 @@
 /* Finds why a pixel of the target is a hole, from the space along its ray that the source has seen.
  *
- * A ray is followed along its epipolar line as it recedes. Where it is nearer than the surface, the source has seen
- * free space. So the pixel shows something beyond the last such place, and its class depends on what begins there:
- * space behind a surface, samples without depth, or the outside of the image. A ray that meets a side of the surface
- * that is not shown ends there; resolve.cl writes the class of its pixel.
+ * A ray is followed along its epipolar line as it recedes. Where the ray is nearer than the surface, the source has
+ * seen free space. So the pixel shows something beyond the ray's last free place. The region that begins there gives
+ * the class: space behind a surface, samples without depth, or the outside of the image. A ray that meets a side of the
+ * surface that is not shown ends there; resolve.cl writes the class of its pixel.
  *
- * All pixels of a line (lines.h) share one walk, from its end on: the first column (or row) where a pixel's ray is free
- * is its last free place. There the rays of all pixels on one side of the visible surface are free. So the classified
- * pixels are one interval, and a step of the walk either classifies one more pixel at its end or goes on to the next
- * column. Where depth is missing, rays nearer than all samples of the source are free.
+ * All pixels of a line (lines.h) share one walk back from the line's end. The first column (or row) where a pixel's ray
+ * is free is the ray's last free place. In each column, the rays on one side of the visible surface are free. So the
+ * classified pixels are one interval, and a step of the walk either classifies one more pixel at its end or goes on to
+ * the next column. Where depth is missing, rays nearer than all samples of the source are free.
  *
  * told: (dst_height, dst_pitch) this view's result. It is either the bits of a class or, where the line meets the
  * surface, a nearness: if the pixel's own ray misses the surface, its place in the source at that nearness decides. 0,
- * the initial value, where no line passes: next to the limits between two groups, and at the epipole. LANES more values
+ * the initial value, stays where no line passes: at the borders between groups, and at the epipole. LANES more values
  * a packet follow, for lanes without a pixel. Without parallax there are no lines, and the buffer is filled with any
  * nearness.
  * valid: (dst_height, dst_width). classes: the same shape, classes.h; they hold the results of resolve.cl and of other

@@ -4,8 +4,8 @@
 #include "lib/color.h"
 #include "warp/line_hits.h"
 
-/* The samples from which a hit is interpolated, as numbers y * width + x, and their weights: the corners of its
- * triangle, or the nearest sample alone */
+/* The samples from which a hit is interpolated (its triangle's corners, or the nearest sample alone), as indices
+ * y * width + x, and their weights */
 typedef struct {
     intl corner, beside, below;
     floatl at_corner, at_beside, at_below;
@@ -46,10 +46,10 @@ INLINED Corners corners_of_triangles(Pixels *pixels, Grid grid, PixelMap map, in
     return three;
 }
 
-#define BETWEEN_SAMPLES 2e-3f /* pixels from the middle between two samples: a margin may belong to either */
+#define BETWEEN_SAMPLES 2e-3f /* pixels: this close to the middle between two samples, a margin may belong to either */
 
-/* The samples whose margins the pixels show: the nearest in the image; half-way between samples, the nearest in
- * nearness. */
+/* The samples whose margins the pixels show: the nearest sample in the image; half-way between samples, the sample with
+ * the closest nearness. */
 INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, floatl column, int row, intl *x, intl *y)
 {
     const float *S = map.src_from_dst;
@@ -72,7 +72,7 @@ INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, floatl colu
     }
 }
 
-/* The same for hits on margins: the margin's sample, and its neighbours towards the hit if they lie on the same
+/* The samples around hits on margins: the margin's sample, and its neighbours towards the hit if they lie on the same
  * surface */
 INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int linear, floatl column, int row)
 {
@@ -118,7 +118,7 @@ INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear, 
 
 INLINED Color interpolate_color(Corners there, PixelMap map, global const channel *src_color, int linear)
 {
-    const int count = max(map.src_width * map.src_height, 2); /* room for at least two: `read_color` reads four bytes */
+    const int count = max(map.src_width * map.src_height, 2); /* at least two pixels: `read_color` reads four bytes */
     const Color c0 = read_color(src_color, there.corner, count);
     if (!linear)
         return c0;
@@ -127,7 +127,7 @@ INLINED Color interpolate_color(Corners there, PixelMap map, global const channe
     c.r = there.at_corner * c0.r + there.at_beside * c1.r;
     c.g = there.at_corner * c0.g + there.at_beside * c1.g;
     c.b = there.at_corner * c0.b + there.at_beside * c1.b;
-    if (any_lane(there.at_below != 0.0f)) { /* not on rows of samples */
+    if (any_lane(there.at_below != 0.0f)) { /* some hits lie off the rows of samples */
         const Color c2 = read_color(src_color, there.below, count);
         c.r += there.at_below * c2.r;
         c.g += there.at_below * c2.g;

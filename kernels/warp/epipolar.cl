@@ -6,8 +6,8 @@
  * the walk extends it at either end: steps add up to samples plus pixels, not to their product.
  *
  * The homogeneous epipoles b (target) and e (source) keep their signs, so that epipole, antipode, infinity and all four
- * walking orders are one case: with D = pixel * w - (u, v), the source is walked along +D, and the target's pixels meet
- * the front of the surface along -D.
+ * walking orders are one case. With D = pixel * w - (u, v), the source is walked along +D; in the target, segments that
+ * extend an interval along -D show their front.
  *
  * Deviations from the paper: lines are laid where needed, one per pixel of the farthest column (or row) and every
  * second line at each halving of the distance to the epipole, instead of one per border pixel; a pixel belongs to the
@@ -20,14 +20,14 @@
  * a line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
- * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY before, unless ALIGNED without SEGMENT; from `spare` on
- * LANES floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both
+ * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY at first, unless ALIGNED without SEGMENT. LANES more floats
+ * for each work-item, from `spare` on, serve lanes with nothing to write. ALIGNED: all lines run along rows or columns of both
  * images (stereo, light fields) and pass through the pixels' centres, so that their hits are the pixels' own. There is
  * a line for each row (or column), and the first packet begins with the first one. A packet of whole lines first
  * writes EMPTY to its lines, and to the same lines of the margins' hits, `plane` floats further on (patches.cl; 0: no
  * margins).
  * EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h): exact for the line. Otherwise
- * aligned lines run along samples, from each to the next (walk_samples.h), and other lines are walked from column to
+ * aligned lines run from sample to sample (walk_samples.h), and other lines are walked from column to
  * column (row to row, walk_columns.h), which leaves out the corners between, at about half the cost.
  */
 #include "warp/interval.h"

@@ -3,8 +3,8 @@
  * fills the unknown part of each level from the coarser one. So narrow holes are filled from close by and wide holes
  * from all around.
  *
- * With HAS_BEHIND, nearer pixels have smaller weights: relative to the depth behind the surrounding holes, and by their
- * part of foreground next to the holes that they touch (behind.cl). So a disocclusion is filled from the background,
+ * With HAS_BEHIND, pixels weigh less, the nearer they are than the depth behind the surrounding holes, and the greater
+ * their fraction of foreground is next to holes that they touch (behind.cl). So a disocclusion is filled from the background,
  * not from the occluding surface. But no weight is 0: if no background is in reach, the foreground fills the hole. And
  * a hole next to foreground shows some of it, since silhouettes in pictures are mixed with their background.
  *

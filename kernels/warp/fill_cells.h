@@ -1,13 +1,13 @@
 #ifndef WARP_FILL_CELLS_H
 #define WARP_FILL_CELLS_H
 /* Push and pull (fill.cl) in the form for GPUs: a work-item computes one cell of a tile's first level, or one pixel or
- * cell of the base, and recomputes the cells of others that it needs. Sums equal the sums of fill_tiles.h, in the same
- * order. */
+ * cell of the base, and recomputes the other cells that it needs. Sums run in the order of fill_tiles.h, and equal its
+ * sums. */
 #include "warp/pixel_weights.h"
 
 #if LANES == 1
-/* Reduces four pixels or cells, given row by row and plane by plane, to one cell of `made`. plane: the distance of its
- * planes. */
+/* Reduces four pixels or cells, given row by row and plane by plane, to one cell of `made`. plane: the stride between its
+ * planes */
 #define ROW_OF_FOUR(p, i) (i == 0 ? four[p].xy : four[p].zw)
 #define MADE_CELL(p) made[(size_t)(p) * plane]
 INLINED void put_cell(const float4 *four, int level, int perspective, global float *made, int plane)
@@ -16,7 +16,7 @@ INLINED void put_cell(const float4 *four, int level, int perspective, global flo
 }
 
 #if HAS_BEHIND
-/* The holes next to a valid pixel in row v of a tile and its halo, as bits. Other holes may be unknown to behind.cl. */
+/* The holes next to a valid pixel in row v of a tile and its halo, as bits. behind.cl may have skipped others. */
 INLINED uint edge_bits(global const uchar *valid, int width, int height, int tile_x, int tile_y, int v)
 {
     uint known = 0;
@@ -135,8 +135,8 @@ kernel void push_levels(int width, int height, int perspective, int level, globa
     }
 }
 
-/* The part of plane p that cell (x, y) leaves open, and its own value, in a level of `side` cells a tile; (1, 0) beyond
- * the picture */
+/* 1 minus the weight of cell (x, y), and the cell's own value in plane p, in a level of `side` cells a tile; (1, 0)
+ * beyond the picture */
 INLINED float2 open_and_own(global const float *level, int across, int down, int side, int p, int x, int y)
 {
     const int column = x >= 0 ? x / side : -1, row = y >= 0 ? y / side : -1;
@@ -146,13 +146,13 @@ INLINED float2 open_and_own(global const float *level, int across, int down, int
     return (float2)(1.0f - cell[WEIGHT_PLANE * INNER_CELLS], cell[p * INNER_CELLS]);
 }
 
-/* 3 x 3 cells are enough to interpolate 3 x 3 cells of the level below. BEGIN_ABOVE: where the cells n levels above
- * pixel x begin. */
+/* 3 x 3 cells are enough to interpolate 3 x 3 cells of the level below. BEGIN_ABOVE: the first column (or row) of the
+ * cells that pixel x needs n levels above. */
 #define BEGIN_ABOVE(x, n) ((((x) + 1) >> (n)) - 1)
 #define PART(x) ((x) & 1 ? 0.25f : 0.75f)
-#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* cell i is between the last two cells, not the first two */
+#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* cell i lies between the last two of three cells, not the first two */
 
-/* Fills 3 x 3 cells of a level from (x, y) on from the `cells` above, and replaces those. */
+/* Fills 3 x 3 cells of a level, the first at (x, y), from the 3 x 3 `cells` of the level above, and replaces these. */
 INLINED void pull_around(global const float *level, int across, int down, int side, int p, int x, int y, float *cells)
 {
     float filled[9];

@@ -51,7 +51,7 @@ void clear_tile(int tile, int tiles, global float *cells)
         cells[p * tiles + tile] = 0.0f;
 }
 
-/* Clears the tile behind all others: pull reads it in place of tiles without a weight and tiles outside of the
+/* Clears the extra tile after the last one. pull reads it in place of tiles without a weight and tiles outside of the
  * picture. */
 void clear_last(int tiles, global float *inner)
 {
@@ -67,9 +67,10 @@ INLINED int is_zero(float16 values)
     return (quarter.x | quarter.y | quarter.z | quarter.w) == 0;
 }
 
-/* For each 4 x 4 pixels of a tile, the farthest depth behind the holes in the surrounding 12 x 12 pixels, as four rows.
- * For each row's pixels, the steepest falloff of the holes that touch them, and the farthest depth of the holes with a
- * falloff. Only holes next to a valid pixel of the tile and its halo count: the others may be unknown to behind.cl. */
+/* around: for each 4 x 4 pixels of a tile, the farthest depth behind the holes in the surrounding 12 x 12 pixels, as
+ * four rows. falloffs, touching: for each pixel, the steepest falloff of the holes that touch it, and the farthest
+ * depth behind the holes with a falloff. Only holes next to a valid pixel of the tile and its halo count: behind.cl may
+ * have skipped other holes. */
 INLINED void read_behind(global const float *behind, size_t plane, int pitch, const uint *bits, float16 *around,
                          float16 *touching, float16 *falloffs)
 {
@@ -210,11 +211,11 @@ INLINED void push_base_tile(global const float *base, int width, int height, int
 
 /* Row y of a level lies between two rows of the level above; row 0 is the row before the tile. */
 #define ROW_BETWEEN(above, y) mix((above)[(y) / 2], (above)[(y) / 2 + 1], (y) & 1 ? 0.75f : 0.25f)
-/* The cells of such a row lie between its cells on the `left` and on the `right`. */
+/* The cells of such a row lie between the interpolated cells to their `left` and to their `right`. */
 #define CELLS_BETWEEN(type, row, left, right, ...) mix((row).left, (row).right, (type)(__VA_ARGS__))
 
-/* The own values of a level's row in plane p, with one more cell on either side of the tile. tiles: three tiles, left
- * to right. */
+/* A level's own values in row y of plane p, with one more cell on either side of the tile. tiles: three tiles, left to
+ * right */
 #define PLANE_OF(tile, p) inner + ((size_t)(tile) * PLANES + (p)) * INNER_CELLS
 INLINED float4 own_two(global const float *inner, const int *tiles, int p, int y)
 {
@@ -257,7 +258,7 @@ uint rows_around(uint needed, int count)
         }                                                                                                      \
     }
 
-/* Fills a tile's first level. needed: bits of the rows of its base; the lowest bit is the row before the tile. */
+/* Fills a tile's first level. needed: bits of the base's rows to fill; the lowest bit is the row above the tile. */
 INLINED void pull_first(uint needed, int column, int row, int across, int down, global const float *inner,
                         global const float *cells, float16 filled[WEIGHT_PLANE][10])
 {

@@ -1,9 +1,10 @@
 /* The forward warp: each sample of the source is carried to the target and drawn as a square of pixels; the nearest one
  * wins (Schaufler & Priglinger 1999, section 3, with a depth test instead of an order).
  *
- * Three launches: the nearest sample of each pixel by nearness; the first by its index among equally near samples; then
- * the pixels. keys: (dst_height, dst_width) nearness as an ordered uint, 0 where nothing landed; indices: the same
- * shape, the winning sample. Work-item: one sample, one sample, one pixel. Cost: O(samples * splat^2).
+ * Three launches. The first finds each pixel's greatest nearness; the second, the least index among the samples of this
+ * nearness. The third writes the pixels. keys: (dst_height, dst_width) nearness as an ordered uint, 0 where nothing
+ * landed; indices: the same shape, the winning sample. Work-item: a sample, in the third launch a pixel. Cost:
+ * O(samples * splat^2).
  * Determinism: maximum and minimum do not depend on the order of work-items.
  */
 #include "lib/pixelspace.h"

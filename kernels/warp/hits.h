@@ -8,7 +8,7 @@
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
 
-#define OWN_RAY 2 /* bit: the pixel's own ray meets something, there or farther (patches.cl) */
+#define OWN_RAY 2 /* bit: the pixel's own ray meets something, there or farther away (patches.cl) */
 #define PACKED_HIT(nearness, hides) as_floatl((as_intl(nearness) & ~1) | (hides))
 #define IS_VISIBLE_HIT(hit) (IS_HIT(hit) & ((as_intl(hit) & 1) == 0))
 /* Stores a hit, given by its bits, unless the stored hit is nearer. Positive floats are ordered as ints are, negative

@@ -1,7 +1,7 @@
 #ifndef WARP_INTERVAL_H
 #define WARP_INTERVAL_H
-/* The pixels of the target's lines that a walk along lines of the source settles. The pixels that a connected run of
- * samples has settled are one interval, and the run's next segment extends it at either end.
+/* Intervals of settled pixels. A walk along a line of the source settles the pixels of the target's line. A connected
+ * run of samples settles one interval of pixels, and the run's next segment extends this interval at either end.
  *
  * A pixel sees the first segment that crosses its ray: a settled pixel keeps its hit.
  */
@@ -30,8 +30,8 @@ INLINED void prefetch_across_rows(global const float *array, intl index, LineGro
 typedef struct {
     floatl below, above;
     intl ended; /* the run of samples has ended, and the next segment begins another interval */
-    intl begun; /* a segment has been met */
-    floatl first, last; /* all pixels settled by earlier intervals lie between these */
+    intl begun; /* the line has an interval */
+    floatl first, last; /* a range that contains all pixels of earlier intervals */
 } Interval;
 
 /* A sample (or a place between samples) of the line: its nearness, and its homogeneous target position. */
@@ -43,8 +43,8 @@ typedef struct {
 typedef struct {
     global float *hits;
     int spare;      /* for lanes with nothing to write */
-    int up_hides;   /* 1: segments that extend the interval to larger pixels turn a hidden side to the target */
-    int down_hides; /* 1: segments that extend it to smaller pixels do */
+    int up_hides;   /* 1: segments that extend the interval to larger pixels face the target with a side not shown */
+    int down_hides; /* 1: segments that extend the interval to smaller pixels do so */
     uint pixels;
 } HitWriter;
 
@@ -58,8 +58,8 @@ INLINED Projection select_projection(intl mask, Projection yes, Projection no)
     return place;
 }
 
-/* Clips a segment to the part before an orthographic target's image plane. open: set where all of it is behind. Returns
- * whether it begins behind. (With a perspective target, the sign of W shows which places are behind.) */
+/* Clips a segment to its part in front of an orthographic target's image plane. open: set if the whole segment is
+ * behind the plane. Returns whether the segment begins behind it. (Perspective targets need only the sign of W.) */
 INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
 {
     const intl a_behind = a->q >= 0.0f, b_behind = b->q >= 0.0f;
@@ -75,8 +75,8 @@ INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
 
 #define STORE_LANE(l) hits[address.s##l] = stored.s##l;
 
-/* The index of the lines' pixels p. Lanes that are not `wanted`, or whose pixel belongs to another line, get a spare
- * place. */
+/* The indices in `hits` of the lines' pixels p. Lanes that are not `wanted`, or whose pixel belongs to another line,
+ * get a spare index. */
 INLINED intl owned_pixel(SweepLines line, LineGroup group, PixelMap map, floatl p, intl wanted, int spare, float guard)
 {
 #if ALIGNED /* each line has pixels of its own */
@@ -88,7 +88,7 @@ INLINED intl owned_pixel(SweepLines line, LineGroup group, PixelMap map, floatl 
     const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
     const floatl at_line = line.start + line.slope * p, c = floor_lanes(at_line + 0.5f);
     const floatl distance = group.distance + group.distance_step * p;
-    /* Lines are 1/2 to 1 pixel apart in each ring, and closer within the innermost one. */
+    /* In each ring between two halvings of the distance, lines are 1/2 to 1 pixel apart; in the innermost, closer. */
     const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);
     const floatl line_spacing = min_lanes(in_ring, distance * innermost);
     const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
@@ -101,20 +101,20 @@ INLINED intl owned_pixel(SweepLines line, LineGroup group, PixelMap map, floatl 
 #endif
 }
 
-/* Settles the pixels between the ends of a segment of the surface that its interval does not contain yet. there: lanes
- * with a segment; open: the segment is no surface. */
+/* Settles the pixels between a segment's ends that the interval does not contain yet. there: lanes with a segment;
+ * open: the segment is no surface. */
 INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Projection b, intl there, intl open,
                     SweepLines line, LineGroup group, PixelMap map)
 {
-    /* Against rounding: no pixel may have two owners, and the pixel at which a segment only just begins must belong to
-     * the segment, whether it goes on to larger or to smaller pixels. */
+    /* A guard against rounding: no pixel may have two owners, and a segment that begins exactly at a pixel must own
+     * this pixel, whichever way the segment goes on. */
     const float guard = 5e-7f * (map.dst_width + map.dst_height);
     global float *hits = writer->hits;
 
     intl from_behind = 0;
     if (!map.dst_perspective)
         from_behind = clip_at_plane(&a, &b, &open);
-    const floatl crosses = b.p * a.w - a.p * b.w; /* the sign of the target's move from a to b, if both are before it */
+    const floatl crosses = b.p * a.w - a.p * b.w; /* sign of the target's direction from a to b, if both lie in front */
     const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* crosses to the front of the target's centre */
     const intl begins = there & (!open) & (interval->ended | emerges | from_behind);
     if (any_lane(begins)) {
@@ -178,7 +178,7 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
 /* Homogeneous target positions along lines of the source at nearness 0: affine in the distance walked. */
 typedef struct {
     floatl p_0, p_1, w_0, w_1, q_0, q_1;
-    float b_p, b_w, b_q; /* and the change per nearness */
+    float b_p, b_w, b_q; /* change per unit of nearness */
 } Targets;
 
 INLINED Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl du, floatl dv)
@@ -197,7 +197,7 @@ INLINED Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl d
     return targets;
 }
 
-/* The same in terms of the lines' major coordinates. */
+/* The same as functions of the lines' major coordinates */
 INLINED Targets targets_along(PixelMap map, SweepLines line)
 {
     return targets_of(map, line.along, select_lanes(line.u_major, (floatl)0.0f, line.minor_0),

@@ -8,7 +8,7 @@
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: keeps the origins of the layer of the greatest weight, too */
 #endif
-#define TOLERANCE_MIN 0.02f   /* part of the depth: layers that differ by less show one surface, whatever the noise */
+#define TOLERANCE_MIN 0.02f   /* fraction of the depth: layers that differ by less always show one surface */
 #define LAYER_DEVIATIONS 4.0f /* standard deviations of the noise that explain a difference */
 
 #define WEIGHT 0
@@ -33,8 +33,8 @@
 #define NORMAL_MEANS (GREATEST + ORIGIN_SUMS * ORIGINS)
 #define SUMS (NORMAL_MEANS + NORMAL_PLANES * (GBUFFER == 2))
 
-/* A view's sampling density: pixels per square scene unit, at depth 1 in perspective views, at every depth in
- * orthographic ones. */
+/* The view of a layer. density: pixels per square scene unit, at depth 1 in perspective views, at every depth in
+ * orthographic ones */
 typedef struct {
     float forward[3], centre[3]; /* relative to the screen's origin */
     float density;               /* fx * fy */
@@ -50,7 +50,7 @@ typedef struct {
     int number;
 } BlendedView;
 
-/* The depth by which a layer may be off. unit: a depth, for views whose depths have no origin, or 0 */
+/* The depth by which a layer may be off. unit: replaces z in the least tolerance if depths have no origin; else 0 */
 INLINED floatl depth_tolerance(BlendedView view, float unit, floatl z)
 {
     const floatl noise = LAYER_DEVIATIONS * ((view.noise_2 * z + view.noise_1) * z + view.noise_0);

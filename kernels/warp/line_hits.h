@@ -6,11 +6,11 @@
 #include "warp/hits.h"
 #include "warp/trace.h"
 
-#define HITS_OF_LINES 0         /* the hits are of lines that pass by the pixels */
+#define HITS_OF_LINES 0         /* the hits belong to lines that pass near the pixels */
 #define HITS_OF_PIXELS 1        /* the hits belong to the pixels' own rays */
 #define HITS_WITHOUT_PARALLAX 2 /* nothing moves with its depth: each pixel has one place in the source */
 
-#define IS_ZOOMED (neighbour_offset > 1) /* a sample is larger than a pixel: hits at this offset count, too */
+#define IS_ZOOMED (neighbour_offset > 1) /* samples are larger than pixels: hits at this offset count, too */
 #define AT_EPIPOLE 1e-2f /* pixels of the target around the epipole in which no line has hits */
 #define TOLERANCE 1e-3f  /* pixels of the source by which a hit may lie outside its triangle by rounding */
 
@@ -135,8 +135,8 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
     const intl in_lower = (du >= -TOLERANCE) & (dv >= -TOLERANCE) & (diagonal <= 1.0f + TOLERANCE);
     const intl in_upper = (du <= 1.0f + TOLERANCE) & (dv <= 1.0f + TOLERANCE) & (diagonal >= 1.0f - TOLERANCE);
     const intl in_triangle = (upper & in_upper) | ((!upper) & in_lower);
-    /* Just before a back side there is a front side that the pixel's ray may meet instead: if both are shown, the ray
-     * is traced. */
+    /* A front side lies just in front of each back side, and the pixel's ray may meet it instead. So if both sides are
+     * shown, the ray is traced. */
     const int shows_back = hit_kind == HITS_WITHOUT_PARALLAX ? sides & SHOWS_BACK : sides == SHOWS_BACK;
     const intl shows = ((per_unit > 0.0f) & (intl)(sides & SHOWS_FRONT ? -1 : 0)) |
                        ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));

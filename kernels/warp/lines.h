@@ -13,17 +13,18 @@
 #define EDGES 0 /* 1: walk from edge to edge of the triangles, which is exact; 0: from column to column (row to row) */
 #endif
 
-/* Equally spaced epipolar lines of the target; "along" is the axis that they advance in, "across" the other. */
+/* Equally spaced epipolar lines of the target. Each line has one pixel for each coordinate "along" one axis; the other
+ * axis is "across". */
 typedef struct {
     int axis;                    /* along x: 0, along y: 1 */
     int side;                    /* side of the epipole: the sign of D along the axis */
     int first_packet;            /* this group's first work-item */
     int count;                   /* lines */
-    int low, high;               /* pixels along, inclusive */
-    int cross_low, cross_high;   /* pixels across, inclusive */
+    int low, high;               /* range of coordinates along, inclusive */
+    int cross_low, cross_high;   /* range of coordinates across, inclusive */
     int levels;                  /* number of halvings of the distance to the epipole within the image */
-    float reference;             /* pixel along at which lines of level 0 are 1 pixel apart */
-    float first, spacing;        /* pixel across of the first line there, and the distance between lines */
+    float reference;             /* coordinate along where lines of level 0 are 1 pixel apart */
+    float first, spacing;        /* at the reference: coordinate across of the first line, and the lines' spacing */
     float distance, distance_step; /* distance to the epipole, 1 at the reference: distance + distance_step * along */
     float least;                   /* pixels at this distance or nearer do not belong to these lines */
 } LineGroup;
@@ -34,13 +35,13 @@ typedef struct {
     floatl start, slope;           /* in the target: across = start + slope * along, */
     floatl low, high;              /* for pixels along from low to high */
     intl u_major;                  /* in the source: minor = minor_0 + tilt * major */
-    floatl minor_0, tilt, sign;    /* sign of the walk's steps, away from the epipole as the ray recedes */
+    floatl minor_0, tilt, sign;    /* sign of the walk's steps: away from the epipole, where rays are farther */
     floatl from, to, last_major;   /* major coordinates that are walked; none if from > to */
     intl last_minor, stride_major, stride_minor;
     intl first_pixel;              /* ALIGNED: the index of the line's pixel 0 */
 } SweepLines;
 
-/* The number of the group that a packet belongs to */
+/* The index of the group that a packet belongs to */
 int group_of(global const LineGroup *groups, int count, int packet)
 {
     int g = 0;
@@ -49,7 +50,7 @@ int group_of(global const LineGroup *groups, int count, int packet)
     return g;
 }
 
-/* The lines of a packet in the target, and their whole part within the image of the source. */
+/* The lines of a packet in the target and in the source, clipped to both images */
 INLINED SweepLines lines_of(LineGroup group, PixelMap map, int packet)
 {
     const float *D = map.dst_from_src, *S = map.src_from_dst;
@@ -81,7 +82,7 @@ INLINED SweepLines lines_of(LineGroup group, PixelMap map, int packet)
     line.low = select_lanes(in_area, line.low, (floatl)0.0f);
     line.high = select_lanes(in_area, line.high, (floatl)-1.0f);
 
-    /* The same lines in the source. Direction: away from the epipole as the ray recedes. */
+    /* The same lines in the source, directed away from the epipole, as the ray recedes */
     const int along = line.along;
     const floatl x = along ? at_reference : (floatl)group.reference, y = along ? (floatl)group.reference : at_reference;
     const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y);
@@ -115,14 +116,14 @@ INLINED SweepLines lines_of(LineGroup group, PixelMap map, int packet)
         from = select_lanes(after, fmax(from, epipole), from);
         to = select_lanes(after, to, fmin(to, epipole));
     }
-    /* Rays in the plane of the source's centre, which its pixels never show, have no line in the source: no walk. */
+    /* Rays in the source's principal plane (through its centre, parallel to its image) have no line: no walk. */
     const intl somewhere = isfinite_lanes(line.tilt) & isfinite_lanes(line.minor_0);
     line.from = select_lanes(somewhere, from, (floatl)0.0f);
     line.to = select_lanes(somewhere, to, (floatl)-1.0f);
     return line;
 }
 
-/* The same lines, with the source part limited to the range of depth. */
+/* The lines of lines_of, in the source also clipped to the range of depth */
 INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
 {
     const float *S = map.src_from_dst;

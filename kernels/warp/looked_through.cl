@@ -8,10 +8,10 @@
  * A point's depth is known within its noise. So a point is a piece of its view's ray, and one view must look through
  * both ends and the middle. The view's nearest ray must pass within half a sample of the point, in samples of the
  * point's view, since coarse views do not show details. The ray must meet its surface farther away than noise and a
- * part of a sample explain, or be known to meet nothing. Objects one sample thin consist of margins alone, so these
+ * a fraction of a sample explain, or be known to meet nothing. Objects one sample thin consist of margins alone, so these
  * margins stay.
  *
- * points: (POINT_PLANES, pitch), a point a column; a view's columns are adjacent. seen: (pitch,) 1 if another view has
+ * points: (POINT_PLANES, pitch), one point per column; a view's columns are adjacent. seen: (pitch,) 1 if another view has
  * looked through the point. surface: picture/edges.cl; nearness: picture/nearness.cl, of the same pitch.
  * Launches: find_bridges twice for each view, to count the bridges and to list them; look_through for each view;
  * tear_bridges. Then the same with list_margins and keep_margins.
@@ -26,20 +26,20 @@
 
 #define ENDS 0   /* the ends of the piece: two points in the world, relative to the set's origin */
 #define POINT_REACH 6  /* half a sample of its view; negative: the point is not tested */
-#define BRIDGE 7 /* an int: the place of the bridge's sample in `surface`, times 8, and its TORN_... bit */
+#define BRIDGE 7 /* an int: the index of the bridge's sample in `surface`, times 8, and its TORN_... bit */
 #define POINT_PLANES 8
 
-#define POINT_ASIDE 0.3f           /* samples: how far out a margin's point lies, slightly beyond its middle */
+#define POINT_ASIDE 0.3f           /* samples from a margin's sample to its point, slightly beyond the margin's middle */
 #define OWN_DEVIATIONS 4.0f  /* the interval of a point's depth, in standard deviations of its noise */
-#define SEEN_DEVIATIONS 6.0f /* a point must lie before a surface by more than this many deviations, */
-#define SURFACE_TOLERANCE 0.2f       /* and by more than this part of a sample, since surfaces bend between samples */
+#define SEEN_DEVIATIONS 6.0f /* a point must lie in front of a surface by more than this many deviations, */
+#define SURFACE_TOLERANCE 0.2f /* and by more than this fraction of a sample, since surfaces bend between samples */
 
 /* A view of the set. noise: its standard deviation is noise_2 z z + noise_1 z + noise_0 at depth z, where noise is
  * certain */
 typedef struct {
     float pixel_from_world[16], world_from_pixel[16];
     int width, height, pitch, perspective;
-    float sample; /* side of a pixel at depth 1 (perspective) or anywhere */
+    float sample; /* side of a pixel in scene units: at depth 1 (perspective), at all depths (orthographic) */
     float noise_2, noise_1, noise_0;
 } SetView;
 
@@ -106,7 +106,7 @@ OUTLINED int bridges_of(Grid grid, SetView view, EdgeView steps, int first, int 
     return count;
 }
 
-/* count: a number for each view of the set, 0 before. lists: whether to list the bridges, from column `start` on. */
+/* count: the bridges of each view, counted from 0. lists: whether to list the bridges, from column `start` on. */
 kernel void find_bridges(global const float *surface, SetView view, EdgeView steps, global int *count, int number,
                          int piece, int lists, global float *points, int start, int point_pitch)
 {
@@ -144,7 +144,7 @@ INLINED Points points_of_margins(Grid grid, SetView view, global const float *ma
     const intl bits = as_intl(load_lanes(margins + MARGIN_BITS * pitch));
     const floatl x = load_lanes(margins + MARGIN_X * pitch), y = load_lanes(margins + MARGIN_Y * pitch);
     const intl to_right = (bits & TO_RIGHT) != 0, to_below = (bits & TO_BELOW) != 0;
-    /* A triangle's half of a quarter lies nearer to one of the two sides. */
+    /* A quarter that is halved to a triangle lies nearer to one of its two sides. */
     const intl is_half = ((bits & IN_LOWER) != 0) ^ ((bits & IN_UPPER) != 0);
     const intl is_flat = is_half & (to_right ^ ((bits & IN_LOWER) != 0)), is_high = is_half & !is_flat;
     const floatl much = 1.15f * POINT_ASIDE, little = 0.5f * POINT_ASIDE, even = POINT_ASIDE;
@@ -244,7 +244,7 @@ kernel void tear_bridges(global const float *points, global const uchar *seen, g
 }
 
 /* Copies a view's margins that were not looked through. The view has `count` margins; their columns of `seen` begin at
- * `start`. kept_count: 0 before. */
+ * `start`. kept_count: counts from 0. */
 kernel void keep_margins(global const float *margins, global const uchar *seen, global float *kept, global int *kept_count,
                          int count, int pitch, int kept_pitch, int start, int share)
 {

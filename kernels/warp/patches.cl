@@ -1,19 +1,19 @@
 /* Draws small patches of planes: margins, which no triangle covers, and triangles that the sweep's lines may miss.
  *
- * Margins (lib/margins.h) give hits of the pixels' own rays. These hits are stored in a plane of their own.
+ * Margins (lib/margins.h) give hits of the pixels' own rays. These hits are stored in a buffer plane of their own.
  *
  * Lines pass within half a pixel of the pixels that they settle, and resolve.cl looks for a pixel's surface only around
- * the hits of its line and of its neighbours' lines. A narrower part may lie between the lines. In the source such a
- * part is isolated: within two samples on both sides, along rows or along columns, it is torn off, or the surface falls
- * away from it. A fall counts across the lines only, amid even samples, if the target sees the samples LONE_BY pixels
- * apart and the fall exceeds noise. (On rough surfaces every sample stands out; there lines meet enough.) The triangles
- * of the cells around such samples are drawn among the lines' hits.
+ * the hits of its line and of its neighbours' lines. A narrow piece of surface may lie between the lines. In the
+ * source, its samples are isolated along rows or along columns: within two samples on both sides, the surface is torn
+ * or falls away. A fall counts across the lines only, among even samples, if it exceeds noise and moves the samples
+ * LONE_BY pixels apart in the target. (On rough surfaces every sample stands out, and the lines meet enough of them.)
+ * The triangles around isolated samples are drawn into the lines' hits.
  *
  * surface: picture/edges.cl. prominence, margins: picture/small_parts.cl; (MARGIN_PLANES, margin_pitch) of `count`
  * quarters.
  * hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the nearest hit of each pixel stays. The hits on margins begin
- * `plane` values later, EMPTY before; a hidden side blocks the view. least: a difference of nearness that moves nothing
- * in the target by LONE_BY pixels.
+ * `plane` values later, EMPTY at first; a side that is not shown blocks the view. least: a difference of nearness that
+ * moves nothing in the target by LONE_BY pixels.
  * Work-item: the first `lone_items` take STRIP * PROMINENCE_BLOCK cells of a row, the others STRIP * LANES quarters.
  * Cost: O(samples + margins + drawn pixels). Determinism: maxima and set bits do not depend on the order of work-items.
  * Not in the paper, where all samples are connected, and pixels take the hits of their lines.
@@ -23,14 +23,14 @@
 #include "warp/trace.h"
 
 #define LONE_BY 4.0f  /* target pixels: more than the windows of candidates.h reach in all */
-#define NARROW 4.0f   /* target pixels: lines meet a triangle that is nowhere narrower */
-#define ON_LINE 2e-3f /* pixels off an edge, and its line's slope, at which a ray still may run along it */
+#define NARROW 4.0f   /* target pixels: lines meet all triangles that are at least this wide */
+#define ON_LINE 2e-3f /* a ray this close to an edge, in pixels and in slope, runs along the edge */
 #define HAIR 1e-3f    /* pixels by which patches overlap their neighbours, against rounding */
 #define PATCH_WIDTH_MAX 256.0f /* target pixels: greatest size of a drawn margin */
 
-/* Patches, one a lane. A patch is a part of a plane: from its sample it extends `reach` pixels in the directions `to`
- * (1 or -1), on the upper left (lower) or the lower right (upper) of a diagonal. On the diagonal the offsets from the
- * sample add up to `diagonal`. */
+/* Patches, one a lane. A patch is a square of a plane, or half of it: it extends `reach` pixels from its sample in the
+ * directions to_x, to_y (1 or -1). lower, upper: whether it contains the half to the upper left, lower right of the
+ * diagonal on which offsets from the sample add up to `diagonal`. */
 typedef struct {
     Plane plane;
     floatl to_x, to_y, diagonal;
@@ -54,7 +54,7 @@ INLINED Seen seen_at(PixelMap map, floatl x, floatl y, floatl n)
     return seen;
 }
 
-/* Widens [*low, *high] to the part where edges from a to b run within `hair` of rows of the target. */
+/* Widens [*low, *high] by the columns in which the edges from a to b lie within `hair` of the target's rows. */
 INLINED void widen(Seen a, Seen b, floatl row, floatl hair, floatl *low, floatl *high)
 {
     const intl passes = (row >= min_lanes(a.v, b.v) - hair) & (row <= max_lanes(a.v, b.v) + hair);
@@ -84,8 +84,8 @@ INLINED void put_hits(intl meet, floatl column, floatl row, floatl packed, Pixel
         put_nearest(hits + int_lane(pixel, LOWEST(left)), int_lane(bits, LOWEST(left)));
 }
 
-/* Draws the wanted patches between four corners. Hits on margins are entered as they are, others as hits of own
- * rays. */
+/* Draws the wanted patches between four corners. Hits on margins are entered as they are, other hits as hits of the
+ * pixels' own rays. */
 OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wanted, Grid grid, PixelMap map, int sides,
                           int are_margins, global float *hits)
 {
@@ -147,7 +147,7 @@ OUTLINED void draw_margins(global const float *margins, int pitch, intl wanted, 
                              seen_at(map, x, y + dy, n_y)};
     const floatl side_x = max_lanes(fabs(corners[1].u - corners[0].u), fabs(corners[1].v - corners[0].v));
     const floatl side_y = max_lanes(fabs(corners[3].u - corners[0].u), fabs(corners[3].v - corners[0].v));
-    /* `hair` is a hair of the source, magnified. */
+    /* HAIR source pixels in target pixels, but at least HAIR */
     draw_packet(at, corners, HAIR * max_lanes(2.0f * max_lanes(side_x, side_y), (floatl)1.0f), wanted, grid, map, sides, 1,
                 hits);
 }
@@ -166,7 +166,7 @@ OUTLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
     const floatl by = LONE_BY * w / max_lanes(fabs(moves_x), fabs(moves_y));
     const intl along_rows = fabs(u * S[11] - S[3]) >= fabs(v * S[11] - S[7]); /* the line through here */
     const Sides all = sides_of(n);
-    /* One of the sides may have another isolated sample, or an edge. */
+    /* On one of the four sides, another isolated sample or an edge may lie. */
     const intl is_even = ONE_OF(all.left.change > by) + ONE_OF(all.right.change > by) + ONE_OF(all.above.change > by) +
                              ONE_OF(all.below.change > by) <= 1;
     intl lone = 0;
@@ -181,7 +181,7 @@ OUTLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
     return lone & (w > 0.0f) & (u >= 0.0f) & (u < grid.width) & (n.here > NO_SURFACE);
 }
 
-/* Triangles, one a lane: a corner and the samples next to it by `to` (1 or -1) along its row and its column */
+/* Triangles, one a lane: a corner (x, y) and its neighbours in direction `to` (1 or -1) in its row and its column */
 typedef struct {
     int x[LANES], y[LANES], to[LANES];
     int count;
@@ -208,7 +208,7 @@ OUTLINED void draw_triangles(LonePacket *triangles, Grid grid, PixelMap map, int
     draw_packet(at, corners, HAIR, wanted & is_narrow, grid, map, sides, 0, hits);
 }
 
-/* Do the epipolar lines of samples run along the edges from them by (dx, dy)? */
+/* Do the epipolar lines through samples run along the edges that lead from the samples by (dx, dy)? */
 INLINED intl run_along(PixelMap map, floatl x, floatl y, float dx, float dy)
 {
     const float *S = map.src_from_dst;
@@ -217,8 +217,7 @@ INLINED intl run_along(PixelMap map, floatl x, floatl y, float dx, float dy)
 }
 
 /* Enters hits of the pixels whose rays run along the edges from samples (x, y) by (dx, dy). Such rays see these edges
- * even if the triangles on both sides are open. For other rays that pass within a hair, the hit is one more place to
- * look. */
+ * even if the triangles on both sides are open. For rays that pass an edge closely, the hit is one more candidate. */
 OUTLINED void draw_edges(Grid grid, PixelMap map, intl x, intl y, int dx, int dy, intl wanted, global float *hits)
 {
     const float *D = map.dst_from_src;
@@ -261,8 +260,8 @@ INLINED void add_triangles(LonePacket *triangles, int x, int y, int to, intl wan
     }
 }
 
-/* Draws the cells from sample (x, y) on that have a bit: their triangles, and the edges along lines where triangles are
- * open. */
+/* Draws the cells from sample (x, y) on whose bit in `cells` is set: their triangles and, beside open triangles, the
+ * edges that run along epipolar lines. */
 OUTLINED void draw_cells(LonePacket *triangles, Grid grid, PixelMap map, int x, int y, uint cells, int sides, global float *hits)
 {
     global const float *samples = grid.nearness + y * grid.pitch + x;
@@ -293,7 +292,7 @@ INLINED int stands_out(global const float *prominence, int block, int blocks, in
     return ((sides & SHOWS_FRONT) && most[0] >= least) || ((sides & SHOWS_BACK) && most[1] >= least);
 }
 
-/* Draws isolated samples of STRIP blocks of cells of row y. The cells lie between the samples of two rows. */
+/* Draws the isolated samples in STRIP blocks of cells, which lie between the rows y and y + 1 of samples. */
 OUTLINED void draw_lone(Grid grid, global const float *prominence, int first, int y, global float *hits, PixelMap map,
                         int sides, float least)
 {

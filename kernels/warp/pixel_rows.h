@@ -4,7 +4,7 @@
 #include "lib/channel.h"
 #include "warp/pyramid.h"
 
-/* A row of 16 pixels or cells, plane by plane */
+/* A row of 16 pixels or cells: a vector of 16 values for each plane */
 typedef struct {
     float16 plane[PLANES];
 } Row;

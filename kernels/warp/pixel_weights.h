@@ -1,16 +1,16 @@
 #ifndef WARP_PIXEL_WEIGHTS_H
 #define WARP_PIXEL_WEIGHTS_H
-/* The weight of a pixel next to holes, and a hole's part of foreground (fill.cl), from the depth behind holes. */
+/* The weight of a pixel next to holes, and a hole's fraction of foreground (fill.cl), from the depth behind holes. */
 #include "lib/channel.h"
 #include "warp/pyramid.h"
 
-#define RIM_PART 0.2f         /* the greatest part of foreground in a hole next to it */
-#define BESIDE 1              /* pixels from a hole within which valid ones have a weight */
+#define RIM_PART 0.2f         /* the greatest fraction of foreground in a hole next to foreground */
+#define BESIDE 1              /* pixels: valid pixels this close to a hole have a weight */
 #define PIXEL_WEIGHT_MIN 1e-6f /* the least weight of any pixel */
 #define RATIO_FLOOR 1e-3f     /* ratios up to it weigh nothing: pixels at half the depth behind leave no trace */
 
 #if HAS_BEHIND
-/* The part of foreground in a pixel of depth z next to a hole */
+/* The fraction of foreground in a pixel of depth z next to a hole */
 #define FOREGROUND(z, far, falloff) clamp((falloff) * ((far) - (z)), 0.0f, 1.0f)
 
 /* The weights of pixels of depths z, one a lane */
@@ -27,7 +27,7 @@ INLINED floatl weights_of(floatl z, floatl around, floatl touching, floatl fallo
 #endif
 
 #if HAS_BEHIND && CHANNELS == 3
-/* Mixes up to RIM_PART of the foreground in its row or column into the colour `own` of the hole (x, y). */
+/* Mixes up to RIM_PART of adjacent foreground pixels in its row and column into the colour `own` of the hole (x, y). */
 void show_rim(global channel *color, global const float *depth, global const uchar *valid, global const float *behind,
               int width, int height, int pitch, int x, int y, float4 own)
 {

@@ -5,17 +5,17 @@
  * A tile is TILE x TILE pixels, and one cell of the level TILE times as coarse. The tiles of that level are the cells
  * of the next one, until a single tile is left. Within a tile three levels halve the side: 8, 4 and 2 cells.
  *
- * A cell has PLANES numbers: colour and nearness (in which planes are linear), each times the weight, and the weight,
+ * A cell has PLANES values: colour and nearness (in which planes are linear), each times the weight, and the weight,
  * at most 1. base: (PLANES, height, width), the cells that make up tiles. cells: (PLANES, tiles down, tiles across),
- * the base of the next tiles. inner: PLANES * INNER_CELLS a tile, its three levels, set where its weight is not 0; and
- * one more tile of zeros.
+ * one cell for each tile: the base of the next tiles. inner: the three levels of each tile, PLANES * INNER_CELLS
+ * values, undefined in tiles of weight 0; then one more tile of zeros.
  *
- * Small weights may not add up along a long edge: otherwise the foreground would leak more, the finer the picture is.
- * With HAS_BEHIND, when four cells become one, the weight of each falls with its nearness relative to the farthest of
- * them: the factor is the ratio of their depths to the power of 16 times the cells' side, at most 64. So large cells
- * fill the middle of wide holes with the farthest surface, since a hole is wider, the farther its surface lies behind
- * the occluding one: the middle of such a hole shows the wall, not the floor before it. But the factor is at least 0.3,
- * so that a few samples that are far by noise do not decide alone, which would make wide holes flicker.
+ * Small weights must not add up along a long edge: otherwise more foreground would leak in finer pictures. With
+ * HAS_BEHIND, four cells become one with weights that fall with nearness. A cell's factor is the ratio of its depth to
+ * the farthest of the four depths, to the power of 16 times the cells' side, at most 64. So large cells fill the middle
+ * of wide holes with the farthest surface: the wider a disocclusion is, the farther its surface lies behind the
+ * occluding one, and its middle shows the wall, not the floor in front. But the factor is at least 0.3, so that a few
+ * samples that are far by noise do not decide alone, which would make wide holes flicker.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
@@ -26,7 +26,7 @@
 #endif
 #define PLANES 5
 #define WEIGHT_PLANE 4   /* the plane of the weights */
-#define INNER_CELLS 84   /* cells of a tile's levels: 8 x 8, 4 x 4, 2 x 2 */
+#define INNER_CELLS 84   /* cells in a tile's three levels of 8 x 8, 4 x 4 and 2 x 2 cells */
 #define STEEPEST_LEVEL 2 /* the level from which on the power stays the same */
 #define RATIO_MIN 0.3f   /* the least factor of a cell's weight, relative to the farthest of four cells */
 #define SATURATION 32.0f /* weights below 1/32 do not add up */
@@ -38,8 +38,8 @@
 #define MASKED(mask, values) as_float16(as_int16(values) & (mask))
 #define HALVED(a, b) (((a) + (b)).even + ((a) + (b)).odd)
 
-/* Reduces two rows of cells of a level to one row of half their length. No cell's weight exceeds 1, nor the greatest
- * weight w of its four cells, or SATURATION w^2 if that is more: small weights stay small. */
+/* Reduces two rows of cells of a level to one row of half their length. The new weight is at most 1 and, so that small
+ * weights stay small, at most the greater of w and SATURATION w^2, with w the greatest weight of the four cells. */
 #define HALVE(long_row, half_row, made, row, level)                                                            \
     {                                                                                                          \
         long_row a = 1.0f, b = 1.0f; /* factors relative to the farthest of four */                           \

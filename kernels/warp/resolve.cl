@@ -1,22 +1,22 @@
 /* Finds each pixel's own hit from the hits of the sweep's lines, and its depth and colour.
  *
  * The sweep's lines pass within half a pixel of the pixels whose hits they find; aligned lines pass through them, and
- * their hits are the pixels' own. Elsewhere, where the hits of a pixel's line and of its neighbours' lines lie on one
- * smooth surface, the pixel's own ray is intersected with the triangle at its line's hit (line_hits.h). Other pixels
- * (at silhouettes, cuts and rough surfaces, and pixels without a line's hit next to pixels with one) are traced along
- * their own epipolar line, in windows around the hits of their line and of their neighbours' lines (candidates.h). They
- * are gathered into full packets first, so that a trace costs the same whether few pixels need it or all.
+ * their hits are the pixels' own. Elsewhere, if the hits at a pixel and its neighbours lie on one smooth surface, the
+ * pixel's own ray is intersected with the triangle at its line's hit (line_hits.h). Other pixels (at silhouettes, cuts
+ * and rough surfaces, or without a hit next to a hit) are traced along their own epipolar line, in windows around the
+ * hits at the pixel and its neighbours (candidates.h). These pixels are gathered into full packets first, so that each
+ * trace costs the same however few pixels need it.
  *
  * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: the rays that the hits belong to,
  * HITS_... in line_hits.h. The hits on margins begin `plane` values later, if there are any (0: none; patches.cl); the
  * nearer hit of a pixel counts.
- * depth, color, valid: (dst_height, dst_width); merge: pixels that already show something nearer stay. density: pixels
- * of the source over one of the target, >= 1. neighbour_offset: pixels of the target over one of the source, >= 1: a
- * surface may extend this many pixels, half a sample, beyond the hits of lines. typical: some nearness that the view
- * has in the target. rough: pixels of the source; a second difference of neighbouring hits that makes a surface rough.
- * window: pixels of the source that are traced to either side of a hit.
+ * depth, color, valid: (dst_height, dst_width); merge: pixels that already show something nearer stay. density: source
+ * pixels per target pixel, >= 1. neighbour_offset: target pixels, >= 1, by which a surface may extend beyond the hits
+ * of lines (half a sample). typical: a nearness of the view's surface in the target. rough: a surface is rough from
+ * this second difference of neighbouring hits on, in source pixels. window: source pixels that are traced to either
+ * side of a hit.
  * source: (dst_height, dst_width, 2) u and v in the samples' grid, NaN in holes; source_view: (dst_height, dst_width)
- * the number of the view, -1 in holes; with ORIGINS. classes: (dst_height, dst_width), classes.h: CLASS_HIDDEN is
+ * the index of the view, -1 in holes; with ORIGINS. classes: (dst_height, dst_width), classes.h: CLASS_HIDDEN is
  * written where the ray meets a side of the surface that is not shown; with ORIGINS 2.
  * counters: (work-items, 2) cells visited by the slowest lane, times LANES, and pixels traced, with COUNTERS.
  * Work-item: STRIP * LANES pixels of a row.
@@ -57,7 +57,7 @@ typedef struct {
     global const float *normals;
 } PictureRow;
 
-/* Enters the `written` ones of the row's pixels x into the G-buffer. */
+/* Enters the row's pixels x that were `written` into the G-buffer. */
 INLINED void enter_pixels(PictureRow row, Corners there, intl written, intl x)
 {
 #if GBUFFER
@@ -76,7 +76,7 @@ INLINED void enter_pixels(PictureRow row, Corners there, intl written, intl x)
 #endif
 }
 
-/* Writes the origins of the `written` ones of the row's pixels x. */
+/* Writes the origins of the row's pixels x that were `written`. */
 INLINED void write_origins(PictureRow row, Pixels pixels, intl written, intl x)
 {
 #if ORIGINS
@@ -157,8 +157,8 @@ void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 #endif
 }
 
-/* Traces the pixels without a hit in packets of a row, in full packets; pixels that are still marked `traced`
- * afterwards are traced once more, in wider windows. Returns the number of traced pixels. */
+/* Traces the pixels marked `traced`, gathered into full packets. Pixels that are still marked afterwards are traced
+ * once more, in wider windows. Returns the number of traced pixels. */
 OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits, Grid grid, PixelMap map, int strip_x,
                          int y, int sides, int neighbour_offset, float density, float window, int connected, uint *cells)
 {
@@ -174,7 +174,7 @@ OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits,
             const intl x = strip_x + select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0);
             const floatl n = trace_candidates(hits, grid, map, x, y, wanted, is_second, sides, neighbour_offset,
                                               density, window, cells);
-            /* A window of a connected surface that begins behind it meets its back. */
+            /* On a connected surface, a window that begins behind the surface meets its back. */
             const intl misses = !IS_VISIBLE_HIT(n) & ((intl)(connected ? -1 : 0) | (n > EMPTY));
             for (int i = 0; i < min(count - first, LANES); i++) {
                 const int p = to_trace[first + i] / LANES, lane = to_trace[first + i] % LANES;
@@ -187,7 +187,7 @@ OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits,
     return traced;
 }
 
-/* Reads the hits of packets of a row from strip_x to high_x, and intersects the pixels' own rays there. */
+/* Reads a row's hits from strip_x to high_x, and intersects the pixels' own rays with the triangles at these hits. */
 OUTLINED void read_strip(Pixels *pixels, PictureRow row, global const float *hits, int strip_x, int high_x, int packets, int hit_kind,
                          int neighbour_offset, float density, float typical, float rough, int sides)
 {

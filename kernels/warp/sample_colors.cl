@@ -23,9 +23,9 @@
 #endif
 #define WALK_STEPS 24        /* samples of the source: points farther apart count as two surfaces */
 #define SAME_SURFACE 1.0f    /* samples: points no farther apart count as one surface */
-#define RELATIVE_TOLERANCE 1e-3f    /* part of the nearness: a ray counts as behind a surface only by more than this */
+#define RELATIVE_TOLERANCE 1e-3f    /* a ray is behind a surface if its nearness is less by more than this fraction */
 #define OCCLUSION_DEVIATIONS 5.0f   /* and by more than this many standard deviations of the noise */
-#define SLOPE_STEP 2          /* samples on either side of a slope; and three times as many, against noise */
+#define SLOPE_STEP 2          /* samples to either side that give a slope; then three times as many, against noise */
 #define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise by which slopes may be off */
 
 /* Are the depths a <= b torn apart? Equals IS_OPEN, without divisions; false for NaN. */
@@ -41,7 +41,7 @@ typedef struct {
     floatl u, v, q; /* pixel, and nearness */
 } Point;
 
-/* The source's nearness at (u, v): interpolated between four samples of one surface, otherwise of the nearest sample */
+/* The source's nearness at (u, v): interpolated if the four samples lie on one surface, else the nearest sample's */
 INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut cut, floatl u, floatl v)
 {
     const Taps taps = clamped_taps(map.src_width, map.src_height, u, v);
@@ -103,8 +103,8 @@ INLINED intl faces_away(global const float *nearness, PixelMap map, Cut cut, Noi
     }
     for (int i = 0; i < 3; i++)
         p[i] = MAP_ROW(D, i, sample.u, sample.v, sample.q);
-    /* The orientation in which the target sees a point and its changes along u and v. These are columns and slopes of
-     * the map. */
+    /* The determinant of the mapped point and its derivatives along u and v is negative if the target sees the back. A
+     * derivative is a column of the map plus the slope times its last column. */
     const floatl by_u = ORIENTATION(D, p, 3, 1), by_v = ORIENTATION(D, p, 0, 3);
     const floatl unsure = SLOPE_DEVIATIONS / (2.0f * aside) * (noise.a + sample.q * (noise.b + sample.q * noise.c));
     return !unknown & (ORIENTATION(D, p, 0, 1) + slope[0] * by_u + slope[1] * by_v + unsure * (fabs(by_u) + fabs(by_v)) < 0.0f);
@@ -135,7 +135,7 @@ kernel void color_samples(global const float *places, global const float *depth,
 #endif
     sample.q = select_lanes(active, perspective ? 1.0f / z : -z, (floatl)1.0f);
 
-    /* Its pixel: u, v in the pinhole's image, at_u, at_v in the lens's */
+    /* The sample's pixel: (u, v) in the pinhole's image, (at_u, at_v) in the lens's image */
     const floatl w = MAP_ROW(D, 2, sample.u, sample.v, sample.q), per_w = 1.0f / w;
     const floatl u = MAP_ROW(D, 0, sample.u, sample.v, sample.q) * per_w;
     const floatl v = MAP_ROW(D, 1, sample.u, sample.v, sample.q) * per_w;

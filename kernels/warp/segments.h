@@ -8,7 +8,7 @@
 #include "lib/bounds.h"
 #include "warp/interval.h"
 
-#define BLOCK_STEPS (BOUNDS_STEP - 1) /* steps along a line that are within one window with both their ends */
+#define BLOCK_STEPS (BOUNDS_STEP - 1) /* consecutive steps of a line whose ends all lie in one window */
 #define NEAR_PIXEL 0.05f              /* pixels: by rounding, a surface this far from a pixel may still show there */
 
 #if LANES == 1 /* other devices walk whole lines */

@@ -1,11 +1,11 @@
 /* Draws objects one sample thin, such as wires, leaves and bars, as wide as the samples that saw them, by their ribbons
  * (lib/ribbons.h).
  *
- * Three launches, as in forward.cl: the nearest ribbon of each pixel by nearness; the first by its number among equally
- * near ribbons; then the pixels where a ribbon is nearer than the picture or the picture is empty. A side of the
- * surface that is not shown hides no ribbon behind it. keys: (dst_height, dst_width) nearness as ordered by
- * warp/keys.h, 0 without a ribbon; indices: the same shape, the ribbon's number. ribbons: (count,) numbers of the view's
- * ribbons (picture/ribbons.cl).
+ * Three launches, as in forward.cl. The first finds each pixel's greatest nearness of a ribbon; the second, the least
+ * number among the ribbons of this nearness. The third writes the pixels where a ribbon is nearer than the picture or
+ * the picture is empty. A side of the surface that is not shown hides no ribbon behind it. keys: (dst_height,
+ * dst_width) nearness as ordered by warp/keys.h, 0 without a ribbon; indices: the same shape, the ribbon's number.
+ * ribbons: (count,) numbers of the view's ribbons (picture/ribbons.cl).
  * source, source_view: as in resolve.cl.
  * Work-item: a ribbon; STRIP * LANES pixels of a row. Cost: O(pixels + pixels of ribbons). Determinism: maximum and
  * minimum do not depend on the order of work-items.
@@ -22,12 +22,12 @@
 #endif
 #define RIBBON_WIDTH_MAX 256 /* target pixels: greatest size of a ribbon's box */
 #define NO_RIBBON 0xFFFFFFFFu
-#define END_BIAS 1024u /* least differences of nearness: puts the half squares beyond a ribbon's samples behind a
-                           surface that goes on there in the same plane, so that its colours are shown */
-#define NEARER 1e-6f /* part of the depth, against rounding: at its samples a ribbon is as near as the surface */
+#define END_BIAS 1024u /* in least steps of nearness: moves the half squares beyond a ribbon's samples behind a surface
+                           that goes on there in the same plane, so that the surface's colours are shown */
+#define NEARER 1e-6f /* fraction of the depth, against rounding: at its samples a ribbon is as near as the surface */
 
-/* Narrows [*low, *high], the part of a ribbon's sweep in which its square holds a point, along one axis. p: the point's
- * distance from the first middle, d: the sweep's length. */
+/* A moving square sweeps a ribbon. Narrows [*low, *high], the range of the sweep in which the square covers a point, by
+ * one axis. p: the point's distance from the first square's middle; d: the sweep's length */
 void narrow_sweep(float p, float d, float *low, float *high)
 {
     if (fabs(d) > 1e-6f) {
@@ -152,7 +152,7 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
     *ends = (int2)(ribbon.from.y, ribbon.to.y) * grid.width + (int2)(ribbon.from.x, ribbon.to.x);
     mix_colors(src_color, ends->x, ends->y, part, color);
 #if ORIGINS
-    vstore2(convert_float2(nearest), 0, source); /* the nearest sample: its neighbour may belong to another object */
+    vstore2(convert_float2(nearest), 0, source); /* the nearest sample: a place between the two may lie on another object */
     *source_view = view;
 #endif
     *along = part;

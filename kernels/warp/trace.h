@@ -27,7 +27,7 @@ typedef struct {
 /* The rays' epipolar lines, and the rays' own nearness along them. */
 typedef struct {
     Lines lines;
-    floatl near, near_step; /* at distance 0, and its change */
+    floatl near, near_step; /* the rays' nearness at distance 0, and its change per distance */
     floatl start, centre;   /* the rays' start and centre along the lines' major axes, as distances */
 } Epipolar;
 
@@ -36,8 +36,8 @@ typedef struct {
 #define WINDOWS 1 /* greatest number of windows of a line after the first */
 #endif
 
-/* The windows of a line that are searched, in order: `from` to `to`, then `radius` to either side of the places `next`
- * (INFINITY: none). */
+/* The windows of a line that are searched, in order: first [from, to], then `radius` to either side of each place in
+ * `next` (INFINITY: none). */
 typedef struct {
     floatl from, to;
     floatl next[WINDOWS];
@@ -97,7 +97,7 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
         low = select_lanes(after, fmax(low, epipole), low);
         high = select_lanes(after, high, fmin(high, epipole));
     }
-    /* and to the part before the target: nearness 0 is infinity, or an orthographic camera's own plane. */
+    /* and to the part in front of the target, which ends at nearness 0: infinity, or an orthographic image plane. */
     const intl ahead = rays.w > 0.0f, rising = sign > 0.0f;
     const floatl border = start / rays.w;
     const intl cuts_high = ahead & (rays.perspective ? rising : !rising);
@@ -127,8 +127,8 @@ INLINED floatl distance_of(Rays rays, Epipolar epipolar, floatl nearness)
     return (epipolar.start + nearness * epipolar.centre) / (rays.w + nearness * rays.centre.z);
 }
 
-/* The first triangle that the rays cross within windows of their lines. Returns a hit; EMPTY without one; BLOCKED if a
- * side that is not shown is met, but not before the target. */
+/* Finds the first triangle that each ray crosses within the windows of its line. Returns its hit; EMPTY without one;
+ * BLOCKED if the ray meets a side that is not shown, but not in front of the target. */
 INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, int sides, intl wanted, uint *cells)
 {
     const Lines lines = epipolar.lines;
@@ -164,7 +164,7 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
         *cells += 1;
         const Cell cell = pass_cells(grid, lines, traversal, x, y, at);
 
-        /* The surface's nearness minus the ray's: the ray meets the surface where it changes its sign. */
+        /* The surface's nearness minus the ray's: the ray meets the surface where this difference changes its sign. */
         const floatl near_0 = epipolar.near + epipolar.near_step * at,
                      near_1 = epipolar.near + epipolar.near_step * cell.crossing,
                      near_2 = epipolar.near + epipolar.near_step * cell.out;

@@ -6,18 +6,18 @@
 #define FEATHER 8          /* samples within which weights fade towards an edge */
 #define STEPS 4            /* units of a byte per sample of distance */
 #define FAR_FROM_EDGES 33  /* 1 + STEPS * FEATHER */
-#define DISTANCE_BITS 63   /* a sample's byte: its distance; further bits of the own byte: */
+#define DISTANCE_BITS 63   /* the distance in a sample's byte; the own byte also has these bits: */
 #define LOWER_OPEN 64      /* the triangles of the sample's cell are open */
 #define UPPER_OPEN 128
 #define EDGE_DEVIATIONS 8.0f /* standard deviations of the noise that explain a step between neighbours */
 #define STEEP 11.0f    /* slope of a surface at 5 degrees to its rays: a steeper one is a step */
-#define STEP_MIN 0.01f /* part of the depth: smaller differences are no step */
+#define STEP_MIN 0.01f /* fraction of the depth: smaller differences are no step */
 
-/* unit: a depth, if the view's depths have no origin; otherwise 0 */
+/* unit: replaces z in the least step if the view's depths have no origin; otherwise 0 */
 typedef struct {
     int width, height, pitch;
     int perspective;
-    float density; /* pixels per unit at depth 1 (perspective) or at any depth, along both axes: fx * fy */
+    float density; /* fx * fy: pixels per square scene unit, at depth 1 (perspective) or at all depths (orthographic) */
     float noise_2, noise_1, noise_0;
     float unit;
 } EdgeView;

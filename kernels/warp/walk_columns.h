@@ -1,33 +1,33 @@
 #ifndef WARP_WALK_COLUMNS_H
 #define WARP_WALK_COLUMNS_H
-/* Walks lines of the source from column to column (or row to row). Between two columns the surface counts as straight
- * where it is connected, which leaves out the corners at diagonals and rows, but it ends where its triangles end.
+/* Walks lines of the source from column to column (or row to row). Between two columns, a connected surface counts as
+ * straight, without its corners at diagonals and rows; it ends where its triangles end.
  */
 #include "warp/interval.h"
 
 /* Places where lines pass a column, between two of its samples. */
 typedef struct {
     floatl cell; /* the first sample */
-    floatl part; /* position between it and the second, 0 to 1; outside of this range beyond the image */
+    floatl part; /* position from the first sample to the second, 0 to 1; outside of this range beyond the image */
     intl at;           /* the first sample's index */
     floatl a, b;       /* the samples' nearness */
     Projection place;
 } Column;
 
-/* The part of the lines between two columns. It lies in one cell, or passes a row and lies in two. */
+/* A step of the lines from one column to the next: through one cell, or through two cells if it crosses a row. */
 typedef struct {
     Column from, to;
-    floatl begins, ends; /* the part of the step that lies on the lines: 0 to 1, except at the lines' ends */
-    floatl passed;                 /* the row: 1 the cell's last, -1 its first, 0 none */
-    floatl beyond_from, beyond_to; /* if a row is passed: samples of the two cells that are not in `from` and `to` */
-    floatl slope;                  /* rows a column */
-    intl mirrored, transposed;     /* steps go towards smaller columns and rows; "columns" are rows */
-    intl along, edge;              /* lines along samples' edges: the TORN_... bit, and whether it is set here */
+    floatl begins, ends; /* range of the step that lies on the lines: 0 to 1, except in a line's first and last step */
+    floatl passed;                 /* the row crossed: 1 the cell's last, -1 its first, 0 none */
+    floatl beyond_from, beyond_to; /* if a row is crossed: the two cells' samples that `from` and `to` lack */
+    floatl slope;                  /* rows per column */
+    intl mirrored, transposed;     /* columns and rows are both mirrored; they are swapped */
+    intl along, edge;              /* lines along edges: the edges' TORN_... bit, and whether it is set on this step */
 } Step;
 
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
-    floatl leaves[4];   /* where on the step, 0 to 1, the lines leave each; no later than the one before: skipped */
+    floatl leaves[4];   /* position on the step, 0 to 1, where lines leave each triangle; skipped if it does not grow */
     floatl nearness[4]; /* the surface's nearness there */
     intl open[4];
 } PassedTriangles;
@@ -63,7 +63,7 @@ INLINED PassedTriangles triangles_of(Step step)
     PassedTriangles triangles;
     triangles.leaves[0] = min_lanes(diagonal, select_lanes(none, (floatl)1.0f, row));
     triangles.leaves[1] = select_lanes(none, triangles.leaves[0], row);
-    /* Upwards, a row is entered past the diagonal. */
+    /* A step up enters its second cell beyond the diagonal, and skips this triangle. */
     triangles.leaves[2] = select_lanes(down, max_lanes(min_lanes((2.0f - from.part) * per_diagonal, (floatl)1.0f), row),
                                        triangles.leaves[1]);
     triangles.leaves[3] = 1.0f;
@@ -94,7 +94,7 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
         const Projection passed = left;
         const intl is_passed = leaves > entered;
         intl there = active & is_passed;
-        if (is_clipped) { /* keep the part of this triangle that lies on the lines */
+        if (is_clipped) { /* clip the step in this triangle to the lines' ends */
             const floatl low = max_lanes(entered, step.begins), high = min_lanes(leaves, step.ends);
             const floatl change = (left.nearness - enters.nearness) / (leaves - entered);
             const Projection at_low = project_at(targets, major + line.sign * low,
@@ -128,7 +128,8 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
     interval->ended = interval->ended | held;
 }
 
-/* Lines that run along samples see only the edges between them: the TORN_... bit of these edges, 0 for other lines. */
+/* Lines that run along samples see only the edges between these samples. Returns the edges' TORN_... bit, 0 for other
+ * lines. */
 INLINED intl edges_along(floatl start, floatl slope, floatl length, intl u_major)
 {
     const floatl longest = max_lanes(length, (floatl)1.0f);
@@ -139,8 +140,8 @@ INLINED intl edges_along(floatl start, floatl slope, floatl length, intl u_major
     return select_lanes(straight, edges, select_lanes(diagonals, (intl)TORN_DIAGONAL, (intl)0));
 }
 
-/* The sample that stores the bit of the edge along a step: the edge's upper or left sample, or the one above a
- * diagonal */
+/* The sample that stores the bit of the edge along a step: the edge's upper or left sample; for a diagonal, its cell's
+ * upper left sample */
 INLINED floatl edge_owner(Grid grid, Step step, intl stride)
 {
     const intl along_diagonals = step.along == TORN_DIAGONAL;
@@ -151,8 +152,8 @@ INLINED floatl edge_owner(Grid grid, Step step, intl stride)
     return select_lanes(along_diagonals, (floatl)(gather(grid.nearness, max(above, (intl)(-grid.pitch - 1)))), owner);
 }
 
-/* The columns that lines pass. Where steps go towards smaller columns, rows are mirrored: so all lines meet the cells'
- * diagonals alike. */
+/* The columns that lines pass. If steps go towards smaller columns, rows are mirrored, too, so that all lines cross the
+ * cells' diagonals in the same direction. */
 typedef struct {
     floatl minor_0, tilt;   /* row = minor_0 + tilt * column */
     intl along;             /* as in Step */
@@ -177,7 +178,7 @@ INLINED Columns columns_of(SweepLines line)
     return columns;
 }
 
-/* before: the cell in the column before, unless this is the first column */
+/* before: `cell` of the previous column, ignored if `is_first` */
 INLINED Column column_at(Columns columns, floatl major, int is_first, floatl before, Grid grid, Targets targets,
                          LineGroup group)
 {
@@ -199,7 +200,7 @@ INLINED Column column_at(Columns columns, floatl major, int is_first, floatl bef
     column.a = (floatl)(gather(grid.nearness, column.at));
     column.b = (floatl)(gather(grid.nearness, at_b));
     const floatl part = clamp_lanes(column.part, (floatl)0.0f, (floatl)1.0f);
-    /* At the second sample the first one has no influence: it may be no surface. */
+    /* At the second sample, the first one must not count: it may be no surface. */
     const floatl between = column.a + part * (column.b - column.a);
     column.place = project_at(targets, major, select_lanes(part < 1.0f, between, column.b));
     return column;

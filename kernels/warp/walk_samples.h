@@ -1,7 +1,7 @@
 #ifndef WARP_WALK_SAMPLES_H
 #define WARP_WALK_SAMPLES_H
-/* Walks along rows or columns of the source's samples, from each to the next. This is exact: such lines see only the
- * edges between their samples.
+/* Walks along rows or columns of the source from sample to sample. This is exact: such lines see only the edges between
+ * their samples.
  */
 #include "warp/interval.h"
 
