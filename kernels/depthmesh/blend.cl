@@ -13,16 +13,16 @@
  * two surfaces are drawn only if holes are closed BY_SHEETS; otherwise they mark rays that pass between surfaces.
  *
  * corners, projected, points: select.cl, mesh by mesh in the order of `MeshCounts`. list, starts: raster/bins.cl.
- * firsts: (meshes + 1,) first triangle of each mesh. The following `meshes` are the others and views only.
- * sources: (meshes, 4) number of the mesh's view, of this view's first and last level, and 1 for a perspective
+ * firsts: (meshes + 1,) first triangle of each mesh. In the arrays below, `meshes` counts others and views alone.
+ * sources: (meshes, 4) indices of the mesh's view and of this view's first and last level, and 1 for a perspective
  * view. levels: (levels, 3) width, height and start in colors; each level is half as large as the previous one,
- * rounded up. scales: (meshes,) ratio of the view's samples to the target's pixels per scene unit, both at depth 1.
+ * rounded up. scales: (meshes,) the view's samples over the target's pixels, per scene unit at depth 1.
  * colors: RGBA bytes; A holds 255 times the weight of a sample (feather_at) on a view's finest level, and 255 times
- * the share of valid samples on others. weights: (meshes,) positional weights, > 0. culled: raster/triangle.h. by:
+ * the fraction of valid samples on coarser levels. weights: (meshes,) positional weights, > 0. culled: raster/triangle.h. by:
  * BLEND_... layer_nearness, layer_owner: (others + views, items, pixels of a region) output of mesh_layers.h. With
  * CLOSED BY_RAYS, the FreeSpace of closing.h for all `view_count` views; view_sizes are its sizes. depth, color,
  * valid: the picture, whose nearer pixels stay. occupancy, with OCCUPIED: (height, width) bit k is set where view k
- * gave colour. guesses, with GUESSES: (height, width) gets the depth of closed pixels. Work-item: every `items`-th
+ * gave colour. guesses, with GUESSES: (height, width) the depth of closed pixels. Work-item: every `items`-th
  * region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: the order of the list, then of the meshes.
  */
 #include "depthmesh/closing.h"
@@ -44,7 +44,7 @@
 #define FACTOR_MIN 1e-3f /* > 0, so that a surface that all views see edge-on, or at its end, still gets a colour */
 
 /* Adds the colour at the pixel (x, y) of a view from one of its levels. The finest level is interpolated within the
- * cell's triangle, coarser levels bilinearly, with texels weighted by their share of valid samples. */
+ * cell's triangle, coarser levels bilinearly, with texels weighted by their fraction of valid samples. */
 void add_sample(global const uint *colors, global const int *size, int level, floatl x, floatl y, floatl weight,
                 Color *sum)
 {
@@ -127,7 +127,7 @@ INLINED void add_mesh(const Context *context, const Meshes *meshes, int mesh, fl
     const floatl feather = max_lanes(feather_at(meshes->colors, finest, sound_x, sound_y), least);
     const floatl unfaded = select_lanes(given, meshes->weights[mesh] * facing, (floatl)0.0f);
     const floatl weight = unfaded * feather;
-    /* One level for the whole block, fine enough for all of its pixels */
+    /* The whole block reads one level, fine enough for all of its pixels. */
     const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
     const float samples = least_lane(select_lanes(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
     const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + LEVEL_BIAS), (float)(source[2] - source[1]));

@@ -8,13 +8,13 @@
  * surface that no view saw. The pixel is closed where the ray left free space: at the first free point on the way
  * from the back to the eye.
  *
- * If a ray passes through a rubber sheet and reaches points that are not free, it has met a surface. If it comes from
- * the front and ends within half a sample of the last samples of the near surface, it has met the rim of this
- * surface. Otherwise no view saw the surface, but surfaces on the far sides of depth edges are likely to continue
- * behind the near ones. So space counts as free up to these continued surfaces (`extended_depths`), and the pixel is
- * closed at the first point of the ray that is still not free; without such a point it stays empty. If a ray leaves
- * occluded space behind a sheet and enters occluded space again, it is closed only if the scene is `enclosed`: next
- * to an object, such rays may never meet a surface.
+ * If a ray passes through a rubber sheet and reaches points that are not free, it has met a surface. If the ray comes
+ * from the front and leaves free space within half a sample of the near surface's last samples, it has met the rim of
+ * this surface. Otherwise no view saw the surface, but surfaces on the far sides of depth edges are likely to continue
+ * behind the near ones. So space counts as free up to these continued surfaces (`extended_depths`). The pixel is closed
+ * where the ray leaves this space; it stays empty if the ray never does. A ray that leaves occluded space behind a
+ * sheet and enters occluded space again is closed only if the scene is `enclosed`: next to an object, such rays may
+ * never meet a surface.
  *
  * Cost: up to 6 MARCH_STEPS points for rays that first meet backs or sheets; each point is looked up in the views until
  * one of them saw through it.
@@ -24,17 +24,16 @@
 #include "lib/taps.h"
 
 #define MARCH_STEPS 128   /* points along a ray */
-#define SAMPLE_REACH 0.25f /* steps: a point within this depth of a sample is at the sample */
-#define BEFORE_1 (1.0f - 1e-6f) /* factor of the last sample's coordinate: just inside the last cell */
+#define SAMPLE_REACH 0.25f /* steps: a point is at a sample if their depths differ by no more */
+#define BEFORE_1 (1.0f - 1e-6f) /* times the last sample's coordinate: a place just inside the last cell */
 #define HALVINGS 7 /* bisections of a step: they find the point where a ray leaves free space to 1/128 of a step */
 
 /* Depths up to which the views saw free space. free_depths: at each sample, INFINITY for background and 0 for unknown
- * depth. extended_depths: the same, but the farther depth of the continued surface where the far side of a depth edge
- * continues behind the near one. far_colors: RGBA bytes of the continued surfaces. cell_free_depths,
- * cell_extended_depths: minimum of either over a cell's four samples, stored at the upper left one. sizes: (views, 3)
- * width, height and start in these arrays. from_target: (views, 16) maps from the target's pixel space to the views'.
- * perspectives: (views,) 1 or 0. first_levels: (views,) numbers of the finest levels. closeness: (views,) positional
- * weights. */
+ * depth. extended_depths: the same, but on the near side of a depth edge the depth at which the far side's surface
+ * continues behind it. far_colors: RGBA bytes of the continued surfaces. cell_free_depths, cell_extended_depths: minima
+ * of the two over a cell's four samples, stored at the upper left one. sizes: (views, 3) width, height and start in
+ * these arrays. from_target: (views, 16) maps from the target's pixel space to the views'. perspectives: (views,) 1 or
+ * 0. first_levels: (views,) indices of the finest levels. closeness: (views,) positional weights. */
 typedef struct {
     global const float *free_depths, *extended_depths;
     global const uint *far_colors;
@@ -66,9 +65,9 @@ INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl 
     return (inverse > 0.0f) & (*z > 0.0f) & in_columns & in_rows;
 }
 
-/* Returns the mask of the `active` points, of the pixels (x, y) at a depth, that are free. depths: `cell_...`, so that
- * a view must have seen through at all four samples around; or with `nearest` the samples' depths, so that the nearest
- * sample decides. */
+/* Returns which `active` points of the pixels (x, y) at a depth are free. depths: `cell_...`: a view must have seen
+ * through the point at all four samples around it; or, with `nearest`, the samples' depths: the nearest sample
+ * decides. */
 intl is_free(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y, floatl depth,
              intl active)
 {
@@ -88,8 +87,8 @@ intl is_free(const FreeSpace *space, global const float *depths, int nearest, fl
     return free;
 }
 
-/* Returns the mask of the `active` rays that left free space at least a step before `depth`, which is not free. Sets in
- * `entry` the depth at which they left it. */
+/* Returns which `active` rays left free space at least a step in front of `depth`, where space is not free. Sets in
+ * `entry` the depth at which they left free space. */
 INLINED intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *entry)
 {
     floatl inside = depth, outside = depth;
@@ -114,7 +113,7 @@ INLINED intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl dept
     return entered;
 }
 
-/* Returns the mask of the points, of the pixels (x, y) at a depth, that lie in any view's image, occluded or not. */
+/* Returns which points of the pixels (x, y) at a depth lie in any view's image, occluded or not. */
 INLINED intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl depth)
 {
     const floatl n = DEPTH_OF(space->perspective, depth);
@@ -127,8 +126,8 @@ INLINED intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl d
 }
 
 /* Returns the mask of the `active` rays that end in occluded space, behind a surface that a view saw. Such a ray leaves
- * free space behind `depth` and goes on in a view's image, or it left free space before that depth. Sets in `last` the
- * depth of the last free point. Unless the scene is enclosed, rays that come out of occluded space are excluded: most
+ * free space behind `depth` and goes on in a view's image, or it left free space in front of `depth`. Sets in `last`
+ * the depth of the last free point. Unless the scene is enclosed, rays that come out of occluded space are excluded: most
  * come out within a few steps. */
 INLINED intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *last)
 {
@@ -150,8 +149,8 @@ INLINED intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl dept
     return ends & is_in_any_view(space, x, y, *last + space->stride);
 }
 
-/* Returns the mask of the `active` rays that leave free space behind `depth`. Sets in `exit` the depth at which they
- * leave it; depths, nearest: as in `is_free`. */
+/* Returns which `active` rays leave free space behind `depth`. Sets in `exit` the depth at which they leave it. depths,
+ * nearest: as in `is_free` */
 static intl leaves_free_space(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y,
                        floatl depth, intl active, floatl *exit)
 {
@@ -175,8 +174,8 @@ static intl leaves_free_space(const FreeSpace *space, global const float *depths
     return left;
 }
 
-/* Returns the mask of the `active` points, of the pixels (x, y) at a depth, that lie at a view's sample, in its
- * pixel. */
+/* Returns which `active` points of the pixels (x, y) at a depth lie at the sample of a view's pixel that contains
+ * them. */
 intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active)
 {
     const floatl n = DEPTH_OF(space->perspective, select_lanes(active, depth, (floatl)1.0f));
@@ -193,12 +192,12 @@ intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl
 }
 
 /* Returns the mask of the `active` rays that meet, behind `depth`, the rim of a surface that a view saw, half a sample
- * beyond its last samples. A ray from the front leaves free space at a sample, judged by the four samples around
- * or by the nearest one. Rays from the side pass behind the surface. Sets in `rim` the depth of the rim. */
+ * beyond its last samples. Such a ray comes from the front, and leaves free space at a sample, as the four samples
+ * around or the nearest one decide. Rays from the side pass behind the surface. Sets in `rim` the rim's depth. */
 static intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *rim)
 {
     const floatl start = depth -
-                         space->stride / (1 << (HALVINGS - 1)); /* certainly free: the error of bisection is less */
+                         space->stride / (1 << (HALVINGS - 1)); /* certainly free: bisection errs by less */
     floatl first, later;
     intl leaves = leaves_free_space(space, space->cell_free_depths, 0, x, y, start, active, &first);
     const intl at_once = is_at_sample(space, x, y, first, leaves);
@@ -207,8 +206,8 @@ static intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, 
     return at_once | is_at_sample(space, x, y, later, leaves);
 }
 
-/* Returns the mask of the pixels (x, y) that show a surface that no view saw. Some rays are `within` a solid, which
- * they leave at nearness `back`; others go `through` a sheet. Sets in `n` the nearness of the surface. */
+/* Returns which pixels (x, y) show a surface that no view saw. Some rays are `within` a solid, which they leave at
+ * nearness `back`; others go `through` a sheet. Sets in `n` the surface's nearness. */
 static intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through,
                floatl *n)
 {
@@ -242,7 +241,7 @@ static intl close_block(const FreeSpace *space, float nearest, float epsilon, fl
 }
 
 /* Finds a view's four samples around the points of the pixels (x, y) at nearness n. off: difference in depth, INFINITY
- * for no sample; share: bilinear weight; at: number of the sample; own: mask of points that are closer to the sample
+ * for no sample; share: bilinear weight; at: the sample's index; own: mask of points that are closer to the sample
  * itself than to the continued surface behind it. */
 INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl off[4],
                             floatl share[4], intl at[4], intl own[4])
@@ -264,8 +263,8 @@ INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y
     }
 }
 
-/* Adds to the `given` pixels (x, y) the colours of the samples, of all views, that lie closest to their points at
- * nearness n. Returns the sums of weights, and sets in `views` a bit for each view that gave colour. */
+/* Adds to the `given` pixels (x, y) the colours of those samples in all views that lie closest to the pixels' points at
+ * nearness n. Returns the sums of weights, and sets a bit in `views` for each view that gave colour. */
 static floatl add_closest(const FreeSpace *space, global const uint *colors, global const int *levels, floatl x, floatl y,
                    floatl n, intl given, Color *sum, intl *views)
 {

@@ -6,9 +6,9 @@
  * triangles that their vertices split. So errors and spheres grow from children to parents, and an independent test
  * of each vertex yields a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
- * Deviations from the paper: the errors of vertex and child are added, since a surface without both vertices may be
- * off by both, so the sum is a bound; LARGEST takes the larger of them, as the paper does. A partly drawn triangle
- * has CUT_ERROR times its own length as error, since all of it is lost unless it is split: so depth edges stay at any
+ * Deviations from the paper: the errors of vertex and child are added. The sum is a bound, since a surface without both
+ * vertices may be off by both errors. `largest` takes the larger error, as the paper does. A partly drawn triangle has
+ * CUT_ERROR times its own length as error, since all of it is lost unless it is split: so depth edges stay at any
  * useful tolerance.
  *
  * nearness, placed: (height, pitch), samples.cl; nearness is denoised (smooth.cl). For each vertex, (side + 1, row):
@@ -21,7 +21,7 @@
 #include "depthmesh/tree.h"
 
 #define CUT_ERROR 4.0f
-#define UNSEEN 0.75f /* standard deviations: the part of an error that noise may cause after denoising (smooth.cl) */
+#define UNSEEN 0.75f /* standard deviations: errors that noise may still cause after denoising (smooth.cl) */
 #define MARGIN 0.01f /* samples by which spheres extend beyond their children's: more than the rounding error */
 
 typedef struct {
@@ -47,7 +47,7 @@ floatl vertex_nearness(const Layout *layout, const Tree *tree, intl x, intl y)
     return select_lanes(in, (floatl)(gather(tree->nearness, at)), (floatl)NO_SURFACE);
 }
 
-/* The sample (x, y) of a nearness in the view's camera's frame */
+/* The point of sample (x, y) at a nearness, in the frame of the view's camera */
 Vector sample_point(const Layout *layout, intl x, intl y, floatl n)
 {
     return point_of(layout, to_floatl(x), to_floatl(y), DEPTH_OF(layout->perspective, n));
@@ -110,9 +110,9 @@ INLINED floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax
 }
 
 /* Own errors of centres p, of nearness n, of blocks with these edges; corner: nearness of the corners, row by row. In
- * a `squeezed` block, p lies off the diagonal in the image, too. There the error is the distance from the planes on
- * both sides of the diagonal, except planes through a corner without a sample: surfaces with and without p differ
- * most at p, and less where the diagonal crosses an edge from p to a corner. */
+ * a `squeezed` block, p lies off the diagonal in the image, too. There the error is the larger of the distances from p
+ * to the planes on both sides of the diagonal, without planes through a corner that has no sample: surfaces with and
+ * without p differ most at p, and less where the diagonal crosses an edge from p to a corner. */
 floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl right, intl top, intl bottom,
                     const floatl corner[4], intl main, intl squeezed)
 {
@@ -135,14 +135,14 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
     return select_lanes(squeezed, error, bisected);
 }
 
-/* Part of the errors that noise at a depth does not explain */
+/* The excess of errors over the noise at a depth */
 floatl beyond_noise(const Layout *layout, floatl error, floatl depth)
 {
     const float *of = layout->noise;
     return fmax(error - UNSEEN * ((of[0] * depth + of[1]) * depth + of[2]), (floatl)0.0f);
 }
 
-/* Joins the vertices' own errors with their children's unless nothing is drawn. */
+/* Joins the vertices' own errors with the errors of their children, unless nothing is drawn. */
 void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
 {
     const intl a = STATE_A(states), b = STATE_B(states);

@@ -55,7 +55,7 @@ INLINED void draw_range(const Context *context, Region *region, BinList listed, 
 typedef struct {
     global float *nearness;
     global int *owner; /* triangle, -1: none */
-    size_t next;       /* from a mesh's pixels to the next mesh's */
+    size_t next;       /* stride from one mesh to the next */
 } MeshLayers;
 
 /* Nearness of the nearest surface of each kind of mesh, at a region's pixels */

@@ -4,10 +4,10 @@
  * test of the paper: such a triangle is seen edge-on (equation 3) and is long in depth (equation 4). In orthographic
  * views z has no fixed origin, so the depth range is relative to the extent of the view. Beyond the paper, triangles
  * of a surface that continues straight, like a distant floor, are kept; TEST_CONNECTEDNESS decides this.
- * TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if it is short, or if the line of samples before
- * or after it continues over it, in nearness, where planes are linear. TEST_DISPARITY: a triangle is removed if
- * nearness within it differs too much (Oliveira & Bishop 1998). TEST_NONE keeps all triangles. Beyond the papers, no
- * test takes differences for steps that the sensor's noise explains (`noise`).
+ * TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if it is short, or if the line of samples on
+ * either side continues over it (in nearness, which is linear on planes). TEST_DISPARITY: a triangle is removed if
+ * nearness within it differs too much (Oliveira & Bishop 1998). TEST_NONE keeps all triangles. Beyond the papers,
+ * differences that the sensor's noise explains (`noise`) count as steps in no test.
  *
  * `place_border` computes the nearness of the vertices that are drawn half a pixel beyond the outermost samples: it
  * extrapolates the line through the sample and the next one inside, so the surface passes through the sample.
@@ -24,10 +24,10 @@
 #define TEST_CONNECTEDNESS 1
 #define TEST_DISPARITY 2
 #define TEST_NONE 3
-#define STRAIGHT 0.1f /* relative to the gap: orthogonality keeps surfaces that continue with a smaller deviation */
+#define STRAIGHT 0.1f /* fraction of the gap: TEST_ORTHOGONALITY keeps surfaces that continue with less deviation */
 
 typedef struct {
-    int test;          /* test that finds rubber sheets: TEST_... */
+    int test;          /* TEST_...: decides which triangles are rubber sheets */
     float sine;        /* a triangle is edge-on if the sine of its angle to the line of sight is smaller */
     float depth_range; /* largest range of depths in a triangle of a surface, relative to z or to the extent */
     float extent;      /* extent of an orthographic view's samples, in scene units */
@@ -35,7 +35,8 @@ typedef struct {
     float noise[3];    /* a, b, c: depths of one surface may differ by a z z + b z + c at depth z */
 } Segmentation;
 
-/* Largest difference that noise causes, of depths z of one surface; below, the same of nearness */
+/* Largest difference that noise causes between depths of one surface near z; the function: between its nearness
+ * values near n */
 #define NOISE_AT(rule, z) (((rule)->noise[0] * (z) + (rule)->noise[1]) * (z) + (rule)->noise[2])
 INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule, floatl n)
 {
@@ -80,7 +81,7 @@ intl connected(const Layout *layout, const Segmentation *rule, floatl before, fl
     return fmin(fmin(on, back), fabs(step)) <= allowed;
 }
 
-/* The same for the sample at (x, y) and the next one along x or y */
+/* Do the sample (x, y) and the next one along x or y belong to one surface? */
 intl is_connected(const Layout *layout, const Segmentation *rule, global const float *nearness, intl x, intl y, int dx,
                   int dy)
 {
@@ -173,7 +174,8 @@ float limited(float beyond, float sample)
     return clamp(beyond, fmin(least, most), fmax(least, most));
 }
 
-/* Nearness half a pixel beyond an outermost sample, on the line from the next one inside if an edge joins them */
+/* Nearness half a pixel beyond an outermost sample: on the line through it and the next sample inside, if an edge joins
+ * them; else the sample's own */
 INLINED float nearness_beyond(const Layout *layout, global const float *nearness, global const uchar *cells, int x, int y)
 {
     const int dx = INWARDS(x, layout->width), dy = INWARDS(y, layout->height);
@@ -191,7 +193,7 @@ static float nearness_beyond_corner(const Layout *layout, global const float *ne
     const float n = nearness[(size_t)y * layout->pitch + x];
     if (!is_edge_drawn(layout, cells, x, y, dx, 0))
         return n;
-    /* Shares of half a pixel in the triangle's legs, which are one cell long and extended at the border */
+    /* Half a pixel, as a fraction of the triangle's legs, which are one cell long and extended at the border */
     const float share_x = BORDER / (1.0f + BORDER * (layout->width == 2 ? 2 : 1));
     const float share_y = BORDER / (1.0f + BORDER * (layout->height == 2 ? 2 : 1));
     const float next_x = nearness_beyond(layout, nearness, cells, x + dx, y);

@@ -1,7 +1,7 @@
 /* From the quadtree to triangles (Pajarola, Sainz & Meng 2003, section 3.4).
  *
  * `activate` marks the vertices that a target needs: the projected error exceeds the tolerance (equation 5) at the
- * nearest point of the bounding sphere, and the sphere lies within the target's view. Errors and spheres include all
+ * nearest point of the bounding sphere, and the sphere lies within the target's view. Errors and spheres include the
  * children's, so vertices are tested independently, and no cracks arise. A triangle belongs to the triangulation if the
  * vertex at its right angle is active and the vertex that would split it is not; it is drawn if segmentation keeps
  * all of it. `find_triangles` finds these triangles, `list_points` and `list_triangles` list them.
@@ -11,8 +11,8 @@
  * `motion_limits` bound the motion for which the selection suffices.
  *
  * placed: samples.cl. For each vertex, (side + 1, row): active, tree.h; drawn: bit k is set if the k-th triangle with
- * its right angle there is drawn; numbers: the indices of listed points. counts, firsts: (side + 1, 2) counts of
- * points and of triangles in each row, and the indices of its first ones. points: (points, 4) position in the view,
+ * its right angle there is drawn; numbers: the indices of listed points. counts, firsts: (side + 1, 2) for each row, the
+ * counts of points and of triangles, and the indices of the first point and triangle. points: (points, 4) position in the view,
  * tree.h, and quality |n z| if rated. corners: (triangles, 3) indices of points, counter-clockwise as seen by the
  * view, with the right angle second. motion_limits: (side + 1, 2) minima over the inactive vertices of a row, in scene
  * units: the motion of the eye after which the projected error may exceed `allowed`, and the distance of a vertex out
@@ -71,7 +71,7 @@ kernel void activate(global const float *errors, global const float *radii, glob
     mark_corners(&layout, active, y);
 }
 
-/* First marked vertex of a row from x on, or a number beyond the side */
+/* Column of the first marked vertex of a row from x on; greater than `side` if there is none */
 int next_marked(global const uchar *row, int x, int side)
 {
     for (; x <= side; x++) {
@@ -83,11 +83,11 @@ int next_marked(global const uchar *row, int x, int side)
     return x;
 }
 
-/* Is the triangle on side b (0: A, 1: B) of the vertex `at` not split, and drawn as a whole? */
+/* Is side b (0: A, 1: B) of the vertex `at` unsplit, and are all of its cells drawn? */
 #define IS_DRAWN(at, b) (!IS_ACTIVE(active[at]) & (((b) ? STATE_B(states[at]) : STATE_A(states[at])) == DRAWN))
 
-/* The drawn triangles with their right angle at the vertex (x, y), a bit each, clockwise: for a centre from the one
- * above, for a midpoint from the one to the upper left */
+/* The drawn triangles with their right angle at the vertex (x, y), a bit each, clockwise. The first lies above a
+ * centre, or to the upper left of a midpoint. */
 int triangles_at(const Layout *layout, global const uchar *active, global const uchar *states,
                  global const uchar *cells, int x, int y)
 {
@@ -121,7 +121,7 @@ kernel void list_border(global uchar *active, Layout layout)
     if (at > layout.side)
         return;
     for (int s = 1; s <= layout.side && !(at & (s - 1)); s *= 2) {
-        /* The first vertex beyond the border, of each step: farther ones are corners of no triangle with an area. */
+        /* For each step, the first vertex beyond the border: triangles of farther vertices have no area. */
         const int x = (right + s - 1) & -s, y = (bottom + s - 1) & -s;
         if (active[at * layout.row + x])
             active[min(at, bottom) * layout.row + right] |= LISTED;
@@ -197,7 +197,7 @@ kernel void list_triangles(global const uchar *active, global const uchar *drawn
     }
 }
 
-/* Projects the points of several meshes into the target's pixel space. firsts: (meshes + 1,) number of each mesh's
+/* Projects the points of several meshes into the target's pixel space. firsts: (meshes + 1,) index of each mesh's
  * first point. maps: (meshes, 16), applied to (a, b, c, 1). projected: (points, 4). Work-item: POINTS points. */
 kernel void project_points(global const float *points, global const int *firsts, global const float *maps, int meshes,
                            global float *projected)

@@ -6,10 +6,10 @@
  * triangles. Planes are affine in nearness, so the differences are exact for both projections.
  *
  * nearness, placed: (height, pitch), samples.cl. states: states.cl. active: (side + 1, row), tree.h, filled with 0 by
- * the caller. pool: chunks of CHUNK ints, from which work-items build stacks: the numbers of the chunks below and
- * above, then vertices. used: (1,) number of used chunks. coarse: a step. Work-item: all vertices of at least the
+ * the caller. pool: chunks of CHUNK ints, from which work-items build stacks. A chunk holds the indices of the chunks
+ * below and above it, then vertices. used: (1,) number of used chunks. coarse: a step. Work-item: all vertices of at least the
  * coarse step (`refine_coarse`); then each of these with all dependent vertices that no other work-item has taken
- * (`refine`). Work-items may see each other's marks late or never; an atomic operation decides. Cost: O(triangles +
+ * (`refine`). Work-items may see each other's marks late or never: an atomic operation takes vertices. Cost: O(triangles +
  * samples): most triangles that are split fail at the first samples, and other triangles are read in rows, LANES
  * samples at a time. Determinism: each split follows from single vertices, so the set of splits is the same in any
  * order.
@@ -133,7 +133,7 @@ INLINED void propagate(const Layout *layout, Work *work, int at, int coarse)
     }
 }
 
-/* Activates the vertices that follow from those on the stack, one after the other; coarse: for the first of them */
+/* Propagates from the vertices on the stack, one after the other. coarse: as in `propagate`, for the first vertex */
 INLINED void propagate_all(const Layout *layout, Work *work, int coarse)
 {
     for (int vertices_left = (layout->side + 1) * (layout->side + 1); vertices_left > 0;

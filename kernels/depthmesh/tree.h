@@ -10,7 +10,7 @@
  * Each vertex except the four corners bisects an edge of the next coarser triangulation. With s the largest power of
  * two that divides x and y, a vertex is
  *   a centre   (x/s and y/s are odd): it bisects the diagonal of the block of side 2s around it;
- *   a midpoint (one of them is odd): it bisects the edge from s before to s after, along x or along y.
+ *   a midpoint (one of the two is odd): it bisects the edge that reaches s to either side, along x or along y.
  * The diagonal of a block runs from its upper left to its lower right corner (`main`) if the sum of its column and
  * row is even, so the diagonals of four blocks meet in the centre of their parent. The two triangles that share the
  * bisected edge are the sides of the vertex: side A lies above (or left of an edge along y), side B below (or right).
@@ -21,15 +21,15 @@
  * A sample covers its pixel: vertices at outermost samples are drawn half a pixel farther out, with the nearness that
  * samples.cl computes there. The states and errors of vertices refer to the samples.
  *
- * Points of triangles are stored as (a, b, c): (x z, y z, z) in a perspective view, (x, y, -z) in an orthographic one.
- * With a 1 appended they are homogeneous: a 4x4 map takes them to another camera's pixel space.
+ * The point at pixel (x, y) and depth z is stored as (a, b, c): (x z, y z, z) in a perspective view, (x, y, -z) in an
+ * orthographic view. A 4x4 matrix maps (a, b, c, 1) to another camera's pixel space.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
 #include "lib/surface.h"
 #include "lib/vectors.h"
 
-/* State of a triangle: bits for the drawn and undrawn cells within it; 0 if there is no triangle. The byte of a vertex
+/* State of a triangle: one bit if it contains drawn cells, one if undrawn cells; 0 if there is no triangle. The byte of a vertex
  * holds side A in its lower two bits and side B in the next two. In the byte of a cell, A is the upper triangle and B
  * the lower one. */
 #define UNDRAWN 1
@@ -102,12 +102,11 @@ intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int f
     return select_lanes((x + dx >= 0) & (x + dx < layout->width - 1), byte, (intl)0);
 }
 
-/* Rounding error of depths, relative to their sum: three points on a line may be off it by this much, so smaller
- * errors count as 0. */
+/* Rounding error of depths, relative to their sum: collinear points may seem to be off their line by this much, so
+ * smaller errors count as 0. */
 #define ROUNDING 0x1p-22f
 
-/* Marks of vertices of a triangulation. LISTED: corners of triangles; ACTIVE: those that may have a right angle, too
- * */
+/* Marks of vertices of a triangulation. LISTED: corners of triangles; ACTIVE: corners that may have a right angle */
 #define LISTED 2
 #define ACTIVE 3
 #define IS_ACTIVE(mark) ((mark) == ACTIVE)

@@ -14,7 +14,7 @@ typedef struct {
  * holds their samples, `at` their drawn positions, `n` their nearness. Its plane has the nearness
  * n[1] + (x - at[1].x) * per_x + (y - at[1].y) * per_y. */
 typedef struct {
-    int2 corner[3], low, high; /* least and greatest of the corners */
+    int2 corner[3], low, high; /* low, high: least and greatest coordinates of the corners */
     float2 at[3];
     float n[3], per_x, per_y;
     RowEdge edges[3];
@@ -28,7 +28,7 @@ RowEdge row_edge(float2 a, float2 b)
     return edge;
 }
 
-/* Widens a part of a row up to the point where the row crosses the edge. */
+/* Widens a range of columns up to the point where the row crosses the edge. */
 void widen_to_edge(RowEdge edge, float row, float2 *part)
 {
     if (row < edge.low || row > edge.high)

@@ -5,9 +5,9 @@
 #define EMPTY_CELL 1   /* no surface */
 #define OTHER_CELL 2   /* a surface nearer than the bilinear one */
 #define OUTLINE_CELL 3 /* a surface that ends at the background */
-/* The second image holds a float for each cell of another kind. Its last bits mark the samples of the cell's nearest
- * part, row by row, and background. The float is the nearness of that part minus the first sample's, or minus the
- * bilinear surface's if the part has all four samples. */
+/* The second image holds a float for each cell of another kind. The float's last bits mark the samples of the cell's
+ * nearest part, row by row, and background. The float is the nearness of this part minus that of the first sample; if
+ * the part has all four samples, minus that of the bilinear surface. */
 #define CELL_WHOLE 15      /* all four samples */
 #define CELL_BACKGROUND 16 /* at least one sample is background: samples outside the part are empty */
 #define CELL_BITS 31

@@ -15,7 +15,7 @@
 #define EDGE 3.0f      /* neighbours farther apart in depth belong to two surfaces */
 #define RISE_MAX 2.0f  /* most by which a surface is nearer than its samples */
 #define NOTHING (1.0f / 64) /* smaller creases are ignored */
-#define ROUND 0.375f   /* share of the bend next to a crease that is subtracted, because the surface is round there */
+#define ROUND 0.375f   /* fraction of the bend beside a crease that is subtracted, as the surface is round there */
 #define FALL 1e30f     /* nearness by which a surface falls where it ends */
 #define LINE 6         /* samples in line with a cell's side */
 #define FIRST 2        /* index of the side's first sample in the line */
@@ -59,8 +59,8 @@ INLINED floatl size_of_sample(CellImage image, floatl nearness)
     return image.perspective ? nearness * image.per_sample : (floatl)image.per_sample;
 }
 
-/* A cell's side. first, last: the rise in nearness towards its two ends, from outside; crease: the nearness of a crease
- * on it above its samples, or 0; sharp: how sharply the surface bends at its samples */
+/* A cell's side. first, last: the surface's rise in nearness towards the side's two ends, from outside; crease: the
+ * nearness of a crease above the side's samples, or 0; sharp: how sharply the surface bends at these samples */
 typedef struct {
     floatl first, last, crease, sharp;
 } CellSide;
@@ -83,7 +83,7 @@ INLINED CellSide side_beside(CellImage image, const CellSample *line)
     /* The planes through the samples on either side meet this far above the side. */
     const floatl left = bend[2], right = bend[3];
     const floatl height = left / max_lanes(left + right, (floatl)1e-30f) * right;
-    /* A round surface bends as much next to the side, and rises an eighth of the bend above its chord, not a half. */
+    /* A round surface bends equally beside the side, and rises above its chord by an eighth of the bend, not a half. */
     const floatl around = min_lanes(select_lanes(joined[1], bend[1], (floatl)FALL),
                                     select_lanes(joined[3], bend[4], (floatl)FALL));
     const intl known = joined[2] & (min_lanes(left, right) < FALL);
@@ -110,8 +110,8 @@ INLINED floatl with_bits(floatl value, intl bits, int places)
     return as_floatl((as_intl(value) & ~places) | bits);
 }
 
-/* Finds the cells whose first samples are (low, y) to (low + LANES - 1, y). Writes their nearness to `to`, and their
- * cells one image further. */
+/* Finds the cells whose first samples are (low, y) to (low + LANES - 1, y). Writes the samples' nearness to `to`, and
+ * the cells one image further on. */
 OUTLINED void find_packet(global const float *depth, CellImage image, int low, int y, global float *to)
 {
     CellSample rows[2][LINE], columns[2][LINE];
@@ -156,7 +156,7 @@ OUTLINED void find_packet(global const float *depth, CellImage image, int low, i
             ceiling = select_lanes(of_part, max_lanes(ceiling, reach), ceiling);
             part = part | select_lanes(of_part, (intl)(1 << k), (intl)0);
         }
-        /* A diagonal crease crosses no side: the surface is a quarter of the twist above the bilinear one. */
+        /* A diagonal crease crosses no side: it lies above the bilinear surface by a quarter of the twist. */
         const floatl twist = fabs(first - corners[1].nearness - corners[2].nearness + corners[3].nearness),
                      sharp = max_lanes(max_lanes(above.sharp, below.sharp), max_lanes(left.sharp, right.sharp));
         const floatl both = max_lanes(above.crease, below.crease) + max_lanes(left.crease, right.crease) +

@@ -8,15 +8,15 @@
  * more views. Samples of unknown depth are as near as the box reaches.
  *
  * Deviations from the paper: the slices are met per pixel instead of drawn as polygons, so the stencil passes become
- * one loop. `halvings` bring the point that passes closer to the surface than its slice. `visible` colours by the views
- * that see the point (view_colors.h).
+ * one loop. `halvings` bisections bring a hit closer to the surface than its slice. `visible` colours by the views that
+ * see the point (view_colors.h).
  *
  * matrices: (views, 16) from the world to each view's pixel space. sizes: (views, 3) width, height and start in maps
- * and colors. maps: (views, 2, height, width) view_volumes.h, or 0 and 1. reaches: (views,) greatest difference in
+ * and colors. maps: (views, 2, height, width) view_volumes.h, or masks of 0 and 1. reaches: (views,) greatest difference in
  * nearness between a view's surface and its samples. colors: RGBA bytes, A = 255 where the view has a sample. order:
  * (views,) views in the order of testing. closeness: (views,) of each view's direction to the target's, > 0. The origin
  * of world coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With RIBBONS, firsts:
- * the number of each sample's first ribbon, for all views, and finally the number of all ribbons; ribbons: (N,
+ * the index of each sample's first ribbon, for all views, and finally the count of all ribbons; ribbons: (N,
  * RIBBON_FLOATS), lib/ribbons.h. Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel.
  * Cost: O(pixels * slices * views tested). Determinism: fixed order.
  */
@@ -32,12 +32,12 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
             int visible /* 1: colours come from views that see the points, if there are any */,
             int unknown /* 1: points outside an image pass its test */,
             float outline /* where views' surfaces end: surface_at() */,
-            float sample /* scene units between samples in the middle of the box, of the coarsest view */,
+            float sample /* scene units between the coarsest view's samples in the middle of the box */,
             float stride /* shortest step from the object's surface back to a view's own, in scene units of the ray */,
             int low_x, int low_y COUNTERS_PARAMETER(int)
 #if RIBBONS
                            ,
-            global const int *firsts /* number of each sample's first ribbon; finally of all */,
+            global const int *firsts /* index of each sample's first ribbon; finally the count of all */,
             global const float *ribbons
 #endif
                 GBUFFER_PARAMETERS NORMALS_PARAMETER(uint))
@@ -64,7 +64,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     floatl hit = 0.0f;
     intl tests = 0, found = intersect_object(&views, &ray, segment, drawn, halvings, finds_thin, &hit, &tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);
-    found = found & (nearness > so_far); /* the first of several equally near things stays */
+    found = found & (nearness > so_far); /* of several equally near objects, the first stays */
     region.nearness[0] = select_lanes(found, nearness, so_far);
     region.owner[0] = select_lanes(found, (intl)0, (intl)-1);
     Color shade = {0.0f, 0.0f, 0.0f}, normal = shade;

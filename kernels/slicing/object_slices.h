@@ -9,9 +9,9 @@ typedef struct {
     float from_world[12]; /* row by row */
     float edges[3];       /* lengths of the box's edges, in scene units */
     float spacing;        /* distance between slices, in scene units */
-    float first; /* slices parallel to the screen: the number of the slice through the middle, counted as 0 */
-    int slices;           /* number along the longest edge */
-    int alone;            /* 1: slice number `only` is drawn, and no other */
+    float first; /* slices parallel to the screen: subtracted from their numbers, so that the middle one is number 0 */
+    int slices;           /* number of slices along the longest edge */
+    int alone;            /* 1: only the slice with the number `only` is drawn */
     int only;
 } Box;
 
@@ -37,7 +37,7 @@ typedef struct {
     int alone, only; /* of Box */
 } RaySegment;
 
-/* from: depth at which the picture begins; slices_axis: an axis of the box, or TO_SCREEN */
+/* from: depth of the near plane; slices_axis: an axis of the box, or TO_SCREEN */
 RaySegment segment_in_box(Box box, const WorldRay *ray, floatl from, int slices_axis)
 {
     /* No ray crosses more slices than the longest edge does. Rounding adds at most as many again, unless float32 cannot
@@ -73,9 +73,9 @@ void refine_object_hit(const Views *views, const ViewRays *rays, RaySegment segm
     }
 }
 
-/* Searches between slices for parts of the object that are thinner than the spacing. On rays that are `crossed`, the
- * first view that fails at z, after `passed` views, is not the view that failed at the slice before, `step` closer.
- * Bisection leads to the depth where one view takes over from the other: points there may pass both. Sets hit, and
+/* Searches between slices for parts of the object that are thinner than the spacing. On `crossed` rays, the point at z
+ * passes `passed` views and fails the next one, but the point on the previous slice, `step` in front, fails another
+ * view. Bisection leads to the depth where the failing view changes: points there may pass both views. Sets hit, and
  * returns which rays hit. */
 intl intersect_between(const Views *views, const ViewRays *rays, RaySegment segment, floatl z, floatl step, int halvings,
                        intl crossed, intl passed, floatl *hit, intl *tests)

@@ -1,19 +1,20 @@
 #ifndef SLICING_PRISM_RAYS_H
 #define SLICING_PRISM_RAYS_H
-/* Rays in a prism: the heights of their points, and the points' shares of the corners.
+/* Rays in a prism: the heights of their points, and the weights of the prism's corners there.
  *
  * The slice at height h is the base triangle with each corner moved by h times its own vector to the top. A point is
- * the mean of the moved corners, weighted by its shares. In the prism's frame, (a, b, c) is the vector of the first
- * corner, and a1, a2 ... are the differences of the second and third corner's vectors from it:
+ * a weighted mean of the moved corners. In the prism's frame, (a, b, c) is the first corner's vector to the top, and
+ * a1, a2 ... are the differences of the second and third corner's vectors from it. The second and third corner's
+ * weights `second` and `third` obey
  *
  *   second (1 + h a1) + third h a2 = x - h a       x, y, z: the point in the frame
  *   second h b1 + third (1 + h b2) = y - h b
  *   h (c + second c1 + third c2) = z
  *
- * The first two equations give the shares for a height. Put into the third, they leave a cubic in h, whose
+ * The first two equations give the weights for a height. Put into the third, the weights leave a cubic in h, whose
  * coefficients are linear in x, y and z, hence along a ray. So the depth at which a ray meets a height is explicit.
- * The height at a depth is found by Newton steps that begin with the bracket c + x c1 + y c2; they are exact if the
- * corners' vectors are parallel.
+ * The height at a depth is found by Newton steps from h = z / (c + x c1 + y c2), which is exact if the corners'
+ * vectors are parallel.
  */
 #include "slicing/prisms.h"
 
@@ -24,7 +25,7 @@ typedef struct {
     Linear second, third, rise;
 } PrismRays;
 
-/* A height, and the shares of the second and third corner */
+/* A height, and the weights of the second and third corner */
 typedef struct {
     floatl h, second, third;
 } Place;
@@ -38,7 +39,7 @@ INLINED Linear along_ray(const Prism *t, Quantity q, floatl x, floatl y)
     return made;
 }
 
-/* The corners' shares of the points at height h and depth z */
+/* The corners' weights for the points at height h and depth z */
 INLINED Place place_at(const Bend *bend, const PrismRays *rays, floatl z, floatl h)
 {
     const floatl x = AT(rays->second, z), y = AT(rays->third, z);

@@ -4,8 +4,8 @@
  *
  * A prism's frame is affine: its axes are the second and third side of its base triangle, and the triangle's normal, as
  * long as the displacement. Coordinates in the frame are affine over the picture, and so are the prism's bounding
- * planes and the numbers of planar slices. prism_rays.h turns coordinates in the frame into shares of the corners
- * and a height. For each triangle one of the slicing directions is chosen here (section 3.2). Arrays: surface.cl.
+ * planes and the numbers of planar slices. prism_rays.h turns coordinates in the frame into a height and weights of
+ * the corners. For each triangle one of the slicing directions is chosen here (section 3.2). Arrays: surface.cl.
  */
 #include "raster/fragment.h"
 #include "slicing/alpha_test.h"
@@ -19,8 +19,8 @@
 #define PRISM_PLANES 5  /* bounding planes: below, above, and one along each side of the triangle */
 #define OUTLINES_MAX 6
 #define TILT_FLOATS 9     /* floats per triangle in `tilts` */
-#define SIDE_MARGIN 1e-5f /* share of a prism's size by which its sides move outwards */
-#define HEIGHT_ROUNDING 1e-5f /* share of the displacement: lower heights count as the base */
+#define SIDE_MARGIN 1e-5f /* fraction of a prism's size by which its sides move outwards */
+#define HEIGHT_ROUNDING 1e-5f /* fraction of the displacement: lower heights count as the base */
 #define ROUNDING_ULPS 8.0f /* rounding error of coordinates, in units of the last place */
 #define SLICE_ROUNDING 1e-4f /* slices: rounding error where a ray enters and leaves a prism */
 
@@ -55,7 +55,7 @@ typedef struct {
 typedef struct {
     Tilt first, to_second, to_third;
     float area_1, area_2;     /* a slice's area over the base's is 1 + h area_1 + h^2 area_2 */
-    float second_2, third_2;  /* coefficients of h^2 in the numerators of the shares */
+    float second_2, third_2;  /* coefficients of h^2 in the numerators of the corners' weights */
     float by_second, by_third; /* coefficients of h^2 in the cubic, times the frame's coordinates */
     float square, cube;       /* constant coefficients of h^2 and h^3 */
 } Bend;
@@ -64,18 +64,18 @@ typedef struct {
     Quantity second, third, rise; /* coordinates in the frame */
     Quantity slice;               /* number of the slice, if slices are planes */
     Bend bend;
-    float u, v, u_second, v_second, u_third, v_third; /* values at the first corner; differences of the others */
+    float u, v, u_second, v_second, u_third, v_third; /* at the first corner; the others' differences from it */
     Quantity sides[PRISM_PLANES]; /* nearness at which a pixel's ray crosses each plane */
-    int leaves[PRISM_PLANES];     /* whether the ray leaves there on its way to the camera */
+    int leaves[PRISM_PLANES];     /* whether the ray leaves the prism there, on its way to the camera */
 #if BLOCK > 1
     Quantity outline[OUTLINES_MAX]; /* positive at the first pixel of a block that may show the prism */
     int outlines;
 #endif
-    float nearest, front, rear; /* nearness of the near plane, the nearest corner and the farthest */
+    float nearest, front, rear; /* nearness of the near plane, the nearest corner and the farthest corner */
     float first, last;          /* nearness a little beyond the farthest and the nearest corner */
     int index, perspective, crosses; /* crosses: the near plane cuts the prism */
-    int by_height;         /* 1: slices are even heights */
-    float count;           /* slices over the displacement, if they are even heights */
+    int by_height;         /* 1: a slice has the same height everywhere; 0: slices are planes */
+    float count;           /* number of slices over the displacement, with by_height */
     float spacing, band;   /* spacing of its slices; range of heights that BAND accepts */
     float height_rounding; /* HEIGHT_ROUNDING, or more where the displacement is shallow */
     float share_rounding;  /* rounding error of barycentric weights; at least height_rounding */
@@ -89,7 +89,8 @@ typedef struct {
     intl low_x, high_x, low_y, high_y;
 } Primitives;
 
-/* Rows of the inverse of the matrix whose columns are the corners: barycentric coordinates. Returns 0 if it is flat. */
+/* Sets the barycentric coordinates: rows of the inverse of the matrix of corners. Returns 0 if the corners are
+ * coplanar. */
 int barycentric_rows(const float4 *p, Quantity *rows)
 {
     float determinant = 0.0f;
@@ -153,8 +154,8 @@ void space_slices(const Context *context, Prism *t, float facing)
     t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MAX));
 }
 
-/* The rounding error of a coordinate in the frame. Along a ray the coordinate is a difference of two numbers as large
- * as the ray is long in the frame, and the pixel's coordinates are rounded, too. x, y: the region's first pixel */
+/* The rounding error of a coordinate in the frame. Along a ray, the coordinate is a difference of two numbers as large
+ * as the ray's length in the frame, and the pixel's coordinates are rounded, too. x, y: the region's first pixel */
 float rounding_of(const Prism *t, const Quantity *q, int x, int y)
 {
     const float by_x = fabs(q->x) * (x + REGION), by_y = fabs(q->y) * (y + REGION);
@@ -163,7 +164,7 @@ float rounding_of(const Prism *t, const Quantity *q, int x, int y)
     return fmin(fmax(ROUNDING_ULPS * FLT_EPSILON * (along + across), HEIGHT_ROUNDING), 1.0f);
 }
 
-/* Sets the coefficients for heights: the determinant and cofactors of the shares' linear system (prism_rays.h). */
+/* Sets the coefficients for heights: the determinant and cofactors of the weights' linear system (prism_rays.h). */
 INLINED void set_bend(Bend *bend, global const float *tilts)
 {
     const float3 one = vload3(0, tilts), two = vload3(1, tilts) - one, three = vload3(2, tilts) - one;
@@ -192,8 +193,8 @@ void set_planes(Prism *t, const Quantity *rows, global const float *tilts)
     const float high = fmax(fmax(0.0f, tilt[0].z), fmax(tilt[1].z, tilt[2].z));
     t->sides[0] = from_corners(rows, (float4)(-low, -low, -low, 1.0f - low));
     t->sides[1] = from_corners(rows, (float4)(high, high, high, high - 1.0f));
-    for (int side = 0; side < 3; side++) { /* opposite the corner of that number */
-        float moved[3]; /* the increase of that corner's share in the frame from the base to the top, at each corner */
+    for (int side = 0; side < 3; side++) { /* side k is opposite corner k */
+        float moved[3]; /* for each corner, how much the opposite corner's weight grows from the base to the top */
         for (int k = 0; k < 3; k++)
             moved[k] = side == 0 ? -tilt[k].x - tilt[k].y : (side == 1 ? tilt[k].x : tilt[k].y);
         const int l = side == 0 ? 1 : 0, m = side == 2 ? 1 : 2;
@@ -260,7 +261,7 @@ void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 v
     t->by_height = context->slicing != SCREEN && direction == 0;
     t->count = context->pixel == 0.0f ? context->slices : context->slices * (context->spacing / t->spacing);
     t->slice_rounding = SLICE_ROUNDING;
-    /* Subtracting a whole number close to the first corner's keeps the rest exact. */
+    /* A whole number close to the first corner's slice number is subtracted, so that small numbers remain exact. */
     const float along = 1.0f / t->spacing;
     if (context->slicing == SCREEN) {
         const float off = rint(first_depth * along);
@@ -291,7 +292,7 @@ static int4 set_up_one(const Context *context, int index, int x, int y, Prism *t
     int crosses = 0;
     for (int k = 0; k < PRISM_CORNERS; k++) {
         p[k] = vload4(context->corners[PRISM_CORNERS * index + k], context->projected);
-        p[k].xy -= (float2)(x, y) * p[k].z; /* relative to the region */
+        p[k].xy -= (float2)(x, y) * p[k].z; /* pixels relative to the region's first pixel */
         crosses |= !(p[k].z >= context->nearest_w);
     }
     int4 box = (int4)(0, REGION - 1, 0, REGION - 1);

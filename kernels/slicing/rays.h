@@ -3,13 +3,13 @@
 /* Quantities that are linear along a pixel's ray, and bounds on the spacing of its slices. */
 #include "lib/lanes.h"
 
-/* At the ray's z: fixed + sloped z */
+/* The value at the ray's depth z: fixed + sloped z */
 typedef struct {
     floatl fixed, sloped;
 } Linear;
 
-#define SLICES_MAX 4096     /* most slices that a picture chooses over a thing */
-#define SLICES_STEADY 256   /* so many slices over a displacement miss few thin parts, even if a pixel is wide */
+#define SLICES_MAX 4096     /* most slices that a picture chooses over an object */
+#define SLICES_STEADY 256   /* this many slices over a displacement miss few thin parts, even if pixels are wide */
 #define HALVINGS_MAX 24     /* halvings of the interval between two slices: float32 resolves no more */
 #define PIXEL_PARTS 8       /* with slices by view, points are within 1/8 of a pixel of the surface */
 #define TEXTURE_PARTS 512   /* and within 1/512 of the displacement, so that textures do not flicker */

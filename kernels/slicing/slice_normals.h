@@ -11,14 +11,14 @@
 #include "slicing/alpha_test.h"
 #include "slicing/prisms.h"
 
-/* A pixel's centre on each lane's triangle: u and v there, and the differences of the other corners from the first */
+/* A pixel's centre on each lane's triangle: u and v there, and the other corners' differences from the first corner */
 typedef struct {
     intl corner[3]; /* of the base */
     floatl second, third;
     floatl u, v, u_second, v_second, u_third, v_third;
 } SlicePoint;
 
-/* The point of a triangle with these shares of its second and third corner */
+/* The point of a triangle with these weights of its second and third corner */
 INLINED SlicePoint slice_point_of(const Context *context, intl triangle, floatl second, floatl third)
 {
     SlicePoint p;
@@ -45,7 +45,7 @@ typedef struct {
     floatl h;
 } SliceSides;
 
-/* The mean of the corners' vectors, weighted by a point's shares */
+/* The mean of the corners' vectors with a point's weights */
 INLINED Vector mean_by_shares(const SlicePoint *p, const Vector *of_corner)
 {
     const Vector a = minus(of_corner[1], of_corner[0]), b = minus(of_corner[2], of_corner[0]);

@@ -1,16 +1,16 @@
 /* Displacement mapping by slices (Kautz & Seidel 2001, section 3).
  *
  * Each triangle of the base, extruded along its corners' normals, is a prism. The slice at a height in it is a triangle
- * with the base's uv. Along a ray, the heights and corners' shares of points follow from a cubic (prism_rays.h). Slices
- * are either even heights (direction a), whose depth on a ray is explicit, or planes evenly spaced along rays. A pixel
- * walks the slices on its part of the ray from front to back and stops at the first that passes the alpha test.
+ * with the base's uv. Along a ray, the points' heights and weights follow from a cubic (prism_rays.h). Slices either
+ * have constant, evenly spaced heights (direction a), with an explicit depth on each ray, or are planes evenly spaced
+ * along rays. A pixel walks the slices that its ray meets from front to back, and stops where the alpha test passes.
  *
  * UNCLIPPED: slices parallel to the screen are tested all over the box of each prism, not only inside.
  *
  * Deviations from the paper: slices are met per pixel instead of drawn as polygons. Where a ray enters or leaves
  * through the base, the base is tested like a slice, so that flat parts between two slices have no gaps. Rays are also
- * tested where they leave at a border of the surface. `halvings` bring the point that passes closer to the surface than
- * its slice. `by_view` chooses the number of slices for each prism (space_slices).
+ * tested where they leave at a border of the surface. `halvings` bisections bring a hit closer to the surface than its
+ * slice. `by_view` chooses the number of slices for each prism (space_slices).
  *
  * corners: (triangles, 6) indices of `projected`: three corners of the base, then the three above them. points: (2
  * vertices, 3) world, of the base, then above it. uv: (vertices, 2) u, v (times tiles). frames: (triangles, 3, 3) the
@@ -20,7 +20,7 @@
  * normal_map. gradients: (triangles, 2, 3) of u and v on the base, in the world, times tiles. normals: (vertices of the
  * base, 3). spacing: slice spacing in the world. slices: number along direction a over the displacement; by_view: the
  * number in the middle of the volume. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are
- * the shares of a triangle's second and third corner. Work-item: a region (raster/region.h). With LANES 16 it is a bin,
+ * the weights of a triangle's second and third corner. Work-item: a region (raster/region.h). With LANES 16 it is a bin,
  * drawn in blocks of 4 x 4 pixels, one pixel to a lane; with LANES 1 it is a pixel, which sets up all prisms in its
  * bin's list and walks the slices of the prisms that its ray meets. Cost: O(list + pixels * slices met), with LANES 1
  * O(pixels * list + ...). Determinism: list order.
@@ -47,7 +47,7 @@ INLINED intl is_in_prism(const Prism *t, Place place)
     return min_lanes(shares, place.h) >= -t->share_rounding;
 }
 
-#define RUN (UNCLIPPED ? 2 : 16) /* slices in a run; in a run of two each is exact, also outside the prism */
+#define RUN (UNCLIPPED ? 2 : 16) /* slices in a run; in runs of two, each slice is exact, even outside the prism */
 
 /* The hits of a block's rays */
 typedef struct {
@@ -56,8 +56,8 @@ typedef struct {
     Place place;
 } SliceHit;
 
-/* Makes the alpha test at depth z of the rays that are `tested`. Only points in the prism can pass, or any point where
- * `extended`. Returns which points can. */
+/* Makes the alpha test at depth z on the rays that are `tested`. Only points in the prism can pass; where `extended`,
+ * all points can. Returns which points can pass. */
 INLINED intl test_at(const Context *context, const Prism *t, const Region *region, int block, SliceHit *hit, floatl z,
              Place place, intl tested, intl extended)
 {
@@ -101,7 +101,7 @@ INLINED floatl depth_of_base(const Prism *t, const PrismRays *rays, floatl entry
     return z;
 }
 
-/* The interval of a block's rays inside a prism, and from `front` to `back` the interval in which slices are tested */
+/* Depths on a block's rays: from `entry` to `exit` they are inside a prism, from `front` to `back` slices are tested */
 typedef struct {
     floatl entry, exit, front, back;
     intl inside, meets;
@@ -132,7 +132,7 @@ INLINED Passage passage_of(const Prism *t, floatl x, floatl y, floatl so_far)
     return p;
 }
 
-/* A slice's depth on a block's rays, and the places there */
+/* The depths at which a block's rays meet a slice, and the places there */
 typedef struct {
     floatl z;
     Place place;
@@ -158,7 +158,7 @@ INLINED Meeting meeting_of(const Prism *t, const PrismRays *rays, const Passage 
 #define ON_PARABOLA(from, middle, to, part)                                                                    \
     ((from) + (part) * ((4.0f * (middle) - 3.0f * (from) - (to)) + (part) * (2.0f * ((from) - 2.0f * (middle) + (to)))))
 
-/* Finds the numbers of the slices that rays meet: sets the first, returns how many follow it; < 0: there are none */
+/* Finds the slices that rays meet: sets the first slice's number, and returns how many follow it; < 0: no slice */
 INLINED intl slices_of(const Prism *t, const PrismRays *rays, const Passage *p, Linear number, floatl *slice,
                        floatl *step)
 {
@@ -255,8 +255,8 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     if (context->slicing != SURFACE)
         test_at(context, t, region, block, &hit, base, place_at(&t->bend, &rays, base, 0.0f),
                 at_base & !hit.found & (rays.rise.sloped < 0.0f) & reaches_end, 0);
-    /* Rays that leave by another side reach the slices of the next prism, if there is one, only beyond it. The bounding
-     * planes are a little outside the prism, where heights are extrapolated. */
+    /* A ray that leaves through a side is tested there, too: the next prism, if any, has slices only beyond the side.
+     * The bounding planes are a little outside the prism, where heights are extrapolated. */
     const intl in_prism = hit.found;
     if (t->halvings > 0 || t->ends) {
         const Place end = place_at(&t->bend, &rays, p.exit, height_at_depth(&t->bend, &rays, p.exit));

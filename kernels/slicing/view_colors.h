@@ -16,17 +16,17 @@
 /* Differences in depth between a view's sample and a point, in sample distances: */
 #define LEVEL_SAMPLES 0.5f  /* the sample's weight for visibility is a half */
 #define TORN_SAMPLES 4.0f   /* the sample's weight for colour is a half */
-#define HIDDEN_SAMPLES 4.0f /* samples more than this in front occlude a point, if all around it are */
+#define HIDDEN_SAMPLES 4.0f /* a point is occluded if all samples around it lie more than this in front */
 #define BEYOND_OUTLINE 1e6f   /* distance of a view's surface behind a point, where the view has none */
 #define VIEWS_MIN 0.002f    /* views: if fewer see a point, its hit is refined before it is coloured */
 #define CLOSER_HALVINGS 6   /* further halvings then: a surface along the view lies within one sample */
-#define STRIDES 4           /* from the object's surface back to a view's own, each as long as all before it together */
+#define STRIDES 4           /* from the object's surface back to a view's own; each doubles the distance so far */
 
 /* The sum of weighted colours of at most BLENDED_VIEWS views */
 typedef struct {
     Color color, normal;
     floatl weight;
-    floatl views; /* their number; a view that sees a point in part counts by that part */
+    floatl views; /* number of views; a view that sees a point in part counts as that fraction */
 } Blend;
 
 /* Sample distances (of the coarsest view) per unit of a view's nearness, at the nearness `mine` */
@@ -40,7 +40,7 @@ INLINED floatl samples_per_nearness(const Views *views, const ViewRay *view, flo
 typedef struct {
     Color color, normal; /* times their weights */
     floatl weight;
-    floatl part; /* the share of the samples' weight at the point's depth: low on an oblique surface */
+    floatl part; /* fraction of the samples' weight at the point's depth: low on an oblique surface */
     intl sees;
 } ViewColor;
 
@@ -125,7 +125,7 @@ INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, i
                      inverse = 1.0f / AT(view.w, at);
         const Samples samples = samples_at(size, AT(view.u, at) * inverse, AT(view.v, at) * inverse);
         const ViewColor seen_color = view_color(views, number, &view, samples, at, visible);
-        /* Samples without a colour do not reduce the shares of other views. */
+        /* Samples without a colour do not reduce a view's weight. */
         const floatl part = visible ? seen_color.part : (floatl)1.0f;
         const floatl share = select_lanes(wanted & seen_color.sees, views->closeness[number] * part / seen_color.weight,
                                           (floatl)0.0f);

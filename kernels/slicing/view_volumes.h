@@ -59,11 +59,11 @@ typedef struct {
     intl there;
 } SurfaceSample;
 
-/* The view's surface at the samples, for `wanted` points of nearness `mine`. It is exact close to the points; elsewhere
- * only its side of the points is right. reach: most by which the surface is nearer than its samples. outline: the sum
- * of sample weights at which a part ends towards background; 0.5 is half-way, because a sample covers its pixel.
- * Towards a surface behind it, the part falls off to that surface, later for a smaller `outline`. creases: 0 leaves out
- * the creases between four samples. */
+/* The view's surface at the samples, for `wanted` points of nearness `mine`. The surface is exact close to the points;
+ * elsewhere it is only right whether a point lies in front. reach: greatest nearness of the surface above its samples.
+ * outline: sum of sample weights at which a cell's nearest part ends towards background; 0.5 is half-way, because a
+ * sample covers its pixel. Towards a surface behind it, this part falls off to that surface, later for a smaller
+ * `outline`. creases: 0 leaves out the creases between four samples. */
 INLINED SurfaceSample surface_at(global const float *map, global const int *size, Samples samples, float outline,
                                  float reach, floatl mine, intl wanted, int creases)
 {
@@ -100,7 +100,7 @@ INLINED SurfaceSample surface_at(global const float *map, global const int *size
     return surface;
 }
 
-/* The bilinear share of a silhouette's samples around a place that belong to the object */
+/* The bilinear weights of the samples around a place that belong to the object, summed */
 INLINED floatl mask_at(global const float *map, Samples samples)
 {
     floatl sum = 0.0f;
@@ -159,7 +159,7 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
         }
         floatl low = 0.0f, high = 1.0f;
         const floatl across[2] = {x - part[0], y - part[1]};
-        for (int axis = 0; axis < 2; axis++) { /* the part of the sweep whose square contains the place */
+        for (int axis = 0; axis < 2; axis++) { /* range of the sweep in which the square covers the place */
             const floatl length = part[2 + axis],
                          per_length = 1.0f / select_lanes(fabs(length) > 1e-6f, length, (floatl)1e-6f);
             const floatl a = (across[axis] - 0.5f) * per_length, b = (across[axis] + 0.5f) * per_length;
@@ -175,8 +175,8 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
 }
 #endif
 
-/* Number of views whose rays are held. They are the first in testing order, where most points fail. The rays of other
- * views are computed for each point; on GPUs all are, because an indexed array would lie in device memory. */
+/* Number of views whose rays are held: the first in testing order, where most points fail. Rays of other views are
+ * computed for each point. GPUs compute all rays, because an indexed array would lie in device memory. */
 #define RAYS_HELD (LANES == 1 ? 0 : 6)
 
 /* A pixel's ray, with its form in the space of the first views */

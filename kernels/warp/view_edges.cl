@@ -7,8 +7,9 @@
  * samples to the nearest step or end of the surface: a hole, a cut, or the image's border; the larger of the distances
  * along both axes.
  *
- * surface: (height + 2, pitch), picture/edges.cl. marks: (height, mark_pitch), with FEATHER more columns on either side:
- * STEP at a step, 0 at an end and beyond the image, elsewhere FEATHER. in_row: (height, mark_pitch), distances in rows.
+ * surface: (height + 2, pitch), picture/edges.cl. marks: (height, mark_pitch), with FEATHER more columns on either
+ * side: STEP at a step, 0 at an end and beyond the image, elsewhere FEATHER. in_row: (height, mark_pitch), distances in
+ * rows.
  * Launches: mark_edges, row_distances, edge_distances, once a view.
  * Work-item: LANES samples of a row. Cost: O(samples). Determinism: each sample on its own.
  */
