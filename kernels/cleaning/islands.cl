@@ -1,15 +1,15 @@
 /* Speckle: islands of few samples, apart from their surroundings, that are unlikely to be a surface.
  *
  * Vertical or horizontal neighbours belong to one island if they differ by at most 1. The label of an island is the
- * number of its first pixel: runs of pixels are joined by union-find with atomic minima (Playne, Hawick: A new
+ * index of its first pixel: runs of pixels are joined by union-find with atomic minima (Playne, Hawick: A new
  * algorithm for parallel connected-component labelling on GPUs, 2018). An island of at most SPECKLE pixels, and
  * at most a tenth of the image's samples, counts as noise, unless one of its samples agrees with the previous frame:
  * then it may be a piece of a broken wire.
  *
  * values: a plane on a scale (scale.h) on which surfaces are at least 1 apart. measured, known: the same for the
- * measured depth and for the previous frame. labels: a plane; at the first pixel of a run, the number of an earlier
- * run's first pixel, or its own; at other pixels, the number of the run's first pixel. sizes: a plane; pixels of the
- * run, later of the island, at its first pixel; 0 at others. totals: number of samples, and 1 if a seed is speckle.
+ * measured depth and for the previous frame. labels: a plane; at the first pixel of a run, the index of an earlier
+ * run's first pixel, or its own; at other pixels, the index of the run's first pixel. sizes: a plane; at the first
+ * pixel of a run its pixel count, later the island's; 0 at other pixels. totals: number of samples, and 1 if a seed is speckle.
  * marks: plane.h; speckle becomes DOUBTED and loses SEED. Work-item: `run` pixels of a row. Cost: O(pixels).
  * Determinism: minima and sums of integers do not depend on their order.
  */

@@ -3,7 +3,7 @@
  *
  * A flying pixel lies between two surfaces, apart from both: the camera mixed the depths at an edge. Flying pixels are
  * detected along rows, columns and diagonals; the next sample on each side may be up to GAP pixels away. If the line
- * through the next two samples of a side leads to the pixel, it belongs to their surface. The previous depth of a pixel
+ * through the next two samples of a side leads to the pixel, the pixel belongs to their surface. The previous depth of a pixel
  * holds if a kept sample within GAP pixels lies on the same surface and has a similar colour.
  *
  * values, known: planes of the measured and of the previous depth, on a scale (scale.h) on which surfaces are at least
@@ -17,7 +17,7 @@
 #define GAP 2
 #define LED_TO 2.0f /* largest distance of a sample from the line of its surface */
 
-/* Next value to a side */
+/* The next value on one side */
 INLINED floatl next_value(global const float *at, int step)
 {
     const floatl one = load_lanes(at + step);

@@ -3,7 +3,7 @@
 /* Scales: nearness (1 / depth), stretched so that 1 is the same multiple of the noise at every depth.
  *
  * A table holds the values of the scale at knots: floats whose last KNOT_SHIFT bits are 0. The other bits of the first
- * knot, as a number, are `first`. The scale is linear between knots. So the steps of the table are shares of the
+ * knot, as a number, are `first`. The scale is linear between knots. So the table's steps are in proportion to
  * nearness, and a look-up needs no logarithm. A guide shortens the search of the inverse: for the start of each of
  * GUIDES equal parts of the values, and for the end of the last part, it holds the knot at or below.
  */

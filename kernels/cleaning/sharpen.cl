@@ -3,10 +3,10 @@
  *
  * Depth from networks has edges that are ramps, several pixels wide. Ramps are detected along rows, columns and
  * diagonals: a ramp is a run of samples that all rise, or all fall, by at least RAMP_RISE of the steepest step in the
- * run. The ramp has tails, so the surface on each side is the line through two samples farther out, by shares of the
- * ramp's length. If the two lines, extrapolated to a sample, differ by more than APART of the nearness, the ramp is
- * an edge. If several directions have an edge, the steepest one counts. A slope that does not end within RAMP_REACH
- * is part of a surface.
+ * run. The ramp has tails, so the surface on each side is the line through two samples farther out, at distances in
+ * proportion to the ramp's length. If the two lines, extrapolated to a sample, differ by more than APART of the
+ * nearness, the ramp is an edge. If the ramps of several directions are edges, the steepest edge counts. A slope that
+ * does not end within RAMP_REACH is part of a surface.
  *
  * nearness: a plane (plane.h) of 1 / depth, 0 for none. sharp: (height, width) nearness of samples that change, 0 for
  * others. Work-item: `strip` packets of a row. Cost: O(pixels * RAMP_REACH). Determinism: pixels read only a finished
@@ -16,8 +16,8 @@
 
 #define RAMP_REACH 12 /* largest number of a ramp's samples to each side */
 #define RAMP_RISE 0.3f
-#define TAIL(length) ((length) / 3)      /* samples beyond the ramp */
-#define BASE(length) (1 + (length) / 4) /* distance, in samples, between the two that define a line */
+#define TAIL(length) ((length) / 3)      /* distance, in samples, from the ramp to the line's first sample */
+#define BASE(length) (1 + (length) / 4) /* distance, in samples, between the two samples that define a line */
 #define APART 0.04f
 #define BEYOND 0.1f /* largest distance of a sample beyond both surfaces, relative to their difference */
 #define RISES 1e-30f
@@ -35,7 +35,7 @@ INLINED intl steps_inside(ImagePlane plane, int x, int row, int dx, int dy)
 }
 
 /* Counts the steps along which samples, times `sign`, rise by at least `least`; sets in `steepest` the greatest rise.
- * Clears `ends` in lanes whose run does not end before the image, the known samples or RAMP_REACH do. */
+ * Clears `ends` in lanes whose run reaches the end of the image or of the known samples, or RAMP_REACH. */
 INLINED intl length_of_run(global const float *at, int step, intl inside, floatl sign, floatl least, floatl *steepest,
                            intl *ends)
 {

@@ -20,7 +20,7 @@
 #define REACH 3 /* pixels to either side for the estimate of a slope */
 #define BEFORE_WEIGHT 0.9f
 #define SUPPORT 10.0f
-#define SHARPNESS(range) min(1.0f / (SUPPORT * (range) * (range)), 1e30f) /* 0 times it is still 0 */
+#define SHARPNESS(range) min(1.0f / (SUPPORT * (range) * (range)), 1e30f) /* finite, so that 0 times it is 0 */
 
 /* Approximates exp(-u / 2) from 1 - u / SUPPORT. */
 INLINED floatl weight_of(floatl rest)

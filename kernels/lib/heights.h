@@ -5,7 +5,7 @@
  *
  * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel, its right neighbour, and the two texels below.
  * HEIGHT_BYTES 2: a word holds two heights of 16 bits: a texel and its right neighbour.
- * The neighbours of the last texels are the first texels; in clamped maps, the last texels themselves.
+ * At the end of a row or column, the neighbour is its first texel; in clamped maps, the last texel itself.
  */
 #include "lib/lanes.h"
 #include "lib/wrap.h"
@@ -23,7 +23,7 @@
 #define POWERS_OF_TWO 0 /* 1: the map repeats along both axes, and its sides are powers of two, so a mask wraps it */
 #endif
 
-/* One level of a map; lanes may be on different ones. */
+/* One level of a map; lanes may be on different levels. */
 typedef struct {
     intl width, height, start; /* start in texels */
 #if !POWERS_OF_TWO
@@ -81,8 +81,8 @@ INLINED Patch read_patch(global const uint *texels, HeightMap map, intl x, intl 
     return patch;
 }
 
-/* The same for texel (ix, iy), which wraps to (x, y). Clamped maps are constant before the first texels, as they are
- * after the last ones. */
+/* The same for texel (ix, iy), which wraps to (x, y). Clamped maps are constant before the first texels and after the
+ * last texels. */
 INLINED Patch read_cell(global const uint *texels, HeightMap map, intl ix, intl iy, intl x, intl y)
 {
     Patch patch = read_patch(texels, map, x, y);

@@ -151,7 +151,7 @@ typedef struct __attribute__((packed)) {
 #define gather(p, i) (p)[i]
 #endif
 
-#define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* number of the lowest set bit */
+#define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* index of the lowest set bit */
 #define WITHOUT_LOWEST(bits) (LANES == 1 ? 0 : (bits) & ((bits) - 1)) /* lane_bits without the lowest set bit */
 
 /* One of up to four values. GPUs use conditions, since arrays that are indexed at run time are not in registers. */
@@ -318,7 +318,8 @@ INLINED void gather_cells(global const float *values, int below, intl at, floatl
     gather_pairs(values + below, at, &corners[2], &corners[3]);
 }
 
-/* For |x| < 2^31. These take 4 instructions; floor() and ceil() of vectors take 14. For x >= 0, truncated() takes 2. */
+/* For |x| < 2^31, floor_lanes and ceil_lanes take 4 instructions; floor() and ceil() of vectors take 14. For x >= 0,
+ * truncated() equals floor_lanes, and takes 2 instructions. */
 #if LANES == 16
 #define truncated(x) to_floatl(to_intl(x))
 floatl floor_lanes(floatl x)

@@ -44,7 +44,7 @@ typedef struct {
 #define VISIBILITY(p, normal) (floatl)1.0f
 #endif
 
-/* The unit direction from a point to the light, and the share of a spotlight that reaches the point */
+/* The unit direction from a point to the light, and the fraction of a spotlight's strength at the point */
 typedef struct {
     Vector direction;
     floatl falloff;
@@ -62,7 +62,7 @@ INLINED ToLight to_light(Light light, Vector p)
 }
 
 #if SHADOWED
-#define SHADOW_FILTER_RADIUS 1.0f /* texels, along both axes, between a point and the texels that it is compared with */
+#define SHADOW_FILTER_RADIUS 1.0f /* greatest distance, along each axis, from a point to texels compared with it */
 #define SHADOW_BIAS 0.5f /* texels */
 
 /* The visibility of the light from a point, 0 to 1. normal: the surface's normal there, of unit length.

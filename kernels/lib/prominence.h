@@ -41,7 +41,7 @@ typedef struct {
     Side left, right, above, below;
 } Sides;
 
-/* bits: bits of the samples that store the edges between the three */
+/* bits: bits that mark torn edges between a sample and its neighbours `next` and `after` */
 INLINED Side side_of(floatl next, floatl after, intl bits, int edge)
 {
     const floatl low = min_lanes(next, after), high = max_lanes(next, after);

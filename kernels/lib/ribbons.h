@@ -23,7 +23,7 @@
 
 #define RUN_MAX 32 /* most samples of a run that are read to each side; a longer run is straight to a sixtieth */
 #define NEIGHBOURS 9     /* a sample's 3 x 3 neighbours, row by row, including itself */
-#define SELF 4   /* number of the sample itself */
+#define SELF 4   /* index of the sample itself */
 #define CLEARANCE 0.05f /* samples: greater than rounding of cameras, and too small to be seen */
 
 /* A ribbon between the middles of two samples. */
@@ -100,8 +100,8 @@ float2 middle_of(Grid grid, int x, int y)
     return along_x ? (float2)(x, y + aside) : (float2)(x + aside, y);
 }
 
-/* Tells whether there is a ribbon from thin sample (x, y) to the neighbour at (dx, dy). A diagonal neighbour that is
- * linked around a corner has none. */
+/* Tells whether there is a ribbon from thin sample (x, y) to the neighbour at (dx, dy). There is none to a diagonal
+ * neighbour that is linked around a corner. */
 int is_linked(Grid grid, int x, int y, int dx, int dy)
 {
     if (!joined(grid, x, y, x + dx, y + dy))
@@ -124,7 +124,7 @@ Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
     const float2 swept = (ribbon.ends ? convert_float2(to) : middle_of(grid, to.x, to.y)) - middle;
     ribbon.dx = swept.x;
     ribbon.dy = swept.y;
-    /* Along the sweep, unless it is nearly perpendicular to the line between the samples */
+    /* The gradient's direction: the sweep, unless it is nearly perpendicular to the line between the samples */
     const float2 along = dot(swept, way) > 0.25f ? swept : way, per_way = along / dot(along, way);
     const float rise = sample_at(grid, to.x, to.y) - ribbon.n;
     ribbon.part = dot(middle - convert_float2(from), per_way);

@@ -26,13 +26,13 @@ typedef struct {
 /* The edge test: neighbours are torn apart by a Cut alone, or, if `straight`, where the surface does not continue. */
 typedef struct {
     int straight;
-    int both; /* 1: torn only if both the surface does not continue and the Cut tears */
+    int both; /* 1: neighbours are torn only if the surface does not continue and the Cut tears them, too */
     float noise[3];     /* noise changes nearness n by up to noise[0] + noise[1] n + noise[2] n^2 from sample to sample */
     float per_pixel[3]; /* largest change on surfaces that face the camera, along rows, columns and diagonals, */
     int perspective;    /* relative to n if 1, absolute if 0 */
 } EdgeTest;
 
-#define NOISE_DEVIATIONS 5.656854f /* 4 sqrt(2): noise explains differences up to so many deviations of a sample */
+#define NOISE_DEVIATIONS 5.656854f /* 4 sqrt(2): noise explains differences up to this many standard deviations of a sample */
 
 /* The test with the noise of picture/noise.cl */
 EdgeTest with_noise(EdgeTest test, global const float *noise)
@@ -68,7 +68,7 @@ typedef struct {
 #define IS_LOWER_OPEN(q00) ((as_intl(q00) & TORN_ALL) != 0)
 #define IS_UPPER_OPEN(q00, q10, q01)                                                                               (((as_intl(q00) & TORN_DIAGONAL) | (as_intl(q10) & TORN_BELOW) | (as_intl(q01) & TORN_RIGHT)) != 0)
 
-/* Samples whose nearness differs by less, relative to it, show one surface, even if neighbours are torn apart. */
+/* Samples whose nearness differs by less than this fraction show one surface, even if neighbours are torn apart. */
 #define ONE_SURFACE 0.01f
 
 #define NEAREST 1e-30f /* smaller depths are invalid: their nearness would overflow in products */

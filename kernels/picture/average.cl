@@ -1,11 +1,11 @@
 /* Antialiasing: averages the samples of each pixel, a regular grid of `side` x `side`.
  *
- * The colour is the mean of all samples. Empty samples are black, so it is colour times coverage. The depth is that of
- * the front surface: the mean nearness (affine on a plane) of all samples if the pixel shows one surface, otherwise of
- * the samples that are closer to the nearest one than to the farthest. Samples of filled holes have a colour and a
- * depth, but are not valid. Their colours count; their depths count only in pixels without valid samples.
+ * The colour is the mean of all samples. Empty samples are black, so the mean is colour times coverage. The depth is
+ * the front surface's: it comes from the mean nearness (affine on a plane) of all samples if the pixel shows one
+ * surface, otherwise of the samples that are closer to the nearest sample than to the farthest. Samples of filled holes
+ * have a colour and a depth, but are not valid: their depths count only in pixels without valid samples.
  * sample_depth, sample_color, sample_valid: (side * height, side * width); depth NaN, and colour and valid 0, if empty.
- * depth, color: (height, width); valid: 1 if any sample is valid; alpha: the share of valid samples. GUESSES:
+ * depth, color: (height, width); valid: 1 if any sample is valid; alpha: the fraction of valid samples. GUESSES:
  * sample_guesses: depths of guessed surface; guesses: the pixels' depths if any sample shows guessed surface, else NaN.
  * Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
  */

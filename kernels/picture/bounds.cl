@@ -16,7 +16,7 @@ INLINED void bound_window(global const float *first, int pitch, int width, int h
     floatl low = FLT_MAX, high = -FLT_MAX;
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x += LANES) {
-            const int from = min(x, WINDOW_SIDE - LANES); /* rows have no more room */
+            const int from = min(x, WINDOW_SIDE - LANES); /* reads stay in the window: rows have no room beyond it */
             const floatl n = load_lanes(first + y * pitch + from);
             const intl solid = (from + lane_index < width) & (n > NO_SURFACE);
             low = select_lanes(solid, min_lanes(n, low), low);

@@ -3,7 +3,7 @@
  * If the four surrounding pixels show one surface, nearness (affine on a plane) and colour are interpolated. At the
  * edges of surfaces, next to holes, and if `linear` is 0, they are taken from the nearest pixel. Four pixels show one
  * surface if none is empty, and each step between neighbours is small or equal to the next step in line, so that
- * slopes of any steepness are not edges. With `filled`, holes are not empty, but pixels whose nearest pixel was seen
+ * slopes of any steepness are not edges. With `filled`, holes are not empty, but pixels whose nearest pixel is valid
  * ignore them. places: (3, height, pitch) u and v in the face, NaN for pixels of other faces, and the ratio of the
  * depths in the lens's frame and in the face's frame. face_depth, face_color, face_valid: (face_height, face_width),
  * depth NaN if empty. depth, color, valid: (height, width); pixels of other faces stay, or are emptied with `first`.

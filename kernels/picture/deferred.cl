@@ -9,8 +9,8 @@
  * interpolated.
  *
  * entered, numbers, normals: depth, thing and normal of the G-buffer; normals are only read for things that have
- * them. things: (things, THING); for each thing, the shadow bias in scene units; the pixels between the depths from
- * which slopes are computed; the cosine `fade`, 0 for solids, whose fronts shadow their backs; 1 if it has normals.
+ * them. things: (things, THING); for each thing, the shadow bias in scene units; the distance in pixels between the
+ * depths that give slopes; the cosine `fade`, 0 for solids, whose fronts shadow their backs; 1 if it has normals.
  * depth, color: the picture. Work-item: LANES pixels of a row. Cost: O(pixels), once for each thing that a
  * work-item's pixels show. Determinism: every pixel on its own.
  */

@@ -14,8 +14,8 @@
  *
  * nearness: (height, pitch) of picture/nearness.cl. noise: picture/noise.cl. surface: (height + 2, pitch) nearness
  * with the ring; the last bits of each sample are its TORN_... bits, which change it by at most 5e-7 of its value.
- * ring: (2, 2 width + 2 height + 4) nearness half a pixel beyond each border sample, least and greatest; (inf, -inf)
- * if invalid.
+ * ring: (2, 2 width + 2 height + 4) nearness half a pixel beyond each border sample, twice: invalid samples are inf the
+ * first time, for minima, and -inf the second time, for maxima.
  * Work-item: find_edges takes `piece` samples of a row, a multiple of LANES or the whole row; continue_border,
  * launched after it, a sample of the ring. Cost: O(samples). Determinism: each sample from depths alone.
  */
@@ -37,12 +37,13 @@ INLINED floatl image_samples(Image image, intl x, intl y)
 
 #define KEEP_GROWTH 0.1f   /* growth of the slope on one side: rises at edges are steeper than the slope before */
 #define BEND_GROWTH 0.6f   /* growth if the other side is steep or ends: a sphere's last slopes grow by under half */
-#define STEEP_TIMES 4.0f  /* a pair may be so many times as steep as the other side of a bend, */
+#define STEEP_TIMES 4.0f  /* a pair may be this many times as steep as the other side of a bend, */
 #define SAME_TIMES 2.05f  /* or as the slope that both sides agree on: rounding to steps may double a rise */
-#define LEAST_RISE 0.05f /* share of the slope: a pair with a smaller rise is next to a step */
+#define LEAST_RISE 0.05f /* fraction of the slope: a pair with a smaller rise is next to a step */
 
 /* Slopes on one side of a pair, in the direction in which the pair rises. `nearest`: from the two nearest samples;
- * `agreed`: the smaller of it and the mean slope of the three nearest, at least 0. A mixed sample halves `agreed`. */
+ * `agreed`: the smaller of `nearest` and the mean slope of the three nearest samples, at least 0. A mixed sample halves
+ * `agreed`. */
 typedef struct {
     floatl nearest, agreed;
     intl known;
@@ -86,7 +87,7 @@ INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed
     return (count > 0.0f) & follows(rise, mean, KEEP_GROWTH, allowed);
 }
 
-#define ROUNDED_DOWN 0.999999f /* less than rounding */
+#define ROUNDED_DOWN 0.999999f /* a factor that makes up for rounding */
 
 /* Tells whether a surface continues from the wanted samples (x, y) to the next along (dx, dy). Pairs in rows and
  * columns also use the adjacent lines. */

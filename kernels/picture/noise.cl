@@ -2,8 +2,8 @@
  *
  * depth: (height, width) planar z; depths <= 0, not finite or >= far are ignored. cells: approximate number of cells
  * of 2 x 2 samples to read. tables: NoiseTables and room for the strips (pyibr/picture/noise.py). noise: 6 floats,
- * (a, b, c) of the standard deviation a z^2 + b z + c at depth z, then of the steps. Work-item: any in the launch's
- * only group. Cost: O(cells). Determinism: shared sums are sums of integers. tests/reference/noise.py does the same
+ * (a, b, c) of the standard deviation a z^2 + b z + c at depth z, then of the steps. Work-item: the launch has one
+ * group, whose work-items share all loops. Cost: O(cells). Determinism: shared sums are sums of integers. tests/reference/noise.py does the same
  * in NumPy.
  */
 #include "lib/lanes.h"
@@ -11,13 +11,13 @@
 #define NOISE_ITEMS 256         /* most work-items */
 #define NOISE_RANGES 64         /* bins of nearness, each a quarter of an octave: first the nearest; the last is open */
 #define NOISE_SIZES 144         /* bins of differences relative to nearness, each an eighth of an octave */
-#define NOISE_STAIRS 4128       /* capacity: a power of two, and two packets */
-#define FIRST_SIZE 879          /* the first bin of differences, for rounding and below */
+#define NOISE_STAIRS 4128       /* capacity for stairs: a power of two, and two packets */
+#define FIRST_SIZE 879          /* first bin of differences (a float's upper 12 bits), for rounding errors */
 #define LAST_SIZE 137
-#define NEAREST_RANGE 508       /* the number of nearness 1, in quarters of an octave */
+#define NEAREST_RANGE 508       /* nearness 1 in quarters of an octave (a float's upper 11 bits) */
 #define EDGE_PART 0.1f          /* larger differences, relative to nearness, are edges */
 #define OFF_STEP 0.2f           /* tolerance of jumps and gaps, in steps, as two scales may be mixed */
-#define FIT_CHOICES 0x7653421   /* subsets of the terms a, b and c, a digit each */
+#define FIT_CHOICES 0x7653421   /* subsets of the terms a, b and c, one hexadecimal digit each */
 #define NOISE_MAX 1e18f         /* its square is still within single precision */
 
 typedef struct {
@@ -83,7 +83,7 @@ INLINED void copy_strips(Estimate e, global const float *depth, int along, int a
     }
 }
 
-/* Copies strips from every `gap`-th row and column, as depths. Returns the number of samples, including zeros. */
+/* Copies the depths of strips from the grid of every `gap`-th row and column. Returns their number, including zeros. */
 OUTLINED int gather_strips(Estimate e, global const float *depth, int width, int height, int gap, int cells)
 {
     for OWN_PACKETS (e, i, CLEARED)
@@ -127,7 +127,7 @@ OUTLINED void to_noise_unit(Estimate e, float far)
 }
 
 /* Cells of 2 x 2 samples: mean nearness, change of the difference from line to line, largest difference of neighbours.
- * At edges along rows or columns, the change is 0, as on planes, so thin things contribute their noise, too. */
+ * At edges along rows or columns, the change is 0, as on planes, so thin objects contribute their noise, too. */
 typedef struct {
     floatl near, change, largest;
 } NoiseCells;
@@ -198,7 +198,7 @@ OUTLINED void count_differences(Estimate e)
     }
 }
 
-/* Mean of the smallest `share` of sizes. (With quantized depths, a quantile would jump from step to step.) */
+/* Mean of the smallest sizes, a fraction `share` of all. (With quantized depths, a quantile would jump between steps.) */
 OUTLINED float mean_below(global const int *counts, float share)
 {
     int total = 0, before = 0;
@@ -333,7 +333,7 @@ OUTLINED void count_stairs(Estimate e)
     }
 }
 
-/* Keeps a subset of the stairs, chosen by number, and counts their jumps. */
+/* Keeps every n-th stair, so that all fit into the tables, and counts their jumps. */
 OUTLINED void keep_stairs(Estimate e)
 {
     global NoiseTables *t = e.t;
@@ -343,7 +343,7 @@ OUTLINED void keep_stairs(Estimate e)
         number = i == e.item ? count : number;
         count += t->stairs_of[i] + (with_steep ? t->steep_of[i] : 0);
     }
-    const int every = count / 4000 + 1, is_some = 100 * count > t->changes; /* steep surfaces have few */
+    const int every = count / 4000 + 1, is_some = 100 * count > t->changes; /* steep surfaces have few stairs */
     t->kept = is_some ? (count + every - 1) / every : 0;
     for OWN_TRIPLES (e, i) {
         const Triples at = triples_at(e, i);

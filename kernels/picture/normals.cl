@@ -48,7 +48,8 @@ kernel void fit_normals(global const float *nearness, global float *normals, int
     const floatl xn = sxn - sx * sn * each, yn = syn - sy * sn * each, inverse = 1.0f / (xx * yy - xy * xy);
     const floatl gx = (yy * xn - xy * yn) * inverse, gy = (xx * yn - xy * xn) * inverse; /* NaN if isolated */
     const floatl off_x = perspective ? cx - to_floatl(x) : (floatl)0.0f, off_y = perspective ? cy - row : 0.0f;
-    /* The plane N.p = 1 has nearness N.ray, which changes by N.x / fx per pixel; N points away from the camera. */
+    /* A point p = z ray of the plane N.p = 1 has nearness 1/z = N.ray, which changes by N.x / fx per column. N points
+     * away from the camera. */
     const Vector plane = {gx * fx, gx * skew + gy * fy, 1.0f + gx * off_x + gy * off_y};
     const floatl largest = max_lanes(max_lanes(fabs(plane.x), fabs(plane.y)), fabs(plane.z));
     const Vector away = normalized(scaled(plane, 1.0f / max_lanes(largest, (floatl)1e-30f)));

@@ -71,8 +71,8 @@ INLINED int any_edge(Around n)
                     (as_intl(n.above_right) & TORN_BELOW) | (as_intl(n.below_left) & TORN_RIGHT));
 }
 
-/* The slopes of the packet's quarters with a given number. Without a triangle in the same cell, they are limited to the
- * slopes of surfaces that face the camera, since a steeper surface may end there. */
+/* The slopes of the packet's quarters with a given number. Without a triangle in the same cell, slopes are limited to
+ * surfaces that face the camera, since a steeper surface may end there. */
 INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest test, floatl *slope_x, floatl *slope_y)
 {
     const floatl left = n.here - n.left, right = n.right - n.here, up = n.here - n.above, down = n.below - n.here;
@@ -141,7 +141,7 @@ OUTLINED void write_quarters(uint packets, Grid grid, int x0, int y, EdgeTest te
     }
 }
 
-/* Number of a packet's quarters */
+/* The number of margins among a packet's quarters */
 INLINED int count_quarters(Around n, intl wanted)
 {
     const Parts parts = parts_of(n, wanted);

@@ -1,4 +1,4 @@
-/* Draws a thing into a picture, with a mark on surface that none of some depth images has seen.
+/* Draws a thing into a picture, and marks surface that none of the given depth images has seen.
  *
  * An image saw a point if one of the four samples around it is not nearer than the point; on a sloping surface, one
  * of them is farther. Silhouettes are therefore accurate to one sample. Normals come from the thing's depths

@@ -2,14 +2,14 @@
  *
  * `bound_primitives` bounds each primitive. `count_bins` counts the primitives of each chunk and bin. `total_bins` and
  * `total_rows` sum the counts of each bin and each row of bins. `start_bins` turns the counts of a bin into positions.
- * `fill_bins` writes the indices of the primitives. Each chunk fills its own part of a bin's list, so that lists keep
- * the order of the primitives without atomics, reproducibly. `sort_bins` sorts each list from front to back, for
- * fragment programs that cost more than the sort.
+ * `fill_bins` writes the indices of the primitives: each chunk fills its own range of a bin's list, so lists keep the
+ * order of the primitives, without atomics. `sort_bins` sorts each list from front to back, which pays if the fragment
+ * program costs more than the sort.
  *
- * corners: (primitives, CORNERS) vertices of each. projected: (vertices, 4), see project.cl. boxes: (primitives, 4)
+ * corners: (primitives, CORNERS) vertex indices. projected: (vertices, 4), see project.cl. boxes: (primitives, 4)
  * first and last bin in x and y; empty (first > last) if invisible. counts: (chunks, bins), initially 0. totals:
  * (bins,). row_totals: (bins_y,). starts: (bins + 1,) start of each bin's list in `list`. culled: see triangle.h.
- * Work-item: STRIP packets of primitives (bound), a chunk (count, fill), a bin (total, start), a row of bins.
+ * Work-item: STRIP packets of primitives (bound), a chunk (count, fill), a bin (total, start), a row of bins (total_rows).
  * Cost: O(primitives + list + chunks * bins). Determinism: fixed order.
  */
 #include "raster/project.cl" /* runs before every binning: one program */

@@ -19,7 +19,7 @@
     global const float *projected, global const int *list, global const int *starts, int bins_x,               \
         Screen screen, float nearest_w
 
-/* Primitives that may be visible in a bin, or one mesh's share of them: list[first] to list[last - 1] */
+/* Primitives that may be visible in a bin, or only one mesh's primitives: list[first] to list[last - 1] */
 typedef struct {
     global const int *list;
     int first, last;

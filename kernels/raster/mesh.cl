@@ -4,7 +4,7 @@
  * three. The texture is read bilinearly in the two mip levels around the pixel's footprint (Williams 1983), along its
  * longer side by lib/footprint.h.
  *
- * faces: (triangles, 3) vertices of each. projected: (vertices, 4), see project.cl. list, starts: see bins.cl. depth,
+ * faces: (triangles, 3) vertex indices. projected: (vertices, 4), see project.cl. list, starts: see bins.cl. depth,
  * color, valid: (height, width) the picture; nearer pixels stay, and the first of equally near triangles is visible.
  * TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the previous
  * one, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3); fronts: (triangles,) 1, or -1

@@ -9,7 +9,7 @@
 #include "lib/screen.h"
 
 #ifndef KEEPS_UV
-#define KEEPS_UV 0 /* 1: a region also stores where on its owner each pixel is */
+#define KEEPS_UV 0 /* 1: a region also stores each pixel's position on its owner */
 #endif
 
 #if LANES == 16
@@ -39,7 +39,7 @@ typedef struct {
     int blank;             /* 1: the picture is empty, and every pixel must be written */
 } Picture;
 
-/* Kernel parameters of a picture besides `screen`, and its value */
+/* Kernel parameters of a picture besides `screen`, and the initializer of its Picture */
 #define PICTURE_PARAMETERS global float *depth, global channel *color, global uchar *valid, int blank
 #define PICTURE_VALUE {screen, depth, color, valid, blank}
 
@@ -194,7 +194,7 @@ OUTLINED intl write_single_pixels(const Picture *picture, floatl z, intl mine, i
 }
 
 /* Writes a block of the region to the picture; shade in [0, 1]. Returns which pixels show the region's primitives
- * now. */
+ * afterwards. */
 INLINED intl write_block(const Region *region, int block, const Picture *picture, Color shade)
 {
     const int x = region->x + FIRST_X(block), y = region->y + FIRST_Y(block);

@@ -77,7 +77,7 @@ INLINED intl set_up_triangles(global const int *corners, global const float *pro
         gather_rows(projected, corner, at);
         W[k] = at[2];
         Q[k] = at[3];
-        U[k] = at[0] - x * W[k]; /* relative to the region */
+        U[k] = at[0] - x * W[k]; /* pixels relative to the region's first pixel */
         V[k] = at[1] - y * W[k];
         at_x[k] = U[k] / W[k];
         at_y[k] = V[k] / W[k];
@@ -178,7 +178,7 @@ INLINED intl covered_by(const Triangles *t, int lane, int first_x, int first_y, 
 typedef struct {
     intl corner[3];
     floatl weight[3];
-    floatl U[3], V[3], W[3]; /* corners relative to the pixel */
+    floatl U[3], V[3], W[3]; /* homogeneous corners, in coordinates whose origin is the pixel */
     floatl area; /* twice the triangle's area, as seen: > 0 from behind */
     int uniform; /* all lanes are on one triangle */
 } OnTriangle;
@@ -191,7 +191,7 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
     const int one = int_lane(index, 0);
     p.uniform = !any_lane(index != one);
     UNROLLED
-    for (int k = 0; k < 3; k++) { /* relative to the pixel, an edge function is its c alone */
+    for (int k = 0; k < 3; k++) { /* with the pixel as origin, an edge function's value there is its c */
         if (p.uniform) {
             const int corner = corners[3 * one + k];
             const float4 at = vload4(corner, projected);

@@ -14,17 +14,17 @@
 
 /* A region's pixels: the entries of the layer being searched, and how the pixel's hit was found */
 typedef struct {
-    floatl first[BLOCKS], second[BLOCKS]; /* nearness of the nearest two entries that are not searched yet */
-    intl entered[BLOCKS];                 /* triangle of the first, -1: none */
+    floatl first[BLOCKS], second[BLOCKS]; /* nearness of the two nearest entries that have not been searched yet */
+    intl entered[BLOCKS];                 /* triangle of the first of these entries, -1: none */
     floatl searched[BLOCKS];              /* nearness of the entry that was searched last */
     intl searched_triangle[BLOCKS];       /* its triangle */
-    floatl t[BLOCKS];                     /* from the entry to the hit, in scene units */
-    floatl share[BLOCKS];                 /* share of the quadric's curvature with which the hit was found, 0 to 1 */
+    floatl t[BLOCKS];                     /* distance from the entry to the hit, in scene units */
+    floatl share[BLOCKS];                 /* fraction of the quadric's curvature that led to the hit, 0 to 1 */
     intl escaped[BLOCKS];                 /* the ray from the first entry came out of its quadric without a hit */
-    floatl exit[BLOCKS];                  /* nearness of the back where it leaves the mesh; EMPTY: none */
+    floatl exit[BLOCKS];                  /* nearness of the back through which the ray leaves the mesh; EMPTY: none */
     intl exit_triangle[BLOCKS];
 #if WALKS
-    floatl foot_second[BLOCKS], foot_third[BLOCKS]; /* hit of a walk: weights of the triangle's corners above it */
+    floatl foot_second[BLOCKS], foot_third[BLOCKS]; /* corners' weights at the point above a walk's hit */
 #endif
 } Layers;
 
@@ -97,8 +97,8 @@ void count_steps(const Context *context, const Region *region, int block, const 
 }
 #endif
 
-/* Keeps the hits of a search that are nearer than the region's pixels; triangle: above the hits, from: the point at
- * t = 0. Returns which hits are kept. */
+/* Keeps the hits of a search that are nearer than the region's pixels. triangle: the triangles above the hits; from: the
+ * points at t = 0. Returns which hits are kept. */
 INLINED intl keep_hits(const Context *context, int block, const Search *s, Vector from, Vector direction, intl triangle,
                        Region *region)
 {

@@ -55,7 +55,7 @@ INLINED Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
     return entry_at(relief, &pixel);
 }
 
-/* x and y of the frame in which the quadric is z = a x^2 + b y^2 + c x y */
+/* The axes x and y of the frame in which the quadric is z = a x^2 + b y^2 + c x y */
 INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
 {
     *x = normalized(e->along_u);
@@ -68,7 +68,7 @@ INLINED floatl quadric_form(const Entry *e, floatl x, floatl y, floatl other_x, 
     return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);
 }
 
-/* The ray in texture space (section 3.4), without its level and end */
+/* Sets the ray in texture space (section 3.4), except its level and end. */
 void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 {
     const float per_scale = 1.0f / scale;
@@ -79,7 +79,7 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     ray->dv = DOT(d, e->along_v);
     const Vector down = cross_product(e->normal, e->along_u);
     const floatl per_u = 1.0f / sqrt(max_lanes(DOT(e->along_u, e->along_u), (floatl)1e-30f));
-    const floatl x = ray->du * per_u, y = DOT(d, down) * per_u; /* the direction's */
+    const floatl x = ray->du * per_u, y = DOT(d, down) * per_u; /* components of d */
     ray->L = max_lanes(-cosine, (floatl)COSINE_MIN) * per_scale;
     const floatl bend = quadric ? quadric_form(e, x, y, x, y) : (floatl)0.0f;
     ray->K = bend * per_scale;
@@ -93,7 +93,7 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 #endif
 }
 
-/* An entry with a share of its quadric's curvature */
+/* An entry whose quadric keeps only the fraction `share` of its curvature */
 INLINED Entry flattened(Entry e, floatl share)
 {
     e.a *= share;
@@ -107,8 +107,8 @@ intl is_finite_ray(const ReliefRay *ray)
     return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);
 }
 
-/* The square of the number of texels along a side of a pixel of `size` scene units, where it sees the surface straight
- * on */
+/* The square of the number of texels along a side of a pixel of `size` scene units, on a surface that faces the
+ * camera */
 floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters)
 {
     const floatl u_2 = DOT(e->along_u, e->along_u);
@@ -117,8 +117,8 @@ floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters
     return select_lanes(enters, texels_2, (floatl)1.0f);
 }
 
-/* Limits the level of the heights to be read. On curved surfaces, where rays may come out again, its heights must not
- * be off by more than a pixel, which would move outlines. */
+/* Limits the level from which heights are read. On curved surfaces, where rays may come out again, heights that are off
+ * by more than a pixel would move outlines. */
 INLINED intl finest_level(const Relief *relief, intl level, floatl size, intl is_curved)
 {
     for (int l = 1; l < relief->level_count && any_lane(level >= l); l++) {

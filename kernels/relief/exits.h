@@ -3,8 +3,8 @@
 /* Depths of rays that came out of their quadrics before they leave the mesh, estimated from their exits. */
 #include "relief/entry.h"
 
-#define ARC_PARTS 16 /* parts of a ray below the mesh, at whose ends its deepest point is searched */
-#define BOTTOM_TOLERANCE 1e-3f /* share of the depth by which a ray that grazes the bottom may miss it */
+#define ARC_PARTS 16 /* equal parts of a ray below the mesh; the ray's deepest point is sought at their ends */
+#define BOTTOM_TOLERANCE 1e-3f /* fraction of the depth by which a ray that grazes the bottom may miss it */
 
 /* A ray is below the mesh until it leaves through a back, `distance` after its entry, where its depth falls by `slope`
  * per scene unit. In between, its depth is estimated by the cubic with the depths and slopes of both ends. Finds where
@@ -27,7 +27,7 @@ INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope
 
 /* Changes the depths of escaped rays that leave the mesh `distance` after their entry, if the cubic reaches deeper than
  * their quadrics. The new depth is a parabola to the point where the cubic is at the bottom, or deepest. It begins with
- * the ray's own slope, or a lower one. Returns the changed rays; share: share of the quadric's curvature that
+ * the ray's own slope, or a lower slope. Returns the changed rays; share: fraction of the quadric's curvature that
  * remains */
 intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *out, Vector direction, floatl distance, intl escaped,
                  floatl *share)

@@ -4,7 +4,7 @@
  *
  * A pixel's ray may enter the relief, come out again at a silhouette and enter elsewhere. So the rays are searched
  * layer by layer: from the nearest entry that has not been searched yet, as long as an entry lies nearer than the hits
- * so far. All lanes of a block search together, whichever triangles their rays enter.
+ * so far. All lanes of a block search together, even if their rays enter through different triangles.
  *
  * With exact distances rays walk below the mesh (walk.h). With other distances, a ray that comes out of its quadric
  * without a hit has escaped. It is searched once more, up to the back face where it leaves the mesh (exits.h). In a
@@ -16,7 +16,7 @@
 /* The rays of a block's pixels in the world, from their entries into the relief */
 typedef struct {
     Vector from, direction;
-    floatl share; /* share of the quadric's curvature that their depth follows, 0 to 1 */
+    floatl share; /* fraction of the quadric's curvature that the rays' depth follows, 0 to 1 */
 } EntryRay;
 
 /* Sets up a search along the rays of a block's pixels from their first entries; by_mesh: along escaped rays up to their
@@ -202,7 +202,7 @@ OUTLINED void search_layers(const Context *context, Region *region, BinList list
 #if WITHIN
     walk_from_eye(context, region);
 #endif
-    const int triangles = listed.last - listed.first; /* a pixel has at most one entry for each */
+    const int triangles = listed.last - listed.first; /* a pixel has at most one entry per triangle */
     for (int more = 1, layer = 0; more && layer < triangles; layer++) {
         for (int block = 0; block < BLOCKS; block++) {
             layers->first[block] = layers->second[block] = EMPTY;

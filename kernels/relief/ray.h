@@ -7,8 +7,8 @@
  *
  * DISTANCE is the measure of its depth. APPROXIMATE: distance of its point P below the quadric, along z (equation 7).
  * PERPENDICULAR: the paper's equation 6, from P to R on the quadric, at right angles to the ray in the plane of ray
- * and normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the angle
- * between ray and normal. EXACT: below the mesh itself (walk.h), leg by leg; each leg starts at a depth.
+ * and normal; where it has no solution, equation 7. On a plane, it exceeds the depth by the factor 1 / sine of the
+ * angle between ray and normal. EXACT: below the mesh itself (walk.h), leg by leg; a leg may start below depth 0.
  */
 #include "lib/lanes.h"
 
@@ -26,7 +26,7 @@ typedef struct {
     floatl u, v, du, dv; /* du, dv per scene unit */
     floatl L, K;         /* depth: L t + K t^2 */
     floatl end;          /* least t > 0 where the ray comes out again, at depth 0, or reaches the bottom */
-    intl at_bottom;      /* it reaches the bottom there */
+    intl at_bottom;      /* whether the ray ends at the bottom */
     intl level;          /* level of the map */
     floatl depth;        /* at the start, for rays that walk */
 #if DISTANCE == PERPENDICULAR
@@ -60,7 +60,7 @@ floatl depth_of(const ReliefRay *ray, floatl t)
 #define depth_of QUADRIC_DEPTH
 #endif
 
-/* Switches the depths of some rays to equation 7, the only one left without curvatures. */
+/* Switches the depths of some rays to equation 7, which equation 6 equals without curvature. */
 INLINED void use_quadric_depth(ReliefRay *ray, intl which)
 {
 #if DISTANCE == PERPENDICULAR
@@ -100,7 +100,7 @@ void set_end(ReliefRay *ray)
     ray->at_bottom = discriminant >= 0.0f;
     ray->end = select_lanes(ray->at_bottom, 2.0f / (ray->L + sqrt(fmax(discriminant, (floatl)0.0f))), -ray->L / ray->K);
 #if DISTANCE == PERPENDICULAR
-    /* The bottom is reached before the deepest point, if at all: bisection */
+    /* Bisection: a ray that reaches the bottom does so before its deepest point. */
     floatl before = 0.0f, after = select_lanes(ray->K < 0.0f, -0.5f * ray->L / ray->K, 4.0f * ray->end);
     const intl reaches = depth_of(ray, after) >= 1.0f;
     for (int i = 0; i < 20; i++) {

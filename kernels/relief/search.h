@@ -3,8 +3,8 @@
 /* First hit of a ray (ray.h) on a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
  * The surface lies at depth 1 - height.
  *
- * texels: lib/heights.h. bounds: 65535ths, two a word. Tier 0 is the greatest height of each cell between 2x2 texels,
- * the next tier that of 2x2 cells, and so on, a maximum mipmap (Tevs et al. 2008); BOUND_AT gives the place of a bound.
+ * texels: lib/heights.h. bounds: 65535ths, two a word: a maximum mipmap (Tevs et al. 2008). Tier 0 holds the greatest
+ * height of each cell between 2x2 texels, the next tier the greatest of 2x2 cells, and so on; BOUND_AT gives indices.
  * levels: (levels, LEVEL_INTS) ints: width, height, start in texels; for the bounds the number of tiers, start, log2 of
  * the rows' length, and span; finally the largest difference of the level's heights from the first level's, in
  * 65535ths.
@@ -13,7 +13,7 @@
 #include "relief/ray.h"
 
 #define LEVEL_INTS 8          /* ints of a level */
-#define HEIGHT_ERROR (LEVEL_INTS - 1) /* index of the last one */
+#define HEIGHT_ERROR (LEVEL_INTS - 1) /* index of the last of these ints */
 #define SEARCH_STEPS_MAX 4096  /* steps of a safe search */
 #if LANES == 16
 #define INTERLEAVED 4 /* packets of rays searched in turns: the arithmetic of one hides the latency of others */
@@ -21,7 +21,7 @@
 #define INTERLEAVED 1
 #endif
 #define FIRST_TIER 2     /* where a safe search starts */
-#define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
+#define NUDGE 1e-3f      /* texels by which a place is moved into the cell that the ray enters */
 #define FAR_SIDE 1e9f    /* texels: the far side of unbounded cells */
 #define AXIS_PARALLEL 1e-4f      /* texels: a ray that moves less along x, or y, stays on its column, or row */
 
@@ -31,7 +31,7 @@ typedef struct {
     floatl x, y, dx, dy;
 } Track;
 
-/* A number of the table; usually all lanes are on one level. */
+/* Entry i of each lane's level in `levels`; usually all lanes are on one level. */
 INLINED intl table_at(global const int *levels, intl level, int i)
 {
     const int first = int_lane(level, 0);
@@ -59,7 +59,7 @@ INLINED Track track_of(const ReliefRay *ray, global const int *levels)
     return k;
 }
 
-/* The place of the bound of a tier's cell. A lookup of the place would take as long as reading the bound itself. */
+/* The index of the bound of a tier's cell. A lookup of the index would take as long as reading the bound itself. */
 #define BOUND_AT(s, tier, column, row) ((s)->start + (s)->span - ((s)->span >> (tier)) + ((row) << (s)->pitch) + (column))
 
 /* The state of a search */
@@ -70,7 +70,7 @@ typedef struct {
     intl active;   /* lanes whose search has not ended */
     intl found;
     floatl t; /* distance so far; finally, the distance to the hit */
-    intl tier, tiers, start, pitch, span; /* safe search: place in the bounds */
+    intl tier, tiers, start, pitch, span; /* safe search: the tier, and the bounds' layout */
     floatl nudge, peak;
     floatl per_x, per_y;
     floatl from_x, from_y; /* start of the ray; a texel before it where it stays on a column, or row */
@@ -155,7 +155,7 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     const floatl dx = s->track.dx, dy = s->track.dy;
     const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
     const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
-    /* Ray minus surface is F0 + F1 ahead + F2 ahead^2; F0 < 0 above the surface. */
+    /* The ray's depth minus the surface's is F0 + F1 ahead + F2 ahead^2; F0 < 0 above the surface. */
     const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
     const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
     const floatl F2 = ray->K + twist * dx * dy;

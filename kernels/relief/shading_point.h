@@ -5,15 +5,15 @@
 #include "lib/light.h"
 #include "relief/entry.h"
 
-#define FOCUS 0.1f /* least share of the base's lengths that remains below it, near centres of curvature */
+#define FOCUS 0.1f /* least factor of lengths below the base, near centres of curvature */
 
 /* The points of the relief in LANES pixels: their places on the maps, and the rays */
 typedef struct {
     ReliefRay place; /* u, v, level */
     Track track;
     Vector ahead, point;
-    Vector normal; /* the quadric's */
-    Vector from_entry; /* vector to the point; with exact distances from the base right above it */
+    Vector normal; /* the quadric's normal */
+    Vector from_entry; /* from the entry to the point; with exact distances, from the base right above the point */
     floatl below;      /* depth below the base, in scene units */
 } ShadingPoint;
 
@@ -28,7 +28,7 @@ INLINED void carry_below(const Entry *e, floatl below, floatl *x, floatl *y)
     *x = carried_x;
 }
 
-/* Sets the normal to the quadric's at the foot of the point on it. */
+/* Sets the normal to the quadric's normal at the foot of the point. */
 INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
 {
     Vector x, y, normal = e->normal;
@@ -62,7 +62,7 @@ INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *
         tangents_of(e, &x, &y);
         floatl sx = DOT(slope, x), sy = DOT(slope, y);
         carry_below(e, shading->below, &sx, &sy);
-        /* Rotated like the normal on the way from the entry */
+        /* The slope is rotated as the normal is from the entry to the point. */
         const Vector there = {sx * x.x + sy * y.x, sx * x.y + sy * y.y, sx * x.z + sy * y.z};
         const floatl part = DOT(there, normal) / max_lanes(1.0f + DOT(normal, e->normal), (floatl)FOCUS);
         slope.x = there.x - part * (normal.x + e->normal.x);
@@ -92,7 +92,7 @@ INLINED ShadingPoint shading_point_at(const Relief *relief, const Entry *e, floa
 }
 
 #if ANISOTROPIC
-/* The rises of the bilinear surface at (x, y) */
+/* The rises of the bilinear heights per texel along u and v at (x, y) */
 INLINED void rises_at(global const uint *texels, HeightMap map, floatl x, floatl y, floatl *across, floatl *down)
 {
     FLOOR(x, x0, ix)
@@ -127,7 +127,7 @@ INLINED Vector relief_normal_by_slope(const Relief *relief, const Entry *e, cons
     return normalized(relief_normal_by_rises(shading, e, 0.5f * across, 0.5f * down, relief->scale, relief->quadric));
 }
 
-/* A normal tilted by a normal of a map, x along u, y along v */
+/* A normal tilted by a value of the normal map: x along u, y along v */
 INLINED Vector relief_normal_by_map(Vector normal, const Entry *e, Vector part)
 {
     Vector x, y;

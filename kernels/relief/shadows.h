@@ -7,12 +7,12 @@
 /* How occlusion is found: by the light's map, or by a second search and the map beyond */
 #define MAPPED 0
 #define SEARCHED 1
-#define LIFT 1e-3f /* share of the relief's depth by which a search starts above its surface, to avoid a hit there */
+#define LIFT 1e-3f /* fraction of the relief's depth by which a search starts above the surface, to avoid a hit there */
 
 #if SHADOWED
 /* The ray from a point of the relief to the light, within the relief around the point */
 typedef struct {
-    ReliefRay ray;       /* reversed: from its exit down to the point */
+    ReliefRay ray;       /* the light's ray in reverse, from its exit down to the point */
     Vector exit, normal; /* exit from the relief, and the base's normal there */
     intl is_valid, leaves; /* whether it may be searched, and whether it leaves the relief */
     floatl distance;   /* from the point to the exit, in scene units */
@@ -47,7 +47,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     made.exit.x = shading->point.x + lift * e->normal.x + distance * light.x;
     made.exit.y = shading->point.y + lift * e->normal.y + distance * light.y;
     made.exit.z = shading->point.z + lift * e->normal.z + distance * light.z;
-    const floatl qx = px + distance * lx, qy = py + distance * ly; /* the exit's */
+    const floatl qx = px + distance * lx, qy = py + distance * ly; /* position of the exit */
     const floatl across = -2.0f * bends * quadric_form(e, qx, qy, 1.0f, 0.0f),
                  down = -2.0f * bends * quadric_form(e, qx, qy, 0.0f, 1.0f);
     const Vector normal = {e->normal.x + across * x.x + down * y.x, e->normal.y + across * x.y + down * y.y,
@@ -65,7 +65,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     ray->K = K;
     ray->level = shading->place.level;
 #if DISTANCE == PERPENDICULAR
-    ray->vz = (floatl)0.0f; /* without curvature its depth is that of equation 7 */
+    ray->vz = (floatl)0.0f; /* without curvature, the depth follows equation 7 */
     ray->bend = (floatl)0.0f;
     ray->scale = scale;
 #endif
@@ -96,10 +96,10 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
 }
 
 /* The visibility of the light from a point of the relief, 0 to 1. own: the surface's normal there; faces: lanes that
- * face the light; hidden_by: MAPPED or SEARCHED; flat_base: all rays find the relief in one place.
+ * face the light; hidden_by: MAPPED or SEARCHED; flat_base: 1 if all rays find the relief in the same place.
  *
  * The light's map is drawn with the light's own rays, with the normals and quadrics at their entries. Where the base is
- * curved, or has facets, they hit the relief at other places than the picture's rays, and the relief would shade
+ * curved, or has facets, these rays hit the relief at other places than the picture's rays, and the relief would shade
  * itself. The same would happen below an edge that juts out, where the light's rays enter on one side of the edge and
  * the picture's rays on the other. So a search from the point decides whether the relief around it occludes the light,
  * and the map decides for the place where the ray leaves the relief. The map alone decides for a ray that never leaves

@@ -7,14 +7,14 @@
  * together fill the relief without gaps. A ray is followed from prism to prism, one leg in each, until it leaves the
  * prism at the bottom, at the mesh, or through a side.
  *
- * At each depth a prism has one section, a triangle, which a ray crosses once. So within a prism its depth determines
- * a ray's place. Each side of the section spans a triangle with the ray's point. The shares of their areas, seen along
- * the ray, are the weights. Each area is a polynomial of degree two in the depth; the ray leaves through the side whose
- * area becomes 0. It sinks where it meets sections from the front, and rises where it meets them from behind.
- * Neighbours share the area of their common side, so no ray is lost.
+ * At each depth a prism has one section, a triangle, which a ray crosses once. So within a prism, the depth determines
+ * the ray's point. Each side of the section spans a triangle with this point. These triangles' areas, seen along the
+ * ray and divided by their sum, are the corners' weights. Each area is a polynomial of degree two in the depth; the ray
+ * leaves through the side whose area becomes 0. The ray sinks where it meets sections from the front, and rises where
+ * it meets them from behind. Neighbours share the area of their common side, so no ray is lost.
  *
- * Below centres of curvature prisms are inside out, and overlap others. Depths are continuous there, too, as the ray
- * runs backwards, so it comes out on the other side of a sharp bend.
+ * Below centres of curvature prisms are inside out, and overlap others. Depths are continuous there, too: the ray runs
+ * backwards, and comes out on the other side of a sharp bend.
  *
  * prisms: (triangles, PRISM_FLOATS) P, N, u and v of each corner; then, as integers, for the side opposite to each
  * corner the neighbour's side there, 3 * triangle + corner; -1: none, at borders. Beyond borders u and v continue
@@ -26,7 +26,7 @@
 #define LEGS_MAX 512    /* legs of a ray: most take less than ten */
 #define LEAST 1e-30f    /* least divisor */
 #define SHORTEST 1e-18f /* least length of a leg as a divisor */
-#define UNEVEN 0.2f     /* share of a leg: a ray's mean depth lies at most this far from the leg's middle */
+#define UNEVEN 0.2f     /* fraction of a leg: the ray has its mean depth at most this far from the leg's middle */
 
 /* A triangle's corners P and their N, relative to a ray's entry, with z along the ray; and their u and v */
 typedef struct {
@@ -52,14 +52,14 @@ typedef struct {
     Vector from, direction;
     floatl reached; /* distance from the entry */
     intl triangle;
-    floatl depth;                   /* there */
+    floatl depth;                   /* depth at this distance */
     intl active;                    /* rays that are followed */
-    intl is_beyond, ends_at_border; /* rays beyond a border; rays that end there */
+    intl is_beyond, ends_at_border; /* rays that are beyond a border; rays that end at borders */
     intl side;   /* side of entry, then side of exit; -1: none, as at mesh or bottom */
-    intl beside; /* the neighbour's side there */
-    floatl leg, way, end;                      /* length of the leg, direction (1 or -1), depth at its end */
+    intl beside; /* the neighbour's side at that side */
+    floatl leg, way, end;                      /* the leg's length, direction (1 or -1), and depth at its end */
     floatl second, third, by_second, by_third; /* weights of corners, and their changes along the leg */
-    floatl pixel_size; /* at the entry; 0: the map itself is read */
+    floatl pixel_size; /* pixel size at the entry; 0: the finest level is read */
     intl level, tier;  /* level of the map, and tier of the search (search.h) */
 } MeshWalk;
 
@@ -114,7 +114,7 @@ INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
 /* Twice the area of the triangle between the origin and two points of the plane */
 #define TWICE_AREA(a, b) ((a).x * (b).y - (a).y * (b).x)
 
-/* The areas at a depth */
+/* The areas at a depth, and their changes with depth */
 INLINED SideAreas sides_at(const MeshPrism *p, floatl depth)
 {
     SideAreas sides;
@@ -136,7 +136,8 @@ INLINED SideAreas sides_at(const MeshPrism *p, floatl depth)
     return sides;
 }
 
-/* A ray's crossing with the section at x from a depth; side: the side on which it lies, -1: none */
+/* A ray's crossing with the section where the depth has changed by x. side: the side on which the crossing lies, -1:
+ * none */
 INLINED Crossing crossing_at(const MeshPrism *p, const SideAreas *sides, floatl depth, floatl x, intl side)
 {
     const floatl there = depth + sides->sign * x;
@@ -173,7 +174,7 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
 /* Finds the sides through which rays leave their prisms. Returns the change of depth until then. */
 INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 {
-    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to the end */
+    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* change of depth up to the bottom or the mesh */
     floatl x = max_lanes(rest, (floatl)0.0f);
     intl out = -1;
     UNROLLED

@@ -6,7 +6,7 @@
 #if WALKS
 #include "relief/walk.h"
 
-#define LEAST_SLOPE 1e-4f /* least slope of the eye's rays to its triangle's section */
+#define LEAST_SLOPE 1e-4f /* least slope of the eye's rays to the section (walk.h) that contains the eye */
 
 /* Begins the walk of some rays at a depth below a triangle. */
 INLINED void begin_walk(MeshWalk *walk, intl active, intl triangle, floatl depth)
@@ -95,8 +95,8 @@ static int walk_layer(const Context *context, int block, Region *region)
 }
 
 #if WITHIN
-/* Walks from the eye. A ray along its own triangle's section would never cross another section, so it is turned by much
- * less than a pixel. */
+/* Walks from the eye. A ray within the section that contains the eye would never cross another section, so it is turned
+ * by much less than a pixel. */
 static void walk_from_eye(const Context *context, Region *region)
 {
     const Screen screen = context->relief.screen;
