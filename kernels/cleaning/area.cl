@@ -1,4 +1,4 @@
-/* The area in which samples may be invented: the pixels that no disc of radius `reach` without samples covers.
+/* The area in which samples may be invented: the pixels that lie in no disc of radius `reach` without samples.
  *
  * This is a morphological closing by a disc: a dilation of the samples, then an erosion of the result. Each of them
  * takes two passes: distances within the columns, then a search along the row for a column whose distance lies within

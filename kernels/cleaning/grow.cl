@@ -4,8 +4,9 @@
  * Each step between neighbours has a class, 0 to 3: their colours differ little, somewhat, much or fully (tint.h). The
  * cost of a path is its worst class, then the number of steps since the path first met this class: (class, steps) as
  * one number. Each pixel belongs to the seed of least cost: its depth comes from the neighbour with the most similar
- * colour among its neighbours of lower cost (on ties, from the first in EACH_STEP). The result equals region growing step by
- * step, class after class (in the manner of Adams, Bischof: Seeded region growing, 1994), but needs no order in time.
+ * colour among its neighbours of lower cost (on ties, from the first in EACH_STEP). The result equals region growing
+ * step by step, class after class (in the manner of Adams, Bischof: Seeded region growing, 1994), but needs no order
+ * in time.
  *
  * `relax` lowers the costs in place, tile by tile, until nothing changes; only the tile's own work-item writes its
  * costs. It may read an old or a new cost of a neighbour: both belong to existing paths, and the least costs are

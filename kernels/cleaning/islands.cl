@@ -9,8 +9,8 @@
  * values: a plane on a scale (scale.h) on which surfaces are at least 1 apart. measured, known: the same for the
  * measured depth and for the previous frame. labels: a plane; at the first pixel of a run, the index of an earlier
  * run's first pixel, or its own; at other pixels, the index of the run's first pixel. sizes: a plane; at the first
- * pixel of a run its pixel count, later the island's; 0 at other pixels. totals: number of samples, and 1 if a seed is speckle.
- * marks: plane.h; speckle becomes DOUBTED and loses SEED. Work-item: `run` pixels of a row. Cost: O(pixels).
+ * pixel of a run its pixel count, later the island's; 0 at other pixels. totals: number of samples, and 1 if a seed is
+ * speckle. marks: plane.h; speckle becomes DOUBTED and loses SEED. Work-item: `run` pixels of a row. Cost: O(pixels).
  * Determinism: minima and sums of integers do not depend on their order.
  */
 #include "cleaning/plane.h"

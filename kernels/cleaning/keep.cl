@@ -3,8 +3,8 @@
  *
  * A flying pixel lies between two surfaces, apart from both: the camera mixed the depths at an edge. Flying pixels are
  * detected along rows, columns and diagonals; the next sample on each side may be up to GAP pixels away. If the line
- * through the next two samples of a side leads to the pixel, the pixel belongs to their surface. The previous depth of a pixel
- * holds if a kept sample within GAP pixels lies on the same surface and has a similar colour.
+ * through the next two samples of a side leads to the pixel, the pixel belongs to their surface. The previous depth of
+ * a pixel holds if a kept sample within GAP pixels lies on the same surface and has a similar colour.
  *
  * values, known: planes of the measured and of the previous depth, on a scale (scale.h) on which surfaces are at least
  * 1 apart. tint: tint.h. marks: a plane of KEPT, AREA and DOUBTED (plane.h). held: the same with STILL. Work-item:

@@ -18,12 +18,13 @@
  * view. levels: (levels, 3) width, height and start in colors; each level is half as large as the previous one,
  * rounded up. scales: (meshes,) the view's samples over the target's pixels, per scene unit at depth 1.
  * colors: RGBA bytes; A holds 255 times the weight of a sample (feather_at) on a view's finest level, and 255 times
- * the fraction of valid samples on coarser levels. weights: (meshes,) positional weights, > 0. culled: raster/triangle.h. by:
- * BLEND_... layer_nearness, layer_owner: (others + views, items, pixels of a region) output of mesh_layers.h. With
- * CLOSED BY_RAYS, the FreeSpace of closing.h for all `view_count` views; view_sizes are its sizes. depth, color,
- * valid: the picture, whose nearer pixels stay. occupancy, with OCCUPIED: (height, width) bit k is set where view k
- * gave colour. guesses, with GUESSES: (height, width) the depth of closed pixels. Work-item: every `items`-th
- * region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: the order of the list, then of the meshes.
+ * the fraction of valid samples on coarser levels. weights: (meshes,) positional weights, > 0. culled:
+ * raster/triangle.h. by: BLEND_... layer_nearness, layer_owner: (others + views, items, pixels of a region) output of
+ * mesh_layers.h. With CLOSED BY_RAYS, the FreeSpace of closing.h for all `view_count` views; view_sizes are its sizes.
+ * depth, color, valid: the picture, whose nearer pixels stay. occupancy, with OCCUPIED: (height, width) bit k is set
+ * where view k gave colour. guesses, with GUESSES: (height, width) the depth of closed pixels. Work-item: every
+ * `items`-th region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: the order of the list, then of
+ * the meshes.
  */
 #include "depthmesh/closing.h"
 #include "depthmesh/mesh_layers.h"

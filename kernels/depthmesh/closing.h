@@ -127,8 +127,8 @@ INLINED intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl d
 
 /* Returns the mask of the `active` rays that end in occluded space, behind a surface that a view saw. Such a ray leaves
  * free space behind `depth` and goes on in a view's image, or it left free space in front of `depth`. Sets in `last`
- * the depth of the last free point. Unless the scene is enclosed, rays that come out of occluded space are excluded: most
- * come out within a few steps. */
+ * the depth of the last free point. Unless the scene is enclosed, rays that come out of occluded space are excluded:
+ * most come out within a few steps. */
 INLINED intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *last)
 {
     floatl from = depth;

@@ -11,12 +11,12 @@
  * `motion_limits` bound the motion for which the selection suffices.
  *
  * placed: samples.cl. For each vertex, (side + 1, row): active, tree.h; drawn: bit k is set if the k-th triangle with
- * its right angle there is drawn; numbers: the indices of listed points. counts, firsts: (side + 1, 2) for each row, the
- * counts of points and of triangles, and the indices of the first point and triangle. points: (points, 4) position in the view,
- * tree.h, and quality |n z| if rated. corners: (triangles, 3) indices of points, counter-clockwise as seen by the
- * view, with the right angle second. motion_limits: (side + 1, 2) minima over the inactive vertices of a row, in scene
- * units: the motion of the eye after which the projected error may exceed `allowed`, and the distance of a vertex out
- * of view. Work-item: a row of vertices. Cost: O(vertices). Determinism: the order of rows and columns.
+ * its right angle there is drawn; numbers: the indices of listed points. counts, firsts: (side + 1, 2) for each row,
+ * the counts of points and of triangles, and the indices of the first point and triangle. points: (points, 4) position
+ * in the view, tree.h, and quality |n z| if rated. corners: (triangles, 3) indices of points, counter-clockwise as
+ * seen by the view, with the right angle second. motion_limits: (side + 1, 2) minima over the inactive vertices of a
+ * row, in scene units: the motion of the eye after which the projected error may exceed `allowed`, and the distance of
+ * a vertex out of view. Work-item: a row of vertices. Cost: O(vertices). Determinism: the order of rows and columns.
  */
 #include "depthmesh/tree.h"
 

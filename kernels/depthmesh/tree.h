@@ -29,9 +29,9 @@
 #include "lib/surface.h"
 #include "lib/vectors.h"
 
-/* State of a triangle: one bit if it contains drawn cells, one if undrawn cells; 0 if there is no triangle. The byte of a vertex
- * holds side A in its lower two bits and side B in the next two. In the byte of a cell, A is the upper triangle and B
- * the lower one. */
+/* State of a triangle: one bit if it contains drawn cells, one if undrawn cells; 0 if there is no triangle. The byte
+ * of a vertex holds side A in its lower two bits and side B in the next two. In the byte of a cell, A is the upper
+ * triangle and B the lower one. */
 #define UNDRAWN 1
 #define DRAWN 2
 #define SIDE_BITS 2

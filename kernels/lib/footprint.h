@@ -58,7 +58,7 @@ INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, V
     floatl steps[2][2];
     UNROLLED
     for (int axis = 0; axis < 2; axis++) {
-        const Vector level = {m[axis] * depth, m[4 + axis] * depth, m[8 + axis] * depth}; /* one pixel's step at constant depth */
+        const Vector level = {m[axis] * depth, m[4 + axis] * depth, m[8 + axis] * depth}; /* a pixel's step */
         const floatl slide = DOT(normal, level) * per_facing;
         steps[axis][0] = DOT(along_u, level) - slide * DOT(along_u, ahead);
         steps[axis][1] = DOT(along_v, level) - slide * DOT(along_v, ahead);

@@ -27,12 +27,12 @@ typedef struct {
 typedef struct {
     int straight;
     int both; /* 1: neighbours are torn only if the surface does not continue and the Cut tears them, too */
-    float noise[3];     /* noise changes nearness n by up to noise[0] + noise[1] n + noise[2] n^2 from sample to sample */
+    float noise[3];     /* noise changes nearness n by up to noise[0] + noise[1] n + noise[2] n^2 between neighbours */
     float per_pixel[3]; /* largest change on surfaces that face the camera, along rows, columns and diagonals, */
     int perspective;    /* relative to n if 1, absolute if 0 */
 } EdgeTest;
 
-#define NOISE_DEVIATIONS 5.656854f /* 4 sqrt(2): noise explains differences up to this many standard deviations of a sample */
+#define NOISE_DEVIATIONS 5.656854f /* 4 sqrt(2) standard deviations of a sample: noise explains smaller differences */
 
 /* The test with the noise of picture/noise.cl */
 EdgeTest with_noise(EdgeTest test, global const float *noise)

@@ -4,9 +4,9 @@
  * steep slope), or if it continues: the slope on one side predicts the rise between them. The predicted slope may
  * grow by a tenth. It may grow more if the other side is steep in the same direction, or has no sample: a surface
  * that bends away is steep on both sides or ends, but a step from its limb to another surface is steep on one side
- * only. A mixed sample between two surfaces continues to neither, because the three nearest samples agree only on
- * half of its rise. Noise and the steps of a quantized scale are not edges; the mean slope of three adjacent lines
- * predicts with less noise. Alternatively, a Cut tears depths apart whose ratio is too large.
+ * only. A mixed sample between two surfaces continues neither surface, because the three nearest samples agree only on
+ * half of the sample's rise. Noise and the steps of a quantized scale are not edges; the mean slope of three adjacent
+ * lines predicts with less noise. Alternatively, a Cut tears depths apart whose ratio is too large.
  *
  * A sample covers its pixel. So a ring of further samples surrounds the outermost ones, each on the straight line
  * through the two samples inside. With the ring, the surface extends to the edges of the image's pixels

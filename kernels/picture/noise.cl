@@ -3,8 +3,8 @@
  * depth: (height, width) planar z; depths <= 0, not finite or >= far are ignored. cells: approximate number of cells
  * of 2 x 2 samples to read. tables: NoiseTables and room for the strips (pyibr/picture/noise.py). noise: 6 floats,
  * (a, b, c) of the standard deviation a z^2 + b z + c at depth z, then of the steps. Work-item: the launch has one
- * group, whose work-items share all loops. Cost: O(cells). Determinism: shared sums are sums of integers. tests/reference/noise.py does the same
- * in NumPy.
+ * group, whose work-items share all loops. Cost: O(cells). Determinism: shared sums are sums of integers.
+ * tests/reference/noise.py does the same in NumPy.
  */
 #include "lib/lanes.h"
 
@@ -198,7 +198,7 @@ OUTLINED void count_differences(Estimate e)
     }
 }
 
-/* Mean of the smallest sizes, a fraction `share` of all. (With quantized depths, a quantile would jump between steps.) */
+/* Mean of the smallest sizes, a fraction `share` of all. (With quantized depths, a quantile would jump by steps.) */
 OUTLINED float mean_below(global const int *counts, float share)
 {
     int total = 0, before = 0;

@@ -9,8 +9,8 @@
  * corners: (primitives, CORNERS) vertex indices. projected: (vertices, 4), see project.cl. boxes: (primitives, 4)
  * first and last bin in x and y; empty (first > last) if invisible. counts: (chunks, bins), initially 0. totals:
  * (bins,). row_totals: (bins_y,). starts: (bins + 1,) start of each bin's list in `list`. culled: see triangle.h.
- * Work-item: STRIP packets of primitives (bound), a chunk (count, fill), a bin (total, start), a row of bins (total_rows).
- * Cost: O(primitives + list + chunks * bins). Determinism: fixed order.
+ * Work-item: STRIP packets of primitives (bound), a chunk (count, fill), a bin (total, start), a row of bins
+ * (total_rows). Cost: O(primitives + list + chunks * bins). Determinism: fixed order.
  */
 #include "raster/project.cl" /* runs before every binning: one program */
 #include "lib/screen.h"

@@ -97,8 +97,8 @@ void count_steps(const Context *context, const Region *region, int block, const 
 }
 #endif
 
-/* Keeps the hits of a search that are nearer than the region's pixels. triangle: the triangles above the hits; from: the
- * points at t = 0. Returns which hits are kept. */
+/* Keeps the hits of a search that are nearer than the region's pixels. triangle: the triangles above the hits; from:
+ * the points at t = 0. Returns which hits are kept. */
 INLINED intl keep_hits(const Context *context, int block, const Search *s, Vector from, Vector direction, intl triangle,
                        Region *region)
 {

@@ -12,12 +12,12 @@
  * also valid where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
  * which the paper replaces by the light's map on curved surfaces, uses the quadric of the point's own entry.
  *
- * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, with fronts, and with backs if quadrics are curved.
- * texels, bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3) with its
- * mipmaps, if normal_width > 0. Both maps are read by lib/footprint.h. hidden_by, flat_base: shadows.h.
- * counters: (height, width, 2) searches and their steps, with COUNTERS. uvs: (height, width, 2) u and v in 0 to 1 of
- * the visible relief, with UV_WRITTEN; the host fills them with NaN, because bins without triangles write nothing.
- * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
+ * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, with fronts, and with backs if quadrics are
+ * curved. texels, bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3) with
+ * its mipmaps, if normal_width > 0. Both maps are read by lib/footprint.h. hidden_by, flat_base: shadows.h. counters:
+ * (height, width, 2) searches and their steps, with COUNTERS. uvs: (height, width, 2) u and v in 0 to 1 of the visible
+ * relief, with UV_WRITTEN; the host fills them with NaN, because bins without triangles write nothing. Work-item: a
+ * region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
 #include "relief/layers.h"
 #include "relief/shading_point.h"

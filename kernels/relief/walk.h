@@ -174,7 +174,7 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
 /* Finds the sides through which rays leave their prisms. Returns the change of depth until then. */
 INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 {
-    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* change of depth up to the bottom or the mesh */
+    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to the end */
     floatl x = max_lanes(rest, (floatl)0.0f);
     intl out = -1;
     UNROLLED

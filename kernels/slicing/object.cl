@@ -12,13 +12,13 @@
  * see the point (view_colors.h).
  *
  * matrices: (views, 16) from the world to each view's pixel space. sizes: (views, 3) width, height and start in maps
- * and colors. maps: (views, 2, height, width) view_volumes.h, or masks of 0 and 1. reaches: (views,) greatest difference in
- * nearness between a view's surface and its samples. colors: RGBA bytes, A = 255 where the view has a sample. order:
- * (views,) views in the order of testing. closeness: (views,) of each view's direction to the target's, > 0. The origin
- * of world coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With RIBBONS, firsts:
- * the index of each sample's first ribbon, for all views, and finally the count of all ribbons; ribbons: (N,
- * RIBBON_FLOATS), lib/ribbons.h. Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel.
- * Cost: O(pixels * slices * views tested). Determinism: fixed order.
+ * and colors. maps: (views, 2, height, width) view_volumes.h, or masks of 0 and 1. reaches: (views,) greatest
+ * difference in nearness between a view's surface and its samples. colors: RGBA bytes, A = 255 where the view has a
+ * sample. order: (views,) views in the order of testing. closeness: (views,) of each view's direction to the target's,
+ * > 0. The origin of world coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With
+ * RIBBONS, firsts: the index of each sample's first ribbon, for all views, and finally the count of all ribbons;
+ * ribbons: (N, RIBBON_FLOATS), lib/ribbons.h. Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with
+ * LANES 1 a pixel. Cost: O(pixels * slices * views tested). Determinism: fixed order.
  */
 #define BIN BLOCK
 #include "raster/region.h"
@@ -64,7 +64,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     floatl hit = 0.0f;
     intl tests = 0, found = intersect_object(&views, &ray, segment, drawn, halvings, finds_thin, &hit, &tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);
-    found = found & (nearness > so_far); /* of several equally near objects, the first stays */
+    found = found & (nearness > so_far); /* among equally near objects, the first stays */
     region.nearness[0] = select_lanes(found, nearness, so_far);
     region.owner[0] = select_lanes(found, (intl)0, (intl)-1);
     Color shade = {0.0f, 0.0f, 0.0f}, normal = shade;

@@ -11,7 +11,7 @@
 #include "slicing/alpha_test.h"
 #include "slicing/rays.h"
 
-#define STEADY_PARTS 12.0f /* most slices per pixel along a ray; more than one reduce the flicker of thin parts */
+#define STEADY_PARTS 12.0f /* most slices per pixel along a ray: more than one, so that thin parts flicker less */
 #define SURFACE 0
 #define ORTHOGONAL 1
 #define SCREEN 2
@@ -130,9 +130,9 @@ Quantity from_corners(const Quantity *rows, float4 values)
 }
 
 /* Spaces the slices one pixel apart along the ray, where the prism is nearest; facing: the cosine between the ray
- * and the slices' normal there. Slices lie closer where fewer than SLICES_STEADY would fit, so that thin parts do not
- * flicker: up to STEADY_PARTS a pixel, but no closer than half a texel, below which heights have no detail. Wider
- * slices get more halvings, so that hits stay within PIXEL_PARTS of a pixel. */
+ * and the slices' normal there. If fewer than SLICES_STEADY slices would fit, slices lie closer, so that thin parts do
+ * not flicker: up to STEADY_PARTS a pixel. They are never closer than half a texel, below which heights have no detail.
+ * A wider spacing needs more halvings, so that hits stay within 1 / PIXEL_PARTS of a pixel. */
 void space_slices(const Context *context, Prism *t, float facing)
 {
     t->spacing = context->spacing;

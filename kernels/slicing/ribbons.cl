@@ -1,7 +1,7 @@
 /* The ribbons of a depth image (lib/ribbons.h), as depth objects read them (slicing/object.cl).
  *
- * surface: (height + 2, pitch), picture/edges.cl. numbers: (count,), picture/ribbons.cl. records: (count, RIBBON_FLOATS).
- * Work-item: a ribbon. Cost: O(RUN_MAX). Determinism: ribbons are independent.
+ * surface: (height + 2, pitch), picture/edges.cl. numbers: (count,), picture/ribbons.cl. records: (count,
+ * RIBBON_FLOATS). Work-item: a ribbon. Cost: O(RUN_MAX). Determinism: ribbons are independent.
  */
 #include "lib/ribbons.h"
 #include "slicing/ribbon_record.h"

@@ -18,12 +18,12 @@
  * it, in units of the triangle's sides and of a times the displacement. ends: (triangles,) 1 at a border of the
  * surface. heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by lib/footprint.h, as
  * normal_map. gradients: (triangles, 2, 3) of u and v on the base, in the world, times tiles. normals: (vertices of the
- * base, 3). spacing: slice spacing in the world. slices: number along direction a over the displacement; by_view: the
- * number in the middle of the volume. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are
- * the weights of a triangle's second and third corner. Work-item: a region (raster/region.h). With LANES 16 it is a bin,
- * drawn in blocks of 4 x 4 pixels, one pixel to a lane; with LANES 1 it is a pixel, which sets up all prisms in its
- * bin's list and walks the slices of the prisms that its ray meets. Cost: O(list + pixels * slices met), with LANES 1
- * O(pixels * list + ...). Determinism: list order.
+ * base, 3). spacing: slice spacing in the world. slices: their number along direction a over the displacement; with
+ * by_view, in the middle of the volume. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are
+ * the weights of a triangle's second and third corner. Work-item: a region (raster/region.h). With LANES 16 it is a
+ * bin, drawn in blocks of 4 x 4 pixels, one pixel to a lane; with LANES 1 it is a pixel, which sets up all prisms in
+ * its bin's list and walks the slices of the prisms that its ray meets. Cost: O(list + pixels * slices met), with
+ * LANES 1 O(pixels * list + ...). Determinism: list order.
  */
 #define KEEPS_UV 1
 #include "lib/footprint.h"

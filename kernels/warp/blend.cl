@@ -14,15 +14,15 @@
  * (Pajarola, Sainz & Meng 2003, section 4, blend depth meshes with weights of this kind.)
  *
  * Launches: weigh_layer for each layer, once it is drawn; then blend_layers, once for each stack of layers. If the
- * stack cannot hold all layers, nearest_layers first finds the nearest of all, and the layers that are no longer held
- * are drawn again.
+ * stack cannot hold all layers, nearest_layers first finds the nearest layer of all, and the layers that are no longer
+ * held are drawn again.
  * depth, color, valid, source, source_view: (height, width) of a layer, or of the picture (resolve.cl). best: (2,
  * height, pitch) depth of the nearest layer, and its tolerance: negative if it was seen at a step, 0 without a layer.
  * stack: (layers, LAYER_PLANES, height, pitch) weight, negative if seen at a step, 0 in holes; depth; colour (a word of
  * 8 bits a channel, or three planes); with ORIGINS two more planes, with GBUFFER 2 three planes of the normal.
  * sums: (SUMS, height, pitch) of the layers so far: the sum of weights; the weighted means of red, green, blue and
- * depth, which equal a layer's own values to the bit where it contributes alone; with ORIGINS the greatest weight and
- * its origin, with GBUFFER 2 the normal.
+ * depth, which equal a layer's own values to the bit if no other layer contributes; with ORIGINS the greatest weight
+ * and its origin, with GBUFFER 2 the normal.
  * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels) a layer. Determinism: layers are added in the order of the
  * stack.
  */

@@ -10,8 +10,8 @@
  * classified pixels are one interval, and a step of the walk either classifies one more pixel at its end or goes on to
  * the next column. Where depth is missing, rays nearer than all samples of the source are free.
  *
- * told: (dst_height, dst_pitch) this view's result. It is either the bits of a class or, where the line meets the
- * surface, a nearness: if the pixel's own ray misses the surface, its place in the source at that nearness decides. 0,
+ * told: (dst_height, dst_pitch) this view's result: the bits of a class, or a nearness where the line meets the surface
+ * although the pixel is a hole. Then the source's sample on the pixel's own ray at this nearness gives the class. 0,
  * the initial value, stays where no line passes: at the borders between groups, and at the epipole. LANES more values
  * a packet follow, for lanes without a pixel. Without parallax there are no lines, and the buffer is filled with any
  * nearness.
@@ -89,7 +89,7 @@ kernel void classify_lines(global const float *surface, global float *told, glob
     tell_packet(grid, told, groups[group_of(groups, group_count, packet)], packet, map, nearest);
 }
 
-/* The classes of pixels, read from the source at the place of their rays at a nearness */
+/* The classes of pixels, from the source's samples on their rays at a nearness */
 INLINED intl class_in_place(Grid grid, Rays rays, floatl near)
 {
     const floatl w = rays.w + near * rays.centre.z;

@@ -3,17 +3,17 @@
  * Epipolar planes cut both images in lines. Along a source line, walked from the epipole outwards (from its antipode
  * inwards), samples come in the order in which a ray of the target passes them, so the ray sees the first segment that
  * crosses it. The pixels that a connected run of samples has settled are one interval of the target line, and a step of
- * the walk extends it at either end: steps add up to samples plus pixels, not to their product.
+ * the walk extends the interval at either end. So steps add up to samples plus pixels, not to their product.
  *
  * The homogeneous epipoles b (target) and e (source) keep their signs, so that epipole, antipode, infinity and all four
  * walking orders are one case. With D = pixel * w - (u, v), the source is walked along +D; in the target, segments that
  * extend an interval along -D show their front.
  *
- * Deviations from the paper: lines are laid where needed, one per pixel of the farthest column (or row) and every
- * second line at each halving of the distance to the epipole, instead of one per border pixel; a pixel belongs to the
- * nearest line by arithmetic, not by a flag; the order of writing needs no depth test even where the surface is cut.
- * The result is the nearness of the surface that the line's ray sees: from it, resolve.cl finds the hit of the pixel's
- * own ray.
+ * Deviations from the paper: Lines are laid where needed, one per pixel of the farthest column (or row) and every
+ * second line at each halving of the distance to the epipole, instead of one per border pixel. A pixel belongs to the
+ * nearest line by arithmetic, not by a flag. The order of writing needs no depth test, even where the surface is cut.
+ * The result is the nearness of the surface that the line's ray sees; resolve.cl finds the hit of the pixel's own ray
+ * from it.
  *
  * counters: (packet_count, 2) samples and pixels visited, with COUNTERS.
  * Work-item: LANES lines of one group, or SEGMENT pixels of one line (segments.h). Cost: source samples + target pixels
@@ -21,13 +21,12 @@
  * Determinism: a pixel is written by at most one lane.
  *
  * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY at first, unless ALIGNED without SEGMENT. LANES more floats
- * for each work-item, from `spare` on, serve lanes with nothing to write. ALIGNED: all lines run along rows or columns of both
- * images (stereo, light fields) and pass through the pixels' centres, so that their hits are the pixels' own. There is
- * a line for each row (or column), and the first packet begins with the first one. A packet of whole lines first
- * writes EMPTY to its lines, and to the same lines of the margins' hits, `plane` floats further on (patches.cl; 0: no
- * margins).
- * EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h): exact for the line. Otherwise
- * aligned lines run from sample to sample (walk_samples.h), and other lines are walked from column to
+ * for each work-item, from `spare` on, serve lanes with nothing to write. ALIGNED: all lines run along rows or columns
+ * of both images (stereo, light fields) and pass through the pixels' centres, so that their hits are the pixels' own.
+ * There is a line for each row (or column), and the first packet begins with the first one. A packet of whole lines
+ * first writes EMPTY to its lines, and to the same lines of the margins' hits, `plane` floats further on (patches.cl;
+ * 0: no margins). EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h): exact for the
+ * line. Otherwise aligned lines run from sample to sample (walk_samples.h), and other lines are walked from column to
  * column (row to row, walk_columns.h), which leaves out the corners between, at about half the cost.
  */
 #include "warp/interval.h"

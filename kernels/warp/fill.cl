@@ -4,9 +4,10 @@
  * from all around.
  *
  * With HAS_BEHIND, pixels weigh less, the nearer they are than the depth behind the surrounding holes, and the greater
- * their fraction of foreground is next to holes that they touch (behind.cl). So a disocclusion is filled from the background,
- * not from the occluding surface. But no weight is 0: if no background is in reach, the foreground fills the hole. And
- * a hole next to foreground shows some of it, since silhouettes in pictures are mixed with their background.
+ * their fraction of foreground is next to holes that they touch (behind.cl). So a disocclusion is filled from the
+ * background, not from the occluding surface. But no weight is 0: if no background is in reach, the foreground fills
+ * the hole. And a hole next to foreground shows some of it, since silhouettes in pictures are mixed with their
+ * background.
  *
  * color, depth, valid: (height, width). behind: behind.cl. base, cells, inner: pyramid.h; the base of the lowest tiles
  * are the pixels. pull replaces the cells' colour and nearness by the filled values. Work-item: on CPUs a row of

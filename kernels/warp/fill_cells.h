@@ -6,8 +6,8 @@
 #include "warp/pixel_weights.h"
 
 #if LANES == 1
-/* Reduces four pixels or cells, given row by row and plane by plane, to one cell of `made`. plane: the stride between its
- * planes */
+/* Reduces four pixels or cells, given row by row and plane by plane, to one cell of `made`. plane: the stride between
+ * its planes */
 #define ROW_OF_FOUR(p, i) (i == 0 ? four[p].xy : four[p].zw)
 #define MADE_CELL(p) made[(size_t)(p) * plane]
 INLINED void put_cell(const float4 *four, int level, int perspective, global float *made, int plane)
@@ -150,7 +150,7 @@ INLINED float2 open_and_own(global const float *level, int across, int down, int
  * cells that pixel x needs n levels above. */
 #define BEGIN_ABOVE(x, n) ((((x) + 1) >> (n)) - 1)
 #define PART(x) ((x) & 1 ? 0.25f : 0.75f)
-#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* cell i lies between the last two of three cells, not the first two */
+#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* cell i lies between the last two of the three cells */
 
 /* Fills 3 x 3 cells of a level, the first at (x, y), from the 3 x 3 `cells` of the level above, and replaces these. */
 INLINED void pull_around(global const float *level, int across, int down, int side, int p, int x, int y, float *cells)

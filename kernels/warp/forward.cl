@@ -13,7 +13,7 @@
 #include "lib/gbuffer.h"
 #include "warp/keys.h"
 
-/* Both launches must find the same nearness to the last bit. */
+/* The first two launches must find the same nearness to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
 typedef struct {

@@ -43,7 +43,7 @@ typedef struct {
 } LayerView;
 
 /* Parameters of a layer's view in the blend: gains of its colours; noise at depth z, whose standard deviation is
- * noise_2 z z + noise_1 z + noise_0; its number. */
+ * noise_2 z z + noise_1 z + noise_0; the view's number. */
 typedef struct {
     float red, green, blue;
     float noise_2, noise_1, noise_0;

@@ -90,7 +90,7 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
 }
 
 /* Intersects the pixels' own rays with the planes of the triangles at their lines' hits. A ray that meets its triangle
- * gets this hit; the hits of the others become EMPTY. */
+ * gets this hit; the hits of other rays become EMPTY. */
 INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int hit_kind, int sides)
 {
     const float *S = map.src_from_dst;

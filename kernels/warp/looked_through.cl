@@ -8,15 +8,15 @@
  * A point's depth is known within its noise. So a point is a piece of its view's ray, and one view must look through
  * both ends and the middle. The view's nearest ray must pass within half a sample of the point, in samples of the
  * point's view, since coarse views do not show details. The ray must meet its surface farther away than noise and a
- * a fraction of a sample explain, or be known to meet nothing. Objects one sample thin consist of margins alone, so these
- * margins stay.
+ * a fraction of a sample explain, or be known to meet nothing. Objects one sample thin consist of margins alone, so
+ * these margins stay.
  *
- * points: (POINT_PLANES, pitch), one point per column; a view's columns are adjacent. seen: (pitch,) 1 if another view has
- * looked through the point. surface: picture/edges.cl; nearness: picture/nearness.cl, of the same pitch.
- * Launches: find_bridges twice for each view, to count the bridges and to list them; look_through for each view;
- * tear_bridges. Then the same with list_margins and keep_margins.
- * Work-item: a piece of a row; STRIP * LANES columns; one column in tear_bridges, `share` columns in keep_margins.
- * Cost: O(samples + points x views). Determinism: a view's points may come in any order, which changes nothing.
+ * points: (POINT_PLANES, pitch), one point per column; a view's columns are adjacent. seen: (pitch,) 1 if another view
+ * has looked through the point. surface: picture/edges.cl; nearness: picture/nearness.cl, of the same pitch. Launches:
+ * find_bridges twice for each view, to count the bridges and to list them; look_through for each view; tear_bridges.
+ * Then the same with list_margins and keep_margins. Work-item: a piece of a row; STRIP * LANES columns; one column in
+ * tear_bridges, `share` columns in keep_margins. Cost: O(samples + points x views). Determinism: a view's points may
+ * come in any order, which changes nothing.
  */
 #include "lib/lanes.h"
 #include "lib/margins.h"
@@ -29,13 +29,12 @@
 #define BRIDGE 7 /* an int: the index of the bridge's sample in `surface`, times 8, and its TORN_... bit */
 #define POINT_PLANES 8
 
-#define POINT_ASIDE 0.3f           /* samples from a margin's sample to its point, slightly beyond the margin's middle */
+#define POINT_ASIDE 0.3f /* samples from a margin's sample to its point, slightly beyond the margin's middle */
 #define OWN_DEVIATIONS 4.0f  /* the interval of a point's depth, in standard deviations of its noise */
 #define SEEN_DEVIATIONS 6.0f /* a point must lie in front of a surface by more than this many deviations, */
 #define SURFACE_TOLERANCE 0.2f /* and by more than this fraction of a sample, since surfaces bend between samples */
 
-/* A view of the set. noise: its standard deviation is noise_2 z z + noise_1 z + noise_0 at depth z, where noise is
- * certain */
+/* A view of the set. Its noise has the standard deviation noise_2 z z + noise_1 z + noise_0 at depth z. */
 typedef struct {
     float pixel_from_world[16], world_from_pixel[16];
     int width, height, pitch, perspective;

@@ -12,9 +12,9 @@
  *
  * Small weights must not add up along a long edge: otherwise more foreground would leak in finer pictures. With
  * HAS_BEHIND, four cells become one with weights that fall with nearness. A cell's factor is the ratio of its depth to
- * the farthest of the four depths, to the power of 16 times the cells' side, at most 64. So large cells fill the middle
- * of wide holes with the farthest surface: the wider a disocclusion is, the farther its surface lies behind the
- * occluding one, and its middle shows the wall, not the floor in front. But the factor is at least 0.3, so that a few
+ * the farthest of the four depths, to the power of 16 times the cells' side, at most 64. So large cells fill wide holes
+ * with the farthest surface: the wider a disocclusion is, the farther its surface lies behind the occluding one, and
+ * the middle of the hole shows the wall, not the floor in front. But the factor is at least 0.3, so that a few
  * samples that are far by noise do not decide alone, which would make wide holes flicker.
  */
 #include "lib/lanes.h"

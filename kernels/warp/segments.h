@@ -1,7 +1,7 @@
 #ifndef WARP_SEGMENTS_H
 #define WARP_SEGMENTS_H
-/* Lines cut into segments: the pixels of the target that a work-item settles, and the part of the source that it walks
- * for them.
+/* Lines cut into segments: a work-item settles some pixels of a target line, and walks the part of the source line that
+ * they may see.
  *
  * A walk along the whole line gives the same hits: the steps left out show nothing at these pixels.
  */

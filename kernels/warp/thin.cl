@@ -152,7 +152,7 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
     *ends = (int2)(ribbon.from.y, ribbon.to.y) * grid.width + (int2)(ribbon.from.x, ribbon.to.x);
     mix_colors(src_color, ends->x, ends->y, part, color);
 #if ORIGINS
-    vstore2(convert_float2(nearest), 0, source); /* the nearest sample: a place between the two may lie on another object */
+    vstore2(convert_float2(nearest), 0, source); /* samples alone are sure to lie on the object */
     *source_view = view;
 #endif
     *along = part;

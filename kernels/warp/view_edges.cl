@@ -4,8 +4,8 @@
  * edges: (height, width), for each sample its own byte, the byte of the sample below, and two bits that mark the open
  * triangles of its cell, where the picture shows a margin. The byte is 0 at a step, where the surface goes on so
  * steeply that its cells may be rubber sheets. Otherwise it is 1 + STEPS d, where d, 0 to FEATHER, is the distance in
- * samples to the nearest step or end of the surface: a hole, a cut, or the image's border; the larger of the distances
- * along both axes.
+ * samples to the nearest step or end of the surface (a hole, a cut, or the image's border), as the larger of the
+ * distances along the two axes.
  *
  * surface: (height + 2, pitch), picture/edges.cl. marks: (height, mark_pitch), with FEATHER more columns on either
  * side: STEP at a step, 0 at an end and beyond the image, elsewhere FEATHER. in_row: (height, mark_pitch), distances in
