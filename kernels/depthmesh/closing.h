@@ -174,8 +174,8 @@ static intl leaves_free_space(const FreeSpace *space, global const float *depths
     return left;
 }
 
-/* Returns which `active` points of the pixels (x, y) at a depth lie at the sample of a view's pixel that contains
- * them. */
+/* Returns which `active` points of the pixels (x, y) at a depth lie at a sample: a view's sample whose pixel contains
+ * the point has about the same depth. */
 intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active)
 {
     const floatl n = DEPTH_OF(space->perspective, select_lanes(active, depth, (floatl)1.0f));

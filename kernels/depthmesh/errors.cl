@@ -1,9 +1,9 @@
 /* The quadtree's errors and bounding spheres, fine to coarse (Pajarola, Sainz & Meng 2003, sections 3.2 and 3.3).
  *
- * A vertex's error joins its distance from the edge that it bisects with the largest error of its children. The
- * distance is measured in the plane of z and the direction of the edge for a midpoint (equation 1), in space for a
- * centre (equation 2). The sphere of a vertex contains its children's spheres; the finest spheres contain the
- * triangles that their vertices split. So errors and spheres grow from children to parents, and an independent test
+ * A vertex's error joins its distance from the edge that it bisects with the largest error of its children. For a
+ * midpoint, the distance is measured in the plane of the edge's direction and the z axis (equation 1); for a centre, in
+ * space (equation 2). The sphere of a vertex contains its children's spheres; the finest spheres contain the triangles
+ * that their vertices split. So errors and spheres grow from children to parents, and an independent test
  * of each vertex yields a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
  * Deviations from the paper: the errors of vertex and child are added. The sum is a bound, since a surface without both

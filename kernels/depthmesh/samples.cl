@@ -6,8 +6,8 @@
  * of a surface that continues straight, like a distant floor, are kept; TEST_CONNECTEDNESS decides this.
  * TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if it is short, or if the line of samples on
  * either side continues over it (in nearness, which is linear on planes). TEST_DISPARITY: a triangle is removed if
- * nearness within it differs too much (Oliveira & Bishop 1998). TEST_NONE keeps all triangles. Beyond the papers,
- * differences that the sensor's noise explains (`noise`) count as steps in no test.
+ * nearness within it differs too much (Oliveira & Bishop 1998). TEST_NONE keeps all triangles. Beyond the papers, no
+ * test counts differences that the sensor's noise explains (`noise`).
  *
  * `place_border` computes the nearness of the vertices that are drawn half a pixel beyond the outermost samples: it
  * extrapolates the line through the sample and the next one inside, so the surface passes through the sample.

@@ -9,10 +9,10 @@
  * the caller. pool: chunks of CHUNK ints, from which work-items build stacks. A chunk holds the indices of the chunks
  * below and above it, then vertices. used: (1,) number of used chunks. coarse: a step. Work-item: all vertices of at
  * least the coarse step (`refine_coarse`); then each of these with all dependent vertices that no other work-item has
- * taken (`refine`). Work-items may see each other's marks late or never: an atomic operation takes vertices. Cost:
- * O(triangles + samples): most triangles that are split fail at the first samples, and other triangles are read in
- * rows, LANES samples at a time. Determinism: each split follows from single vertices, so the set of splits is the
- * same in any order.
+ * taken (`refine`). Work-items may see each other's marks late or never: an atomic operation decides which of them
+ * takes a vertex. Cost: O(triangles + samples): most triangles that are split fail at the first samples, and other
+ * triangles are read in rows, LANES samples at a time. Determinism: each split follows from single vertices, so the
+ * set of splits is the same in any order.
  */
 #include "depthmesh/tree.h"
 #include "depthmesh/within.h"

@@ -3,7 +3,7 @@
  *
  * The state of a triangle is the union of the states of its two halves, which are sides of children of the vertex. In
  * a block that is squeezed into the image (tree.h), the diagonal does not pass through the centre, so each side gets
- * the union of both.
+ * the union of both sides' states.
  *
  * cells: samples.cl. states: (side + 1, row) states of both sides of each vertex (tree.h).
  * Work-item: a row of vertices (`find_finest_states`: writes the states of step 1, and 0 for other vertices), a row of

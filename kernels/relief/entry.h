@@ -3,7 +3,7 @@
 /* A relief, and the entry of a pixel's ray: the vertices' frames and quadrics there, and the ray in texture space
  * (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
- * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices,
+ * faces: (triangles, 3) vertex indices. projected: (vertices, 4), raster/project.cl. vertices: (vertices,
  * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c. texels, bounds, levels:
  * search.h. prisms: walk.h.
  */
@@ -62,7 +62,7 @@ INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
     *y = cross_product(e->normal, *x);
 }
 
-/* The quadric's bilinear form of two directions; for twice the same direction it is a x^2 + b y^2 + c x y. */
+/* The quadric's bilinear form of two directions; for two equal directions, it is a x^2 + b y^2 + c x y. */
 INLINED floatl quadric_form(const Entry *e, floatl x, floatl y, floatl other_x, floatl other_y)
 {
     return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);

@@ -46,8 +46,8 @@ INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
     shading->normal = normalized(normal);
 }
 
-/* A normal tilted by the rise of the height over a texel, along u and along v, in HEIGHT_UNITs, on the surface parallel
- * to the base through a point below it; not of unit length */
+/* The shading point's normal, tilted by the rise of the heights over a texel along u and along v, in HEIGHT_UNITs.
+ * Lengths are measured on the surface through the point that is parallel to the base. Not of unit length. */
 INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *e, floatl across, floatl down,
                                       float scale, int quadric)
 {

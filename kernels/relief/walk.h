@@ -17,7 +17,7 @@
  * backwards, and comes out on the other side of a sharp bend.
  *
  * prisms: (triangles, PRISM_FLOATS) P, N, u and v of each corner; then, as integers, for the side opposite to each
- * corner the neighbour's side there, 3 * triangle + corner; -1: none, at borders. Beyond borders u and v continue
+ * corner the neighbour's matching side: 3 * triangle + corner, or -1 at borders. Beyond borders u and v continue
  * linearly, and the depth follows the turning normals.
  */
 #include "relief/entry.h"
@@ -35,8 +35,8 @@ typedef struct {
     intl beside[3];
 } MeshPrism;
 
-/* Twice the areas between a section's sides and the ray's point, by the opposite corners: area + slope x + bend x^2,
- * where x is the change of depth along the ray */
+/* Twice the areas between a section's sides and the ray's point, indexed by the sides' opposite corners: area + slope x
+ * + bend x^2, where x is the change of depth along the ray */
 typedef struct {
     floatl area[3], slope[3], bend[3];
     floatl sign; /* 1 if the ray sinks, or -1 */

@@ -182,7 +182,7 @@ INLINED void set_bend(Bend *bend, global const float *tilts)
 }
 
 /* Sets the planes that bound a prism: two parallel to its base, and one through each side of its triangle. A side's
- * plane leans so that the corners above the side lie within, and moves outwards if another corner does not. rows:
+ * plane leans so that the corners above the side lie within, and moves outwards if another corner lies outside. rows:
  * barycentric coordinates in the frame */
 void set_planes(Prism *t, const Quantity *rows, global const float *tilts)
 {

@@ -3,8 +3,8 @@
 /* Normals of surfaces drawn by slices, and the footprint of a pixel on them.
  *
  * Lengths are measured on the slice through the point, a triangle with all corners at the point's height above the
- * base: where the base has curvature k, a slice at distance d above it is 1 + k d as long, and heights are flatter
- * there.
+ * base. Where the base has curvature k, a slice at distance d above it is longer by the factor 1 + k d, so heights are
+ * flatter there.
  */
 #include "lib/footprint.h"
 #include "lib/light.h"

@@ -1,6 +1,6 @@
 /* Displacement mapping by slices (Kautz & Seidel 2001, section 3).
  *
- * Each triangle of the base, extruded along its corners' normals, is a prism. The slice at a height in it is a triangle
+ * Each triangle of the base, extruded along its corners' normals, is a prism. A prism's slice at a height is a triangle
  * with the base's uv. Along a ray, the points' heights and weights follow from a cubic (prism_rays.h). Slices either
  * have constant, evenly spaced heights (direction a), with an explicit depth on each ray, or are planes evenly spaced
  * along rays. A pixel walks the slices that its ray meets from front to back, and stops where the alpha test passes.

@@ -60,7 +60,7 @@ typedef struct {
 } SurfaceSample;
 
 /* The view's surface at the samples, for `wanted` points of nearness `mine`. The surface is exact close to the points;
- * elsewhere it is only right whether a point lies in front. reach: greatest nearness of the surface above its samples.
+ * elsewhere it only lies on the correct side of them. reach: greatest nearness of the surface above its samples.
  * outline: sum of sample weights at which a cell's nearest part ends towards background; 0.5 is half-way, because a
  * sample covers its pixel. Towards a surface behind it, this part falls off to that surface, later for a smaller
  * `outline`. creases: 0 leaves out the creases between four samples. */

@@ -5,7 +5,7 @@
 #include "warp/pixel_weights.h"
 
 #if LANES == 16
-#define ELEMENT(values, x) (((const float *)&(values))[x]) /* of 16 */
+#define ELEMENT(values, x) (((const float *)&(values))[x]) /* element x of 16 values */
 
 /* A tile's levels: row by row, plane by plane, in the order of `inner` */
 typedef struct {

@@ -35,7 +35,7 @@ typedef struct {
     floatl start, slope;           /* in the target: across = start + slope * along, */
     floatl low, high;              /* for pixels along from low to high */
     intl u_major;                  /* in the source: minor = minor_0 + tilt * major */
-    floatl minor_0, tilt, sign;    /* sign of the walk's steps: away from the epipole, where rays are farther */
+    floatl minor_0, tilt, sign;    /* sign of the walk's steps, which lead away from the epipole */
     floatl from, to, last_major;   /* major coordinates that are walked; none if from > to */
     intl last_minor, stride_major, stride_minor;
     intl first_pixel;              /* ALIGNED: the index of the line's pixel 0 */

@@ -21,13 +21,13 @@ typedef struct {
     floatl passed;                 /* the row crossed: 1 the cell's last, -1 its first, 0 none */
     floatl beyond_from, beyond_to; /* if a row is crossed: the two cells' samples that `from` and `to` lack */
     floatl slope;                  /* rows per column */
-    intl mirrored, transposed;     /* columns and rows are both mirrored; they are swapped */
+    intl mirrored, transposed;     /* columns and rows are both mirrored; columns and rows are swapped */
     intl along, edge;              /* lines along edges: the edges' TORN_... bit, and whether it is set on this step */
 } Step;
 
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
-    floatl leaves[4];   /* position on the step, 0 to 1, where lines leave each triangle; skipped if it does not grow */
+    floatl leaves[4];   /* position (0 to 1) where lines leave each triangle; triangles where it does not grow are skipped */
     floatl nearness[4]; /* the surface's nearness there */
     intl open[4];
 } PassedTriangles;
