@@ -148,8 +148,7 @@ INLINED void add_mesh(const Context *context, const Meshes *meshes, int mesh, fl
 #define FAR_NORMALS_PARAMETER
 #define FAR_NORMALS_ARGUMENT 0
 #endif
-/* Adds colours and normals of closed surface at nearness n, and their weights, to the pixels (x, y) that are `given`.
- * */
+/* Adds the weighted colours and normals of closed surface at nearness n to the `given` pixels (x, y). */
 INLINED void add_closing(const FreeSpace *space, const Meshes *meshes, global const uint *far_normals, floatl x,
                          floatl y, floatl n, intl given, MeshBlend *blend, intl *views)
 {

@@ -125,7 +125,7 @@ INLINED intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl d
     return found;
 }
 
-/* Returns the mask of the `active` rays that end in occluded space, behind a surface that a view saw. Such a ray leaves
+/* Returns which `active` rays end in occluded space, behind a surface that a view saw. Such a ray leaves
  * free space behind `depth` and goes on in a view's image, or it left free space in front of `depth`. Sets in `last`
  * the depth of the last free point. Unless the scene is enclosed, rays that come out of occluded space are excluded:
  * most come out within a few steps. */
@@ -191,8 +191,8 @@ intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl
     return found;
 }
 
-/* Returns the mask of the `active` rays that meet, behind `depth`, the rim of a surface that a view saw, half a sample
- * beyond its last samples. Such a ray comes from the front, and leaves free space at a sample, as the four samples
+/* Returns which `active` rays meet, behind `depth`, the rim of a surface that a view saw, half a sample beyond its last
+ * samples. Such a ray comes from the front, and leaves free space at a sample, as the four samples
  * around or the nearest one decide. Rays from the side pass behind the surface. Sets in `rim` the rim's depth. */
 static intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *rim)
 {

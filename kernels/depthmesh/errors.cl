@@ -31,7 +31,6 @@ typedef struct {
     int largest; /* 1: the larger of a vertex's own error and its children's counts, as in the paper; 0: their sum */
 } Tree;
 
-/* Properties of LANES vertices */
 typedef struct {
     Vector center;
     floatl error, radius, depth;
@@ -53,7 +52,6 @@ Vector sample_point(const Layout *layout, intl x, intl y, floatl n)
     return point_of(layout, to_floatl(x), to_floatl(y), DEPTH_OF(layout->perspective, n));
 }
 
-/* LANES children */
 typedef struct {
     intl at; /* index; 0 for no child */
     floatl x, y, error, depth;
@@ -79,7 +77,6 @@ floatl sample_size(const Layout *layout, floatl depth)
     return layout->footprint * (layout->perspective ? depth : (floatl)1.0f);
 }
 
-/* Widens the spheres to contain the children's spheres. */
 INLINED void hold_children(const Layout *layout, const Tree *tree, const Children *c, Vertices *v)
 {
     const Vector away = minus(point_of(layout, c->x, c->y, c->depth), v->center);

@@ -218,7 +218,6 @@ kernel void place_border(global const float *nearness, global const uchar *cells
     }
 }
 
-/* Adds the step from a to b. */
 void add_step(Vector a, Vector b, intl joined, Vector *sum)
 {
     sum->x += select_lanes(joined, b.x - a.x, (floatl)0.0f);

@@ -79,7 +79,6 @@ int2 columns_within(const Within *t, int row)
     return (int2)(max((int)ceil(part.x - ON_EDGE), t->low.x), min((int)floor(part.y + ON_EDGE), t->high.x));
 }
 
-/* Nearness of the triangle's plane at samples of a row */
 INLINED floatl plane_nearness(const Within *t, intl x, int row)
 {
     return t->n[1] + (row - t->at[1].y) * t->per_y + (to_floatl(x) - t->at[1].x) * t->per_x;

@@ -11,7 +11,7 @@
 
 #define BOUNDS_STEP 8
 
-#define FROM_RING 0.99f /* distance from the outermost samples to the ring's, minus a margin for rounding */
+#define FROM_RING 0.99f /* distance from the outermost samples to the ring, less a margin for rounding */
 
 /* Number of windows over `size` samples */
 #define BOUNDS_ACROSS(size) ((size) / BOUNDS_STEP + 1)

@@ -28,7 +28,6 @@ typedef struct {
     floatl u, v;     /* the longer side, along which the probes are spaced evenly */
 } Footprint;
 
-/* A footprint of one probe */
 INLINED Footprint isotropic_footprint(floatl texels_2)
 {
     const Footprint f = {texels_2, (floatl)1.0f, (floatl)0.0f, (floatl)0.0f};

@@ -13,7 +13,6 @@ typedef struct {
 #define POINT_ROW(m, row, p)                                                                                   \
     ((m)[4 * (row)] * (p).x + (m)[4 * (row) + 1] * (p).y + (m)[4 * (row) + 2] * (p).z + (m)[4 * (row) + 3])
 
-/* The vectors of an array at the given indices */
 INLINED Vector vector_at(global const float *vectors, intl number)
 {
     Vector v;

@@ -24,7 +24,6 @@
 #define GUESSES 0 /* 1: depths of guessed surface, `guesses`, are copied, too */
 #endif
 
-/* A face's picture */
 typedef struct {
     global const float *depth;
     global const channel *color;
@@ -32,7 +31,6 @@ typedef struct {
     int width, height;
 } Face;
 
-/* Values that a packet's pixels read from a face */
 typedef struct {
     intl own;         /* mask of the pixels of this face */
     intl x, y, whole; /* the first of the four surrounding pixels, and whether these show one surface */
@@ -138,7 +136,6 @@ INLINED void write_packet(const Reading *read, Face face, int count, int empties
 }
 
 #if ORIGINS
-/* Writes the origins of pixels. */
 INLINED void copy_origins(const Reading *read, Face face, int count, int empties, global const float *face_source,
                           global const int *face_source_view, global float *source, global int *source_view)
 {
@@ -170,7 +167,6 @@ INLINED void copy_origins(const Reading *read, Face face, int count, int empties
 #endif
 
 #if CLASSES
-/* Writes the classes of pixels. */
 INLINED void copy_classes(const Reading *read, int count, int empties, global const uchar *face_classes,
                           global uchar *classes, int unseen)
 {

@@ -169,7 +169,6 @@ INLINED void add_size(Estimate e, int kind, int range, float size)
     ADD_TO(e.t->counts[kind][range][clamp((as_int(size) >> 20) - FIRST_SIZE, 0, LAST_SIZE)], 1);
 }
 
-/* Depth at the mean nearness of a range */
 INLINED float range_depth(Estimate e, int kind, int range)
 {
     const float mean = (float)(uint)e.t->sums[kind][range] / (float)max(e.t->every[kind][range], 1);

@@ -25,7 +25,6 @@ typedef struct {
     intl low_x, high_x, low_y, high_y;
 } Boxes;
 
-/* A projected corner */
 typedef struct {
     floatl U, V, W;
 } ProjectedCorner;
@@ -178,7 +177,6 @@ kernel void fill_bins(global const short *boxes, global int *counts, global int 
     }
 }
 
-/* Nearness of the nearest corner */
 float front_of(global const int *corners, global const float *projected, int i)
 {
     float nearest = -INFINITY;

@@ -30,7 +30,6 @@
 #define FIRST_X(block) ((block) % ROW * BLOCK) /* a block's first pixel in the region */
 #define FIRST_Y(block) ((block) / ROW * BLOCK)
 
-/* The picture that is drawn */
 typedef struct {
     Screen screen;
     global float *depth;   /* (height, width), NaN where empty */
@@ -78,7 +77,6 @@ void add_to_counters(global int *counters, const Region *region, int block, Scre
 /* Is all of the block at (x, y) in the picture? */
 #define IS_WHOLE(screen, x, y) ((x) + BLOCK <= (screen).width && (y) + BLOCK <= (screen).height)
 
-/* Depths of a whole block of the picture */
 float16 block_depths(Screen screen, global const float *depth, int x, int y)
 {
     global const float *at = depth + (size_t)y * screen.width + x;
@@ -105,7 +103,6 @@ INLINED floatl nearness_of_block(Screen screen, global const float *depth, int x
     return so_far;
 }
 
-/* Begins an empty region at (x, y). */
 INLINED void begin_region(Region *region, int x, int y)
 {
     region->x = x;
@@ -117,7 +114,6 @@ INLINED void begin_region(Region *region, int x, int y)
     }
 }
 
-/* Begins the region at (x, y) with the picture's content. */
 INLINED void begin_in_picture(Region *region, const Picture *picture, int x, int y)
 {
     begin_region(region, x, y);
@@ -223,7 +219,6 @@ INLINED void enter_block(GBuffer gbuffer, intl written, const Region *region, in
 #endif
 }
 
-/* Clears the region at (x, y) in the picture. */
 INLINED void clear_region(const Picture *picture, int x, int y)
 {
     const Color black = {0.0f, 0.0f, 0.0f};

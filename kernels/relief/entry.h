@@ -38,7 +38,6 @@ typedef struct {
     floatl a, b, c;
 } Entry;
 
-/* The vertices' values at a point of a triangle */
 INLINED Entry entry_at(const Relief *relief, const OnTriangle *at)
 {
     floatl of_vertex[VERTEX_FLOATS];
@@ -136,7 +135,6 @@ INLINED intl level_of(const Relief *relief, const Entry *e, floatl size, intl en
     return finest_level(relief, level_of_texels(texels_2, relief->level_count), size, is_curved);
 }
 
-/* The size of a pixel in scene units at nearness n */
 #define PIXEL_SIZE(relief, n)                                                                                  \
     (((relief)->screen.perspective ? 1.0f / (n) : (floatl)1.0f) * (relief)->pixel_size)
 

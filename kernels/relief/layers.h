@@ -90,7 +90,6 @@ OUTLINED int search_blocks(const Context *context, int block, int by_mesh, Regio
     return more;
 }
 
-/* Finds the exits of the rays of all blocks (cover_back). */
 OUTLINED void find_exits(const Context *context, Region *region, BinList listed)
 {
     Context backs = *context;
@@ -186,7 +185,6 @@ INLINED Entry entry_of_hit(const Relief *relief, const Layers *layers, int block
     return flattened(entry_at(relief, &at), layers->share[block]);
 }
 
-/* Finds the relief's visible points in the region, layer by layer. */
 OUTLINED void search_layers(const Context *context, Region *region, BinList listed)
 {
     Layers *layers = context->layers;

@@ -31,7 +31,7 @@ typedef struct {
     floatl x, y, dx, dy;
 } Track;
 
-/* Entry i of each lane's level in `levels`; usually all lanes are on one level. */
+/* Entry i of the lanes' levels in `levels`; usually all lanes are on one level. */
 INLINED intl table_at(global const int *levels, intl level, int i)
 {
     const int first = int_lane(level, 0);
@@ -62,7 +62,6 @@ INLINED Track track_of(const ReliefRay *ray, global const int *levels)
 /* The index of the bound of a tier's cell. A lookup of the index would take as long as reading the bound itself. */
 #define BOUND_AT(s, tier, column, row) ((s)->start + (s)->span - ((s)->span >> (tier)) + ((row) << (s)->pitch) + (column))
 
-/* The state of a search */
 typedef struct {
     ReliefRay ray;
     Track track;
@@ -85,7 +84,6 @@ typedef struct {
 #define COUNT_STEP(search, tries)
 #endif
 
-/* Tells whether the ray is at or below the surface. */
 intl is_below(const Search *s, global const uint *texels, floatl t)
 {
     const Track *k = &s->track;

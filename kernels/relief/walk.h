@@ -47,7 +47,6 @@ typedef struct {
     floatl second, third, distance;
 } Crossing;
 
-/* The state of walking rays */
 typedef struct {
     Vector from, direction;
     floatl reached; /* distance from the entry */

@@ -8,7 +8,6 @@
 
 #define LEAST_SLOPE 1e-4f /* least slope of the eye's rays to the section (walk.h) that contains the eye */
 
-/* Begins the walk of some rays at a depth below a triangle. */
 INLINED void begin_walk(MeshWalk *walk, intl active, intl triangle, floatl depth)
 {
     walk->reached = 0.0f;

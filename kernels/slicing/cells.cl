@@ -94,7 +94,6 @@ INLINED CellSide side_beside(CellImage image, const CellSample *line)
     return side;
 }
 
-/* Stores at most `count` of the values. */
 INLINED void store_first(floatl values, global float *to, int count)
 {
     if (count >= LANES)
@@ -104,7 +103,6 @@ INLINED void store_first(floatl values, global float *to, int count)
             to[lane] = float_lane(values, lane);
 }
 
-/* A float with its last bits replaced */
 INLINED floatl with_bits(floatl value, intl bits, int places)
 {
     return as_floatl((as_intl(value) & ~places) | bits);

@@ -37,7 +37,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
             int low_x, int low_y COUNTERS_PARAMETER(int)
 #if RIBBONS
                            ,
-            global const int *firsts /* index of each sample's first ribbon; finally the count of all */,
+            global const int *firsts,
             global const float *ribbons
 #endif
                 GBUFFER_PARAMETERS NORMALS_PARAMETER(uint))

@@ -20,7 +20,6 @@
 
 #define NEWTON_STEPS 2 /* from a guess that is off by a few hundredths down to rounding */
 
-/* A block's rays in a prism's frame */
 typedef struct {
     Linear second, third, rise;
 } PrismRays;
@@ -52,7 +51,6 @@ INLINED Place place_at(const Bend *bend, const PrismRays *rays, floatl z, floatl
     return place;
 }
 
-/* The depths at which rays meet a height */
 INLINED floatl depth_at_height(const Bend *bend, const PrismRays *rays, floatl h)
 {
     const floatl by_x = h * (bend->to_second.rise + h * bend->by_second),
@@ -63,7 +61,6 @@ INLINED floatl depth_at_height(const Bend *bend, const PrismRays *rays, floatl h
            (by_x * rays->second.sloped + by_y * rays->third.sloped - area * rays->rise.sloped);
 }
 
-/* The heights of rays' points at depth z */
 INLINED floatl height_at_depth(const Bend *bend, const PrismRays *rays, floatl z)
 {
     const floatl x = AT(rays->second, z), y = AT(rays->third, z), rise = AT(rays->rise, z);

@@ -118,7 +118,6 @@ int barycentric_rows(const float4 *p, Quantity *rows)
     return 1;
 }
 
-/* A quantity from its values at the corners */
 Quantity from_corners(const Quantity *rows, float4 values)
 {
     Quantity made;

@@ -39,7 +39,6 @@ INLINED SlicePoint slice_point_of(const Context *context, intl triangle, floatl 
 #if LIT || ANISOTROPIC
 #define HEIGHT(u, v) height_at(context->heights, context->map_width, context->map_height, u, v)
 
-/* The second and third side of a slice */
 typedef struct {
     Vector second, third;
     floatl h;

@@ -10,7 +10,7 @@
  * Deviations from the paper: slices are met per pixel instead of drawn as polygons. Where a ray enters or leaves
  * through the base, the base is tested like a slice, so that flat parts between two slices have no gaps. Rays are also
  * tested where they leave at a border of the surface. `halvings` bisections bring a hit closer to the surface than its
- * slice. `by_view` chooses the number of slices for each prism (space_slices).
+ * slice.
  *
  * corners: (triangles, 6) indices of `projected`: three corners of the base, then the three above them. points: (2
  * vertices, 3) world, of the base, then above it. uv: (vertices, 2) u, v (times tiles). frames: (triangles, 3, 3) the
@@ -49,7 +49,6 @@ INLINED intl is_in_prism(const Prism *t, Place place)
 
 #define RUN (UNCLIPPED ? 2 : 16) /* slices in a run; in runs of two, each slice is exact, even outside the prism */
 
-/* The hits of a block's rays */
 typedef struct {
     intl found;
     floatl z;
@@ -255,8 +254,8 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     if (context->slicing != SURFACE)
         test_at(context, t, region, block, &hit, base, place_at(&t->bend, &rays, base, 0.0f),
                 at_base & !hit.found & (rays.rise.sloped < 0.0f) & reaches_end, 0);
-    /* A ray that leaves through a side is tested there, too: the next prism, if any, has slices only beyond the side.
-     * The bounding planes are a little outside the prism, where heights are extrapolated. */
+    /* Rays that leave through a side are tested there: the next prism, if any, has slices only beyond it. The bounding
+     * planes are a little outside the prism, where heights are extrapolated. */
     const intl in_prism = hit.found;
     if (t->halvings > 0 || t->ends) {
         const Place end = place_at(&t->bend, &rays, p.exit, height_at_depth(&t->bend, &rays, p.exit));
@@ -285,9 +284,9 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
 kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *corners, global const float *points,
                          global const float *uv, global const float *frames, global const float *tilts,
                          global const int *ends, global const uint *heights, global const uint *colors, float spacing, int slices,
-                         int by_view /* 1: the picture chooses the number of slices of each prism */,
-                         int halvings /* halvings of the interval before the first slice that passes */, int slicing,
-                         int test, float band /* range of heights that BAND accepts; 0: one slice */, int map_width,
+                         int by_view /* 1: each prism has its own number of slices (space_slices) */,
+                         int halvings, int slicing,
+                         int test, float band, int map_width,
                          int map_height, int color_width, int color_height,
                          int color_levels, float pixel_size, global const float *gradients ANISOTROPY_PARAMETER
 #if LIT

@@ -109,7 +109,6 @@ INLINED floatl mask_at(global const float *map, Samples samples)
     return sum;
 }
 
-/* A ray in a view's pixel space, homogeneous */
 typedef struct {
     Linear u, v, w, q;
 } ViewRay;
@@ -121,7 +120,6 @@ INLINED ViewRay view_ray(global const float *matrix, const WorldRay *ray)
     return made;
 }
 
-/* The views of an object, as in object.cl */
 typedef struct {
     int count;
     global const float *matrices;

@@ -30,8 +30,8 @@
 #define NARROW_HOLE 0.02f /* fraction of the picture's longer side: shorter holes are narrow, */
 #define WIDE_HOLE 0.035f  /* and longer holes are wide */
 #define OUTWARD 8         /* slopes are measured over 1/8 of a hole's length beyond its ends */
-#define FLAT 0.05f        /* surfaces are flat if they close at most this fraction of the gap when continued into it */
-#define SLOPING 0.15f     /* surfaces are sloping if they close this fraction or more */
+#define FLAT 0.05f        /* surfaces are flat if, continued into the gap, they close at most this fraction, */
+#define SLOPING 0.15f     /* and sloping if they close this fraction or more */
 
 /* The depth by which two pixels of one surface may differ: same_2 z^2 + same_1 z + same_0 at depth z */
 typedef struct {

@@ -219,7 +219,6 @@ kernel void nearest_layers(global const float *stack, global float *best, global
     }
 }
 
-/* The weighted means of the layers so far, for a packet of pixels */
 typedef struct {
     floatl total;
     Color color;

@@ -24,7 +24,7 @@ typedef struct {
     float lowest;            /* the last row that has a row below */
     intl edges;              /* TORN_... bits of the edges that the line sees: all, or the edges that it runs along */
     intl lower_first;
-    int collapsed; /* some lines run along edges, and their cells are collapsed onto these edges */
+    int collapsed; /* some lines run along edges, onto which their cells are collapsed */
 } Traversal;
 
 typedef struct {
@@ -90,7 +90,6 @@ INLINED void collapse_cells(floatl *corners, intl on_row, intl lower, intl on_co
     corners[3] = select_lanes(on_column, corners[2], corners[3]);
 }
 
-/* The cells (x, y) that lines enter at a distance. */
 INLINED void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *y)
 {
     const floatl u = lines.u + lines.du * at, v = lines.v + lines.dv * at;

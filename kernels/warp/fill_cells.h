@@ -193,7 +193,6 @@ INLINED float pulled_plane(global const float *inner, global const float *cells,
     return mix(mix(filled[0], filled[3], PART(y)), mix(filled[1], filled[4], PART(y)), PART(x));
 }
 
-/* Fills a cell. */
 INLINED void pull_cell(global float *base, int width, int height, int x, int y, int across, int down,
                        global const float *inner, global const float *cells)
 {
@@ -203,7 +202,6 @@ INLINED void pull_cell(global float *base, int width, int height, int x, int y, 
         base[p * plane + cell] += open * pulled_plane(inner, cells, across, down, p, x, y);
 }
 
-/* Fills a hole. */
 INLINED void pull_pixel(global channel *color, global float *depth, global const uchar *valid,
                         global const float *behind, int width, int height, int pitch, int perspective, int x, int y,
                         int across, int down, global const float *inner, global const float *cells)

@@ -120,7 +120,6 @@ INLINED void read_behind(global const float *behind, size_t plane, int pitch, co
 }
 #endif
 
-/* Computes the levels of a tile of pixels. */
 void push_tile(global const channel *color, global const float *depth, global const uchar *valid,
                global const float *behind, int width, int height, int pitch, int perspective, int column, int row,
                int across, int down, global float *inner, global float *cells)
@@ -184,7 +183,6 @@ void push_tile(global const channel *color, global const float *depth, global co
     write_levels(levels, 1, perspective, tile, tiles, inner, cells);
 }
 
-/* Computes the levels of a tile of cells. */
 INLINED void push_base_tile(global const float *base, int width, int height, int perspective, int level, int column, int row,
                        int across, int down, global float *inner, global float *cells)
 {
@@ -291,7 +289,6 @@ INLINED float16 pulled(float16 *filled, int y)
     return CELLS_BETWEEN(float16, row, s0112233445566778, s1223344556677889, 0.75f, PARTS_8, PARTS_4, 0.25f, 0.75f, 0.25f);
 }
 
-/* Fills a tile of cells. */
 INLINED void pull_base_tile(global float *base, int width, int height, int column, int row, int across, int down,
                        global const float *inner, global const float *cells)
 {
@@ -307,7 +304,6 @@ INLINED void pull_base_tile(global float *base, int width, int height, int colum
         }
 }
 
-/* Fills the holes of a tile of pixels. */
 INLINED void pull_tile(global channel *color, global float *depth, global const uchar *valid, global const float *behind,
                        int width, int height, int pitch, int perspective, int column, int row, int across, int down,
                        global const float *inner, global const float *cells)

@@ -43,8 +43,8 @@ typedef struct {
 typedef struct {
     global float *hits;
     int spare;      /* for lanes with nothing to write */
-    int up_hides;   /* 1: segments that extend the interval to larger pixels face the target with a side not shown */
-    int down_hides; /* 1: segments that extend the interval to smaller pixels do so */
+    int up_hides;   /* 1: segments that extend the interval to larger pixels turn a hidden side to the target, */
+    int down_hides; /* 1: segments that extend it to smaller pixels */
     uint pixels;
 } HitWriter;
 

@@ -8,7 +8,7 @@
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: keeps the origins of the layer of the greatest weight, too */
 #endif
-#define TOLERANCE_MIN 0.02f   /* fraction of the depth: layers that differ by less show one surface, even without noise */
+#define TOLERANCE_MIN 0.02f   /* fraction of the depth: layers that differ by less show one surface */
 #define LAYER_DEVIATIONS 4.0f /* standard deviations of the noise that explain a difference */
 
 #define WEIGHT 0

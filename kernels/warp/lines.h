@@ -29,7 +29,6 @@ typedef struct {
     float least;                   /* pixels at this distance or nearer do not belong to these lines */
 } LineGroup;
 
-/* LANES epipolar lines in both images. */
 typedef struct {
     int along, across;             /* axes of the target: x 0, y 1 */
     floatl start, slope;           /* in the target: across = start + slope * along, */

@@ -47,7 +47,6 @@ typedef struct {
 #define GRID_OF_VIEW(surface, view) GRID_OF(surface, (view).width, (view).height, (view).pitch, NO_CUT)
 #define SAMPLES_AT(values, place) (floatl)(gather(values, place))
 
-/* A packet of points: the values of its planes */
 typedef struct {
     floatl planes[POINT_PLANES - 1];
 } Points;

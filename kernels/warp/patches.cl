@@ -76,7 +76,6 @@ INLINED void put_own_hits(intl meet, floatl column, floatl row, floatl met, intl
     }
 }
 
-/* Enters hits at the pixels (column, row). */
 INLINED void put_hits(intl meet, floatl column, floatl row, floatl packed, PixelMap map, global float *hits)
 {
     const intl pixel = to_intl(row) * map.dst_pitch + to_intl(column), bits = as_intl(packed);
@@ -187,7 +186,6 @@ typedef struct {
     int count;
 } LonePacket;
 
-/* Enters the hits of pixels on triangles into `hits`. */
 OUTLINED void draw_triangles(LonePacket *triangles, Grid grid, PixelMap map, int sides, global float *hits)
 {
     const intl wanted = lane_index < triangles->count;

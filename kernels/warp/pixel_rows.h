@@ -47,7 +47,6 @@ INLINED void read_row(Row *row, global const channel *color, size_t pixel, int c
 }
 
 #if CHANNELS == 3
-/* Writes the colours of 16 pixels of a row. */
 INLINED void write_row(global channel *color, channel16 r, channel16 g, channel16 b)
 {
     const channel16 first =

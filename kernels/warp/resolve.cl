@@ -4,8 +4,8 @@
  * their hits are the pixels' own. Elsewhere, if the hits at a pixel and its neighbours lie on one smooth surface, the
  * pixel's own ray is intersected with the triangle at its line's hit (line_hits.h). Other pixels (at silhouettes, cuts
  * and rough surfaces, or without a hit next to a hit) are traced along their own epipolar line, in windows around the
- * hits at the pixel and its neighbours (candidates.h). These pixels are gathered into full packets first, so that each
- * trace costs the same however few pixels need it.
+ * hits at the pixel and its neighbours (candidates.h). These pixels are gathered into full packets first, as a trace
+ * of a packet costs the same for one pixel as for all.
  *
  * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: the rays that the hits belong to,
  * HITS_... in line_hits.h. The hits on margins begin `plane` values later, if there are any (0: none; patches.cl); the

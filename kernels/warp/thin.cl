@@ -97,7 +97,6 @@ void draw_ribbon(Ribbon ribbon, PixelMap map, int sides, uint number, global uin
         }
 }
 
-/* Draws the ribbon of a work-item. */
 void draw_numbered(global const float *surface, global const uint *ribbons, int count, global uint *keys,
                    global uint *indices, PixelMap map, Cut cut, int sides)
 {
@@ -119,7 +118,6 @@ kernel void thin_index(global const float *surface, global const uint *ribbons, 
     draw_numbered(surface, ribbons, count, keys, indices, map, cut, sides);
 }
 
-/* Mixes the colours of samples a and b. */
 void mix_colors(global const channel *src_color, int a, int b, float part, global channel *color)
 {
     for (int c = 0; c < CHANNELS; c++) {

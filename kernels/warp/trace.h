@@ -164,7 +164,6 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
         *cells += 1;
         const Cell cell = pass_cells(grid, lines, traversal, x, y, at);
 
-        /* The surface's nearness minus the ray's: the ray meets the surface where this difference changes its sign. */
         const floatl near_0 = epipolar.near + epipolar.near_step * at,
                      near_1 = epipolar.near + epipolar.near_step * cell.crossing,
                      near_2 = epipolar.near + epipolar.near_step * cell.out;

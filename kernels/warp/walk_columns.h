@@ -5,7 +5,7 @@
  */
 #include "warp/interval.h"
 
-/* Places where lines pass a column, between two of its samples. */
+/* Places where lines pass a column, between two samples */
 typedef struct {
     floatl cell; /* the first sample */
     floatl part; /* position from the first sample to the second, 0 to 1; outside of this range beyond the image */
@@ -27,7 +27,7 @@ typedef struct {
 
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
-    floatl leaves[4];   /* position (0 to 1) where lines leave each triangle; triangles where it does not grow are skipped */
+    floatl leaves[4];   /* position (0 to 1) where lines leave each triangle; skipped unless it grows */
     floatl nearness[4]; /* the surface's nearness there */
     intl open[4];
 } PassedTriangles;
