@@ -31,8 +31,8 @@ def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera)
     Parameters
     ----------
     thing : SlicedSurface, DepthObject or VisualHull
-        Each image that an object's point is tested against counts as one test. If a ray meets a slice of a surface on
-        the border of two triangles' prisms, the slice counts twice.
+        For a solid, each image that a point is tested against counts as one test. For a surface, each slice counts
+        once, or twice where the ray meets it on the border of two triangles' prisms.
     camera : Camera
 
     Returns

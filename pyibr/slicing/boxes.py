@@ -17,7 +17,7 @@ from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 
 _FIRST = 8  # cells per side of the first grid in the search for a hull's box
-_DEPTH_RATIO_MAX = 64  # times the width of the silhouettes: limit of the search
+_DEPTH_RATIO_MAX = 64  # largest cube in the search, in widths of the silhouettes
 _CARVED = 64  # smallest number of cells along the longest edge of the found box
 
 
@@ -30,7 +30,7 @@ class Box:
     axes : (3, 3) float64
         Unit vectors along the edges, as rows.
     low, high : (3,) float64
-        Extent along them.
+        Extent along `axes`.
     """
 
     axes: Float64
@@ -50,7 +50,7 @@ class Box:
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(low, high), each (3,), in the world: the box around it along the world's axes."""
+        """(low, high), each (3,), in the world: the box around this one along the world's axes."""
         return self.corners.min(axis=0), self.corners.max(axis=0)
 
     @property
@@ -69,7 +69,7 @@ class Box:
 
 
 class DepthExtent:
-    """Extent of an object by the samples of a depth image.
+    """Extent of an object, from the samples of a depth image.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ def box_of_samples(views: list[DepthImage], missing_is_empty: bool) -> Box:
 
 
 def _nearest_around(view: DepthImage, missing_is_empty: bool, x: NDArray[np.intp], y: NDArray[np.intp]) -> Float64:
-    """Return the least depth of 3x3 pixels around x, y, as points may lie on outlines; empty space is very far."""
+    """Return the least depth of 3x3 pixels around x, y, as points may lie on outlines; empty space counts as far."""
     down, across = np.divmod(np.arange(9)[:, None], 3)
     height, width = view.depth.shape
     at = np.clip(y + down - 1, 0, height - 1), np.clip(x + across - 1, 0, width - 1)
@@ -144,7 +144,7 @@ def _nearest_around(view: DepthImage, missing_is_empty: bool, x: NDArray[np.intp
 def _seen_from(
     camera: Camera, points: Float64
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64, NDArray[np.bool_]]:
-    """Return nearest pixels x, y and depth of world points, and whether they lie on the image (else x = y = 0)."""
+    """Return nearest pixels x, y and depths of world points, and a mask of points on the image (else x = y = 0)."""
     u, v, w, _ = camera.pixel_matrix @ camera.camera_from_world @ np.column_stack([points, np.ones(len(points))]).T
     z = camera.camera_from_world[2, :3] @ points.T + camera.camera_from_world[2, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -170,27 +170,27 @@ class Outline:
         x, y = (np.flatnonzero(view.valid.any(axis=axis))[[0, -1]].astype(np.float64) for axis in (0, 1))
         self.middle = 0.5 * np.array([x.sum(), y.sum()])
         self.across = float(np.hypot(np.ptp(x) + 1, np.ptp(y) + 1))
-        # The number of samples in a rectangle follows from the numbers above and to the left of its corners.
+        # Summed-area table: the number of samples in a rectangle follows from the sums at its corners.
         self._before = np.pad(np.cumsum(np.cumsum(view.valid, axis=0, dtype=np.int32), axis=1), ((1, 0), (1, 0)))
 
     def holds(self, points: Float64) -> NDArray[np.bool_]:
-        """Tell which of (N, 3) points surely lie within the outline, in the midst of the object's samples."""
+        """Tell which of (N, 3) points surely lie within the outline, surrounded by the object's samples."""
         u, v, w = self._seen(points)
         with np.errstate(divide="ignore", invalid="ignore"):
             return (w > 0) & (self._count(u / w, v / w, 1.0) == 9)
 
     def touches(self, points: Float64, reach: float) -> NDArray[np.bool_]:
-        """Tell whether balls of radius `reach` around (N, 3) points may have a part within the outline."""
+        """Tell whether balls of radius `reach` around (N, 3) points may lie partly within the outline."""
         u, v, w = self._seen(points)
         K = self.camera.K
-        pixels = np.float64(max(abs(K[0, 0]) + abs(K[0, 1]), K[1, 1]))  # largest size of a scene unit at depth 1
+        pixels = np.float64(max(abs(K[0, 0]) + abs(K[0, 1]), K[1, 1]))  # longest image of a scene unit at depth 1
         with np.errstate(divide="ignore", invalid="ignore"):
             u, v = u / w, v / w
             around = pixels * reach
             if self.camera.projection == "perspective":  # w is z; near parts of the ball project farther out
                 slope = np.hypot(u - K[0, 2], v - K[1, 2]) / pixels
                 around = np.where(w > reach, around * (1 + slope) / (w - reach), np.inf)
-        # A mask is bilinear between samples: its samples are up to one away, and half a sample more by rounding.
+        # A mask is bilinear between samples: the nearest samples are up to one away, plus half a sample by rounding.
         return (w > -reach) & (self._count(u, v, np.floor(around + 1.5)) > 0)
 
     def _seen(self, points: Float64) -> Float64:
@@ -199,7 +199,7 @@ class Outline:
         return to_pixels[:, :3] @ points.T + to_pixels[:, 3:]
 
     def _count(self, u: Float64, v: Float64, around: Float64 | float) -> NDArray[np.int32]:
-        """Count the object's samples up to `around` away from the sample nearest to (u, v); inf: all."""
+        """Count the object's samples up to `around` away, in x and y, from the sample nearest to (u, v); inf: all."""
         width, height = self.camera.size
         x, y = np.nan_to_num(np.rint(u)), np.nan_to_num(np.rint(v))
         ends = (x - around, width), (x + around + 1, width), (y - around, height), (y + around + 1, height)
@@ -239,7 +239,7 @@ def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
 
 
 def _carved(outlines: Sequence[Outline], center: Float64, radius: float) -> Box | None:
-    """Return the box of the grid cells in a cube that may have a part within all silhouettes; None without such cells.
+    """Return the box around the cells of a cube that may lie partly within all silhouettes; None if no cell may.
 
     Cells are halved until the longest edge has `_CARVED` of them. Cells inside the extent of the points that surely
     lie within all silhouettes cannot change the box, and are dropped.
@@ -279,7 +279,7 @@ def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float, float
             origins[number], directions[number] = middle, camera.world_from_camera[:3, 2]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    # Relative to the mean origin: if all rays are parallel, one direction is free, and its middle is a good choice.
+    # The solution is relative to the mean origin: along parallel rays any point is closest, and the mean is a good one.
     mean = origins.mean(axis=0)
     right: Float64 = np.einsum("nij,nj->i", across, origins - mean)
     system: Float64 = across.sum(axis=0)

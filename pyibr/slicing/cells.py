@@ -1,4 +1,4 @@
-"""Cells of depth images between four samples: how near a surface may be there (kernels/slicing/cells.cl)."""
+"""Cells between four samples of depth images: greatest nearness of a surface in them (kernels/slicing/cells.cl)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _KERNELS = "slicing/cells.cl"
 def maps_of(views: Sequence[DepthImage], box: Box, missing_is_empty: bool) -> DeviceArray:
     """Return nearness of the views' samples and their cells, one view after the other (kernels/slicing/cell_bits.h).
 
-    Empty samples are as far as the box reaches, unknown samples as near.
+    Empty samples count as far as the far end of the box, unknown samples as near as its near end.
     """
     maps = empty((2 * sum(view.depth.size for view in views),), np.float32)
     start, strip = 0, current().profile.strip
@@ -53,5 +53,5 @@ def reach_of(view: DepthImage) -> float:
 
 
 def _per_sample(view: DepthImage) -> float:
-    """Return the change of nearness over one sample distance in depth; perspective views: at nearness 1."""
+    """Return the change of nearness for a step of one sample distance in depth; perspective views: at nearness 1."""
     return 1 / float(min(view.camera.K[0, 0], view.camera.K[1, 1]))

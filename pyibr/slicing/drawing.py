@@ -29,16 +29,16 @@ from pyibr.slicing.spacing import halvings_between, nearest_pixel, spacing_min
 
 _SLICES_MIN = 32  # smallest number of slices, for objects that are small in the picture
 _NEIGHBOUR_OFFSET = 4  # pixels between the depths that give normals, because slices are steps
-# An image knows outlines to half a sample. With k images at the same place, the innermost outline lies k / (k + 1) of
-# a sample inside the outermost on average. So an outline belongs where the weight of its samples is 1 / (k + 1).
-_AGREEING = 3.0  # k + 1 is a third of the number of images; the paper's six images end half-way
-_BEHIND = 8.0  # most samples between a view's own surface and the object's behind it
+# An image locates outlines to within half a sample. Where k images show one outline, the innermost lies k / (k + 1) of
+# a sample inside the outermost on average. So outlines are drawn where their samples have the weight 1 / (k + 1).
+_AGREEING = 3.0  # k + 1 is a third of the number of images: for the paper's six images, the weight is 1 / 2
+_BEHIND = 8.0  # largest distance, in samples, from a view's surface back to the object's surface
 
 
 def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None, normals: bool) -> None:
     """Draw a solid in its views' colours, with light on it; `normals`: whether the views' normals relight it."""
     cameras = [target.camera, *(() if lighting is None else lighting.cameras)]
-    # The map shows it up to one spacing too near, and the picture half a spacing too far.
+    # The shadow map shows the surface up to one spacing too near, and the picture half a spacing too far.
     bias = 1.5 * max(spacing_in(thing, camera)[0] for camera in cameras)
     draw_object(
         target, thing, entry=entry_for(target, lighting, bias=bias, apart=_NEIGHBOUR_OFFSET, fade=0, normals=normals)
@@ -54,11 +54,11 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
     directions = np.array([_direction(view.camera, box) for view in thing.views])
     cosines = (directions * _direction(camera, box)).sum(axis=1)  # bit-exact for each view, independent of the others
     order = np.lexsort((ranks_of(thing.views), -cosines))
-    # Among views that share an outline, only the closest to the target's direction is tested and colours.
+    # Among views that share an outline, only the closest to the target's direction is tested and gives colours.
     _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
     order = order[np.sort(closest)]
     spacing, halvings = spacing_in(thing, camera)
-    sample = max(pixel_size(view.camera, box.center) for view in thing.views)  # the largest, in the box's middle
+    sample = max(pixel_size(view.camera, box.center) for view in thing.views)  # the largest, at the box's centre
     record = np.zeros((), struct("slicing/object.cl", "Box"))
     # In the kernel the world's origin is the box's middle, because float32 is most precise near 0.
     record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
@@ -105,12 +105,12 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
 
 
 def outline_of(count: int) -> float:
-    """Return where the surfaces of `count` views end between samples: `outline` of kernels/slicing/view_volumes.h."""
+    """Return the sample weight at which surfaces of `count` views end: `outline` of kernels/slicing/view_volumes.h."""
     return min(0.5, _AGREEING / count)
 
 
 def spacing_in(thing: Solid, camera: Camera) -> tuple[float, int]:
-    """Return scene units between slices in a picture, and the number of halvings between two slices."""
+    """Return the spacing of slices in a picture, in scene units, and the number of halvings between two slices."""
     box = thing.box
     if thing.slices != "view":
         return float(box.edges.max()) / thing.slices, 0 if thing.only is not None else thing.halvings
@@ -143,7 +143,7 @@ def _moved_by(offset: Float64) -> Float64:
 
 
 def _direction(camera: Camera, box: Box) -> Float64:
-    """Unit vector in which a camera sees the box."""
+    """Unit vector along which a camera sees the box."""
     forward = camera.world_from_camera[:3, 2]
     if camera.projection == "perspective":
         forward = box.center - camera.world_from_camera[:3, 3]
@@ -151,7 +151,7 @@ def _direction(camera: Camera, box: Box) -> Float64:
 
 
 def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
-    """Return first pixel and blocks across and down: the whole of a blank picture, else the visible box's part."""
+    """Return first pixel, and blocks across and down: all of a blank picture, else the part that shows the box."""
     block = current().profile.block
     width, height = target.camera.size
     low_x = low_y = 0
@@ -194,7 +194,7 @@ def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
 
 
 def _ribbons_of(thing: Solid) -> dict[str, DeviceArray]:
-    """Upload the views' ribbons: the number of each sample's first ribbon, finally of all, and the records."""
+    """Upload the views' ribbons: the index of each sample's first ribbon, then the total; and the records."""
     found = [ribbons_of(view) for view in thing.views]
     none = np.zeros((1, int(constant("slicing/ribbon_record.h", "RIBBON_FLOATS"))), np.float32)
     records = np.concatenate([one.records for one in found])

@@ -73,11 +73,11 @@ class VisualHull(MeshableSolid):
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the object in its views' colours, which include their light, unless a light relights them."""
         given = all(view.normals is not None for view in self.views)
-        draw_in_light(target, self, lighting, normals=given)  # depths of the views are not the hull's
+        draw_in_light(target, self, lighting, normals=given)  # the depths of views do not fit the hull
 
     @cached_property
     def outlines(self) -> list[int]:
-        """For each view the number of the first view with its silhouette: opposite orthographic views share one."""
+        """For each view the index of the first view with its silhouette: opposite orthographic views share one."""
         firsts: list[int] = []
         for number, view in enumerate(self.views):
             same = (other for other in sorted(set(firsts)) if is_opposite(view, self.views[other]))
@@ -86,7 +86,7 @@ class VisualHull(MeshableSolid):
 
     @property
     def tested(self) -> list[int]:
-        """Numbers of the views with silhouettes of their own; each is tested once."""
+        """Indices of the views with silhouettes of their own; each is tested once."""
         return sorted(set(self.outlines))
 
     @cached_property

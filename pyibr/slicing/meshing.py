@@ -31,12 +31,12 @@ Int64 = NDArray[np.int64]
 
 RESOLUTION_MAX = 1024
 _SILENT_MAX = 1.0  # seconds between progress messages in the log
-_AT_ONCE = 1 << 18  # points: testing a point takes a few bytes for each view
+_AT_ONCE = 1 << 18  # points tested together: each takes a few bytes for each view
 _PACKET = 16  # points are tested in whole packets, whatever the device
 _BISECTIONS = 8  # bisections of an edge of the grid
-_MARGIN = 1 / 256  # share of an edge: crossings keep this far from its ends, so that triangles have an area
+_MARGIN = 1 / 256  # fraction of an edge: crossings keep this far from its ends, so that triangles have an area
 _FACING = 0.05  # cosine: views hardly colour surfaces that they see more obliquely
-_UNSEEN = 1e-6  # weight of views that did not see a point, where no view saw it
+_UNSEEN = 1e-6  # relative weight of views that did not see a point, for points that no view saw
 _HIDDEN = 4.0  # sample distances by which an occluded point lies behind its occluder
 
 
@@ -83,7 +83,7 @@ def mesh_of(thing: Solid, resolution: int) -> Mesh:
     integer_from("resolution", resolution, 1, RESOLUTION_MAX)
     box = thing.box
     cell = float(box.edges.max()) / resolution
-    # Points are in the middle of cells. One more layer all round, beyond the box, is outside.
+    # Points are the centres of cells. One more layer of cells all round lies beyond the box, outside the solid.
     shape = tuple(int(n) for n in np.ceil(box.edges / cell - 1e-6).astype(int) + 2)
     origin = 0.5 * (box.low + box.high) - 0.5 * cell * (np.array(shape) - 1)
 
@@ -169,7 +169,7 @@ def _crossed(inside: Mask) -> tuple[Int64, NDArray[np.int32]]:
     return edges[first], number.reshape(-1, 3).astype(np.int32)
 
 
-# Triangles for 1, 2 or 3 inner corners of a tetrahedron, which come first; each joins the crossings of three edges
+# Triangles of a tetrahedron with 1, 2 or 3 inner corners, which come first; each joins the crossings of three edges
 _TRIANGLES = {
     1: [([0, 1], [0, 2], [0, 3])],
     2: [([0, 2], [0, 3], [1, 3]), ([0, 2], [1, 3], [1, 2])],

@@ -19,7 +19,7 @@ from pyibr.slicing.meshing import MeshableSolid
 from pyibr.slicing.solid import Missing, SolidSlicing, Texture, checked_views, words_of
 from pyibr.slicing.spacing import SLICES_USUAL, Slices
 
-_EXTENT_RATIO_MAX = 8.0  # multiple of a view's nearest depth, or of an orthographic view's width
+_EXTENT_RATIO_MAX = 8.0  # largest spacing of slices, relative to a view's nearest depth or orthographic width
 
 
 class DepthObject(MeshableSolid):

@@ -35,8 +35,8 @@ class Volume:
     frames : (T, 3, 3) float32
         The slicing directions a (the normal), b (along u) and c (along v): unit length, at right angles.
     tilts : (T, 3, 3) float32
-        Vectors from each corner to the corner above it, in units of the triangle's second and third side, which begin
-        at its first corner, and of `scale` times a.
+        Vectors from each corner to the corner above it, in units of the triangle's sides from its first corner to the
+        second and to the third, and of `scale` times a.
     ends : (T,) int32
         1: a side of the triangle is a border of the mesh.
     gradients : (T, 2, 3) float32
@@ -63,7 +63,7 @@ class Volume:
 
 
 def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
-    """Return the volume between a mesh with uv and its copy moved by `scale` along the normals, one at each place."""
+    """Return the volume between a mesh with uv and its copy moved by `scale` along normals, one for each place."""
     vertices = base.vertices.astype(np.float64)
     faces = _with_area(vertices, base.faces)
     normals = np.asarray(base.normals if base.normals is not None else base.smooth_normals, np.float64)
@@ -105,20 +105,20 @@ def _with_area(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]
 
 
 def _at_borders(faces: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return 1 for triangles, (T, 3) places, with a side that no other triangle has."""
+    """Return 1 for triangles with a side that no other triangle has; `faces`: (T, 3) places of their corners."""
     sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     _, kind, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     return (count[kind.ravel()] == 1).reshape(-1, 3).any(axis=1).astype(np.int32)
 
 
 def _tilts(corners: Float64, ways: Float64, across: Float64) -> Float64:
-    """Return vectors from triangles' corners, (T, 3, 3), in units of their second and third side and of `across`."""
+    """Return `ways` in units of a triangle's sides from its first corner to the other two, and of `across`."""
     sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], across], axis=2)
     return np.asarray(np.linalg.solve(sides, ways.transpose(0, 2, 1)), np.float64).transpose(0, 2, 1)
 
 
 def _frames(corners: Float64, normals: Float64, uv: Float64) -> tuple[Float64, Float64]:
-    """Return slicing directions and gradients of u and v for each triangle; arbitrary where it or its uv is flat."""
+    """Return slicing directions and gradients of u and v for each triangle; arbitrary if it or its uv has no area."""
     sides = corners[:, 1:] - corners[:, :1]
     a = unit(np.cross(sides[:, 0], sides[:, 1]), np.array([0.0, 0.0, 1.0]))
     a *= np.where((a * normals.sum(axis=1)).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)

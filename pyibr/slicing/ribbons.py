@@ -17,8 +17,8 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.surface import surface_of
 
 _KERNELS = "slicing/ribbons.cl"
-_CUT_RATIO = 1.05  # as by default in pictures
-_TOUCHING = 1e-4  # samples: overlaps of this size are rounding
+_CUT_RATIO = 1.05  # the default of pictures
+_TOUCHING = 1e-4  # samples: overlaps of this size are rounding errors
 
 
 @dataclass(frozen=True)

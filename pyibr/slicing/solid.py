@@ -70,7 +70,7 @@ class Solid(Immutable):
 
     @cached_property
     def outlines(self) -> list[int]:
-        """For each view the number of the first view with the same test; each test is made once."""
+        """For each view the index of the first view with the same test; each test is made once."""
         return list(range(len(self.views)))
 
     def maps(self) -> DeviceArray:

@@ -27,7 +27,7 @@ def checked_slices(slices: Slices) -> Slices:
 
 
 def slices_text(slices: Slices) -> str:
-    """Text for the description of a thing."""
+    """Text for the `repr` of a surface or solid."""
     return "slices by view" if slices == "view" else f"{slices} slices"
 
 
@@ -46,12 +46,12 @@ def checked_only(only: int | None, slices: Slices) -> int | None:
 
 
 def spacing_min(extent: float) -> float:
-    """Least spacing of slices, in scene units, that a picture chooses for a thing of this extent."""
+    """Least spacing of slices, in scene units, that a picture chooses for an object of this extent."""
     return extent / constant(_RAYS, "SLICES_MAX")
 
 
 def nearest_pixel(camera: Camera, corners: Float64) -> float:
-    """Scene units across a pixel at the nearest of some points, (n, 3); 0 if the camera is among them."""
+    """Size of a pixel, in scene units, at the nearest of the points (n, 3); 0 if a point is not in front."""
     z = camera.camera_from_world[2, :3] @ corners.T + camera.camera_from_world[2, 3]
     nearest = max(float(z.min()), 0.0) if camera.projection == "perspective" else 1.0
     return nearest / float(min(camera.K[0, 0], camera.K[1, 1]))

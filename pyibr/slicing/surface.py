@@ -208,7 +208,7 @@ def draw_surface(
 
 
 def _slices_in(surface: SlicedSurface, camera: Camera) -> int:
-    """Return the number of slices over the displacement; with "view", in the middle of the volume."""
+    """Return the number of slices over the displacement; with "view", the number for the middle of the volume."""
     if surface.slices != "view":
         return surface.slices
     low, high = surface.volume.bounds
