@@ -28,7 +28,7 @@ _STRIDE = 0.015  # relative to the largest extent: distance between points along
 
 @dataclass(frozen=True)
 class CoarseMesh:
-    """Triangles of a view, independent of the viewer: points, and corners as numbers of points, as in `Triangles`."""
+    """Triangles of a view, independent of the viewer: points, and corners as indices of points, as in `Triangles`."""
 
     points: NDArray[np.float32]
     corners: NDArray[np.int32]
@@ -74,7 +74,7 @@ class Closing:
     latest: tuple[DrawnViews, Triangles] | None = None
 
     def underlay(self, drawn: DrawnViews) -> Triangles:
-        """List the triangles that come before the chosen views' meshes: sheets, back sides, surfaces of other views."""
+        """List the triangles that precede the chosen views' meshes: sheets, back sides, surfaces of other views."""
         latest = self.latest
         if latest is not None and latest[0] == drawn:
             return latest[1]

@@ -49,7 +49,7 @@ class Blending:
     epsilon : float
         Largest distance behind the front surface, in scene units, at which a surface counts as the same.
     share : float
-        Share of the tolerance for each mesh: two meshes of one surface may be off to opposite sides.
+        Fraction of the tolerance for each mesh: two meshes of one surface may deviate to opposite sides.
     closing : Closing, optional
         Surfaces that show through holes.
     gains : (views, 3) float64, optional
@@ -71,7 +71,7 @@ ONE_VIEW = Blending("quality", DrawnViews([0]), np.ones(1), 0.0, share=1.0)
 def build_ahead_of_meshes(target: Target, closed: Closed, *, is_lit: bool) -> None:
     """Start to build the programs that draw several views' meshes, in another process and in the order of their use.
 
-    With lighting, all but the drawing program: this one depends on the maps that the light needs.
+    With lighting, the drawing program is left out, because it depends on the maps that the light needs.
     """
     build_ahead("picture/begin.cl", "to_nearness")
     build_ahead("depthmesh/tree.cl", "segment")

@@ -62,8 +62,8 @@ class FarSides:
 def far_sides_of(mesh: ViewMesh, limit: Float32) -> FarSides:
     """Extrapolate the far sides of a view's depth edges.
 
-    Each sample continues the edge that is nearest to it in the image: it lies in the plane of the surface on the far
-    side of that edge, or is background if the far side is.
+    Each sample continues the far side of the edge that is nearest in the image: it lies in the tangent plane of the
+    surface there, or is background if the far side is background.
 
     Parameters
     ----------
@@ -111,13 +111,13 @@ def _nearest(origin: Whole, width: int, wanted: NDArray[np.bool_] | Literal[True
     Parameters
     ----------
     origin : (h, w) int64
-        Numbers of samples, y * width + x, or -1.
+        Sample indices y * width + x, or -1.
     width : int
         Samples in a row of the view.
     wanted : (h, w) bool
         Mask of the elements to fill; it saves time on the finest level, the slowest one.
     step : int
-        Samples along the side of an element's block: levels are halved until one has no unknown element.
+        Samples along the side of an element's block. Levels are halved until every element of a level is known.
     """
     if (origin >= 0).all():
         return origin

@@ -24,11 +24,11 @@ class ViewColors:
     Attributes
     ----------
     words : DeviceArray (texels,) uint32
-        RGBA. A holds `feathers_of` on the finest levels, and on others 255 times the share of valid samples.
+        RGBA. A holds `feathers_of` on the finest levels, and on others 255 times the fraction of valid samples.
     sizes : DeviceArray (levels, 3) int32
         Width, height and start of each level.
     sources : (views, 4) int32
-        Number, first and last level of each view, and 1 if it is perspective.
+        Index, first level and last level of each view, and 1 if it is perspective.
     focals : (views,) float64
         Samples per scene unit, at depth 1 in perspective views.
     far_sides : DeviceArray (samples,) uint32, or None
@@ -102,7 +102,7 @@ def color_levels(
     words = rgba_words(shown).reshape(height, width)
     yield words & np.uint32(0xFFFFFF) | feather.astype(np.uint32) << np.uint32(24)
     sound = np.where(view.valid, words, np.uint32(0)).view(np.uint8).reshape(height, width, 4)
-    level = sound.astype(np.float32)  # colours times the share of valid samples, and this share
+    level = sound.astype(np.float32)  # colours times the fraction of valid samples, and this fraction
     while max(level.shape[:2]) > 1:
         height, width = level.shape[:2]
         level = halved(np.pad(level, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge"))

@@ -19,9 +19,9 @@ from pyibr.core.checks import Float64
 Whole = NDArray[np.int64]
 
 _ROUNDS_MAX = 400  # rounds of collapses: each removes a few percent of the triangles
-_CHEAPEST = 0.3  # share of the edges that may collapse in a round
+_CHEAPEST = 0.3  # fraction of the edges that may collapse in a round
 _SHUFFLE = 2654435761  # multiplicative hash (Knuth): odd, and near the golden section of 2^32
-_NO_COST = 1e-6  # relative to the extent: smaller distances are rounding
+_NO_COST = 1e-6  # relative to the extent: smaller distances are rounding errors
 _AREA_MIN = 1e-3  # square pixels: smaller triangles count as degenerate
 
 
@@ -102,7 +102,7 @@ def _unit(vectors: Float64) -> Float64:
 
 
 def _half_edges(faces: Whole) -> tuple[Whole, Whole, Whole]:
-    """(E, 2) directed edges of the triangles, (E,) their triangles, and (E,) edge numbers, equal on both sides."""
+    """(E, 2) directed edges of the triangles, (E,) their triangles, and (E,) edge indices, equal in both directions."""
     there = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     low, high = np.sort(there, axis=1).T
     _, number = np.unique(low * (int(faces.max()) + 1) + high, return_inverse=True)
@@ -130,9 +130,9 @@ def _costs(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> 
 
 
 def _apart(edges: _Edges, faces: Whole, vertices: int, max_error: float, most: int) -> Whole:
-    """Numbers of the cheapest edges without common triangles, at most `most`."""
+    """Indices of the cheapest edges without common triangles, at most `most`."""
     allowed = np.flatnonzero(edges.cost <= max_error**2)
-    # A hash breaks ties: on planes all costs are equal, and in their own order edges would wait for their neighbours.
+    # A hash breaks ties: on planes all costs are equal, and by index each edge would wait for its lower neighbour.
     order = allowed[np.lexsort((allowed * _SHUFFLE % 2**32, edges.cost[allowed]))]
     order = order[: max(int(_CHEAPEST * len(edges.cost)), 16)]
     rank = np.arange(len(order))

@@ -41,7 +41,7 @@ from pyibr.picture.undistort import undistorted
 
 Int32 = NDArray[np.int32]
 
-_START = 3  # merging to a number of triangles starts from this many times as many
+_START = 3  # merging starts from this multiple of the wanted number of triangles
 _LEAST_ERROR, _MOST_ERROR = 1e-4, 0.02  # relative to the extent: errors of the triangulation that merging starts from
 
 
@@ -347,7 +347,7 @@ def _triangles_of(tree: Tree, active: DeviceArray) -> tuple[Int32, Int32]:
     """(N,) sample numbers y * width + x of the triangles of active vertices, and (T, 3) indices into these."""
     found = list_triangles([tree], [active])
     corners = found.corners.to_host()
-    used = np.zeros(found.point_firsts[-1], np.bool_)  # False where all triangles around a point are segmented
+    used = np.zeros(found.point_firsts[-1], np.bool_)  # False where segmentation removed all triangles around a point
     used[corners] = True
     x, y = pixels_of(found.points.to_host()[used], tree.view).T
     samples = (y * tree.view.camera.width + x).astype(np.int32)

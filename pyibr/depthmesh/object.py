@@ -60,9 +60,9 @@ class DepthMeshObject(Immutable):
         default 1 % of the largest extent of the samples.
     closed : bool or "sheets"
         Whether and how holes are closed. True: coarse meshes of the other close views fill them. Further, a pixel is
-        closed if its ray must meet an unseen surface: the ray meets the back of a mesh, or it passes behind a depth
-        edge and then reaches no more space that a view saw to be empty. At such an edge the near surface ends half a
-        sample beyond its samples, and the surface on the far side continues behind it. Closed surface is a guess, and
+        closed if its ray must meet an unseen surface: the ray meets the back of a mesh, or passes behind a depth edge
+        and from there on crosses no space that a view saw to be empty. At such an edge the near surface ends half a
+        sample beyond its samples, and the far surface continues behind the near one. Closed surface is a guess, and
         `Frame.guessed` is its mask. Infinite depths, and depths from the view's `far` on, mark empty space; NaN and 0
         mark unknown space. "sheets", as in the paper (section 4.5): coarse meshes of the drawn views that keep their
         rubber sheets fill the holes; they cover empty space, too.
@@ -81,8 +81,8 @@ class DepthMeshObject(Immutable):
     Raises
     ------
     ArgumentError
-        If an argument is out of its range, if a view has no valid depth, or if the distance of a view's surface from
-        all others exceeds their sizes.
+        If an argument is out of its range, if a view has no valid depth, or if a view's surface lies farther from all
+        other surfaces than their sizes.
 
     Examples
     --------
@@ -266,7 +266,7 @@ def _check_connected(views: list[DepthImage]) -> None:
     reach = 0.5 * (boxes[:, 1] - boxes[:, 0]).max(axis=1, keepdims=True)
     low, high = boxes[:, 0] - reach, boxes[:, 1] + reach
     joined = np.arange(len(views)) == 0
-    for _ in views:  # from view to view
+    for _ in views:  # each round joins the views that meet a joined one
         low_of_all, high_of_all = low[joined], high[joined]
         meets = (low[:, None] <= high_of_all).all(axis=2) & (high[:, None] >= low_of_all).all(axis=2)
         joined = joined | meets.any(axis=1)

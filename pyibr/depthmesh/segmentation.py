@@ -14,7 +14,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 
-NOISE_MAX = 1e18  # scene units: products with depths stay within single precision
+NOISE_MAX = 1e18  # scene units: products of greater noise and depths may exceed single precision
 
 Test = Literal["orthogonality", "connectedness", "disparity", "none"]
 
@@ -34,14 +34,15 @@ class Segmentation:
     angle : float
         omega, degrees in (0, 90): "orthogonality" removes only triangles at a smaller angle to the line of sight.
     depth_range : float
-        lambda, > 0: "orthogonality" removes only triangles whose depths differ by more than this share of their depth;
-        in orthographic views, whose depths have no fixed origin, of the samples' largest extent along x, y or z.
+        lambda, > 0: "orthogonality" removes only triangles whose depths differ by more than this fraction of their
+        depth. In orthographic views, where depths have no fixed origin, it is a fraction of the samples' largest
+        extent along x, y or z.
     gap : float
         > 0: for the other tests, the largest relative difference of disparities (1 / z) within a surface; in
         orthographic views the largest difference of depths, relative to the samples' largest extent.
     deviations : float
-        >= 0: for all tests, differences of depth up to this many standard deviations of the view's noise, which is
-        estimated from its samples (`DepthImage.noise`), are no step. 0 ignores the noise.
+        >= 0: in all tests, differences of depth up to this many standard deviations of the view's noise do not count
+        as steps. The noise is estimated from the samples (`DepthImage.noise`); 0 ignores it.
 
     Raises
     ------

@@ -22,7 +22,7 @@ REUSE_MAX = 0.5
 
 _SHARES = 16  # blocks along a tree's side into which simplification is divided
 CHUNK = 64  # ints in a chunk of memory that a work-item of kernels/depthmesh/simplify.cl reserves
-_ROUNDING = 0.999  # share of the motion limits that is used, as they are rounded
+_ROUNDING = 0.999  # fraction of the motion limits that is used, because the limits are rounded
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,10 @@ class Selection:
         For each tree, the marks of its vertices as in kernels/depthmesh/tree.h.
     camera : Camera
     tolerance : float
-        Pixels of the camera by which the triangulation may be off.
+        Largest error of the triangulation, in pixels of the camera.
     reuse : float
-        Reserve: the share by which the selection is finer than the tolerance, and the distance it extends beyond the
-        camera's view, as a share of the distance from the camera.
+        Reserve: the fraction by which the selection is finer than the tolerance, and the distance that it extends
+        beyond the camera's view, as a fraction of the distance from the camera.
     motion_limits : list of DeviceArray (side + 1, 2)
         Bounds of the camera's motion, as in kernels/depthmesh/select.cl.
     """
@@ -64,7 +64,7 @@ class Selection:
         moved = float(np.linalg.norm(camera.center - own.center))
         turned = float(np.linalg.norm((frustum(camera) - frustum(own))[:, :3], axis=1).max())
         room, nearest_out = self.motion_limit
-        # A vertex out of view by `reuse` of its distance stays out until the planes of the view come that much closer.
+        # A vertex that lies out of view by `reuse` times its distance stays out until the view's planes come as close.
         stays_out = not np.isfinite(nearest_out) or turned + moved / nearest_out <= _ROUNDING * self.reuse
         return moved <= _ROUNDING * room and stays_out
 
@@ -104,7 +104,7 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
     active = zeros(tree.states.shape, np.uint8)
     coarse = max(tree.side // _SHARES, 1)
     grid = (tree.side // coarse + 1,) * 2
-    # Enough for all vertices together, and for a chunk that is not full for each work-item.
+    # Room for all vertices, and for one partly filled chunk of each work-item.
     chunks = int(np.prod(active.shape)) // (CHUNK - 2) + int(np.prod(grid)) + 1
     shared: dict[str, Any] = {
         "nearness": tree.nearness,

@@ -20,7 +20,7 @@ def strips_of(samples: Int32, faces: Int32, size: tuple[int, int], side: int) ->
     samples : (T, 3) int32
         Samples y * width + x of each triangle's corners; the second corner has the right angle.
     faces : (T, 3) int32
-        The same corners, by the numbers that strips hold.
+        The same corners, as the vertex numbers that strips hold.
     size : (width, height)
         Size of the image.
     side : int

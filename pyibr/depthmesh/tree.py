@@ -23,8 +23,8 @@ from pyibr.picture.samples import samples_of
 ErrorsBy = Literal["sum", "largest"]
 
 _KERNELS = "depthmesh/tree.cl"
-_DEPTHS = (1e-4, 1e8)  # outside, products of four distances leave the range of float32
-_COARSE = 8  # from this step on, one work-item processes all rows: they are too few to share
+_DEPTHS = (1e-4, 1e8)  # for depths outside, products of four distances leave the range of float32
+_COARSE = 8  # from this step on, one work-item processes all rows: they are too few to divide
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Tree:
     joined: ErrorsBy
 
     def drawn_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Masks, (H - 1, W - 1), of the cells whose upper triangle is drawn, and of those whose lower one is."""
+        """Masks, (H - 1, W - 1): the cells whose upper triangle is drawn, and the cells whose lower triangle is."""
         width, height = self.view.camera.size
         states = self.cells.to_host()[: height - 1, : width - 1]
         drawn, bits = (int(constant("depthmesh/tree.h", name)) for name in ("DRAWN", "SIDE_BITS"))

@@ -31,9 +31,9 @@ class Triangles:
     points : DeviceArray (P, 4) float32
         Position of each point in its view, as in kernels/depthmesh/tree.h, and its quality, or 0 if not `rated`.
     corners : DeviceArray (T, 3) int32
-        Numbers of points.
+        Indices of points.
     point_firsts, firsts : list of int
-        Numbers of each tree's first point and first triangle, and at the end P and T.
+        Indices of each tree's first point and first triangle, followed by P and T.
     """
 
     points: DeviceArray

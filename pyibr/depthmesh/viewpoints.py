@@ -19,7 +19,7 @@ _OPPOSITE = 1e-3  # remaining weight of views that look the opposite way
 
 @dataclass(frozen=True)
 class DrawnViews:
-    """Numbers of the views whose meshes are drawn.
+    """Indices of the views whose meshes are drawn.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Viewpoints:
             same viewpoint, those that look the same way as the camera are closest. Views whose surface the camera does
             not see have almost no closeness.
         list of int
-            Numbers of the views, best first; ties are broken by `ranks_of`.
+            Indices of the views, best first; ties are broken by `ranks_of`.
         """
         ahead = camera.forward
         cosines = np.array([forward @ ahead for forward in self._forwards])
