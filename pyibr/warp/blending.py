@@ -27,25 +27,25 @@ Blend = Literal["quality", "nearest"]
 
 _HELD_BYTES = 1 << 26  # size of the layers that are kept; all other views are drawn twice
 _HELD_MIN = 6  # number of layers that are kept in any case
-_CUTS_MAX = 4  # distances to edges that a view keeps, one for each way of cutting it
-NOISE_MAX = 1e18  # scene units: products with depths still fit single precision
+_CUTS_MAX = 4  # cached images of a view's distances to edges, one for each edge test
+NOISE_MAX = 1e18  # scene units: products of greater noise and depths may exceed single precision
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A view's part in a picture of several.
+    """One view in a picture of several views.
 
     Attributes
     ----------
     number : int
-        The view's number.
+        The view's index.
     view : DepthImage
     pixel_map : PixelMap
         From the view to the picture.
     area : Rectangle
         The pixels of the picture that drawing the layer writes.
     surface : Surface
-        The view's surface, which shows where it is open.
+        The view's surface, with its edges.
     gains : (3,) float64
         Factors of the view's colours.
     """
@@ -75,13 +75,13 @@ def blend(
     draw : callable
         Draws a layer alone into a target.
     own : Target
-        Holds one layer after the other; with normals, if `entry` draws them.
+        Receives one layer after the other; with normals, if `entry` draws them.
     entry : Entry
         Entry of a picture in a light.
     """
     making = _Blending(target, own, draw, entry, len(layers))
     held, *others = (layers[at : at + making.held] for at in range(0, len(layers), making.held))
-    # The nearest of all layers must be known before the first is added, so layers that are not kept are drawn twice.
+    # The nearest surface of all layers must be known before any layer is added. So layers not kept are drawn twice.
     for batch in [*others, held] if others else []:
         making.draw_layers(batch)
         making.find_nearest(batch, first=batch is others[0])
@@ -205,7 +205,7 @@ def _found_edges(view: DepthImage, surface: Surface) -> DeviceArray:
     mark_pitch = pitch(camera.width + margins)
     size = {"width": camera.width, "height": camera.height, "mark_pitch": mark_pitch}
     marks, in_row = (empty((camera.height, mark_pitch), np.float32) for _ in range(2))
-    edges = empty((camera.height * camera.width + 1,), np.uint16)  # the kernel reads one value beyond each place
+    edges = empty((camera.height * camera.width + 1,), np.uint16)  # the kernel reads one value beyond each position
     launch(
         kernel("warp/view_edges.cl", "mark_edges"),
         profile.packets(camera.width + margins, camera.height),

@@ -26,12 +26,12 @@ from pyibr.warp.launches import map_of
 Fill = Literal["background", "smooth", "inpaint"]
 
 _DEVIATIONS = 3 * 2**0.5
-"""Standard deviations of a sample: three for a difference of two, which noise alone seldom exceeds."""
+"""In standard deviations of a sample: three of the difference of two samples, which noise alone seldom exceeds."""
 _ONE_SURFACE = 0.015
-"""Part of the depth, or of the side of an orthographic camera's image: how far apart pixels of one surface may be."""
-_RUN = 64  # pixels: a work-item of behind_runs follows the holes' lines of so many together
+"""Largest difference in depth within a surface: a fraction of the depth, or of an orthographic image's longer side."""
+_RUN = 64  # pixels of a row: behind_runs finds the holes among so many together
 _RADIUS = 3  # pixels: the surroundings that determine a pixel inpainted by OpenCV
-_STEPS = 65535.0  # steps of floats' range: OpenCV adds about a step to each pixel, whatever the image's range is
+_STEPS = 65535.0  # range to which floats are scaled: OpenCV adds about 1 to each pixel, whatever the image's range is
 
 
 def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelMap]], how: Fill) -> None:
@@ -57,7 +57,7 @@ def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelM
 def find_behind(target: Target, epipole: Float64, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> DeviceArray:
     """Find depth behind holes, and its falloff, along lines through the epipole, (3,) homogeneous; all 0: along rows.
 
-    noise: the view's, in the form of `DepthImage.noise`.
+    noise: the view's noise, in the form of `DepthImage.noise`.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def find_behind(target: Target, epipole: Float64, noise: tuple[float, float, flo
     shared = {**image, "depth": target.depth, "behind": behind, "pitch": behind.shape[2], **ends}
     profile = current().profile
     x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()
-    # An epipole at infinity gives all pixels one direction. If it leads exactly to a neighbour, they share lines, too.
+    # An epipole at infinity gives all lines one direction. If it leads exactly to a neighbour, pixels share lines, too.
     if w == 0 and {x, y} <= {-1.0, 0.0, 1.0}:
         dx, dy = (x, y) if (y, x) > (0, 0) else (-x, -y) if x or y else (1, 0)
         grid = -(-width // (profile.strip * _RUN)), height
@@ -104,7 +104,7 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
         _of_holes("TILE"),
         *(int(constant("warp/fill.cl", name)) for name in ("PLANES", "INNER_CELLS")),
     )
-    pyramid: list[dict[str, Any]] = []  # for each level of tiles its arrays, fine to coarse
+    pyramid: list[dict[str, Any]] = []  # the arrays of each level of tiles, fine to coarse
     width, height = target.camera.size
     while width > 1 or height > 1 or not pyramid:
         down, across = -(-height // tile), -(-width // tile)
@@ -140,7 +140,7 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
 
 
 def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> None:
-    """Fill holes with colours that a view has without depth, where the filled depths lead to them."""
+    """Fill holes with the colours of a view's pixels without depth, where the filled depths project to such pixels."""
     profile = current().profile
     launch(
         kernel("warp/unobserved.cl", "show_unobserved", **target.color_defines),

@@ -29,7 +29,7 @@ from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
 
 _NEIGHBOUR_OFFSET_MAX = 16
-_LINES = 8  # exceeds the number of a picture's lines, relative to the sum of its sides
+_LINES = 8  # usual upper bound for the number of lines, as a multiple of a picture's width + height
 _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
 
 
@@ -82,7 +82,7 @@ class Pass:
     target : Target
     options : Options
     view : int
-        Number of the view.
+        Index of the view.
     entry : Entry
         Entry of a picture in a light, with the samples' normals if it draws them.
     """
@@ -119,7 +119,7 @@ class Pass:
     def draw(self, *, in_reach: bool = False) -> None:
         """Find the first hit of each pixel's ray: by sweep or by search, then exactly.
 
-        in_reach: write no more pixels of a blank target than the view may reach.
+        in_reach: in a blank target, write only the pixels that the view may reach.
         """
         hits, spare = self._room_for_hits()  # the device clears the hits while the surface is prepared
         target, in_reach = self.target, in_reach or not self.target.blank
@@ -133,7 +133,7 @@ class Pass:
     def _room_for_hits(self) -> tuple[DeviceArray, int]:
         """Allocate planes of line hits and margin hits, EMPTY unless the sweep clears them; also return their end.
 
-        Beyond the end, lanes of the sweep write that have nothing to write.
+        Idle lanes of the sweep write beyond that end.
         """
         size, profile, plane = self.target.camera.size, current().profile, _plane_of(self.target.camera)
         lines = _LINES * (sum(size) + profile.lanes) * (max(size) // profile.segment + 1 if profile.segment else 1)
@@ -150,7 +150,7 @@ class Pass:
         return hits, spare
 
     def _find_hits(self, hits: DeviceArray, spare: int, plane: int) -> tuple[DeviceArray, str]:
-        """Find hits by lines (or a search), and draw patches; return the hits and their kind: the end of HITS_..."""
+        """Find hits by lines (or a search), and draw patches; return the hits and their kind: the suffix of HITS_..."""
         surface, pair, reach, epipole = self.surface, self.pixel_map.pair, self.pixel_map.reach, self.pixel_map.epipole
         profile = current().profile
         area = _whole_lines(reach, epipole, self.target.camera) if pair.aligned and not reach.empty else reach
@@ -164,7 +164,7 @@ class Pass:
         if reach.empty:
             return hits, "OF_PIXELS"
         kind = "OF_PIXELS" if pair.aligned or self.options.search else "OF_LINES"
-        if not packets:  # no epipole, or no other pixel: any nearness gives the source position
+        if not packets:  # no epipole, or no pixel besides it: source positions do not depend on nearness
             kind = "WITHOUT_PARALLAX"
         elif self.options.search:
             grid = profile.packets(reach.high_x - reach.low_x, reach.high_y - reach.low_y)
@@ -211,7 +211,7 @@ class Pass:
         profile, target, pixel_map, connected = current().profile, self.target, self.pixel_map, self.options.connected
         area = pixel_map.reach if in_reach else Rectangle(0, target.camera.width, 0, target.camera.height)
         rough, window = _LOOK_CONNECTED if connected else _LOOK_TORN
-        # Hits of aligned lines are final, and the parameters of a search around them take time to compute.
+        # Hits of aligned lines are final. The parameters of a search around other hits take time to compute.
         is_exact = pixel_map.pair.aligned and kind == "OF_PIXELS"
         density, typical = (1.0, 1.0) if is_exact else (pixel_map.density, pixel_map.typical)
         launch(
@@ -251,7 +251,7 @@ class Pass:
         launch(kernel("warp/thin.cl", "thin_pixels", **defines), grid, indices=indices, **shared, **self._picture)
 
     def classify(self) -> None:
-        """Reduce the holes' classes by the reasons that this view knows."""
+        """Lower the classes of the holes for which this view knows a more specific class."""
         target, pixel_map, aligned = self.target, self.pixel_map, self.pixel_map.pair.aligned
         assert target.classes is not None
         profile, (width, height) = current().profile, target.camera.size
@@ -280,12 +280,12 @@ class Pass:
 
 
 def _plane_of(camera: Camera) -> int:
-    """Number of values in a plane of hits: packets at the end of its last row read beyond it."""
+    """Number of values in a plane of hits, with room for the packet at the end of its last row."""
     return camera.height * pitch(camera.width) + current().profile.lanes + _NEIGHBOUR_OFFSET_MAX
 
 
 def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangle:
-    """Extend `reach` to all rows of the picture, or all columns: a line for each of them, along the epipole's axis."""
+    """Extend `reach` to all rows of the picture, or all columns: those that run along the epipole's axis."""
     if epipole[0] != 0.0:
         return replace(reach, low_y=0, high_y=camera.height)
     return replace(reach, low_x=0, high_x=camera.width)

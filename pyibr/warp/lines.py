@@ -1,9 +1,9 @@
 """Layout of a target image's epipolar lines, which the sweep walks.
 
 The epipole may lie in any of nine regions in and around the image, or at infinity (Schaufler & Priglinger 1999, table 1
-and figure 7). Lines that advance mainly in x and mainly in y, on either side of the epipole, make at most four fans, as
-many as the paper walks borders. In each fan lines are one pixel apart at the column (or row) farthest from the epipole.
-Each time the distance to it halves, only every second line goes on, so that pixels near the epipole are not visited
+and figure 7). The lines form at most four fans: they advance mainly in x or mainly in y, on either side of the epipole.
+The paper walks as many borders. In each fan lines are one pixel apart at the column (or row) farthest from the epipole.
+Each time the distance to the epipole halves, every second line ends, so that pixels near the epipole are not visited
 much more often than others (the squares around the epipole that the paper proposes in section 8).
 """
 
@@ -22,13 +22,13 @@ from pyibr.core.pixelspace import Rectangle
 from pyibr.opencl.headers import struct
 
 _LEVELS_MAX = 4  # halvings of the distance to the epipole; the innermost ring is 1/16 of the fan's length
-_ROUNDING = 4e-7  # relative: on a diagonal, the kernel's float32 decides between two fans
+_ROUNDING = 4e-7  # relative error of the kernel's float32, which decides between two fans on a diagonal
 _OFFSET = 0.137  # keeps lines clear of pixel borders, where rounding would decide ownership
 
 
 @dataclass(frozen=True)
 class _Fan:
-    """Lines on one side of the epipole that advance along one axis; D as in kernels/warp/epipolar.cl."""
+    """Lines on one side of the epipole that advance along one axis; `distance` is D of kernels/warp/epipolar.cl."""
 
     axis: int
     side: int
@@ -49,7 +49,7 @@ class _Fan:
 
     @cached_property
     def nearest(self) -> float:
-        """Least distance in the area, as a part of the reference's; <= 0 if the epipole is within its columns."""
+        """Least distance in the area, relative to the reference's; <= 0 if the area's columns contain the epipole."""
         return min(map(self.distance, self.along)) / self.distance(self.reference)
 
     @property
@@ -58,7 +58,7 @@ class _Fan:
         return self.w == 0.0 and math.isclose(abs(self.e_across), abs(self.e_along), rel_tol=_ROUNDING)
 
     def reach(self) -> tuple[float, float]:
-        """Range of the needed lines on the reference: no steeper than one to one, and through the area."""
+        """Range, at the reference, of the lines that cross the area and are no steeper than one to one."""
         low, high = -math.inf, math.inf
         if self.nearest > 0.0:
             cuts = [
@@ -69,7 +69,7 @@ class _Fan:
             low, high = min(cuts), max(cuts)
         if self.w != 0.0:
             middle, half = self.e_across / self.w, self.distance(self.reference) / abs(self.w)
-            if self.nearest > 0.0:  # the cuts bound it
+            if self.nearest > 0.0:  # `cuts` bounds the range as well
                 half += _ROUNDING * max(abs(self.e_along), abs(self.e_across)) / abs(self.w)
             low, high = max(low, middle - half), min(high, middle + half)
         elif abs(self.e_across) > abs(self.e_along) * (1.0 + _ROUNDING):
@@ -77,7 +77,7 @@ class _Fan:
         return low, high
 
     def extent(self, least: float) -> tuple[int, int]:
-        """First and last pixel along the axis whose distance is at least the part `least` of the reference's."""
+        """First and last pixel along the axis at a distance of at least `least` times the reference's."""
         if self.w == 0.0:
             return self.along
         end = (self.e_along + least * self.distance(self.reference) * self.side) / self.w
@@ -97,11 +97,11 @@ def line_groups(
     area : Rectangle
         Pixels to cover.
     lanes : int
-        Lines a work-item.
+        Lines per work-item.
     through_pixels : bool
         Put lines that run along rows or columns through the pixels' centres, instead of next to them.
     segment : int
-        Pixels of a line that a work-item settles; 0: all.
+        Pixels of a line that one work-item processes; 0: all.
 
     Returns
     -------
@@ -130,10 +130,10 @@ def _laid(
             if low > high:
                 continue
             levels = min(_LEVELS_MAX, max(0, int(-math.log2(max(fan.nearest, 1e-9)))))
-            # Lines through pixels belong to the pixels, from the first on; sloping lines also enter from beyond.
+            # Lines through pixels start at the first pixel; sloping lines also enter from outside the area.
             beyond = 0 if through_pixels else 2**levels
             first = math.floor(low) - beyond + (0.0 if through_pixels or fan.is_diagonal else _OFFSET)
-            # All odd lines end at half the distance, all odd multiples of two at a quarter, ...
+            # Lines with odd indices end at half the distance, odd multiples of two at a quarter, ...
             for level in range(levels + 1):
                 goes_on = level == levels
                 spacing = 2**level if goes_on else 2 ** (level + 1)

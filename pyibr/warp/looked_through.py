@@ -21,7 +21,7 @@ from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.surface import Margins, Surface, make_surface, surface_of
 from pyibr.warp.blending import NOISE_MAX, edge_view
 
-_SETS_MAX = 2  # sets that their first view keeps
+_SETS_MAX = 2  # sets of views whose surfaces their first view caches
 _POINTS_MAX = 1 << 21  # points in one list, unless a single view has more
 _FILE = "warp/looked_through.cl"
 
@@ -40,8 +40,8 @@ class _Member:
 def surfaces_of(views: Sequence[DepthImage], cut_ratio: float | None) -> list[Surface]:
     """Find the surfaces of a set of views on the current device, without what other views have looked through.
 
-    They are made once for a set, and the first view keeps them. With a `cut_ratio`, as in `surface_of`, the ratio
-    alone decides about bridges.
+    The surfaces are made once for a set, and its first view caches them. With a `cut_ratio`, as in `surface_of`, the
+    ratio alone decides about bridges.
     """
     key = tuple(ref(view) for view in views), cut_ratio
     return cached_on_device(views[0], "looked through", lambda: _made(views, cut_ratio), key, _SETS_MAX)
@@ -142,7 +142,7 @@ class _Points:
 
 
 def _batches(counts: Sequence[int] | NDArray[np.int32]) -> Iterator[_Points]:
-    """Divide the members' points into batches of as many members as there is room for."""
+    """Divide the members' points into batches, each of as many members as fit."""
     batch: dict[int, int] = {}
     for number, count in enumerate(map(int, counts)):
         if batch and sum(batch.values()) + count > _POINTS_MAX:

@@ -33,7 +33,7 @@ AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
 _CUT_RATIO = 1.05  # ratio of depths of different surfaces, where only two depths are known
 _DEVIATIONS = 3 * 2**0.5
-"""Standard deviations of a sample: three for a difference of two, which noise alone seldom exceeds."""
+"""In standard deviations of a sample: three of the difference of two samples, which noise alone seldom exceeds."""
 
 _STRIDE, _RANGE = 7, (0.02, 0.98)  # every 7th sample of every 7th row; quantiles that bound the range of depth
 _LENSES = {  # LENS of kernels/lib/lens.h
@@ -97,10 +97,10 @@ def register(
 ) -> AnyDepth:
     """Bring depth to the camera that took the colours: the depth that this camera would have measured.
 
-    The depth image defines a surface, as in `warp`. It is as large as the pixels that measured it: at depth edges it
+    The depth image defines a surface, as in `warp`. The surface covers the pixels that measured it: at depth edges it
     extends half a pixel beyond the last samples, so that objects one sample thin are kept. Single missing samples amid
-    a surface are bridged. So depth in the colour camera has no gaps between samples. It shows the nearest of several
-    surfaces, wherever the colour camera looks past an edge that the depth camera saw.
+    a surface are bridged. So depth in the colour camera has no gaps between samples. Where the colour camera looks past
+    an edge and several surfaces lie on a ray, the result is the nearest one.
 
     Parameters
     ----------
@@ -112,8 +112,8 @@ def register(
     depth_scale : float
         For uint16: stored units per scene unit (the unit of the cameras' poses), 1000 for millimetres and metres.
     cut_ratio : float, optional
-        Greater than 1: at depth edges neighbours' depths have a greater ratio, unless noise explains it. By default the
-        ratio is 1.05, and the surface's shape must show an edge there, too, as in `warp`.
+        Greater than 1: between neighbours whose depths have a greater ratio lies a depth edge, unless noise explains
+        the ratio. By default the ratio is 1.05, and the surface's shape must show an edge there, too, as in `warp`.
     noise : float, (a, b, c) or callable, optional
         Noise of the depth in scene units, in the forms that `DepthImage` accepts. By default it is estimated
         from the samples.
@@ -197,18 +197,18 @@ def register_color(
 
 
 def _check_cameras(depth_camera: Camera, color_camera: Camera) -> None:
-    """Raise ArgumentError for arguments that are no cameras, or for too large ones."""
+    """Raise ArgumentError for arguments that are not cameras, or for cameras with too large images."""
     for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
         check_pixels(name, instance_of(name, camera, Camera, "a pyibr.Camera").size)
 
 
 def _view_of(stored: Any, units: float, camera: Camera, noise: Noise | None) -> DepthImage:
-    """Depth alone, in scene units, from the results of `_checked`. The session is held."""
+    """Return an image of depth alone, in scene units, from the results of `_checked`. The session is held."""
     return DepthImage(None, _in_scene_units(stored, units) if units else stored, camera, noise=noise)
 
 
 def _checked(depth: AnyDepth, camera: Camera, depth_scale: float | None) -> tuple[Any, float]:
-    """The depth, and its stored units per scene unit; 0 for float32."""
+    """Return the depth, and its stored units per scene unit; 0 for float32."""
     shape = camera.height, camera.width
     if not isinstance(depth, np.ndarray) or depth.dtype.name != "uint16":  # pyright: ignore[reportUnnecessaryIsInstance]
         if depth_scale is not None:
@@ -286,7 +286,7 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
 
 
 def _noise_in(view: DepthImage, projection: Projection) -> tuple[float, float]:
-    """Depth by which noise alone separates neighbours in such a camera's image, in the form for `cut_of`."""
+    """Difference of neighbours that noise alone explains in an image of this projection, in the form for `cut_of`."""
     if not any(view.noise):
         return 0.0, 0.0
     a, b, c = (_DEVIATIONS * each for each in view.noise)

@@ -62,8 +62,8 @@ class WarpOptions(TypedDict, total=False):
 class WarpedView(Immutable):
     """One or several depth images, drawn by the warp.
 
-    A depth image defines a surface: the grid of its samples, each cell split from its upper right to its lower left
-    corner, as far as its outermost pixels extend. Each pixel of the target shows the first surface that its ray meets.
+    A depth image defines a surface: the grid of its samples, extended to the borders of the outermost pixels. Each
+    cell is split from its upper right to its lower left corner. A target pixel shows the first surface on its ray.
     `pyibr.warp` draws one such object alone; `pyibr.render` draws it together with other objects, where a bare
     `DepthImage` stands for one with the defaults.
 
@@ -83,22 +83,21 @@ class WarpedView(Immutable):
         edges, and steep bridges, stay only where no other view has looked through them. "connect": neighbouring samples
         are one surface, however far apart, as in displacement maps; other views change nothing.
     cut_ratio : float, optional
-        By default, neighbours are one surface if it faces the camera, if it goes on straight (in 1 / depth) on one side
-        or the other, or if noise explains the difference (`DepthImage.noise`): so receding floors are whole, and small
+        By default, neighbours are one surface if the surface faces the camera or continues straight (in 1 / depth) on
+        either side, or if noise explains the difference (`DepthImage.noise`). So receding floors are whole, and small
         steps are edges. Greater than 1: neighbours are cut apart if their depths have a greater ratio. Depths of an
         orthographic view have no origin for a ratio: such a view is cut where depths differ by more than (`cut_ratio` -
-        1) times the longer side of the area that its camera sees. The ratio alone then decides about bridges: other
-        views tear none.
+        1) times the longer side of the area that its camera sees. With a ratio, other views tear no bridges.
     side : {"front", "back", "both"}
         Visible side of the surface: the side that faces the source's camera, the other side (of a solid that is
         displaced from a centre inside it and seen from outside), or both. A pixel whose ray first meets a hidden side
         is a hole.
     fill : {None, "background", "smooth", "inpaint"}
         How holes are filled; `valid` stays False there, and depth is filled, too. Holes are filled after all objects
-        have been drawn, so that invented colour hides nothing that was seen. "background": with the surface behind,
-        from all around each hole, with a fifth of the foreground along its rim; where a view has a colour but no depth,
-        with that colour (black counts as none). "smooth": from all surroundings, by distance. "inpaint": with colours
-        continued by OpenCV (Telea 2004), which is slower.
+        have been drawn, so that invented colour hides nothing that was seen. "background" continues the surface behind
+        from all around each hole; foreground along the rim has a fifth of the weight. Where a view has a colour but no
+        depth, the hole gets this colour (black counts as none). "smooth" continues all surroundings, weighted by
+        distance. "inpaint" continues colours by OpenCV (Telea 2004), which is slower.
     thin : bool
         Draw oblique objects one sample thin (wires, leaves, bars) whole, as wide as their samples; otherwise their
         samples' pixels form steps that meet only at their corners. Each sample that is part of no whole cell is drawn
@@ -110,10 +109,10 @@ class WarpedView(Immutable):
         How several views become one picture. "quality": all views whose surfaces are no farther apart than their noise
         explains are averaged. A view's weight depends on its resolution (up to the target's) and on the angle between
         its ray and the target's, and falls near its holes and depth edges. At steep steps, where cells may be rubber
-        sheets between two surfaces, views count only where no other view saw better. Depths are blended, too. Exposures
-        are matched: where views show one surface their colours are made to agree, and the exposure in the middle stays.
-        The gains are found once for all views and are the same in every picture. "nearest": each pixel shows the
-        nearest view. Neither depends on the order of the views.
+        sheets between two surfaces, a view counts only where no other view saw better. Depths are blended, too.
+        Exposures are matched: gains make the views' colours agree where they show one surface, and the median gain is
+        1. The gains are found once for all views and are the same in every picture. "nearest": each pixel shows the
+        view with the nearest surface. Neither depends on the order of the views.
 
     Attributes
     ----------
@@ -246,7 +245,7 @@ class WarpedView(Immutable):
 
     @cached_property
     def _order(self) -> list[int]:
-        """Numbers of the views in drawing order, whatever the order of the list."""
+        """Indices of the views in drawing order, which does not depend on the order of the list."""
         return order_of(self.sources)
 
     @cached_property
@@ -269,7 +268,7 @@ class WarpedView(Immutable):
         self._draw_surface(layer.number, own, self._options, entry, in_reach=not self.thin)
 
     def _draw_surfaces(self, target: Target, options: Options, entry: Entry = NO_ENTRY) -> None:
-        """Draw all views into the target: the nearest wins; among equally near views the first in order."""
+        """Draw all views into the target: the nearest surface wins, among equally near ones the first in order."""
         for number in self._order:
             self._draw_surface(number, target, options, entry)
 
@@ -300,19 +299,19 @@ class WarpedView(Immutable):
         return surface, PixelMap(camera_pair(view.camera, target.camera), surface)
 
     def _surfaces(self, target: Target) -> dict[int, Surface]:
-        """The views' surfaces by number, without the parts that another view has looked through."""
+        """The views' surfaces by index, without the parts that another view has looked through."""
         views = [_shown(self.sources[number], target) for number in self._order]
         return dict(zip(self._order, surfaces_of(views, self.cut_ratio), strict=True))
 
     def _bias(self, target: Target) -> tuple[float, int]:
-        """For a light: samples' distance from the surface in scene units, and the pixels over which its slope shows."""
+        """Return `bias` and `apart` for `entry_for`: in scene units, and in pixels of the picture."""
         low, high = self.bounds
         middle = 0.5 * (low + high)
         noise, apart = noise_bias(self.sources, target.camera, middle)
         if self.interpolation == "linear" and self.method != "forward":
             return noise, apart
         sample = max(pixel_size(view.camera, middle) for view in self.sources)
-        if self.interpolation == "linear":  # squares that lie as deep as their samples
+        if self.interpolation == "linear":  # squares at the depths of their samples
             return sample + noise, apart
         pixel = pixel_size(target.camera, middle)
         steps = math.ceil(min(4 * max(sample / pixel, 1), NEIGHBOUR_OFFSET_MAX)) if pixel > 0 else NEIGHBOUR_OFFSET_MAX
