@@ -13,7 +13,7 @@ from pyibr.core.errors import OutOfMemoryError
 from pyibr.images.frame import Frame
 from pyibr.opencl.device import Session
 
-_PIXELS_MIN = 1 << 20  # fewest pixels per band: if that does not fit, the things need the memory, not the picture
+_PIXELS_MIN = 1 << 20  # least pixels per band: if such a band does not fit, the things take the memory, not the picture
 
 Begin = Callable[[Camera, Frame | None], Callable[[], Frame]]
 """Begins to draw a picture, into a frame's arrays if given. The returned function finishes it after a wait."""
@@ -28,8 +28,8 @@ def frames_in_memory(
 ) -> list[Frame]:
     """Draw pictures for several cameras: together if they fit in memory, otherwise one by one.
 
-    A picture that does not fit is halved into bands of rows until they fit, unless `in_bands` is False. `begin` is
-    called once for each group of pictures that are drawn together.
+    A picture that does not fit is halved into bands of rows until the bands fit, unless `in_bands` is False. `begin`
+    is called once for each group of pictures that are drawn together.
     """
 
     def at_once() -> list[Frame]:

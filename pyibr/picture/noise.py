@@ -42,7 +42,7 @@ def noise_on_device(noise: DepthNoise, depth: DeviceArray | None = None) -> Nois
 def _found(noise: DepthNoise, depth: DeviceArray | None = None) -> NoiseOnDevice:
     def made() -> NoiseOnDevice:
         height, width = noise.depth.shape
-        # A strip of n samples takes n + 2 values, and there are at most cells / (2 n) + 1 strips. The rest is a packet.
+        # A strip of n samples takes n + 2 values, and there are at most cells / (2 n) + 1 strips, besides a packet.
         strips = 3 * (3 * noise.cells + width + height + 64)
         found = NoiseOnDevice(empty((2, 3), np.float32))
         launch(

@@ -24,7 +24,7 @@ from pyibr.picture.samples import cut_of, samples_of
 _CUT_RATIO = 1.05  # the default in pictures
 NEIGHBOUR_OFFSET_MAX = 64  # pixels between the depths from which normals are computed
 _DEVIATIONS = 3.0  # shadow bias in standard deviations of the noise
-_MOST_OF = 0.9  # quantile of the depths at which the noise is evaluated
+_MOST_OF = 0.9  # the noise is evaluated at this quantile of the depths
 _SLOPE_ERROR_MAX = (
     0.1  # highest standard deviation of slopes due to noise: 6 degrees for a surface that faces the camera
 )

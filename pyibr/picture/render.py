@@ -49,8 +49,8 @@ def render(
     light : Light, optional
         Shades things with normals; without a light, things show their own colours. Depth images, and surfaces made from
         images, are not shaded, since their colours contain the light of the scene; in shadow, and where they face away
-        from the light, they keep the ambient part. A light with `relight` shades them, too. All things cast shadows
-        (`shadow_size=0`: none), depth images from both sides, with the `edges` that they are drawn with.
+        from the light, they keep the ambient part. A light with `relight` shades them, too. All things cast shadows,
+        unless `shadow_size` is 0. Depth images block light from both sides, with the `edges` that they are drawn with.
     background : (r, g, b)
         Colour of empty pixels, in the range of the frame's dtype.
     samples : int

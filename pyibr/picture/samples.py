@@ -85,7 +85,7 @@ def cut_of(camera: Camera, ratio: float | None, noise: tuple[float, float] = (0.
         Ratio of depths that tears neighbours apart. For an orthographic camera, it is 1 plus their difference in units
         of the image's longer side. With None, all neighbours are one surface.
     noise : (float, float)
-        Tolerance for noise: a part relative to the nearness, and an absolute nearness.
+        Tolerance for noise: a fraction of the nearness, and a constant nearness to add.
     """
     values = np.zeros((), struct("lib/surface.h", "Cut"))
     if ratio is None:

@@ -24,7 +24,7 @@ Bounds = tuple[NDArray[Any], NDArray[Any]]
 _ANGLE_MAX = (
     120.0  # degrees that one perspective map may cover; for wider angles, texels at its edge get too large: six maps
 )
-_MARGIN = 4  # texels left free around a map: points are moved by up to 2, and 1 more is read
+_MARGIN = 4  # texels left free around a map: points are moved by up to 2 texels, and reads reach 1 texel farther
 _THIN = 1e-6  # least extent of a map, relative to the longer side
 _ANGLE_MIN = 1e-3  # degrees
 

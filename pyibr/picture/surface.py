@@ -53,7 +53,7 @@ class Surface:
     nearness : DeviceArray (H + 2, pitch) float32
         The image's samples and a ring of samples around them, with the bits of kernels/picture/edges.cl.
     color : DeviceArray (H, W, 3)
-        Colours. An image of one pixel has two.
+        Colours. An image of one pixel has a second pixel here.
     size : (W, H)
         Size of the image.
     test : EdgeTest
@@ -111,7 +111,7 @@ class Surface:
 
     @cached_property
     def ribbons(self) -> DeviceArray:
-        """(N,) uint32: numbers of the ribbons for parts that are one sample wide (kernels/lib/ribbons.h)."""
+        """(N,) uint32: indices of the ribbons for parts that are one sample wide (kernels/lib/ribbons.h)."""
         width, height = self.size
         begins, profile = zeros((height, width), np.uint16), current().profile
         launch(
@@ -170,9 +170,9 @@ def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = Fals
 
 
 def straightness_test(camera: Camera, torn_by: NDArray[np.void] | None = None) -> EdgeTest:
-    """Return the test that tears neighbours unless they are explained without an edge.
+    """Return the test that tears neighbours unless their difference is explained without an edge.
 
-    They are if the surface continues straight or faces the camera, or by noise or the steps of a quantized scale.
+    Explanations are a surface that continues straight or faces the camera, noise, and steps of a quantized scale.
     torn_by: a record of the kernels' struct Cut, which must tear the pair as well.
     """
     cut, values = cut_of(camera, 1.0), _record(camera)

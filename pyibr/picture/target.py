@@ -80,10 +80,10 @@ class Target:
     Attributes
     ----------
     alpha : (H, W) float32 DeviceArray, or None
-        With several samples per pixel: the share of samples that show a surface.
+        With several samples per pixel: the fraction of samples that show a surface.
     guesses : (H, W) float32 DeviceArray, or None
-        Depths at which guessed surface was drawn, or None if none was. A pixel shows guessed surface only if this is
-        the picture's depth.
+        Depths at which guessed surface was drawn, or None if there is none. A pixel shows guessed surface only if this
+        depth equals the picture's depth.
     blank : bool
         Whether nothing has been written yet. The first thing writes every pixel; later things keep nearer pixels.
     filled : bool
