@@ -1,6 +1,6 @@
-"""Eyes below the base of a relief, within its layer: their places, from which rays can start.
+"""Location of eyes below the base of a relief, within its layer, from which rays can start.
 
-There are no fronts of the base around such an eye where its rays could enter.
+Around such an eye, rays meet no front of the base through which they could enter the relief.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pyibr.core.checks import Float64
 from pyibr.meshes.heights import Float32
 
 _NEWTON_STEPS = 4
-_CROSSINGS_MAX = 64  # steps from triangle to triangle in the search for the one above a point
+_CROSSINGS_MAX = 64  # steps from triangle to triangle in the search for the triangle above a point
 _OUTSIDE = -1e-6  # least weight of a corner
 
 
@@ -28,11 +28,11 @@ class InteriorPoint:
     triangle : int
         Triangle of the drawn mesh above the point.
     weights : (3,) float64
-        Weights of the triangle's corners there.
+        Weights of the triangle's corners at the point.
     uv : (2,) float64
         Tiles included.
     depth : float
-        Below the base, 1 at the bottom of the relief.
+        Depth below the base, 1 at the bottom of the relief.
     """
 
     triangle: int
@@ -53,7 +53,7 @@ class Interior:
         Tiles included.
     faces : (M, 3) int32
     beside : (M, 3) int32
-        Neighbours' sides of the triangles (`sides_beside`).
+        The neighbour's side across each side of the triangles (`sides_beside`).
     """
 
     def __init__(

@@ -26,8 +26,8 @@ class HeightLevels:
         Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to a single cell;
         an even number of bounds, because kernels read two together.
     table : (levels, LEVEL_INTS of kernels/relief/search.h) int32
-        For each level width, height, start in texels; for its bounds number of tiers, start, log2 of the rows' length
-        and span; finally the largest difference of its heights from the first level's, in 65535ths.
+        For each level: width, height and start in `texels`; then its bounds' number of tiers, start, log2 of the rows'
+        length, and span; last, the largest difference between its heights and the first level's, in 65535ths.
     height_bytes : int
         1 or 2: the kernels' HEIGHT_BYTES.
     """
@@ -78,9 +78,9 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wraps) -> HeightLeve
 
 
 def _tiers_of(cell: NDArray[np.uint32]) -> tuple[list[int], NDArray[np.uint16]]:
-    """Bounds of cells, of 2x2 cells, and so on up to one; BOUND_AT of kernels/relief/search.h gives their places.
+    """Bounds of cells, of 2x2 cells, and so on up to one; BOUND_AT of kernels/relief/search.h gives their indices.
 
-    The tiers lie side by side, or for a map taller than wide one below the other, in rows of a power of two.
+    The tiers lie side by side, or one below the other if the map is taller than wide. The rows' length is a power of 2.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Neighbours of a mesh's triangles, for walks over its surface, and the directions below their common sides."""
+"""Neighbours of a mesh's triangles, for walks over its surface, and the directions of the relief below their sides."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from pyibr.core.checks import Float64
 from pyibr.meshes.normals import place_of, summed
 
-_LEAST_TURN = 0.05  # relative to the greatest eigenvalue of normals' squares; smaller ones are noise
-_LEAST_AREA = 1e-6  # relative to the square of a triangle's longest side; a smaller one is a line
+_LEAST_TURN = 0.05  # eigenvalues of normals' squares below this, relative to the greatest, are noise
+_LEAST_AREA = 1e-6  # triangles of a smaller area, relative to the square of their longest side, are lines
 _LONGEST = 2.0  # greatest length of a mitre: normals 120 degrees apart
 
 
 def place_and_way(vertices: Float64, normals: Float64) -> NDArray[np.int64]:
-    """(N,) one number for all vertices at one place with one normal: equal across seams of uv, not hard edges."""
+    """(N,) a number for each pair of place and normal: vertices share it across seams of uv, not across hard edges."""
     kinds = place_of(vertices.astype(np.float32))
     for along in np.rint(1000 * normals).astype(np.int64).T:
         kinds = 2001 * kinds + along + 1000  # NumPy sorts numbers ten times as fast as rows

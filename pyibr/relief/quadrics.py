@@ -18,10 +18,10 @@ from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit
 from pyibr.meshes.tangents import unit, uv_gradients
 from pyibr.relief.neighbours import place_and_way
 
-_SINGULAR = 1e-6  # relative to the largest value; smaller ones are rounding errors
+_SINGULAR = 1e-6  # values below this, relative to the largest value, are rounding errors
 _HARD = 0.97  # cosine: some normals at a hard edge are at least 14 degrees from their mean
-_BENT = 1e-3  # greatest difference of a flat triangle's unit normals by rounding
-_BELOW = -0.1  # cosine between that mean and the direction into a vertex's triangles: below it they fall away
+_BENT = 1e-3  # largest rounding error in differences between a flat triangle's unit normals
+_BELOW = -0.1  # cosine between the mean normal and the direction into a triangle: if smaller, the triangle falls away
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,8 @@ def fitted_quadrics(
     """Least-squares fit of a, b and c to the neighbours of each vertex (equation 2), across seams of uv, too.
 
     Hard edges, where vertices at one place have several normals, separate the neighbours: each side is fitted by
-    itself. If the neighbours do not determine all three, as at corners, the smallest quadric that fits is taken. It is
-    the smallest in coordinates in which the neighbours are spread evenly in all directions, however uv is turned.
+    itself. If the neighbours do not determine all three coefficients, as at corners, the smallest quadric that fits is
+    taken. Its size is measured in coordinates in which the neighbours are spread evenly, so that uv does not matter.
 
     Parameters
     ----------
@@ -199,12 +199,12 @@ def _fitted_forms(
     owner: NDArray[np.int64], x: Float64, y: Float64, z: Float64, count: int
 ) -> tuple[Float64, NDArray[np.bool_]]:
     """(count, 3) a, b and c that come closest to z at each owner's (x, y), and whether its points determine them."""
-    # In units of the neighbourhood's size, so that fourth powers stay within range.
+    # Positions are in units of the neighbourhood's size, so that fourth powers stay within range.
     size = np.zeros(count)
     np.maximum.at(size, owner, np.hypot(x, y))
     scale = np.maximum(size, 1e-300)
     x, y = x / scale[owner], y / scale[owner]
-    # In coordinates in which the neighbours are spread evenly, so that long triangles determine as much as round ones.
+    # The fit uses coordinates in which the neighbours are spread evenly, so that long triangles determine as much.
     xx, xy, yy = (np.bincount(owner, terms, count) for terms in (x * x, x * y, y * y))
     solved = 4 * (xx * yy - xy * xy) > _SINGULAR * (xx + yy) ** 2
     xx, xy, yy = np.where(solved, xx, 1.0), np.where(solved, xy, 0.0), np.where(solved, yy, 1.0)

@@ -68,19 +68,19 @@ class ReliefSurface(HeightMapped):
         Measure of a ray's depth. "approximate": below the quadric, along the normal at the entry (equation 7).
         "exact": below the mesh itself, whose normals turn from corner to corner, so that outlines, heights and normals
         equal those of the displaced mesh at any depth, also on creased and coarse meshes; it takes 1.4 to 1.7 times as
-        long where the mesh bends or has edges. "perpendicular": to the quadric, at right angles to the ray (equation
-        6), which is more than the depth where a ray runs into the surface; only for the linear search, as it has no
-        bounds.
+        long where the mesh bends or has edges. "perpendicular": the distance to the quadric at right angles to the ray
+        (equation 6), which exceeds the depth where a ray runs into the surface; only for the linear search, because
+        this measure has no bounds.
     search : {"safe", "linear"}
-        "safe" steps over nothing, by bounds of the heights; "linear" takes even steps, then halvings, as in the paper.
+        "safe" misses nothing, by bounds of the heights; "linear" takes even steps, then halvings, as in the paper.
     steps, halvings : int
         Numbers for the linear search.
     shadow : {"map", "search"}
         How a light's occlusion is found. "map": with the light's shadow map, and a search of the relief where the map's
         surface differs from the picture's, as on curved bases and next to a box's edges. "search": with the paper's
-        second search from each point towards the light, and the map beyond this relief. It has no texels, so small
-        tiles show no moire, but it takes another search for each pixel, and other things within the relief, below the
-        base, cast no shadow on it.
+        second search from each point towards the light, and the map beyond this relief. Without texels, small tiles
+        show no moire. But each pixel takes another search, and other things within the relief, below the base, cast no
+        shadow on it.
     wrap : {"repeat", "clamp"}, or a pair of these
         How heights, colours and normals continue beyond the centres of the outermost texels. "repeat" continues on the
         other side of the map; "clamp" continues with the values at the border, for maps that do not tile, and needs
@@ -258,7 +258,7 @@ class ReliefSurface(HeightMapped):
         -------
         (H, W, 2) float32
             u and v in [0, 1], tiles included, in the picture that `render` makes of this relief alone. NaN where there
-            is nothing. Beyond a clamped map, its border.
+            is nothing. Beyond a clamped map, the coordinates of its border.
         """
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         check_no_lens("camera", camera)
@@ -294,7 +294,7 @@ def draw_relief(
     place = None if target.from_light else surface.interior_point(target.camera)
     bends = surface.bends or place is not None
     faces, projected = buffers["faces"], project(target, buffers["points"], near)
-    backs = target.from_light or (bends and surface.distance != "exact")  # where rays come out
+    backs = target.from_light or (bends and surface.distance != "exact")  # rays leave the relief there
     defines = bin_defines(3) | target.color_defines | target.filter_defines
     defines |= _defines_of(surface, walks=target.from_light or place is not None)
     more: dict[str, Any] = dict(target.filter_arguments)
