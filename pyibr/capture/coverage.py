@@ -1,4 +1,4 @@
-"""The share of a surface that some depth images have seen, by samples spread evenly over it."""
+"""The fraction of a surface that depth images have seen, measured at points spread evenly over it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _DIRECTIONS = 128  # views that find the surface visible from outside
 _OUTSIDE = 320  # width and height of these views in pixels
 _TURNED = 2.0  # a normal flips where its back is seen from outside this many times as often as its front
 _DENSER_MAX = 64.0  # limit of the oversampling that puts enough points into a box
-_CLOSED = 0.02  # share of the surface: if less is visible from outside, the scene surrounds the viewer
+_CLOSED = 0.02  # fraction of the surface: if less is visible from outside, the scene surrounds the viewer
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Surface:
         return np.maximum(low, self.within[0]), np.minimum(high, self.within[1])
 
     def seen(self, view: DepthImage, *, side: Side = "front") -> Mask:
-        """Points, (N,) bool, that a depth image has seen from that side, as `pyibr.picture.unseen` marks them."""
+        """Points, (N,) bool, that a depth image has seen from `side`, as `pyibr.picture.unseen` marks them."""
         return self.resolution(view, side=side) > 0
 
     def resolution(self, view: DepthImage, *, side: Side = "front") -> NDArray[np.float32]:
@@ -94,8 +94,8 @@ class Surface:
         found &= near > 0
         hit = some[found]
         made = np.zeros(len(self.points), np.float32)
-        # A patch covers a solid angle of area * facing / distance^2. On the plane z = 1, where pixels are even, it
-        # covers 1 / cos^3 as much; cos is the cosine of the angle to the axis.
+        # A patch covers a solid angle of area * facing / distance^2. On the plane z = 1, where pixels have equal areas,
+        # it covers 1 / cos^3 times as much; cos is the cosine of the angle to the axis.
         ahead = -(to[counts][found] @ camera.forward) / distance[counts][found]
         facing = np.maximum(np.abs(cosine[counts][found]), _ALONG)
         made[hit] = (
@@ -118,7 +118,7 @@ class Surface:
 
     @cached_property
     def _from_outside(self) -> NDArray[np.int32]:
-        """(2, N) numbers of directions that see each point: on the side of its corner normal, and on the other."""
+        """(2, N) counts of directions that see each point: on the side of its corner normal, and on the other side."""
         middle, radius = _ball(self.bounds)
         center, mesh_radius = _ball(tuple(corner.astype(np.float64) for corner in self.mesh.bounds))
         away = 2 * mesh_radius + float(np.linalg.norm(middle - center))  # outside the whole mesh
@@ -199,13 +199,13 @@ def _inside(points: Float64, box: Float64) -> Mask:
 
 
 def _spread(corner: Float64, weights: Float64, count: int) -> tuple[Float64, NDArray[np.intp]]:
-    """Spread `count` points over triangles (F, 3, 3), as many on each as its share of the weights.
+    """Spread `count` points over triangles (F, 3, 3), on each in proportion to its weight.
 
     Returns the points, and the index of each point's triangle.
     """
     ends = np.cumsum(weights)
     random = np.random.default_rng(1999)
-    places = (np.arange(count) + random.random(count)) * (ends[-1] / count)  # one point in each stretch of equal area
+    places = (np.arange(count) + random.random(count)) * (ends[-1] / count)  # one point in each interval of equal area
     found = cast("NDArray[np.intp]", np.searchsorted(ends, places, side="right"))
     face = np.minimum(found, len(weights) - 1)
     u, v = np.sqrt(random.random(count)), random.random(count)
@@ -214,7 +214,7 @@ def _spread(corner: Float64, weights: Float64, count: int) -> tuple[Float64, NDA
 
 
 def unseen_share(surface: Surface, seen: Sequence[Mask]) -> float:
-    """Share of the points visible from outside that no mask contains."""
+    """Fraction of the points visible from outside that no mask contains."""
     outer = surface.outer
     covered = np.any(seen, axis=0) if len(seen) else np.zeros(len(outer), np.bool_)
     return float(np.count_nonzero(outer & ~covered) / max(np.count_nonzero(outer), 1))

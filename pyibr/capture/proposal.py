@@ -23,13 +23,13 @@ from pyibr.images.depth_image import Side
 from pyibr.meshes.mesh import Mesh
 
 _AROUND = 64  # candidates that see the whole surface from outside
-_WORST = 0.1  # share of the points, the worst seen, that get candidates once all are seen
+_WORST = 0.1  # fraction of the points, the worst seen, that get candidates once all points are seen
 _ANCHORS = 12  # points per round that get candidates in front of them
 _DISTANCES = (0.12, 0.3, 0.7)  # distances of these candidates from their points, in radii of the mesh
-_APERTURES = (60.0, 60.0, 50.0)  # their angles of view in degrees, by distance
+_APERTURES = (60.0, 60.0, 50.0)  # angles of view of these candidates, in degrees, for each distance
 _PROBE = 128  # size in pixels of the images that measure what a candidate sees
 _FAR = 1.02  # far plane, in depths of the farthest point that a frustum shows
-_MARGIN = 1.06  # factor that widens the angles of view around these points
+_MARGIN = 1.06  # factor that widens the angles of view around the points that a frustum shows
 _SEEN = 0.7  # worth of seeing a point at all; the rest rewards resolution. Lower values leave more unseen
 
 Progress = Callable[[int, int, float], None]
@@ -110,17 +110,17 @@ class _Search:
         self._surface, self._size = surface, size
         self._side: Side = side
         self._outer: Mask = surface.outer
-        self._best = np.where(self._outer, 0, 1).astype(np.float32)  # worth of the images so far, by points
+        self._best = np.where(self._outer, 0, 1).astype(np.float32)  # worth of the images so far, for each point
         self._candidates: list[_Candidate] = []
         self._random = np.random.default_rng(1999)
         low, high = surface.bounds
         self._middle, self._radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
-        # Density of pixels if each image were filled by its own part of the surface.
+        # Density of pixels if each image showed another part of the surface and were full.
         self._goal = count * size**2 / surface.area
 
     @property
     def unseen(self) -> float:
-        """Share of the visible points that no frustum sees yet."""
+        """Fraction of the visible points that no frustum sees yet."""
         return float(np.count_nonzero(self._best == 0) / max(np.count_nonzero(self._outer), 1))
 
     def candidate(self, frustum: Frustum) -> _Candidate:

@@ -79,7 +79,7 @@ def framed(camera: Camera, size: tuple[int, int]) -> Camera:
 
 
 def stepped(camera: Camera, steps: Iterable[float], nearness: float) -> list[Camera]:
-    """Return cameras this many scene units to the right, with parallel image planes: no point moves up or down.
+    """Return cameras `steps` scene units to the right, with parallel image planes: no point moves up or down.
 
     Their principal points are shifted so that points at depth 1 / `nearness` keep their place. Lenses are dropped.
     """

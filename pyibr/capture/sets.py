@@ -146,7 +146,7 @@ def load(
 def _view(
     shot: Shot, color: NDArray[Any], least: float | None, sharpen: bool | None, how: DepthReading
 ) -> tuple[DepthImage, float]:
-    """Return the view of a frame, and the share of its samples left out for low confidence."""
+    """Return the view of a frame, and the fraction of its samples left out for low confidence."""
     try:
         depth, unsure = shot.read_depth(least, **how)
         if sharpen or (sharpen is None and how.get("depth_kind") == "relative"):

@@ -18,7 +18,7 @@ from pyibr.warp.view import WarpedView
 
 _DOWN = np.array([0.0, -1.0, 0.0])  # default direction of up: pyibr's y points down
 _SAMPLES = 4096  # samples of a view that locate its scene
-_INNER = (2.0, 98.0)  # percentiles of them: a few far outliers are ignored
+_INNER = (2.0, 98.0)  # percentiles of these samples: a few far outliers are ignored
 
 
 class Standpoint(NamedTuple):
