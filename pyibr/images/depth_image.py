@@ -284,7 +284,7 @@ class DepthImage(Immutable, Pictured):
 
 
 def _backed(depth: Depth, far: float, default_depth: float | DefaultDepth) -> Depth:
-    """The depth, with a surface also where there is none before `far`."""
+    """Return the depth, with `default_depth` for samples without a surface in front of `far`."""
     valid = (depth > 0) & (depth < far)
     if isinstance(default_depth, str):
         one_of("default_depth", default_depth, DefaultDepth, " or a depth > 0")

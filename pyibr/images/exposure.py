@@ -18,7 +18,7 @@ from pyibr.images.order import order_of
 
 _SAMPLES = 3_000  # samples per view that are looked up in other views
 _NEAREST, _FARTHER = 6, 3  # views that a view is compared with: its nearest neighbours, and some of the others
-_DEVIATIONS = 4.0  # depths within so many standard deviations of both views' noise are one surface
+_DEVIATIONS = 4.0  # depths that differ by up to this many standard deviations of both views' noise are one surface
 _SAME = 0.005  # tolerance besides noise, relative to the depth or to the extent of an orthographic camera's image
 _OVERLAP_MIN = 200  # fewest usable samples of an overlap
 _DARKEST, _BRIGHTEST = 0.08, 0.98  # usable part of a channel's range: sensors clip outside
@@ -36,7 +36,7 @@ class Overlap:
     Attributes
     ----------
     first, second : int
-        The views' numbers.
+        The views' indices.
     ratio : (3,) float64
         Logarithm of the first view's red, green and blue over the second view's.
     count : int
@@ -113,7 +113,7 @@ def matching_gains(views: int, overlaps: Iterable[Overlap]) -> Float64:
 
 
 def _connected(views: int, pairs: Iterable[tuple[int, int]]) -> NDArray[np.int64]:
-    """(views,) a label for each group of connected views: the lowest number in the group."""
+    """(views,) a label for each view: the lowest index in its group of connected views."""
     group = np.arange(views)
     for first, second in pairs:
         one, other = sorted((group[first], group[second]))
@@ -122,7 +122,7 @@ def _connected(views: int, pairs: Iterable[tuple[int, int]]) -> NDArray[np.int64
 
 
 def _pairs(places: Float64) -> list[tuple[int, int]]:
-    """Pairs of views to compare, the lower number first. Each view adds a fixed number of pairs."""
+    """Pairs of views to compare, the lower index first. Each view adds a fixed number of pairs."""
     found: set[tuple[int, int]] = set()
     for number, place in enumerate(places):
         by_distance = np.argsort(((places - place) ** 2).sum(axis=1), kind="stable")

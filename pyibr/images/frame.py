@@ -58,9 +58,9 @@ class Frame(Pictured):
         precision (for any `sample`); NaN where not valid. It transfers other data of the source (labels, features,
         flow), by `cv2.remap` or by indexing.
     view : (H, W) int32, or None
-        If requested: the number of the view that each pixel comes from, -1 where not valid.
+        If requested: the index of the view that each pixel comes from, -1 where not valid.
     alpha : (H, W) float32, or None
-        With several samples per pixel: the share of samples that show a surface, 0 to 1. The colour is the mean of all
+        With several samples per pixel: the fraction of samples that show a surface. The colour is the mean of all
         samples; without a background and without filled holes, it is the surface's colour times alpha. Filled samples
         contribute to the pixel's colour, but not to its alpha. The depth is that of the front surface among the seen
         samples, or of the filled samples where none was seen.

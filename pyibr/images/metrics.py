@@ -71,7 +71,7 @@ def psnr(a: Image, b: Image, *, valid: Mask | None = None) -> float:
 
 
 def ws_psnr(a: Image, b: Image, *, latitudes: float = 180.0, valid: Mask | None = None) -> float:
-    """WS-PSNR of two equirectangular panoramas: PSNR with rows weighted by their share of the sphere.
+    """WS-PSNR of two equirectangular panoramas: PSNR with rows weighted by their area on the sphere.
 
     By Sun, Lu and Yu (IEEE Signal Processing Letters 2017): the weight of row j of N is cos((j + 0.5 - N / 2) pi / N).
 
@@ -117,7 +117,7 @@ def iv_psnr(
     ----------
     a, b : (H, W, 3), both uint8 or both floats in [0, 1]; YCbCr may also be integers of `bits` bits
     valid : (H, W) bool, optional
-        The pixels that count, and that others are compared with; all if not given.
+        The pixels that count, and with which pixels of the other picture are compared; all if not given.
     space : {"rgb", "ycbcr"}
         RGB is converted to YCbCr by BT.709, in the range of videos (16 to 235).
     bits : int

@@ -17,7 +17,7 @@ View = DepthImage | Silhouette
 
 
 def order_of(views: Sequence[View]) -> list[int]:
-    """Numbers of the views, in an order that does not depend on the list's order, so that sums have the same bits.
+    """Indices of the views, in an order that does not depend on the list's order, so that sums have the same bits.
 
     Views are sorted by camera; views with equal cameras, by content. Only identical views keep their relative order.
     """

@@ -77,8 +77,8 @@ def is_opposite(a: Silhouette | DepthImage, b: Silhouette | DepthImage) -> bool:
     from_a = a.camera.world_from_camera @ np.linalg.inv(a.camera.pixel_matrix)
     to_b = b.camera.pixel_matrix @ b.camera.camera_from_world @ from_a
     width, height = a.camera.size
-    # The views look along one line, so this holds for any depth. A step along a's rows or columns must be a whole step
-    # along b's rows or columns.
+    # The views look along one line, so the map of pixels holds for any depth. It must turn one step along a's rows or
+    # columns into one step along b's rows or columns.
     exact, whole = to_b[:2, :3], np.rint(to_b[:2, :3]).astype(int)
     corners = np.array([[0, width - 1, 0, width - 1], [0, 0, height - 1, height - 1], [1, 1, 1, 1]])
     if np.abs((exact - whole) @ corners).max() > 1e-3:
