@@ -38,7 +38,7 @@ _MATRIX = re.compile(rf"(?:camera_?matrix|camera matrix|intrinsic_?matrix|intrin
 _DISTORTION = r"(?:distortion_?coefficients|distortion_?coeffs?|dist_?coeffs?|distortion|dist|d)_?{}"
 _FISHEYES = ("equidistant", "fisheye", "kannala_brandt")
 _TEXTS = (".yaml", ".yml", ".xml", ".ini", ".txt", ".csv")  # these suffixes hold only calibrations
-_LISTED = 12  # names in a message
+_LISTED = 12  # largest number of names in a message
 _ODD_FORMS = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, RecursionError)  # damaged files
 _MILLIMETRES, _CENTIMETRES = 1000, 100  # per metre
 _OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -65,7 +65,7 @@ def read_calibration(path: str | PathLike[str]) -> tuple[Path, str | None, objec
 
 @contextmanager
 def making(path: str | PathLike[str]) -> Generator[None, None, None]:
-    """Turn errors about a file's numbers into FileFormatError."""
+    """Turn errors about the numbers in a file into FileFormatError."""
     try:
         yield
     except _NoSizeError as error:
@@ -79,7 +79,7 @@ def making(path: str | PathLike[str]) -> Generator[None, None, None]:
 def cameras_in(tree: object, path: str | PathLike[str], size: Size = None) -> Cameras:
     """Return the cameras in a tree by name; a single unnamed camera is "".
 
-    path: for messages. size: the pictures' (width, height), for files that lack it.
+    path: for messages. size: (width, height) of the pictures, for files that lack it.
     """
     return {name: partial(_arranged, make) for name, make in _as_told(tree, path, size).items()}
 

@@ -180,7 +180,7 @@ _OUTER = np.pad(np.zeros((3, 3), np.bool_), (0, 1), constant_values=True)  # the
 
 
 def checked_intrinsics(K: object) -> Float64:
-    """Return `K`, (3, 3) or within a 4 x 4 identity, as a new (3, 3) array or raise ArgumentError."""
+    """Return `K`, (3, 3) or the corner of a 4 x 4 identity, as a new (3, 3) array, or raise ArgumentError."""
     matrix = numbers("K", K, None, finite=False)
     is_within = matrix.shape == (4, 4) and not np.any(matrix - np.eye(4), where=_OUTER)
     matrix = numbers("K", matrix[:3, :3] if is_within else K, (3, 3))
@@ -210,7 +210,7 @@ _EXACT, _ROUNDED = 1e-9, 1e-2  # errors of rotation matrices that are written wi
 
 
 def checked_pose(given: object, name: str = "world_from_camera") -> Float64:
-    """Return a rigid motion as a new (4, 4) array, the nearest one if its digits are few, or raise ArgumentError."""
+    """Return a rigid motion as a new (4, 4) array, the nearest one for rounded numbers, or raise ArgumentError."""
     rigid = "a rigid motion [[R, t], [0, 0, 0, 1]] with R^T R = 1 and det R = 1"
     pose = numbers(name, given, (4, 4))
     if np.abs(pose[3] - (0, 0, 0, 1)).max() > 1e-9:
@@ -310,7 +310,7 @@ def check_lengths(argument: str, minimum: float, maximum: float, what: str) -> N
         raise ArgumentError(argument, expected, f"{minimum:g}" if minimum == maximum else f"{minimum:g} to {maximum:g}")
 
 
-_TEXELS_MAX = 1 << 21  # from 0 on: float32 resolves their positions to half a texel, as the kernels need
+_TEXELS_MAX = 1 << 21  # largest texel position: up to it, float32 resolves half a texel, as the kernels need
 
 
 def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | None) -> None:

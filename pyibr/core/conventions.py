@@ -47,7 +47,7 @@ _REALSENSE_MODELS: Mapping[str, LensModel | None] = {
     "kannala_brandt4": "kannala_brandt",
 }
 
-# Azure Kinect: side of the square that a mode makes of the depth sensor, the image's offset in it, and its size
+# Azure Kinect, by mode: side of the square that the depth sensor forms, offset of the image in the square, image size
 _KINECT_DEPTH: Mapping[str, tuple[int, tuple[int, int], tuple[int, int]]] = {
     "NFOV_UNBINNED": (1024, (192, 180), (640, 576)),
     "NFOV_2X2BINNED": (512, (96, 90), (320, 288)),
@@ -126,7 +126,7 @@ def intrinsics_from_normalized(K: Float64, size: tuple[int, int]) -> Float64:
 
 
 def mirrored(pose: Float64) -> Float64:
-    """Return a pose whose y points up as one whose y points down, in a mirrored world."""
+    """Convert a pose with y up to a pose with y down, in a mirrored world."""
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])
     return mirror @ pose @ mirror
 

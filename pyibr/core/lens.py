@@ -21,7 +21,7 @@ from pyibr.core.errors import ArgumentError
 
 LensModel = Literal["brown_conrady", "rational", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt"]
 
-_COEFFICIENT_MAX = 1e50  # smaller ones than 1e-50 are dropped: products of a few fit into double precision
+_COEFFICIENT_MAX = 1e50  # coefficients below 1e-50 become 0: products of a few then fit into double precision
 _COEFFICIENT_COUNTS: dict[str, tuple[int, ...]] = {
     "brown_conrady": (4, 5),
     "rational": (8,),
@@ -144,7 +144,7 @@ class Lens:
 
     @cached_property
     def reach(self) -> float:
-        """Largest ideal distance from the axis that the lens sees: up to it, the distorted distance grows, too."""
+        """Largest ideal distance from the axis that the lens sees; the distorted distance increases up to there."""
         if self.model == "kannala_brandt":
             k1, k2, k3, k4 = self.coefficients
             angle = math.sqrt(_first_root(Polynomial([1, 3 * k1, 5 * k2, 7 * k3, 9 * k4])))
@@ -175,7 +175,7 @@ class Lens:
         angle = np.arctan(radius)
         series, slope = _value_and_slope(np.array([1.0, *self.coefficients]), angle * angle)
         distorted, steep = angle * series, (series + 2 * angle * angle * slope) / (1 + square)
-        near = radius < 1e-4  # there the quotients round too much: use the first terms of their series
+        near = radius < 1e-4  # near the axis the quotients round too much: use the first terms of their series
         by = np.where(near, 1.0, radius)
         k1 = self.coefficients[0]
         factor = np.where(near, 1 + (k1 - 1 / 3) * square, distorted / by)

@@ -43,9 +43,9 @@ class Rectangle:
 
 
 def pitch(width: int) -> int:
-    """Row length of nearness images: whole packets, with room past the last pixel or for a ring, no power of two.
+    """Row length of nearness images: whole packets, with room past the last pixel or for a ring, not a power of two.
 
-    Rows of a power of two share few places of the cache, which column-wise walks would overflow.
+    If the row length is a power of two, a column falls into few lines of the cache, and column-wise walks miss it.
     """
     padded = (-(-(width + 2) // 16) + 1) * 16
     return padded + 16 if padded % 256 == 0 else padded
@@ -111,7 +111,7 @@ class CameraPair:
         with np.errstate(divide="ignore", invalid="ignore"):
             across = rows[0] / rows[1]
             off = np.abs(across - np.rint(across))
-        return float(np.where(np.isfinite(off), off, 0.5).max())  # lines at infinity pass no samples
+        return float(np.where(np.isfinite(off), off, 0.5).max())  # lines at infinity pass through no samples
 
     @cached_property
     def corners(self) -> list[list[float]]:
@@ -255,7 +255,7 @@ class PixelMap:
 
 
 def _pixels_from_pixels(one: Camera, other: Camera) -> Float64:
-    """(4, 4) from the other's pixel space to the one's; rounding errors become 0: parallel cameras stay parallel."""
+    """(4, 4) from the pixel space of `other` to that of `one`; rounding errors become 0: parallel cameras stay so."""
     pose = one.camera_from_world @ other.world_from_camera
     turn, step = pose[:3, :3], pose[:3, 3]
     turn[np.abs(turn) < _ROUNDING] = 0.0

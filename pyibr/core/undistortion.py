@@ -17,12 +17,12 @@ from pyibr.core.checks import Float64, Immutable, locked, read_only
 from pyibr.core.errors import ArgumentError
 
 ANGLE_MAX = 75.0
-"""Largest angle from the axis in an undistorted image, in degrees: beyond, many pixels would show little."""
+"""Largest angle from the axis in an undistorted image, in degrees; farther out, many pixels would show little."""
 
 _MARGIN = 2  # pixels around the seen part: neighbours that distinguish edges from slopes
 _BORDER = 0.75  # pixels outside the image that still show its border: half an oblique undistorted pixel
-_PIXELS_RATIO_MAX = 100  # times the pixels of the lens's image; real cameras need up to 15
-_REACH_PART = 1 - 1e-9  # share of a lens's reach that stays inside it despite rounding
+_PIXELS_RATIO_MAX = 100  # limit of an undistorted image's pixels per pixel of the lens's image; real cameras: up to 15
+_REACH_PART = 1 - 1e-9  # fraction of a lens's reach that stays inside the reach despite rounding
 _FACES = (  # right, down and forward axes of a cube's faces in the camera's frame, the front first
     ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
@@ -152,7 +152,7 @@ def _undistorted(camera: Camera) -> Camera:
 
 
 def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: Float64 | None = None) -> Camera:
-    """A pinhole whose image holds its own part of `rays`, (H, W, 2) points on the plane z = 1 of a turned frame."""
+    """A pinhole whose image holds the `own` part of `rays`, (H, W, 2) points on the plane z = 1 of a turned frame."""
     at = np.where(own[..., None], rays * np.diag(camera.K)[:2], np.nan)
     steps = [np.hypot(*np.moveaxis(np.diff(at, axis=axis), 2, 0)) for axis in (0, 1)]
     least = min((float(np.nanmin(step)) for step in steps if np.isfinite(step).any()), default=1.0)
