@@ -29,7 +29,7 @@ class _Thread:
         with self._lock:
             self._left.append(one)
             if not self._works:
-                with suppress(RuntimeError):  # at the end of the process, no thread can start; the picture builds it
+                with suppress(RuntimeError):  # no thread can start at the process's end; the picture builds the program
                     threading.Thread(target=self._work, name="pyibr ahead").start()
                     self._works = True
 

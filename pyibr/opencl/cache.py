@@ -181,7 +181,7 @@ class Entry:
 
 
 def distrust(folder: Path) -> tuple[str, str] | None:
-    """Return the reason why an existing folder is not trusted, and the remedy; None if it is."""
+    """Return the reason why an existing folder is not trusted, and the remedy; None if the folder is trusted."""
     try:
         link, status = folder.lstat(), folder.stat()
     except OSError:

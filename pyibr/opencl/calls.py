@@ -65,7 +65,7 @@ class Calls:
                 ended.going_on.release()
 
     def let_others(self) -> None:
-        """Let later calls that use the device end first: each only once, and for at most `_AHEAD_SECONDS`."""
+        """Wait for later calls that use the device: for each only once, and at most `_AHEAD_SECONDS`."""
         mine = self._running.get(threading.get_ident())
         if mine is None:
             return

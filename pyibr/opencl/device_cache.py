@@ -30,8 +30,8 @@ def cached_on_device(
 ) -> _Made:
     """Return the data that `make` computes for `thing` on the current device, cached under a name.
 
-    A `key` distinguishes several entries of one name; with `latest`, only so many of them are kept. One thread at a
-    time calls `make`; others wait for it.
+    A `key` distinguishes several entries of one name; `latest` limits how many of them are kept. One thread at a time
+    calls `make`; other threads wait for it.
     """
     caches, session = thing.device_cache, current()
     cache = caches.get(session)

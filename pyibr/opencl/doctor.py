@@ -1,4 +1,4 @@
-"""The report of ``pyibr doctor``: OpenCL devices, whether they work, and remedies for those that do not."""
+"""The report of ``pyibr doctor``: OpenCL devices, whether they work, and remedies for devices that do not."""
 
 from __future__ import annotations
 

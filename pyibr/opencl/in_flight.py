@@ -17,7 +17,7 @@ SHARED_PIECE_SECONDS = 0.02  # target time while other threads are in calls
 _GROWTH = 4  # limit of growth from piece to piece, as the next items may be slower
 _SHORT, _GROWTH_OF_SHORT = 0.0005, 32  # after pieces up to _SHORT seconds, the growth may be larger
 _FORGETTING = 0.9  # decay of the known cost per launch: a kernel may be slow only in every tenth launch
-_UNEXPECTED = 4  # launches that take so many times the expected time update the estimate
+_UNEXPECTED = 4  # launches that take this multiple of the expected time update the estimate
 
 
 @dataclass(eq=False)
@@ -33,7 +33,7 @@ class KernelCost:
     seconds_per_item: float = math.inf
 
     def add(self, seconds_per_item: float) -> None:
-        """Add the cost of a launch. The estimate is the maximum of it and of earlier costs, which decay."""
+        """Add the cost of a launch. The estimate is the maximum of this cost and of earlier costs, which decay."""
         known = self.seconds_per_item if math.isfinite(self.seconds_per_item) else 0.0
         self.seconds_per_item = max(seconds_per_item, _FORGETTING * known)
 

@@ -37,7 +37,7 @@ atexit.register(_waiting.clear)  # at exit, no calls are made, since modules are
 def when_gone(owner: object, call: Callable[..., object], *arguments: Any) -> None:
     """Make a call when its owner is garbage-collected, but not at the end of the process.
 
-    It takes a third of the time of `weakref.finalize`, and a picture uses it some thirty times.
+    This takes a third of the time of `weakref.finalize`, and a picture needs it some thirty times.
     """
     last = _Last(owner, _make_call)
     last.call, last.arguments = call, arguments
@@ -100,7 +100,7 @@ class MemoryPool:
         return iter([block for blocks in self._blocks.values() for block in blocks])
 
     def take(self, size: int) -> Block | None:
-        """Return the block of this size that was given last, or None."""
+        """Return the block of this size that was returned last, or None."""
         with self._lock:
             blocks = self._blocks.get(size)
             block = blocks.pop() if blocks else None

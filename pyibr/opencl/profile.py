@@ -40,7 +40,7 @@ class DeviceProfile:
     """Side of the square of pixels that the lanes cover in a bin: BLOCK of kernels/raster/region.h, from LANES."""
 
     def packets(self, width: int, height: int, strip: int = 1) -> tuple[int, int]:
-        """Return the grid of work-items for all pixels, if each takes `strip` times `lanes` pixels of a row."""
+        """Return the grid of work-items for all pixels, if each processes `strip` times `lanes` pixels of a row."""
         return -(-width // (strip * self.lanes)), height
 
     def pieces(self, width: int) -> tuple[int, int]:

@@ -45,7 +45,7 @@ VARIABLE = "PYIBR_BUILD_OPTIONS"
 """Environment variable with further options. Tests set ``-Werror``, which would break builds with users' compilers."""
 
 _log = logging.getLogger("pyibr")
-_LONG = 0.3  # seconds of building after which a message is logged: one program if the compiler starts, else several
+_LONG = 0.3  # seconds of building after which a message is logged: one program with the compiler's start, or several
 _spent = 0.0  # seconds that this process has spent on builds
 _filtering = threading.Lock()  # warning filters are global to the process
 _building: ContextVar[Callable[[str], object]] = ContextVar("building", default=lambda _: None)
