@@ -67,7 +67,7 @@ def stored(
     depth_offset: float,
     whole: bool,
 ) -> NDArray[Any]:
-    """Values, integers or floats, to store in the file `name` for (H, W) planar z; relative depth is stored as z."""
+    """Values, integers or floats, to store in the file `name` for (H, W) planar z; "relative" stores planar z."""
     values = depth
     if kind == "inverse":
         values = _inverse(depth)

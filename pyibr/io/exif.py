@@ -16,7 +16,7 @@ _UNITS = {2: 25.4, 3: 10.0, 4: 1.0}  # in millimetres
 def focal_35mm_of(path: Path, size: tuple[int, int]) -> float | None:
     """Return the focal length's 35 mm equivalent, in millimetres; None if the data lack it.
 
-    It is stored as such, or follows from the focal length and the sensor's resolution. size: (width, height).
+    It is stored directly, or follows from the focal length and the sensor's resolution. size: (width, height).
     """
     from PIL import Image, UnidentifiedImageError
 

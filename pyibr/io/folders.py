@@ -11,11 +11,11 @@ import numpy as np
 from pyibr.core.errors import FileFormatError
 
 _TIME_DIFFERENCE_MAX = 0.02
-"""In seconds: times of one frame may differ by this, as in the tools of the TUM data sets."""
+"""Largest difference between times of one frame, in seconds, as in the tools of the TUM data sets."""
 
 
 _A_SECOND = {13: 1_000, 16: 1_000_000, 19: 1_000_000_000}
-"""Units per second by the number's digits: times since 1970, for 2001 to 2286."""
+"""Units per second by the number of digits of a time since 1970, for the years 2001 to 2286."""
 
 
 def files_in(folder: Path, suffixes: Sequence[str], word: str = "") -> list[Path]:

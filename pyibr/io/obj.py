@@ -121,9 +121,9 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
 def mesh_files(mesh: MeshArrays, stem: str) -> tuple[bytes, dict[str, bytes]]:
     """Return an OBJ file, and its materials and texture as further files by name.
 
-    The names contain a checksum of the texture. They therefore never collide with the files of an OBJ that this one
-    replaces, should the write fail, or with the files of an OBJ written at the same time. The OBJ's own name is reduced
-    to characters that are valid in a line: a line end, a backslash or a leading space would lose the texture.
+    The names contain a checksum of the texture. So they differ from the names of the files that belong to a replaced
+    OBJ, which stays valid if the write fails, or to an OBJ written at the same time. The OBJ's own name is reduced to
+    characters that are valid in a line: a line end, a backslash or a leading space would lose the texture.
     """
     head = f"# pyibr: {len(mesh.vertices)} vertices, {len(mesh.faces)} triangles\n"
     others = dict[str, bytes]()

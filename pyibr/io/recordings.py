@@ -60,7 +60,7 @@ class Stored:
     least: float = 0.0
 
     def read_depth(self, path: Path, camera: Camera | None, how: DepthReading) -> Depth:
-        """Planar depth as from `pyibr.read_depth`; options in `how` replace the layout's, unless they are "z" or 0."""
+        """Planar depth as from `pyibr.read_depth`; `how` replaces the layout's options, except by "z" or 0."""
         scale, kind = how.get("depth_scale") or self.scale, how.get("depth_kind", "z")
         offset = how.get("depth_offset") or self.offset
         kind = self.kind if kind == "z" else kind
@@ -75,7 +75,7 @@ class Stored:
         )
 
     def sure(self, depth: Depth, least: float | None) -> tuple[Depth, float]:
-        """Depth without samples of confidence below `least` (None: the layout's), and their share."""
+        """Depth without samples of confidence below `least` (None: the layout's), and the fraction of such samples."""
         if self.confidence is None:
             return depth, 0.0
         known = self.confidence()
@@ -196,7 +196,7 @@ class Shot(NamedTuple):
     number: int = 0
 
     def read_depth(self, least: float | None = None, **how: Unpack[DepthReading]) -> tuple[Depth, float]:
-        """Planar depth without samples of low confidence, and the share of removed samples."""
+        """Planar depth without samples of low confidence, and the fraction of removed samples."""
         depth = self.stored.read_depth(self.depth, self.depth_camera or self.camera, how)
         return self.stored.sure(depth, least)
 
@@ -283,7 +283,7 @@ def _of_same_numbers(
     """Pair files of equal numbers where some frames are lost; None if no number is in both."""
     both = [own for own in colors if own in depths]
     lacking = [own for own in [*colors, *depths] if own not in colors or own not in depths]
-    shifts = {a[-1] - b[-1] for a, b in zip(colors, depths, strict=False)}  # from 0 and from 1, for example
+    shifts = {a[-1] - b[-1] for a, b in zip(colors, depths, strict=False)}  # different starts, such as 0 and 1
     if not both:
         return None
     if lacking and (2 * len(both) < max(len(colors), len(depths)) or (len(colors) == len(depths) and len(shifts) == 1)):

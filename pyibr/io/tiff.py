@@ -46,7 +46,7 @@ def as_known(data: bytes) -> tuple[bytes, str]:
 
 
 def as_they_are(stored: NDArray[np.generic], numbers: str) -> NDArray[np.generic]:
-    """Return the integers from Pillow as the file's numbers, in native byte order."""
+    """Return the integers from Pillow as numbers of the file's type, in native byte order."""
     native = np.ascontiguousarray(stored, stored.dtype.newbyteorder("="))
     if not numbers:
         return native

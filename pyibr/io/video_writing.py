@@ -250,7 +250,7 @@ class _Film:
     def close(self) -> None:
         packets = self._stream.encode()
         if self._stream.codec_context.name == "libx265" and len(packets) < 3:
-            for packet in packets:  # this encoder leaves it unset in so short a film
+            for packet in packets:  # the encoder leaves `dts` unset in so short a film
                 packet.dts = packet.pts
         self._container.mux(packets)
         self._container.close()

@@ -126,7 +126,7 @@ def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
 def _layer(
     depths: NDArray[Any], sure: NDArray[Any] | None, read: Callable[[int], NDArray[Any]] | None, k: int
 ) -> Stored:
-    """One frame of the stack; pictures of another size are resized to their depth."""
+    """One frame of the stack; a picture of another size is resized to the size of its depth."""
     height, width = depths.shape[1:]
 
     def color(path: Path) -> NDArray[Any]:

@@ -77,7 +77,7 @@ def by_number(folder: Path, suffixes: Sequence[str], word: str = "") -> dict[int
 def joined(
     place: Path, colors: dict[int, Path], depths: dict[int, Path], *others: Container[int]
 ) -> tuple[list[int], Recording]:
-    """The numbers that all mappings have, and the recording of their files; FileFormatError if there are none."""
+    """The frame numbers that all mappings share, and the recording of their files; FileFormatError without any."""
     numbers = [number for number in colors if all(number in other for other in (depths, *others))]
     if not numbers:
         raise FileFormatError(f"{place}: no frame has all its files, among {len(colors)} pictures")

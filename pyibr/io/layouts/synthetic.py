@@ -110,7 +110,8 @@ def untilted(path: Path, cam_from_uv: Float64 | None, size: tuple[int, int]) -> 
     """A pinhole that looks along the normal of its image, and its pose in the frame of the stored camera.
 
     cam_from_uv: (3, 3), directions (x right, y up, z backward) of (u, v, 1), from -1 to 1 over the picture, v upward.
-    An image plane that is oblique to the axis is upright for a rotated camera: the matrix is K times a rotation.
+    An image plane that is oblique to one camera's axis is upright for a rotated camera: the matrix from rays to pixels
+    is K times a rotation.
     """
     width, height = size
     if cam_from_uv is None:

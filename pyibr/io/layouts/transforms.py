@@ -130,7 +130,7 @@ def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
 
 
 def write_frames(folder: Path, frames: Sequence[_Entry], unit: float) -> None:
-    """Write transforms.json from frames, which are `nerf_frame`'s entries and the names of the files.
+    """Write transforms.json from frames, each with the entries of `nerf_frame` and the names of its files.
 
     unit: scene units per stored unit of depth.
     """
