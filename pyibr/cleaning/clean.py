@@ -20,7 +20,7 @@ _NOISE_MIN = 5e-4  # relative to the depth: smaller noise is ignored
 _CELLS = 20_000  # cells for the estimate of the noise, found while the device works: accurate to 3 %
 _GIVEN = 64  # values of nearness at which the noise is sampled
 _NOISE_MAX = 1e30  # noise of nearness: keeps the scales finite
-_APART, _LEAST_APART = 5.0, 0.02  # least distance of two surfaces: standard deviations, and a share of the depth
+_APART, _LEAST_APART = 5.0, 0.02  # least distance of two surfaces: standard deviations, and a fraction of the depth
 
 
 class CleanedDepth(NamedTuple):
@@ -87,13 +87,13 @@ def clean_depth(
     Returns
     -------
     CleanedDepth
-        The depth, and the mask of its invented samples. Invented samples lie only in the closing, by a disc of radius
-        `holes`, of the valid samples and of samples taken from `before` within 2 pixels of these.
+        The depth, and the mask of its invented samples. These lie only within a morphological closing, by a disc of
+        radius `holes`. It closes the valid samples, and samples of `before` within 2 pixels of valid ones.
 
     Raises
     ------
     ArgumentError
-        If shapes, dtypes or ranges do not fit, or there are more pixels than kernels can number.
+        If shapes, dtypes or ranges do not fit, or there are more pixels than kernels can index.
 
     Examples
     --------

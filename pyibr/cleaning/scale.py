@@ -11,7 +11,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct
 from pyibr.opencl.memory import DeviceArray, upload
 
-_VALUE_MIN = 1e-30  # least length of a scale: if the noise exceeds all nearness by this much, one guide is enough
+_VALUE_MIN = 1e-30  # least length of a scale: if the noise exceeds nearness by such a factor, one guide is enough
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,16 @@ def scale_of(nearest: float, farthest: float, at: Float64, noise: Float64, least
     nearest, farthest : float
         Range of depths that the scale covers.
     at, noise : (k,) float64
-        Values of nearness, and the differences of nearness that the scale maps to 1 there.
+        Values of nearness, and the differences of nearness that the scale maps to 1 at these values.
     least : float
-        Smallest difference that the scale maps to 1, as a share of the nearness.
+        Smallest difference that the scale maps to 1, as a fraction of the nearness.
     """
     shift = int(constant("cleaning/scale.h", "KNOT_SHIFT"))
     first, last = (int(np.float32(1 / depth).view(np.int32)) >> shift for depth in (farthest, nearest))
     knots = np.arange(first - 1, last + 3, dtype=np.int32)  # with a margin, as the device may round quotients otherwise
     nearness = (knots << shift).view(np.float32).astype(np.float64)
     found = least * nearness
-    if len(at):  # Beyond `at`, noise grows with nearness, so that a single near outlier does not stretch the scale.
+    if len(at):  # beyond `at`, noise grows with nearness, so that a single near outlier does not stretch the scale
         found = np.maximum(found, np.interp(nearness, at, noise) * np.maximum(nearness / at[-1], 1))
     values = np.append(0, np.cumsum(2 * np.diff(nearness) / (found[1:] + found[:-1]))).astype(np.float32)
     guides = int(constant("cleaning/scale.h", "GUIDES"))

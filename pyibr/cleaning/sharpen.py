@@ -29,7 +29,7 @@ def sharpen_depth(depth: Depth) -> Depth:
     Raises
     ------
     ArgumentError
-        If shape or dtype do not fit, or there are more pixels than kernels can number.
+        If shape or dtype do not fit, or there are more pixels than kernels can index.
 
     Examples
     --------

@@ -70,7 +70,7 @@ class Image:
         packets = -(-width // _of_planes("ASIDE")) + 2
         packets += packets % 16 == 0  # avoids powers of two, like `pyibr.core.pixelspace.pitch`
         self._shape = height + 2 * _of_planes("ABOVE"), packets * _of_planes("ASIDE")
-        check_pixels("depth", (self._shape[1], self._shape[0]))  # pixels of the margin have numbers, too
+        check_pixels("depth", (self._shape[1], self._shape[0]))  # pixels of the margin have indices, too
         record = np.zeros((), struct("cleaning/plane.h", "ImagePlane"))
         record["width"], record["height"], record["pitch"] = width, height, self._shape[1]
         self._plane = Struct("ImagePlane", record)
@@ -130,7 +130,7 @@ class Image:
             self._marks = held
 
     def fill(self, measured: Placed, before: Placed | None, reach: int) -> None:
-        """Grow depth from the seeds over the whole area, the closing of the seeds by a disc of radius `reach`."""
+        """Grow depth from the seeds over the whole area, which is their closing by a disc of radius `reach`."""
         near, distances = self._new(np.uint8), self._new(np.int32)
         for marks, bits, wanted in ((self._marks, _of_planes("SEED"), 1), (near, 1, 0)):
             launch(
