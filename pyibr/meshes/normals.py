@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from pyibr.core.checks import Float64
 
 _HARD_EDGE = 0.5  # cosine: a hard edge separates normals that are more than 60 degrees apart
-_NEAR = 0.75**0.5  # cosine of half of that: if all normals are this near to their mean, no two are farther apart
-_CROWD = 64  # at one place: more normals are not compared in pairs, and share their mean
+_NEAR = 0.75**0.5  # cosine of 30 degrees: if all normals are this near to their mean, no two are at a hard edge
+_CROWD = 64  # most normals at one place that are compared in pairs; if there are more, they share their mean
 _AT_ONCE = 1 << 20  # pairs in memory
 _TRIANGLES_AT_ONCE = 1 << 14  # their corners stay in the cache
 
 
 def pieces_of(count: int) -> Iterator[slice]:
-    """Slices of so many triangles: with millions, all corners together would take gigabytes."""
+    """Slices that divide `count` triangles: the corners of millions of triangles together would take gigabytes."""
     return (slice(first, first + _TRIANGLES_AT_ONCE) for first in range(0, count, _TRIANGLES_AT_ONCE))
 
 
@@ -31,7 +31,7 @@ def areas(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Float64
 
 
 def place_of(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
-    """(N,) equal numbers for vertices at one place, in the order of places.
+    """(N,) index of each vertex's place, equal for vertices at one place, in the order of places.
 
     Coordinates that are tiny compared with the others become 0: in floating point, the sine of pi is not exactly 0.
     """
@@ -85,7 +85,7 @@ def summed_at_places(place: NDArray[np.int64], own: Float64) -> tuple[Float64, N
 
 
 def _summed_among(place: NDArray[np.int64], own: Float64) -> tuple[Float64, NDArray[np.bool_]]:
-    """`summed_at_places` for vectors that share their place with others."""
+    """`summed_at_places` for vectors that share their place with other vectors."""
     count = int(place.max(initial=-1)) + 1
     means = summed(place, own, count)
     sums, at_edges = means[place], np.zeros(len(place), np.bool_)

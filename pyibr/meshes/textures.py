@@ -40,7 +40,7 @@ def _halved_rows(image: NDArray[Any]) -> NDArray[np.float32]:
     first, second = image[0 : 2 * count : 2], image[1 : 2 * count : 2]
     if len(image) == 2 * count:
         return np.float32(0.5) * np.add(first, second, dtype=np.float32)
-    # A new row covers 2 + 1 / count old rows: its middle one, and parts of that row's two neighbours.
+    # A new row covers 2 + 1 / count old rows: one whole row, and parts of its two neighbours.
     part = (np.arange(1, count + 1) / len(image)).reshape((count,) + (1,) * (image.ndim - 1)).astype(np.float32)
     whole, both = np.float32(count / len(image)), np.float32((count + 1) / len(image))
     return np.asarray((both - part) * first + whole * second + part * image[2::2], np.float32)
