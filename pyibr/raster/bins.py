@@ -33,8 +33,8 @@ class Bins:
     region : int
         Width and height in pixels of the region that a work-item draws.
     arguments : dict
-        Arguments of these kernels: `list`, the indices of primitives, bin by bin; `starts`, where each bin's part
-        begins; and the view.
+        Arguments of these kernels: `list`, the indices of primitives, bin by bin; `starts`, the index in `list` at
+        which each bin begins; and the view.
     culled : int
         Triangles to cull, for kernels that do so: a constant of raster/triangle.h.
     """
@@ -47,7 +47,7 @@ class Bins:
 
 def bin_defines(corners: int) -> dict[str, int]:
     """Return the defines of kernels that draw bins of primitives with this number of corners."""
-    # Each bin decides in which direction a prism is sliced, and must decide alike on every device.
+    # A bin decides in which direction a prism is sliced, so bins of prisms have the same size on every device.
     return {"BIN": current().profile.bin if corners == 3 else int(constant("lib/screen.h", "BIN"))}
 
 
