@@ -152,7 +152,7 @@ class StoredDepth(NamedTuple):
         return self._sharpened(frames.read_one(number, camera, self.how))
 
     def read_shot(self, shot: Shot) -> tuple[NDArray[np.float32], float]:
-        """The planar depth of a frame, and the share of its samples left out for low confidence."""
+        """The planar depth of a frame, and the fraction of its samples left out for low confidence."""
         depth, unsure = shot.read_depth(self.min_confidence, **self.how)
         return self._sharpened(depth), unsure
 

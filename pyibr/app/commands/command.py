@@ -44,8 +44,8 @@ def tell_written(
     words : str
         Their content, for people.
     frames, size, covered, triangles
-        Their content, for programs, as far as it applies: number of pictures, their (width, height), the share of
-        their pixels that shows something, and number of a mesh's triangles.
+        Their content, for programs, where it applies: number of pictures, (width, height) of the pictures, fraction of
+        the pixels that show something, and number of a mesh's triangles.
     """
     report = _report.get()
     if report is None:

@@ -167,7 +167,7 @@ def _of_pictures(chosen: Sequence[str], a: _Image, b: _Image, counted: _Mask | N
 
 
 def _of_depth(truth: _Image, depth: _Image, counted: _Mask | None) -> _Figures:
-    """Errors where both have depth, NaN if nowhere; and the share of the counted pixels that have depth."""
+    """Errors where both have depth, NaN if nowhere; and the fraction of the counted pixels that have depth."""
     known = [np.isfinite(one) & (one > 0) for one in (truth, depth)]
     figures = {"covered_a": known[0], "covered_b": known[1], "covered_both": known[0] & known[1]}
     found = {name: 1 - metrics.hole_ratio(one, expected=counted) for name, one in figures.items()}
@@ -197,7 +197,8 @@ def _depth_errors(a: _Image, b: _Image) -> tuple[NDArray[np.float32], _Mask, _Ma
 def _shown(found: tuple[NDArray[np.float32], _Mask, _Mask], counted: _Mask | None) -> NDArray[np.uint8]:
     """Picture of the errors, (H, W, 3).
 
-    Errors go from black over red and yellow to white. Uncounted pixels are dark blue, pixels that one lacks are blue.
+    Errors go from black over red and yellow to white. Uncounted pixels are dark blue. Pixels that one picture lacks
+    are blue.
     """
     errors, known, lacking = found
     ramp = np.clip(3 * np.nan_to_num(errors)[..., None] - np.arange(3), 0, 1)

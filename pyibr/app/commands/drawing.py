@@ -70,7 +70,7 @@ def write_pictures(
 ) -> None:
     """Write a joined picture of each frame as a rig's cameras see it, and report the files.
 
-    rig: is fitted to the first frame that has depth. joined: joins the cameras' pictures to one picture.
+    rig: will be fitted to the first frame that has depth. joined: joins the cameras' pictures to one picture.
     """
     size = 0, 0
     with outputs:

@@ -17,7 +17,7 @@ from pyibr.io.video import SUFFIXES, first_frame
 
 
 class Exposure:
-    """Converts pictures for screens, and reports the share of clipped pixels at the end.
+    """Converts pictures for screens, and reports the fraction of clipped pixels at the end.
 
     stops : float
         Colours of OpenEXR files are multiplied by 2^stops.
@@ -47,7 +47,7 @@ class Exposure:
         return self.shown(first_frame(path) if path.suffix.lower() in SUFFIXES else read_color(path), path)
 
     def tell(self) -> None:
-        """Print the share of clipped pixels."""
+        """Print the fraction of clipped pixels."""
         share = float(np.mean(self._clipped or [0]))
         if share:
             print_note(f"{share:.2%} of all pixels are brighter than 1 and clipped; --exposure -1 halves their light")

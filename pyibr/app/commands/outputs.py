@@ -95,8 +95,8 @@ class Outputs:
     def check(self, inputs: Mapping[str, Sequence[Path]], recordings: Sequence[Path] = ()) -> None:
         """Raise the errors of writing before anything is computed.
 
-        inputs: files that are read, by option. recordings: folders that are read. Nothing may be written into their
-        subfolders, nor beside frames: the next run would read it as a frame.
+        inputs: files that are read, by option. recordings: folders that are read. Outputs in their subfolders or
+        beside frames are refused, because the next run would read them as frames.
         """
         names = {option: self._names(path) for option, (path, _) in self._files.items()}
         for option, (path, kind) in self._files.items():
@@ -140,7 +140,7 @@ class Outputs:
     def write(self, images: Mapping[Kind, NDArray[Any]], number: int, covered: float, camera: Camera | None) -> None:
         """Write a frame in the background.
 
-        covered: share of covered pixels. camera: camera of the depth.
+        covered: fraction of covered pixels. camera: camera of the depth.
         """
         self._behind.add(lambda: self._store(images, number, camera))
         self._written.append(self._main if self._main in self._films else self._name(self._main, number))
@@ -189,7 +189,7 @@ class Outputs:
     def tell(self, size: tuple[int, int], several: str, lacking: str, depths: object = "") -> None:
         """Report the written files.
 
-        several: noun for the frames. lacking: why some are empty. depths: range of depth that was read.
+        several: noun for the frames. lacking: reason for empty frames. depths: range of depth that was read.
         """
         written, count = self._written, None if self._numbers is None else len(self._written)
         empty = [file for file, share in zip(written, self._shares, strict=True) if share == 0]

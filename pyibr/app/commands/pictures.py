@@ -14,7 +14,7 @@ _SIZE = (40, 30)
 
 @functools.cache
 def _view(step: float = 0.0) -> ibr.DepthImage:
-    """A box before a wall, seen from `step` scene units to the right."""
+    """A box in front of a wall, seen from `step` scene units to the right."""
     width, height = _SIZE
     camera = ibr.Camera([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], _SIZE).moved(step, 0, 0)
     depth = np.full((height, width), 4.0, np.float32)

@@ -59,7 +59,7 @@ class Losses:
             return None
 
     def add_unsure(self, share: float) -> None:
-        """Add a frame's share of samples that are left out for low confidence."""
+        """Add a frame's fraction of samples that are left out for low confidence."""
         self._unsure.append(share)
 
     def tell(self, some: bool) -> None:

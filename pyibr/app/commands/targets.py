@@ -51,7 +51,7 @@ class Targets:
         self._is_compared = False
 
     def count(self, recorded: int | None) -> int | None:
-        """Number of new views of a recording with `recorded` frames, or of one scene (None); None for a single view."""
+        """Number of new views of a recording with `recorded` frames, or of a scene (None); None for a single view."""
         if recorded is None:
             several = self._frames if self._to is None else len(self._to)
             return several if several > 1 else None

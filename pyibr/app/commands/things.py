@@ -54,7 +54,7 @@ class Things:
         self._default_depth: float | DefaultDepth | None = default_depth_of(default_depth)
 
     def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
-        """The things, and whether all are meshes whose files define no up direction, so that it is y by custom."""
+        """The things, and whether all are meshes whose files define no up direction, so that y is up by custom."""
         things: list[DepthImage | Mesh] = []
         customary = True
         rest = list(names)

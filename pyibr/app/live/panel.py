@@ -34,7 +34,7 @@ def uploaded(file: Any) -> object:
 
 
 class Panel:
-    """A separate panel, which viser, unlike its main panel, collapses in narrow windows.
+    """A separate panel; viser collapses it in narrow windows, unlike its main panel.
 
     The main panel only holds the first line of the page's text. In a wide window it is a bar that shows the state of
     the connection.

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 _STEPS = (1.0, 0.75, 0.5, 0.375, 0.25, 0.1875, 0.125)  # few sizes, so that device memory can be reused
-_MEMORY = 0.8  # weight of each measurement one frame later
-_ALIKE = 1e-3  # variance of the share of pixels below which the cost of a pixel cannot be fitted
-_UPWARDS = 0.75  # share of the allowed time for a finer step, so that it is not reverted immediately
-_WORTH = 1.3  # times the cost of an empty picture: below that, coarser pictures are hardly faster
+_MEMORY = 0.8  # factor by which the weight of a measurement falls with each frame
+_ALIKE = 1e-3  # variance of the fraction of pixels below which the cost of a pixel cannot be fitted
+_UPWARDS = 0.75  # fraction of the allowed time that a finer step may take, so that it is not reverted immediately
+_WORTH = 1.3  # least allowed time, in costs of an empty picture: in less, coarser pictures are hardly faster
 
 
 class Resolution:
     """Chooses the scale of width and height at which a frame takes no longer than allowed.
 
-    The time of a frame is modelled as a + b * pixels, fitted to the last frames. If a alone is too long, as for meshes
-    of very many triangles, the resolution only falls until b hardly matters.
+    The time of a frame is modelled as a + b * pixels, fitted to the last frames. If `a` alone is too long, as for
+    meshes of very many triangles, the resolution falls only until the pixels hardly matter.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Resolution:
 
     def reset(self) -> None:
         """Forget earlier timings, for a change of the scene."""
-        self._sums = [0.0] * 5  # sums of 1, p, p^2, t, p t: p is the share of the pixels, t the time
+        self._sums = [0.0] * 5  # sums of 1, p, p^2, t, p t: p is the fraction of the pixels, t the time
         self._slope: float | None = None
 
     def took(self, seconds: float) -> None:

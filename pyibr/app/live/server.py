@@ -70,7 +70,7 @@ def is_own_page(headers: Mapping[str, str]) -> bool:
     """Tell whether a connection with these headers comes from a page of this server, or from no browser.
 
     Browsers send the connecting page in `Origin` and the requested host in `Host`. For a page of another site, both
-    hold that site's name, even if it makes its name resolve to this machine.
+    hold that site's name, even if the site makes its name resolve to this machine.
     """
     host, origin = headers.get("Host") or "", headers.get("Origin")
     if urlsplit(f"//{host}").hostname not in _OWN:

@@ -41,7 +41,7 @@ def place(
     """Place frusta on a mesh in a browser, until their depth images cover it.
 
     Frusta are proposed automatically or added by hand. They can be moved, turned, resized and deleted. Surface that no
-    frustum sees is red, and the page shows its share. A corner shows the chosen frustum's own picture, where unwanted
+    frustum sees is red, and the page shows its fraction. A corner shows the chosen frustum's picture, where unwanted
     parts can be painted over. All browsers that open the page edit the same set. Only this machine can open the page.
 
     Parameters

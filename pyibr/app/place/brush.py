@@ -1,4 +1,4 @@
-"""The brush of a browser's page: an invisible sheet before the camera, over the corner, that receives drags."""
+"""The brush of a browser's page: an invisible sheet in front of the camera, over the corner, that receives drags."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Brush:
         self._lock = RLock()  # the camera moves on one thread, paint events come on others
 
     def move(self, camera: Camera) -> None:
-        """Place the sheet before a camera."""
+        """Place the sheet in front of a camera."""
         key = camera.size, camera.K[0, 0]
         wxyz, position = self._stream.page_space.pose(camera)
         with self._lock, self._client.atomic():

@@ -61,7 +61,7 @@ class Captures:
         return float(view.depth[view.valid].min()) if view is not None and view.valid.any() else None
 
     def unseen(self, frusta: Sequence[Frustum], side: Side) -> float:
-        """The share of the surface visible from outside that no frustum sees."""
+        """The fraction of the surface visible from outside that no frustum sees."""
         with self._lock:
             return unseen_share(self.surface, [self._mask(one, side) for one in frusta])
 

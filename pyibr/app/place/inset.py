@@ -12,7 +12,7 @@ from pyibr.images import DepthImage
 Kind = Literal["colors", "depth", "disparity"]
 Image = NDArray[np.uint8]
 
-_WIDTH_SHARE = 0.36  # share of the page's height
+_WIDTH_SHARE = 0.36  # fraction of the page's height
 _SIDE_MAX = 320  # pixels
 _FRAME = 2
 _PAINT = (200, 0, 200)
@@ -35,7 +35,7 @@ def inset_position(size: tuple[int, int], at: tuple[float, float]) -> tuple[floa
 
 
 def own_picture(view: DepthImage, kind: Kind, mask: NDArray[np.bool_]) -> Image:
-    """(H, W, 3): a frustum's colours, depth or disparity, near is light, with the paint on top."""
+    """(H, W, 3): a frustum's colours, depth or disparity (near is light), with the paint on top."""
     made = np.empty((*view.depth.shape, 3), np.uint8)
     made[:] = _BACKGROUND
     seen = view.valid

@@ -28,7 +28,7 @@ class State:
     ----------
     frusta : tuple of Frustum
     chosen : int or None
-        Number of the frustum that is edited.
+        Index of the frustum that is edited.
     side : {"front", "back", "both"}
         Side of the surface that the frusta's images show.
     """
@@ -103,7 +103,7 @@ class Placement:
         self._change(deleted)
 
     def put(self, changed: Callable[[Frustum], Frustum], gesture: object = None) -> None:
-        """Replace the chosen frustum, if any, by a function's result for it; a gesture is undone in one step."""
+        """Replace the chosen frustum, if any, by `changed` of it; a gesture is undone in one step."""
 
         def put(state: State) -> State:
             number = state.chosen

@@ -51,7 +51,7 @@ _SHOWN: dict[str, tuple[str, str | None, Layout]] = {
 """Methods and layout by the text of the page's control."""
 
 _NEW = 40.0  # opening angle of a new frustum in degrees
-_BEFORE = 0.6  # distance of a new frustum from the surface, as a share of the camera's
+_BEFORE = 0.6  # distance of a new frustum from the surface, as a fraction of the camera's
 _NONE = "none"
 
 
@@ -122,7 +122,7 @@ class PlacePage:
         return replace(picture, color=color)
 
     def tell(self, shown: SentPicture) -> None:
-        """Show the picture's data and the unseen share of the surface."""
+        """Show the picture's data and the unseen fraction of the surface."""
         if not shown.full:
             return
         state, picture = self.placement.state, shown.picture
@@ -217,7 +217,7 @@ class PlacePage:
         self.placement.open(self._across.value, self._down.value, self._far.value or math.inf)
 
     def add_at(self, client: ClientHandle | None) -> None:
-        """Add a frustum before the surface in the middle of a browser's page."""
+        """Add a frustum in front of the surface in the middle of a browser's page."""
         cameras = [one.stream.camera for one in self._browsers if client is not None and one.stream.client == client]
         if cameras and cameras[0] is not None:
             camera = cameras[0]

@@ -107,7 +107,7 @@ def _shown(frame: Frame, style: Style, watch: _Stopwatch) -> Image:
 
 
 def _apart(one: Frame, other: Frame) -> str:
-    """Describe the difference of two frames in their common pixels, and the share of pixels that only one covers."""
+    """Describe the difference of two frames in common pixels, and the fraction of pixels that only one covers."""
     both, either = one.valid & other.valid, one.valid | other.valid
     only = np.count_nonzero(one.valid ^ other.valid) / max(np.count_nonzero(either), 1)
     if not both.any():

@@ -23,8 +23,8 @@ class Style:
     other : str or None
         Name of the method to compare with.
     layout : {"one", "swipe", "side by side", "difference"}
-        Comparison of two methods: the other one right of a line; both and their difference side by side, each showing
-        the middle of its picture; or only the difference.
+        Comparison of two methods: `other` right of a line; both and their difference side by side, each showing the
+        middle of its picture; or only the difference.
     swipe : float
         Position of the line, 0 to 1.
     gain : float
