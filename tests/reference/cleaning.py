@@ -1,7 +1,7 @@
 """Depth cleaned step by step in NumPy and OpenCV: an approximate reference for the kernels of kernels/cleaning.
 
-Here islands have values in sixteenths of the scale's 1, regions grow in the order of time, and weights are
-exponentials.
+Differences from the kernels: islands are found in values rounded to 1/16 of the scale's unit, regions grow step by step
+from the samples reached last, and weights are exponentials.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ Float32 = NDArray[np.float32]
 _RANGE = 3.3  # range of the smoothing, in standard deviations of the noise: a difference of ten stays
 _RADIUS, _SPREAD = 5, 3.0  # radius and spread of the smoothing, in pixels
 _REACH = 3  # pixels to either side for the slope
-_NOISE_MIN = 5e-4  # least noise that counts, as a share of the depth
-_APART, _LEAST_APART = 5.0, 0.02  # least distance of two surfaces, in deviations and as a share of the depth
+_NOISE_MIN = 5e-4  # least noise that counts, as a fraction of the depth
+_APART, _LEAST_APART = 5.0, 0.02  # least distance of two surfaces, in deviations and as a fraction of the depth
 _GAP = 2  # largest distance, in pixels, of the next sample in a direction
-_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # sums of the channels' differences: holes grow together in this order
+_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # limits on the sum of the channels' differences across which holes grow, in order
 _ALIKE = 0.1  # largest difference of colours on one surface, in the same measure
 _SPECKLE = 40  # pixels: a smaller island at another depth is no surface
 _STEPS = 4096  # entries of the scale's table
@@ -92,9 +92,9 @@ class _Scale:
     depths : (H, W) float32
         Images whose range the scale covers; NaN where there is no depth.
     at, noise : (k,) float64
-        Nearness, and the length of the scale's unit there.
+        Values of nearness, and the length of the scale's unit at each.
     least : float
-        Least length of the unit, as a share of the nearness.
+        Least length of the unit, as a fraction of the nearness.
     """
 
     def __init__(self, depths: Sequence[Depth], at: Float64, noise: Float64, least: float) -> None:
@@ -116,9 +116,10 @@ class _Scale:
 
 
 def _flying_pixels(values: Float32) -> Mask:
-    """Samples, (H, W) bool, between two surfaces and apart from both: at an edge, the camera mixed them.
+    """Samples, (H, W) bool, between two surfaces and apart from both, which the camera mixed at an edge.
 
-    Rows, columns and diagonals are examined. A sample on the line through the next two samples of a side is no mixture.
+    Rows, columns and diagonals are examined. A sample that continues the line of the next two on one side is no
+    mixture.
     """
     flies = np.zeros(values.shape, np.bool_)
     for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -168,7 +169,7 @@ def _held_over(values: Float32, known: Float32, tint: Float32 | None) -> Mask:
 
 
 def _filled_area(cv2: Any, kept: Mask, holes: int) -> Mask:
-    """Samples, (H, W) bool, that may be filled: every disc of this radius around them contains a known sample."""
+    """Samples, (H, W) bool, that may be filled: the morphological closing of `kept` by a disc of radius `holes`."""
     if holes == 0:
         return kept
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * holes + 1, 2 * holes + 1))
@@ -196,10 +197,10 @@ def _region_grown(cv2: Any, depth: Depth, kept: Mask, area: Mask, tint: Float32 
 
 
 def _grow(cv2: Any, grown: Depth, there: Mask, area: Mask, tint: Float32, most: float) -> None:
-    """Give samples the depth of their most similar neighbour, as long as there are such pairs."""
+    """Give samples the depth of their most similar neighbour, as long as colours differ by at most `most`."""
     height, width = there.shape
     steps = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
-    steps.sort(key=lambda step: abs(step[0]) + abs(step[1]))  # the first of equal ones
+    steps.sort(key=lambda step: abs(step[0]) + abs(step[1]))  # the first of equally similar neighbours wins
     changed = there
     while True:
         near: NDArray[np.uint8] = cv2.dilate(changed.astype(np.uint8), np.ones((3, 3), np.uint8))
@@ -239,7 +240,7 @@ def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:
 
     Without the planes, neighbours on steep surfaces would differ by more than the noise, and the noise would stay.
     """
-    off = float(np.nanmax(values)) + 20 * _RANGE * strength  # so far off that it does not count
+    off = float(np.nanmax(values)) + 20 * _RANGE * strength  # so far off that missing samples get no weight
     rough: Float32 = cv2.bilateralFilter(
         np.nan_to_num(values, nan=off), 2 * _RADIUS + 1, 2 * _RANGE * strength, _SPREAD
     )
@@ -274,7 +275,7 @@ def _slope(values: Float32, axis: int) -> Float32:
 
 
 def _temporally_filtered(values: Float32, known: Float32, strength: float) -> Float32:
-    """Draw values towards the previous ones, less so the farther they are off: this calms noise, and keeps moves.
+    """Pull values towards the previous ones, more weakly the more they differ, which calms noise and keeps motion.
 
     A steady drift v is followed at a distance d, both over `strength`, with d = v + `_STEADY_WEIGHT` exp(-d^2 / 2) d:
     it lags by 0.55 at most.

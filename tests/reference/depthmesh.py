@@ -1,7 +1,7 @@
 """Restricted quadtree of a depth image in float64, a readable reference (Pajarola, Sainz & Meng 2003, section 3).
 
 The tree is described by its triangles. Each has its right angle at `apex` and is split at the middle of its longest
-side, the `split`. A vertex of the tree is such a middle; its children are the splits of the triangles that it makes.
+side, the `split`. A vertex of the tree is such a middle; its children are the splits of the triangles that arise there.
 Vertices of the padding lie on the image's last column and row.
 """
 
@@ -22,11 +22,12 @@ from pyibr.images import DepthImage
 Corner = tuple[int, int]  # x, y
 
 UNDRAWN, DRAWN = 1, 2
-MARGIN = 0.01  # samples by which a sphere reaches beyond its children's
-ROUNDING = 2**-22  # share of the depths of three points: with smaller deviations, they lie on a straight line
+MARGIN = 0.01  # samples by which a sphere reaches beyond its children's spheres
+ROUNDING = 2**-22  # relative to the depths of three points: with smaller deviations, they lie on a straight line
 NEAREST = 1e-20  # scene units: least distance, for cameras within a sphere
-UNSEEN, REACH, RADIUS = 0.75, 4.5, 3  # noise: deviations of an error, deviations of a pair's mean, radius in samples
-LOSS = 4.0  # error of a triangle that is only partly drawn, in its own lengths
+# Standard deviations of noise: subtracted from errors, and the limit for a pair's mean; radius of denoising in samples
+UNSEEN, REACH, RADIUS = 0.75, 4.5, 3
+LOSS = 4.0  # error of a partly drawn triangle, as a multiple of its length
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Vertex:
 
     @property
     def children(self) -> list[Corner]:
-        """Children row by row, around a centre above, right, below, left; the first with a depth passes it on."""
+        """Children row by row, or around a centre: above, right, below, left. The first with a depth passes it on."""
         found = {half.split for side in self.sides for half in side.halves if not half.is_leaf}
         ordered = sorted(found, key=lambda corner: corner[::-1])
         around = len(ordered) == 4 and ordered[1][1] == ordered[2][1]
@@ -187,7 +188,7 @@ class Tree:
             vertex.states = dict.fromkeys(vertex.sides, vertex.states[vertex.sides[0]] | vertex.states[vertex.sides[1]])
         low = np.min([side.corners for side in vertex.sides], axis=(0, 1))
         if (low >= np.subtract(self.view.camera.size, 1)).any():
-            return  # none of its triangles reaches the image: nothing drawn depends on it
+            return  # none of the vertex's triangles reaches the image: nothing drawn depends on it
         children = {child: self.vertices[child] for child in vertex.children}
         below = max([-1.0, *(child.error for child in children.values())])
         known = [child.depth for child in children.values() if child.error >= 0]

@@ -122,7 +122,7 @@ def _slopes(change: Array, sign: Array, side: int) -> tuple[Array, Array]:
 
 
 def _follows(rise: Array, slope: Array, growth: Any, noise: Array) -> Array:
-    """Tell whether a rise continues a slope, which may grow by a share of itself."""
+    """Tell whether a rise continues a slope, which may grow by a fraction of itself."""
     with np.errstate(invalid="ignore"):
         sure = np.fmax(slope - noise, 0)
         return (rise <= slope + noise + growth * sure) & (rise >= LEAST * sure)
@@ -131,7 +131,7 @@ def _follows(rise: Array, slope: Array, growth: Any, noise: Array) -> Array:
 def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
     """Nearness (H + 2, W + 2), float64, with a ring of samples outside the border, and its edges.
 
-    Each lies on the straight line through the border's sample and the next one inside, if these are one surface.
+    Ring samples lie on the straight line through the border's sample and the next one inside, if both are one surface.
     """
     near = nearness_of(view)
     height, width = near.shape

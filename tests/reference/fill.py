@@ -14,7 +14,7 @@ TILE, HALO, BESIDE = 16, 4, 1
 LEAST, FAINT, RIM = 1e-6, 1e-3, 0.2
 NARROW, WIDE, OUTWARD, FLAT, SLOPING = 0.02, 0.035, 8, 0.05, 0.15
 STEEPEST, FAINTEST, ADDING = 64, 0.3, 32
-UNDECIDED = 1e-4  # pixels: rounding may move a point this close to the middle between two pixels to either
+UNDECIDED = 1e-4  # pixels: rounding may move a point this close to the middle between two pixels to either pixel
 
 
 @dataclass
@@ -22,7 +22,7 @@ class Behind:
     """Surface behind holes."""
 
     depth: Array  #: (H, W) float64, 0 where no line gives a depth or there is no hole
-    falloff: Array  #: (H, W) float64, share of foreground in a pixel, per unit of depth that it is nearer
+    falloff: Array  #: (H, W) float64, fraction of foreground in a pixel per unit of depth by which it is nearer
     decided: Array  #: (H, W) bool: rounding does not change which pixels the line passes
 
 
@@ -150,7 +150,7 @@ def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | Non
 
 
 def _mix_rims(filled: Array, values: Array, valid: Array, behind: Array) -> None:
-    """Mix into each hole a share of the mean colour of foreground above, below, left and right of it."""
+    """Mix into each hole a part of the mean colour of the foreground above, below, left and right of the hole."""
     total, parts, most = np.zeros((*valid.shape, 3)), np.zeros(valid.shape), np.zeros(valid.shape)
     padded, seen = np.pad(values, ((1, 1), (1, 1), (0, 0))), np.pad(valid, 1)
     height, width = valid.shape
@@ -207,7 +207,7 @@ def _farthest(holes: Array, behind: Array) -> Array:
 
 
 def _pushed(cells: Array, told: bool | None, side: int) -> Array:
-    """Merge four cells into one, (H / 2, W / 2, 5); a cell counts less, the nearer it is than the farthest.
+    """Merge four cells into one, (H / 2, W / 2, 5); the nearer a cell is than the farthest cell, the less it counts.
 
     `told`: whether the picture is perspective; None: all count alike.
     """

@@ -2,8 +2,8 @@
 
 Two cameras that share K and differ by a step along x, along y or (with square pixels) along a diagonal see each
 other's lines of samples as lines of pixels. Along such a line the surface is a polyline with a knot at each sample. On
-diagonals that cross the cells' own, it also has a knot in the middle of each cell. A sample moves along its line by
-focal length * step * nearness and keeps its nearness; the greatest nearness is visible.
+diagonals that cross the cells' own diagonals, it also has a knot in the middle of each cell. A sample moves along its
+line by focal length * step * nearness and keeps its nearness; the greatest nearness is visible.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def _polyline(ring: Array, torn: Edges, x: Array, y: Array, direction: Array) ->
 
 
 def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> tuple[Array, Array, Array]:
-    """Nearness and position of the first surface on each pixel's ray, nan in holes; and whether the ray is on an end.
+    """Nearness and position of the first surface on each pixel's ray, nan in holes; mask of rays that pass an end.
 
     The knots are at s in the source and at t in the target. A segment shows its front where both run the same way.
     """

@@ -1,8 +1,8 @@
 """Margins of a depth image's surface in NumPy: the parts of pixels at edges that no triangle covers.
 
-This is the readable form of `kernels/warp/margins.cl`. An open triangle is shared among its three corners; each corner
-gets the part nearest to it. Seen from a sample, that part is a quarter of its pixel, or the half of a quarter on one
-side of the cell's diagonal.
+This is the readable form of `kernels/warp/margins.cl`. An open triangle is divided among its three corners; each corner
+gets the part nearest to it. That part is a quarter of the sample's pixel, or the half of a quarter on one side of the
+cell's diagonal.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Margins:
 
     @cached_property
     def planes(self) -> Array:
-        """Planes (n, 4) of the margins in the image's pixel space; their product with a ray's point is its lead."""
+        """Planes (n, 4) in the image's pixel space: a plane times a point is W times the margin's lead in nearness."""
         level = self.q - self.gu * self.x - self.gv * self.y
         return np.stack([self.gu, self.gv, level, -np.ones(len(self.x))], axis=-1)
 

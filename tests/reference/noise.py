@@ -20,30 +20,30 @@ Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
 """Noise of depth, as `DepthImage` and `clean_depth` accept it."""
 
 _CELLS_MIN = 50  # the median of fewer cells is off by over 15 %
-_KNOWN = 0.1  # share of known cells: if fewer are known, every other sample is missing
+_KNOWN = 0.1  # fraction of known cells: if fewer are known, every other sample is missing
 _GOLDEN = 0.6180339887498949  # rows at its multiples follow no period of the picture
 _MANTISSA = 23  # bits of a float32
-_ROUNDING = 2.0**-17  # share of the nearness: smaller differences are rounding, or make no edge
-_EDGE = 0.1  # share of the nearness: neighbours that differ more are an edge
-_CELL = 2.0  # deviation of a cell's difference, in deviations of its four samples
-_FEW, _SMOOTH = 0.1, 0.8  # least shares of cells without an edge, overall and in a range: fewer would be a selection
-_MOST, _OF_MOST = 0.6, 0.39639  # share of the smallest differences, and their mean in normal noise
-_LEAST_QUARTER = 0.15793 / 1.4  # mean of the smallest quarter, with some room: edges raise the mean of `_MOST` more
+_ROUNDING = 2.0**-17  # relative to the nearness: smaller differences are rounding, or make no edge
+_EDGE = 0.1  # relative to the nearness: neighbours that differ more are an edge
+_CELL = 2.0  # standard deviation of a cell's difference, in standard deviations of its four samples
+_FEW, _SMOOTH = 0.1, 0.8  # least fractions of cells without an edge, overall and in a range: fewer would be a selection
+_MOST, _OF_MOST = 0.6, 0.39639  # fraction of the differences, the smallest ones, and their mean in normal noise
+_LEAST_QUARTER = 0.15793 / 1.4  # mean of the smallest quarter, with a reserve: edges raise the mean of `_MOST` more
 _SHAPE = 9.0  # squared ratio of differences two samples apart to those one apart: noise has 1, curves 16
-_FALL = 1.15  # largest ratio to the noise of farther samples
-_CHANCE = 4.0  # margin of an estimate from few cells: standard deviations, over the root of their number
-_STEP_MAX = 0.25  # share of the nearness: larger differences are edges
+_FALL = 1.15  # largest ratio of noise to the noise of farther samples
+_CHANCE = 4.0  # margin of estimates from few cells: this, over the square root of their number, is added to `_FALL`
+_STEP_MAX = 0.25  # relative to the nearness: larger differences are edges
 _LEVELS_MIN = 12  # least number of levels: a scale has more, exact stairs have fewer
-_ONE_STEP = 0.6  # least share of changes by one step, and of levels whole steps apart: edges have any size
-_STAIRS = 0.01  # least share of a scale's changes: few on steep surfaces
-_WHOLE, _MOSTLY = 0.02, 0.9  # largest rounding of multiples of steps in float32, and the share that keeps to it
+_ONE_STEP = 0.6  # least fraction of changes by one step, and of levels whole steps apart: edges have any size
+_STAIRS = 0.01  # least fraction of the changes that are stairs, which are few on steep surfaces
+_WHOLE, _MOSTLY = 0.02, 0.9  # largest rounding of multiples of steps in float32; least fraction of multiples within it
 _STAIRS_MAX = 4_000  # changes to examine at most: their levels are as whole
-_OFF = 0.2  # steps by which changes, and gaps between levels, may be off whole ones: two scales may be mixed
+_OFF = 0.2  # steps by which changes, and gaps between levels, may differ from whole steps: two scales may be mixed
 _NEAREST = 1e37  # nearness whose fourfold still fits single precision
 _NOISE_MAX = 1e18  # scene units: the square still fits single precision
 _ROUNDS, _CLOSE = 3, 0.02  # number of fits; a larger difference in one fit weighs less in the next
 _SIMPLER = 0.03  # improvement of a fit that justifies one more term
-_TIE = 1e-6  # fits that differ by less are equally close: any two terms fit two depths
+_TIE = 1e-6  # fits whose errors differ by less are equally close: any two terms fit two depths
 _RIDGE = 1e-9  # with one depth alone, the kinds of noise cannot be distinguished
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
@@ -54,7 +54,7 @@ _OTHERS = np.eye(3) * np.where(_CHOICES, _RIDGE, 1.0)[:, None]
 
 
 def _octaves(values: Nearness, parts: int) -> NDArray[np.int32]:
-    """Number the parts of octaves, 2^parts to each, for positive float32 numbers."""
+    """Index of the part of an octave in which each positive float32 number lies, with 2^parts parts to an octave."""
     return values.view(np.int32) >> (_MANTISSA - parts)
 
 
@@ -145,7 +145,7 @@ def _noise_of(strips: Nearness, steps: tuple[float, float, float]) -> tuple[floa
     """Estimate noise, (a, b, c), from cells of 2 x 2 samples; at least half of a scale's steps.
 
     The difference of a cell's two differences is 0 on planes, and along edges that follow rows or columns. So most
-    cells on thin structures show their noise, too.
+    cells on thin structures show only noise, too.
     """
     near, change, largest = _cells(strips[0], strips[1], 1)
     on_scale, half = any(steps), (0.5 * steps[0], 0.5 * steps[1], 0.5 * steps[2])
@@ -195,7 +195,7 @@ def _histogram(row: NDArray[np.int32], size: Nearness, ranges: int) -> NDArray[n
 
 
 def _mean_below(counts: NDArray[np.intp], share: float) -> Float64:
-    """Means, (..., ranges), of this share of the smallest sizes in histograms (..., ranges, sizes).
+    """Means, (..., ranges), of the fraction `share` of smallest sizes in histograms (..., ranges, sizes).
 
     Quantiles of noise in steps would be quantiles of the steps.
     """

@@ -49,8 +49,8 @@ class DepthSurface:
     """The surface of a depth image, at any place (x, y) of the image.
 
     Within cells of one surface it is bilinear, and nearer by up to two samples' distance where both sides bend,
-    because there may be a crease. In other cells, the samples of the nearest part limit how near it lies. This part
-    ends where its weights are `outline` next to background, and falls off to the surface behind it.
+    because there may be a crease. In other cells, the samples of the nearest part limit the surface's nearness. This
+    part ends where its weights are `outline` next to background, and falls off to the surface behind it.
     """
 
     EDGE = 3.0  # samples' distances: a larger change separates surfaces

@@ -1,4 +1,4 @@
-"""A lens's image undistorted, in float64: the twin of picture/undistort.cl, from where OpenCV sees each pixel."""
+"""Undistortion of a lens's image in float64: the twin of picture/undistort.cl, with pixel positions from OpenCV."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from tests import truth
 def undistorted(
     view: ibr.DepthImage, camera: ibr.Camera, cut_ratio: float | None, linear: bool
 ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.bool_]]:
-    """Colour and depth of a lens's image as a pinhole camera at its place sees them, and where it is sure.
+    """Colour and depth of a lens's image as seen by a pinhole camera at the same pose, and a mask of certain pixels.
 
-    It is not where a pixel's place rounds to another sample, or triangle, for the last digits of a float32.
+    Pixels are uncertain where the last digits of a float32 position decide between samples or triangles.
     """
     height, width = view.depth.shape
     pixels = np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2)

@@ -42,7 +42,7 @@ class Result:
 
 
 def forward_reference(view: DepthImage, camera: Camera, splat: int = 1) -> Result:
-    """Draw every valid sample as ``splat`` x ``splat`` target pixels; the nearest wins, then the lowest number.
+    """Draw every valid sample as ``splat`` x ``splat`` target pixels; the nearest wins, then the lowest index.
 
     Equation (2) takes a sample's x_r and delta(x_r) to the target's pixel space.
     """
