@@ -14,7 +14,7 @@ from tests.data import shared
 
 
 def revolved(profile: ArrayLike, closed: bool, sides: int = 96) -> tuple[np.ndarray, np.ndarray]:
-    """A profile of radius and height, (n, 2), revolved about the y axis; closed: its last point joins the first."""
+    """A profile of radius and height, (n, 2), revolved about the y axis; closed: the last point joins the first."""
     radius, height = np.asarray(profile, float).T
     n, turn = len(radius), np.arange(sides) * 2 * np.pi / sides
     x, y, z = np.outer(np.cos(turn), radius), np.tile(height, (sides, 1)), np.outer(np.sin(turn), radius)

@@ -85,7 +85,7 @@ def test_background_is_as_far_as_the_box_reaches(projection):
         np.testing.assert_allclose(far, 1 / z.max() if projection == "perspective" else -z.max(), rtol=1e-6)
         there = view.depth[view.valid]
         expected = 1 / there if projection == "perspective" else -there
-        np.testing.assert_array_max_ulp(nearness[view.valid], expected, 4)  # the last two bits hold the cell's kind
+        np.testing.assert_array_max_ulp(nearness[view.valid], expected, 4)  # the last two bits hold the kind of cell
         assert far.max() < nearness[view.valid].min()
 
 
@@ -100,12 +100,12 @@ def test_the_box_of_silhouettes_holds_all_that_lies_within_them(kind, by):
     points = points[visual_hull(views)(points)]
     assert len(points) > 1000
     assert within(box, points).all()
-    # Two cells of the last grid, plus a silhouette's samples and the radii of cells: no more than a tenth
+    # The reserve is two cells of the last grid, a silhouette's samples and the radii of cells: no more than a tenth.
     assert (box.edges <= 1.1 * np.ptp(points, axis=0) + 0.05 * box.edges.max()).all()
 
 
 def test_two_opposite_views_anywhere_in_the_world():
-    """Their rays are all parallel: only the cameras limit the object's depth."""
+    """All rays are parallel, so only the cameras limit the object's depth."""
     for projection in ("orthographic", "perspective"):
         here = object_views(torus(), 60, projection=projection)[:2]
         box, there = box_of_silhouettes(here), box_of_silhouettes(moved(here, (100, 30, 5)))
@@ -125,7 +125,7 @@ def test_a_small_silhouette_is_found():
     box = box_of_silhouettes(views)
     pixel = 2 * 3 * np.tan(np.radians(30)) / 151
     assert within(box, np.zeros((1, 3))).all()
-    # The pixel's square, and around it the pixel and a half that a coarse grid must keep
+    # The box holds the pixel's square, and around it the pixel and a half that a coarse grid must keep.
     assert (box.edges <= 8 * pixel).all()
     target = views[3].camera
     frame = ibr.render(ibr.VisualHull(views, slices=64), Camera(target.K, target.size, target.world_from_camera))

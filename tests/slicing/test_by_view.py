@@ -28,7 +28,7 @@ FRONT = (0.5, 0.4, 1)
 
 
 def noise() -> Any:
-    """A fine texture, which reveals shifts of a part of a pixel."""
+    """A fine texture, which reveals shifts by a fraction of a pixel."""
     values = np.random.default_rng(1).normal(0, 1, (256, 256, 3))
     values = cv2.GaussianBlur(values, (0, 0), 1.5)
     return np.clip(127.5 + 60 * values / values.std(), 0, 255).astype(np.uint8)
@@ -39,13 +39,13 @@ def noisy_surface(slices: Any, slicing: str, texels: int = 32, **more: Any) -> i
 
 
 def flicker(frames: Sequence[ibr.Frame], truth: Sequence[ibr.Frame]) -> float:
-    """Change of colour errors from frame to frame, per pixel of the thing; true motion does not count."""
+    """Change of colour errors from frame to frame, per pixel of the surface; true motion does not count."""
     off = [a.color.astype(float) - b.color for a, b in zip(frames, truth, strict=True)]
     return float(np.abs(np.diff(off, axis=0)).mean() / np.mean([b.valid for b in truth]))
 
 
 def flicker_of_ring(height: Any, slicing: str, size: tuple[int, int], steps: int) -> tuple[float, float]:
-    """Flicker with slices by view, and with 256 slices, over this many of 120 steps around a displaced ring."""
+    """Flicker with slices by view, and with 256 slices, over `steps` of 120 steps around a displaced ring."""
     turns = np.arange(steps) * 2 * np.pi / 120
     eyes = [(4 * np.cos(turn), 4 * np.sin(turn), 1.8) for turn in turns]
     cams = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), size, fov_y=40) for eye in eyes]
@@ -70,8 +70,8 @@ def test_surfaces_show_no_slice_at_any_size(slicing, projection):
             seen = np.isfinite(truth)
             frame = ibr.render(noisy_surface("view", slicing), cam)
             assert frame.valid[interior(truth)].all()
-            # Points are within an eighth of a pixel, or, across slices, sqrt(3) times that; pixel sizes
-            # differ by a third from there to the middle. At outlines in the picture, rounding decides about hits.
+            # Points are within an eighth of a pixel, or sqrt(3) eighths across slices. Pixels there and in the middle
+            # differ in size by a third. At outlines in the picture, rounding decides about hits.
             off = np.abs(frame.depth - truth)[seen & frame.valid] / pixel_size(cam, MIDDLE)
             assert np.quantile(off, 0.9) < 0.3
             off = np.abs(frame.depth - truth)[interior(truth) & frame.valid] / pixel_size(cam, MIDDLE)
@@ -81,7 +81,7 @@ def test_surfaces_show_no_slice_at_any_size(slicing, projection):
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_surfaces_take_as_many_as_the_picture_needs(slicing):
-    """Twelve a pixel up to 256, then one a pixel, until slices lie half a texel apart."""
+    """The number is twelve per pixel up to 256, then one per pixel, until slices lie half a texel apart."""
 
     def tests(width: int, slices: Any, texels: int = 1024) -> float:
         whole = camera(40, 20, (width, width * 3 // 4))
@@ -96,7 +96,7 @@ def test_surfaces_take_as_many_as_the_picture_needs(slicing):
     for width in (320, 640):
         assert 0.9 * most[width] < tests(width, "view") < most[width]
     assert tests(2560, "view") > 1.5 * most[2560]
-    # Half of one of 256 texels is 1/512 of the square, and the displacement is a quarter of the square: 128 slices.
+    # With 256 texels, half a texel is 1/512 of the square. The displacement is a quarter of the square: 128 slices.
     for width in (320, 2560):
         assert tests(width, "view", 256) < 0.5 * most[width] + 10
 
@@ -115,7 +115,7 @@ def test_surfaces_flicker_less_than_with_256_slices(slicing):
 @pytest.mark.thorough
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_curved_surfaces_flicker_no_more_where_pixels_are_wide(slicing):
-    """A pixel is 45 of 256 slices wide: points within only an eighth of it would flicker four times as much."""
+    """A pixel is as wide as 45 of 256 slices: with errors up to an eighth of a pixel, flicker would be four times."""
     by_view, fixed = flicker_of_ring(heights(32), slicing, (160, 120), 6)
     assert by_view <= fixed
 
@@ -134,7 +134,7 @@ def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("slicing", "size"), [("orthogonal", (320, 240)), ("screen", (240, 180))])
 def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
-    """Objects also flicker no more where a pixel is wider than the spacing of 256 slices, so that fewer are taken."""
+    """This holds also where a pixel is wider than the spacing of 256 slices, so that there are fewer slices."""
     scene, views = dragon()
     turns = np.arange(6) * 2 * np.pi / 120
     cams = [looking(scene, (np.cos(turn), 0.3, np.sin(turn)), size) for turn in turns]
@@ -170,7 +170,7 @@ def test_objects_show_no_slice_at_any_size(kind, slicing, projection):
 
 
 def test_spacing_changes_as_slowly_as_the_camera_moves():
-    """There are no jumps, and other pictures have no influence."""
+    """The spacing does not jump, and other pictures do not influence it."""
     thing = ibr.DepthObject(views_of_torus("orthographic"), slices="view")
     turns = np.linspace(0, 2 * np.pi, 481)
     cams = [looking(torus(), (np.cos(turn), 0.6 * np.sin(2 * turn), np.sin(turn)), (160, 120)) for turn in turns]
@@ -188,7 +188,7 @@ def test_from_within_and_from_afar(slicing):
     for eye in (MIDDLE, MIDDLE + 1e-6, (0.5, 0.5, SCALE), (0.1, 0.2, 0.3 * SCALE)):
         frame = ibr.render(thing, Camera.look_at(eye, (2, 0.6, 0.1), (0, 0, 1), (41, 33), fov_y=80))
         np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
-    # Displacements of 9 pixels' height, and of less than one
+    # The displacement is 9 pixels high, or less than a pixel.
     for away in (40, 500):
         cam = Camera.look_at(MIDDLE + away * np.array([0.4, 0.3, 1]), MIDDLE, (0, 0, 1), (41, 33), fov_y=20)
         many, frame = ibr.render(noisy_surface(256, slicing, test="at_least"), cam), ibr.render(thing, cam)

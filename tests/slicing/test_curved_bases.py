@@ -86,7 +86,7 @@ def test_even_heights_show_the_moved_mesh(name, slicing, eye):
     seen = ibr.render(thing, camera, **filtered)
     both = truth.valid & seen.valid
     assert both.sum() >= 0.99 * (truth.valid | seen.valid).sum()
-    # One pixel in a hundred, at outlines within the picture: a line elsewhere is as thick as a pixel or two.
+    # One pixel in a hundred may be wrong at outlines within the picture; lines are a pixel or two thick.
     assert (np.abs(truth.color.astype(int) - seen.color)[both].max(axis=-1) > 64).mean() <= 0.01
 
 
@@ -158,7 +158,7 @@ def rolling(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def test_normals_from_heights_are_the_displaced_torus_own():
-    """Lengths on a torus displaced by 0.25 are up to 1.6 times the base's, with which 8 of 255 are off on average."""
+    """Lengths on a torus displaced by 0.25 are up to 1.6 times the base's, which would give errors of 8 of 255."""
     scale, tiles = 0.25, (6, 3)
     y, x = (np.mgrid[:128, :128] + 0.5) / 128
     camera = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (240, 180), fov_y=42)
@@ -184,7 +184,7 @@ def test_normals_from_heights_are_the_displaced_torus_own():
         both = truth.valid & seen.valid & (np.abs(truth.depth - seen.depth) < 0.02)
         off.append(np.abs(truth.color.astype(int) - seen.color)[both].max(axis=1))
     shades = np.concatenate(off)
-    assert shades.mean() <= 1.5  # a byte's rounding, and means of two texels for slopes
+    assert shades.mean() <= 1.5  # rounding of bytes, and slopes as means of two texels
     assert np.quantile(shades, 0.95) <= 5
 
 

@@ -19,7 +19,7 @@ from tests.data import shared
 from tests.reference.slicing import first_depth, visual_hull
 
 SLICES = 256
-GIVEN, LEFT_OUT = 0.975, 0.95  # intersection over union of the hull's outline and the silhouette, on the mean
+GIVEN, LEFT_OUT = 0.975, 0.95  # mean intersection over union of the hull's outline and the silhouette
 
 
 def disk_views(size: int = 200, radius: float = 1.0) -> list[ibr.Silhouette]:
@@ -178,7 +178,7 @@ def clock() -> list[ibr.Silhouette]:
         told = json.loads(file.read_text())["camera_properties"]
         mask = np.asarray(Image.open(folder / f"{number}_mask.png"))
         mask = mask[..., :3].max(axis=2) if mask.ndim == 3 else mask
-        # Half the resolution, to save time
+        # Half the resolution saves time.
         mask = cv2.resize(mask, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) > 127
         color = np.zeros((*mask.shape, 3), np.uint8)
         size = mask.shape[1], mask.shape[0]

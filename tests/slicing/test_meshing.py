@@ -50,9 +50,9 @@ def test_a_box_has_its_volume(resolution):
     scene = MeshScene(*cuboid((-1, -1, -0.4), (1, 1, 0.4)))
     mesh = ibr.DepthObject(object_views(scene, 101)).to_mesh(resolution)
     check_closed(mesh)
-    if resolution == 40:  # each edge loses 1/8 of a cell's square, and as much again by slanted cuts
+    if resolution == 40:  # each edge loses 1/8 of the area of a cell's side, and as much again by slanted cuts
         lost = 0.25 * (2 / resolution) ** 2 * (8 * 2 + 4 * 0.8)
-        assert 3.2 - lost <= volume(mesh) <= 3.2 * 1.02  # and a sample is a hundredth of its width
+        assert 3.2 - lost <= volume(mesh) <= 3.2 * 1.02  # 1.02: a sample is a hundredth of the box's width
 
 
 def test_an_image_of_unknown_depth_leaves_a_closed_mesh():

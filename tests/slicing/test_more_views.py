@@ -49,7 +49,7 @@ def block(thick: float) -> MeshScene:
 
 
 SCENES = {"ball": ball, "knot": knot, "torus": torus, "box": lambda: block(0.6), "plate": lambda: block(0.1)}
-# 256 slices miss parts of outlines that are thinner than one: half a percent of things with sharp edges.
+# 256 slices miss parts of outlines that are thinner than a slice: half a percent of objects with sharp edges.
 CLOSE = {"ball": 0.999, "knot": 0.995, "torus": 0.998, "box": 0.994, "plate": 0.986}
 
 
@@ -87,7 +87,7 @@ def compared(name: str, thing: ibr.DepthObject, size: int) -> tuple[float, float
         overlaps.append((frame.valid & truth.valid).sum() / (frame.valid | truth.valid).sum())
         both = frame.valid & truth.valid
         off.append(np.abs(frame.depth - truth.depth)[both].mean() / (2 * radius / size))
-        # More than the outlines' own distance of a sample
+        # Outlines may be off by a sample; the eroded mask keeps a greater distance.
         inner = cv2.erode(truth.valid.astype(np.uint8), np.ones((3, 3)), iterations=int(np.ceil(300 / size)))
         holes += int((inner.astype(bool) & ~frame.valid).sum())
     return min(overlaps), float(np.mean(off)), holes
@@ -104,16 +104,16 @@ def test_more_images_are_closer(name, projection):
         found[count] = compared(name, thing, 128)
         assert found[count][2] <= (1 if count == 6 else 0), found
     overlaps = [found[count][0] for count in found]
-    # It may fall again by the error of the slices.
+    # The overlap may fall again by the error of the slices.
     assert overlaps[1] > overlaps[0] - 5e-4 and overlaps[2] > overlaps[0], overlaps
     assert min(overlaps[1:]) >= CLOSE[name], overlaps
-    assert found[40][1] <= 0.2, found  # samples: slices are 0.5 apart, and a point is up to a quarter of that behind
+    assert found[40][1] <= 0.2, found  # samples: slices are 0.5 apart; points are up to a quarter of that behind
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("name", "size"), [("ball", (131, 97)), ("knot", (64, 64)), ("box", (64, 64))])
 def test_a_hundred_images(name, size):
-    """None cuts off details between its samples, at any size of images: at 64 the knot is eight samples thick."""
+    """No image cuts off details between its samples, at any image size: at 64 the knot is eight samples thick."""
     few, many = (compared(name, ibr.DepthObject(views_of(name, n, size), slices=256), min(size)) for n in (6, 120))
     assert many[0] >= 0.99 and many[0] > few[0], (few, many)
     assert many[2] == 0
@@ -132,7 +132,7 @@ def test_one_lane_draws_the_same():
 
 
 def test_planes_are_as_they_were_sampled():
-    """No image knows a plane better than its samples do: nothing is added to a plane, in any orientation."""
+    """Nothing is added to planes, in any orientation, since the samples already define them exactly."""
     camera = Camera([[60, 0, 20], [0, 60, 15], [0, 0, 1]], (41, 31))
     y, x = np.mgrid[:31, :41]
     for slope in ((0.0, 0.0), (0.3, -0.2), (-0.6, 0.4)):

@@ -43,21 +43,21 @@ def across_slices(thing: ibr.DepthObject, camera: Camera) -> np.ndarray | float:
 
 def check(thing: ibr.DepthObject, camera: Camera, truth: np.ndarray) -> None:
     frame, seen = ibr.render(thing, camera), np.isfinite(truth)
-    # Parts thinner than a slice at the outline may be missed: 1 to 6 of 2000 pixels here.
+    # At the outline, parts thinner than a slice may be missed: 1 to 6 of 2000 pixels here.
     assert silhouette_iou(frame.valid, seen) >= 0.995
     both = frame.valid & seen
     off = (np.abs(frame.depth - truth) * across_slices(thing, camera))[both] * 2**thing.halvings / spacing(thing)
-    # The first slice behind the surface is between 0 and 1 away. 0.55: three standard errors of the median of 2000
-    # such numbers, and more. 1.02: the truth itself is accurate to 0.001.
+    # The first slice behind the surface is between 0 and 1 spacings away. 0.55 allows more than three standard errors
+    # of the median of 2000 such distances. 1.02: the truth itself is accurate to 0.001.
     assert np.median(off) <= 0.55
     assert np.quantile(off, 0.98) <= 1.02
 
 
 @cache
 def truth_of(kind: str, projection: str = "perspective") -> np.ndarray:
-    """Depth of the torus's object in float64, marched in half the distance of 256 slices.
+    """Depth of the torus's object in float64, marched in steps of half the spacing of 256 slices.
 
-    Thinner parts show at a dozen of the 2300 pixels, which decide no test.
+    Parts thinner than a step lie at a dozen of the 2300 pixels, which decide no test.
     """
     views, camera = views_of_torus(kind), looking(torus(), FRONT, (110, 90), projection)
     thing = ibr.DepthObject(views, slices=256)
@@ -100,7 +100,7 @@ def test_without_halvings_points_lie_on_slices():
     thing = ibr.DepthObject(views_of_torus("orthographic"), slices=64, slicing="screen", halvings=0)
     frame = ibr.render(thing, looking(torus(), FRONT, (110, 90)))
     number = frame.depth[frame.valid] / spacing(thing)
-    # z is some 4 units, 200 slices, in float32
+    # z in float32 is about 4 units, or 200 slices.
     np.testing.assert_allclose(number, np.rint(number), atol=200 * 2**-22)
 
 
@@ -138,7 +138,7 @@ def test_naive_colours_are_the_three_closest_views_by_their_cosines(projection):
     frame = ibr.render(thing, camera)
     shown = frame.color[cv2.erode(frame.valid.astype(np.uint8), np.ones((5, 5))) > 0]
     assert len(shown) > 300
-    # A point in the background of one of the three has no colour there, so another view colours it.
+    # A point in the background of one of the three views has no colour in this view, so another view colours it.
     assert (np.abs(shown - expected).max(axis=1) <= 1).mean() >= 0.97
 
 
@@ -173,7 +173,7 @@ def test_a_cups_cavity_is_in_the_object_and_not_in_the_hull():
 
 @pytest.mark.parametrize("kind", ["orthographic", "perspective"])
 def test_walls_along_views_have_the_colours_of_those_that_see_them(kind):
-    """Walls of a cup: less than a sample wide in two orthographic views, and the inner ones hidden from all others."""
+    """Walls of a cup: two orthographic views see them less than a sample wide, and no other sees the inner walls."""
     scene = cup()
     thing = ibr.DepthObject(object_views(scene, 256, projection=kind), slices=256)
     for direction in ((0.5, 0.9, 1), (0.4, 1.2, 0.8)):
@@ -195,7 +195,7 @@ def test_the_hull_contains_the_object(kind):
         ibr.render(ibr.DepthObject(views, slices=128), camera),
         ibr.render(ibr.VisualHull(views, slices=128), camera),
     )
-    # An object ends half-way to background samples or farther out, a silhouette half-way: at most a sample apart
+    # An object ends half-way to background samples or farther out, a silhouette half-way: at most a sample apart.
     both = frame.valid & hull.valid
     assert both.sum() >= 0.98 * frame.valid.sum()
     nearer = hull.depth[both] <= frame.depth[both] + 2 * spacing(ibr.VisualHull(views, slices=128))
@@ -302,7 +302,7 @@ def test_tests_are_counted():
     thing, camera = ibr.DepthObject(views_of_torus("orthographic"), slices=64), looking(torus(), FRONT, (90, 70))
     counted, seen = alpha_tests(thing, camera), ibr.render(thing, camera).valid
     assert (counted[seen] >= 6).all()  # a point that passes has passed all six
-    # A ray crosses no more than 64 * sqrt(3) slices and one at each side, with at most six tests each.
+    # A ray crosses at most 64 * sqrt(3) slices and one more at each end, with at most six tests each.
     assert counted.max() <= 6 * (64 * 3**0.5 + 2 + thing.halvings)
 
 
@@ -331,7 +331,7 @@ def test_bad_views(monkeypatch):
 
 
 def views_with_background(depth: float, kind: str = "orthographic") -> list[ibr.DepthImage]:
-    """Views of the torus, with this depth instead of the background."""
+    """Views of the torus, with `depth` in place of the background."""
     views = views_of_torus(kind)
     return [ibr.DepthImage(v.color, np.where(v.valid, v.depth, np.float32(depth)), v.camera) for v in views]
 
@@ -383,7 +383,7 @@ def test_a_box_along_the_views_axes(size, extent):
 
 
 def test_an_image_that_shows_a_part_alone():
-    """With `missing="unknown"` the other images decide outside it; otherwise it cuts."""
+    """Outside of it, the other images decide with `missing="unknown"`; otherwise everything is cut off."""
     views = views_of_torus("orthographic")
     camera = views[0].camera
     rows, columns = slice(20, 60), slice(30, 80)
@@ -419,7 +419,7 @@ except ibr.ArgumentError:
 
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-@pytest.mark.parametrize(("focal", "edge"), [(10, 0.3), (1e16, 7.4e-15)])  # a pixel's width, and a margin for rounding
+@pytest.mark.parametrize(("focal", "edge"), [(10, 0.3), (1e16, 7.4e-15)])  # a pixel's width, or a margin for rounding
 def test_rays_end_in_boxes_that_float32_does_not_hold(focal, edge, slicing):
     command = [sys.executable, "-c", IN_A_BOX, str(focal), slicing]
     done = subprocess.run(command, env=with_path(), capture_output=True, text=True, timeout=300, check=True)

@@ -103,7 +103,7 @@ def test_meshes_as_six_depth_images(name):
     middle, extent = 0.5 * (low + high), np.linalg.norm(high - low)
     camera = Camera.look_at(middle + extent * np.array([0.5, 0.4, 1.0]), middle, (0, 1, 0), (200, 240), fov_y=50)
     truth, frame = scene.capture(camera), ibr.render(thing, camera)
-    # A sample of the images is 1.3 pixels here: the outline is off by half of one.
+    # A sample of the images is 1.3 pixels wide here, and the outline is off by half a sample.
     assert silhouette_iou(frame.valid, truth.valid) >= 0.95
     both = frame.valid & truth.valid
     assert np.median(np.abs(frame.depth - truth.depth)[both]) <= float(thing.box.edges.max()) / 256

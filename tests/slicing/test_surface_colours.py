@@ -23,7 +23,7 @@ def test_colour_and_tiles():
     point = ground(cam)
     for u, v, expected in ((1 / 16, 1 / 8, (255, 0, 0)), (3 / 16, 3 / 8, (0, 255, 0)), (5 / 16, 1 / 8, (255, 0, 0))):
         y, x = np.unravel_index(np.hypot(point[..., 0] - u, point[..., 1] - v).argmin(), frame.valid.shape)
-        # A pixel is 1/60 of the square, hence up to 1/15 of a texel off its centre: 2/15 of the range
+        # A pixel is 1/60 of the square, hence up to 1/15 of a texel off the centre: 2/15 of the range.
         assert np.abs(frame.color[y, x].astype(int) - expected).max() <= 2 / 15 * 255
 
 
@@ -48,7 +48,7 @@ def test_shading_by_slopes_and_by_a_normal_map():
 
 @pytest.mark.parametrize("make", [ibr.SlicedSurface, ibr.ReliefSurface])
 def test_a_normal_map_of_bytes_is_decoded(make):
-    """As the reader of relief maps does; 127 and 128 are both 0."""
+    """Decoding agrees with the reader of relief maps; 127 and 128 both mean 0."""
     rng = np.random.default_rng(4)
     normals = rng.normal(size=(8, 8, 3)) * (0.4, 0.4, 0) + (0, 0, 1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -60,7 +60,7 @@ def test_a_normal_map_of_bytes_is_decoded(make):
         for given in (normals.astype(np.float32), in_bytes)
     ]
     assert frames[0].color[frames[0].valid].std() > 20
-    # Half a byte of 127.5 in each of three components, carried through Lambert's law
+    # Each of three components is off by half of 1/127.5, which passes through Lambert's law.
     assert np.abs(frames[0].color.astype(int) - frames[1].color).max() <= 3
     level = make(square(), height, color, 0.01, normal_map=np.array([[[255, 128, 127], [127, 127, 255]]], np.uint8))
     assert (level.normal_map[..., 2] > 0).all()

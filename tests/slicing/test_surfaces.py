@@ -136,7 +136,7 @@ def test_the_alpha_test_at_height_0(slicing):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
-    """With heights of 0, no rounding of a ray's hit on the base may miss it."""
+    """Where heights are 0, rounding of a ray's hit must not make the ray miss the base."""
     flat = np.zeros((32, 32), np.float32)
     for elevation in (70, 45, 20):
         cam = camera(elevation, 33, (128, 128), projection)
@@ -153,7 +153,7 @@ def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 @pytest.mark.parametrize("scale", [0.001, 0.01])
 def test_at_least_draws_all_of_the_base_however_shallow_it_is(scale, slicing, projection):
-    """A displacement of a 3000th of the distance: where rays meet the base, heights err by more than a 100,000th."""
+    """With a displacement of 1/3000 of the distance, heights where rays meet the base err by more than 1/100,000."""
     base, flat, white = grid(ring, 96, 48), np.zeros((4, 4), np.float32), np.full((2, 2, 3), 255, np.uint8)
     how = {"fov_y": 42.0} if projection == "perspective" else {"projection": projection, "height": 2.9}
     cam = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (317, 243), **how)
@@ -205,10 +205,10 @@ def test_a_bands_thickness_decides_what_is_apart(slicing):
     for band in (None, 1 / 16, 0.15, 0.45, 0.75, 5.0):
         thing = ibr.SlicedSurface(square(), cliffs(), color, SCALE, slices=16, slicing=slicing, test="band", band=band)
         missed = {cam: (seen & ~ibr.render(thing, cam).valid).sum() / seen.sum() for cam, seen in whole.items()}
-        assert missed[above] <= 0.03  # the cliffs themselves: a texel of 128, and a pixel of 100, each
+        assert missed[above] <= 0.03  # the cliffs themselves: each takes a texel of 128 and a pixel of 100
         open_at[band] = missed[aside]
     assert open_at[None] == open_at[1 / 16]
-    # The part of a cliff lower than a band below its top is open.
+    # A cliff is open below the band under its top.
     assert open_at[0.15] > 1.2 * open_at[0.45] > 1.2 * open_at[0.75]
     assert open_at[0.45] > 0.02
     assert open_at[0.75] < 0.01
@@ -225,7 +225,7 @@ def test_a_band_thinner_than_a_slice_leaves_gaps():
         thing = ibr.SlicedSurface(
             square(), slope, color, 0.01, slices=20, slicing="surface", test="band", band=part / 20
         )
-        # The edges of 16 slices among 265 pixels across: a pixel each
+        # Across 265 pixels there are the edges of 16 slices: a pixel each.
         assert abs(ibr.render(thing, cam).valid[inner].mean() - part) <= 16 / 265
 
 
@@ -243,7 +243,7 @@ def test_tests_are_counted():
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_the_cost_stays_even(slicing):
-    """Section 3.4: more slices across the surface than along its normal, but each covers fewer pixels."""
+    """Section 3.4: there are more slices across the surface than along its normal, but each covers fewer pixels."""
     tests = [alpha_tests(surface(64, slicing), camera(e, d)).sum() for e in ELEVATIONS for d in DIRECTIONS[:2]]
     assert max(tests) <= 1.5 * min(tests)
 

@@ -1,4 +1,4 @@
-"""Things one sample thin in depth objects, compared with rays at their models."""
+"""Parts one sample thin in depth objects, compared with rays cast at their models."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ cv2 = pytest.importorskip("cv2")
 
 SIZE = 96
 SAMPLE = 2.08 / SIZE  # views of a scene of size 2
-ON = 0.5 * SAMPLE  # the middle of samples next to the views' axes
+ON = 0.5 * SAMPLE  # centre of the samples next to the views' axes
 
 
 def rod(start, end, width: float = SAMPLE) -> tuple[np.ndarray, np.ndarray]:
@@ -49,11 +49,11 @@ def scene_of(part: tuple[np.ndarray, np.ndarray]) -> MeshScene:
 
 
 ASKEW, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
-CASES = {  # the least share covered, with `thin` and without; each sample covers its pixel
+CASES = {  # least fraction that is covered, with `thin` and without; each sample covers its pixel
     "along x": (rod((-0.7, ON, ON), (0.7, ON, ON)), 0.98, 0.8),
     "along y": (rod((ON, -0.7, 5 * ON), (ON, 0.7, 5 * ON)), 0.98, 0.8),
     "diagonal": (rod((-0.5, -0.5, ON), (0.5, 0.5, ON)), 0.98, 0.9),
-    # Each image knows the outline to half a sample, so the intersection of all is narrower than each.
+    # Each image locates the outline to half a sample, so the intersection of all images is narrower than each.
     "slanted": (rod((-0.6, -0.2, 0.1), (0.6, 0.25, -0.12)), 0.85, 0.6),
     "slanted more": (rod((-0.5, 0.3, 0.45), (0.5, -0.35, -0.4)), 0.9, 0.6),
     "a leaf": (block((-0.5, -0.4, 0), (0.5, 0.4, SAMPLE)), 0.93, 0.9),
@@ -70,7 +70,7 @@ def near(direction, zoom: float) -> Camera:
 
 
 def compared(frame: ibr.Frame, truth: ibr.DepthImage, zoom: float) -> tuple[float, float]:
-    """The share of the thing that is covered, to two samples of depth, and the distance of other pixels in samples."""
+    """Fraction of the object that is covered, to two samples of depth, and distance of other pixels in samples."""
     thing = truth.color[..., 0] > 180
     right = frame.valid & (np.abs(np.where(frame.valid, frame.depth, 0) - np.where(thing, truth.depth, 9)) < 2 * SAMPLE)
     away = cv2.distanceTransform((~(truth.depth < 1e9)).astype(np.uint8), cv2.DIST_L2, 5)
@@ -97,12 +97,12 @@ def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
             covered.append((share, compared(ibr.render(plain, camera), truth, zoom)[0]))
         assert np.mean(covered, axis=0)[0] >= least, covered
         assert np.mean(covered, axis=0)[1] >= plain_least, covered
-        # Ribbons are as wide as samples, and both know outlines to half a sample, up to rounding.
+        # Ribbons are as wide as samples, and both locate outlines to half a sample, up to rounding.
         assert np.mean(covered, axis=0)[0] >= np.mean(covered, axis=0)[1] - 1e-3, covered
 
 
 def test_images_of_perspective_cameras():
-    """A rod as wide as a sample of theirs in its middle, where their samples are 5/4 as large."""
+    """A rod as wide as the perspective samples at its middle, which are 5/4 as large as the orthographic ones."""
     scene = scene_of(rod((-0.5, 0.3, 0.45), (0.5, -0.35, -0.4), 1.25 * SAMPLE))
     thing = ibr.DepthObject(object_views(scene, SIZE, projection="perspective"), slices=512, thin=True)
     for direction in DIRECTIONS:

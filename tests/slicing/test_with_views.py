@@ -18,12 +18,12 @@ CAMERA = looking(torus(), (0.5, 0.4, 1), (90, 70))
 
 
 def nearer(view: ibr.DepthImage, by: float) -> ibr.DepthImage:
-    """The view with a solid that is thinner there, in other colours; its holes stay holes."""
+    """The view with its surface moved by `by`, in other colours; holes stay holes."""
     return ibr.DepthImage(255 - view.color, view.depth + np.float32(by), view.camera)
 
 
 def turned(view: ibr.DepthImage) -> ibr.DepthImage:
-    """The view with its upper half alone, from another direction."""
+    """Only the upper half of the view, from another direction."""
     depth = view.depth.copy()
     depth[len(depth) // 2 :] = np.nan
     return ibr.DepthImage(view.color, depth, view.camera.moved(0.02, -0.01, 0.03))
