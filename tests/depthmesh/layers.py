@@ -1,4 +1,4 @@
-"""Depth images of a plate before a wall with labelled samples, so that the triangles which bridge the two are known."""
+"""Depth images of a plate in front of a wall with labelled samples: the triangles that bridge both are known."""
 
 from __future__ import annotations
 

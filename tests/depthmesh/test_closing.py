@@ -74,7 +74,8 @@ def test_a_donut_is_whole(samples, eye, projection):
     inside = cv2.erode(truth.valid.astype(np.uint8), np.ones((5, 5))) > 0
     assert frame.valid[inside].all()
     both = frame.valid & truth.valid
-    # A sample is 2 % of the donut's extent, and the eye is closer than the extent: closed surface bulges by less.
+    # A sample is 2 % of the donut's extent, and the eye is closer than the extent. Closed surface bulges by less than
+    # a sample.
     assert (np.abs(frame.depth - truth.depth)[both] > 0.02 * truth.depth[both]).mean() < 0.005
     assert metrics.psnr(frame.color, truth.color, valid=both) > 45
 
@@ -85,7 +86,7 @@ def test_a_cup_is_whole_for_an_eye_close_above(projection):
     camera = looking(cup(), (0.2, 1.5, 0.2), SIZE, near=0.75)
     frame, truth = against(cup(), ibr.DepthMeshObject(object_views(cup(), 256, projection=projection)), camera)
     missed, false = missed_and_false(frame, truth)
-    # The edge of the bottom, 350 pixels long, may be a crack of one pixel, as the wall is closed up to a sample off.
+    # At the edge of the bottom, 350 pixels long, there may be a crack of one pixel: the closed wall is a sample off.
     assert truth.valid.sum() > 40_000 and missed <= 350 and false == 0
     y, x = np.nonzero(frame.valid & truth.valid)
     points = camera.unproject(np.stack([x, y], axis=-1).astype(float), frame.depth[y, x].astype(float))
@@ -116,7 +117,7 @@ def farther(frame: ibr.Frame, truth: ibr.DepthImage) -> int:
 
 
 def test_what_is_open_stays_open():
-    """The gap between two plates, one before the other, stays open, since views saw their edges."""
+    """The gap between two plates, one in front of the other, stays open, since views saw the plates' edges."""
     plates = joined([box((0, 0, 0.5), (0.8, 0.8, 0.02)), box((0.1, 0.2, -0.5), (0.9, 0.7, 0.02))])
     thing = ibr.DepthMeshObject(object_views(plates, 128))
     for eye in ((4, 1, 1.4), (3, 3, 0.8), (1, 4, -1)):

@@ -23,7 +23,7 @@ STEP = 2.0  # depth of the near part
 
 
 def room(slope: float) -> MeshScene:
-    """A box before a wall that is larger than any view; the depth of the wall grows by `slope` per unit of width."""
+    """A box in front of a wall larger than any view; the depth of the wall grows by `slope` per unit of width."""
     corners = np.array([[-30, -30, 0], [30, -30, 0], [30, 30, 0], [-30, 30, 0]], float)
     corners[:, 2] = 5 + slope * corners[:, 0]
     near = joined([box((0.1, 0.2, 2.5), (0.5, 0.4, 0.2))])
@@ -105,7 +105,7 @@ def test_surfaces_end_half_a_sample_beyond_their_last_ones(projection):
 
 
 def test_several_views_close_what_one_sees_past():
-    """Two views see a box from its two sides; the remaining hole lies behind the sheets of both."""
+    """Two views see a box from two sides; the remaining hole lies behind the rubber sheets of both views."""
     scene = room(0.0)
     views = [scene.capture(camera_at(x, "perspective")) for x in (-0.4, 0.4)]
     camera = camera_at(1.6, "perspective", 25)
@@ -141,7 +141,7 @@ def stepped(size: scenes.Size, projection: str, far: float = 4.0) -> DepthImage:
 def test_what_goes_on_behind_a_step(size, projection):
     view = stepped(size, projection)
     words = np.where(view.depth > STEP, np.uint32(0xFF323232), np.uint32(0xFFC8C8C8))
-    mesh = ibr.DepthMesh(view, segmentation=Segmentation("disparity", gap=0.1))  # cuts at any sampling
+    mesh = ibr.DepthMesh(view, segmentation=Segmentation("disparity", gap=0.1))  # tears at any sample distance
     found = far_sides_of(mesh, view.depth)
     depth, color = found.depth, found.colored(words)
     assert depth.dtype == np.float32 and color.dtype == np.uint32

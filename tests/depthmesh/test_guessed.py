@@ -75,8 +75,8 @@ def test_no_view_saw_what_is_guessed(name):
 def guessed_and_away(scene: MeshScene, views: list[ibr.DepthImage], camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """For every seventh pixel, whether it is guessed, and the distance of its true point from the nearest sample.
 
-    Distances are in samples. The nearest sample of a seen point is at most 0.7 away on a surface that faces the view,
-    and twice that at 60 degrees.
+    Distances are in samples. The nearest sample of a seen point is at most 0.7 samples away on a surface that faces
+    the view, and twice as far at 60 degrees.
     """
     frame, truth = ibr.render(ibr.DepthMeshObject(views), camera), scene.capture(camera)
     both = frame.valid & truth.valid

@@ -1,4 +1,4 @@
-"""Levels of a view's colours: means of valid samples, and the share of valid samples in each texel."""
+"""Levels of a view's colours: means of valid samples, and the fraction of valid samples in each texel."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_levels_are_means_of_valid_samples(size):
         assert level.shape == sums.shape[:2]
         found = np.ascontiguousarray(level).view(np.uint8).reshape(*level.shape, 4)
         part = sums[..., 3:]
-        # The share is rounded up, so that a texel with few valid samples is not empty.
+        # The fraction is rounded up, so that a texel with few valid samples is not empty.
         np.testing.assert_array_equal(found[..., 3], np.ceil(255 * part[..., 0]) if number else feather)
         seen = np.broadcast_to(part > 0, found[..., :3].shape)
         expected = (sums[..., :3] / np.maximum(part, 1e-9))[seen]

@@ -19,7 +19,7 @@ def pixels_of(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
 
 
 def check_sound(mesh: ibr.Mesh, camera: Camera) -> None:
-    """Assert that no triangle is turned over and no two overlap: the sum of areas is the area in the picture."""
+    """Assert that no triangle is turned over and none overlap: the sum of their areas is the area in the picture."""
     a, b, c = np.moveaxis(pixels_of(mesh, camera), 1, 0)
     u, v = b - a, c - a
     areas = -0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
@@ -59,8 +59,8 @@ def test_the_error_holds_whatever_the_count():
         assert 10 < len(mesh.faces) < 0.8 * len(thing.simplify(bound).faces)
         check_sound(mesh, view.camera)
         frame = ibr.render(mesh, view.camera)
-        # Vertices, and triangles between them, are off the planes by `bound` perpendicular to the planes, and by more
-        # along lines of sight, which meet the floor at a sixth of a right angle or more.
+        # Vertices and triangles are off the planes by at most `bound`, perpendicular to the planes. Lines of sight meet
+        # the floor at a sixth of a right angle or more, so distances along them are larger.
         assert np.quantile(np.abs(frame.depth - clean)[frame.valid], 0.99) < 6 * bound
 
 

@@ -72,7 +72,7 @@ def test_a_noisy_room():
     )
     view = view_of(noisy)
     mesh = ibr.DepthMesh(view)
-    # With the estimated noise: the true noise has longer tails than normal noise, and even fewer samples are within.
+    # The true noise has longer tails than normal noise: even fewer samples are within two deviations of the estimate.
     found = np.polyval(view.noise, clean)
     _, off = off_by(mesh, clean, found)
     samples = (np.abs(view.depth - clean) / (clean / 525 + 2 * found))[view.valid & (clean > 0)]
@@ -89,7 +89,7 @@ def test_a_noisy_room():
 
 
 def test_shapes_are_no_noise():
-    """Second differences that grow with the distance come from shape, so the triangles of such views do not change."""
+    """Second differences that grow with the distance come from shape, so such views keep their triangles."""
     for depth in (corner_of_a_room(), 4 + 0.3 * np.sin(np.arange(SIZE[0]) / 3) + np.zeros(SIZE[::-1])):
         view, sure = view_of(depth), view_of(depth, noise=0)
         assert not any(view.noise)

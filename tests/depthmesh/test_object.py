@@ -99,7 +99,7 @@ def test_the_views_order_changes_nothing(blend):
         other = ibr.render(ibr.DepthMeshObject([views[k] for k in rng.permutation(6)], blend=blend), camera)
         np.testing.assert_array_equal(other.valid, first.valid)
         np.testing.assert_array_equal(other.depth, first.depth)
-        # Sums of three terms in another order; among equally near fronts, "nearest" takes the first view's.
+        # Sums of three terms run in another order; among equally near fronts, "nearest" takes the first view's colour.
         off = np.abs(other.color.astype(int) - first.color).max(axis=2)
         assert (off <= 1).mean() >= (0.999 if blend == "nearest" else 1)
 
@@ -119,7 +119,7 @@ def test_the_full_grid_up_to_the_pictures_border(projection):
 
 
 def full_grid(view: ibr.DepthImage) -> ibr.Mesh:
-    """All triangles of the grid up to the edges of its pixels, with alternating diagonals, and fronts to the view."""
+    """All triangles of the grid up to the edges of its pixels, with alternating diagonals; fronts face the view."""
     width, height = view.camera.size
     y, x = np.mgrid[: height - 1, : width - 1]
     a, main = y * width + x, (x + y) % 2 == 0
@@ -197,7 +197,7 @@ def test_a_sample_far_off_spoils_nothing():
     ends = np.array([[-0.5, -0.5], [32.5, -0.5], [-0.5, 32.5], [32.5, 32.5]])
     corners = view.camera.unproject(ends, np.full(4, view.depth[0, 0]))
     np.testing.assert_allclose(mesh.bounds, [corners.min(axis=0), corners.max(axis=0)], atol=1e-6)
-    # Missing are the sample's own triangles, and parts of its neighbours' pixels that the rule for edges leaves out.
+    # The sample's own triangles are missing, and the rule for edges leaves out parts of its neighbours' pixels.
     assert ibr.render(mesh, view.camera).valid.sum() >= 33 * 33 - 9
     extent = np.ptp(corners, axis=0).max()
     assert ibr.DepthMeshObject([spoilt]).epsilon == pytest.approx(0.01 * extent)
@@ -278,7 +278,7 @@ def test_occupancy_names_views_by_their_own_numbers():
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_facing_views_come_before_closer_ones(projection):
-    """A ring from above: a far view from the same side shows it whole, a closer view of the rim shows half of it."""
+    """A ring from above: a far view from the same side shows the whole ring, a closer view of the rim half of it."""
     scene, up = MeshScene.from_mesh(models.donut(48)), (0, 1, 0)
     camera = Camera.look_at((0, 0.1, 4), (0, 0, 0), up, (121, 121), fov_y=45)
     views = []
@@ -291,7 +291,7 @@ def test_facing_views_come_before_closer_ones(projection):
     for choose in ("closest", "facing"):
         thing = ibr.DepthMeshObject(views, blended=1, closed=False, choose=choose)
         found[choose] = silhouette_iou(ibr.render(thing, camera).valid, truth.valid)
-        # Orthographic views have no position along their axis: the one that looks the same way is the closest, too.
+        # Orthographic views have no position along their axis: the view that looks the same way is the closest, too.
         expected = 1 if choose == "closest" and projection == "perspective" else 0
         assert thing.weights(camera)[expected] == 1
     assert found["facing"] >= 0.95
@@ -345,7 +345,7 @@ def test_one_view_comes_back():
         thing = ibr.DepthMesh(view, tolerance=0, segmentation=Segmentation("none"))
         frame = ibr.render(thing, view.camera)
         assert not (frame.valid & ~view.valid).any()
-        # Where all samples around are valid; a pixel on the edge of a surface may belong to either side.
+        # Only pixels amid valid samples are compared; a pixel on the edge of a surface may belong to either side.
         inner = cv2.erode(view.valid.astype(np.uint8), np.ones((3, 3)), borderValue=0) > 0
         assert inner.sum() > 700
         assert frame.valid[inner].all()

@@ -39,7 +39,7 @@ def test_trees_in_one_lane(test, projection):
             one = made()
         for a, b in zip(wide, one, strict=True):
             if a.shape == b.shape:
-                # The compiler may fuse products and sums differently: a few roundings of values of 5, 2^-24 each.
+                # Compilers may fuse products and sums differently: values of 5 differ by a few roundings of 2^-24.
                 assert np.isclose(a, b, rtol=1e-5, atol=1e-5).mean() >= 0.999
             else:  # errors just at the limit
                 assert abs(len(a) - len(b)) <= 0.01 * len(a)

@@ -101,7 +101,7 @@ def test_views_seen_small_are_averaged(projection):
         assert small.valid.mean() > 0.8
         seen = small.color[small.valid].astype(float)
         assert abs(seen.mean() - 140) < 5 and seen.std() < spread, scale
-        assert np.ptp(seen, axis=-1).max() == 0  # no red, which has no depth
+        assert np.ptp(seen, axis=-1).max() == 0  # gray alone: red samples have no depth
     same = ibr.render(thing, camera)
     assert same.valid.mean() > 0.97 and set(np.unique(same.color[same.valid])) == {40, 240}
 
@@ -116,7 +116,7 @@ def test_colours_stay_sharp_where_views_stand_in_the_middle():
     truth, frame = points.capture(camera), ibr.render(ibr.DepthMeshObject(views, tolerance=0.0, blended=6), camera)
     both = frame.valid & truth.valid
     assert both.mean() > 0.95
-    assert np.abs(frame.color.astype(int) - truth.color)[both].mean() <= 10  # mean error at edges between 40 and 220
+    assert np.abs(frame.color.astype(int) - truth.color)[both].mean() <= 10  # mean error; edges lie between 40 and 220
 
 
 def checkers() -> np.ndarray:

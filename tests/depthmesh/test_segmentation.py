@@ -114,7 +114,7 @@ def test_noise_is_no_step(name, projection, test):
     view, rubber = ibr.DepthImage(clean.color, clean.depth + noise, clean.camera), bridging(plate)
     rules = [Segmentation(test, deviations=0), Segmentation(test)]
     unaware, aware = (cells_of(ibr.DepthMesh(view, segmentation=rule)) for rule in rules)
-    # Three samples span more than 4 deviations once in 75 times; with the estimate, 6 % less, once in 47 times.
+    # Three samples span more than 4 standard deviations once in 75 times. The estimate is 6 % less: once in 47 times.
     assert (~aware)[~rubber].mean() < min(1 / 47, 0.7 * (~unaware)[~rubber].mean())
     assert (~aware)[rubber].mean() >= 0.99  # steps of 20 deviations and more
 
@@ -135,7 +135,7 @@ def triangle_points(view: ibr.DepthImage, every: int) -> tuple[np.ndarray, np.nd
     y, x, side = np.meshgrid(np.arange(0, height - 1, every), np.arange(0, width - 1), (0, 1), indexing="ij")
     y, x, side = y.ravel(), x.ravel(), side.ravel()
     main = (x + y) % 2 == 0
-    # The ends of the diagonal, and the third corner
+    # Corners of the triangles: the ends of the diagonal, and the third corner.
     dx = np.stack([np.where(main, 0, 1), np.where(main, 1, 0), np.where(main == (side == 0), 1, 0)])
     dy = np.stack([np.zeros_like(x), np.ones_like(x), side])
     known = view.valid[y + dy, x + dx].all(axis=0)
@@ -150,8 +150,8 @@ def triangle_points(view: ibr.DepthImage, every: int) -> tuple[np.ndarray, np.nd
 def labelled(number: int, others: tuple[int, ...], every: int = 3) -> tuple[np.ndarray, np.ndarray]:
     """Triangles (n, 3) of a frame that other frames saw through, and triangles that other frames saw as a surface.
 
-    Seen through: the centre of the triangle, or of a side, is more than 1 % nearer than another frame's depth there.
-    Surface: all of these points lie within 0.5 % of some frame's depth; depths are in whole millimetres.
+    A frame saw through a triangle if its depth is more than 1 % farther than the centre of the triangle or of a side.
+    On a surface, all of these points lie within 0.5 % of some frame's depth; depths are in whole millimetres.
     """
     points, triangles = triangle_points(room(number), every)
     through = np.zeros(len(triangles), bool)
@@ -208,7 +208,7 @@ def test_floors_that_recede_are_whole_and_small_steps_are_none(height, turned):
     inside[:, :60] = inside[:, -60:] = inside[-60:] = False
     assert (~frame.valid)[inside].mean() < 1e-3
     depth = np.minimum(depth, 10.0)
-    depth[60:200, 240:400] = 9.7  # a box before a wall
+    depth[60:200, 240:400] = 9.7  # a box in front of a wall
     there = camera.moved(2, 0, 0)  # the box moves by 3 pixels against the wall
     frame = ibr.render(ibr.DepthMesh(ibr.DepthImage(None, depth.astype(np.float32), camera)), there)
     assert ((~frame.valid[80:180, :400]).sum(axis=1) >= 3).all()

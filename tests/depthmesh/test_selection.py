@@ -39,7 +39,7 @@ def needs_more(thing: ibr.DepthMesh, kept: Selection, camera: Camera) -> bool:
 
 
 def check_held_selections(rounds: int) -> None:
-    """Assert that a selection holding for a moved camera has all needed vertices, and holds for small moves only."""
+    """Assert that a selection valid for a moved camera has all needed vertices, and is valid for small moves only."""
     rng = np.random.default_rng(5)
     held = {by: [] for by in (0.0, 0.01, 0.1, 1.0)}
     for number in range(rounds):
@@ -65,7 +65,7 @@ def test_held_selections_are_enough_in_one_lane():
 
 
 def test_they_hold_no_longer_than_they_are_enough():
-    """Selections suffice for 0.95 of the allowed motion in all directions; at 1.3 a vertex is missing in some."""
+    """At 0.95 of the allowed motion, selections suffice in all directions; at 1.3, a vertex is missing in some."""
     view = rough(np.random.default_rng(6), (90, 70), "perspective")
     thing, wide = ibr.DepthMesh(view), view.camera.moved(0, 0, -4.0)
     kept = select_for([thing.tree], wide, 1.0, 0.1)  # the whole surface is in view
