@@ -193,7 +193,7 @@ def test_extreme_depths_do_no_harm(method, extreme):
         clean = ibr.warp(VIEW, target, method=method, edges="cut")
         np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
         same = frame.valid & clean.valid & np.isclose(frame.depth, clean.depth, rtol=1e-3)
-        # 60: one sample spoils six triangles, which cover at most some 5 x 5 pixels here, and their rims.
+        # 60: one sample spoils six triangles. With their rims, they cover little more than 5 x 5 pixels here.
         assert np.count_nonzero(clean.valid & ~same) <= 60
 
 

@@ -106,7 +106,7 @@ def test_noise_becomes_less(projection):
     target = camera.moved(0.03, 0, 0)
     inside = np.s_[10:-10, 20:-20]
     off = {how: ibr.warp(views, target, blend=how).depth[inside] - 3 for how in ("quality", "nearest")}
-    # With four views, the nearest depth is a deviation too near; their mean has half of that error.
+    # With four views, the nearest depth is a standard deviation too near, and noise of the mean is half as large.
     assert abs(off["quality"].mean()) < 0.25 * abs(off["nearest"].mean())
     assert off["quality"].std() < 0.75 * (ibr.warp(views[0], target).depth[inside] - 3).std()
 
@@ -135,7 +135,7 @@ def psnr(frame: ibr.Frame, seen: ibr.DepthImage, where: np.ndarray) -> float:
 @pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_a_view_that_is_left_out_is_seen_better(noise):
-    """At least half a decibel better than the nearest view; a view 25 % darker costs no more than that."""
+    """Blending is at least half a decibel better than the nearest view, even if one view is 25 % darker."""
     shared("rgbd_livingroom1")
     size = (640, 480)
     views = [real.rgbd(real.LIVINGROOM, number, size, noise) for number in (0, 50)]
@@ -152,7 +152,7 @@ def test_a_view_that_is_left_out_is_seen_better(noise):
 
 
 def test_exposures_by_orthographic_depths_are_the_same_however_far_the_camera_is():
-    """Depths have no origin there: two surfaces stay two also for a camera that stands far back."""
+    """Depths of orthographic views have no origin: two surfaces stay two even for a camera that stands far back."""
     cameras = [scenes.source_camera((97, 61), "orthographic").moved(0.1 * k, 0, 0) for k in range(2)]
     texture = scenes.texture(*scenes.image_coordinates((97, 61))) // 2 + 60
     views = [
@@ -164,7 +164,7 @@ def test_exposures_by_orthographic_depths_are_the_same_however_far_the_camera_is
 
 
 def test_how_many_pixels_tell_exposures():
-    """Some 200 pixels of an overlap suffice; nearly black or white ones do not count: sensors are unreliable there."""
+    """Some 200 pixels of an overlap suffice. Nearly black or white pixels do not count, since sensors clip them."""
     rng = np.random.default_rng(0)
 
     def told(count: int, dark: int = 0) -> float | None:

@@ -1,6 +1,6 @@
 """Classes and origins of a new view's pixels, against rays cast at the whole scene.
 
-The scene is known on all sides: boxes and a ball before a wall that fills every view. So each target pixel shows a
+The scene is known on all sides: boxes and a ball in front of a wall that fills every view. Each target pixel shows a
 known point of the scene, and projection tells whether the source saw that point, and why not.
 """
 
@@ -22,12 +22,12 @@ pytest.importorskip("open3d")
 
 SIZE = (170, 130)
 ON_SURFACE = 0.01  # pixels: allowed error of (u, v)
-AGREES = 0.999  # share of the pixels at least two pixels from a change of class
+AGREES = 0.999  # required fraction of the pixels at least two pixels from a change of class
 
 
 @cache
 def scene() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices and faces: a wall at z = 6, two boxes and an octahedral ball before it."""
+    """Vertices and faces: a wall at z = 6, and two boxes and an octahedral ball in front of it."""
     vertices, faces = (
         [np.array([[-40, -40, 6], [40, -40, 6], [-40, 40, 6], [40, 40, 6]], float)],
         [[0, 1, 2], [3, 2, 1]],
@@ -63,7 +63,7 @@ def source(projection: Projection, unobserved: bool = True) -> ibr.DepthImage:
 
 
 def expected(view: ibr.DepthImage, target: Camera) -> NDArray[np.uint8]:
-    """Classes by the place in the source of each pixel's point of the scene."""
+    """Classes, from the position in the source of the scene point that each pixel shows."""
     y, x = np.indices((target.height, target.width))
     points = target.unproject(np.column_stack([x.ravel(), y.ravel()]).astype(float), cast(target).ravel())
     pixel, z = view.camera.project(points)
@@ -223,7 +223,7 @@ def test_frames_that_are_given_forget_classes_that_are_not_asked_for():
 
 
 def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.DepthImage:
-    """A slope with objects before it, every other one noisy, with single samples missing, or most of them."""
+    """A slope with objects in front, every other object noisy, with no, single or most samples missing."""
     rng = np.random.default_rng(seed)
     x, y = scenes.image_coordinates(size)
     depth = 4 + 1.5 * rng.standard_normal() * x + 1.5 * rng.standard_normal() * y
@@ -238,7 +238,7 @@ def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.Depth
 
 
 def by_own_rays(view: ibr.DepthImage, target: Camera) -> NDArray[np.int64]:
-    """(H, W) classes of holes by their own rays in float64, from the samples nearest to the rays on their way."""
+    """(H, W) classes of holes from their own rays in float64, tested at the samples nearest to the rays."""
     y, x = np.indices((target.height, target.width))
     pixels = np.column_stack([x.ravel(), y.ravel()]).astype(float)
     first, second = (target.unproject(pixels, np.full(len(pixels), depth)) for depth in (1.0, 2.0))
@@ -264,5 +264,5 @@ def test_classes_of_messy_depth_are_those_of_the_pixels_own_rays(seed):
     frames = ibr.warp(view, targets, classes=True)
     holes = ~np.array([frame.valid for frame in frames])
     found, rays = np.array([frame.classes for frame in frames]), np.array([by_own_rays(view, t) for t in targets])
-    # Lines pass up to half a pixel beside rays, and test them once a column: among scattered samples results differ.
+    # Lines pass up to half a pixel beside rays, with one test per column: among scattered samples results differ.
     assert (found == rays)[holes].mean() >= (0.9 if seed == 98 else 0.98)

@@ -1,8 +1,8 @@
 """The layout of epipolar lines, as a pure function: every pixel has a line, and no pixel has many.
 
 Ownership is computed here once more, from the description in kernels/warp/epipolar.cl: a pixel belongs to a fan by the
-sign and the greater part of D, its offset from the epipole. In that fan it belongs to any line that passes within half
-of the distance between the lines there.
+sign and the larger component of D, its offset from the epipole. In that fan it belongs to any line that passes within
+half of the distance between lines.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
     width, height = area.high_x - area.low_x, area.high_y - area.low_y
     y, x = np.mgrid[area.low_y : area.high_y, area.low_x : area.high_x].astype(np.float64)
     D = x * epipole[2] - epipole[0], y * epipole[2] - epipole[1]
-    # The kernel chooses the fan, the greater part of D, in float32, and so does this test: on a diagonal, rounding
+    # Like the kernel, this test chooses the fan by the larger component of D in float32: on a diagonal, rounding
     # decides.
     x32, y32, e32 = x.astype(np.float32), y.astype(np.float32), epipole.astype(np.float32)
     rounded = x32 * e32[2] - e32[0], y32 * e32[2] - e32[1]
@@ -71,9 +71,9 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
         reference = float(g["reference"])
         at_reference = (reference * epipole[2] - epipole[axis]) * side
         with np.errstate(divide="ignore", invalid="ignore"):
-            # Where the pixel's own line passes the reference.
+            # Position at which the pixel's own line crosses the reference column or row
             cut = (x, y)[1 - axis] + D[1 - axis] * side / d_along * (reference - pixel)
-            # A pixel of the reference is `apart` wide here.
+            # Distance between lines at this pixel that are one pixel apart at the reference
             distance = d_along / at_reference
         apart = distance.copy()
         for level in range(1, int(g["levels"]) + 1):
@@ -92,7 +92,7 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
 
 
 def coverage(owners: np.ndarray, D: tuple[np.ndarray, np.ndarray]) -> float:
-    """Share of the pixels that have an owner, without the epipole's own pixel, which has no line at all."""
+    """Fraction of the pixels that have an owner, without the epipole's own pixel, which has no line at all."""
     asked = np.maximum(np.abs(D[0]), np.abs(D[1])) > 0
     return float((owners > 0)[asked].mean()) if asked.any() else 1.0
 
@@ -115,8 +115,8 @@ def test_every_pixel_has_a_line_within_half_a_pixel(size, region):
         for epipole in finite_epipoles(size, region, seed=1):
             covered, visits = check(epipole, area)
             assert covered == 1.0, (epipole, area)
-            # 1.7: between two halvings up to 1.5 lines, if spread by the distance, cross the width of one. As a
-            # reserve, each of four fans also has up to two lines at either end, for each of up to five spacings.
+            # 1.7: between two halvings, a pixel is crossed by up to 1.5 lines, averaged over distances. As a reserve,
+            # each of four fans also has up to two lines at either end, for each of up to five spacings.
             assert visits <= 1.7 * pixels + 16 * border, (epipole, area)
 
 

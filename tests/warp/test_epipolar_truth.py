@@ -31,11 +31,11 @@ SOURCE, TARGET = (256, 192), (240, 200)
 
 DEPTH = 1e-3  # relative: the promised precision of the warp for linear samples
 ROUNDING = 1e-5  # relative: float32 depth after a few dozen operations on pixels up to 256
-RIGHT = 0.999  # share of the interior pixels that must be right: the rest is thinner than the band detects
-COVERAGE = 0.005  # share of the image whose coverage may differ: silhouettes, to within a pixel
-AGREEMENT = 0.995  # share of the image where epipolar and search must be the same: silhouettes again
+RIGHT = 0.999  # fraction of the interior pixels that must be right: the others lie in parts too thin to be excluded
+COVERAGE = 0.005  # fraction of the image whose coverage may differ: silhouettes, to within a pixel
+AGREEMENT = 0.995  # fraction of the image where epipolar and search must be the same; silhouettes may differ
 COLUMNS = 512  # more than any image has columns or rows
-TIE = 1 / 8  # source pixels: this near to the middle between two samples, either may be the nearest
+TIE = 1 / 8  # source pixels: this near to the middle between two samples, either sample may be the nearest
 COLOR = 1.0  # levels of 255: half for rounding to bytes, half for a position with an error of 0.1 % of the depth
 
 
@@ -53,14 +53,14 @@ def poses(view: ibr.DepthImage, target: Projection, place: str, size: scenes.Siz
 
 
 def agreement(a: ibr.Frame, b: ibr.Frame, limit: np.ndarray | float = 0.0) -> float:
-    """Share of the image where both frames see the same depth (and `limit`) or both see nothing."""
+    """Fraction of the image where both frames see the same depth, up to `limit`, or both see nothing."""
     same = np.abs(a.depth - b.depth) <= DEPTH * np.abs(b.depth) + limit
     return float(((a.valid == b.valid) & (~a.valid | same)).mean())
 
 
 def check_linear(seen: truth.Truth, frame: ibr.Frame, name: str) -> None:
     interior = seen.interior()
-    # 100 pixels: a share of 99.9 % then means that all are right.
+    # With some 100 pixels, 99.9 % means that all are right.
     assert interior.sum() > 100, f"{name}: the truth consists of edges"
     right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
     assert right[interior].mean() >= RIGHT, name
@@ -75,12 +75,12 @@ def check_nearest(seen: truth.Truth, frame: ibr.Frame, view: ibr.DepthImage, nam
     right = frame.valid & (np.abs(frame.depth - seen.depth) <= limit)
     assert right[interior].mean() >= RIGHT, name
     assert (frame.valid != seen.valid).mean() <= COVERAGE, name
-    off = np.abs(frame.color[..., :2] * COLUMNS - seen.source).max(axis=-1)  # the colours are the samples' places
+    off = np.abs(frame.color[..., :2] * COLUMNS - seen.source).max(axis=-1)  # the colours are the samples' positions
     assert (off[interior] <= 0.5 + TIE).mean() >= RIGHT, name
 
 
 def colored_by_place(view: ibr.DepthImage) -> ibr.DepthImage:
-    """The view's depth, with each sample's x and y, as parts of `COLUMNS`, for colours."""
+    """The view's depth, with each sample's x and y, divided by `COLUMNS`, as colours."""
     y, x = np.indices(view.depth.shape, np.float32) / np.float32(COLUMNS)
     return ibr.DepthImage(np.stack([x, y, 0 * x], axis=-1), view.depth, view.camera)
 
@@ -150,7 +150,7 @@ def around(view: ibr.DepthImage, target: Projection) -> list[tuple[str, Camera]]
 
 
 def test_sideways_motion_of_turned_cameras():
-    """Their epipole is at infinity except for rounding, which gives a wrong direction."""
+    """The epipole is at infinity except for rounding, which gives a wrong direction."""
     scene = scenes.smooth((160, 120))
     rng = np.random.default_rng(0)
     for number in range(40):
@@ -200,7 +200,7 @@ def test_targets_much_smaller_and_larger_than_the_source(source, target, size):
         assert (frame.valid != seen.valid).mean() <= COVERAGE, pose.name
         interior = seen.interior()
         right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
-        # One pixel of a small image may exceed a share of 0.1 %.
+        # One pixel may be more than 0.1 % of a small image.
         assert np.count_nonzero(~right[interior]) <= max(1, (1 - RIGHT) * interior.sum()), pose.name
 
 
@@ -217,7 +217,7 @@ def test_awkward_sizes(size, source, target):
         if not seen.valid.any():
             continue
         frame = ibr.warp(here.view, pose.camera, edges="connect")
-        # 2: in a small image, a pixel or two may be any share. Its border may run along a line of pixels.
+        # 2: in a small image, a pixel or two may be any fraction. The surface's border may run along a line of pixels.
         differ = (frame.valid != seen.valid) & ~beside_border(seen.valid)
         assert np.count_nonzero(differ) <= max(2, COVERAGE * seen.valid.size), pose.name
         interior = seen.interior()
@@ -229,7 +229,7 @@ def test_awkward_sizes(size, source, target):
 @pytest.mark.parametrize("method", ["epipolar", "search"])
 @pytest.mark.parametrize("source", PROJECTIONS)
 def test_the_pixel_at_the_epipole_is_no_hole(source, method, forward):
-    """Forward motion with a principal point on a pixel's centre: that pixel has no epipolar line, yet a ray."""
+    """Forward motion with a principal point on a pixel's centre: this pixel has a ray, but no epipolar line."""
     f = 50 if source == "perspective" else 20
     y, x = np.mgrid[:49, :65]
     depth = (3 + 0.02 * x + 0.01 * y).astype(np.float32)
@@ -254,7 +254,7 @@ def test_images_of_one_row_or_column_do_no_harm(size, source, target, method):
             frame = ibr.warp(view, pose.camera, method=method)
             assert frame.color.shape == (target_size[1], target_size[0], 3)
             np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
-            # A line of samples is no surface, but drawn pixels must come from it: depth is 3 to 5, and turned by 25.
+            # A line of samples is no surface, but drawn pixels must come from it, 3 to 5 deep and turned by 25 degrees.
             assert (np.abs(frame.depth[frame.valid] - middle) < 3).all(), pose.name
 
 
@@ -276,5 +276,5 @@ def test_targets_of_one_row_or_column(target_size, source, target):
             both = frame.valid & seen.valid
             limit = truth.depth_change_one_pixel(seen, here.view, camera) if sample == "nearest" else 0
             off = np.abs(frame.depth - seen.depth) - limit
-            # One row has no interior: one ray may pass a hill's crest that another ray just meets.
+            # One row has no interior: a ray may pass over a hill's crest that another ray just meets.
             assert np.count_nonzero(off[both] > DEPTH * seen.depth[both]) <= 1, pose.name

@@ -113,7 +113,7 @@ def test_the_farther_end_of_a_line_is_what_lies_behind(place, mask, projection, 
         sure = edges_of(given[2]) & expected.decided
         depth, falloff = told(target_of(*given, projection), epipole, noise)
         np.testing.assert_array_equal(depth[sure], expected.depth[sure])
-        # It comes from differences of at least 0.05 between depths of some 3, in single precision: 1e-5 of it is lost.
+        # Falloff comes from differences of at least 0.05 between single-precision depths of about 3: errors are 1e-5.
         np.testing.assert_allclose(falloff[sure], expected.falloff[sure], rtol=1e-3, atol=1e-3)
 
 
@@ -166,7 +166,7 @@ def test_the_foreground_leaves_no_trace_at_any_resolution(width):
     height = width * 3 // 4
     camera = Camera([[0.8 * width, 0, width / 2], [0, 0.8 * width, height / 2], [0, 0, 1]], (width, height))
     depth = np.full((height, width), 3.0, np.float32)
-    depth[height // 4 : 3 * height // 4, width // 3 : 2 * width // 3] = 2.0  # a box before a wall
+    depth[height // 4 : 3 * height // 4, width // 3 : 2 * width // 3] = 2.0  # a box in front of a wall
     color = np.where(depth[..., None] < 2.5, np.uint8([250, 0, 0]), np.uint8([50, 100, 150]))
     frame = ibr.warp(
         ibr.DepthImage(color, depth, camera), camera.moved(0.2, 0.05, 0.0), fill="background", classes=True
@@ -177,7 +177,7 @@ def test_the_foreground_leaves_no_trace_at_any_resolution(width):
     rim = np.zeros_like(near)
     for shift, axis in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
         rim |= hidden & np.roll(near, shift, axis)
-    # The box weighs (2/3)^12, the wall 1: less than a hundredth, even with twice as many pixels of the box.
+    # The box has the weight (2/3)^12, the wall 1: less than a hundredth, even with twice as many pixels of the box.
     assert np.abs(frame.color[hidden & ~rim] - [50.0, 100.0, 150.0]).mean() <= 0.01 * 200
     assert np.abs(frame.depth[hidden] / 3.0 - 1.0).mean() <= 0.01
     assert rim.any()
@@ -188,7 +188,7 @@ RATIOS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.97)  # foreground's depth over the depth b
 
 
 def near_walls(width: int, ratio: float, hole: float, slope: float) -> tuple[ibr.DepthImage, Camera, np.ndarray]:
-    """A box before a wall; a camera to its right that sees a hole, a part of the width wide; and the wall alone there.
+    """A box in front of a wall; a camera to its right, with a hole of `hole` widths; and that camera's wall alone.
 
     slope: the relative change of the wall's nearness from the left to the right.
     """
@@ -218,7 +218,7 @@ def near_walls(width: int, ratio: float, hole: float, slope: float) -> tuple[ibr
 @pytest.mark.parametrize(("hole", "slope"), [(0.1, 0.0), (0.012, 0.0), (0.012, 0.05), (0.012, -0.05)])
 @pytest.mark.parametrize("width", [160, 480, 1280])
 def test_holes_show_what_was_hidden_however_close_it_is_behind(width, hole, slope, ratio, lanes):
-    """Narrow holes, at any slope of the wall, and wide ones if it is flat."""
+    """This holds for narrow holes at any slope of the wall, and for wide holes if the wall is flat."""
     view, camera, truth = near_walls(width, ratio, hole, slope)
     cut_ratio = 1 + 0.5 * (1 / ratio - 1)
     bare = ibr.warp(view, camera, classes=True, cut_ratio=cut_ratio)
@@ -226,15 +226,15 @@ def test_holes_show_what_was_hidden_however_close_it_is_behind(width, hole, slop
     holes = bare.classes == ibr.PixelClass.HIDDEN
     assert holes.mean() > 0.2 * hole
     error = np.abs(frame.color[holes].astype(float) - truth[holes]).mean()
-    # Half of the box would be an error of 55 levels. Other parts of the wall differ by up to 10, and a fifth of the box
-    # in one of a hole's columns makes 22 / columns.
+    # Half of the box would give an error of 55 levels. Other parts of the wall differ by up to 10 levels. A fifth of
+    # the box in one column of a hole adds 22 / columns.
     assert error <= 10 + 22 / max(hole * width - 1, 1)
 
 
 def foreground_of(lengths: Sequence[int], near: float, slope: float = 0.0) -> np.ndarray:
-    """Part of foreground at holes' near end, for holes of so many pixels in 1000 pixels' width; the far end is at 3.
+    """Fraction of foreground at holes' near ends, for holes of `lengths` of 1000 pixels; the far end is at 3.
 
-    slope: how much the near surface recedes towards the hole over 100 pixels, as a part of its depth there.
+    slope: increase of the near surface's depth towards the hole over 100 pixels, relative to its depth at the hole.
     """
     depth = np.full((len(lengths), 1000), 3.0, np.float32)
     depth[:, :200] = near * (1 + slope * np.linspace(-2, 0, 200))
@@ -250,7 +250,7 @@ def test_what_is_foreground_changes_smoothly_as_holes_grow(lanes):
     lengths = range(5, 60)
     part = foreground_of(lengths, 2.5, slope=0.3)
     assert part[0] == pytest.approx(1) and part[-1] == 0
-    # A smooth step from 0.02 to 0.035 of the width: 1.5 / 15 a pixel at its steepest.
+    # The smooth step from 0.02 to 0.035 of the width changes by up to 1.5 / 15 per pixel.
     assert (np.diff(part) <= 1e-6).all() and np.diff(part).min() >= -0.1
     np.testing.assert_allclose(foreground_of(lengths, 2.5), 1.0, rtol=1e-5)  # flat, however wide
 
@@ -258,15 +258,15 @@ def test_what_is_foreground_changes_smoothly_as_holes_grow(lanes):
 def test_what_is_foreground_changes_smoothly_as_surfaces_part(lanes):
     part = np.array([foreground_of([10], 3 * (1 - gap))[0] for gap in np.linspace(0.01, 0.035, 26)])
     assert part[0] == 0 and part[-1] == pytest.approx(1)
-    # A smooth step from 1.5 % to 3 % of the depth: at its steepest 1.5 / 15 for each tenth of a percent.
+    # The smooth step from 1.5 % to 3 % of the depth changes by up to 1.5 / 15 for each tenth of a percent.
     assert (np.diff(part) >= -1e-4).all() and np.diff(part).max() <= 0.101
 
 
 def test_what_is_foreground_changes_smoothly_as_surfaces_slope(lanes):
     part = np.array([foreground_of([100], 2.5, slope)[0] for slope in np.linspace(0, 0.04, 41)])
     assert part[0] == pytest.approx(1) and part[-1] == 0
-    # A smooth step from 5 % to 15 % of the gap in nearness, and a thousandth of the depth is 0.6 % of that gap: 1.5 *
-    # 0.06 at its steepest, and a little more, since nearness is not quite linear.
+    # The smooth step goes from 5 % to 15 % of the gap in nearness, and a thousandth of the depth is 0.6 % of the gap.
+    # So it changes by up to 1.5 * 0.06, and a little more, since nearness is not quite linear.
     assert (np.diff(part) <= 1e-4).all() and np.diff(part).min() >= -0.1
 
 
@@ -361,7 +361,7 @@ def test_inpainting_asks_for_no_unit(projection):
         inpaint(target)
         colors.append(target.frame().color)
         depths.append(target.frame().depth / unit)
-    # A step of 1/65535 of the range, added to pixels next to filled ones, and single precision's rounding
+    # OpenCV adds 1/65535 of the range to pixels next to filled ones, and single precision rounds.
     np.testing.assert_allclose(depths[0], depths[1], atol=1e-4)
     np.testing.assert_allclose(colors[0], 8 * colors[1], atol=1e-4)
     assert np.abs(255 * colors[0] - colors[2])[~valid].mean() < 2  # bytes have steps of 1/255, and are rounded

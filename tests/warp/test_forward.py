@@ -50,7 +50,7 @@ def test_forward_is_its_reference(scene, source, target, splat):
 @pytest.mark.parametrize("scale", [0.5, 0.25])
 @pytest.mark.parametrize("splat", [1, 2, 3])
 def test_ties_go_to_the_earlier_sample(scale, splat):
-    """A wall of one depth, seen smaller: many samples on a pixel tie exactly, since all values are binary fractions."""
+    """A wall of one depth, seen smaller: samples on a pixel tie exactly, since all values are binary fractions."""
     camera = Camera([[16, 0, 7.5], [0, 16, 7.5], [0, 0, 1]], (16, 16))
     color = np.zeros((16, 16, 3), np.uint8)
     color[..., 0] = np.arange(256).reshape(16, 16)
@@ -68,7 +68,7 @@ def test_a_larger_splat_closes_gaps():
     camera = view.camera.resized((160, 120)).moved(0.1, 0, 0)
     cover = [ibr.warp(view, camera, method="forward", splat=splat).valid for splat in (1, 2, 3)]
     assert cover[0].mean() < 0.3
-    # Samples are 2.5 pixels apart, which is less than 3: no gap within the surface
+    # Samples are 2.5 pixels apart, which is less than 3, so there is no gap within the surface.
     middle = np.s_[10:-10, 20:-20]
     assert cover[2][middle].all()
     assert (cover[1] >= cover[0]).all()
@@ -97,7 +97,7 @@ def test_search_is_its_reference(scene, source, target, sample):
         close = np.isclose(found.depth, expected.depth, rtol=1e-4, atol=0)
         assert np.count_nonzero(both & ~close) <= 3, (pose.name, options)
         off = np.abs(found.color - expected.color).max(axis=-1)
-        # Half a level for rounding to bytes, and another half for a position error of a few thousandths of a pixel.
+        # One level: half for rounding to bytes, and half for a position error of a few thousandths of a pixel.
         off = np.where(both & close, off, 0)
         if np.count_nonzero(off > 1) > 1:  # half-way between two samples that are torn apart, either may win
             for by in ((2e-3, 2e-3), (-2e-3, -2e-3)):

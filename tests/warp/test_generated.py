@@ -4,10 +4,10 @@ A seed makes a scene, two cameras and the options. To try more seeds than the su
 
     python -m tests.warp.test_generated --seconds 120 --first 1000
 
-This prints the worst warps, each with its seed, and the worst shares of pixels by scene and by movement.
+This prints the worst warps, each with its seed, and the largest fractions of wrong pixels by scene and by movement.
 
-The sweep's lines pass up to half a pixel beside the pixels, and resolve only looks where lines of a pixel and its
-neighbours met something. So parts less than a pixel wide may be missed, and are not counted here.
+The sweep's lines pass up to half a pixel beside the pixels, and resolve.cl only looks where lines of a pixel and of its
+neighbours have hits. So parts less than a pixel wide may be missed, and are not counted here.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tests.reference.warp import search_reference
 
 SCENES = ("smooth", "steps", "noise", "soft", "thin", "holes")
 MOVES = ("x", "y", "z", "diagonal", "any", "turned", "turned alone")
-LIMIT = 0.005  # share of the target's pixels that may differ between sweep and search
+LIMIT = 0.005  # fraction of the target's pixels that may differ between sweep and search
 FEW = 3  # pixels that may differ in any case: 0.5 % of a target of 20 x 20 is only two
 
 
@@ -125,7 +125,7 @@ def random_pose(rng: np.random.Generator, move: str) -> np.ndarray:
 
 
 def options_of(case: Case) -> dict[str, Any]:
-    """Options of a case. Noise is cut by a ratio: its estimate would explain all of it, and nothing would be cut."""
+    """Options of a case. A ratio cuts noisy scenes: the estimated noise would explain every step, and cut nothing."""
     by_number = {"cut_ratio": 1.05} if case.scene == "noise" else {}
     return {"edges": case.edges, "side": case.side, **by_number}
 
@@ -136,7 +136,7 @@ def searched(case: Case, target: Camera) -> np.ndarray:
 
 
 def without_ties(case: Case, wrong: np.ndarray) -> np.ndarray:
-    """Wrong pixels, without those whose rays pass an end of the surface within a hair."""
+    """Wrong pixels, except where rays pass within a hair of an end of the surface."""
     return wrong & ~ties(partial(searched, case), case.target) if wrong.any() else wrong
 
 
@@ -172,7 +172,7 @@ def test_epipolar_sees_what_search_sees(first):
     ],
 )
 def test_warps_that_were_wrong(seed):
-    """Slivers counted."""
+    """Parts less than a pixel wide count here, too."""
     case = make_case(seed)
     wrong = differing(case)
     assert wrong.sum() <= case.limit, f"{wrong.sum()} of {wrong.size} pixels, {case}"

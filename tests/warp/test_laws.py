@@ -91,7 +91,7 @@ def test_a_far_background_is_no_surface():
     disc = (x - 47) ** 2 + (y - 31) ** 2 < 400
     view = image(np.where(disc, 2.0, 50.0), camera, far=50.0)
     np.testing.assert_array_equal(ibr.warp(view, camera).valid, disc)  # rays through samples see the samples alone
-    # The disc consists of its samples' pixels, up to half a pixel beyond: moved by .3 and .6 pixels it covers as many.
+    # The disc consists of its samples' pixels. Moved by .3 and .6 pixels, it covers as many pixels.
     assert ibr.warp(view, camera.moved(0.01, 0.02, 0)).valid.sum() == disc.sum()
     everything = image(np.where(disc, 2.0, 50.0), camera)
     assert ibr.warp(everything, camera).valid.all()
@@ -253,11 +253,11 @@ def test_there_and_back_is_where_it_was(method, move):
     back = ibr.warp(ibr.DepthImage(there.color, there.depth, there.camera), view.camera, method=method)
     inner = cv2.erode(back.valid.astype(np.uint8), np.ones((7, 7))).astype(bool)
     assert inner.mean() > 0.6
-    # A curved surface is sampled twice: the error is second order in a pixel, h^2 / 8 of the curvature, here 0.1 %.
+    # A curved surface is sampled twice: for a pixel size h, the error is h^2 / 8 times the curvature, here 0.1 %.
     error = np.abs(back.depth / view.depth - 1)[inner]
     assert np.quantile(error, 0.999) < 2e-3
     assert np.median(error) < 2e-4
-    # The same for the texture, whose finest wave is some 17 pixels long, and two roundings to bytes.
+    # Colours have the error of sampling waves of at least 17 pixels twice, and of two roundings to bytes.
     assert np.median(np.abs(back.color.astype(int) - view.color.astype(int))[inner]) <= 2
 
 
@@ -265,12 +265,12 @@ def test_there_and_back_is_where_it_was(method, move):
 
 
 def two_walls() -> tuple[ibr.DepthImage, Camera]:
-    """A near wall left of column 48 and a far one; from farther to the right a gap opens between them."""
+    """A near wall left of column 48 and a far wall; a camera farther right sees a gap between them."""
     camera = pinhole(SIZE)
     x = np.mgrid[: SIZE[1], : SIZE[0]][1]
     color = np.where(x[..., None] < 48, (200, 30, 30), (30, 30, 200)).astype(np.uint8)
     depth = np.where(x < 48, 2.0, 4.0).astype(np.float32)
-    # 20 pixels of shift at depth 2, and 10 at depth 4.
+    # The shift is 20 pixels at depth 2, and 10 pixels at depth 4.
     return ibr.DepthImage(color, depth, camera), camera.moved(20 * 2 / 60, 0, 0)
 
 
@@ -278,7 +278,7 @@ def two_walls() -> tuple[ibr.DepthImage, Camera]:
 def test_cut_opens_what_connect_stretches(method):
     view, target = two_walls()
     connected, cut = (ibr.warp(view, target, method=method, edges=edges) for edges in ("connect", "cut"))
-    # The near wall ends at 47 - 20 = 27, the far one begins at 48 - 10 = 38: exactly there a ray may hit or miss.
+    # The near wall ends at 47 - 20 = 27, the far wall begins at 48 - 10 = 38: rays at these columns may hit or miss.
     gap = np.s_[:, 28:38]
     assert connected.valid[:, :84].all()
     assert not cut.valid[gap].any()
@@ -319,7 +319,7 @@ def test_orthographic_views_are_cut_by_the_longer_side_of_what_they_see(method, 
     ).moved(0, 0, -lifted)
     across = np.mgrid[: size[1], : size[0]][0 if turned else 1]
     view = image(lifted + 3 + np.where(across < max(size) // 2, 0, step), camera)
-    # From the near half's side, so that the step's slope is seen from its front, and the whole source is before it.
+    # The camera moves to the side of the near half: it sees the step's slope from the front, and the whole source.
     aside = np.array([0.0, 3.0, 0.0] if turned else [3.0, 0.0, 0.0])
     target = Camera.look_at(aside, (0, 0, 3), (0, -1, 0), (96, 96), projection="orthographic", height=8)
     cut = ibr.warp(view, target, method=method, edges="cut", cut_ratio=1.05).valid
@@ -343,7 +343,7 @@ def test_holes_are_filled_from_behind(sign):
     np.testing.assert_array_equal(filled.color[bare.valid], bare.color[bare.valid])
     np.testing.assert_array_equal(filled.depth[bare.valid], bare.depth[bare.valid])
     gap = filled.depth[flip][:, 28:38], filled.color[flip][:, 28:38]
-    # The near wall, at half the depth, weighs a millionth of the far one.
+    # The near wall, at half the depth, has a millionth of the far wall's weight.
     np.testing.assert_allclose(gap[0], 4, rtol=3e-3)
     assert (gap[1][:, 1:] == (30, 30, 200)).all()
     assert (gap[1][:, 0] == (64, 30, 166)).all(), "a fifth of the near wall, since silhouettes are mixed"

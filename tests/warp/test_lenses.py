@@ -14,7 +14,7 @@ from tests.one_lane import one_lane
 pytest.importorskip("open3d")
 
 DEPTH = 1e-3  # relative
-RIGHT = 0.998  # share of the interior pixels that must be right: some parts are thinner than the margin to edges
+RIGHT = 0.998  # fraction of the interior pixels that must be right: some parts are thinner than the margin to edges
 COLOR = 6.0  # greatest error of 255: colours are interpolated two or three times
 SOURCE, TARGET = (200, 150), (180, 140)
 
@@ -56,7 +56,7 @@ def check(seen: truth.Truth, frame: ibr.Frame, name: str) -> None:
     assert interior.sum() > 1000, f"{name}: the truth consists of edges"
     right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
     assert right[interior].mean() >= RIGHT, f"{name}: {right[interior].mean()}"
-    # Two pixels from silhouettes, the covered pixels must equal the truth.
+    # At least two pixels from silhouettes, the covered pixels must equal the truth.
     lost, made_up = ~frame.valid & seen.interior(2), frame.valid & ~truth.dilate(seen.valid, 2)
     lost = lost[2:-2, 2:-2]  # the truth does not contain silhouettes beyond the frame
     assert not lost.any(), f"{name}: {lost.sum()} lost"

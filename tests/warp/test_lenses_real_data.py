@@ -74,9 +74,9 @@ def slopes(image: np.ndarray) -> np.ndarray:
 
 
 def alike(depth_lens: bool = True, color_lens: bool = True) -> float:
-    """Correlation of two gradients: the infrared image's logarithm, and the colours of its samples.
+    """Correlation of two gradients: of the infrared image's logarithm, and of the colours of its samples.
 
-    Both are in the depth camera's image, blurred by a pixel, at samples without uncoloured ones within 3 pixels.
+    Both images are the depth camera's, blurred by a pixel. Samples within 3 pixels of uncoloured ones do not count.
     """
     view, camera, photograph = kinect(depth_lens, color_lens)
     found = ibr.register_color(view.depth, view.camera, camera, np.repeat(photograph[..., None], 3, 2))

@@ -24,11 +24,11 @@ MOVES = {
     "back": (0.1, 0.0, -0.5),
 }
 LIMIT = 0.001
-"""Share of the pixels: a ray between two objects that other lines met may still see something that no line met."""
+"""Fraction of the pixels: a ray between two objects that lines met may see something that no line met."""
 
 
 def pins(rng: np.random.Generator) -> np.ndarray:
-    """Single samples, and pairs, before or behind an oblique wall."""
+    """Single samples, and pairs, in front of or behind an oblique wall."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     depth = 4.0 + 0.004 * x - 0.003 * y
     for step, wide in ((-1.3, 1), (-0.7, 2), (0.6, 1)):
@@ -48,12 +48,12 @@ def crumbs(rng: np.random.Generator) -> np.ndarray:
 
 
 def grains(rng: np.random.Generator) -> np.ndarray:
-    """White noise, torn to single triangles by a ratio of depths."""
+    """White noise, torn into single triangles by a ratio of depths."""
     return rng.uniform(2.5, 4.0, SIZE[::-1])
 
 
 def tongues(rng: np.random.Generator) -> np.ndarray:
-    """Bars along rows, columns and diagonals, one sample wide, before a wall and connected with it."""
+    """Bars along rows, columns and diagonals, one sample wide, in front of a wall and connected with it."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     depth = np.full(SIZE[::-1], 4.5)
     for bar in (y % 23 == 11, x % 29 == 7, (x + y) % 41 == 3, (x - y) % 37 == 5):
@@ -121,7 +121,7 @@ def test_one_lane_sees_what_sixteen_see(scene, move):
 
 
 def test_rays_along_edges_of_no_triangle_see_them():
-    """Rays along the image's diagonal, of a target on the source's axis, see edges between two samples alone."""
+    """From a target on the source's axis, rays along the image's diagonal see edges that join just two samples."""
     depth = np.full((31, 31), np.nan, np.float32)
     steps = np.arange(4, 28)
     depth[steps, 30 - steps] = 3.0 + 0.01 * steps
@@ -146,7 +146,7 @@ def test_noise_does_not_stand_out_and_spikes_in_it_do(projection):
     spiked = np.zeros(front.shape, bool)
     spiked[rows, columns // 16] = True
     assert (front[spiked] == np.inf).all()
-    # Once in 1e8 samples, a sample is 5.7 deviations off and its neighbours are not; at borders there is only one side.
+    # One sample in 1e8 is 5.7 deviations off while its neighbours are not. At borders, neighbours are on one side.
     within = (slice(2, -2), slice(1, -1))
     assert (front[within][~spiked[within]] == -np.inf).all()
 

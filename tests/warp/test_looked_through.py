@@ -14,7 +14,7 @@ from tests.one_lane import one_lane
 
 SIZE = (61, 47)
 TARGET = (183, 141)  # three pixels a sample
-CARD = np.array([0.45, 0.35, 0.0])  # half of its side lengths
+CARD = np.array([0.45, 0.35, 0.0])  # half the card's side lengths
 
 
 def rays_of(camera):
@@ -44,7 +44,7 @@ def camera_at(eye, size=SIZE, *, projection="perspective", target=(0.0, 0.0, 0.0
 
 
 def card_at(camera, background):
-    """Depth of a card at z = 0 before a background, and the mask of the card's pixels."""
+    """Depth of a card at z = 0 in front of a background, and the mask of the card's pixels."""
     origins, directions = rays_of(camera)
     depth = -origins[..., 2] / directions[..., 2]
     on_card = (np.abs(origins + depth[..., None] * directions) <= CARD + 1e-9).all(axis=-1)
@@ -69,7 +69,7 @@ BETWEEN = (0.05, 0.1, -2.0)
 
 
 def sticking_out(views, **options):
-    """Numbers of pixels in a finer picture: drawn next to the card, and left open on the card."""
+    """Numbers of pixels in a finer picture that are drawn next to the card, and that are left open on the card."""
     camera = camera_at(BETWEEN, TARGET)
     _, on_card = card_at(camera, np.inf)
     frame = ibr.warp(views, camera, **options)
@@ -119,7 +119,7 @@ def test_a_ball_is_as_large_as_it_is():
 
 
 def ramp_views():
-    """A box before a wall: from in front, with a ramp between the two as at soft edges, and from the side."""
+    """Views of a box and a wall behind it: frontal, with a ramp between both as at soft edges; and from the side."""
     front, near, far = camera_at((0.0, 0.0, -2.0)), 1 / 1.6, 1 / 3.0
     ramp = np.clip((31 - np.arange(SIZE[0])) / 3, 0, 1)  # so steep that it is seen at less than 5 degrees
     nearness = far + (near - far) * ramp
@@ -160,7 +160,7 @@ def test_floors_that_recede_stay():
     camera = ibr.Camera([[210, 0, 91], [0, 210, 28.9], [0, 0, 1]], TARGET).moved(0.1, 0.02, 0.1)
     alone = np.any([ibr.warp(view, camera).valid for view in views], axis=0)
     lost = alone & ~ibr.warp(views, camera).valid
-    assert lost[32:].sum() == 0  # from the horizon's own row on, where a view's samples are many metres apart
+    assert lost[32:].sum() == 0  # from the horizon's row on, where a view's samples are many metres apart
 
 
 @pytest.mark.parametrize("fault", ["none", "noise", "holes", "off", "too near", "all"])
@@ -171,7 +171,7 @@ def test_faults_of_views_carve_nothing_away(fault):
     for number, eye in enumerate(EYES):
         camera = camera_at(eye, (97, 71))
         origins, directions = rays_of(camera)
-        depth = balls_at(camera, balls, (2.0 - origins[..., 2]) / directions[..., 2])  # before a wall
+        depth = balls_at(camera, balls, (2.0 - origins[..., 2]) / directions[..., 2])  # a wall behind them
         if fault in ("noise", "all"):
             depth = depth + rng.normal(size=depth.shape) * 0.002 * depth**2
         if fault in ("holes", "all"):

@@ -56,7 +56,7 @@ def hold(monkeypatch: pytest.MonkeyPatch, layers: int) -> None:
 
 @pytest.mark.usefixtures("lanes")
 def test_the_order_of_views_changes_no_bit():
-    """The order changes nothing for views of one camera either, which differ only in their contents."""
+    """This holds also for views of one camera, which differ only in their contents."""
     views = several(4)
     views.append(ibr.DepthImage(views[0].color // 2, views[0].depth * np.float32(1.018), views[0].camera))
     target = views[0].camera.moved(0.05, 0.02, 0.1)
@@ -105,7 +105,7 @@ def test_the_order_of_views_that_are_equally_near_changes_no_bit(method, blend, 
 
 
 def test_two_views_as_far_apart_as_one_surface_may_be_are_so_in_either_order():
-    """Two per cent: each tolerance is relative to the view's own depth, so only one of them may include the other."""
+    """At 2 %, the tolerance of one view may include the other view but not vice versa: it is relative to the depth."""
     camera = scenes.source_camera(SIZE)
     texture = scenes.texture(*scenes.image_coordinates(SIZE)) // 2 + 40
 
@@ -223,7 +223,7 @@ def test_views_that_cannot_show_are_not_drawn():
 
 @pytest.mark.usefixtures("lanes")
 def test_tiles_of_a_target_are_parts_of_the_whole():
-    """Pixels that agree for each view alone agree when blended; others may differ, since lines lie differently."""
+    """Pixels that agree for each view alone agree when blended; other pixels may differ, since lines lie elsewhere."""
     views = several(3, (97, 61), 0.1)
     whole = views[0].camera.moved(0.1, 0.05, 0.2)
     frames = {"blended": ibr.warp(views, whole)} | {k: ibr.warp(view, whole) for k, view in enumerate(views)}
@@ -260,7 +260,7 @@ def test_a_wall_has_one_colour_along_a_path():
 @pytest.mark.usefixtures("lanes")
 @pytest.mark.parametrize("how", [{"cut_ratio": 1.5}, {"edges": "connect"}])
 def test_rubber_sheets_do_not_hide_what_another_view_saw(how):
-    """A box before a wall, and its sheet to the wall, which a second view sees where the first does not."""
+    """A box in front of a wall, with a rubber sheet between both; a second view sees the wall behind the sheet."""
     size = (97, 61)
     camera = scenes.source_camera(size)
     depth = np.full(size[::-1], 4.0, np.float32)
@@ -283,7 +283,7 @@ def test_rubber_sheets_do_not_hide_what_another_view_saw(how):
 @pytest.mark.parametrize("size", [(7, 13), (61, 37), (1, 1), (33, 1)])
 @pytest.mark.parametrize("cut_ratio", [None, 1.05])
 def test_distances_to_edges_are_those_of_numpy(size, projection, cut_ratio):
-    """A steep place is a step if nothing is cut, otherwise an end of the surface."""
+    """Steep places are steps if nothing is cut, and otherwise ends of the surface."""
     width, height = size
     rng = np.random.default_rng(3)
     depth = np.full((height, width), 4.0, np.float32)

@@ -89,7 +89,7 @@ def test_one_lane_is_as_good_as_sixteen(place, source):
     with one_lane():
         found = frames(place, source)
     for number, (one, other) in enumerate(zip(found, expected, strict=True)):
-        # Compilers contract different products in the two forms: last bits differ, and so may a pixel at a silhouette.
+        # Compilers contract different products in the two forms. Last bits differ, and pixels at silhouettes may, too.
         assert (one.valid == other.valid).mean() >= 0.999, number
         both = one.valid & other.valid
         same = np.isclose(one.depth, other.depth, rtol=1e-5, atol=0)

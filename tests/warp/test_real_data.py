@@ -61,8 +61,8 @@ def test_a_frame_is_the_other_one_where_both_see(source, target, sample):
     both = frame.valid & b.valid & (np.abs(frame.depth - b.depth) <= 0.02 * b.depth)
     # 90.1 % of frame 50, which is a close-up, lie in frame 0, and 98.3 % of frame 0 in frame 4.
     assert both.mean() > (0.45 if source == 50 else 0.9)
-    # 1 mm: depth is in whole millimetres, and reprojection of the samples gives 0.57. 2 of 255: reprojection gives 1.7
-    # and 1.8.
+    # 1 mm: depth is in whole millimetres, and reprojected samples have an error of 0.57 mm. 2 of 255: reprojected
+    # samples have errors of 1.7 and 1.8.
     assert metrics.median_depth_error(frame.depth, b.depth, valid=both) <= 1e-3
     assert metrics.median_color_error(frame.color, b.color, valid=both) <= 2
 
@@ -86,7 +86,7 @@ def test_filled_holes_hold_the_background(source, target):
     bare, filled = (ibr.warp(a, b.camera, edges="cut", fill=fill) for fill in (None, "background"))
     holes = ~bare.valid & np.isfinite(filled.depth) & b.valid
     assert holes.sum() > 0.6 * np.count_nonzero(~bare.valid)
-    # A guess, yet a better one than the foreground: most hidden surfaces are no nearer than the filled depth.
+    # Filled depth is a guess, but better than the foreground: most hidden surfaces are no nearer than the guess.
     assert (filled.depth >= 0.9 * b.depth)[holes].mean() > 0.65
 
 
@@ -107,9 +107,9 @@ FRAMES = (0, 1, 2, 3, 4, 50)
 def test_filled_holes_of_the_room_look_like_what_was_hidden(source, target):
     b = room(target)
     error, inpainted = filled_error(room(source), b.camera, b.color)
-    # Between neighbouring frames, half of the holes is a window, whose colours the source has. Between frame 50 and
-    # others the camera turns by 34 degrees: holes are wide and show objects' own far sides, and no guess is much better
-    # than another. For one of ten such pairs it is worse, by 2 %.
+    # Between neighbouring frames, half of the hole pixels show a window, whose colours the source has. Between frame 50
+    # and others the camera turns by 34 degrees: holes are wide and show the far sides of objects, and no guess is much
+    # better than another. For one of ten such pairs, filling from behind is worse than inpainting, by 2 %.
     assert error < (0.6 if 50 not in (source, target) else 1.025) * inpainted
 
 
@@ -125,7 +125,7 @@ def foreground_iou(view: ibr.DepthImage, truth: ibr.DepthImage) -> float:
 
 @pytest.mark.parametrize(("source", "target"), [(0, 4), (3, 1)])
 def test_foregrounds_are_as_large_as_they_are(source, target):
-    # With the samples alone, half a pixel smaller on each side, it is 0.92.
+    # Without the half pixel beyond the samples on each side, it is 0.92.
     assert foreground_iou(room(source), room(target)) > 0.94
 
 
@@ -167,7 +167,7 @@ def test_left_to_right(load, name, figure):
     view, camera, right = load(name) if name else load()
     frame = ibr.warp(view, camera, edges="cut")
     assert frame.valid.mean() > 0.75
-    # The figures are errors of a backward warp with the given disparity: the photographs differ by so much.
+    # The figures are errors of a backward warp with the given disparity, which show how much the photographs differ.
     error = metrics.median_color_error(frame.color, right, valid=frame.valid)
     assert error <= figure + 0.5
 
@@ -232,4 +232,4 @@ def test_blended_views_show_no_sheets_at_silhouettes():
         camera = looking(scene, direction, (256, 256), near=1.6)
         truth, frame = scene.capture(camera), ibr.warp(views, camera)
         quality.append(metrics.psnr(frame.color, truth.color, valid=frame.valid & truth.valid))
-    assert np.mean(quality) >= 34  # with sheets 30.6; the depth meshes of the same views 32
+    assert np.mean(quality) >= 34  # with sheets: 30.6; depth meshes of the same views: 32

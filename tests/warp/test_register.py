@@ -1,4 +1,4 @@
-"""Registration against a scene with known rays: a box before a slanted wall, seen by two cameras."""
+"""Registration against a scene with known rays: a box in front of a slanted wall, seen by two cameras."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def seen_by(camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def within(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """Pixels within so many pixels of a change of the mask."""
+    """Pixels within `pixels` pixels of a change of the mask."""
     kernel = np.ones((2 * pixels + 1, 2 * pixels + 1))
     return cv2.dilate(mask.astype(np.uint8), kernel) != cv2.erode(mask.astype(np.uint8), kernel)
 
@@ -60,7 +60,7 @@ def test_depth_in_the_colour_camera(cameras, dtype):
     else:
         found = ibr.register(given, *cameras)
         assert found.dtype == np.float32
-    # Pixels seen by both cameras, two pixels from silhouettes and the image's border.
+    # Only pixels that both cameras see count, at least two pixels from silhouettes and the image's border.
     pixels = np.stack(np.meshgrid(*map(np.arange, color_camera.size)), -1).reshape(-1, 2).astype(float)
     points = color_camera.unproject(pixels, truth.ravel())
     back = depth_camera.project(points)[0]
@@ -70,7 +70,7 @@ def test_depth_in_the_colour_camera(cameras, dtype):
     sure = cv2.erode(sees.astype(np.uint8), np.ones((5, 5))).astype(bool) & ~within(box, 2)
     assert sure.mean() > 0.6
     assert np.isfinite(found[sure]).all(), "no gaps where a surface is visible"
-    # Half a unit of 1/10000, in addition to a thousandth of the depth.
+    # The tolerance is half a unit of 1/10000, in addition to a thousandth of the depth.
     assert (np.abs(found - truth) < 1e-3 * truth + (5e-5 if dtype == np.uint16 else 0))[sure].all()
 
 
@@ -91,7 +91,7 @@ def test_colours_for_the_depth_samples(cameras, dtype):
     first, _ = seen_along(color_camera.center, points - color_camera.center)
     inside = ((pixels >= -0.5) & (pixels <= np.array(color_camera.size) - 0.5)).all(axis=1)
     truly = ((first > 1 - 1e-6) & inside).reshape(given.shape)
-    # Three pixels from silhouettes of either camera, and from the border of the colour camera's image.
+    # Certain pixels are three pixels from silhouettes of either camera, and from the colour image's border.
     sure = ~(within(truly, 3) | within(own_box, 3))
     assert (truly & sure).any() and (~truly & sure).any()
     assert found.seen[sure & truly].all(), "all visible samples have a colour"
@@ -103,7 +103,7 @@ def test_colours_for_the_depth_samples(cameras, dtype):
 
 
 def test_noise_hides_nothing_and_shows_nothing_hidden():
-    """A tenth of a pixel of disparity, like structured light."""
+    """The noise is a tenth of a pixel of disparity, like that of structured light."""
     given, own_box = seen_by(DEPTH)
     rng = np.random.default_rng(1)
     noisy = (1 / (1 / given + rng.normal(0, 0.1 / (210 * 0.075), given.shape))).astype(np.float32)
@@ -140,7 +140,7 @@ def test_counts_are_those_of_the_same_depth():
 
 
 def test_counts_beyond_16_bits_are_none():
-    """A wall at 65 m, from half a metre and from a whole metre farther back."""
+    """A wall at 65 m, seen from half a metre and from a whole metre farther back."""
     camera = ibr.Camera([[100, 0, 15.5], [0, 100, 15.5], [0, 0, 1]], (32, 32))
     wall = np.full((32, 32), 65000, np.uint16)
     for back, expected in ((0.5, 65500), (1.0, 0)):

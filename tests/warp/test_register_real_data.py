@@ -85,9 +85,9 @@ def test_it_covers_more_with_fewer_slivers_than_align(number):
 
 
 def test_its_edges_are_as_near_to_the_pictures_as_aligns_at_its_best():
-    """Each is taken at its best offset, since `align` is half a pixel off by itself.
+    """Each result is taken at its best offset, since `align` is half a pixel off by itself.
 
-    The distances agree to a hundredth, which is half of the effect of the picture's distortion (0.02).
+    The agreement of edges differs by at most 0.01, which is half of the effect of the picture's distortion (0.02).
     """
     scores = np.zeros((len(ASIDE), len(FRAMES), 2))
     for place, aside in enumerate(ASIDE):

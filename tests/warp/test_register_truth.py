@@ -45,7 +45,7 @@ class Room:
     rays: Any
 
     def before(self, eye: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(N,) relative distances of the first surface on the ways from an eye to points; 1 at the points."""
+        """(N,) relative distances of the first surface on the lines from an eye to points; 1 at the points."""
         ways = points - eye
         answer = np.full(len(ways), np.nan)
         known = np.isfinite(ways).all(axis=1)
@@ -130,7 +130,7 @@ def changes(mask: np.ndarray, pixels: int) -> np.ndarray:
 
 
 def silhouettes(depth: np.ndarray, pixels: int) -> np.ndarray:
-    """Places near which nearness deviates from the line through two neighbours on a side, beyond rounding."""
+    """Pixels near which nearness deviates from the line through two neighbours on a side, beyond rounding."""
     nearness, edge = 1 / depth.astype(float), np.zeros(depth.shape, bool)
     for axis in (0, 1):
         step = np.diff(nearness, axis=axis)
@@ -142,9 +142,9 @@ def silhouettes(depth: np.ndarray, pixels: int) -> np.ndarray:
 
 @cache
 def seen_in_color(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The colour camera's true depth, the mask of what the depth camera saw, too, and where the mask is certain.
+    """The colour camera's true depth, the mask of pixels that the depth camera saw, too, and where the mask is certain.
 
-    It is certain two pixels from silhouettes of either camera, both measured in the colour camera.
+    The mask is certain two pixels from silhouettes of either camera, both measured in the colour camera.
     """
     depth = scene().pictures.capture(color_camera).depth
     points = color_camera.unproject(pixels_of(color_camera), depth.ravel())
@@ -174,8 +174,8 @@ def test_noise_tears_no_surface(rig, noise, dropped):
     cameras = NARROW[rig]
     truth, _, sure = seen_in_color(*cameras)
     found = ibr.register(measured(cameras[0], noise, dropped)[1], *cameras)
-    # At three deviations of a difference, 0.3 % of neighbours are torn, and a triangle has three pairs of them; some
-    # dropped samples are adjacent.
+    # Beyond three deviations, 0.3 % of neighbours are torn, and a triangle has three pairs of neighbours. Some dropped
+    # samples are adjacent.
     assert np.isnan(found[sure]).mean() < (0.01 if dropped else 0.008)
     clean = np.abs(measured(cameras[0], noise)[1] / measured(cameras[0])[0] - 1)
     off = np.abs(found / truth - 1)[sure & np.isfinite(found)]
@@ -199,7 +199,7 @@ def test_thin_things_are_there(rig):
         relation = cameras[1].camera_from_world @ cameras[0].world_from_camera
         depth = measured(cameras[0])[1]
         points = cv2.registerDepth(cameras[0].K, cameras[1].K, np.zeros(5), relation, depth, cameras[1].size)
-        # They are a whole pixel wide, even where a sample is smaller.
+        # Points are a whole pixel wide, even where a sample is smaller.
         assert right >= (np.abs(points / truth - 1) < 0.02)[bars].mean() - 0.01
 
 
@@ -227,7 +227,7 @@ def test_samples_get_colours_where_they_are_seen(rig, noise, dropped):
     found = colored(cameras, depth)
     sure = sure & np.isfinite(depth)
     assert (seen & sure).mean() > 0.3 and (~seen & sure).mean() > 0.005
-    few = 0 if noise < 0.3 else 2e-3  # noise sets some samples before the surface that hides them, or behind an edge
+    few = 0 if noise < 0.3 else 2e-3  # noise moves some samples in front of their occluder, or behind an edge
     assert (~found.seen)[seen & sure].mean() <= few
     assert found.seen[~seen & sure].mean() <= few
     assert not found.color[~found.seen].any()
@@ -239,14 +239,15 @@ def test_wide_baselines_hide_what_the_depth_camera_saw(rig):
     seen, sure = seen_samples(*cameras)
     found = colored(cameras, measured(cameras[0])[1])
     assert not (~found.seen & seen & sure).any()
-    # The rest is hidden by surfaces that the depth camera did not see: the box's side, and the scene beyond its image.
+    # The other samples are hidden by surfaces that the depth camera did not see: the box's side, and the scene outside
+    # of the depth image.
     assert found.seen[~seen & sure].mean() < 0.025
 
 
 @pytest.mark.parametrize(("size", "noise"), [((211, 193), 0.0), ((211, 193), 0.1), ((53, 48), 0.0)])
 @pytest.mark.parametrize("angle", [1.4, 1.8])
 def test_a_ball_hides_itself(angle, size, noise):
-    """Seen from the left, and from the right: the samples that the ball hides behind its own bulge, or from behind."""
+    """From the left and from the right, the ball hides samples behind its own bulge, or that face away."""
     left = camera(size, 1.9 * size[0])
     pose = np.eye(4)
     pose[:3, :3] = cv2.Rodrigues(np.array([0, -angle, 0]))[0]
@@ -263,15 +264,15 @@ def test_a_ball_hides_itself(angle, size, noise):
     noisy = (1 / (1 / depth + rng.normal(0, noise / (left.K[0, 0] * BASELINE), depth.shape))).astype(np.float32)
     color = np.full((size[1], size[0], 3), 90, np.uint8)
     found = ibr.register_color(noisy.reshape(size[::-1]), left, right, color).seen.ravel()
-    turned, faces = facing < -0.35, facing > 0.2  # the cosine: between, noise may turn the surface
+    turned, faces = facing < -0.35, facing > 0.2  # cosines; in between, noise may turn the surface
     assert turned.mean() > 0.05 and faces.mean() > 0.05
     assert found[faces].mean() > (0.97 if noise else 0.999)
-    # Next to its rim few samples show its direction; in images of few samples the outermost samples are torn off.
+    # Next to the rim, few samples show the surface's direction; in small images the outermost samples are torn off.
     assert found[turned].mean() < (0.02 if size[0] > 100 else 0.03)
 
 
 def test_colours_are_of_the_own_surface():
-    """No wall gets the red of the bars before it, and no bar gets the wall's colour."""
+    """No wall gets the red of the bars in front of it, and no bar gets the wall's colour."""
     cameras = NARROW["beside"]
     depth, _ = measured(cameras[0])
     behind = scene(thin=False).pictures.capture(cameras[0]).depth
@@ -287,7 +288,7 @@ def test_colours_are_of_the_own_surface():
     assert (bars & sure).sum() > 50 and (~bars & sure).sum() > 40_000
     np.testing.assert_array_equal(found.color[bars & sure], [[255, 0, 0]] * int((bars & sure).sum()))
     np.testing.assert_array_equal(found.color[~bars & sure], [[0, 0, 255]] * int((~bars & sure).sum()))
-    # Even there, a sample seldom mixes both: a third as often as between any four pixels.
+    # Even there, a sample seldom mixes both colours: a third as often as bilinear interpolation.
     plain = cv2.remap(color, *pixels.astype(np.float32).reshape(*depth.shape, 2).transpose(2, 0, 1), cv2.INTER_LINEAR)
     both, either = (np.count_nonzero(each[found.seen], axis=1) > 1 for each in (found.color, plain))
     assert both.sum() < either.sum() / 3
@@ -295,7 +296,7 @@ def test_colours_are_of_the_own_surface():
 
 @pytest.mark.parametrize("model", ["none", "brown_conrady", "rational", "modified_brown_conrady", "kannala_brandt"])
 def test_colours_come_from_where_opencv_sees_the_samples(model):
-    """Colours encode their pixels: each sample's colour is its place, within 0.01 pixels."""
+    """Colours encode pixel positions: each sample's colour is its position, within 0.01 pixels."""
     numbers = {
         "brown_conrady": [-0.22, 0.05, 0.002, -0.001, 0.002],
         "rational": list(RATIONAL.coefficients),

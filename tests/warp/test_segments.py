@@ -40,7 +40,7 @@ def test_segments_make_the_same_frames(scene: Any, projection: Projection):
 
 @pytest.mark.parametrize("edges", ["cut", "connect"])
 def test_where_lines_are_walked_from_edge_to_edge_last_bits_may_differ(edges: str):
-    """Distances are measured from the start of a walk."""
+    """Last bits depend on the start of a walk, from which distances are measured."""
     view = scenes.stepped((96, 64))
     cameras = [pose.camera for pose in (*scenes.special_cameras(view), *scenes.target_cameras(view, "E"))]
     for cut, whole in pairs(view, cameras, edges=edges):

@@ -1,7 +1,7 @@
 """Sideways steps along rows, columns and diagonals of samples, against the exact polyline of the surface.
 
-All rays of such a step run along the source's samples or in the middle between the cells' corners. This decides which
-thin and torn parts they see. `tests/reference/lines.py` computes the expected result.
+All rays of such a step run along the source's samples or half-way between the cells' corners. This decides which thin
+and torn parts the rays see. `tests/reference/lines.py` computes the expected result.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from tests.reference.warp import search_reference
 METHODS: tuple[Method, ...] = ("epipolar", "search")
 SIZE = (93, 79)
 FOCAL = 80.0
-NOISE = 0.005  # share of the pixels that may be wrong if every sample is an edge
-TIE = 1 / 8  # pixels of the source: this near to the middle between two samples, either may be the nearest
+NOISE = 0.005  # fraction of the pixels that may be wrong if every sample is an edge
+TIE = 1 / 8  # pixels of the source: this near to the middle between two samples, either sample may be the nearest
 
 STEPS = {
     "right": (0.3, 0.0),
@@ -63,7 +63,7 @@ def depth_of(scene: str, size: scenes.Size = SIZE) -> np.ndarray:
         depth = np.where((y >= 30) & (y < 50) & (x >= 20) & (x < 60), 2.0, far)
         depth[(7 * x + 3 * y) % 29 == 0] = np.nan
     elif scene == "whole disparities":
-        # Shifts of 4, 6 and 12 pixels of 0.3, 8 / 3 pixels of 0.2 and so on: whole for all steps except "up".
+        # All steps except "up" shift these depths by whole pixels: 0.3 by 6, 12 and 9 pixels, 0.2 by 4, 8 and 6.
         depth = np.choose((x // 7 + y // 5) % 3, (4.0, 2.0, 2.0 / 0.75))
     elif scene.startswith("noise"):
         spread = {"noise of 3 %": 0.1, "noise of 6 %": 0.2, "noise of 100 %": 1.5}[scene]
@@ -84,14 +84,14 @@ def depth_of(scene: str, size: scenes.Size = SIZE) -> np.ndarray:
 
 @cache
 def view_of(scene: str, size: scenes.Size = SIZE, turned: bool = False) -> ibr.DepthImage:
-    """The scene, seen by a camera with an off-centre principal point; colours are the samples' x and y, as parts of
+    """The scene, seen by a camera with an off-centre principal point; colours are the samples' x and y, divided by
     `COLUMNS`."""
     width, height = size
     K = [[FOCAL, 0, (width - 1) / 2 + 3.3], [0, FOCAL, (height - 1) / 2 - 1.7], [0, 0, 1]]
     pose = scenes.pose(yaw=33, pitch=-21, roll=48, center=(2.1, -3.4, 1.3)) if turned else np.eye(4)
     y, x = np.mgrid[:height, :width].astype(np.float32)
     color = np.dstack([x, y, 0 * x]) / np.float32(COLUMNS)
-    # Stripes as dense as these would count as noise, and noise tears nothing.
+    # With estimated noise, such dense stripes would count as noise, which tears nothing.
     return ibr.DepthImage(color, depth_of(scene, size), Camera(K, size, pose), noise=0.0)
 
 
@@ -184,12 +184,12 @@ def between(camera: Camera, target: str) -> Camera:
 
 
 def passes_ends(view: ibr.DepthImage, camera: Camera, edges: Edges) -> np.ndarray:
-    """(H, W) bool: pixels whose rays pass an end of the surface within a hair."""
+    """(H, W) bool: pixels whose rays pass within a hair of an end of the surface."""
     return ties(lambda target: ibr.warp(view, target, method="search", edges=edges).depth, camera)
 
 
 def test_nothing_is_nearer_than_the_nearest_sample():
-    """A wall before another wall, in stripes: where both lie on one line, depth is that of either wall, or between."""
+    """A striped wall in front of another wall: where a line meets both, the depth is either wall's, or in between."""
     camera = Camera([[80, 0, 47.5], [0, 80, 47.5], [0, 0, 1]], (96, 95))
     depth = np.where(np.arange(96) % 9 < 3, 2.2, 4.5)[None].repeat(95, 0).astype(np.float32)
     view = ibr.DepthImage(np.zeros((95, 96, 3), np.uint8), depth, camera)

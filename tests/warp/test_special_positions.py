@@ -20,7 +20,7 @@ from tests.reference.warp import search_reference
 METHODS: tuple[Method, ...] = ("epipolar", "search")
 PROJECTIONS: tuple[Projection, ...] = ("perspective", "orthographic")
 EDGES: tuple[Edges, ...] = ("connect", "cut")
-SHARE = 0.005  # share of the pixels that may be wrong: rays that pass an end of the surface within rounding
+SHARE = 0.005  # fraction of the pixels that may be wrong: rays that pass an end of the surface within rounding
 
 
 def image(depth: np.ndarray, camera: Camera) -> ibr.DepthImage:
@@ -114,7 +114,7 @@ def test_a_hair_beside_a_sample_as_much_is_seen(surroundings, projection, edges,
         for beside in frames[1:]:
             differs = (frames[0].valid != beside.valid) & ~at_epipole()
             assert not (differs & ~beside_border(frames[0].valid)).any(), (method, np.argwhere(differs).tolist())
-            # Along the cells' diagonal through the epipole, at most four rays see edges whose triangles are open.
+            # Along the cells' diagonal through the epipole, up to four rays see edges whose triangles are open.
             assert differs.sum() <= max(4, SHARE * differs.size), (method, differs.sum())
 
 
@@ -124,7 +124,7 @@ def test_a_hair_beside_a_sample_as_much_is_seen(surroundings, projection, edges,
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("surroundings", SURROUNDINGS)
 def test_the_pixel_at_the_epipole_sees_its_sample(surroundings, projection, edges, move, by):
-    """All points of its ray lie at one place of the source: the sample there, or a hole."""
+    """All points of the pixel's ray have one position in the source: a sample, or a hole."""
     source, target = forward_pair(projection, move, by)
     depth = depth_around(surroundings)
     for method in METHODS:
@@ -286,7 +286,7 @@ def test_a_turned_camera_sees_the_triangles_that_its_rays_pass(turn, edges):
 @pytest.mark.parametrize("turn", [90, -90, 180])
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
 def test_turned_to_the_side_and_moved_along_the_turn(turn, edges):
-    """The rays of the middle column lie in the plane that the source's pixels never show."""
+    """The rays of the middle column lie in the source camera's plane z = 0, which no source pixel shows."""
     source = Camera([[20, 0, 14], [0, 20, 11], [0, 0, 1]], SIZE)
     target = Camera([[25, 0, 16], [0, 25, 9], [0, 0, 1]], (33, 19), scenes.pose(turn, center=(0, -0.25, 0)))
     view = image(depth_around("smooth"), source)
@@ -341,7 +341,7 @@ def test_a_row_of_samples_moved_in_its_plane(across):
 @pytest.mark.parametrize("shape", ["step", "slope", "teeth"])
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_an_orthographic_plane_that_cuts_the_surface(projection, shape, degrees):
-    """Only the part before the target camera's plane is visible, and other parts through the gaps.
+    """Only the part in front of the target camera's plane is visible, and other parts through the gaps.
 
     From an orthographic view to a turned orthographic one, lines run along rows, and their hits are the pixels' own.
     """

@@ -29,7 +29,7 @@ def test_views_are_as_steady_as_their_input():
     assert len(bars) == 2 and len(changes) == 3 * 3 * 2 * 2
     for (subject, *_, quantity), change in changes.items():
         assert subject != steady.STEADY or change <= bars[quantity]
-    # The frame before makes the difference: frames cleaned separately let more of the noise through.
+    # Cleaning with the previous frame makes the difference: frames cleaned separately let more of the noise through.
     for fill in steady.FILLS:
         single, both = (changes[subject, fill, steady.SEEN, steady.DEPTH] for subject in (steady.SINGLE, steady.STEADY))
         assert both < 0.6 * single

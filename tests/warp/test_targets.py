@@ -18,7 +18,7 @@ SIZE = (97, 61)
 
 
 def targets(view: ibr.DepthImage) -> list[ibr.Camera]:
-    """Targets of several sizes, stereo steps and others, one that reuses a camera."""
+    """Targets of several sizes, at stereo steps and other poses; one of them reuses a camera."""
     camera = view.camera
     small = camera.resized((50, 33))
     return [camera.moved(0.1, 0, 0), camera.moved(-0.2, 0, 0), small, camera.moved(0.1, 0.2, 0.3), camera, small]
@@ -50,7 +50,7 @@ def check_given_frames() -> None:
         assert frame.depth is own.depth
         assert frame.valid is own.valid
         same_bits(frame, ibr.warp(view, camera))
-    # The same again over the previous content.
+    # A second call overwrites the previous content.
     same_bits(ibr.warp(view, cameras[1], out=given[0]), ibr.warp(view, cameras[1]))
 
 

@@ -41,7 +41,7 @@ def strips(*corners: np.ndarray, wall: bool = True) -> MeshScene:
 
 
 def magnified(zoom: int, move=(0, 0, 0), size=(244, 188)) -> ibr.Camera:
-    """The moved camera, with pixels `zoom` times as fine; its image's middle stays the scene's."""
+    """The moved camera, with pixels `zoom` times as fine and the scene still in the middle of the image."""
     size = min(SIZE[0] * zoom, size[0]), min(SIZE[1] * zoom, size[1])
     middle = (np.array(size) - 1) / 2 + 0.5 * FOCAL * zoom * np.array(move[:2])
     K = [[FOCAL * zoom, 0, middle[0]], [0, FOCAL * zoom, middle[1]], [0, 0, 1]]
@@ -49,9 +49,10 @@ def magnified(zoom: int, move=(0, 0, 0), size=(244, 188)) -> ibr.Camera:
 
 
 def compared(seen: ibr.DepthImage, frame: ibr.Frame, zoom: float) -> tuple[float, float]:
-    """The share of the strips' pixels that are covered, and right to 1 %, and the distance of the others in samples.
+    """Fraction of the strips' pixels that are covered with depth right to 1 %, and distance of other pixels in samples.
 
-    The distance is the greater one of rows and columns. A pixel of the strip lies up to one pixel within its border.
+    The distance is the larger of rows and columns. The outermost pixels of a strip lie up to one pixel inside its
+    border.
     """
     thin = seen.depth < 3
     with np.errstate(invalid="ignore"):
@@ -97,7 +98,7 @@ def test_wires_are_covered_and_little_more(name, wall):
     scene = strips(*CASES[name], wall=wall)
     view = scene.capture(CAMERA)
     for zoom in (2, 8):
-        # Samples' pixels cover objects along rows and columns, but only a part of slanted wires: hence `thin`.
+        # Pixels of samples cover objects along rows and columns, but only a part of slanted wires: hence `thin`.
         straight = name in ("row", "column", "dots", "a row that recedes")
         truths = [scene.capture(magnified(zoom, move)) for move in MOVES]
         for thin, least in ((True, 0.95), (False, 0.95 if straight else 0.6)):
@@ -144,7 +145,7 @@ def test_what_runs_along_rows_and_columns_is_its_samples_squares(shape, projecti
             np.full((height, width, 3), 77, np.uint8), np.where(mask, np.float32(2), np.float32(np.nan)), camera
         )
         fine = np.diag([8.0, 8, 1]) @ K
-        fine[:2, 2] += 3.5  # eight pixels a sample, and half a sample more on either side of the middles
+        fine[:2, 2] += 3.5  # eight pixels a sample, and half a sample beyond the outermost centres
         frame = ibr.warp(view, ibr.Camera(fine, (8 * width, 8 * height), projection=projection), thin=True)
         np.testing.assert_array_equal(frame.valid, mask.repeat(8, 0).repeat(8, 1))
         two = np.full(frame.valid.sum(), 2, np.float32)
@@ -221,7 +222,7 @@ def test_a_view_from_its_own_camera_is_its_image(method, sample, cut_ratio, proj
 @pytest.mark.parametrize("zoom", [1, 2, 3])
 @pytest.mark.parametrize("aside", [0, 1e-6, 1e-3, 0.03])
 def test_rays_through_samples_show_them(behind, zoom, aside):
-    """So do rays that pass them by a hair: as the camera moves, the picture changes as objects in it move."""
+    """So do rays that pass within a hair of samples: as the camera moves, the picture changes as objects move."""
     view = crossing_wires("perspective", behind)
     K = np.diag([zoom, zoom, 1.0]) @ view.camera.K
     for way in ((1, 0), (0, 1), (-0.7, 0.7)):
@@ -233,7 +234,7 @@ def test_rays_through_samples_show_them(behind, zoom, aside):
         np.testing.assert_array_equal(frame.valid[at], plain.valid[at])
         np.testing.assert_array_equal(frame.depth[at] < 3, view.depth < 3)
         seen = plain.valid[at]
-        # Depths along wires change by at most 5 % from sample to sample; otherwise they are cut.
+        # Depths along wires change by at most 5 % from sample to sample; otherwise the wires are cut.
         np.testing.assert_allclose(frame.depth[at][seen], plain.depth[at][seen], rtol=0.05 * aside + 1e-6)
         if zoom > 1:  # between samples wires are wider than their samples' pixels
             assert (frame.depth < 3).sum() >= (plain.depth < 3).sum()
@@ -313,8 +314,8 @@ def test_colours_and_depths_run_along_wires(sample):
     x = (np.arange(20, 100) + 0.5) / 10 - 0.5 - 2  # in samples, counted from the first one
     at = np.clip(x if sample == "linear" else np.rint(x), 0, 7)
     np.testing.assert_allclose(frame.color[45, 20:100, 0], at * 30, atol=0.51)
-    # The wire goes straight on through the halves of its first and last samples, except where the surface's margin is
-    # nearer: the margin's nearness is constant.
+    # The wire continues straight through the outer halves of its first and last samples, except where the surface's
+    # margin, of constant nearness, is nearer.
     along = np.minimum(x, 7) if sample == "linear" else at
     np.testing.assert_allclose(frame.depth[45, 20:100], 1 / (0.5 - 0.05 * along / 7), rtol=1e-5)
 

@@ -20,7 +20,7 @@ from tests import scenes
 from tests.one_lane import one_lane
 from tests.warp.test_laws import same_bits
 
-_GROUPS = 4 * 5  # greatest number of groups of lines: fans and levels (`pyibr.warp.lines`)
+_GROUPS = 4 * 5  # largest number of groups of lines: fans times levels (`pyibr.warp.lines`)
 _CAMERA = _GROUPS * struct("warp/lines.h", "LineGroup").itemsize  # bytes that describe a camera's lines
 _SIZE = (97, 61)
 

@@ -74,7 +74,7 @@ def test_both_pieces_of_a_step_are_met(seed):
     case = Case(seed, "noise", "any", view, target, "cut", "front")
     by_columns, by_edges = (np.isfinite(nearness_seen(case, edges)) for edges in (False, True))
     assert by_edges.sum() > 15_000
-    # At the source's border lines end between columns. A straight line between these gives the end to a pixel.
+    # At the source's border lines end between columns. Interpolation between columns gives the end to a pixel.
     differ = by_columns != by_edges
     assert (differ & ~beside_border(by_edges)).sum() <= 3
     assert differ.sum() <= 0.1 * differ.shape[0]
@@ -82,7 +82,7 @@ def test_both_pieces_of_a_step_are_met(seed):
 
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
 def test_nothing_is_traced_amid_a_side_that_is_not_shown():
-    """A trace would give the same picture, but takes far longer than a line."""
+    """Tracing would give the same picture, but takes far longer than following a line."""
     view = scenes.smooth((96, 128))
     with counted_samples() as visited:
         frame = ibr.warp(view, view.camera.moved(0.3, 0.2, 0.4), edges="cut", side="back")
