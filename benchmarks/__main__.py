@@ -35,7 +35,7 @@ MODULES = {
     "card": "gpu.card",
 }
 NAMES = ", ".join(MODULES)
-ALONE = "card"  # measured on a machine with a GPU: its report stands in a folder of its own
+ALONE = "card"  # measured on a machine with a GPU; its report is in a separate folder
 
 
 def main(

@@ -16,17 +16,17 @@ EVERY_REGION: tuple[Position, ...] = tuple((region, MOTIONS[i % 2]) for i, regio
 
 @dataclass(frozen=True)
 class Plan:
-    """Sizes are sides of square images, or width and height; a mapping from sizes gives the number of turns."""
+    """Sizes are sides of square images, or (width, height). Mappings from sizes give the number of timed turns."""
 
     complexity_positions: tuple[Position, ...]
-    complexity: Mapping[str, Mapping[int, int]]  # subject: sizes
+    complexity: Mapping[str, Mapping[int, int]]  # turns by subject and size
     table2: Mapping[int, int]
     dragon_mesh: str
     peers_positions: tuple[Position, ...]
     peers: Mapping[int, int]
     open3d_largest: int  # side of the largest image whose triangles go to Open3D
-    raster: Mapping[tuple[str, int], int]  # mesh and side
-    slicing: Mapping[tuple[int, int], int]  # side and number of slices
+    raster: Mapping[tuple[str, int], int]  # turns by mesh and side
+    slicing: Mapping[tuple[int, int], int]  # turns by side and number of slices
     donut: int  # turns
     elevations: tuple[int, ...]  # degrees above the surface, for the views that compare directions of slicing
     direction_slices: tuple[int, ...]
@@ -46,17 +46,17 @@ class Plan:
     rgbd: Mapping[Size, int]
     rgbd_noise: tuple[float, ...]  # pixels of disparity
     rgbd_connected: tuple[Size, ...]  # sizes at which connected surfaces are warped, too
-    rgbd_threads: Mapping[tuple[Size, float], int]  # size and noise: processes for each number of threads
+    rgbd_threads: Mapping[tuple[Size, float], int]  # processes per number of threads, by size and noise
     rgbd_white: Mapping[Size, int]
-    rgbd_stereo: Mapping[tuple[Size, float], int]  # size and noise
-    rgbd_light_field: Mapping[tuple[int, int], int]  # side and number of views
-    rgbd_together: Mapping[tuple[Size, int], int]  # size and number of views
+    rgbd_stereo: Mapping[tuple[Size, float], int]  # turns by size and noise
+    rgbd_light_field: Mapping[tuple[int, int], int]  # turns by side and number of views
+    rgbd_together: Mapping[tuple[Size, int], int]  # turns by size and number of views
     rgbd_told: Mapping[Size, int]
     rgbd_small: Mapping[int, int]
-    rgbd_steady: Mapping[Size, int]  # frames
+    rgbd_steady: Mapping[Size, int]  # number of frames
     filling: Size
     edges: tuple[Size, ...]
-    edge_scenes: int  # one in this many scenes
+    edge_scenes: int  # only every n-th scene is measured
     registration: Mapping[Size, int]
     cleaning: Mapping[Size, int]
     runtimes: Mapping[Size, int]
@@ -64,7 +64,7 @@ class Plan:
     pages_rounds: int
     pages_seconds: float  # time that the camera moves in each round
     pages_chromium: bool
-    gpu: Mapping[tuple[str, Size], Size | None]  # calls and sizes; values: sizes at which instructions are counted
+    gpu: Mapping[tuple[str, Size], Size | None]  # size at which instructions are counted, by call and size
     card: str  # kind of device
     card_tests: tuple[str, ...]
     startup_repeats: int

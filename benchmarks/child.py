@@ -19,7 +19,7 @@ def elapsed(start: float) -> float:
 
 
 def measure_frame() -> dict[str, Any]:
-    """Draw a small picture: only the time before it should count."""
+    """Draw a small picture, so that mainly the time before it counts."""
     from benchmarks import scenes
     from benchmarks.launches import build_times
 
@@ -32,7 +32,7 @@ def measure_frame() -> dict[str, Any]:
 
 
 def measure_memory(n: int) -> dict[str, Any]:
-    """Measure the peak of memory, above the memory of the process before its inputs were made."""
+    """Measure peak memory, minus the memory of the process before the inputs were made."""
     import pyibr as ibr
     from benchmarks import scenes
 
@@ -67,7 +67,7 @@ def measure_kernels(scene: str, width: int, height: int, noise: float) -> dict[s
 
 
 def memory(name: str) -> int:
-    """Bytes of this process's memory, by their name in /proc."""
+    """Bytes of this process's memory, by the name of the entry in /proc."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(1024 * int(line.split()[1]) for line in lines if line.startswith(name + ":"))
 

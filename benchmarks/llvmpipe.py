@@ -122,7 +122,7 @@ def context() -> Any:
     try:
         moderngl: Any = import_module("moderngl")
         made = moderngl.create_context(standalone=True, backend="egl")
-    except Exception as error:  # a missing package, library or display: each is a reason to go without
+    except Exception as error:  # a missing package, library or display: llvmpipe is then left out
         return (
             f"there is no OpenGL through moderngl and EGL ({type(error).__name__}: {error}); it needs "
             "pip install moderngl, and on Debian apt install libegl1 libgl1-mesa-dri"

@@ -33,7 +33,7 @@ def complexity(series: Mapping[tuple[str, str], Series], path: Path) -> None:
 
 
 def table2(series: Mapping[str, Series], paper: Mapping[str, Series], path: Path) -> None:
-    """Our times as lines, the paper's dashed, with one colour per model."""
+    """Our times as solid lines and the paper's times as dashed lines, with one colour per model."""
     figure, (panel,) = _panels(1)
     for index, (model, values) in enumerate(series.items()):
         panel.plot(list(values), list(values.values()), "o-", color=f"C{index}", label=f"{model}, here")
@@ -82,7 +82,7 @@ def rgbd(
     base: str,
     path: Path,
 ) -> None:
-    """Ratios to the base by noise: a panel per kind of motion, a line of means per size, and a dot per motion."""
+    """Ratios to the base over noise: a panel per kind of motion, a line of means per size, and a dot per motion."""
     kinds, sizes = (
         list(dict.fromkeys(kind for kind, _, _ in ratios)),
         list(dict.fromkeys(size for _, size, _ in ratios)),
@@ -132,7 +132,7 @@ def objects(
 
 
 def directions(error: Mapping[str, Mapping[int, Series]], through: Mapping[str, Series], path: Path) -> None:
-    """Figure 10 as numbers. Left: error over slices, a line per elevation. Right: share that is seen through."""
+    """Figure 10 as numbers. Left: error over slices, a line per elevation. Right: fraction that is seen through."""
     figure, (left, right) = _panels(2)
     for index, (slicing, by_elevation) in enumerate(error.items()):
         for elevation, series in by_elevation.items():

@@ -19,8 +19,8 @@ from benchmarks.results import Skip
 
 Array = NDArray[Any]
 
-REGIONS = "ABCDEFGHI"  # row by row: A is above and left of the image, E inside it, I below and right
-MOTIONS = ("forward", "backward")  # motion of the target camera: its epipole is an antipode, or a true epipole
+REGIONS = "ABCDEFGHI"  # row by row: A is above and left of the image, E inside the image, I below and right
+MOTIONS = ("forward", "backward")  # motion of the target camera: the epipole is an antipode, or a true epipole
 DISTANCE = 0.6  # scene units between the cameras; the relief lies 3 to 5 in front of the source
 _COLUMN, _ROW = (-0.3, 0.35, 1.3), (-0.3, 0.6, 1.3)  # positions of the epipole, in image sides
 _FUJI_SPACING = 62.4  # metres: tile 10/906/404 of 512 samples a side, at 35.3 degrees north
@@ -29,7 +29,7 @@ _VGA, _FOCAL = (640, 480), 525.0  # size and focal length of the depth camera, i
 _BASELINE = 0.075  # metres between a structured-light camera and its projector
 _DISPARITY_STEPS = 8  # steps per pixel
 _NO_DEPTH = 65535  # stored by a RealSense instead of millimetres
-_SAME_SURFACE = 0.02  # neighbours whose nearness differs by a smaller share are interpolated
+_SAME_SURFACE = 0.02  # neighbours whose nearness differs by a smaller fraction are interpolated
 _POSES = {
     0: ((0, 0, 0), (0, 0, 1)),
     4: ((0.005, -0.1, -0.007), (0.016, 0.05, 1)),
@@ -117,7 +117,7 @@ def bricks(n: int = 256) -> tuple[Array, Array]:
 
 
 def terrain() -> tuple[Array, float] | Skip:
-    """Heights (513, 513) float32 and spacing, in metres: a tile of Mount Fuji on which terrain meshers are timed."""
+    """Heights (513, 513) float32 and spacing, in metres: a tile of Mount Fuji, as used to time terrain meshers."""
     path = data_folder() / "heightfields/dem/fuji.png"
     if not path.is_file():
         return Skip("fuji", f"{path.name} is not in $PYIBR_DATA/heightfields/dem")
@@ -197,7 +197,7 @@ def rgbd(scene: str, number: int, size: tuple[int, int], noise: float = 0.0) -> 
 
 
 def shelf(number: int, size: tuple[int, int]) -> ibr.DepthImage | Skip:
-    """A raw frame of a RealSense, in metres: every so many samples of 640 x 480; two thirds have no depth."""
+    """A raw frame of a RealSense, in metres: every n-th sample of 640 x 480; two thirds of them have no depth."""
     import cv2
 
     folder = data_folder() / "rgbd_realsense_shelf"
@@ -298,7 +298,7 @@ def _living_room(number: int, size: tuple[int, int]) -> tuple[Array, Array]:
 
 @functools.lru_cache(maxsize=2)
 def _room_seen_by(camera: ibr.Camera) -> tuple[Array, Array]:
-    """Colour and depth, some rows at a time, because rays need much memory."""
+    """Colour and depth, computed some rows at a time because rays need much memory."""
     from pyibr.capture import MeshScene
 
     scene, parts = MeshScene.from_mesh(_room()), list[ibr.DepthImage]()

@@ -125,7 +125,7 @@ def table2_section(result: Result, folder: Path) -> list[str]:
 
 
 def _rightness(result: Result, here: dict[str, Parameter]) -> list[str]:
-    """Correctness of the picture of a row, and its bars."""
+    """Correctness of the picture in a row of the table, with its bars."""
     found = {name: list(result.select(subject="nearest", quantity=name, **here)) for name in table2.RIGHT}
     if not all(found.values()):
         return [*("" for _ in found), "", "**not measured**"]

@@ -20,8 +20,8 @@ from benchmarks.runner import Case, Work
 BARS = {"import": 200.0, "first frame": 400.0, "peak memory": 3.0}
 """Upper limits of the costs.
 
-Milliseconds of `import pyibr`; milliseconds from its start to a first frame, with kernels built before; and the memory
-that a warp at the largest size adds to the process, as a multiple of its inputs and outputs, which are included.
+Milliseconds of `import pyibr`; milliseconds from the import's start to a first frame, with kernels built before; and
+the memory that a warp at the largest size adds to the process, relative to its inputs and outputs, which are included.
 """
 
 IMPORT = """

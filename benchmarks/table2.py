@@ -43,13 +43,13 @@ FRESH = "nearest, fresh views"  # DepthImages made anew, so that everything is p
 
 OFF, UNCOVERED = "off", "uncovered"
 RIGHT = {OFF: 0.01, UNCOVERED: 0.02}
-"""Largest shares of a picture of 96 x 96 or more that may be off, or not covered.
+"""Largest fractions of a picture of 96 x 96 or more that may be off, or not covered.
 
 A depth image locates the end of a surface to a sample, and outlines are 6 to 21 % of these models' pixels at 96 x 96.
 Surfaces extend half a sample beyond their last samples, unless another view has looked through there.
 """
-_OFF = 0.02  # share of the depth
-_GLOBE_FINEST = 640  # side of the images whose grids rays are cast at as the globe; the elevation has 512 samples there
+_OFF = 0.02  # relative to the depth
+_GLOBE_FINEST = 640  # side of the images whose grids stand for the true globe; the elevation has 512 samples a side
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,8 @@ def rightness(frame: ibr.Frame, truth: ibr.DepthImage, covers: Mask) -> dict[str
     Returns
     -------
     dict
-        `OFF`: the share of its valid pixels whose depth is off by more than 2 %, or whose rays hit nothing;
-        `UNCOVERED`: the share of the pixels in the mask `covers` that it does not show.
+        `OFF`: the fraction of the picture's valid pixels whose depth is off by more than 2 %, or whose rays hit
+        nothing. `UNCOVERED`: the fraction of the pixels in the mask `covers` that the picture does not show.
     """
     with np.errstate(invalid="ignore"):
         is_right = np.abs(frame.depth / truth.depth - 1) <= _OFF
@@ -167,7 +167,7 @@ def _dragon(n: int, mesh: str) -> Model | Skip:
     camera = models.view(views, (n, n))
     truth = models.load_scene(path).capture(camera)
     part = part_of(load_frusta(models.DRAGON_HEAD)[1], models.DRAGON_HEAD)
-    low, high = np.sort(np.asarray(part) * (1, -1, -1), axis=0)  # the views have up turned over
+    low, high = np.sort(np.asarray(part) * (1, -1, -1), axis=0)  # in the views, up is -y
     y, x = np.nonzero(truth.valid)
     points = camera.unproject(np.column_stack([x, y]), truth.depth[y, x])
     covers = np.zeros(truth.valid.shape, np.bool_)

@@ -1,4 +1,4 @@
-"""The natural rival of reliefs and slices: the displaced donut as a mesh, which pyibr draws itself."""
+"""The alternative to reliefs and slices: the displaced donut as a mesh, which pyibr draws itself."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def tessellated(
     tiles: tuple[int, int],
     cut: int,
 ) -> ibr.Mesh:
-    """Displace `models.donut(sides)`, with each triangle cut into cut x cut that follow the surface.
+    """Displace `models.donut(sides)`, with each triangle cut into cut x cut triangles that follow the surface.
 
-    height: 0 lies rise[0] above the surface, and 1 (or 255) rise[1], in scene units.
+    height: values of 0 lie rise[0] scene units above the surface, and values of 1 (or 255) lie rise[1] above it.
     """
     fine = models.donut(sides * cut)
     assert fine.normals is not None and fine.uv is not None

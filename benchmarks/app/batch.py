@@ -1,6 +1,6 @@
-"""Batches: rate by workers, overhead of a frame, and results after kills, a lost scheduler and a full disk.
+"""Batches: rate by workers, overhead per frame, and results after kills, a lost scheduler and a full disk.
 
-``python -m benchmarks.app.batch`` prints the rows; kernels use one core a worker. Dask's processes are started on
+``python -m benchmarks.app.batch`` prints the rows; kernels use one core per worker. Dask's processes are started on
 loopback and ended by their process ids.
 """
 
@@ -50,7 +50,7 @@ def write_scans(folder: Path) -> dict[str, str]:
 
 
 def timed(run: Callable[..., Batch]) -> tuple[float, float]:
-    """Seconds a frame, without the first twentieth of the frames, and seconds until the first frame."""
+    """Seconds per frame, without the first twentieth of the frames, and seconds until the first frame."""
     times = list[float]()
     start = time.perf_counter()
     run(progress=lambda *counts: times.append(time.perf_counter()))
@@ -64,7 +64,7 @@ def checksums(folder: Path) -> dict[str, str]:
 
 
 def alone(inputs: dict[str, str], output: Path) -> float:
-    """Seconds a frame for the command, repeated in one process without a batch."""
+    """Seconds per frame of the command, repeated in one process without a batch."""
     job = Job(_COMMAND, inputs, str(output))
     runs = [
         [word.format(**task.inputs, out=output, name=task.name).removeprefix("file://") for word in job.template]

@@ -105,7 +105,7 @@ def _thing(name: str, plan: Plan) -> Any:
 
 
 def _count(pages: Pages, waiting: list[int], ended: threading.Event, slow: bool) -> None:
-    """Count waiting requests repeatedly; set the method of the slow case's page as soon as it is open."""
+    """Count waiting requests repeatedly; set the method of the slow case's page as soon as the page is open."""
     while not ended.wait(0.002):
         waiting.append(pages.waiting)
         opened: list[Any] = list(pages.open.values()) if slow else []

@@ -29,7 +29,7 @@ TWIN, BILATERAL = "NumPy twin", "cv2.bilateralFilter"
 BARS = {"640 x 480": 0.1, "1280 x 720": 0.1, "1920 x 1440": 0.1}
 """At most this ratio of `CLEANED` to the twin, by size."""
 
-LOST = 0.05  # share of the samples that are removed
+LOST = 0.05  # fraction of the samples that are removed
 HOLE = 16  # pixels: side of a square hole; each block of BLOCK x BLOCK squares has one
 BLOCK = 8
 

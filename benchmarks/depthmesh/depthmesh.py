@@ -95,7 +95,7 @@ MOVING = {
     "reuse 0.1": 0.1,
     "reuse 0.2": 0.2,
 }
-"""Values of `reuse`: shares of the tolerance by which triangles are finer, to be drawn again."""
+"""Values of `reuse`: fractions of the tolerance by which triangles are finer, so that they can be drawn again."""
 MESH, MESH_FULL, WARP = "depth mesh, 1 px", "depth mesh, full grid", "epipolar warp"
 FRESH_MESH, FRESH_WARP = f"{MESH}, fresh view", f"{WARP}, fresh view"
 
@@ -254,7 +254,7 @@ def _filled(thing: ibr.DepthMeshObject, side: int) -> ibr.Camera:
 
 
 def _quality(parameters: dict[str, Parameter], count: int, plan: Plan) -> Work | Skip:
-    """The blendings from random directions, compared with the model itself."""
+    """Pictures of each way of blending from random directions, compared with the model itself."""
     name, projection = str(parameters["model"]), parameters["projection"]
     scene = _scene(name, plan.dragon_mesh)
     meshes = _meshes(

@@ -33,8 +33,8 @@ HIERARCHY, TRIANGLES, BOTH = "pyibr, hierarchy", "pyibr, triangles", "pyibr, dep
 MESH, WHOLE = "pyibr, simplify", "pyibr, depth image to mesh"
 MARTINI_TILE, MARTINI_MESH, MARTINI_BOTH = "pymartini, tile", "pymartini, mesh", "pymartini, tile and mesh"
 BARS = {"hierarchy": 1.0, "triangles": 1.0, "delatin": 0.25}
-"""Largest allowed ratios on the Fuji tile: time of the hierarchy to pymartini's tile, number of triangles to
-pymartini's at its measured error, and time from depth image to triangles to pydelatin's whole run."""
+"""Largest allowed ratios on the Fuji tile: time of the hierarchy over pymartini's time for its tile; number of
+triangles over pymartini's at its measured error; time from depth image to triangles over pydelatin's whole run."""
 
 _EXTENT = (0.0005, 0.001, 0.002, 0.004, 0.008)  # errors, relative to the largest extent
 
@@ -78,7 +78,7 @@ def _prepare(prepare: Any, parameters: dict[str, Parameter], repeats: int, plan:
 
 @functools.cache
 def _surface(name: str, side: int, scan: str) -> Surface | Skip:
-    """Return "fuji", "relief" (always there), "dragon" (with holes), or "dragon, filled": on a plane behind it."""
+    """Return "fuji", "relief" (always available), "dragon" (with holes), or "dragon, filled" (by a plane behind it)."""
     if name in ("fuji", "relief"):
         # The size that suits the tree and pymartini is a power of two plus one sample.
         heights = terrain() if name == "fuji" else (-relief(side + 1)[1], 2 / side)
@@ -138,7 +138,7 @@ def departures(view: ibr.DepthImage, vertices: NDArray[Any], faces: NDArray[Any]
 def _errors(
     subject: str, surface: Surface, error: float, mesh: tuple[Any, Any], parameters: dict[str, Parameter]
 ) -> Iterator[Record]:
-    """Number of triangles, measured errors, and the share of samples without a triangle."""
+    """Number of triangles, measured errors, and the fraction of samples without a triangle."""
     here = {**parameters, "error": error}
     yield Record(subject, "triangles", "count", here, [len(mesh[1])])
     off = departures(surface.view, *mesh)
@@ -187,7 +187,7 @@ def _ours(surface: Surface, parameters: dict[str, Parameter], repeats: int, modu
 
 
 def _martini(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:
-    """Comparison with pymartini; its set-up for a tile size is not timed, as it is done once."""
+    """Comparison with pymartini; its set-up for a tile size is not timed, since one set-up serves all tiles."""
     depth, error, mesh = surface.view.depth, surface.error, _fresh(surface)
     martini = module.Martini(surface.side)
     tile = martini.create_tile(depth)

@@ -17,7 +17,7 @@ Work = Callable[[], object]
 
 
 def _view(size: Size) -> ibr.DepthImage:
-    """A view of rows from the middle of the relief."""
+    """A view of the relief, cropped to rows in its middle."""
     width, height = size
     top = (width - height) // 2
     color, depth = (array[top : top + height].copy() for array in relief(width))
@@ -71,7 +71,7 @@ def _depth_mesh(size: Size) -> Work:
 
 
 def _dragon(size: Size) -> Work | Skip:
-    """A dragon of 871,414 triangles or of 47,794: as many per pixel at 240 x 240 as at 1024 x 1024."""
+    """A dragon of 871,414 or 47,794 triangles: as many triangles per pixel at 240 x 240 as at 1024 x 1024."""
     mesh = scanned("dragon_vrip.ply.gz" if size[0] > 500 else "dragon_vrip_res3.ply.gz")
     if isinstance(mesh, Skip):
         return mesh

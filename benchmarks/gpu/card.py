@@ -33,7 +33,7 @@ TURNS = 9
 SAME = 1e-5
 """Relative difference of depths that other compilers may cause, as in the tests with one lane."""
 ALIKE = 0.999
-"""Share of the values that must be the same: at silhouettes, last bits decide."""
+"""Fraction of the values that must be the same: at silhouettes, last bits decide."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
@@ -100,7 +100,7 @@ def _private(device: ibr.Device) -> Work:
 
 
 def alike(found: NDArray[Any], expected: NDArray[Any], up_to: float = SAME) -> float:
-    """Share of the values that are the same, up to rounding; 0 if their shapes differ."""
+    """Fraction of the values that are the same, up to rounding; 0 if the arrays' shapes differ."""
     if found.shape != expected.shape:
         return 0.0
     if found.dtype.kind == "f":

@@ -1,6 +1,6 @@
 """A call's launches under Oclgrind, which counts instructions; `benchmarks.gpu.gpu` runs this in its own process.
 
-Each launch is split into pieces of one work-item and of several, in turns, so that single work-items are counted, too.
+Each launch is split alternately into pieces of one and of several work-items, so that single work-items are counted.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pyibr.opencl.in_flight import KernelCost
 from pyibr.opencl.watch import Watch, watching
 
 LAUNCH, PIECE = "=== launch", "=== piece"
-_SOME = 61  # work-items between two that are counted alone: a prime, to reach columns of pictures, too
+_SOME = 61  # work-items between two that are counted alone: a prime, so that they lie in all columns of pictures
 
 
 def _say(*words: object) -> None:

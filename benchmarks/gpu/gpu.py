@@ -1,7 +1,7 @@
 """Work of a GPU, counted without a GPU: launches and copies of each call, and instructions by kernel.
 
 The calls are second frames of kept views. Launches, waits, copies and work-items are counted in the GPU form on any
-device. Oclgrind counts instructions and bytes at a smaller size; they are multiplied by the pixels.
+device. Oclgrind counts instructions and bytes at a smaller size; the counts are scaled by the number of pixels.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tests.processes import run_within
 from tools import gpu_compile
 
 _SECONDS = 1200  # limit for a call under Oclgrind
-_LATENCY = 4  # cycles from an instruction to the next that needs its result
+_LATENCY = 4  # cycles from an instruction to the next instruction that needs its result
 _NO_WORK = re.compile(
     r"(alloca|bitcast|br|getelementptr|phi|ret|sext|switch|trunc|unreachable|zext|\w+ private"
     r"|call llvm\.(lifetime|dbg|mem)\S*|call (?!_Z|llvm)\w+)\b"
@@ -187,7 +187,7 @@ def parsed(told: str) -> list[_Counts]:
 
 
 def _grown(small: list[_Counts], growth: float, traffic: Traffic) -> dict[str, Cost]:
-    """Scale costs to the call's own size: its number of work-items is known, and all costs grow with the pixels."""
+    """Scale costs to the call's own size by the growth in pixels; the number of work-items there is known."""
     items, of = defaultdict[str, int](int), defaultdict[str, Cost](Cost)
     for kind, kernel, count in traffic.of:
         items[kernel] += count if kind == "launch" else 0
@@ -201,5 +201,5 @@ def _grown(small: list[_Counts], growth: float, traffic: Traffic) -> dict[str, C
         cost.chain += launch.cost.chain
     for kernel, cost in of.items():
         cost.items = items[kernel]
-        cost.chain *= growth * counted[kernel] / max(items[kernel], 1)  # by as much as the mean work-item
+        cost.chain *= growth * counted[kernel] / max(items[kernel], 1)  # grows like the mean work-item
     return dict(of)

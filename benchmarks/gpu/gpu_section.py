@@ -35,7 +35,7 @@ alike: depths within {:g} of themselves, colours within one step. Differences li
 decide. Times are for a second frame of kept views, including its copy to the host. Kernels' times include the wait for
 each kernel. Private memory is the driver's own figure; the list leaves out kernels without any ({:.0f} kernels in all).
 """
-_SHOWN = 0.01  # least share of a call's instructions for a kernel to be listed
+_SHOWN = 0.01  # least fraction of a call's instructions for a kernel to be listed
 
 
 def gpu_section(result: Result, _: Path) -> list[str]:

@@ -1,8 +1,8 @@
 """``python -m benchmarks.relief.outlines [MESHES]``: outlines of even reliefs on real meshes, compared with cast rays.
 
 An even relief moves the mesh's surface inwards, and so its outline. The truth is the mesh with each triangle cut into
-finer ones whose corners are moved along the normals, ray cast by Open3D (Embree). It is inside out at parts that are
-thinner than the relief is deep.
+finer ones whose corners are moved along the normals, ray cast by Open3D (Embree). The truth is inside out at parts that
+are thinner than the relief is deep.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ HEIGHT = 0.5
 """Height of the even reliefs: the outline moves inwards by half of their depth."""
 
 CUTS = 4
-"""Parts of each side of a triangle in the truth."""
+"""Number of pieces into which the truth cuts each side of a triangle."""
 
 WHITE = np.full((2, 2, 3), 255, np.uint8)
 LIGHT: dict[str, Any] = {"direction": (0.4, -1.0, -0.7), "ambient": 0.2}
@@ -67,17 +67,17 @@ class Outline:
     Attributes
     ----------
     carved : float
-        Distance by which the outline has moved inwards over the true distance: 1 is right.
+        Distance by which the outline has moved inwards, divided by the true distance; 1 is right.
     iou : float
         Intersection over union with the truth.
     bare_iou : float
         Intersection over union of the bare mesh with the truth.
     holes, spurs : int
-        Pixels at least two pixels inside the true outline that are empty, and at least two outside that are covered.
+        Empty pixels at least two pixels inside the true outline, and covered pixels at least two pixels outside.
     inside_out : int
         Holes where the truth is seen from behind, or is closer to the mesh than its displacement.
     false_shadow : float
-        Share of the pixels in shadow that the truth lights.
+        Fraction of the pixels in shadow that are lit in the truth.
     """
 
     carved: float

@@ -33,7 +33,7 @@ PEER, PEER_FLOAT = "llvmpipe, heights in 8 bits", "llvmpipe, heights in float"
 PAPER_RATE = 85.0  # frames per second, GeForce 6800 GT: the refresh rate of its monitor
 BARS = {"plane": 0.3, "same picture": 45.0}
 SCENE_BARS = {"torus": ("linear", PAPER_RATE), "teapot": ("linear", PAPER_RATE), "room": ("safe", 25.0)}
-"""Least frames per second for a scene, and the way of searching that must reach them."""
+"""Least frames per second for a scene, and the kind of search that must reach them."""
 ROOMS = ("room", "room, the light moves")
 WAYS: dict[str, dict[str, Any]] = {
     "linear": {"search": "linear", "distance": "approximate"},
@@ -45,7 +45,7 @@ WAYS: dict[str, dict[str, Any]] = {
 }
 SAFE_STEPS = 0  # number of steps that denotes the safe search
 MAPS = ("bricks", "thin")
-EQUAL = 2e-3  # share of pixels that may be a texel too far; the tests allow the same to the safe search
+EQUAL = 2e-3  # fraction of pixels that may be a texel too far, as the tests allow for the safe search
 
 
 def cases(plan: Plan) -> Iterator[Case]:
@@ -131,7 +131,7 @@ def _scene(name: str, repeats: int) -> Work | Skip:
 def _room(name: str, repeats: int) -> Work:
     """Walls, floor, columns and a torus, all of them reliefs, with a spot's shadows: the paper's figure 1.
 
-    The light keeps its map while the scene stays; a moving light is made anew, with its map.
+    A light at rest keeps its shadow map while the scene stays the same; a moving light needs a new map in each frame.
     """
     height, color = bricks()
     quads = [
@@ -182,7 +182,7 @@ def _column(sides: int, x: float, y: float) -> ibr.Mesh:
 
 
 def _steps(name: str, steps: tuple[int, ...]) -> Work:
-    """Bricks, or single texels that stand out, at 15 degrees: misses of even steps, and the cost of both searches."""
+    """Bricks, or single texels that stand out, seen at 15 degrees: misses of even steps, and costs of both searches."""
     height = bricks()[0]
     if name == "thin":
         height = np.full((256, 256), 40, np.uint8)

@@ -205,7 +205,7 @@ def _truth(elevation: int) -> tuple[ibr.Camera, NDArray[Any], NDArray[np.bool_]]
     n = fine * len(height)
     ticks = (np.arange(n + 1) / n).astype(np.float32)
     u, v = np.meshgrid(ticks, ticks)
-    # cv2.remap reads between texel centres as slices do; the map is 0 at its border, so repeating changes nothing.
+    # cv2.remap interpolates between texel centres as slices do; the map is 0 at its border, so repeating has no effect.
     ring = cv2.copyMakeBorder(height, 1, 1, 1, 1, cv2.BORDER_WRAP)
     top = SCALE * cv2.remap(ring, u * len(height) + 0.5, v * len(height) + 0.5, cv2.INTER_LINEAR)
     y, x = np.mgrid[:n, :n]

@@ -1,11 +1,10 @@
 """Growth of time and visited samples with the image's side: O(n^3) for `search`, O(n^2) for `epipolar`.
 
-The scene is fixed in normalised image coordinates, so that the depth's range spans a part of the image that does not
-depend on n, and epipolar segments grow with n. White noise in the same range is the other extreme: the hit of a pixel's
-line is almost unrelated to the pixel's own hit, and the traced windows come apart as n grows. The number of windows is
-bounded, but these images are too small to reach the bound. So the growth of visits on noise has no bar. Both are
-drawn with `edges="connect"`, like the paper's displacement maps: one surface without holes, however steep its steps
-become with n.
+The scene is fixed in normalised image coordinates: epipolar segments cover the same fraction of the image at any n, and
+so grow with n. White noise in the same range of depth is the other extreme: the hit of a pixel's line is almost
+unrelated to the pixel's own hit, and the traced windows come apart as n grows. The number of windows is bounded, but
+these images are too small to reach the bound. So the growth of visits on noise has no bar. Both scenes are drawn with
+`edges="connect"`, like the paper's displacement maps: one surface without holes, however steep its steps become.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ BARS = {
     (NOISE, "end to end"): (-math.inf, 2.25),
     (SEARCH, "visited"): (2.85, 3.15),
 }
-"""The exponent's least and greatest value, by subject and quantity. O(n^2) only limits the greatest."""
+"""Least and greatest exponent, by subject and quantity. O(n^2) limits only the greatest."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:

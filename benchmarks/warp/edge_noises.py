@@ -15,9 +15,9 @@ _LEVELS = 255  # steps of 8 bits from the farthest sample's nearness to the near
 _QUARTER = 0.25  # pixels of disparity
 _MILLIMETRES = 0.003  # metres
 _DISPARITY = 0.1  # pixels, like structured light
-_PROPORTION = 0.005  # of depth
-_BLURRED, _SPREAD = 0.01, 8.0  # part of depth, and number of samples over which it changes
-_WHITE = 0.0005  # part of depth, independent in each sample
+_PROPORTION = 0.005  # relative to the depth
+_BLURRED, _SPREAD = 0.01, 8.0  # relative to the depth, and number of samples over which the noise changes
+_WHITE = 0.0005  # relative to the depth, independent in each sample
 
 
 def _rounded(depth: Array, step: float) -> Array:
@@ -31,7 +31,7 @@ def _eight_bits(depth: Array, rng: np.random.Generator) -> Array:
 
 
 def _of_disparity(depth: Array, rng: np.random.Generator) -> Array:
-    """Noise of disparity. At least a quarter pixel of disparity stays, so that no sample lies behind the camera."""
+    """Noise of disparity. A quarter pixel of disparity always remains, so that no sample lies behind the camera."""
     disparity = FOCAL_BASELINE / depth + rng.normal(0, _DISPARITY, depth.shape)
     return FOCAL_BASELINE / np.maximum(disparity, _QUARTER)
 

@@ -23,7 +23,7 @@ Array = NDArray[Any]
 Things = list[Thing]
 
 _FOCAL = 0.9  # image widths: 58 degrees across
-_FEWEST_SAMPLES = 3.0  # samples per pitch of a pattern; images with fewer would show aliases
+_FEWEST_SAMPLES = 3.0  # least number of samples per pitch of a pattern; with fewer, images would show aliases
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Scene:
     across : float
         Width of an orthographic camera's picture in metres; 0: a perspective camera.
     pitch : float
-        Distance x/z from one bar or square of its pattern to the next; infinite without a pattern.
+        Distance x/z from one bar or square of the scene's pattern to the next; infinite without a pattern.
     """
 
     name: str
@@ -134,13 +134,13 @@ def _wires(pitch: float, radius: float, angles: tuple[float, ...]) -> Things:
 
 
 def _chequer(side: float, near: float, far: float, turn: tuple[float, float] = (0, 0)) -> Things:
-    """Squares at one depth before a plane at another, turned about the middle point at the first depth."""
+    """Squares at depth `near` in front of a plane at depth `far`, turned about the middle point at depth `near`."""
     frame, middle = _turn(*turn), _point(0, 0, near)
     return [[Squares(middle, frame.T, side)], [_behind(middle + (far - near) * frame[:, 2], -frame[:, 2])]]
 
 
 def _terraces(step: float) -> Things:
-    """Plates one behind the other, each farther by a fixed part of its depth."""
+    """Plates one behind the other, each farther by a fixed fraction of its depth."""
     depths = 2 * (1 + step) ** np.arange(8)
     ends = zip(depths, np.linspace(-0.4, 0.4, len(depths)), strict=True)
     return [*([box((-9, -9, z), (x * z, 9, z + 0.001))] for z, x in ends), _wall(4)]
@@ -153,7 +153,7 @@ def _stairs(tread: float) -> Thing:
 
 
 def _balls(radius: float) -> Things:
-    """Balls that touch one another, before a wall."""
+    """Balls that touch one another, in front of a wall."""
     step, places = 2 * radius, range(-3, 4)
     balls: Things = [
         [Ball(_point(step * (i + j % 2 / 2), step * j * np.sqrt(0.75), 2.2 + 0.02 * i), radius)]
@@ -174,7 +174,7 @@ def _cylinders() -> Things:
 
 
 def _ridge(degrees: float, valley: bool) -> Things:
-    """Two planes that meet in a line, each turned by so many degrees from facing the camera."""
+    """Two planes that meet in a line, each turned by `degrees` from facing the camera."""
     s, c = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     if valley:
         normals = np.array([[s, 0.1, c], [-s, 0.1, c]])
@@ -186,7 +186,7 @@ def _ridge(degrees: float, valley: bool) -> Things:
 def _waves(amplitude: float, across: float, down: float) -> Things:
     """A surface whose logarithm of depth is a wave over the image.
 
-    The tangent of its greatest angle from facing the camera is the amplitude times the length of (across, down).
+    The surface turns away from the camera by up to an angle whose tangent is the amplitude times |(across, down)|.
     """
     return [[Relief(lambda x, y: 3 * np.exp(amplitude * np.sin(across * x + down * y)))]]
 
@@ -233,7 +233,7 @@ def _spring() -> Thing:
 
 
 def _room() -> Things:
-    """A room with plates 0.1 m before its back wall, and a box against a side."""
+    """A room with plates 0.1 m in front of its back wall, and a box against a side wall."""
     plates: Things = [
         [box((x, y, 3.9), (x + side, y + side, 3.92))]
         for x, y, side in ((-1.4, -0.9, 0.6), (-0.4, -0.6, 0.9), (0.9, -1, 0.4), (-1.2, 0.1, 0.3), (0.8, 0.2, 0.7))
@@ -299,7 +299,7 @@ def _house() -> Things:
 
 
 def _corrugated() -> Things:
-    """Rods side by side, half sunk into an oblique plate: each hides a part of the next."""
+    """Rods side by side, half sunk into an oblique plate: each rod hides a part of the next."""
     turn, middle = _turn(0, 50), _point(0, 0, 2.5)
     rods = [
         Rod(middle + turn @ _point(x, -3, 0), middle + turn @ _point(x, 3, 0), 0.1) for x in np.arange(-2.4, 2.5, 0.25)
@@ -313,7 +313,7 @@ def _table() -> Things:
     return [[top, *legs], [Ball(_point(0.2, -0.87, 2.3), 0.12)], _floor(0), _wall(3.6)]
 
 
-_STANDING = (0, -1.5, 0), (0, -1.0, 3)  # the eyes' height, and a point before one's feet
+_STANDING = (0, -1.5, 0), (0, -1.0, 3)  # a viewpoint at the height of eyes, and a point ahead to look at
 
 SCENES: tuple[Scene, ...] = (
     Scene("thin rods", lambda: _rods("thin rods", 12, 0.008)),

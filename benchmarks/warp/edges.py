@@ -35,8 +35,8 @@ WAYS: dict[str, float | None] = {AUTOMATIC: None, **{f"cut_ratio={ratio:g}": rat
 TORN, SHEETS = "torn", "sheets"
 BASE = "cut_ratio=1.05"
 BARS = {TORN: (0.3, 0), SHEETS: (1.1, 30)}
-"""Greatest multiple of the count of `BASE` in all scenes, and number of samples more."""
-SEPARATOR = ", "  # between the noises: a record has one value per noise
+"""Limits on the count in all scenes: a multiple of the count of `BASE`, plus a number of samples."""
+SEPARATOR = ", "  # between the names of noises: a record has one value per noise
 FEW = 100  # samples across; smaller images may have no more sheets than with `BASE`
 
 
@@ -72,7 +72,7 @@ def torn_and_sheets(view: ibr.DepthImage, cut_ratio: float | None, right: Array,
 
 
 def view_of(depth: Array, camera: ibr.Camera, scene: str, noise: str) -> ibr.DepthImage:
-    """Depth image of exact depth with added noise, always the same for one scene, noise and size."""
+    """Depth image of exact depth with added noise, which is always the same for one scene, kind of noise and size."""
     seed = zlib.crc32(f"{scene}, {noise}, {camera.size}".encode())
     return ibr.DepthImage(None, noisy(depth, noise, seed), camera)
 

@@ -75,7 +75,7 @@ def subjects(task: Task) -> dict[str, Subject]:
 
 
 def source_positions(task: Task) -> tuple[Array, Array]:
-    """float32 (H, W) x and y: the place in the source that each target pixel shows; -1 in holes."""
+    """float32 (H, W) x and y: the position in the source that each target pixel shows; -1 in holes."""
     frame = task.ours(**task.finest)
     x, y = np.meshgrid(*(np.arange(size, dtype=np.float32) for size in task.target.size))
     z = np.where(frame.valid, frame.depth, 1.0).astype(np.float32)
@@ -104,7 +104,7 @@ def kernels(task: Task, ours: Mapping[str, Options], parameters: dict[str, Param
 
 
 def sameness(task: Task, name: str, options: Options, parameters: dict[str, Parameter]) -> Iterator[Record]:
-    """Shares of the target that a pyibr subject and cv2.warpFrame cover, and a check that both warps are the same."""
+    """Fractions of the target that a pyibr subject and cv2.warpFrame cover, and a check that both warps agree."""
     cv2 = opencv("the benchmark of the warp", "warpFrame")
     depth, _, seen = cv2.warpFrame(task.depth, task.color, task.mask, task.target_from_source, task.source.K)
     frame = task.ours(**options)

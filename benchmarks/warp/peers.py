@@ -23,7 +23,7 @@ from benchmarks.warp.opencv import Task
 
 Array = NDArray[Any]
 
-CUT_RATIO = 1.05  # ratio of neighbours' depths beyond which they are not one surface
+CUT_RATIO = 1.05  # neighbours whose depths have a greater ratio are not one surface
 NEAREST, LINEAR = "pyibr nearest", "pyibr linear"
 OURS: dict[str, opencv.Options] = {NEAREST: {"interpolation": "nearest"}, LINEAR: {"interpolation": "linear"}}
 OPEN3D_BUILD, OPEN3D_CAST = "Open3D build", "Open3D cast"
@@ -33,10 +33,10 @@ BARS = {
     (LINEAR, 1024): 0.65,
     **{(subject, n): 0.35 for subject in OURS for n in (2048, 4096)},
 }
-"""Greatest part of the time of cv2.warpFrame, by subject and size: the median over the positions."""
+"""Greatest ratio to the time of cv2.warpFrame, as the median over the positions, by subject and size."""
 
 REMAP_BAR, REMAP_FROM = 1.7, 1024
-"""Greatest multiple of the time of cv2.remap, from this size on: the median over the positions."""
+"""Greatest ratio to the time of cv2.remap, as the median over the positions, and the size from which it applies."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
@@ -69,7 +69,7 @@ def _relief(n: int) -> tuple[Array, Array]:
 
 
 def _open3d(task: Task) -> dict[str, Subject]:
-    """Rays against the same surface, depth only. The scene is built anew in each turn, the rays are not."""
+    """Rays against the same surface, for depth only. Each turn builds the scene anew, but not the rays."""
     o3d: Any = import_module("open3d")
 
     height, width = task.depth.shape

@@ -35,11 +35,11 @@ class Rig:
     Attributes
     ----------
     zoom : float
-        Ratio of its focal length to the depth camera's.
+        Ratio of the colour camera's focal length to the depth camera's.
     aside : float
-        Distance in metres.
+        Distance between the cameras in metres.
     turn : float
-        Angle in degrees.
+        Angle between the cameras in degrees.
     """
 
     zoom: float
@@ -56,7 +56,7 @@ BARS = {
     ("narrow", "640 x 480"): 1.2,
     ("narrow", "1280 x 720"): 0.7,
 }
-"""At most this ratio of `REGISTERED` to cv2.registerDepth, by rig and size."""
+"""Largest ratio of the time of `REGISTERED` to that of cv2.registerDepth, by rig and size."""
 
 SCALE = 1000.0  # counts of uint16 per metre
 
@@ -66,7 +66,7 @@ def cases(plan: Plan) -> Iterator[Case]:
     scene, missing = scenes.standing_in(plan.rgbd_scene)
     if missing is not None:
         yield Case({"case": "registration"}, lambda: missing)
-    # Both rigs of a size, then the next size: freed larger arrays would spare OpenCV fresh pages for smaller ones.
+    # All rigs of a size come before the next size: freed larger arrays would spare OpenCV fresh pages for smaller ones.
     for (size, repeats), rig, noise in itertools.product(plan.registration.items(), RIGS, plan.rgbd_noise):
         parameters: dict[str, Parameter] = {"scene": scene, "rig": rig, "size": scenes.shown(size), "noise": noise}
         yield Case(parameters, functools.partial(_prepare, parameters, scene, RIGS[rig], size, noise, repeats))

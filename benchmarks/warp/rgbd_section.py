@@ -119,7 +119,7 @@ def rgbd_section(result: Result, folder: Path) -> list[str]:
 
 
 class _Rows:
-    """The timed warps, in groups by kind of motion, size and noise; a group's rows are its motions."""
+    """The timed warps, in groups by kind of motion, size and noise; a group has one row per motion."""
 
     def __init__(self, result: Result) -> None:
         self.result = result

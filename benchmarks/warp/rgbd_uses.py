@@ -32,14 +32,15 @@ BARS = {
     "origins": 1.15,
     "classes": 1.5,
 }
-"""At least: one thread's time over two threads'; pairs a second. At most: `resolve` on white noise over the same on a
-smooth surface; one call over single calls; milliseconds of a fresh small image; several views in one picture over as
-many pictures of one view, once their gains are known; a warp with origins, or also with classes, over a plain one."""
+"""Least values: time of one thread over the time of two; stereo pairs per second. Largest values: time of `resolve` on
+white noise over its time on a smooth surface; one call over single calls; milliseconds of a fresh small image; several
+views in one picture over as many pictures of one view, once their gains are known; a warp with origins, or also with
+classes, over a plain warp."""
 
 THREADS = (1, 2)
 SMOOTH, NOISE = "smooth surface", "white noise"
 AMPLITUDES = {"connect": 1.0, "cut": 0.1}
-"""Range of the noise as a part of the smooth surface's, by `edges`: a cut surface must stay covered."""
+"""Range of the noise relative to the range of the smooth surface, by `edges`: a cut surface must stay covered."""
 
 EYES = 0.032  # metres from the middle to either eye
 STEREO = {"connected": "connect", "cut": "cut"}
@@ -47,7 +48,7 @@ LIGHT_FIELD_WIDTH = 0.24  # metres from the first camera to the last
 ONE_CALL, SINGLE = "one call", "single warps"
 TOGETHER_STEP = 0.002  # metres between neighbouring views
 TOGETHER = "in one picture"
-TOGETHER_HELD = 6  # the greatest number of views at which none is drawn twice
+TOGETHER_HELD = 6  # largest number of views at which no view is drawn twice
 FRESH, KEPT = "fresh", "kept"
 PLAIN = "plain"
 TOLD: dict[str, opencv.Options] = {PLAIN: {}, "origins": {"origins": True}, "classes": {"classes": True}}
@@ -119,7 +120,7 @@ def _threads(parameters: dict[str, Parameter], scene: str, size: Size, repeats: 
 
 
 def _white_noise(parameters: dict[str, Parameter], size: Size, repeats: int) -> Work:
-    """`resolve` where every line's hit misleads, and where almost none does; in turns."""
+    """`resolve` where every line's hit differs from the pixel's hit, and where almost no hit does; in turns."""
     edges: Any = parameters["edges"]
     width, height = size
     color, depth = np.ascontiguousarray(scenes.relief(width)[0][:height]), _without_steps(width)[:height]

@@ -18,8 +18,8 @@ Array = NDArray[Any]
 
 NEAREST = 0.05  # metres: rays begin there
 UNJUDGED, ONE_SURFACE, TWO_SURFACES = 0, 1, 2
-_SEAM = 1e-4  # part of the depth: smaller jumps come from rounding and finite refinement at a seam
-_JUMP = 2e-3  # part of the depth: jumps between the two are not judged, since surfaces bend as much between samples
+_SEAM = 1e-4  # relative to the depth: smaller jumps come from rounding and finite refinement at a seam
+_JUMP = 2e-3  # relative to the depth: jumps from _SEAM to _JUMP are not judged, since smooth surfaces bend as much
 _STEPS = 32  # between two pixels: parts thinner than a step may be missed
 _CHANGES = 4  # changes from part to part within a step
 _HALVINGS = 25  # halvings of a step: even at its limb, a ball of 1 m at 3 m falls by less than _SEAM there
@@ -176,7 +176,7 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Squares:
-    """Every other square of a chequer in a plane. Pixels must be smaller than squares."""
+    """Every other square of a chequerboard in a plane. Pixels must be smaller than squares."""
 
     center: Array
     axes: Array
@@ -284,10 +284,10 @@ def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, end
 
 
 def _largest_jump(things: Sequence[Thing], camera: ibr.Camera, ends: Array) -> Array:
-    """Find the largest jump of the surface between two pixels (2, N, 2), as a part of its depth.
+    """Find the largest jump of the surface between two pixels (2, N, 2), relative to its depth.
 
-    The surface can jump only where one part follows another. Each such place is found by halving, up to `_CHANGES` in a
-    step.
+    The surface can jump only where rays pass from one part to another. Each such change is found by halving, up to
+    `_CHANGES` in a step.
     """
     pixels = ends[0] + (ends[1] - ends[0]) * np.linspace(0, 1, _STEPS + 1)[:, None, None]
     depth, part = _cast_at(things, camera, pixels)

@@ -25,7 +25,7 @@ SEEN, HOLES = "seen", "holes"
 DEPTH, COLOR = "depth deviation", "colour deviation"
 
 NOISE = 0.3  # pixels of disparity
-LOST = 0.05  # part of the samples
+LOST = 0.05  # fraction of the samples that are missing
 COLOR_NOISE = 2.0  # levels of 255
 
 MOTIONS: dict[str, tuple[tuple[int, ...], int | None]] = {
@@ -85,7 +85,7 @@ def _prepare(parameters: dict[str, Parameter], size: Size, count: int) -> Work |
 def _frame(
     views: list[ibr.DepthImage], recorded: list[list[Frame]], found: list[list[NDArray[np.float32]]], k: int
 ) -> list[ibr.DepthImage]:
-    """Surroundings that all cameras share at one time."""
+    """The views' images at frame `k`: recorded colours, and the depths `found`."""
     of_each = zip(views, recorded, found, strict=True)
     return [ibr.DepthImage(frames[k][0], own[k], view.camera) for view, frames, own in of_each]
 
