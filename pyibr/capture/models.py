@@ -328,7 +328,7 @@ def _outside(
 def _joined_at_rim(first: DepthImage, last: DepthImage) -> tuple[DepthImage, DepthImage]:
     """Close the gap of one pixel between the two walls of a solid, at the rim where rays stop hitting it.
 
-    A missed pixel next to a hit one gets, in both images, the mean of its neighbours' points midway between the walls.
+    In both images, a missed pixel next to a hit pixel gets the mean of its neighbours' points midway between the walls.
     Otherwise both walls would end before the rim, where a ray touches the solid and the walls meet.
     """
     near, far = np.pad(first.depth, 1, constant_values=np.inf), np.pad(last.depth, 1, constant_values=np.inf)

@@ -33,7 +33,7 @@ _MARGIN = 1.06  # factor that widens the angles of view around the points that a
 _SEEN = 0.7  # worth of seeing a point at all; the rest rewards resolution. Lower values leave more unseen
 
 Progress = Callable[[int, int, float], None]
-"""(frusta so far, number wanted, share of the surface that no frustum sees)"""
+"""(frusta so far, number wanted, fraction of the surface that no frustum sees)"""
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ class Closing:
     surfaces : list of CoarseMesh
         Surface of each view, which shows in holes; with its rubber sheets if sheets close holes.
     backs, sheets : list of CoarseMesh
-        For each view, the back side of its surface, and coarse triangles in place of those that segmentation removed.
+        For each view, the back side of its surface, and coarse triangles in place of rubber sheets.
     far_sides : list of FarSides
         For each view, the surfaces that continue behind its depth edges.
     arguments : dict

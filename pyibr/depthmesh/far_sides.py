@@ -135,7 +135,7 @@ def _nearest(origin: Whole, width: int, wanted: NDArray[np.bool_] | Literal[True
 
 
 def _spread(known: NDArray[np.bool_], color: Float32, wanted: NDArray[np.bool_] | Literal[True] = True) -> Float32:
-    """Fill the colours (h, w, k) of wanted, unknown elements with a blend of those around (pull and push)."""
+    """Fill the colours (h, w, k) of wanted, unknown elements with a blend of known colours (pull and push)."""
     if known.all():
         return color
     have = _quarters(known, False).astype(np.float32)[..., None]

@@ -62,8 +62,8 @@ class Frame(Pictured):
     alpha : (H, W) float32, or None
         With several samples per pixel: the fraction of samples that show a surface. The colour is the mean of all
         samples; without a background and without filled holes, it is the surface's colour times alpha. Filled samples
-        contribute to the pixel's colour, but not to its alpha. The depth is that of the front surface among the seen
-        samples, or of the filled samples where none was seen.
+        contribute to the pixel's colour, but not to its alpha. The depth is the front surface's among the seen
+        samples, or among the filled samples where no sample was seen.
     guessed : (H, W) bool, or None
         If a drawable that guesses was drawn, such as a closed `DepthMeshObject`: the pixels that show surface which no
         view saw. With several samples per pixel, one such sample suffices. Guessed pixels are valid, but only for

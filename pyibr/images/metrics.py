@@ -286,7 +286,7 @@ def hole_ratio(valid: Mask, *, expected: Mask | None = None) -> float:
     valid : (H, W) bool
         True where a surface was seen, as `Frame.valid`.
     expected : (H, W) bool, optional
-        The pixels that count: those where a surface can be seen. All if not given.
+        The pixels that count, where a surface can be seen; all if not given.
 
     Examples
     --------

@@ -183,7 +183,7 @@ def with_camera(recording: Recording, camera: Camera) -> Recording:
 
 
 class Shot(NamedTuple):
-    """One frame: its files, the camera of its colours, and that of its depth if different.
+    """One frame: its files, the camera of its colours, and the camera of its depth if different.
 
     color: None for depth alone. stored: storage of the files. number: the frame's own, used in the names of results.
     """

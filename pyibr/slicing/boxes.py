@@ -59,7 +59,7 @@ class Box:
         return 0.5 * (self.low + self.high) @ self.axes
 
     def grown(self, by: float) -> Box:
-        """Return the box with all of its sides moved outwards by this much."""
+        """Return the box with all sides moved outwards by a distance."""
         return Box(self.axes, self.low - by, self.high + by)
 
     @property

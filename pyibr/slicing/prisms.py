@@ -27,7 +27,7 @@ class Volume:
     Attributes
     ----------
     points : (V, 3) float32
-        Corners, in the world: the base's vertices, then those `scale` above them.
+        Corners, in the world: the base's vertices, then their copies moved by `scale`.
     uv : (V / 2, 2) float32
         u and v (tiled) of the base's vertices.
     corners : (T, 6) int32

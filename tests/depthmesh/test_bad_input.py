@@ -215,7 +215,7 @@ def test_the_least_sizes(size, projection):
     assert 2 <= len(thing.simplify(10).faces) <= 2 * cells
     frame = ibr.render([thing, ibr.DepthMeshObject([view])], view.camera.resized((40, 30)))
     assert frame.valid.sum() > 100
-    # The tolerance allows for rounding of the inverse, and of interpolation within a triangle.
+    # Tolerance: rounding of the inverse, and of interpolation within a triangle.
     np.testing.assert_allclose(frame.depth[frame.valid], 4, rtol=1e-5)
 
 

@@ -39,6 +39,6 @@ def test_where_a_view_ends_the_other_has_all_weight(blend):
     x = np.arange(81)
     ends = [np.minimum(np.minimum(x, 80 - x), FADED), np.clip(np.minimum(x - 40, 80 - x), 0, FADED)]
     first, second = (np.maximum(255 * end // FADED, 1) * (x >= start) for end, start in zip(ends, (0, 40), strict=True))
-    # The tolerance allows for half a level of rounding, and weights of 8 bits.
+    # Tolerance: half a level of rounding, and weights of 8 bits.
     assert np.abs(row - (50 * first + 250 * second) / (first + second)).max() <= 1
     assert np.abs(np.diff(row[8:73])).max() <= 200 / FADED

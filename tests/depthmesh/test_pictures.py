@@ -101,7 +101,7 @@ def test_views_seen_small_are_averaged(projection):
         assert small.valid.mean() > 0.8
         seen = small.color[small.valid].astype(float)
         assert abs(seen.mean() - 140) < 5 and seen.std() < spread, scale
-        assert np.ptp(seen, axis=-1).max() == 0  # gray alone: red samples have no depth
+        assert np.ptp(seen, axis=-1).max() == 0  # only gray: red samples have no depth
     same = ibr.render(thing, camera)
     assert same.valid.mean() > 0.97 and set(np.unique(same.color[same.valid])) == {40, 240}
 

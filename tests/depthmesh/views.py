@@ -20,7 +20,7 @@ DIRECTIONS = ((0.5, 0.4, 1), (-1, 0.3, 0.2), (0.2, -1, -0.5))
 
 
 def rough_depth(rng: np.random.Generator, size: scenes.Size, noise: float = 0.02, holes: float = 0.0) -> np.ndarray:
-    """(H, W) float32 depths: waves and noise around 4, with a share of holes."""
+    """(H, W) float32 depths: waves and noise around 4, and a fraction of holes."""
     a, b = scenes.image_coordinates(size)
     phase = rng.uniform(0, 6, 2)
     depth = 4 + 0.4 * np.sin(3 * a + phase[0]) + 0.4 * np.cos(4 * b + phase[1]) + rng.normal(0, noise, a.shape)

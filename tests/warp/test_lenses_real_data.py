@@ -74,7 +74,7 @@ def slopes(image: np.ndarray) -> np.ndarray:
 
 
 def alike(depth_lens: bool = True, color_lens: bool = True) -> float:
-    """Correlation of two gradients: of the infrared image's logarithm, and of the colours of its samples.
+    """Correlation between gradients of the infrared image's logarithm and of its samples' colours.
 
     Both images are the depth camera's, blurred by a pixel. Samples within 3 pixels of uncoloured ones do not count.
     """

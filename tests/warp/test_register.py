@@ -70,7 +70,7 @@ def test_depth_in_the_colour_camera(cameras, dtype):
     sure = cv2.erode(sees.astype(np.uint8), np.ones((5, 5))).astype(bool) & ~within(box, 2)
     assert sure.mean() > 0.6
     assert np.isfinite(found[sure]).all(), "no gaps where a surface is visible"
-    # The tolerance is half a unit of 1/10000, in addition to a thousandth of the depth.
+    # Tolerance: half a unit of 1/10000, in addition to a thousandth of the depth.
     assert (np.abs(found - truth) < 1e-3 * truth + (5e-5 if dtype == np.uint16 else 0))[sure].all()
 
 
