@@ -138,7 +138,7 @@ def bumps(n: int) -> Array:
 
 
 def source_camera(n: int) -> ibr.Camera:
-    """Camera that sees 80 degrees over the image's side."""
+    """Camera whose image covers 80 degrees a side."""
     middle = (n - 1) / 2
     return ibr.Camera([[0.6 * n, 0, middle], [0, 0.6 * n, middle], [0, 0, 1]], (n, n))
 

@@ -155,7 +155,7 @@ class _Search:
         up = np.eye(3)[np.abs(target - eye).argmin()]
         try:
             self._candidates.append(self.candidate(Frustum.look_at(eye, target, up, self._size, fov=angle)))
-        except ArgumentError:  # single precision draws nothing from there
+        except ArgumentError:  # too near or far for single precision
             return
 
     def best(self) -> _Candidate | None:

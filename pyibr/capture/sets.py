@@ -251,9 +251,8 @@ def write_set(
 
     Parameters
     ----------
-    folder : path
-        Created if missing. Files of an earlier set are overwritten; files of views beyond the last one stay.
-    views : sequence of DepthImage
+    folder, views
+        As for `save`.
     more : sequence of dict, optional
         Fields of each view's entry besides its camera, `far` and files.
     **about

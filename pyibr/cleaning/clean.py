@@ -76,9 +76,7 @@ def clean_depth(
         In a sequence, the cleaned depth of the previous frame as seen by the current camera, NaN where unknown. If the
         camera moves, warp the previous depth to the new camera as in the example.
     noise : float, (a, b, c) or callable, optional
-        Noise of the depth, as for `DepthImage`: the standard deviation of 1 / depth (`disparity_noise`); three
-        numbers, for a standard deviation of a z^2 + b z + c at depth z; or a function of depths. By default it is
-        estimated from the samples.
+        Noise of the depth, in the forms that `DepthImage` accepts. By default it is estimated from the samples.
     holes : int
         0 to 1000 pixels: gaps up to twice this width are filled if there is depth around them.
     strength : float

@@ -47,7 +47,7 @@ class Blending:
     closeness : (views,) float64
         Weights of the views: closeness of their viewpoints to the target's, in 1 / scene units.
     epsilon : float
-        Largest distance behind the front surface, in scene units, at which a surface counts as the same.
+        As for `DepthMeshObject`, in scene units.
     share : float
         Fraction of the tolerance for each mesh: two meshes of one surface may deviate to opposite sides.
     closing : Closing, optional

@@ -100,7 +100,7 @@ def select_for(trees: Sequence[Tree], camera: Camera, tolerance: float, reuse: f
 
 
 def active_within(tree: Tree, max_error: float) -> DeviceArray:
-    """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
+    """Mark the vertices needed for a vertical error of at most `max_error` scene units: (side + 1, row) uint8."""
     active = zeros(tree.states.shape, np.uint8)
     coarse = max(tree.side // _SHARES, 1)
     grid = (tree.side // coarse + 1,) * 2

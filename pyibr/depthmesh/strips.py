@@ -29,8 +29,7 @@ def strips_of(samples: Int32, faces: Int32, size: tuple[int, int], side: int) ->
     Returns
     -------
     list of (n,) int32
-        Every three consecutive numbers form a triangle, and every second triangle has the opposite winding. A number
-        that is repeated after one other number turns the strip.
+        As returned by `DepthMesh.strips`. A number that is repeated after one other number turns the strip.
     """
     ordered = faces[np.argsort(_along_curve(samples, size, side), kind="stable")].tolist()
     strips: list[Int32] = []

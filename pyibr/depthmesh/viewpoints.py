@@ -41,10 +41,7 @@ class DrawnViews:
 
 
 class Viewpoints:
-    """Viewpoints of the views of an object.
-
-    The viewpoint of an orthographic camera lies in front of the object's centre, at the average distance of the
-    perspective views, or at twice the object's extent if there are none.
+    """Viewpoints of an object's views; for orthographic views see `DepthMeshObject.weights`.
 
     Parameters
     ----------
@@ -83,9 +80,7 @@ class Viewpoints:
         Returns
         -------
         (views,) float64
-            Closeness: inverse distances of the viewpoints from the camera's, in 1 / scene units. Among views with the
-            same viewpoint, those that look the same way as the camera are closest. Views whose surface the camera does
-            not see have almost no closeness.
+            Closeness, in 1 / scene units: the weights of `DepthMeshObject.weights`, but not normalised.
         list of int
             Indices of the views, best first; ties are broken by `ranks_of`.
         """

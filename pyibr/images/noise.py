@@ -96,8 +96,9 @@ def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) 
     terms = np.empty((number, 3))
     terms[:, 0], terms[:, 1], terms[:, 2] = z * z, z, 1.0
     terms /= in_depth[:, None]
-    # Least absolute differences for each subset of terms, by reweighted squares: outliers, such as a sky whose noise
-    # is clipped at nearness 0, have little weight. In the normal equations, terms outside a subset have identity rows.
+    # Each subset of terms is fitted for least absolute differences, by reweighted squares: outliers, such as a sky
+    # whose noise is clipped at nearness 0, have little weight. In the normal equations, terms outside a subset have
+    # identity rows.
     sizes: Float64 = np.sqrt(np.add.reduce(terms * terms, axis=0))
     scaled = terms / sizes
     products = (scaled[:, :, None] * scaled[:, None, :]).reshape(number, 9)

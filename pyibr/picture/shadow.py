@@ -57,7 +57,7 @@ class Lighting:
         Parameters
         ----------
         bias : float
-            Shadow bias in scene units: how far drawn points may lie in front of the true surface.
+            Shadow bias in scene units, as for `pyibr.picture.deferred.entry_for`.
         origin : (3,), optional
             Origin of the kernel's points, in the world.
         """

@@ -161,7 +161,7 @@ class ReliefSurface(HeightMapped):
 
     @cached_property
     def drawn(self) -> Mesh:
-        """The base, with vertices doubled at hard edges and where mirrored uv meet; its own vertices come first."""
+        """The base, with vertices doubled at hard edges and where mirrored uv meet; the base's vertices come first."""
         return split_at_mirrors(split_at_edges(self.base))
 
     @cached_property

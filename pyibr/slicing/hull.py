@@ -99,7 +99,7 @@ class VisualHull(MeshableSolid):
         return joined(self.masks)
 
     def with_views(self, views: Sequence[Silhouette | DepthImage]) -> VisualHull:
-        """Return the same hull of other views, for animations; see `DepthObject.with_views`.
+        """Return the same hull made from other views, for animations; see `DepthObject.with_views`.
 
         If an outline changes, the hull's box is searched again with all views; if only colours change, the box stays.
 

@@ -108,7 +108,7 @@ class DepthObject(MeshableSolid):
         draw_in_light(target, self, lighting, normals=True)
 
     def with_views(self, views: Sequence[DepthImage]) -> DepthObject:
-        """Return the same object of other views, for animations; data of unchanged views is shared.
+        """Return the same object made from other views, for animations; data of unchanged views is shared.
 
         Parameters
         ----------

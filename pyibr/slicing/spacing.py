@@ -58,6 +58,6 @@ def nearest_pixel(camera: Camera, corners: Float64) -> float:
 
 
 def halvings_between(spacing: float, pixel: float) -> int:
-    """Halvings of the interval between two slices that locate the surface within a small part of a pixel."""
+    """Number of halvings of the interval between slices that locate the surface to a fraction of a pixel."""
     parts = constant(_RAYS, "PIXEL_PARTS") * spacing / max(pixel, 1e-30)
     return min(math.ceil(math.log2(max(parts, 1.0))), int(constant(_RAYS, "HALVINGS_MAX")))

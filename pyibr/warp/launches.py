@@ -55,7 +55,7 @@ class Options:
     side: Side = "front"
 
     def from_both_sides(self) -> Options:
-        """Options for a light's map: the exact surface, whichever side the light is on."""
+        """Options for a light's map: the exact surface, from both sides."""
         return Options(connected=self.connected, side="both")
 
 

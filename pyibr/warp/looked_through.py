@@ -28,7 +28,7 @@ _FILE = "warp/looked_through.cl"
 
 @dataclass(frozen=True)
 class _Member:
-    """View of the set, as the kernels' struct SetView; its own surface, and the remaining part of it."""
+    """View of the set, as the kernels' struct SetView; its surface, and the part that remains of this surface."""
 
     view: DepthImage
     record: Struct

@@ -33,7 +33,7 @@ AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
 _CUT_RATIO = 1.05  # ratio of depths of different surfaces, where only two depths are known
 _DEVIATIONS = 3 * 2**0.5
-"""In standard deviations of a sample: three of the difference of two samples, which noise alone seldom exceeds."""
+"""As in `pyibr.warp.filling`."""
 
 _STRIDE, _RANGE = 7, (0.02, 0.98)  # every 7th sample of every 7th row; quantiles that bound the range of depth
 _LENSES = {  # LENS of kernels/lib/lens.h

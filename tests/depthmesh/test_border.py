@@ -35,8 +35,8 @@ def check_own_camera(size: scenes.Size, projection: str) -> None:
     thing, (width, height) = ibr.DepthMesh(view, tolerance=0, segmentation=WHOLE), size
     frame = ibr.render(thing, view.camera)
     assert frame.valid.all()
-    # Rounding of 1/z and back in float32; and the rasteriser moves corners by up to 1/512 pixel, where the slopes of
-    # waves and noise are below 0.4 per sample.
+    # Tolerance: rounding of 1/z and back in float32. The rasteriser also moves corners by up to 1/512 pixel, and slopes
+    # of waves and noise are below 0.4 per sample.
     np.testing.assert_allclose(frame.depth, view.depth, atol=2e-3)
     assert ibr.render(thing, view.camera.resized((2 * width, 2 * height))).valid.all()
     several = ibr.render(thing, view.camera, samples=4)

@@ -42,8 +42,8 @@ def test_as_many_as_are_asked_for(count):
     check_sound(mesh, view.camera)
     frame = ibr.render(mesh, view.camera)
     off = np.abs(frame.depth - clean)[frame.valid]
-    # With a quarter of the triangles on a half ball of radius 0.6, their sides e have e^2 = 9 / count. They lie
-    # e^2 / (8 r) = 2 / count below the ball, and several times that along lines of sight near its outline.
+    # With a quarter of the triangles on a half ball of radius 0.6, their sides e have e^2 = 9 / count. They
+    # lie e^2 / (8 r) = 2 / count below the ball, and several times as far along lines of sight near its outline.
     assert np.quantile(off, 0.95) < 20 / count
     whole = ibr.render(thing, view.camera).valid
     assert (frame.valid == whole).mean() > {4000: 0.999, 1000: 0.995, 200: 0.98}[count]

@@ -77,7 +77,7 @@ def test_a_noisy_room():
     _, off = off_by(mesh, clean, found)
     samples = (np.abs(view.depth - clean) / (clean / 525 + 2 * found))[view.valid & (clean > 0)]
     assert (off < 1).mean() > (samples < 1).mean() > 0.77  # the estimate is half a quantisation step
-    # Neighbours share most of this noise, so the estimate from their differences is half of it. The standard deviation
+    # Neighbours share most of this noise, so the estimate from differences is half the noise. The standard deviation
     # at each depth is the error that 68 % of the samples stay below.
     wrong, known, shell = np.abs(view.depth - clean), view.valid & (clean > 0), (clean / 0.5).astype(int)
     deviation = np.ones_like(clean)
@@ -85,7 +85,7 @@ def test_a_noisy_room():
         deviation[shell == number] = np.quantile(wrong[known & (shell == number)], 0.68)
     count, off = off_by(mesh, clean, deviation)
     assert count < 60_000
-    assert (off < 1).mean() > 0.95  # two deviations contain as much of normal noise
+    assert (off < 1).mean() > 0.95  # as much of normal noise is within two deviations
 
 
 def test_shapes_are_no_noise():

@@ -21,8 +21,8 @@ from tests.reference import depthmesh as reference
 SIZES = [(2, 2), (7, 13), (17, 17), (35, 20)]
 ERRORS: tuple[ErrorsBy, ...] = ("sum", "largest")
 
-# Depths are about 4 and stored as their inverses: two roundings of 2^-24 each way, a few more in differences of
-# positions, and as many again for each of at most 12 levels that are added.
+# Depths of about 4 are stored as inverses, with two roundings of 2^-24 each way. Differences of positions add a few
+# roundings, and each of at most 12 summed levels adds as many again.
 ATOL = 4 * 12 * 2**-21
 
 

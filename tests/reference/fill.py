@@ -33,7 +33,7 @@ def behind_reference(
     perspective: bool = True,
     same: tuple[float, float, float] = (0.0, 0.015, 0.0),
 ) -> Behind:
-    """Return the farther depth at the ends of each hole's line, and how surely the nearer end is foreground.
+    """Return the farther depth at the ends of each hole's line, and the falloff for foreground at the nearer end.
 
     The line runs from the hole away from the epipole, and towards it, in steps of a pixel along its longer axis.
 
@@ -226,7 +226,7 @@ def _pushed(cells: Array, told: bool | None, side: int) -> Array:
 
 
 def _pulled(base: Array, told: bool | None, side: int) -> Array:
-    """Fill cells (H, W, 5), `side` pixels wide, values times weights and weights, from coarser levels: (H, W, 4)."""
+    """Fill cells (H, W, 5) of weighted values and weights, `side` pixels wide, from coarser levels: (H, W, 4)."""
     height, width = base.shape[:2]
     levels = [np.pad(base, ((0, -height % TILE), (0, -width % TILE), (0, 0)))]
     for number in range(4):

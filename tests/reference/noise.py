@@ -27,7 +27,7 @@ _ROUNDING = 2.0**-17  # relative to the nearness: smaller differences are roundi
 _EDGE = 0.1  # relative to the nearness: neighbours that differ more are an edge
 _CELL = 2.0  # standard deviation of a cell's difference, in standard deviations of its four samples
 _FEW, _SMOOTH = 0.1, 0.8  # least fractions of cells without an edge, overall and in a range: fewer would be a selection
-_MOST, _OF_MOST = 0.6, 0.39639  # fraction of the differences, the smallest ones, and their mean in normal noise
+_MOST, _OF_MOST = 0.6, 0.39639  # fraction of smallest differences that is averaged, and its mean in normal noise
 _LEAST_QUARTER = 0.15793 / 1.4  # mean of the smallest quarter, with a reserve: edges raise the mean of `_MOST` more
 _SHAPE = 9.0  # squared ratio of differences two samples apart to those one apart: noise has 1, curves 16
 _FALL = 1.15  # largest ratio of noise to the noise of farther samples
@@ -37,9 +37,9 @@ _LEVELS_MIN = 12  # least number of levels: a scale has more, exact stairs have 
 _ONE_STEP = 0.6  # least fraction of changes by one step, and of levels whole steps apart: edges have any size
 _STAIRS = 0.01  # least fraction of the changes that are stairs, which are few on steep surfaces
 _WHOLE, _MOSTLY = 0.02, 0.9  # largest rounding of multiples of steps in float32; least fraction of multiples within it
-_STAIRS_MAX = 4_000  # changes to examine at most: their levels are as whole
+_STAIRS_MAX = 4_000  # largest number of changes to examine: a subset has the same levels
 _OFF = 0.2  # steps by which changes, and gaps between levels, may differ from whole steps: two scales may be mixed
-_NEAREST = 1e37  # nearness whose fourfold still fits single precision
+_NEAREST = 1e37  # four times this nearness still fits single precision
 _NOISE_MAX = 1e18  # scene units: the square still fits single precision
 _ROUNDS, _CLOSE = 3, 0.02  # number of fits; a larger difference in one fit weighs less in the next
 _SIMPLER = 0.03  # improvement of a fit that justifies one more term
@@ -66,18 +66,7 @@ _SIZES[0] = 0.0  # rounding
 
 
 class DepthNoise:
-    """Noise of an image's depth, and the steps of its scale; each is estimated on first use, or given.
-
-    Parameters
-    ----------
-    depth : (H, W) float32
-        Values that are not finite, <= 0 or >= `far` are no samples.
-    far : float
-    given : (a, b, c), optional
-        The deviation, if known.
-    cells : int
-        Number of cells to sample: with 6,000, noise is found to some percent.
-    """
+    """Noise of an image's depth, and the steps of its scale; parameters as in `pyibr.images.noise.DepthNoise`."""
 
     def __init__(
         self,
@@ -91,18 +80,14 @@ class DepthNoise:
 
     @cached_property
     def deviation(self) -> tuple[float, float, float]:
-        """(a, b, c), none negative: at depth z the noise has a standard deviation of about a z^2 + b z + c.
-
-        Stereo and structured light have the first kind of noise, time of flight the others. Noise on a scale is at
-        least half a step, since depths between two levels are rounded to either.
-        """
+        """(a, b, c), none negative: at depth z the noise has a standard deviation of about a z^2 + b z + c."""
         if self.given is not None:
             return self.given
         return _noise_of(self._strips, self.steps)
 
     @cached_property
     def steps(self) -> tuple[float, float, float]:
-        """(a, b, c), none negative: distance a z^2 + b z + c of a coarse scale's levels (disparity, whole units)."""
+        """(a, b, c), none negative: levels of a coarse scale (disparity, whole units) are a z^2 + b z + c apart."""
         return _scale_steps(self._strips)
 
     @cached_property
@@ -270,9 +255,7 @@ def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) 
     terms = np.empty((number, 3))
     terms[:, 0], terms[:, 1], terms[:, 2] = z * z, z, 1.0
     terms /= in_depth[:, None]
-    # Each choice of terms is fitted for least differences, by weighted squares, so that outliers (such as a sky,
-    # whose noise is cut off at nearness 0) have no influence. In the normal equations, terms outside the choice get
-    # the identity.
+    # As in `pyibr.images.noise`: each choice of terms is fitted for least differences, by reweighted squares.
     sizes: Float64 = np.sqrt(np.add.reduce(terms * terms, axis=0))
     scaled = terms / sizes
     products = (scaled[:, :, None] * scaled[:, None, :]).reshape(number, 9)

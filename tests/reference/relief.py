@@ -85,7 +85,7 @@ class Rays:
         return np.where(reaches, after, np.where(K < 0, out, bottom)), reaches | (at_bottom & (K >= 0))
 
     def following_mesh(self, way: np.ndarray, slope: np.ndarray) -> tuple[Rays, np.ndarray, np.ndarray]:
-        """Return the same rays with equation 7 of a parabola, the t where it ends, and its depth there.
+        """Return the rays with equation 7 of a parabola, and the t and the depth at which the parabola ends.
 
         A cubic is 0 where the rays enter and leave the mesh, and has both slopes there. The parabola rises, no steeper
         than the rays enter, to where the cubic is at the bottom or deepest.

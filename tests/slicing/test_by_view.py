@@ -115,7 +115,7 @@ def test_surfaces_flicker_less_than_with_256_slices(slicing):
 @pytest.mark.thorough
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_curved_surfaces_flicker_no_more_where_pixels_are_wide(slicing):
-    """A pixel is as wide as 45 of 256 slices: with errors up to an eighth of a pixel, flicker would be four times."""
+    """A pixel is as wide as 45 of 256 slices: errors of an eighth of a pixel would make four times the flicker."""
     by_view, fixed = flicker_of_ring(heights(32), slicing, (160, 120), 6)
     assert by_view <= fixed
 

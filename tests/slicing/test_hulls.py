@@ -141,7 +141,7 @@ def test_the_order_of_views_and_a_second_run_change_nothing():
     np.testing.assert_array_equal(frame.color, again.color)
     turned = ibr.render(ibr.VisualHull(views[::-1], slices=64), camera)
     assert silhouette_iou(frame.valid, turned.valid) >= 0.995
-    np.testing.assert_allclose(turned.depth, frame.depth, rtol=1e-5)  # the box's sums run in another order
+    np.testing.assert_allclose(turned.depth, frame.depth, rtol=1e-5)  # sums for the box run in another order
 
 
 @pytest.mark.parametrize("of_depth", [True, False])

@@ -265,7 +265,7 @@ def test_from_afar_it_is_orthographic():
     near, far = ibr.render(thing, flat), ibr.render(thing, Camera(K, flat.size, pose))
     assert silhouette_iou(near.valid, far.valid) >= 0.99
     both = near.valid & far.valid
-    # Slices lie elsewhere, float32 resolves 1000 to 6e-5, and half the object's depth of 2 shifts rays by a 1000th.
+    # Slices lie elsewhere, float32 resolves 1000 to 6e-5, and rays shift by 1/1000 over half the object's depth of 2.
     off = np.abs(far.depth + (depth - away) - near.depth)[both]
     assert np.quantile(off, 0.9) <= 1.5 * spacing(thing) / 2**thing.halvings
 

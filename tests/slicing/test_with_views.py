@@ -106,7 +106,7 @@ def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     views = views_of_torus("orthographic")
     thing = ibr.VisualHull(views, slices=48)
     ibr.render(thing, CAMERA)
-    ibr.render(ibr.VisualHull(views[1:], slices=48), CAMERA)  # now the mirror image of the first view counts
+    ibr.render(ibr.VisualHull(views[1:], slices=48), CAMERA)  # now the mirror image of the first view is tested
     made: list[object] = []
     asked: list[int] = []
     for name in ("touches", "holds"):
@@ -120,7 +120,7 @@ def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     bitten = ibr.Silhouette(views[0].color, mask, views[0].camera)
     ibr.render(thing.with_views([bitten, *views[1:]]), CAMERA)
     assert sorted(made) == ["Outline", "mask_of", "rgba_words"]
-    # Only cells at the box's sides: a grid of 64 along each edge would test all of its 260,000 cells in every view.
+    # Only cells at the box's sides are tested: a full grid of 64 cells a side would have 260,000 cells in every view.
     assert 1000 < sum(asked) < len(views) * 64**3 / 10
 
 

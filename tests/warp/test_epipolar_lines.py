@@ -19,7 +19,7 @@ REGIONS = [(column, row) for row in (-1, 0, 1) for column in (-1, 0, 1)]
 
 
 def areas(size: tuple[int, int]) -> list[Rectangle]:
-    """The whole image, and a part of it, as for a view that reaches no farther."""
+    """The whole image, and a part of it, for views that cover only that part."""
     width, height = size
     whole = Rectangle(0, width, 0, height)
     part = Rectangle(width // 3, max(width // 3 + 1, width - 2), height // 4, height)

@@ -78,7 +78,7 @@ def test_a_fresh_warp_is_few_commands(moved, launches, lanes, monkeypatch: pytes
     depth[20:40, 20:40] = 1.0
     camera = view.camera.moved(*moved)
     prepares = ["find_noise", "prepare"]
-    if lanes == "one":  # GPUs need no wait between these; they walk along parts of lines, whose pixels are cleared
+    if lanes == "one":  # GPUs need no wait between these; lines are cut into segments, so pixels are cleared
         prepares = ["find_noise", "to_nearness", "find_edges", "continue_border", "look_around"]
         launches = ["clear", *(name for name in launches if name != "clear")]
         launches.insert(1, "bound_surface")

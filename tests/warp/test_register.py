@@ -20,7 +20,7 @@ COLOR = ibr.Camera([[240, 0, 109.5], [0, 240, 81.3], [0, 0, 1]], (219, 163), TUR
 CAMERAS = {"pinholes": (DEPTH, COLOR)}
 CAMERAS["lenses"] = tuple(ibr.Camera(c.K, c.size, c.world_from_camera, lens=LENS) for c in (DEPTH, COLOR))
 
-WALL = np.array([0.1, 0.05, 1.0]), 2.6  # normal, and its product with every point
+WALL = np.array([0.1, 0.05, 1.0]), 2.6  # normal, and its dot product with every point of the wall
 LOW, HIGH, FRONT = (-0.35, -0.25), (0.3, 0.2), 1.4  # the box's front; its sides are invisible
 
 

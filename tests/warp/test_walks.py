@@ -1,4 +1,4 @@
-"""The sweep's walks on cut surfaces against each other: from column to column and from edge to edge."""
+"""The sweep's two walks on cut surfaces compared: from column to column, and from edge to edge."""
 
 from __future__ import annotations
 
