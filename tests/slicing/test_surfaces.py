@@ -136,7 +136,7 @@ def test_the_alpha_test_at_height_0(slicing):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
-    """Where heights are 0, rounding of a ray's hit must not make the ray miss the base."""
+    """Rounding of a ray's hit must not make the ray miss the base at heights of 0."""
     flat = np.zeros((32, 32), np.float32)
     for elevation in (70, 45, 20):
         cam = camera(elevation, 33, (128, 128), projection)
