@@ -325,7 +325,6 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "### Comparison with quadric decimation",
         *(["## Pages in the browser"] if find_spec("viser") else []),
         "## Start and memory",
-        "## On a GPU",
         *(["## On GPUs"] if shutil.which("oclgrind") else []),
     ):
         assert heading in text

@@ -373,7 +373,7 @@ def _splats(setting: Setting) -> Cases:
 
 
 def _ribbons(setting: Setting) -> Cases:
-    for size in ((13, 7), (1, 1), (37, 5))[: setting.choose(2, 2, 3)]:
+    for size in ((13, 7), (37, 5), (2, 17))[: setting.choose(1, 2, 3)]:
         view = _rough(setting, size, "perspective", 0.5)
         yield f"ribbons {size}", partial(ibr.warp, view, view.camera.moved(0.1, 0.05, 0.1), thin=True)
 
