@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 SOURCES = sorted(
     path for room in ("pyibr", "tests", "benchmarks", "docs", "tools") for path in (ROOT / room).rglob("*.py")
 )
-HEAVY = ("pyopencl", "cv2", "open3d", "OpenEXR", "matplotlib", "PIL", "rich", "typer", "viser")
+HEAVY = ("pyopencl", "cv2", "open3d", "OpenEXR", "matplotlib", "PIL", "rich", "typer", "viser", "yaml")
 
 
 def test_importing_all_modules_loads_nothing_heavy():

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import pyibr as ibr
 from pyibr.io import read_cameras
 from tests.calibrations import BENT, CAMERA, FILES, FISHEYE, FLAT, KALIBR, ORBBEC, ORBBEC_JSON, SIZE, K, oak, transforms
 from tests.data import shared
+
+DOUBLED = "a0: &a0 1\n" + "".join(f"a{k + 1}: &a{k + 1} [*a{k}, *a{k}]\n" for k in range(40))
 
 
 def same(found: ibr.Camera, expected: ibr.Camera) -> None:
@@ -102,8 +105,11 @@ def test_of_several_cameras_one_is_chosen(tmp_path: Path):
     ("name", "text", "message"),
     [
         ("a.yaml", "images:\n  - left.jpg\n", "a.yaml: no camera in it: expected K, or a calibration"),
-        ("a.yaml", "k: [1, 2\n", "not a readable camera file, or truncated: a bracket is not closed"),
-        ("a.yaml", "a: 1\n   b: 2\n", "cannot tell what 'b: 2' belongs to"),
+        ("a.yaml", "k: [1, 2\n", "a.yaml: not a readable camera file, or truncated: line 2: .*expected ',' or ']'"),
+        ("a.yaml", "%YAML:1.0\na: 1\n   b: 2\n", "line 3: mapping values are not allowed"),
+        ("a.yaml", "a: *b\n", "line 1: found undefined alias"),
+        ("a.yaml", DOUBLED, "more than 1048576 values, with repetitions by aliases"),
+        ("a.yaml", f"a: [{'1, ' * 1_500_000}]", "it has 4500005 characters; up to 4194304 of YAML are read"),
         ("a.xml", "<!DOCTYPE x [<!ENTITY a 'aa'>]><x/>", "a DOCTYPE is not allowed"),
         (
             "a.yaml",
@@ -113,10 +119,33 @@ def test_of_several_cameras_one_is_chosen(tmp_path: Path):
         ("a.yaml", "distortion_model: plumb_bob\nk: 5\nwidth: 3\nheight: 2\n", "a.yaml: info: expected finite numbers"),
         ("a.json", '{"cameraData": [[0, 5]]}', "a.json: not a camera of a known form: TypeError"),
     ],
+    ids=lambda text: text[:20],
 )
 def test_what_is_none_is_told(tmp_path: Path, name, text, message):
     with pytest.raises(ibr.FileFormatError, match=message):
         ibr.Camera.load(written(tmp_path, name, text), size=SIZE)
+
+
+@pytest.fixture(params=["CBaseLoader", "BaseLoader"])
+def by_each_loader(request, monkeypatch: pytest.MonkeyPatch):
+    if request.param == "BaseLoader":
+        monkeypatch.delattr("yaml.CBaseLoader", raising=False)
+
+
+@pytest.mark.usefixtures("by_each_loader")
+def test_yaml_of_others(tmp_path: Path):
+    """Words over several lines, and `*id` for lists that a program wrote twice."""
+    inside = {"camera_model": "pinhole", "intrinsics": [50, 51, 30.5, 17.75], "resolution": list(SIZE)}
+    inside |= {"distortion_model": "radtan", "distortion_coeffs": [1e-3, 0, 0, 0], "note": "no\n# 1: 2"}
+    text = yaml.dump({"cam0": inside, "cam1": inside | {"rostopic": "/a: b"}})
+    assert "*id001" in text
+    path = written(tmp_path, "camchain.yaml", text)
+    expected = ibr.Camera(K, SIZE, lens=ibr.Lens("brown_conrady", [1e-3, 0, 0, 0]))
+    for name in ("cam0", "cam1"):
+        same(ibr.Camera.load(f"{path}#{name}"), expected)
+    for name, (text, expected) in FILES.items():
+        if ".y" in name:
+            same(ibr.Camera.load(written(tmp_path, name, text), size=SIZE), expected)
 
 
 def test_opencv_s_own_files(tmp_path: Path):
@@ -126,6 +155,9 @@ def test_opencv_s_own_files(tmp_path: Path):
         storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
         storage.write("image_width", SIZE[0])
         storage.write("image_height", SIZE[1])
+        storage.startWriteStruct("board", cv2.FileNode_MAP | cv2.FileNode_FLOW)
+        storage.write("corners", 9)
+        storage.endWriteStruct()
         storage.write("cameraMatrix", np.array(K))
         storage.write("distCoeffs", np.array([BENT]))
         storage.release()

@@ -143,6 +143,9 @@ BOMBS: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
     ),
     "GLB: a circle": ("m.glb", glb(nodes=[{"mesh": 0, "children": [0]}], scenes=[{"nodes": [0]}]), ibr.Mesh.load),
     "camera: deep": ("c.json", b"[" * 200_000, ibr.Camera.load),
+    "YAML: deep brackets": ("c.yaml", b"a: " + b"[" * 200_000, ibr.Camera.load),
+    "YAML: deep lists": ("c.yaml", b"- " * 200_000 + b"a", ibr.Camera.load),
+    "YAML: a circle": ("c.yaml", b"a: &a [*a]\n", ibr.Camera.load),
     "camera: long": ("c.json", b'{"width": ' + LONG + b"}", ibr.Camera.load),
     "camera: too wide": (
         "c.json",
