@@ -1,4 +1,7 @@
-"""Camera files: JSON with width, height, K (or fx, fy, cx, cy), world_from_camera, projection and lens; or Open3D's."""
+"""Camera files: JSON with width, height, K (or fx, fy, cx, cy), world_from_camera, projection and lens; or Open3D's.
+
+Open3D's are its PinholeCameraIntrinsic, PinholeCameraParameters and PinholeCameraTrajectory.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,16 @@ import math
 from os import PathLike
 from typing import Any, cast
 
-from pyibr.core.checks import Float64
+from pyibr.core.checks import Float64, checked_pose, numbers
+from pyibr.core.conventions import pose_from_extrinsics
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import read_text, reading, write_atomically
 from pyibr.core.lens import Lens
-from pyibr.core.open3d_json import is_open3d, open3d_arguments
 
 _PARTS = ("fx", "fy", "cx", "cy")
 _LENS_KEYS = ("model", "coefficients", "radius")
 _FOREIGN = ("distortion_model", "camera_model", "ppx", "depth_scale", "k1", "frames")
+_MATRIX, _INTRINSIC, _EXTRINSIC, _CAMERAS = "intrinsic_matrix", "intrinsic", "extrinsic", "parameters"  # Open3D's
 _KEYS = ("width", "height", "K", *_PARTS, "world_from_camera", "projection", "lens")
 
 
@@ -32,7 +36,7 @@ def read_json(path: str | PathLike[str], kind: str) -> object:
 
 def is_own(entries: dict[str, Any]) -> bool:
     """Tell whether a JSON object has the form of `Camera.save` or Open3D, valid or not."""
-    if is_open3d(entries):
+    if _is_open3d(entries):
         return True
     is_whole = {"width", "height"} <= entries.keys() and not entries.keys().isdisjoint(("K", *_PARTS))
     return is_whole and entries.keys().isdisjoint(_FOREIGN)
@@ -43,11 +47,11 @@ def camera_arguments(data: object, path: str | PathLike[str]) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise FileFormatError(f"{path}: expected a JSON object, got {type(data).__name__}")
     entries = cast("dict[str, Any]", data)
-    if is_open3d(entries):
+    if _is_open3d(entries):
         mixed = sorted(entries.keys() & set(_KEYS[2:]))
         if mixed:
             raise FileFormatError(f"{path}: has {mixed[0]!r}, which Open3D's cameras lack")
-        return open3d_arguments(entries, path)
+        return _open3d_arguments(entries, path)
     unknown = sorted(entries.keys() - set(_KEYS))
     if unknown:
         raise FileFormatError(f"{path}: unknown key {unknown[0]!r} (a camera has {', '.join(_KEYS)})")
@@ -87,6 +91,53 @@ def _read_lens(path: str | PathLike[str], entry: object) -> Lens | None:
         return Lens(**parts)
     except ArgumentError as error:
         raise FileFormatError(f"{path}: {error}") from error
+
+
+def _is_open3d(entries: dict[str, Any]) -> bool:
+    """Tell whether a JSON object is a camera file of Open3D's."""
+    return not entries.keys().isdisjoint((_MATRIX, _INTRINSIC, "class_name"))
+
+
+def _open3d_arguments(entries: dict[str, Any], path: str | PathLike[str]) -> dict[str, Any]:
+    """Return the arguments of `Camera` from Open3D's object of one camera.
+
+    Matrices are lists of numbers in column order. An extrinsic leads from the world to the camera; axes and pixel
+    centres are pyibr's. Other entries, as in the `intrinsic.json` of Open3D's recordings, do not describe the camera.
+    """
+    if _CAMERAS in entries or _is_shared(entries):
+        raise FileFormatError(f"{path}: expected one camera, got Open3D's trajectory of several")
+    intrinsic = entries if _MATRIX in entries else entries.get(_INTRINSIC)
+    if not isinstance(intrinsic, dict):
+        raise FileFormatError(f"{path}: has no {_MATRIX}, and no {_INTRINSIC} with one")
+    known = cast("dict[str, Any]", intrinsic)
+    missing = [key for key in ("width", "height", _MATRIX) if key not in known]
+    missing += [_EXTRINSIC] if intrinsic is not entries and _EXTRINSIC not in entries else []
+    if missing:
+        raise FileFormatError(f"{path}: has no {', '.join(missing)}")
+    try:
+        K = numbers(_MATRIX, known[_MATRIX], (9,)).reshape(3, 3).T
+        pose = None
+        if _EXTRINSIC in entries:
+            columns = numbers(_EXTRINSIC, entries[_EXTRINSIC], (16,)).reshape(4, 4)
+            camera_from_world = checked_pose(columns.T, _EXTRINSIC)
+            pose = pose_from_extrinsics(camera_from_world[:3, :3], camera_from_world[:3, 3])
+    except ArgumentError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    return {"K": K, "size": (known["width"], known["height"]), "world_from_camera": pose}
+
+
+def open3d_cameras(entries: dict[str, Any]) -> object:
+    """Return a trajectory's cameras, one object each; None if it is no trajectory."""
+    if _CAMERAS in entries:
+        return entries[_CAMERAS]
+    if _is_shared(entries):  # Open3D's first form: one intrinsic for all
+        return [{_INTRINSIC: entries.get(_INTRINSIC), _EXTRINSIC: one} for one in entries[_EXTRINSIC]]
+    return None
+
+
+def _is_shared(entries: dict[str, Any]) -> bool:
+    several = entries.get(_EXTRINSIC)
+    return isinstance(several, list) and any(isinstance(one, list) for one in cast("list[object]", several))
 
 
 def camera_entries(

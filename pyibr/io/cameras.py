@@ -7,9 +7,9 @@ from typing import cast
 
 from pyibr.core.calibrations import cameras_in, chosen, is_matrix, making, read_calibration
 from pyibr.core.camera import Camera
+from pyibr.core.camera_json import open3d_cameras
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import checked_path
-from pyibr.core.open3d_json import open3d_cameras
 from pyibr.io.colmap_model import read_model
 from pyibr.io.folders import files_in
 from pyibr.io.gltf_cameras import SUFFIXES, read_gltf_cameras
