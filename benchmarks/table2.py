@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from benchmarks.cases import Plan
 from benchmarks.launches import kernel_times
+from benchmarks.models import DRAGON_HEAD, dragon_head, dragon_scene, globe, load_earth, torus
 from benchmarks.results import Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import data_folder
@@ -144,7 +145,7 @@ def made(name: str, n: int, mesh: str) -> Model | Skip:
 
 
 def _torus(n: int) -> Model:
-    views = models.torus_from_outside(n)
+    views = torus(n)
     camera = models.view(views, (n, n))
     truth = MeshScene.from_mesh(models.torus_mesh()).capture(camera)
     return Model(views, camera, "front", "cut", truth, truth.valid)
@@ -152,10 +153,10 @@ def _torus(n: int) -> Model:
 
 def _globe(n: int) -> Model:
     folder = data_folder() / "heightfields/earth"
-    earth: tuple[Any, ...] = models.load_earth(folder) if folder.is_dir() else ()
-    views = models.globe(n, *earth)
+    earth: tuple[Any, ...] = load_earth(folder) if folder.is_dir() else ()
+    views = globe(n, *earth)
     camera = models.view(views, (n, n))
-    truth = _grids(models.globe(min(4 * n, _GLOBE_FINEST), *earth[:1])).capture(camera)
+    truth = _grids(globe(min(4 * n, _GLOBE_FINEST), *earth[:1])).capture(camera)
     return Model(views, camera, "back", "connect", truth, truth.valid)
 
 
@@ -163,10 +164,10 @@ def _dragon(n: int, mesh: str) -> Model | Skip:
     path = data_folder() / "meshes" / mesh
     if not path.is_file():
         return Skip("dragon", f"{mesh} is not in $PYIBR_DATA/meshes")
-    views = models.dragon_head(path, n)
+    views = dragon_head(path, n)
     camera = models.view(views, (n, n))
-    truth = models.load_scene(path).capture(camera)
-    part = part_of(load_frusta(models.DRAGON_HEAD)[1], models.DRAGON_HEAD)
+    truth = dragon_scene(path).capture(camera)
+    part = part_of(load_frusta(DRAGON_HEAD)[1], DRAGON_HEAD)
     low, high = np.sort(np.asarray(part) * (1, -1, -1), axis=0)  # in the views, up is -y
     y, x = np.nonzero(truth.valid)
     points = camera.unproject(np.column_stack([x, y]), truth.depth[y, x])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -19,6 +21,10 @@ import pyibr as ibr
 from pyibr.capture import MeshScene, models
 from pyibr.warp.view import Edges
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmarks.models import globe, torus
+
 COLORS = [plt.get_cmap("tab10")(number) for number in (0, 1, 2, 3, 4, 6)]
 CROSS = {(1, 0): 1, (1, 1): 4, (1, 2): 0, (1, 3): 5, (0, 1): 3, (2, 1): 2}
 """Layout of the six images of `cube_cameras` in a cross: number by row and column."""
@@ -26,7 +32,7 @@ CROSS = {(1, 0): 1, (1, 1): 4, (1, 2): 0, (1, 3): 5, (0, 1): 3, (2, 1): 2}
 
 def globe_of_six() -> Figure:
     """Frusta and rays in an opened globe, and the six images as a cross: colours, and displacements of the surface."""
-    images = models.globe(257)
+    images = globe(257)
     camera = ibr.Camera.look_at((-3.9, -1.9, 3.0), (0, 0, 0), (0, -1, 0), (440, 440), fov_y=43)
     away = [image for image in images if image.camera.forward @ camera.center < 0]
     frame = ibr.warp(away, camera, side="both", edges="connect", blend="nearest", samples=4)
@@ -53,7 +59,7 @@ def globe_of_six() -> Figure:
 
 def torus_of_six() -> Figure:
     """The torus with the frusta around it, the images of three of them, and the displaced image planes."""
-    views = models.torus_from_outside(256)
+    views = torus(256)
     camera, close = (
         ibr.Camera.look_at((9.4, -2.6, 3.4), (0, 0.2, 0), (0, -1, 0), (560, 560), fov_y=degrees) for degrees in (56, 24)
     )
@@ -80,7 +86,7 @@ def torus_of_six() -> Figure:
 
 def beside_the_original() -> Figure:
     """The torus itself, the warp of its six images, and their difference: cut at depth edges, and connected."""
-    views = models.torus_from_outside(256)
+    views = torus(256)
     camera = models.view(views, (400, 400), direction=(-1, -1.2, -0.3), distance=2.6)
     scene = MeshScene.from_mesh(models.torus_mesh())
     truth, original = scene.capture(camera), by_rays(scene, camera)

@@ -1,4 +1,4 @@
-"""Depth images of meshes and scans, and the papers' own models."""
+"""Depth images of meshes and scans, and models to try them on."""
 
 from __future__ import annotations
 
