@@ -13,7 +13,6 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.capture.rays import NOTHING, Rays
 from pyibr.capture.shading import barycentric, bilinear, light_on, smooth_normals
 from pyibr.core.camera import Camera, Projection
 from pyibr.core.checks import (
@@ -23,6 +22,7 @@ from pyibr.core.checks import (
     describe,
     instance_of,
     integer_from,
+    locked,
     numbers,
     one_of,
     plain_array,
@@ -30,6 +30,7 @@ from pyibr.core.checks import (
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh, checked_faces
+from pyibr.raster.rays import triangles_met
 
 Layer = Literal["first", "last"]
 Int64 = NDArray[np.int64]
@@ -83,7 +84,7 @@ class MeshScene:
         normals: ArrayLike | None = None,
     ) -> None:
         self.vertices: Float64 = numbers("vertices", vertices, (None, 3))
-        self.faces: Int64 = checked_faces(faces, len(self.vertices)).astype(np.int64)
+        self.faces = locked(checked_faces(faces, len(self.vertices)))
         self._texture = None if texture is None else _checked_texture(texture)
         self._colors = None if colors is None else _checked_colors(colors, len(self.vertices))
         self._uv = None if uv is None else _checked_uv(uv, self.faces, len(self.vertices))
@@ -152,6 +153,8 @@ class MeshScene:
         ------
         ArgumentError
             If no ray hits the mesh.
+        DeviceError
+            No OpenCL device works.
         """
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         one_of("layer", layer, Layer)
@@ -159,8 +162,8 @@ class MeshScene:
         around = numbers("background", background, (3,))
         if (around < 0).any() or (around > 255).any():
             raise ArgumentError("background", "(r, g, b), 0 to 255", describe(background))
-        met = Rays.of(camera).meet(self.vertices, self.faces, layer == "last")
-        hit = np.flatnonzero(met != NOTHING)
+        met = triangles_met(camera, self.vertices, self.faces, last=layer == "last")
+        hit = np.flatnonzero(met >= 0)
         triangle = met[hit]
         origin, direction = _rays(camera, np.stack(np.unravel_index(hit, (camera.height, camera.width))[::-1], -1))
         corner = self.vertices[self.faces[triangle]]

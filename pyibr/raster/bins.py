@@ -74,7 +74,13 @@ def project(target: Target, vertices: DeviceArray, near: float, corners: int = 3
 
 
 def bin_primitives(
-    target: Target, corners: DeviceArray, projected: DeviceArray, near: float, sides: Sides = "both", sort: bool = False
+    target: Target,
+    corners: DeviceArray,
+    projected: DeviceArray,
+    near: float,
+    sides: Sides = "both",
+    sort: bool = False,
+    **defines: int,
 ) -> Bins:
     """Sort primitives, (P, 3) or (P, 6) indices of projected vertices, into the target's bins.
 
@@ -82,7 +88,7 @@ def bin_primitives(
     than `sides` are culled.
     """
     count, each = corners.shape
-    profile, defines = current().profile, bin_defines(each)
+    profile, defines = current().profile, bin_defines(each) | defines
     columns, rows = (-(-size // defines["BIN"]) for size in target.camera.size)
     bins = columns * rows
     chunk = max(-(-count // min(profile.chunks, max(_COUNTS_MAX // bins, 1))), 1)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.capture import models, object_views
+from pyibr.capture import capture, models, object_views
 from pyibr.images import Frame
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.surface import surface_of
@@ -22,6 +22,7 @@ from tests import scenes
 Call = Callable[[], list[NDArray[Any]]]
 SIZE = (61, 37)
 LENS = ibr.Lens("brown_conrady", [-0.2, 0.02, 0.01, 0.0])
+CAMERA = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), SIZE, fov_y=45)
 
 
 def _arrays(frame: Frame) -> list[NDArray[Any]]:
@@ -45,9 +46,8 @@ def _warped(**how: Any) -> Call:
 
 def _drawn(make: Callable[[], Any], lit: bool = True, relight: bool = False, anisotropy: int = 1) -> Call:
     def call() -> list[NDArray[Any]]:
-        camera = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), SIZE, fov_y=45)
         light = ibr.Light(direction=(-1, -1, -1), shadow_size=64, relight=relight) if lit else None
-        return _arrays(ibr.render(make(), camera, light, anisotropy=anisotropy))
+        return _arrays(ibr.render(make(), CAMERA, light, anisotropy=anisotropy))
 
     return call
 
@@ -173,6 +173,7 @@ def calls() -> dict[str, Call]:
         "depth mesh object": _drawn(lambda: ibr.DepthMeshObject(views)),
         "depth mesh of noise": _from_noisy_depth,
         "simplified": _simplified,
+        "captured": lambda: [capture(base, ibr.Camera(CAMERA.K, SIZE, CAMERA.world_from_camera, lens=LENS)).depth],
         "meshed": lambda: [ibr.DepthObject(views).to_mesh(16).vertices],
     }
 
