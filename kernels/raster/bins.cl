@@ -18,9 +18,10 @@
 #ifndef CORNERS
 #define CORNERS 3 /* vertices of a primitive: 3 for triangles, 6 for prisms */
 #endif
-#ifndef BIN_MARGIN
-#define BIN_MARGIN 0.01f /* pixels: triangle.h rounds projected corners to 1/256 */
+#ifndef BETWEEN
+#define BETWEEN 0 /* 1: primitives between the pixels are listed, too */
 #endif
+#define BIN_MARGIN (BETWEEN ? 1.0f : 0.01f) /* pixels: triangle.h rounds projected corners to 1/256 */
 
 /* The first and last bins that each of LANES primitives may touch; low_x > high_x if there are none */
 typedef struct {

@@ -28,10 +28,8 @@ def triangles_met(
     Of equally distant triangles, the first wins. A ray that meets no triangle gets one that it misses by a thousandth
     of a pixel.
     """
-    places, defines = [np.indices((camera.height, camera.width), np.float32)[::-1]], {"BIN": _BIN}
-    if camera.lens is not None:
-        places = [face.places[:2] for face in cube_faces(camera)]
-        defines["BIN_MARGIN"] = 1  # rays between the pixels
+    bent, rows_columns = camera.lens is not None, np.indices((camera.height, camera.width), np.float32)
+    places = [face.places[:2] for face in cube_faces(camera)] if bent else [rows_columns[::-1]]
     with one_call():
         corners, met = upload(faces), empty((camera.width * camera.height,), np.int32)
         met.fill(-1)
@@ -41,7 +39,8 @@ def triangles_met(
             # Sums of large numbers: in float64, even far from the world's origin. Depths up to 1 have no tiny products.
             projected = vertices @ target.from_world[:, :3].T + target.from_world[:, 3]
             projected[:, :3] /= max(np.abs(projected[:, 2]).max(), 1e-300)
-            bins = bin_primitives(target, corners, upload(projected.astype(np.float32)), _NEAR, **defines)
+            on_device = upload(projected.astype(np.float32))
+            bins = bin_primitives(target, corners, on_device, _NEAR, BIN=_BIN, BETWEEN=int(bent))
             launch(
                 kernel("raster/rays.cl", "meet", BIN=_BIN),
                 met.shape,
