@@ -1,7 +1,7 @@
 /* Rays: the nearest, or the farthest, triangle that the ray of each pixel meets.
  *
  * Relative to a ray, an edge function is the difference of two products: its sign is right or 0, and 0 is inside. No ray
- * passes between two triangles with a common edge. A ray that meets no triangle gets one that it misses by NUDGE: it may
+ * passes between two triangles with a common edge. A ray that meets no triangle gets one that it nearly meets: it may
  * pass exactly through the border of a surface.
  *
  * faces: (triangles, 3) vertices of each. projected: (vertices, 4), see project.cl. list, starts: see bins.cl. places:
@@ -11,7 +11,7 @@
  */
 #include "raster/fragment.h"
 
-#define NUDGE 1e-3f /* pixels */
+#define NEAR_MISS 1e-3f /* pixels */
 
 /* Nearness of the triangle where the ray at (x, y) meets it, or misses it by `slack` pixels at most; NaN elsewhere */
 float met_nearness(global const int *corners, global const float *projected, float x, float y, float slack)
@@ -45,7 +45,7 @@ kernel void meet(BINS_PARAMETERS, global const int *faces, global const float *p
     const int bin = (int)y / BIN * bins_x + (int)x / BIN;
     float best = -INFINITY;
     int owner = -1;
-    for (float slack = 0.0f; slack <= NUDGE && owner < 0; slack += NUDGE)
+    for (float slack = 0.0f; slack <= NEAR_MISS && owner < 0; slack += NEAR_MISS)
         for (int i = starts[bin]; i < starts[bin + 1]; i++) {
             const float n = met_nearness(faces + 3 * list[i], projected, x, y, slack);
             if (n <= screen.nearest && sense * n > best)

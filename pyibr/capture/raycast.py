@@ -33,7 +33,7 @@ from pyibr.meshes.mesh import Mesh, checked_faces
 from pyibr.raster.rays import triangles_met
 
 Layer = Literal["first", "last"]
-Int64 = NDArray[np.int64]
+Int32 = NDArray[np.int32]
 
 
 class MeshScene:
@@ -192,13 +192,13 @@ class MeshScene:
         facing.reshape(-1, 3)[hit] = self._normal(triangle, weight, towards) @ camera.world_from_camera[:3, :3]
         return DepthImage(color, depth, camera, normals=facing)
 
-    def _normal(self, triangle: Int64, weight: Float64, towards: Float64) -> Float64:
+    def _normal(self, triangle: Int32, weight: Float64, towards: Float64) -> Float64:
         """Interpolate normals (n, 3) with weights (n, 3) in triangles (n,), on the side that faces `towards`."""
         corner = (self._smooth if self._own_normals is None else self._own_normals)[self.faces[triangle]]
         side = np.where(np.sum(corner.sum(axis=1) * towards, 1, keepdims=True) < 0, -1.0, 1.0)
         return side * np.einsum("nk,nkc->nc", weight, corner)
 
-    def _color(self, triangle: Int64, weight: Float64) -> Float64:
+    def _color(self, triangle: Int32, weight: Float64) -> Float64:
         """Interpolate colours (n, 3), 0 to 255, with weights (n, 3) in triangles (n,)."""
         corner = self.faces[triangle]
         if self._texture is not None and self._uv is not None:
@@ -387,7 +387,7 @@ def _checked_colors(colors: ArrayLike, count: int) -> Float64:
     return array.astype(np.float64) * (1 if array.dtype == np.uint8 else 255)
 
 
-def _checked_uv(uv: ArrayLike, faces: Int64, count: int) -> Float64:
+def _checked_uv(uv: ArrayLike, faces: Int32, count: int) -> Float64:
     array = plain_array("uv", uv, f"numbers of shape ({count}, 2) or ({len(faces)}, 3, 2)")
     if array.shape == (count, 2):
         return numbers("uv", array, (None, 2))[faces]

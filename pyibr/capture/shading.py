@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from pyibr.core.checks import Float64
 from pyibr.meshes.normals import areas, summed_at_corners
 
-Int64 = NDArray[np.int64]
-
 _SUN: Float64 = np.array([1.0, 0.98, 0.92])
 _SHADOW: Float64 = np.array([0.30, 0.28, 0.34])
 _LIGHT: Float64 = np.array([-0.45, -0.8, -0.4]) / np.linalg.norm([0.45, 0.8, 0.4])
@@ -43,7 +41,7 @@ def bilinear(image: NDArray[np.uint8], uv: Float64) -> Float64:
     return (1 - fy) * top + fy * ((1 - fx) * image[down, x] + fx * image[down, right])
 
 
-def smooth_normals(vertices: Float64, faces: Int64) -> Float64:
+def smooth_normals(vertices: Float64, faces: NDArray[np.integer]) -> Float64:
     """Unit vertex normals (N, 3): sums of the faces' normals, weighted by area."""
     total = summed_at_corners(faces, areas(vertices, faces), len(vertices))
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(np.float64).tiny)
