@@ -9,7 +9,7 @@
 | .pfm | yes | yes |
 | .exr (extra `exr`) | R, G, B | the channel named depth or z, or a chosen one |
 | .bin (COLMAP), .dpt (Sintel), .hdf5 (extra `hdf5`) | | yes |
-| .pgm | | 16 or 8 bit, with a scale |
+| .pgm | 8 or 16 bit | 16 or 8 bit, with a scale |
 
 `read_range_grid` reads scans on a grid (points, no images), `read_relief_map` maps of normals and heights,
 `read_cameras` cameras of several images, and `read_poses` their poses.
@@ -81,7 +81,7 @@ _DEPTH_MODULES = _COLOR_MODULES | {
     ".tif": "image",
     ".tiff": "image",
     ".bin": "colmap_bin",
-    ".pgm": "pgm",
+    ".pgm": "image",
     ".dpt": "dpt",
     ".hdf5": "hdf5",
 }

@@ -55,7 +55,7 @@ def decoded(data: bytes) -> NDArray[Any]:
             return np.array(picture.convert("RGBA"))
         if picture.mode == "P" and picture.palette is not None:
             return np.array(picture.convert(picture.palette.mode))
-        if picture.mode == "I" and picture.format == "PNG":  # 16 bits, which Pillow before 11.3 widens
+        if picture.mode == "I" and picture.format in ("PNG", "PPM"):  # 16 bits, widened by Pillow
             return np.array(picture.convert("I;16"))
         return tiff.as_they_are(np.array(picture), numbers)
 
@@ -127,4 +127,5 @@ def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
 
 def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
     """Write (H, W): uint16 as PNG, float32 as TIFF."""
+    check_output(path)
     write_atomically(path, encoded(depth, checked_path(path).suffix.lower()))

@@ -96,6 +96,8 @@ def test_unknown_suffixes(tmp_path: Path):
             read(tmp_path / name)
     with pytest.raises(ibr.FileFormatError, match=r"no image format \.xyz"):
         ibr.write_color(tmp_path / "c.xyz", color_of((7, 13)))
+    with pytest.raises(ibr.FileFormatError, match=r"no image format \.pgm"):  # it is read only
+        ibr.write_depth(tmp_path / "d.pgm", depth_of((7, 13)))
 
 
 @pytest.mark.parametrize("scale", [None, 0, -1, np.nan])

@@ -61,8 +61,9 @@ def test_gray_and_bits_become_rgb(tmp_path: Path):
     gray = color_of((7, 13))[..., 0]
     Image.fromarray(gray).save(tmp_path / "gray.png")
     np.testing.assert_array_equal(ibr.read_color(tmp_path / "gray.png"), np.dstack([gray] * 3))
-    Image.fromarray(gray.astype(np.uint16) * 257).save(tmp_path / "gray16.png")
-    np.testing.assert_allclose(ibr.read_color(tmp_path / "gray16.png"), np.dstack([gray / 255] * 3), atol=1e-6)
+    for name in ("gray16.png", "gray16.pgm"):
+        Image.fromarray(gray.astype(np.uint16) * 257).save(tmp_path / name)
+        np.testing.assert_allclose(ibr.read_color(tmp_path / name), np.dstack([gray / 255] * 3), atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["rgba.png", "palette.png", "key.png", "gray.tif", "array.npy", "float.npy"])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.errors import FileFormatError
 from pyibr.core.lens import Lens
-from pyibr.io import pgm
+from pyibr.io import image
 from pyibr.io.folders import files_in
 from pyibr.io.layouts.parts import matrix
 from pyibr.io.recordings import Recording, Stored, paired_by_time
@@ -59,7 +59,7 @@ def _time(file: Path) -> float:
 
 def _metres(path: Path) -> NDArray[np.float32]:
     """Depth in metres from the sensor's counts, whose bytes are swapped in these files."""
-    counts = pgm.read_depth(path).astype(np.uint16).byteswap().astype(np.float64)
+    counts = image.read_depth(path).astype(np.uint16).byteswap().astype(np.float64)
     with np.errstate(divide="ignore"):
         metres = 351.3 / (1092.5 - counts)
     return np.where((metres > 0) & (metres < _FAR), metres, np.nan).astype(np.float32)
