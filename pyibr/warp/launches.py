@@ -70,7 +70,7 @@ def map_of(pair: CameraPair) -> Struct:
     return Struct("PixelMap", values)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Pass:
     """One view's surface on its way into a target; the methods launch the kernels.
 
@@ -111,7 +111,7 @@ class Pass:
         color = {"src_color": self.surface.color, "linear": self.options.linear}
         return {**color, **target.outputs(), **origins, **self.entry.arguments}
 
-    @cached_property
+    @property
     def _sweeps_all(self) -> bool:
         """Tell whether the sweep, if there is one, covers all pixels of its lines: rows or columns of the picture."""
         return self.pixel_map.pair.aligned and not self.options.search and not current().profile.segment
@@ -121,21 +121,23 @@ class Pass:
 
         in_reach: in a blank target, write only the pixels that the view may reach.
         """
-        hits, spare = self._room_for_hits()  # the device clears the hits while the surface is prepared
         target, in_reach = self.target, in_reach or not self.target.blank
+        (width, height), lanes = target.camera.size, current().profile.lanes
+        plane = height * pitch(width) + lanes + _NEIGHBOUR_OFFSET_MAX  # with room for the packet at the last row's end
+        hits, spare = self._room_for_hits(plane)  # the device clears the hits while the surface is prepared
         if in_reach and self.pixel_map.reach.empty:
             return
-        plane = _plane_of(target.camera) if self.surface.margins.count else 0
+        plane = plane if self.surface.margins.count else 0
         hits, kind = self._find_hits(hits, spare, plane)
         self._resolve(hits, plane, kind, in_reach)
         target.blank = in_reach and target.blank
 
-    def _room_for_hits(self) -> tuple[DeviceArray, int]:
-        """Allocate planes of line hits and margin hits, EMPTY unless the sweep clears them; also return their end.
+    def _room_for_hits(self, plane: int) -> tuple[DeviceArray, int]:
+        """Allocate planes of line hits and margin hits, `plane` values each, EMPTY unless the sweep clears them.
 
-        Idle lanes of the sweep write beyond that end.
+        Also return their end. Idle lanes of the sweep write beyond it.
         """
-        size, profile, plane = self.target.camera.size, current().profile, _plane_of(self.target.camera)
+        size, profile = self.target.camera.size, current().profile
         lines = _LINES * (sum(size) + profile.lanes) * (max(size) // profile.segment + 1 if profile.segment else 1)
         spare = 2 * plane
         try:
@@ -277,11 +279,6 @@ class Pass:
             classes=target.classes,
             **shared,
         )
-
-
-def _plane_of(camera: Camera) -> int:
-    """Number of values in a plane of hits, with room for the packet at the end of its last row."""
-    return camera.height * pitch(camera.width) + current().profile.lanes + _NEIGHBOUR_OFFSET_MAX
 
 
 def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangle:
