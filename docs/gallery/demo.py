@@ -34,7 +34,7 @@ from pyibr.opencl.device import explain
 OUTPUT = Path(__file__).resolve().parents[2] / "build" / "demo.png"
 OBJECT = OUTPUT.with_name("object.png")
 SIZE = (900, 600)
-PATH = ((-20, 1500, 0.80), (-8, 6000, 0.74), (7, 5000, 0.60), (19, 500, 0.68))  # as camera_at takes them
+PATH = ((-20, 1500, 0.80), (-8, 6000, 0.74), (7, 5000, 0.60), (19, 500, 0.68))  # each view's arguments of `camera_at`
 REPEATS = 7
 HOLE = "#e6007e"
 INK = "#22262b"
@@ -50,7 +50,7 @@ class View:
 
 
 def views_of(source: ibr.DepthImage, path: Sequence[tuple[float, float, float]]) -> list[View]:
-    """New views along a path, with holes filled from the background, each with its median time."""
+    """Draw new views along PATH, with holes filled from the background; measure the median time of each."""
     views: list[View] = []
     for stop in track(path, "Warping", transient=True, console=Console(stderr=True)):
         camera = camera_at(*stop, size=SIZE, fov_y=32)
@@ -65,11 +65,11 @@ def views_of(source: ibr.DepthImage, path: Sequence[tuple[float, float, float]])
 
 
 def picture(field: ibr.DepthImage, source: ibr.DepthImage, views: list[View]) -> Figure:
-    """Source and views side by side: colour, depth, and disocclusions."""
+    """Draw the source and the views in columns; the rows are colour, depth and disocclusions."""
     plt.rcParams |= {"font.family": "DejaVu Sans", "text.color": INK, "axes.labelcolor": INK}
     columns = 1 + len(views)
     panel, gap, left, right, top, bottom = 4.2, 0.18, 0.5, 0.85, 0.5, 0.5
-    apart = 0.2  # between the source and the views
+    apart = 0.2  # gap between the source and the views
     tall = panel * SIZE[1] / SIZE[0]
     width = left + columns * panel + (columns - 1) * gap + apart + right
     height = bottom + 3 * tall + 2 * gap + top
@@ -118,18 +118,18 @@ def picture(field: ibr.DepthImage, source: ibr.DepthImage, views: list[View]) ->
 
 
 def show_title(axes: Axes, head: str, tail: str) -> None:
-    """Title of a panel, and a figure."""
+    """Write the title of a panel, and a number beside it."""
     axes.set_title(head, loc="left", fontsize=15, fontweight="bold", pad=7)
     axes.set_title(tail, loc="right", fontsize=15, pad=7)
 
 
 def show_depth(axes: Axes, depth: NDArray[np.float32], valid: NDArray[np.bool_], scale: Normalize) -> AxesImage:
-    """Depth in kilometres, on the scale of all panels."""
+    """Draw depth in kilometres, with the same colour scale in all panels."""
     return axes.imshow(np.where(valid, depth / 1000, np.nan), cmap="viridis_r", norm=scale)
 
 
 def show_holes(axes: Axes, frame: ibr.Frame) -> None:
-    """The view in gray, its holes in one colour, and the share of the holes."""
+    """Draw the view in gray with its holes in one colour, and write the percentage of the holes."""
     gray = (frame.color.mean(axis=2, keepdims=True) * 0.55 + 100) / 255
     axes.imshow(np.where(frame.valid[..., None], gray, to_rgb(HOLE)))
     box = {"boxstyle": "round,pad=0.35", "facecolor": HOLE, "edgecolor": "white"}
@@ -138,7 +138,7 @@ def show_holes(axes: Axes, frame: ibr.Frame) -> None:
 
 
 def show_map(axes: Axes, field: ibr.DepthImage, source: ibr.Camera, path: list[ibr.Camera]) -> None:
-    """The terrain from above, and the cameras with their fields of view."""
+    """Draw a map of the terrain, with the cameras and their fields of view."""
     axes.imshow(field.color, extent=extent_of(field.camera))
     axes.set(xlim=(-22_500, 22_500), ylim=(-21_000, 9_000), facecolor="white")
     for name, camera in zip(["s", *"123456789"], [source, *path], strict=False):
@@ -176,7 +176,7 @@ def print_table(console: Console, source: ibr.DepthImage, views: list[View]) -> 
 
 
 def main() -> None:
-    """Warp, draw and report."""
+    """Warp the terrain, write both pictures, and print the times."""
     console, progress = Console(highlight=False), Console(stderr=True)
     with progress.status("looking at the terrain (the first time compiles the kernels)"):
         field = height_field()

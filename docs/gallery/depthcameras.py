@@ -1,7 +1,7 @@
-"""Depth of a camera, and its processing step by step: a picture of pictures.py.
+"""Depth of a depth camera, processed step by step: a picture for pictures.py.
 
-The scene and its cameras are synthetic: depth of 320 x 288 samples through one lens, colours of 640 x 480 pixels
-through another lens, 6 cm to the side.
+The scene and its cameras are synthetic. The depth camera has 320 x 288 samples; the colour camera is 6 cm to the side
+and has 640 x 480 pixels. Each has its own lens.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ _HOLE = (255, 90, 200)
 
 
 def room() -> MeshScene:
-    """The knot in front of a corner of papered walls."""
+    """Return a knot in front of the corner of a room with wallpaper."""
     (points, triangles, stripes), size = knot_surface(), 33
     x, y = np.meshgrid(np.linspace(-7, 7, size), np.linspace(-7, 7, size))
     sides = [
-        np.stack([x, np.full_like(x, 5.0), y], -1),  # behind
-        np.stack([np.full_like(x, 6.0), x - 2, y], -1),  # to the right
-        np.stack([x, y, np.full_like(x, -4.0)], -1),  # below
+        np.stack([x, np.full_like(x, 5.0), y], -1),  # the back wall
+        np.stack([np.full_like(x, 6.0), x - 2, y], -1),  # the right wall
+        np.stack([x, y, np.full_like(x, -4.0)], -1),  # the floor
     ]
     i = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).ravel()
     square = np.concatenate([np.stack([i, i + 1, i + size + 1], 1), np.stack([i, i + size + 1, i + size], 1)])
@@ -42,7 +42,7 @@ def room() -> MeshScene:
 
 
 def cameras() -> tuple[ibr.Camera, ibr.Camera]:
-    """The depth camera and the colour camera."""
+    """Return the depth camera and the colour camera."""
     eye = ibr.Camera.look_at((-3.0, -9.5, 3.2), (0.3, 0, -0.4), (0, 0, 1), (320, 288), fov_y=50).world_from_camera
     aside = np.eye(4)
     aside[:3, 3] = 0.6, -0.05, 0
@@ -54,7 +54,7 @@ def cameras() -> tuple[ibr.Camera, ibr.Camera]:
 
 
 def sensed(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Depth with a sensor's errors: noise that grows with its square, mixed samples at edges, missing samples."""
+    """Return depth with a sensor's errors: noise that grows with squared depth, and mixed and missing samples."""
     rng = np.random.default_rng(4)
     beside = np.roll(depth, 1, axis=1)
     edge = np.abs(beside - depth) > 0.1 * depth
@@ -65,7 +65,7 @@ def sensed(depth: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def steps() -> Figure:
-    """The steps from the camera's images to a new view."""
+    """Draw the steps from the cameras' images to a new view."""
     scene, (depth_camera, color_camera) = room(), cameras()
     depth = sensed(scene.capture(depth_camera).depth)
     color = scene.capture(color_camera).color
@@ -99,7 +99,7 @@ def _shades(depth: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _shown(frame: ibr.Frame) -> NDArray[Any]:
-    """The frame over the colour of holes."""
+    """Put a frame over the colour that marks holes."""
     assert frame.alpha is not None
     bare = 1 - frame.alpha[..., None]
     return np.rint(frame.color + bare * np.array(_HOLE)).clip(0, 255).astype(np.uint8)

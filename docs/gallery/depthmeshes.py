@@ -21,7 +21,7 @@ def seen_from(*eye: float, size: tuple[int, int] = (420, 400)) -> ibr.Camera:
 
 
 def segmentation() -> Figure:
-    """One view of a knot from the side: stretched, segmented, and the drawn triangles."""
+    """Draw the depth mesh of one view of a knot from the side: with and without rubber sheets, and its triangles."""
     view = object_views(knot(), 512, projection="perspective")[5]  # from above
     camera = seen_from(4.5, -5.5, 6.5)
     mesh = ibr.DepthMesh(view, tolerance=2)
@@ -38,7 +38,7 @@ def segmentation() -> Figure:
 
 
 def blending() -> Figure:
-    """Six views with different exposures in three blendings next to the mesh, and the views of each colour."""
+    """Draw a mesh, three blends of six views with different exposures, and the views that colour each pixel."""
     scene = knot()
     views = [
         ibr.DepthImage((view.color * (exposure / 1.12)).astype(np.uint8), view.depth, view.camera)
@@ -61,7 +61,7 @@ def blending() -> Figure:
 
 
 def unseen() -> Figure:
-    """A knot of six depth images, seen from other directions."""
+    """Draw a knot from six depth images, seen from directions between them."""
     thing = ibr.DepthMeshObject(object_views(knot(), 512), blended=6)
     eyes = [(7.5, -5.5, 4), (-6, -6, 6), (-3.5, 7.5, -5), (6, 6, 6)]
     figure, row = plt.subplots(1, 4, figsize=(14, 3.4), layout="constrained")
@@ -73,7 +73,7 @@ def unseen() -> Figure:
 
 
 def stages() -> Figure:
-    """Data of a view before it is drawn, and the pictures of three views that are blended into a new one."""
+    """Draw the data of a view, the pictures of three views, and the new picture that blends them."""
     views = object_views(knot(), 257)
     camera = seen_from(5.1, -4.7, 6.2)
     thing = ibr.DepthMeshObject(views)
@@ -92,7 +92,7 @@ def stages() -> Figure:
 
 
 def _prepared(row: np.ndarray, mesh: ibr.DepthMesh, camera: ibr.Camera) -> None:
-    """A view's depth, its vertices' errors, its rubber sheets, its quality, and its triangles for a camera."""
+    """Draw a view's depth, errors of vertices, rubber sheets and quality, and its triangles for a camera."""
     view, tree = mesh.view, mesh.tree
     height, width = view.valid.shape
     show(row[0], _gray(view.depth), "a view's depth")
@@ -111,7 +111,7 @@ def _prepared(row: np.ndarray, mesh: ibr.DepthMesh, camera: ibr.Camera) -> None:
 
 
 def _gray(depth: np.ndarray) -> np.ndarray:
-    """Depths as gray on white; the nearest is light."""
+    """Return depths as gray on white; the nearest depth is lightest."""
     known = np.isfinite(depth)
     low, high = depth[known].min(), depth[known].max()
     return np.where(known, 235 - 190 * (depth - low) / (high - low), 255)[..., None].repeat(3, axis=2).astype(np.uint8)

@@ -21,7 +21,7 @@ BLUE, ORANGE = "#1f6fb4", "#e08a00"
 
 
 def bare(axes: Axes) -> Axes:
-    """Axes without ticks and frame."""
+    """Remove the ticks and the frame of axes."""
     axes.xaxis.set_major_locator(NullLocator())
     axes.yaxis.set_major_locator(NullLocator())
     for spine in axes.spines.values():
@@ -30,7 +30,7 @@ def bare(axes: Axes) -> Axes:
 
 
 def epipolar_lines() -> Figure:
-    """Layouts of the sweep's lines over an image: the epipole inside, outside, and at infinity."""
+    """Draw the sweep's lines over an image, with the epipole inside, beside it, and at infinity."""
     width, height = 48, 32
     cases = {
         "epipole inside": (30.0, 12.0, 1.0),
@@ -54,7 +54,7 @@ def epipolar_lines() -> Figure:
 
 
 def lines_of(group: np.void, epipole: tuple[float, float, float]) -> list[np.ndarray]:
-    """(2, 2) x and y of the ends of each line of a group, as in the kernel."""
+    """Return the ends of each line of a group as the kernel computes them: (2, 2), x of both ends, then y of both."""
     axis = int(group["axis"])
     e_along, e_across, w = epipole[axis], epipole[1 - axis], epipole[2]
     lines: list[np.ndarray] = []
@@ -71,14 +71,14 @@ def lines_of(group: np.void, epipole: tuple[float, float, float]) -> list[np.nda
 
 
 def epipolar_plane() -> Figure:
-    """One epipolar line of the source: its surface, the target's rays, and their first hits."""
+    """Draw the surface along one epipolar line of the source, the target's rays, and their first hits."""
     s = np.linspace(0, 40, 2001)
     surface = 0.34 + 0.1 * np.sin(s / 3.4 + 0.4) + 0.36 * np.exp(-(((s - 17) / 2.6) ** 2)) + 0.002 * s
     center = -6.0, 1.25
     figure, axes = plt.subplots(figsize=(10, 4.4), layout="constrained")
     axes.fill_between(s, surface, -0.05, color="#dfe7ee")
     hits: list[int] = []
-    for end in np.linspace(4, 74, 22):  # where the ray reaches nearness 0
+    for end in np.linspace(4, 74, 22):  # s at which the ray reaches nearness 0
         ray = center[1] * (end - s) / (end - center[0])
         crossing = np.flatnonzero((surface[:-1] < ray[:-1]) & (surface[1:] >= ray[1:]))
         if not crossing.size:
@@ -113,7 +113,7 @@ def epipolar_plane() -> Figure:
 
 
 def cameras() -> Figure:
-    """Two cameras, the plane through a point and both centres, and the surface in that plane."""
+    """Draw two cameras with the plane through their centres and a point, and the surface in this plane."""
     figure = plt.figure(figsize=(13, 5.2), layout="constrained")
     space = figure.add_subplot(1, 2, 1, projection="3d")
     assert isinstance(space, Axes3D)
@@ -123,7 +123,7 @@ def cameras() -> Figure:
 
 
 def _in_space(axes: Axes3D) -> None:
-    """Both cameras, their images, and a point that both see."""
+    """Draw both cameras, their images, and a point that both see."""
     up, point = (0, 0, 1), np.array([0.5, 3.6, 0.7])
     pair = [
         ibr.Camera.look_at((-1.5, 0, 0), (-0.2, 3.6, 0.2), up, (40, 30), fov_y=38),
@@ -152,7 +152,7 @@ def _in_space(axes: Axes3D) -> None:
 
 
 def _in_the_plane(axes: Axes) -> None:
-    """The epipolar plane: the source's image is a line there, and a target's ray crosses a part of it."""
+    """Draw the epipolar plane, in which the source's image is a line, and the part of the line that a ray covers."""
     source, target, image = np.array([0.0, 0.0]), np.array([2.6, 0.7]), 1.0  # the source looks along +y
     x = np.linspace(-1.2, 3.4, 1200)
     surface = 3.1 + 0.28 * np.sin(2.1 * x + 0.6) + 0.25 * np.sin(4.3 * x)
@@ -188,7 +188,7 @@ def _in_the_plane(axes: Axes) -> None:
 
 
 def orders() -> Figure:
-    """Four arrangements of cameras: lines of target and source, from light to dark as the sweep walks them."""
+    """Draw the lines of target and source for four camera arrangements; they darken in the sweep's direction."""
     up, size = (0, 0, 1), (60, 40)
     source = ibr.Camera.look_at((0, 0, 0), (0, 4, 0), up, size, fov_y=58)
     targets = {
@@ -214,7 +214,7 @@ def _walked(column: np.ndarray, source: ibr.Camera, target: ibr.Camera) -> None:
     for group in groups:
         for ends in lines_of(group, tuple(epipole))[::3]:
             line = np.linspace(ends[:, 0], ends[:, 1], 40)
-            # The target's pixels meet the front of the surface against D = w p - (u, v).
+            # The target's pixels p are visited against the direction D = w p - (u, v), with the epipole (u, v, w).
             _shaded(column[0], line, -(epipole[2] * line[20] - epipole[:2]), BLUE)
             nearness = np.concatenate([[0], np.geomspace(0.02, 50, 160)])
             places = np.ones((len(line), len(nearness), 4))
@@ -227,7 +227,7 @@ def _walked(column: np.ndarray, source: ibr.Camera, target: ibr.Camera) -> None:
             ]
             if len(pixels) < 2:
                 continue
-            # From the epipole outwards; from an antipode inwards.
+            # The walk leads outwards from an epipole, and inwards to an antipode.
             outwards = seen_epipole[2] * pixels[len(pixels) // 2] - seen_epipole[:2]
             along = pixels @ outwards
             _shaded(column[1], np.linspace(pixels[along.argmin()], pixels[along.argmax()], 40), outwards, ORANGE)
@@ -240,12 +240,12 @@ def _walked(column: np.ndarray, source: ibr.Camera, target: ibr.Camera) -> None:
 
 
 def _between(src: ibr.Camera, dst: ibr.Camera) -> np.ndarray:
-    """(4, 4) from pixel space to pixel space."""
+    """Return the matrix (4, 4) from the pixel space of `src` to the pixel space of `dst`."""
     return dst.pixel_matrix @ dst.camera_from_world @ src.world_from_camera @ np.linalg.inv(src.pixel_matrix)
 
 
 def _shaded(axes: Axes, line: np.ndarray, forwards: np.ndarray, color: str) -> None:
-    """A line that grows darker along a direction."""
+    """Draw a line that grows darker in the direction `forwards`."""
     if (line[-1] - line[0]) @ forwards < 0:
         line = line[::-1]
     shades = np.linspace(0.08, 1, len(line) - 1)

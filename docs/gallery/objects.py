@@ -1,4 +1,4 @@
-"""An object from depth images on all sides: pictures of pictures.py, and the second one of the demo."""
+"""A solid made of depth images of all sides: pictures for pictures.py, and the demo's second picture."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from pyibr.capture.raycast import spread_directions
 
 
 def knot() -> MeshScene:
-    """A trefoil knot, striped along its length: an object with much self-occlusion."""
+    """Return a trefoil knot with stripes along its length, an object that hides much of itself."""
     vertices, faces, colors = knot_surface()
     return MeshScene(vertices, faces, colors=colors)
 
 
 def knot_surface(lit: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices, faces and vertex colours of the knot, with or without shading."""
+    """Return vertices, faces and vertex colours of the knot, with or without shading."""
     a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 361)[:-1], np.linspace(0, 2 * np.pi, 49)[:-1], indexing="ij")
 
     def line(t: np.ndarray) -> np.ndarray:
@@ -51,14 +51,14 @@ def knot_surface(lit: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def by_rays(scene: MeshScene, camera: ibr.Camera) -> np.ndarray:
-    """The mesh itself on white, by four rays a pixel, as many as the pictures have samples."""
+    """Ray-cast the mesh on white, with four rays per pixel, since the other pictures have four samples per pixel."""
     fine = camera.resized((2 * camera.width, 2 * camera.height))
     rays = scene.capture(fine, background=(255, 255, 255)).color.astype(np.float32)
     return rays.reshape(camera.height, 2, camera.width, 2, 3).mean(axis=(1, 3)).round().astype(np.uint8)
 
 
 def twelve_views(scene: MeshScene, size: int) -> list[ibr.DepthImage]:
-    """Depth images from twelve evenly spread directions."""
+    """Take depth images from twelve evenly spread directions."""
     return [
         scene.capture(ibr.Camera.look_at(20 * way, (0, 0, 0), np.eye(3)[np.abs(way).argmin()], (size, size), fov_y=22))
         for way in spread_directions(12)
@@ -66,7 +66,7 @@ def twelve_views(scene: MeshScene, size: int) -> list[ibr.DepthImage]:
 
 
 def what_shows_most(scene: MeshScene, views: list[ibr.DepthImage]) -> str:
-    """A sentence on the surface that some views leave unseen, and the view that shows most of it."""
+    """Write a sentence on the surface that some views do not see, and on a further view that sees most of it."""
     mesh = ibr.Mesh(scene.vertices, scene.faces)
     surface = surface_of(mesh)
     known = [Frustum(view.camera, 2 * float(view.depth[view.valid].max())) for view in views]
@@ -82,7 +82,7 @@ def what_shows_most(scene: MeshScene, views: list[ibr.DepthImage]) -> str:
 
 
 def depth_object() -> Figure:
-    """A knot from six and from twelve depth images, next to the mesh and the hull of the twelve silhouettes."""
+    """Draw a knot: the mesh, solids from six and from twelve depth images, and the hull of twelve silhouettes."""
     scene = knot()
     six, twelve = object_views(scene, 512, projection="perspective"), twelve_views(scene, 512)
     camera = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)
@@ -104,7 +104,7 @@ def depth_object() -> Figure:
 
 
 def relight() -> Figure:
-    """A knot with unshaded colours, as a depth object in three lights, and the mesh in the last light."""
+    """Draw a depth object with unshaded colours in three lights, and the mesh in the third light."""
     vertices, faces, colors = knot_surface(lit=False)
     thing = ibr.DepthObject(object_views(MeshScene(vertices, faces, colors=colors), 512, normals=True), slices=256)
     camera = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from tools.browser import chromium
 
 IMAGES = Path(__file__).resolve().parents[1] / "images"
-WIDE, NARROW = (1080, 680), (390, 680)  # windows of a screen, and of a phone, whose controls are collapsed at first
+WIDE, NARROW = (1080, 680), (390, 680)  # windows in pixels: on a desktop, and on a phone with collapsed controls
 QUALITY = 82  # of JPEG
 GAP = 12  # pixels between two windows
 BLANK = """
@@ -39,12 +39,12 @@ BLANK = """
 """
 """Script that hides the device's name and the times, which depend on the machine."""
 PATIENCE = 180.0  # seconds until a page has drawn its picture
-SETTLED = 1.5  # seconds without a change
+SETTLED = 1.5  # seconds without a change after which a page counts as finished
 
 
 @contextmanager
 def window(browser: Any, url: str, size: tuple[int, int]):
-    """A page in a window, without the warning that WebGL is slow here."""
+    """Open a page in a window; hide the message that WebGL is slow on this machine."""
     context = browser.new_context(viewport={"width": size[0], "height": size[1]})
     page = context.new_page()
     page.set_default_timeout(1e3 * PATIENCE)
@@ -56,7 +56,7 @@ def window(browser: Any, url: str, size: tuple[int, int]):
 
 
 def shot(page: Any) -> Image.Image:
-    """Screenshot of the window once it no longer changes."""
+    """Take a screenshot of the window when it has stopped changing."""
     end, before = time.monotonic() + PATIENCE, b""
     while (now := page.screenshot()) != before:
         if time.monotonic() > end:
@@ -68,7 +68,7 @@ def shot(page: Any) -> Image.Image:
 
 
 def choose(page: Any, label: str, option: str) -> None:
-    """Choose an option of a control."""
+    """Choose an option of a control on the page."""
     page.get_by_label(label, exact=True).click()
     page.get_by_role("option", name=option, exact=True).click()
 
@@ -79,7 +79,7 @@ def unfold(page: Any, folder: str) -> None:
 
 
 def view_pages(browser: Any) -> dict[str, Image.Image]:
-    """A knot in front of a corner from two sources: its pixel classes, and two methods to draw it."""
+    """Make the pictures of `pyibr view`: a knot in front of a corner, by pixel classes and by two methods."""
     scene, eyes = room(), ((-3.0, -9.5, 3.2), (1.5, -10.0, 2.2))
     cameras = [ibr.Camera.look_at(eye, (0.3, 0, -0.4), (0, 0, 1), (480, 400), fov_y=48) for eye in eyes]
     views = [scene.capture(camera) for camera in cameras]
@@ -105,7 +105,7 @@ def view_pages(browser: Any) -> dict[str, Image.Image]:
 
 
 def place_pages(browser: Any) -> dict[str, Image.Image]:
-    """Five proposed frusta on the knot, too few to see all of it."""
+    """Make the picture of `pyibr place`: five proposed frusta, which do not see all of a knot."""
     corners, faces, colors = knot_surface()
     mesh = ibr.Mesh(corners, faces, colors=colors)
     frusta = propose_frusta(mesh, 5, 256)
@@ -120,7 +120,7 @@ def place_pages(browser: Any) -> dict[str, Image.Image]:
 
 
 def taken(browser: Any, url: str, size: tuple[int, int], prepare: Callable[[Any], None]) -> Image.Image:
-    """Screenshot of a window of a size, after some actions."""
+    """Open a window of a given size, do some actions on the page, and take a screenshot."""
     with window(browser, url, size) as page:
         if size == NARROW:
             unfold(page, "Controls")
@@ -131,7 +131,7 @@ def taken(browser: Any, url: str, size: tuple[int, int], prepare: Callable[[Any]
 
 
 def beside(*images: Image.Image) -> Image.Image:
-    """Screenshots in a row."""
+    """Join screenshots side by side into one picture."""
     gap = np.full((images[0].height, GAP, 3), 255, np.uint8)
     parts = [part for image in images for part in (gap, np.asarray(image))][1:]
     return Image.fromarray(np.concatenate(parts, axis=1))

@@ -35,7 +35,7 @@ IMAGES = Path(__file__).resolve().parents[1] / "images"
 
 
 def terrain() -> Figure:
-    """One depth image and one of its new views, in a row: colour, depth, new view, holes."""
+    """Draw a depth image and a new view of it, in a row: colour, depth, the new view, and its holes."""
     source = source_view(height_field())
     frame = views_of(source, PATH[2:3])[0].frame
     gray = (frame.color.mean(axis=2, keepdims=True) * 0.55 + 100) / 255
@@ -93,7 +93,7 @@ if __name__ == "__main__":
     save("depth-camera.jpg", depthcameras.steps(), 80)
     save("own-system.jpg", splats(), 100)
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
-    if teapot := os.environ.get("PYIBR_TEAPOT"):  # path of your mesh file
+    if teapot := os.environ.get("PYIBR_TEAPOT"):  # path of a mesh file of the teapot
         save("paper-relief-teapot.jpg", reliefs.teapot(ibr.Mesh.load(teapot)), 80)
     else:
         print(f"{IMAGES / 'paper-relief-teapot.jpg'} is not redrawn: PYIBR_TEAPOT names no mesh of the teapot")

@@ -23,7 +23,7 @@ PALE = "#dfe7ee"
 
 
 def refinement() -> Figure:
-    """The quadtree's first levels, and a terrain's triangles for two errors and for a viewer."""
+    """Draw the quadtree's first levels, and a terrain's triangles for two largest errors and for a viewer."""
     figure, grid = plt.subplots(2, 4, figsize=(13, 6.7), layout="constrained")
     for axes, view in zip(grid[0], _steps(), strict=True):
         mesh = ibr.DepthMesh(view, segmentation=Segmentation("none")).simplify(1e-4)
@@ -54,7 +54,7 @@ def refinement() -> Figure:
 
 
 def _steps() -> list[ibr.DepthImage]:
-    """Four depth images that need 2, 4, 8 and 16 triangles."""
+    """Draw four depth images whose meshes need 2, 4, 8 and 16 triangles."""
     middle = np.array([[3, 3, 3], [3, 2, 3], [3, 3, 3]], float)
     beside = np.array([[3, 2.5, 3], [2.6, 2, 2.4], [3, 2.7, 3]])
     finer = np.zeros((5, 5))
@@ -71,7 +71,7 @@ def _steps() -> list[ibr.DepthImage]:
 
 
 def _coarse_terrain() -> ibr.DepthImage:
-    """A square part of the terrain, 65 x 65 samples, seen straight from above."""
+    """Return a part of the terrain, 65 x 65 samples, seen from above."""
     field, step = height_field(), 12
     K = field.camera.K / step
     K[2, 2] = 1
@@ -82,7 +82,7 @@ def _coarse_terrain() -> ibr.DepthImage:
 
 
 def _pixels(mesh: ibr.Mesh, view: ibr.DepthImage) -> np.ndarray:
-    """(T, 3, 2) pixels of the corners of a mesh's triangles in the view."""
+    """Return the pixels (T, 3, 2) at which the view sees the corners of a mesh's triangles."""
     return view.camera.project(mesh.vertices)[0][mesh.faces]
 
 
@@ -95,7 +95,7 @@ def _frame(axes: Axes, view: ibr.DepthImage, title: str) -> None:
 
 
 def _strands() -> ibr.DepthImage:
-    """33 x 33 samples where strands of the knot overlap."""
+    """Return 33 x 33 samples of the knot where its strands overlap."""
     view = object_views(knot(), 129)[4]
     x, y = 60, 30
     K = view.camera.K - [[0, 0, x], [0, 0, y], [0, 0, 0]]
@@ -105,7 +105,7 @@ def _strands() -> ibr.DepthImage:
 
 
 def segments() -> Figure:
-    """Edges of the drawn triangles of a small view, level by level."""
+    """Draw the triangles of four levels of a small view; colours show whether cells within them are drawn."""
     view = _strands()
     tree = ibr.DepthMesh(view).tree
     figure, row = plt.subplots(1, 5, figsize=(13, 2.95), layout="constrained")
@@ -121,7 +121,10 @@ def segments() -> Figure:
 
 
 def _level(tree: Tree, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(T, 3, 2) triangles of a level, two per block of side 2 step, or 1; masks: some drawn, some not drawn."""
+    """Return a level's triangles (T, 3, 2), two per block, and masks of those with some drawn and some undrawn cells.
+
+    The side of a block is 2 step, or 1 if step is 0.
+    """
     states = (tree.states if step else tree.cells).to_host()
     drawn, undrawn, bits = (int(constant("depthmesh/tree.h", n)) for n in ("DRAWN", "UNDRAWN", "SIDE_BITS"))
     corners: list[np.ndarray] = []
@@ -130,7 +133,7 @@ def _level(tree: Tree, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for top in range(0, tree.side, side):
         for left in range(0, tree.side, side):
             square = np.array([[left, top], [left + side, top], [left + side, top + side], [left, top + side]])
-            main = (left // side + top // side) % 2 == 0  # the diagonal runs to the lower right
+            main = (left // side + top // side) % 2 == 0  # the block's diagonal runs to the lower right
             byte = int(states[top + step, left + step])
             halves = ([0, 1, 2], [0, 2, 3]) if main else ([0, 1, 3], [1, 2, 3])
             for half, three in enumerate(halves):
@@ -141,7 +144,7 @@ def _level(tree: Tree, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def strips() -> Figure:
-    """Triangles as one strip, and as several around empty samples and around segmented ones."""
+    """Draw strips of triangles: one over the whole grid, and several around empty samples and around rubber sheets."""
     view = _strands()
     whole = ibr.DepthImage(view.color, _filled(view), view.camera)
     panels = {
@@ -168,12 +171,12 @@ def strips() -> Figure:
 
 
 def _filled(view: ibr.DepthImage) -> np.ndarray:
-    """Depth with the background at the depth of the farthest sample."""
+    """Return depth in which the background has the depth of the farthest sample."""
     return np.where(view.valid, view.depth, view.depth[view.valid].max()).astype(np.float32)
 
 
 def sections() -> Figure:
-    """Two sections through a depth image: the error of a vertex, and a triangle between two surfaces."""
+    """Draw two cross-sections of a depth image: the error of a vertex, and a triangle between two surfaces."""
     view = object_views(knot(), 72, projection="perspective")[5]
     figure, row = plt.subplots(1, 2, figsize=(13, 4.3), layout="constrained")
     _error(row[0], view)
@@ -182,13 +185,13 @@ def sections() -> Figure:
 
 
 def _section(view: ibr.DepthImage, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(n, 3) samples at pixels, in the frame of the view's camera."""
+    """Return the surface points (n, 3) at some pixels, in the frame of the view's camera."""
     points = view.camera.unproject(np.column_stack([x, y]), view.depth[y, x])
     return (points - view.camera.center) @ view.camera.world_from_camera[:3, :3]
 
 
 def _error(axes: Axes, view: ibr.DepthImage) -> None:
-    """Samples of a column in the plane of y and z, an edge over 16 samples, and the error at its middle."""
+    """Draw samples of a column by y and z, an edge that spans 16 samples, and the error at the edge's middle."""
     y = np.arange(13, 38)
     flat = _section(view, np.full(len(y), 35), y)[:, 1:]
     a, p, b = flat[4], flat[12], flat[20]
@@ -205,7 +208,7 @@ def _error(axes: Axes, view: ibr.DepthImage) -> None:
 
 
 def _sheet(axes: Axes, view: ibr.DepthImage) -> None:
-    """Samples of a row over a depth edge, the edge's normal and the line of sight."""
+    """Draw samples of a row across a depth edge, the normal of the surface between them, and the line of sight."""
     x, at = np.arange(30, 46), 37
     flat = _section(view, x, np.full(len(x), 25))[:, [0, 2]]
     left, right = flat[x == at][0], flat[x == at + 1][0]

@@ -17,13 +17,13 @@ from pyibr.capture import models
 from pyibr.relief.quadrics import vertex_frames
 
 BEND = -0.62
-"""a of the cross-sections' quadric z = a x^2: outwards is positive."""
+"""Coefficient a of the quadric z = a x^2 in the cross-sections; positive z is outwards."""
 DEEP = 0.34
-"""Depth of their relief, in the same unit."""
+"""Greatest depth of the relief in the cross-sections, in the unit of x."""
 
 
 def rays() -> Figure:
-    """The search, on a flat base; a ray that misses the relief, on a flat base and on a curved one."""
+    """Draw the search below a flat base, and rays below a flat base and below a curved base, where one ray gets out."""
     figure, row = plt.subplots(1, 3, figsize=(13, 2.7), layout="constrained")
     flat = _section(row[0], 0.0)
     _entering(row[0], flat, 0.0, (-0.55, (0.9, -0.3)), BLUE, searched=True)
@@ -39,7 +39,7 @@ def rays() -> Figure:
 
 
 def _section(axes: Axes, bend: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Cross-section of a relief below z = bend x^2; the heights along the cut by x."""
+    """Draw a cross-section of a relief below z = bend x^2; return the height map along it as a function of x."""
     heights = stones()[0][40] / 255.0
     x = np.linspace(-1.25, 1.25, 900)
 
@@ -64,7 +64,7 @@ def _entering(
     color: str,
     searched: bool = False,
 ) -> None:
-    """A ray that enters at x, up to its hit on the relief or its exit."""
+    """Draw a ray that enters at x, up to its hit on the relief or its exit."""
     at, way = ray
     start, way = np.array([at, bend * at**2]), np.array(way)
 
@@ -90,7 +90,7 @@ def _entering(
 
 
 def measures() -> Figure:
-    """Depth of a ray's point below a tube by each measure, and depths along a whole ray."""
+    """Draw the depth of a point below a tube by each of the three distances, and the depths along a ray."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(13, 3.6), layout="constrained", width_ratios=(1.15, 1))
     radius, turn = -0.5 / BEND, np.linspace(-0.7, 1.6, 300)
     circle = radius * np.stack([np.sin(turn), np.cos(turn) - 1])
@@ -102,7 +102,7 @@ def measures() -> Figure:
     point = 0.72 * way
     normal_foot = np.array([point[0], BEND * point[0] ** 2])
     across = np.array([0.5577, 0.83])  # at right angles to the ray, in the plane of ray and normal
-    # (equation 6) a (Px + s Ux)^2 = Pz + s Uz
+    # equation 6, solved for s: a (Px + s Ux)^2 = Pz + s Uz
     a, b, c = BEND * across[0] ** 2, 2 * BEND * point[0] * across[0] - across[1], BEND * point[0] ** 2 - point[1]
     s = min((r.real for r in np.roots([a, b, c]) if abs(r.imag) < 1e-9), key=abs)
     center = np.array([0, -radius])
@@ -127,7 +127,7 @@ def measures() -> Figure:
 
 
 def _along_a_ray(axes: Axes) -> None:
-    """The depth below a circle of radius 1, by each measure, along a ray that meets it at 35 degrees."""
+    """Plot the depth below a circle of radius 1, by each distance, along a ray that enters at 35 degrees."""
     way, bend = np.array([np.cos(np.radians(35)), -np.sin(np.radians(35))]), -0.5
     t = np.linspace(0, 1.05, 300)
     x, z = t * way[0], t * way[1]
@@ -149,7 +149,7 @@ def _along_a_ray(axes: Axes) -> None:
 
 
 def quadrics() -> Figure:
-    """Quadrics fitted to vertices of four meshes."""
+    """Draw the quadrics that are fitted at vertices of four meshes."""
     ring, ball = models.donut(64), models.donut(64, radius=1e-6, tube=1.0)
     square = quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
     cases = {
@@ -171,6 +171,6 @@ def quadrics() -> Figure:
 
 
 def _fitted(mesh: ibr.Mesh, near: tuple[float, float, float]) -> np.ndarray:
-    """(3,) a, b and c at the vertex that is nearest to a place."""
+    """Return a, b and c of the quadric at the vertex that is nearest to a place: (3,)."""
     nearest = np.linalg.norm(mesh.vertices - np.array(near), axis=1).argmin()
     return vertex_frames(mesh, (1, 1)).quadrics[nearest].round(6) + 0.0

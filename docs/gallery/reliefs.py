@@ -17,14 +17,14 @@ WHITE = (255, 255, 255)
 
 
 def noise(seed: int, sigma: float, n: int = 256) -> np.ndarray:
-    """(n, n) smooth noise from 0 to 1, tiled."""
+    """Return smooth noise (n, n) from 0 to 1 that tiles."""
     rough = np.pad(np.random.default_rng(seed).random((n, n)).astype(np.float32), 64, mode="wrap")
     smooth = cv2.GaussianBlur(rough, (0, 0), sigma)[64:-64, 64:-64]
     return (smooth - smooth.min()) / np.ptp(smooth)
 
 
 def bricks() -> tuple[np.ndarray, np.ndarray]:
-    """Height and colour of a wall of rough bricks."""
+    """Return height and colour of a wall of rough bricks."""
     y, x = np.mgrid[:256, :256]
     shifted = (x + 32 * (y // 32 % 2)) % 64
     joint = np.minimum(np.minimum(shifted, 63 - shifted), np.minimum(y % 32, 31 - y % 32))
@@ -38,7 +38,7 @@ def bricks() -> tuple[np.ndarray, np.ndarray]:
 
 
 def stones() -> tuple[np.ndarray, np.ndarray]:
-    """Height and colour of rounded stones side by side."""
+    """Return height and colour of rounded stones that lie side by side."""
     rng = np.random.default_rng(8)
     centers = rng.random((46, 2)) * 256
     shifts = np.array([(i, j) for i in (-256, 0, 256) for j in (-256, 0, 256)])
@@ -54,7 +54,7 @@ def stones() -> tuple[np.ndarray, np.ndarray]:
 
 
 def tube(sides: int, length: float = 2.4, radius: float = 1.0) -> ibr.Mesh:
-    """An open cylinder about the z axis."""
+    """Return an open cylinder about the z axis."""
     u, v = np.meshgrid(np.linspace(0, 1, sides + 1), np.linspace(0, 1, 9))
     a = 2 * np.pi * u
     normals = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)
@@ -67,7 +67,7 @@ def tube(sides: int, length: float = 2.4, radius: float = 1.0) -> ibr.Mesh:
 
 
 def quad(corner: tuple, along: tuple, up: tuple) -> ibr.Mesh:
-    """A parallelogram with uv along its sides."""
+    """Return a parallelogram with uv along its sides."""
     a, b, c = (np.array(p, float) for p in (corner, along, up))
     return ibr.Mesh([a, a + b, a + b + c, a + c], [[0, 1, 2], [0, 2, 3]], uv=[[0, 1], [1, 1], [1, 0], [0, 0]])
 
@@ -79,7 +79,7 @@ def show(axes: Axes, image: np.ndarray, title: str) -> None:
 
 
 def wires(axes: Axes, mesh: ibr.Mesh, camera: ibr.Camera) -> None:
-    """The edges of the triangles that face the camera."""
+    """Draw the edges of the triangles that face the camera."""
     pixel, _ = camera.project(mesh.vertices)
     corner = mesh.vertices[mesh.faces].astype(float)
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -91,7 +91,7 @@ def wires(axes: Axes, mesh: ibr.Mesh, camera: ibr.Camera) -> None:
 
 
 def silhouettes() -> Figure:
-    """A torus and a tube, flat and with the quadrics, and with the mesh drawn over them."""
+    """Draw a torus and a tube in relief: with the mesh's outline, with the relief's, and with the mesh over it."""
     size, up = (620, 440), (0, 0, 1)
     figure, grid = plt.subplots(2, 3, figsize=(13.5, 6.6), layout="constrained")
     camera = ibr.Camera.look_at((1.3, -2.2, 1.7), (0, 0, -0.05), up, size, fov_y=42)
@@ -101,7 +101,7 @@ def silhouettes() -> Figure:
 
 
 def teapot(mesh: ibr.Mesh) -> Figure:
-    """The paper's figure 9."""
+    """Draw a teapot in relief, as in the paper's figure 9."""
     figure, row = plt.subplots(1, 3, figsize=(13.5, 2.9), layout="constrained")
     low, high = (np.asarray(corner, np.float64) for corner in mesh.bounds)
     middle, extent = 0.5 * (low + high), float(np.linalg.norm(high - low))
@@ -112,7 +112,7 @@ def teapot(mesh: ibr.Mesh) -> Figure:
 
 
 def outlines(row: np.ndarray, mesh: ibr.Mesh, tiles: tuple[int, int], scale: float, camera: ibr.Camera) -> None:
-    """A mesh of bricks, flat and with the quadrics, and with the mesh drawn over it."""
+    """Draw a mesh in a relief of bricks: with the mesh's outline, with the relief's, and with the mesh over it."""
     turn = camera.world_from_camera[:3, :3]
     light = ibr.Light(direction=turn @ (0.45, 0.45, 0.8), color=(1.4, 1.35, 1.25))
     frames = {}
@@ -126,9 +126,9 @@ def outlines(row: np.ndarray, mesh: ibr.Mesh, tiles: tuple[int, int], scale: flo
 
 
 def texture() -> Figure:
-    """Inputs of a relief: heights, their normals, and colours; and the relief."""
+    """Draw the inputs of a relief (heights, their normals, colours), and the relief."""
     height, color = stones()
-    rise = 0.09 * height.astype(float) / 255  # scene units, of a tile one unit wide
+    rise = 0.09 * height.astype(float) / 255  # in scene units, for a tile one unit wide
     across, down = (np.roll(rise, -1, axis) - np.roll(rise, 1, axis) for axis in (1, 0))
     normals = np.dstack([-across, down, np.full_like(rise, 2 / 256)])
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -144,7 +144,7 @@ def texture() -> Figure:
 
 
 def shadows() -> Figure:
-    """A relief's self-shadows by both methods, and reliefs and other objects that shade one another."""
+    """Draw a relief's shadows on itself by both methods, and a mesh and reliefs that cast shadows on one another."""
     (height, color), stone = bricks(), stones()
     floor = quad((-2, -2, 0), (4, 0, 0), (0, 4, 0))
     view = ibr.Camera.look_at((0.6, -1.6, 1.5), (0, -0.2, 0), (0, 0, 1), (430, 330), fov_y=40)
@@ -179,7 +179,7 @@ def _post(middle: tuple[float, float, float]) -> ibr.Mesh:
 
 
 def distances() -> Figure:
-    """The paper's two distances to the quadric, their difference, and exact distances."""
+    """Draw a relief by the paper's two distances, the difference of both pictures, and the relief by exact ones."""
     height, color = bricks()
     camera = ibr.Camera.look_at((1.6, -3.2, 0.5), (0, 0, 0), (0, 0, 1), (520, 400), fov_y=44)
     light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
@@ -198,7 +198,7 @@ def distances() -> Figure:
 
 
 def scenes() -> Figure:
-    """Interpenetration, a saddle, several numbers of tiles, and a room with shadows."""
+    """Draw two reliefs that intersect, a saddle, a torus with three numbers of tiles, and a room with shadows."""
     brick, stone = bricks(), stones()
     light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
     figure, grid = plt.subplots(2, 2, figsize=(13, 9.6), layout="constrained")
@@ -223,7 +223,7 @@ def scenes() -> Figure:
 
 
 def room(size: tuple[int, int]) -> np.ndarray:
-    """A corner of a room made of reliefs alone, lit by one spot."""
+    """Render a corner of a room in which everything is a relief, lit by one spot light."""
     brick, stone = bricks(), stones()
     things = [
         ibr.ReliefSurface(quad((-3, 2.2, 0), (6, 0, 0), (0, 0, 3)), *brick, 0.12, tiles=(5, 3)),

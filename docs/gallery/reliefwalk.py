@@ -15,7 +15,7 @@ SKY = (196, 214, 232)
 
 
 def canyon() -> tuple[np.ndarray, np.ndarray]:
-    """Height and colour of a plateau, tiled, with a winding canyon with layered walls along u."""
+    """Return height and colour of a plateau with a winding canyon along u, whose walls have layers; both maps tile."""
     y, x = np.mgrid[:512, :512] / 512
     rough = 0.6 * noise(21, 22, 512) + 0.4 * noise(22, 7, 512)
     aside = np.abs(y - 0.5 - 0.1 * np.sin(2 * np.pi * x) - 0.03 * np.sin(6 * np.pi * x + 1))
@@ -32,12 +32,12 @@ def canyon() -> tuple[np.ndarray, np.ndarray]:
 
 
 def path(x: float) -> float:
-    """Middle of the canyon in the square of `walk`: a tile is 3 wide, v runs down."""
+    """Return y of the canyon's middle at x, in the world of `walk`: a tile is 3 units wide, and v points to -y."""
     return 1.5 - 0.3 * np.sin(2 * np.pi * x / 3) - 0.09 * np.sin(6 * np.pi * x / 3 + 1)
 
 
 def walk() -> Figure:
-    """Views from above a floor of bricks down between the bricks, and into and along a canyon."""
+    """Draw two descents of a camera, in three views each: between bricks of a floor, and into a canyon."""
     light = ibr.Light(direction=(0.8, 0.35, -0.75), color=(1.9, 1.8, 1.65), ambient=0.45, shadow_size=2048)
     floor = ibr.ReliefSurface(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), *bricks(), 0.14, tiles=(8, 8), shadow="search")
     land = ibr.ReliefSurface(quad((-6, -6, 0), (12, 0, 0), (0, 12, 0)), *canyon(), 0.5, tiles=(4, 4), shadow="search")

@@ -1,4 +1,4 @@
-"""A room, seen once with its depth, for two eyes and as a quilt: `docs/images/stereo.jpg` and `quilt.jpg`."""
+"""Pictures of a room for two eyes, and as a quilt: `docs/images/stereo.jpg` and `docs/images/quilt.jpg`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ IMAGES = Path(__file__).resolve().parents[1] / "images"
 
 
 def main() -> None:
-    """Write the pictures."""
+    """Write both pictures."""
     view = photograph()
     pictures = [ibr.stereo(view, layout=layout, divergence=3) for layout in ("half-sbs", "dubois")]
     ibr.write_color(IMAGES / "stereo.jpg", np.hstack(pictures))

@@ -16,25 +16,25 @@ from reliefs import bricks, noise
 import pyibr as ibr
 from pyibr.capture import models
 
-FLOOR, CEILING, BACK, SIDE = 1.25, -1.35, 4.6, 2.3  # metres from the camera
+FLOOR, CEILING, BACK, SIDE = 1.25, -1.35, 4.6, 2.3  # distances from the camera, in metres
 SPINES = [(140, 40, 36), (34, 74, 96), (196, 160, 84), (70, 96, 62), (226, 214, 190), (66, 50, 74)]
 BOWL = [(0, 0), (0.07, 0), (0.075, 0.02), (0.04, 0.06), (0.1, 0.16), (0.15, 0.22), (0.14, 0.22), (0.03, 0.09)]
 VASE = [(0, 0), (0.06, 0), (0.09, 0.08), (0.085, 0.16), (0.04, 0.25), (0.035, 0.3), (0.055, 0.34)]
 BALL = [(0.16 * np.sin(a), 0.16 - 0.16 * np.cos(a)) for a in np.linspace(0, np.pi, 24)]
 LAMP = [(0.17, 0), (0.17, 0.02), (0.02, 0.04), (0.015, 1.35), (0.2, 1.35), (0.12, 1.62), (0, 1.62)]
-"""Radii and heights in metres."""
+"""Profiles of turned objects: pairs of radius and height in metres."""
 LIGHT = ibr.Light(direction=(0.8, 0.5, 0.55), color=(1.75, 1.66, 1.52), ambient=0.55, shadow_size=2048)
 CAMERA = ibr.Camera([[600, 0, 319.5], [0, 600, 239.5], [0, 0, 1]], (640, 480))
 
 
 def box(low: Sequence[float], high: Sequence[float], texture: np.ndarray, repeats: float = 1.0) -> ibr.Mesh:
-    """A box along the axes; its texture repeats a given number of times per metre."""
+    """Return a box along the axes; `repeats` is the number of repetitions of the texture per metre."""
     corners = np.array([[low, high]]).reshape(2, 3)
     vertices, uv, faces = [], [], []
     for axis in range(3):
         a, b = (axis + 1) % 3, (axis + 2) % 3
         if axis != 1:
-            a, b = sorted((a, b), key=lambda k: k == 1)  # textures stand upright
+            a, b = sorted((a, b), key=lambda k: k == 1)  # v of the texture is along y
         for side in range(2):
             for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)):
                 vertex = corners[side].copy()
@@ -47,12 +47,12 @@ def box(low: Sequence[float], high: Sequence[float], texture: np.ndarray, repeat
 
 
 def plain(*color: int) -> np.ndarray:
-    """A texture of one colour."""
+    """Return a texture of one colour."""
     return np.full((4, 4, 3), color, np.uint8)
 
 
 def planks() -> np.ndarray:
-    """Wood in planks, two across a texture."""
+    """Return a texture of wooden planks, two across its width."""
     y, x = np.mgrid[:256, :256]
     grain = noise(21, 1.0)[y, (x // 9 + 57 * (y // 64)) % 256]
     tint = np.random.default_rng(4).random(8)[y // 64 * 2 + (x > 128 * (y // 64 % 2))][..., None]
@@ -62,7 +62,7 @@ def planks() -> np.ndarray:
 
 
 def wallpaper() -> np.ndarray:
-    """Stripes with a small pattern."""
+    """Return a texture of stripes with a small pattern."""
     y, x = np.mgrid[:128, :128]
     color = np.where((x // 16 % 2)[..., None] > 0, (214, 205, 182), (203, 192, 166)).astype(float)
     color[np.hypot(x % 32 - 8, y % 32 - 16) < 4] = (168, 146, 116)
@@ -70,7 +70,7 @@ def wallpaper() -> np.ndarray:
 
 
 def rug() -> np.ndarray:
-    """Diamonds within a border."""
+    """Return a texture of diamonds within a border."""
     y, x = np.mgrid[:256, :256]
     wave = (np.abs((x % 64) - 32) + np.abs((y % 64) - 32)) // 8 % 4
     color = np.array([(146, 42, 44), (222, 196, 148), (38, 58, 92), (176, 72, 52)])[wave]
@@ -81,7 +81,7 @@ def rug() -> np.ndarray:
 
 
 def painting() -> np.ndarray:
-    """Hills under an evening sky."""
+    """Return a picture of hills under an evening sky."""
     y, x = np.mgrid[:192, :256]
     sky = np.linspace(0, 1, 192)[:, None, None]
     color = (1 - sky) * np.array([64, 96, 152]) + sky * np.array([250, 188, 120]) + 0.0 * x[..., None]
@@ -95,7 +95,7 @@ def painting() -> np.ndarray:
 def turned(
     profile: Sequence[tuple[float, float]], at: Sequence[float], color: Sequence[int], sides: int = 48
 ) -> ibr.Mesh:
-    """A turned object at a place: radii and heights of its profile, from the foot up."""
+    """Return a turned object at a place; its profile lists radii and heights from the foot upwards."""
     radius, height = np.array(profile).T
     a = np.linspace(0, 2 * np.pi, sides + 1)
     ring = np.stack([radius[:, None] * np.cos(a), -height[:, None] + 0 * a, radius[:, None] * np.sin(a)], axis=-1)
@@ -110,7 +110,7 @@ def turned(
 
 
 def shelf() -> list[ibr.Mesh]:
-    """Books on boards at the right of the back wall."""
+    """Return books on shelves at the right of the back wall."""
     random, wood = np.random.default_rng(12), planks()
     left, front, things = 0.75, BACK - 0.34, list[ibr.Mesh]()
     for level in range(5):
@@ -131,7 +131,7 @@ def shelf() -> list[ibr.Mesh]:
 
 @cache
 def room() -> tuple[ibr.Mesh, ...]:
-    """All objects of the room."""
+    """Return all objects of the room."""
     wood, dark = planks(), (planks() * 0.55).astype(np.uint8)
     wall, brick = wallpaper(), bricks()[1]
     things = [
@@ -162,14 +162,14 @@ def room() -> tuple[ibr.Mesh, ...]:
 
 @cache
 def photograph() -> ibr.DepthImage:
-    """Photograph of the room with depth, as from a depth camera or a network."""
+    """Render the room as a photograph with depth, as a depth camera or a network would give it."""
     seen = ibr.render(list(room()), CAMERA, LIGHT, samples=4)
     depth = ibr.render(list(room()), CAMERA).depth
     return ibr.DepthImage(seen.color, depth, CAMERA)
 
 
 def first_page() -> Figure:
-    """A photograph, its depth, a new view, and the same view with its holes filled."""
+    """Draw a photograph, its depth, a new view, and the same view with its holes filled."""
     view = photograph()
     aside = CAMERA.moved(0.25, -0.08, 0.1)
     new, filled = ibr.warp(view, aside, samples=4), ibr.warp(view, aside, fill="background", samples=4)
@@ -189,7 +189,7 @@ def first_page() -> Figure:
 
 
 def choices() -> dict[str, np.ndarray]:
-    """A small picture of each method, by its name."""
+    """Return a small picture of each method, by the method's name."""
     size, view = (320, 240), photograph()
     small = CAMERA.resized(size)
     right = ibr.warp(view, CAMERA.moved(0.3, 0, 0))

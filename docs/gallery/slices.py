@@ -25,7 +25,7 @@ UNIT = ibr.Mesh(
 
 
 def slicing_directions() -> Figure:
-    """One height map, seen from above and from the side, with each kind of slices."""
+    """Draw a height map from above and from the side, by each of the three kinds of slices."""
     y, x = np.mgrid[:128, :128] / 128
     hills = np.sin(4 * np.pi * x) * np.cos(2 * np.pi * y) + 0.7 * np.sin(9 * np.pi * x + 5 * y)
     height = (0.5 + 0.26 * hills).clip(0.04, 1).astype(np.float32)
@@ -49,7 +49,7 @@ def slicing_directions() -> Figure:
 
 
 def three_directions() -> Figure:
-    """A height map by 64 slices, from the views in which the directions a, b and c face the viewer most."""
+    """Draw a height map by 64 slices from three views: in each, another slicing direction faces the viewer most."""
     y, x = np.mgrid[:128, :128] / 128
     waves = 0.6 * np.sin(9.4 * np.hypot(x - 0.4, y - 0.55) * 2) + 0.4 * np.sin(12.6 * x) * np.sin(18.8 * y)
     height = (0.5 + 0.45 * waves).clip(0.04, 1).astype(np.float32)
@@ -72,7 +72,7 @@ def three_directions() -> Figure:
 
 
 def slice_counts() -> Figure:
-    """A pyramid field at 40 degrees by 6 to 48 slices along the normal, across it and parallel to the screen."""
+    """Draw a field of pyramids by 6, 12 and 48 slices of each of the three kinds."""
     y, x = np.mgrid[:128, :128] / 128
     ridges = np.maximum(1 - np.abs(4 * x % 1 - 0.5) * 2.4, 1 - np.abs(4 * y % 1 - 0.5) * 2.4).clip(0, 1)
     height = (0.08 + 0.9 * ridges).astype(np.float32)
@@ -92,7 +92,7 @@ def slice_counts() -> Figure:
 
 
 def bands() -> Figure:
-    """A slope and blocks of three heights by the test "band": too thin, one slice thick, and thicker."""
+    """Draw a slope and blocks by the test "band": with a band that is too thin, one slice thick, and thicker."""
     y, x = np.mgrid[:96, :96] / 96
     height = (0.04 + 0.1 * x).astype(np.float32)
     for left, rise in ((0.1, 0.15), (0.4, 0.4), (0.7, 0.75)):
@@ -112,7 +112,7 @@ def bands() -> Figure:
 
 
 def donuts() -> Figure:
-    """Height maps on a donut of 625 quadrilaterals: fur, and bricks."""
+    """Draw height maps of fur and of bricks on a donut of 625 quadrilaterals."""
     rng = np.random.default_rng(1)
     fur = cv2.GaussianBlur(rng.random((64, 64)).astype(np.float32) ** 3, (0, 0), 0.8, borderType=cv2.BORDER_REFLECT)
     fur /= fur.max()
@@ -137,7 +137,7 @@ def donuts() -> Figure:
 
 
 def volume() -> Figure:
-    """A line displaced along its normals, slices of its displacement volume, and the three slicing directions."""
+    """Draw a line displaced along its normals, the slices of its volume, and a polygon's three slicing directions."""
     figure, row = plt.subplots(1, 3, figsize=(13, 2.7), width_ratios=(1, 1, 1.4), layout="constrained")
     _displaced_line(row[0])
     _slices_of_a_line(row[1])
@@ -146,7 +146,7 @@ def volume() -> Figure:
 
 
 def terrain_heights(rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """Heights from 0 to 1 and colours of a square part of the terrain."""
+    """Return heights from 0 to 1 and colours of a square part of the terrain."""
     field = height_field()
     part = np.s_[250:1050, 350:1150]
     height = -field.depth[part]
@@ -155,7 +155,7 @@ def terrain_heights(rows: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _base(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a bent base line, and its normals."""
+    """Return points of a curved base line, and its normals."""
     points = np.stack([t, 0.16 * np.sin(np.pi * t)], axis=-1)
     slope = 0.16 * np.pi * np.cos(np.pi * t)
     normals = np.stack([-slope, np.ones_like(t)], axis=-1)
@@ -181,7 +181,7 @@ def _displaced_line(axes: Axes) -> None:
 
 
 def _slices_of_a_line(axes: Axes) -> None:
-    """Parts of each slice along the surface that pass the alpha test, in the colours of the map."""
+    """Draw the slices of a curved line; parts that pass the alpha test have the colours of the map."""
     height, color = terrain_heights(200)
     t, alpha = np.linspace(0, 1, 200), 0.08 + 0.9 * height[90]
     points, normals = _base(t)
@@ -202,7 +202,7 @@ def _slices_of_a_line(axes: Axes) -> None:
 
 
 def _directions(axes: Axes) -> None:
-    """A polygon's displacement volume, and its slices across each direction that the library uses."""
+    """Draw a polygon's displacement volume, cut into slices across each of its three slicing directions."""
     frame, height = extruded(UNIT, 0.34, (1, 1)).frames[0], 0.34
     camera = ibr.Camera.look_at((-2, -6, 3.4), (0, 0, 0), (0, 0, 1), (200, 200), projection="orthographic", height=2)
     box = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, height)])
@@ -213,7 +213,7 @@ def _directions(axes: Axes) -> None:
 
         along = box @ direction
         for at in np.linspace(along.min(), along.max(), 6)[:: -1 if name == "c" else 1]:
-            # Corners of one end, moved along the direction and sorted by their angles in the picture
+            # The corners of one end are moved along the direction, and sorted by their angle in the picture.
             face = box[along < along.mean()]
             face = drawn(face + (at - along.min()) * direction)
             middle = face - face.mean(axis=0)
@@ -231,11 +231,11 @@ def _directions(axes: Axes) -> None:
 
 
 def planes() -> Figure:
-    """An orthogonal slice and an arbitrary plane: the extruded map, the ramp of heights, and the passing points."""
+    """Draw two planes through a volume: the map's colour and height on them, their own height, and drawn points."""
     height, color = terrain_heights(256)
     figure = plt.figure(figsize=(13, 4.3), layout="constrained")
     grid = figure.add_gridspec(2, 5, width_ratios=(1.35, 1, 1, 1, 1))
-    cuts = {  # a corner, and two sides
+    cuts = {  # a corner of the plane, and its two sides
         "orthogonal": (np.array([0.0, 0.42, 0]), np.array([1.0, 0, 0]), np.array([0, 0, 0.3])),
         "any plane": (np.array([0.14, 0.1, 0]), np.array([0.8, 0.28, 0]), np.array([-0.1, 0.5, 0.3])),
     }
@@ -265,15 +265,15 @@ def planes() -> Figure:
 
 
 def _plane_in_volume(axes: Axes, height: np.ndarray, color: np.ndarray, plane: np.ndarray) -> None:
-    """The displaced terrain behind a slicing plane, and the plane's outline in the volume."""
+    """Draw the displaced terrain behind a slicing plane, and the plane's outline in the volume."""
     ticks = (np.arange(256) + 0.5) / 256
     x, y = np.meshgrid(ticks, ticks)
     normal = np.cross(plane[1] - plane[0], plane[3] - plane[0])
     to_plane = (plane[0] - np.stack([x, y, 0 * x], axis=-1)) @ normal
-    # Height of the plane above each point; for a vertical plane, everything in front of it is removed.
+    # The terrain is cut off at the plane's height above each point; in front of a vertical plane, all is removed.
     limit = to_plane / normal[2] / 0.3 if normal[2] > 0 else np.where(to_plane < 0, 0, 1)
     left = np.minimum(height, limit.clip(0, 1)).astype(np.float32)
-    left[-1] = 0  # maps repeat: the last row is next to the first
+    left[-1] = 0  # the map repeats, so its last row would rise in front of the first
     camera = ibr.Camera.look_at((0.05, -1.6, 1.25), (0.5, 0.45, 0.09), (0, 0, 1), (520, 330), fov_y=26)
     surface = ibr.SlicedSurface(UNIT, left, color, 0.3, slices=256, slicing="screen")
     bare(axes).imshow(ibr.render(surface, camera, background=(255, 255, 255), samples=4).color)
@@ -287,7 +287,7 @@ def _plane_in_volume(axes: Axes, height: np.ndarray, color: np.ndarray, plane: n
 
 
 def intersection() -> Figure:
-    """A plane through the knot: the parts that two of its depth images keep, alone and together."""
+    """Draw a plane through the knot: the parts that one, two and six depth images keep."""
     views = object_views(knot(), 512)
     ticks = np.linspace(-3.7, 3.7, 600)
     x, y = np.meshgrid(ticks, ticks)
@@ -314,7 +314,7 @@ def intersection() -> Figure:
 
 
 def one_slice() -> Figure:
-    """A slice of the knot's object: the views whose tests each point passes, and the drawn points."""
+    """Draw one slice of a depth object of the knot: the views whose tests each point passes, and the drawn points."""
     views = object_views(knot(), 512)
     whole = ibr.DepthObject(views, slices=128)
     camera = ibr.Camera.look_at((0, 0, 12), (0, 0, 0), (0, 1, 0), (400, 400), projection="orthographic", height=7.6)
@@ -356,7 +356,7 @@ def _left_by(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
 
 
 def inputs() -> Figure:
-    """The six images of the knot's depth object: colour and depth."""
+    """Draw colour and depth of the six images of the knot's depth object."""
     figure, grid = plt.subplots(2, 6, figsize=(13, 4.4), layout="constrained")
     names = ("along x", "along -x", "along y", "along -y", "along z", "along -z")
     for (top, bottom), name, view in zip(grid.T, names, object_views(knot(), 256), strict=True):

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 import pyibr as ibr
 
 PAGE = Path(__file__).resolve().parents[1] / "howto/own-system.md"
-LARGER, DOTS = 3, 100  # factor over the page's picture; dots per inch
+LARGER, DOTS = 3, 100  # enlargement of the picture on the page; dots per inch
 
 
 def splats() -> Figure:
-    """A ball of splats on a mesh, in the light, with its shadow."""
+    """Draw a ball of splats on a mesh, lit, with its shadow."""
     names: dict[str, Any] = {"__name__": "__main__"}
     before = Path.cwd()
     with tempfile.TemporaryDirectory() as folder:

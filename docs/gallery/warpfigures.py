@@ -1,4 +1,4 @@
-"""The warping paper's figures 10 to 13 with its torus and a globe, and thin objects, made by pictures.py."""
+"""Pictures like figures 10 to 13 of the warping paper, and of thin objects, made by pictures.py."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from benchmarks.models import globe, torus
 
 COLORS = [plt.get_cmap("tab10")(number) for number in (0, 1, 2, 3, 4, 6)]
 CROSS = {(1, 0): 1, (1, 1): 4, (1, 2): 0, (1, 3): 5, (0, 1): 3, (2, 1): 2}
-"""Layout of the six images of `cube_cameras` in a cross: number by row and column."""
+"""Number of the image of `cube_cameras` at each (row, column) of a cross: a cube's faces, unfolded."""
 
 
 def globe_of_six() -> Figure:
-    """Frusta and rays in an opened globe, and the six images as a cross: colours, and displacements of the surface."""
+    """Draw frusta and rays in a half globe, and the six images' colours and displacements, each as a cross."""
     images = globe(257)
     camera = ibr.Camera.look_at((-3.9, -1.9, 3.0), (0, 0, 0), (0, -1, 0), (440, 440), fov_y=43)
     away = [image for image in images if image.camera.forward @ camera.center < 0]
@@ -58,7 +58,7 @@ def globe_of_six() -> Figure:
 
 
 def torus_of_six() -> Figure:
-    """The torus with the frusta around it, the images of three of them, and the displaced image planes."""
+    """Draw the torus with the frusta around it, the images of three frusta, and their displaced image planes."""
     views = torus(256)
     camera, close = (
         ibr.Camera.look_at((9.4, -2.6, 3.4), (0, 0.2, 0), (0, -1, 0), (560, 560), fov_y=degrees) for degrees in (56, 24)
@@ -85,7 +85,7 @@ def torus_of_six() -> Figure:
 
 
 def beside_the_original() -> Figure:
-    """The torus itself, the warp of its six images, and their difference: cut at depth edges, and connected."""
+    """Draw the torus, warps of its six images with edges cut and connected, and their differences from the torus."""
     views = torus(256)
     camera = models.view(views, (400, 400), direction=(-1, -1.2, -0.3), distance=2.6)
     scene = MeshScene.from_mesh(models.torus_mesh())
@@ -105,20 +105,20 @@ def beside_the_original() -> Figure:
 
 
 def over_white(frame: ibr.Frame) -> np.ndarray:
-    """A picture of several samples a pixel, (H, W, 3) uint8."""
+    """Put a frame with several samples per pixel on white: (H, W, 3) uint8."""
     assert frame.alpha is not None
     return np.rint(frame.color + 255 * (1 - frame.alpha[..., None])).clip(0, 255).astype(np.uint8)
 
 
 def world_of(image: ibr.DepthImage) -> np.ndarray:
-    """(H, W, 3) the samples of an image without holes in the world."""
+    """Return the world coordinates (H, W, 3) of the samples of an image without holes."""
     y, x = np.mgrid[: image.camera.height, : image.camera.width]
     points = image.camera.unproject(np.stack([x, y], -1).reshape(-1, 2), image.depth.ravel())
     return points.reshape(*image.depth.shape, 3)
 
 
 def cross(faces: Sequence[np.ndarray]) -> np.ndarray:
-    """A cube's images, unfolded, on white."""
+    """Put the six images of a cube on white, as an unfolded cube."""
     side = faces[0].shape[0]
     sheet = np.ones((3 * side, 4 * side, 3))
     for (row, column), number in CROSS.items():
@@ -134,7 +134,7 @@ def draw_lines(
     tone: tuple[float, ...],
     width: float = 1.2,
 ) -> None:
-    """Lines in the world, (2, 3) each, over a picture: faint where they are hidden."""
+    """Draw lines over a picture, given by their ends (2, 3) in the world; hidden parts are faint."""
     part = np.linspace(0, 1, 121)[:, None]
     limits = axes.get_xlim(), axes.get_ylim()
     for line in lines:
@@ -149,7 +149,7 @@ def draw_lines(
 
 
 def thin_things() -> Figure:
-    """A fence and a plant of one sample's width, five times as large: by rays, without `thin`, and with it."""
+    """Draw wires and bars of one sample's width, and five times as large by rays, without and with `thin`."""
     view, truth, camera = fence()
     figure, row = plt.subplots(1, 4, figsize=(17, 3.7), layout="constrained")
     show(row[0], view.color, f"{view.camera.width} x {view.camera.height} samples")
@@ -161,7 +161,7 @@ def thin_things() -> Figure:
 
 
 def fence() -> tuple[ibr.DepthImage, np.ndarray, ibr.Camera]:
-    """Wires and bars before a striped wall as a depth image, its view from the side by rays, and that camera."""
+    """Return a depth image of wires and bars before a striped wall, a ray-cast side view, and its camera."""
     size, focal, sample = (96, 72), 100.0, 2 / 100.0
     camera = ibr.Camera([[focal, 0, 47.5], [0, focal, 35.5], [0, 0, 1]], size)
     aside = ibr.Camera(
@@ -169,7 +169,7 @@ def fence() -> tuple[ibr.DepthImage, np.ndarray, ibr.Camera]:
         (480, 360),
         camera.moved(0.06, -0.03, 0.0).world_from_camera,
     )
-    lines = [((x, -0.6), (x, 0.6)) for x in (-0.69, -0.33, 0.03, 0.39)]  # at the middle of samples
+    lines = [((x, -0.6), (x, 0.6)) for x in (-0.69, -0.33, 0.03, 0.39)]  # at the centres of samples
     lines += [
         ((-0.9, 0.3), (0.9, 0.2)),
         ((-0.9, -0.2), (0.9, -0.42)),
