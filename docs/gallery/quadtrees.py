@@ -121,7 +121,7 @@ def segments() -> Figure:
 
 
 def _level(tree: Tree, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a level's triangles (T, 3, 2), two per block, and masks of those with some drawn and some undrawn cells.
+    """Return a level's triangles (T, 3, 2), two per block, a mask of triangles with drawn cells, and one with undrawn.
 
     The side of a block is 2 step, or 1 if step is 0.
     """

@@ -14,7 +14,7 @@ from PIL import Image
 import pyibr as ibr
 
 METRES_PER_DEGREE = 111_200.0
-LATITUDE = 36.6  # of the map's middle, in degrees; a degree of longitude is shorter by its cosine
+LATITUDE = 36.6  # in degrees, at the map's middle; a degree of longitude is shorter by its cosine
 EXAGGERATION = 2.5  # factor on heights; without it, 30 km of low hills would look flat
 FINER = 4  # samples of the depth image per sample of the elevation model, in x and y
 FLIGHT = 6000.0  # height of the map's camera above sea level, in metres
