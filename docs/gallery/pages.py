@@ -37,7 +37,7 @@ BLANK = """
     }
 }
 """
-"""Script that hides the device's name and the times, which depend on the machine."""
+"""Script for the browser that hides the device's name and the times, since they depend on the machine."""
 PATIENCE = 180.0  # seconds until a page has drawn its picture
 SETTLED = 1.5  # seconds without a change after which a page counts as finished
 

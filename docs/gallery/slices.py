@@ -346,7 +346,7 @@ def one_slice() -> Figure:
 
 
 def _left_by(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
-    """Tell whether each point lies behind the surface that a view saw."""
+    """Return for each point whether it lies behind the surface that a view saw."""
     pixels, z = view.camera.project(points)
     x, y = np.rint(pixels).astype(int).T
     width, height = view.camera.size

@@ -16,7 +16,7 @@ import pyibr as ibr
 METRES_PER_DEGREE = 111_200.0
 LATITUDE = 36.6  # in degrees, at the map's middle; a degree of longitude is shorter by its cosine
 EXAGGERATION = 2.5  # factor on heights; without it, 30 km of low hills would look flat
-FINER = 4  # samples of the depth image per sample of the elevation model, in x and y
+FINER = 4  # number of samples of the depth image per sample of the elevation model, in each direction
 FLIGHT = 6000.0  # height of the map's camera above sea level, in metres
 PIVOT = np.array((0.0, -2000.0, EXAGGERATION * 500.0))  # the point that the views look at
 
