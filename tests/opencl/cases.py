@@ -1,7 +1,7 @@
 """Calls that run every kernel on small images, maps and pictures, to test accesses at their borders.
 
-They are used by `fences` and with Oclgrind. Run as a program, with a folder of kernels, this module prints each case
-before its start, and a last line after all cases.
+They are used by `fences` and with Oclgrind. Run as a program, with the name of a group of kernels, this module prints
+each case before its start, and a last line after all cases.
 """
 
 from __future__ import annotations
@@ -391,27 +391,27 @@ def _cleanings(setting: Setting) -> Cases:
         yield f"sharpen {width} x {height}", partial(ibr.sharpen_depth, depth)
 
 
-FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
-    "lib": (_registrations, _splats),
-    "picture": (_lenses, _bridges, _bounds, _registrations, _relit, _marked, _ribbons),
-    "cleaning": (_cleanings,),
-    "warp": (_warps, _bridges, _lenses, _registrations),
-    "raster": (_meshes, _sorted),
-    "slicing": (_surfaces, _objects),
-    "relief": (_reliefs,),
-    "depthmesh": (_depth_meshes,),
+GROUPS: dict[str, tuple[tuple[str, ...], tuple[Callable[[Setting], Cases], ...]]] = {
+    "images": (
+        ("lib", "picture", "cleaning", "warp"),
+        (_registrations, _splats, _lenses, _bridges, _bounds, _relit, _marked, _ribbons, _cleanings, _warps),
+    ),
+    "surfaces": (
+        ("raster", "slicing", "relief", "depthmesh"),
+        (_meshes, _sorted, _surfaces, _objects, _reliefs, _depth_meshes),
+    ),
 }
-"""Cases that together run every kernel of each folder of `kernels/`."""
+"""Folders of `kernels/`, and cases that together run every kernel in them."""
 _WITHOUT_COLORS = (_lenses, _warps, _bridges, _registrations, _cleanings)
 
 
-def run_all(setting: Setting, launches: Launches, folder: str) -> Ran:
-    """Run all cases of a folder, after printing each; return the kernels that ran."""
+def run_all(setting: Setting, launches: Launches, group: str) -> Ran:
+    """Run all cases of a group, after printing each; return the kernels that ran."""
     warnings.simplefilter("ignore")  # some targets see nothing
     # Results of poisoned launches are invalid arguments of later calls.
     refused = suppress(ibr.ArgumentError) if isinstance(launches, Poisoned) else nullcontext()
     with watching(launches):
-        for cases in FOLDERS[folder]:
+        for cases in GROUPS[group][1]:
             if setting.kind != "depth alone" or cases in _WITHOUT_COLORS:
                 for name, call in cases(setting):
                     print(setting.kind, name, flush=True)
@@ -420,14 +420,14 @@ def run_all(setting: Setting, launches: Launches, folder: str) -> Ran:
     return launches.ran
 
 
-def check_all_ran(ran: Ran, folder: str) -> None:
-    """End the process unless every kernel of the folder has run."""
+def check_all_ran(ran: Ran, group: str) -> None:
+    """End the process unless every kernel of the group has run."""
     of_cpus = set[tuple[str, str]]() if current().profile.band else {("prepare", "")}
-    missing = sorted(kernels_of(folder) - of_cpus - ran)
+    missing = sorted(set().union(*map(kernels_of, GROUPS[group][0])) - of_cpus - ran)
     assert not missing, f"never ran: {missing}"
 
 
 if __name__ == "__main__":
-    folder = sys.argv[1]
-    check_all_ran({one for kind in KINDS for one in run_all(Setting(kind, thorough=False), Launches(), folder)}, folder)
+    group = sys.argv[1]
+    check_all_ran({one for kind in KINDS for one in run_all(Setting(kind, thorough=False), Launches(), group)}, group)
     print("through on", current().device.platform)

@@ -4,7 +4,7 @@ An array starts or ends exactly at a protected page, since PoCL uses the host's 
 Uploaded arrays are also protected against writes. Kernels in one lane, which would otherwise use device memory, get
 such arrays, too.
 
-Run as a program, with a folder of kernels and 16 or 1 lanes, this module runs `cases` with fences at the start of
+Run as a program, with a group of kernels and 16 or 1 lanes, this module runs `cases` with fences at the start of
 arrays, then at the end. After each run, with the programs that are already built, it runs cases with poisoned numbers
 of cameras. Then results are arbitrary, but kernels must end and stay within their arrays. Programs are built without
 optimisation, in half the time: this also keeps reads whose values are not used.
@@ -93,7 +93,7 @@ def raise_fences(where: Where) -> None:
 
 
 if __name__ == "__main__":
-    folder, lanes = sys.argv[1:]
+    group, lanes = sys.argv[1:]
     current()  # opened first, as the test of a device has other buffers
     program._OPTIONS.append("-cl-opt-disable")
     kinds = KINDS if lanes == "16" else KINDS[:1]  # Oclgrind checks other colours in one lane
@@ -102,9 +102,9 @@ if __name__ == "__main__":
             print("fences at the", where)
             raise_fences(where)
             settings = [Setting(kind, True, partial(fenced, where=where)) for kind in kinds]
-            ran = {one for setting in settings for one in run_all(setting, Launches(), folder)}
+            ran = {one for setting in settings for one in run_all(setting, Launches(), group)}
             if kinds == KINDS:
-                check_all_ran(ran, folder)
+                check_all_ran(ran, group)
             print("poisoned", seed)
-            run_all(Setting("uint8", thorough=False), Poisoned(seed), folder)
+            run_all(Setting("uint8", thorough=False), Poisoned(seed), group)
         print("through in lanes:", current().profile.lanes)

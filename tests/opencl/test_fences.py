@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from pyibr.opencl.headers import kernels_folder
-from tests.opencl.cases import FOLDERS
+from tests.opencl.cases import GROUPS
 from tests.processes import run_within
 
 pytestmark = pytest.mark.thorough
@@ -60,14 +60,15 @@ def test_a_byte_too_far_ends_the_process(where, of):
 
 @linux
 @pytest.mark.parametrize("lanes", [16, 1])
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_no_kernel_leaves_its_arrays(folder, lanes):
+@pytest.mark.parametrize("group", GROUPS)
+def test_no_kernel_leaves_its_arrays(group, lanes):
     """Kernels also end, for any numbers of cameras: first with valid numbers, then with poisoned ones."""
-    done = run("-m", "tests.opencl.fences", folder, str(lanes))
+    done = run("-m", "tests.opencl.fences", group, str(lanes))
     last = done.stdout.splitlines()[-1:]
     assert done.returncode == 0, f"{done.returncode} in {last}, {done.stderr[-2000:]}"
     assert last == [f"through in lanes: {lanes}"]
 
 
 def test_every_folder_of_kernels_has_cases():
-    assert set(FOLDERS) == {path.parent.name for path in kernels_folder().glob("*/*.cl")}
+    folders = {path.parent.name for path in kernels_folder().glob("*/*.cl")}
+    assert folders == {folder for folders, _ in GROUPS.values() for folder in folders}
