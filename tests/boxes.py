@@ -1,4 +1,4 @@
-"""Boxes: eight corners, a mesh with shared corners and without normals, and a mesh with corners per triangle."""
+"""Boxes as bare corners and triangles, as meshes with uv, and with separate corners for each triangle."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ _QUADS = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2
 
 
 def cuboid(low: ArrayLike, high: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (8, 3), shared by the sides, and faces (12, 3), seen from outside."""
+    """Corners (8, 3), shared by the sides, and triangles (12, 3), whose fronts face outwards."""
     corners = np.asarray(low) + np.indices((2, 2, 2)).reshape(3, 8).T * np.subtract(high, low)
     return corners, np.concatenate([_QUADS[:, [0, 1, 2]], _QUADS[:, [0, 2, 3]]])
 
 
 def box(size: tuple[float, float, float] = (2, 1.6, 1.2), inside: bool = False) -> ibr.Mesh:
-    """Box about the origin, seen from outside, or from inside like a room; uv go round its sides, and over each end."""
+    """Box about the origin with its fronts outwards or, if `inside`, inwards like a room's.
+
+    u grows by 1 on each of the four sides; each of the two ends has uv from (0, 0) to (1, 1).
+    """
     corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     ring, round_ = corner[[0, 1, 2, 3, 0]], np.arange(5)
     points, uv, faces = [], [], []
@@ -34,7 +37,7 @@ def box(size: tuple[float, float, float] = (2, 1.6, 1.2), inside: bool = False) 
 
 
 def facets(mesh: ibr.Mesh, with_normals: bool = False) -> ibr.Mesh:
-    """Return the mesh with own corners for each triangle, as in files without sharing; optionally with face normals."""
+    """Return the mesh with three separate corners for each triangle; optionally with the triangles' normals."""
     corners = mesh.faces.ravel()
     vertices = mesh.vertices[corners]
     across = np.cross(vertices[1::3] - vertices[::3], vertices[2::3] - vertices[::3]).repeat(3, axis=0)

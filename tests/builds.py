@@ -9,12 +9,12 @@ from pyibr.opencl.watch import Watch
 
 
 class Builds(Watch):
-    """Kernels that were requested, each with its defines; built before or not."""
+    """Kernels that were requested, each with its defines, whether or not they were built before."""
 
     def __init__(self) -> None:
         self.of: set[tuple[object, ...]] = set()
 
     def build(self, name: str, defines: Mapping[str, int], make: Callable[[Mapping[str, int]], Any]) -> Any:
-        """Note a kernel, and make it."""
+        """Note a kernel's name and defines, then build it."""
         self.of.add((name, *sorted(defines.items())))
         return make(defines)

@@ -166,7 +166,7 @@ AZURE = {
 
 
 def oak() -> dict[str, Any]:
-    """Three cameras of a DepthAI calibration, each relative to the next; the last is a fisheye."""
+    """DepthAI calibration of cameras 0, 1 and 2: 1 is posed relative to 2, 2 relative to 0; 2 is a fisheye."""
 
     def socket(to: int, x: float, kind: int = 0) -> dict[str, Any]:
         outside = {"rotationMatrix": np.eye(3).tolist(), "toCameraSocket": to, "translation": {"x": x, "y": 0, "z": 0}}

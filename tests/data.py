@@ -1,4 +1,4 @@
-"""Real inputs, which are not part of the project: beside the checkout, or in $PYIBR_DATA."""
+"""Real inputs, which are not part of the project: in a folder beside the checkout, or in $PYIBR_DATA."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A displaced unit square as a solid for ray casting: its bilinear heights, finely triangulated, walls and base."""
+"""A unit square with displaced heights, as a closed solid for ray casting: fine triangles on top, walls and base."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def looking(
 
 
 class Solid:
-    """Filled below its height, scale * height above z = 0; the mesh has `fine` cells a texel."""
+    """The space between z = 0 and z = scale * height; its mesh has `fine` x `fine` cells for each texel."""
 
     def __init__(self, height: np.ndarray, scale: float, fine: int) -> None:
         n = fine * len(height)
@@ -43,7 +43,7 @@ class Solid:
         a = (y * (n + 1) + x).ravel()
         b, c, d = a + 1, a + n + 1, a + n + 2
         faces = np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
-        rim = np.concatenate([np.arange(n), np.arange(n) * (n + 1)])  # two sides; the others are n away
+        rim = np.concatenate([np.arange(n), np.arange(n) * (n + 1)])  # two sides; the opposite ones are `across` on
         step = np.concatenate([np.ones(n, int), np.full(n, n + 1)])
         across = np.concatenate([np.full(n, n * (n + 1)), np.full(n, n)])
         count = len(top)
@@ -59,7 +59,7 @@ class Solid:
 
 
 def finely_displaced(base: ibr.Mesh, height: np.ndarray, scale: float, tiles: tuple[int, int], cells: int) -> ibr.Mesh:
-    """Split each triangle of a mesh, `cells` a side, and displace it along its interpolated normals."""
+    """Split each triangle's sides into `cells` parts, and displace the smaller triangles along interpolated normals."""
     y, x = np.mgrid[: cells + 1, : cells + 1]
     kept = x + y <= cells
     number = np.full(x.shape, -1)
@@ -76,7 +76,7 @@ def finely_displaced(base: ibr.Mesh, height: np.ndarray, scale: float, tiles: tu
 
 
 def interior(truth: np.ndarray, jump: float = 0.03) -> np.ndarray:
-    """Pixels 3 away from depth jumps larger than this between neighbours."""
+    """(H, W) bool: pixels with depth, more than 3 pixels from a depth difference above `jump` between neighbours."""
     z = np.where(np.isfinite(truth), truth, 100.0).astype(np.float32)
     around = np.ones((3, 3))
     edges = (cv2.dilate(z, around) - cv2.erode(z, around) > jump).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Pixels of a warp that are off, and pixels that rounding may decide either way."""
+"""Pixels of a warp with a wrong depth, and pixels where rounding decides which depth is right."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from pyibr.core.camera import Camera
 
 Array = NDArray[Any]
 
-OFF = 0.01  # relative: a depth farther off belongs to another place of the surface
+OFF = 0.01  # relative: with a larger depth error, a pixel shows another place of the surface
 KEPT_ULP = 10
-"""Largest difference of a depth from its stored form.
+"""Largest error of a stored depth, in units of its last place (ulp).
 
-Nearness is kept within 4 ulp (its last bits store edges), up to 8 of depth, and is inverted twice.
+Stored nearness is wrong by up to 4 ulp, since its last bits hold edges. That is up to 8 ulp of depth. Two inversions
+add 2.
 """
-HAIR = 0.002  # target pixels: twice the distance at which kernels take a ray to run along samples
+HAIR = 0.002  # target pixels: kernels treat a ray that passes a sample within half of this as a ray through it
 
 
 def off(found: Array, expected: Array) -> Array:
-    """(H, W) bool: where depths, nan in holes, belong to different places of the surface, or only one is a hole."""
+    """(H, W) bool: pixels where the depths differ by more than `OFF`, or where just one is a hole, nan."""
     with np.errstate(invalid="ignore"):
         return (np.isfinite(found) != np.isfinite(expected)) | (np.abs(found / expected - 1) > OFF)
 
@@ -34,14 +35,14 @@ def with_center_moved(camera: Camera, x: float, y: float) -> Camera:
 
 
 def ties(depth_seen_by: Callable[[Camera], Array], camera: Camera) -> Array:
-    """(H, W) bool: rays so close to an end of the surface that a hair beside them the depth differs."""
+    """(H, W) bool: pixels whose depth changes if the ray moves by `HAIR`, since it passes an end of the surface."""
     here = depth_seen_by(camera)
     beside = (with_center_moved(camera, x, y) for x, y in ((HAIR, 0), (-HAIR, 0), (0, HAIR), (0, -HAIR)))
     return np.any([off(depth_seen_by(other), here) for other in beside], axis=0)
 
 
 def slivers(depth_seen_by: Callable[[Camera], Array], camera: Camera) -> Array:
-    """(H, W) bool: rays that hit something less than a pixel wide: half a pixel to either side, depths differ."""
+    """(H, W) bool: pixels that show a part less than a pixel wide: half a pixel to either side, the depth differs."""
     here = depth_seen_by(camera)
     a, b = 0.5, 0.5 / np.sqrt(2)
     found = np.zeros(here.shape, bool)

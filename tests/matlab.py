@@ -1,4 +1,4 @@
-"""Numbers in MATLAB files, version 5: arrays of floats, and structures of them, for calibrations in that format."""
+"""A reader of MATLAB files, version 5: arrays of numbers, and structures of such arrays, as in calibration files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def elements(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Kind and content of each element; small elements store their size in the same word."""
+    """Kind and content of each element; an element of at most four bytes stores its size in the word of its kind."""
     at = 0
     while at + 8 <= len(data):
         kind, size = struct.unpack_from("<II", data, at)

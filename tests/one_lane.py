@@ -1,4 +1,4 @@
-"""The GPU form of the kernels, on any device."""
+"""Kernels in the form for GPUs, in which each work-item has one lane, run on any device."""
 
 from __future__ import annotations
 
@@ -21,14 +21,17 @@ from tests.processes import said_under_oclgrind
 
 @cache  # so that its kernels are built once
 def _of_one_lane(session: device.Session, **changed: Any) -> device.Session:
-    # PoCL compiles a kernel anew for each size of work-groups that it may choose.
+    # A fixed size of work-groups, since PoCL compiles a kernel anew for each size that it chooses.
     own = {"kernels": {}, "memory_pool": MemoryPool(), "flights": defaultdict(InFlight)}
     return dataclasses.replace(session, profile=dataclasses.replace(GPU, **{"group": (1, 1, 1), **changed}), **own)
 
 
 @contextmanager
 def one_lane(**changed: Any) -> Generator[None, None, None]:
-    """Run kernels with one lane within the context, and copy memory to and fro; `changed`: fields of the profile."""
+    """Run kernels with one lane within the context, and copy memory between host and device.
+
+    `changed` holds fields of the device's profile, `pyibr.opencl.profile`, with other values.
+    """
     session = device.current()
     index = session.device.index
     device._sessions[index] = _of_one_lane(session, **changed)

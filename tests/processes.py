@@ -38,7 +38,7 @@ def said_under_oclgrind(arguments: Sequence[str], seconds: float) -> str:
 
     A run that does not end is repeated once: Oclgrind's own threads have been seen to wait for each other.
     """
-    # Without inliners, which leave calls (llvm.experimental.noalias.scope.decl) that Oclgrind does not know.
+    # No inlining: it leaves calls of llvm.experimental.noalias.scope.decl, which Oclgrind does not know.
     options = "-cl-opt-disable -DINLINED=static"
     command = ("oclgrind", "--check-api", "--build-options", options, sys.executable, *arguments)
     try:

@@ -21,7 +21,7 @@ Array = NDArray[Any]
 Size = tuple[int, int]
 
 SIZES: tuple[Size, ...] = ((1, 1), (7, 13), (61, 37), (64, 64), (96, 128))
-_CELLS = 6  # cells a side, by which the search for cameras samples the target's view
+_CELLS = 6  # the search for cameras divides the target image into 6 x 6 cells, and counts the cells with surface
 REGIONS = "ABCDEFGHI"  # row by row: A is above and left of the image, E inside it, I below and right
 
 
@@ -49,7 +49,7 @@ def pose(yaw: float = 0, pitch: float = 0, roll: float = 0, center: tuple[float,
 
 
 def image_coordinates(size: Size) -> tuple[Array, Array]:
-    """(H, W) x and y of the pixels, -1 to 1 over the longer side."""
+    """(H, W) x and y of the pixels: 0 in the image's middle, -1 and 1 at the borders of its longer side."""
     width, height = size
     y, x = np.mgrid[:height, :width].astype(np.float64)
     half = max(width, height, 2) / 2
@@ -114,7 +114,7 @@ def flat(size: Size, projection: Projection = "perspective") -> DepthImage:
 
 @cache
 def holed(size: Size, projection: Projection = "perspective") -> DepthImage:
-    """The stepped scene with a background disc (at ``far``), a stripe of nan and single zeros and infs."""
+    """The stepped scene with a disc at depth ``far``, a column of nan, and scattered pixels of depth 0 or inf."""
 
     def depth(a: Array, b: Array) -> Array:
         z = stepped_depth(a, b)
@@ -130,8 +130,8 @@ def holed(size: Size, projection: Projection = "perspective") -> DepthImage:
 class Pose:
     """A target camera and the case of the epipolar geometry that it represents.
 
-    ``signs`` are the signs of the epipoles' homogeneous coordinates in the target and in the source image: +1 for an
-    epipole, -1 for an antipode, 0 at infinity (see `epipole_signs`).
+    ``signs`` are the signs of the epipoles' third homogeneous coordinates, in the target and in the source image: +1
+    in front of the camera, -1 behind it, 0 at infinity (see `epipole_signs`).
     """
 
     name: str
@@ -141,7 +141,7 @@ class Pose:
 
 
 def ramp_and_empty(size: Size) -> list[DepthImage]:
-    """A steep ramp from far to near, which counts as a bridge, and an image that looks through it."""
+    """A view with a steep ramp, which `warp` treats as a bridge between two surfaces, and a view that is empty there."""
     view = smooth(size)
     near = np.interp(np.arange(size[0]), [0, 5, 9, size[0]], [1.0, 1.0, 0.2, 0.2]) * np.ones((size[1], 1))
     empty = np.full(near.shape, np.inf, np.float32)
@@ -150,16 +150,16 @@ def ramp_and_empty(size: Size) -> list[DepthImage]:
 
 
 def moved_aside(camera: Camera, x: float, y: float) -> Camera:
-    """Return the camera with its picture moved by this many pixels."""
+    """Return the camera with its picture moved by x pixels to the right and y pixels down."""
     K = camera.K + np.array([[0, 0, x], [0, 0, y], [0, 0, 0]])
     return Camera(K, camera.size, camera.world_from_camera, projection=camera.projection)
 
 
 def epipole(image: Camera, other: Camera) -> Array:
-    """(3,) homogeneous pixel of ``other``'s centre in ``image``'s image.
+    """(3,) homogeneous pixel of the camera ``other``'s centre in the image of the camera ``image``.
 
-    An orthographic camera's centre is infinitely far behind it. The homogeneous coordinate is positive in front of a
-    perspective camera; in an orthographic one it is 1, or 0 for a centre at infinity.
+    An orthographic camera's centre is infinitely far behind it. The third coordinate is positive for a centre in front
+    of a perspective ``image``. In an orthographic ``image`` it is 1, or 0 for a centre at infinity.
     """
     image_from_other = image.camera_from_world @ other.world_from_camera
     # The centre at infinity is a direction: its last coordinate is 0.
@@ -169,7 +169,7 @@ def epipole(image: Camera, other: Camera) -> Array:
 
 
 def epipole_signs(source: Camera, target: Camera) -> tuple[int, int]:
-    """Signs of the homogeneous coordinates of the epipoles in the target and in the source image."""
+    """Signs of the epipoles' third homogeneous coordinates, in the target and in the source image."""
 
     def sign(point: Array) -> int:
         return 0 if abs(point[2]) <= 1e-12 * np.abs(point).max() else int(np.sign(point[2]))
@@ -178,7 +178,7 @@ def epipole_signs(source: Camera, target: Camera) -> tuple[int, int]:
 
 
 def epipole_region(source: Camera, target: Camera) -> str:
-    """One of `REGIONS`, "infinity" (the epipole is a direction in the image) or "none" (there is no epipole).
+    """Place of the epipole in the target: one of `REGIONS`, "infinity" (a direction in the image) or "none".
 
     There is none between perspective cameras with one centre, nor between parallel orthographic cameras.
     """
@@ -195,7 +195,7 @@ def epipole_region(source: Camera, target: Camera) -> str:
 
 
 def target_intrinsics(size: Size, projection: str = "perspective", zoom: float = 1.0) -> Array:
-    """(3, 3) K of the target cameras: 80 degrees (at zoom 1) or 7 scene units over the longer side."""
+    """(3, 3) K of the target cameras: at zoom 1 the longer side sees 80 degrees or 7 scene units."""
     width, height = size
     longer = max(width, height)
     f = zoom * (0.6 * longer if projection == "perspective" else longer / 7)
@@ -222,14 +222,14 @@ def target_cameras(
     projection : {"perspective", "orthographic"}
         Projection of the target camera.
     share : float
-        Least share of the target image that shows the surface's front. A pair of signs is left out if no camera
-        reaches it. An orthographic target with its centre in front of the source camera would look back and see the
-        surface's back, so that its signs are always (1, -1).
+        Least fraction of the target image that shows the surface's front. A pair of signs is left out if no camera
+        shows so much. Orthographic targets always have the signs (1, -1): with its centre in front of the source
+        camera, such a target would look back and see the surface's back.
 
     Notes
     -----
-    The epipole's pixel and sign fix the direction to the source centre in the target's frame. Distance and rotation
-    are free: a search over a fixed grid finds a good view of the surface.
+    The epipole's pixel and sign fix the direction from the target's centre to the source's, in the target's frame. The
+    distance and the target's rotation are free: a search over a fixed grid finds a good view of the surface.
     """
     size = size or view.camera.size
     found: list[Pose] = []
@@ -288,7 +288,7 @@ def _search(
     point, normal = _surface(view)
     best, best_score = None, -np.inf
     for zoom in (1.0, 0.7, 0.5):
-        if best is not None:  # zooming out is for cases that are not visible otherwise
+        if best is not None:  # zoom out only if no camera sees enough without it
             break
         for pixel in _places(region, size):
             K = target_intrinsics(size, projection, zoom)
@@ -312,7 +312,7 @@ def _search(
 
 
 def _places(region: str, size: Size) -> list[Array]:
-    """Pixels in ``region``, off the image's middle lines."""
+    """Three pixels in ``region``, none in the image's middle row or column."""
     column, row = REGIONS.index(region) % 3, REGIONS.index(region) // 3
     shares = (0.45, 0.2, 0.9) if region == "E" else (0.2, 0.6, 1.5)
     inside = [0.2 + 0.3 * s for s in shares], [0.8 - 0.4 * s for s in shares]
@@ -322,18 +322,19 @@ def _places(region: str, size: Size) -> list[Array]:
 
 
 def _candidates(source: Camera, projection: str, toward: Array, sign: int) -> tuple[Array, Array, Array]:
-    """Rotations (n, 3, 3), centres (n, 3), both source_from_target, and degrees turned (n,).
+    """Poses of targets whose epipole lies at the pixel with the ray ``toward``.
 
-    In each the epipole lies at the target pixel with the ray ``toward``.
+    Returns rotations (n, 3, 3) and centres (n, 3), both source_from_target, and the angles (n,) by which the targets
+    are turned away from the source, in degrees.
     """
     turns, degrees = _rotations()
     rotation, centers = turns, []
     if projection == "perspective" and source.projection == "orthographic":
-        # The pixel's ray must run towards the source; a spin about the ray and the centre are free.
+        # The pixel's ray must be parallel to the source's rays. The spin about the ray and the target's centre are free.
         rotation = _aligned(sign * toward, turns)
     for distance in (0.7, 1.4, 2.5):
         if projection == "orthographic":
-            # The source centre must lie on the pixel's ray; the camera moves back until all is in front of it.
+            # The source's centre must lie on the pixel's ray. The target stands so far back that it sees everything.
             center = -turns @ [toward[0], toward[1], 6.0 + distance]
         elif source.projection == "orthographic":
             center = 1.5 * turns[:, :, 2]
@@ -346,7 +347,7 @@ def _candidates(source: Camera, projection: str, toward: Array, sign: int) -> tu
 
 @cache
 def _rotations() -> tuple[Array, Array]:
-    """Rotations (n, 3, 3), and how far they turn the view in degrees (n,)."""
+    """Rotations (n, 3, 3), and the angles (n,) of yaw and pitch together, in degrees."""
     angles = [
         (yaw, pitch, roll)
         for yaw in range(-100, 101, 20)
@@ -358,7 +359,7 @@ def _rotations() -> tuple[Array, Array]:
 
 
 def _aligned(toward: Array, spins: Array) -> Array:
-    """Rotations (n, 3, 3) that take ``toward`` to (0, 0, -1), each spun about it by one of ``spins``."""
+    """Rotations (n, 3, 3) that take ``toward`` to (0, 0, -1), each spun about that axis by one of ``spins``."""
     z = -toward / np.linalg.norm(toward)
     x = np.cross(spins[:, 1], z)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
@@ -393,7 +394,7 @@ def _share_seen(
     size: Size,
     projection: str,
 ) -> Array:
-    """Approximate share of each target image, (n,), that shows the surface's front; 0 for cameras behind it."""
+    """(n,) approximate fraction of each target image that shows the surface's front; 0 for cameras behind it."""
     n = len(center)
     turned = (point @ rotation.transpose(1, 0, 2).reshape(3, 3 * n)).reshape(len(point), n, 3)
     x, y, z = (turned - np.einsum("ni,nij->nj", center, rotation)).transpose(2, 0, 1)  # (points, n) each
@@ -415,7 +416,7 @@ def _share_seen(
 
 
 def _behind_surface(view: DepthImage, center: Array) -> Array:
-    """Centres, (n,) bool, in the source's frame, that lie behind or just in front of the sample they occlude."""
+    """(n,) bool: centres, in the source's frame, deeper than 3/4 of the source's depth at the pixel they project to."""
     height, width = view.depth.shape
     scale = center[:, 2:] if view.camera.projection == "perspective" else np.ones((len(center), 1))
     with np.errstate(divide="ignore", invalid="ignore"):

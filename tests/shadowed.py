@@ -1,4 +1,4 @@
-"""Lit scenes, and their true shadows, by rays cast from the surface's points to the light."""
+"""Lit scenes, and their true shadows, from rays cast from points of the surface to the light."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def plane(half: float = 2.0, z: float = 0.0) -> ibr.Mesh:
 
 
 def box(middle: tuple[float, float, float], half: tuple[float, float, float]) -> ibr.Mesh:
-    """A box whose sides share corners, so that its smooth normals differ much from the sides' normals."""
+    """A box whose sides share corners, so that its interpolated normals differ much from the sides' normals."""
     points, faces = cuboid(np.subtract(middle, half), np.add(middle, half))
     return ibr.Mesh(points, faces, colors=np.full((8, 3), 255, np.uint8))
 
@@ -83,7 +83,7 @@ def first_hits(scene: Any, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def true_shares(scene: Any, light: ibr.Light, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Visibility of the light from points, (H, W), by rays cast at the scene; none outside of a spot's cone."""
+    """(H, W) bool: points that the light reaches: a ray cast to the light is free, and lies within a spot's cone."""
     flat = np.where(np.isfinite(points), points, 0).reshape(-1, 3)
     away = np.full_like(flat, 1) * -light.direction if light.position is None else light.position - flat
     length = np.linalg.norm(away, axis=1, keepdims=True) if light.position is not None else np.full((len(flat), 1), 1e3)
@@ -99,7 +99,7 @@ def true_shares(scene: Any, light: ibr.Light, points: np.ndarray, normals: np.nd
 
 
 def edges(of: np.ndarray) -> np.ndarray:
-    """Pixels within 3 of a change in a boolean image, or of a jump in depth."""
+    """(H, W) bool: pixels within 3 pixels of a change in a boolean image, or of a step in depth of more than 0.15."""
     if of.dtype == bool:
         low, high = (f(of.astype(np.uint8), np.ones((3, 3))) for f in (cv2.erode, cv2.dilate))
         at = low != high
@@ -110,7 +110,7 @@ def edges(of: np.ndarray) -> np.ndarray:
 
 
 def shares(things: Any, camera: Camera, light: ibr.Light, **options: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Share of the light, (H, W), that a picture shows, and where it is measurable: where unshadowed light falls."""
+    """(H, W) fraction of the unshadowed light that a picture shows, and the mask of pixels where it is measurable."""
     plain = ibr.Light(
         direction=light.direction,
         position=light.position,
@@ -121,7 +121,7 @@ def shares(things: Any, camera: Camera, light: ibr.Light, **options: Any) -> tup
     )
     picture, lit = (ibr.render(things, camera, one, **options).color[..., 0].astype(float) for one in (light, plain))
     own = ibr.render(things, camera, **options).color[..., 0].astype(float)
-    told = lit - AMBIENT * own > 8  # levels of 255; below that, rounding counts
+    told = lit - AMBIENT * own > 8  # levels of 255; with less light, rounding changes the fraction too much
     return np.where(told, (picture - AMBIENT * own) / np.where(told, lit - AMBIENT * own, 1), 0), told
 
 

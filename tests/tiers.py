@@ -1,4 +1,4 @@
-"""Tiers of tests: combinations of parameters that suffice to cover every value, or every pair of values."""
+"""Combinations of test parameters: `make test` covers every value, `make test-all` every pair of values."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from itertools import combinations
 import pytest
 
 LEFT = "thorough", "product"
-"""Markers: the first of tests that `make test` skips, the second of those that `make test-all` skips, too."""
+"""Markers: `make test` skips tests with either marker, `make test-all` skips tests marked "product"."""
 COLLECTED = pytest.StashKey[dict[str, set[str]]]()
 """All collected tests, each with its markers from `LEFT`."""
 
 
 def covering(places: Sequence[Set[Hashable]], first: Collection[int] = ()) -> set[int]:
-    """Choose places of a product, by index, that together contain every value; `first` are always chosen."""
+    """Choose sets, by index, that together contain every value of all sets; those in `first` are always chosen."""
     chosen = set(first)
     missing = set[Hashable]().union(*places).difference(*(places[number] for number in chosen))
     while missing:
-        best = max(range(len(places)), key=lambda number: len(places[number] & missing))  # the first of equal ones
+        best = max(range(len(places)), key=lambda number: len(places[number] & missing))  # of equals, the first
         chosen.add(best)
         missing -= places[best]
     return chosen
 
 
 def values_of(test: pytest.Function) -> frozenset[tuple[str, tuple[int, ...]]]:
-    """Each axis of a test's parameters, with the identity of the test's value on that axis."""
+    """The test's parameters: for each `parametrize` mark or fixture, a name and the identities of the values."""
     names = [mark.args[0] for mark in test.iter_markers("parametrize")]
     axes = [given.replace(",", " ").split() if isinstance(given, str) else list(given) for given in names]
     params = test.callspec.params
@@ -37,8 +37,8 @@ def values_of(test: pytest.Function) -> frozenset[tuple[str, tuple[int, ...]]]:
 def leave_products(items: Iterable[pytest.Item]) -> None:
     """Mark combinations of parameters that the quicker tiers need not run.
 
-    A test is thorough if it is not needed to meet every value, and a product if it is not needed to meet every two
-    values of different parameters together.
+    A combination is marked "thorough" if the others cover every value without it, and "product" if the others cover
+    every pair of values of two parameters without it.
     """
     of_function: dict[str, list[pytest.Function]] = defaultdict(list)
     for item in items:

@@ -1,4 +1,4 @@
-"""Truth for the warp's tests: rays cast (Embree, through Open3D) at the surface that a depth image represents.
+"""True pictures for the warp's tests: Embree, through Open3D, casts rays at the surface that a depth image represents.
 
 The surface is the triangulated pixel grid in the source camera's frame. Embree only finds the triangle that a ray
 meets first. The intersection is then computed again in float64 from the triangle's plane, so that the truth is as
@@ -23,16 +23,16 @@ from tests.reference.margins import margins_of
 Array = NDArray[Any]
 
 NOTHING = 0xFFFFFFFF  # Embree's number for no triangle
-NUDGE = 1e-3  # target pixels
+NUDGE = 1e-3  # target pixels by which a ray is moved to find a triangle that it slipped past
 
 
 @dataclass(frozen=True)
 class Truth:
-    """First intersection of each target pixel's ray. Everything is nan (or -1) where ``valid`` is False."""
+    """First intersection of each target pixel's ray. Where ``valid`` is False, floats are nan and indices -1."""
 
     depth: Array  #: (H, W) float64, planar z
     valid: Array  #: (H, W) bool
-    color: Array  #: (H, W, 3) float64, linear on the triangle in the source image, in the input's range
+    color: Array  #: (H, W, 3) float64, in the input's range, interpolated linearly in the source image over the hit's triangle
     view: Array  #: (H, W) int64, index of the view
     source: Array  #: (H, W, 2) float64, the hit's pixel (x, y) in that view
     triangle: Array  #: (H, W) int64, the triangle's index in that view
@@ -40,7 +40,7 @@ class Truth:
     gradient: Array  #: (H, W, 2) float64, change of nearness over a pixel in x and in y on the hit's plane
 
     def interior(self, radius: int = 3, jump: float = 0.01) -> Array:
-        """(H, W) bool: valid and at least ``radius`` pixels away from every edge, see `band`."""
+        """(H, W) bool: valid pixels outside of the `band` along edges, which is ``radius`` pixels wide."""
         return self.valid & ~band(self, radius, jump)
 
 
@@ -54,12 +54,12 @@ class Surface:
     edges : {"connect", "cut"}
         "cut" leaves out triangles with a torn edge, as in `tests.reference.edges`.
     cut_ratio : float or None
-        Tears edges by a ratio of depths instead.
+        If given, edges are torn where the ratio of two neighbouring depths exceeds it.
 
     Attributes
     ----------
     faces : (n, 3)
-        Indices of vertices: first the samples, y * width + x, then the vertices beyond the border.
+        Indices of vertices. Sample (x, y) is vertex y * width + x; vertices of the margins beyond the samples follow.
     vertices, colors : (n, 3) float64
     """
 
@@ -93,14 +93,14 @@ class Surface:
     def _meet(self, origin: Array, direction: Array, triangle: Array) -> tuple[Array, Array, Array, Array]:
         """Intersect rays with the planes of triangles.
 
-        Returns the points and the planes' normals (n, 3), whether the ray comes from the side that the source sees
-        (n,), and the points' weights (n, 3) in the triangles in the source image, negative outside them.
+        Returns the points (n, 3), the planes' normals (n, 3), whether each ray comes from the side that the source sees
+        (n,), and the points' barycentric weights (n, 3) in the triangles' projection to the source image.
         """
         corner = self.vertices[self.faces[triangle]]  # (n, 3 corners, 3)
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         offset = np.einsum("ni,ni->n", normal, corner[:, 0])
         along = np.einsum("ni,ni->n", normal, direction)
-        # A ray that crosses the plane in the same sense as the source's own ray meets the side that the source sees.
+        # A ray that crosses the plane in the same direction as the source's rays meets the side that the source sees.
         front = along * (normal[:, 2] if self.camera.projection == "orthographic" else offset) > 0
         with np.errstate(divide="ignore", invalid="ignore"):
             t = (offset - np.einsum("ni,ni->n", normal, origin)) / along
@@ -109,12 +109,12 @@ class Surface:
         return point, normal, front, barycentric(pixel, project(self.camera, point))
 
     def cast(self, camera: Camera, side: str = "front") -> Truth:
-        """First hits of ``camera``'s rays; a hit on the wrong side is a hole."""
+        """First hits of ``camera``'s rays; a hit on a side that is not shown makes a hole."""
         width, height = camera.size
         y, x = np.mgrid[:height, :width].reshape(2, -1).astype(np.float64)
         origin, direction = rays(camera, self.camera, self.box, x, y)
         triangle = self._first_triangle(origin, direction)
-        # Embree lets some rays slip through an edge or a corner that they meet exactly, so look around them.
+        # Embree lets some rays slip through an edge or a corner that they meet exactly: cast four rays around each.
         for dx, dy in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
             lost = np.flatnonzero(triangle == NOTHING)
             around = rays(camera, self.camera, self.box, x[lost] + NUDGE * dx, y[lost] + NUDGE * dy)
@@ -160,10 +160,10 @@ def raycast(
     cut_ratio: float | None = None,
     side: str = "front",
 ) -> Truth:
-    """Truth of one view or of several.
+    """True picture of one view or of several.
 
-    Each view is cast alone, since the back of one view's surface occludes nothing of another's. The nearest hit is
-    taken, or the first of equally near ones. Pass a `Surface` instead of a view to build it only once.
+    Rays are cast at each view alone, since the back of one view's surface hides no other view's surface. The nearest
+    hit counts; among equally near hits, that in the earliest view. Pass a `Surface` instead of a view to build it once.
     """
     several = [views] if isinstance(views, DepthImage | Surface) else list(views)
     best: Truth | None = None
@@ -182,9 +182,10 @@ def raycast(
 
 
 def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float | None = None) -> Array:
-    """Sample indices (n, 3), y * width + x, of the triangles that exist between samples.
+    """Triangles between samples: (n, 3) indices of samples, y * width + x.
 
-    A cell is split from (x + 1, y) to (x, y + 1). Triangles with a torn edge or a missing corner do not exist.
+    A cell is split along the diagonal from (x + 1, y) to (x, y + 1). Triangles with a torn edge or a missing corner are
+    left out.
     """
     torn = edges_of(view, edges, cut_ratio)
     height, width = view.depth.shape
@@ -195,20 +196,20 @@ def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float | Non
 
 
 def _joined(one: tuple[Array, ...], other: tuple[Array, ...]) -> tuple[Array, ...]:
-    """Join two meshes: pixels, nearness, colours and faces."""
+    """Join two meshes, each a tuple of its vertices' pixels, nearness and colours, and its faces."""
     values = [np.concatenate(both) for both in zip(one[:3], other[:3], strict=True)]
     return *values, np.concatenate([one[3], other[3] + len(one[0])])
 
 
 def samples(view: DepthImage) -> Array:
-    """Samples (height * width, 3), float64, in the camera's frame."""
+    """Positions of the samples, (height * width, 3) float64, in the camera's frame."""
     height, width = view.depth.shape
     pixels = np.mgrid[:height, :width].reshape(2, -1)[::-1].T.astype(np.float64)
     return _unprojected(view.camera, pixels, view.depth.ravel().astype(np.float64))
 
 
 def _unprojected(camera: Camera, pixels: Array, z: Array) -> Array:
-    """(n, 3) points at depths z of pixels (n, 2), in the camera's frame."""
+    """(n, 3) points, in the camera's frame, at pixels (n, 2) and depths z."""
     ray = straight(camera, np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T)
     if camera.projection == "perspective":
         return ray * z[:, None]
@@ -218,9 +219,9 @@ def _unprojected(camera: Camera, pixels: Array, z: Array) -> Array:
 def rays(camera: Camera, frame: Camera, box: tuple[Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
     """Origins and directions (n, 3) of ``camera``'s rays through pixels (x, y).
 
-    They are in the frame of the camera ``frame``; a step of 1 along a direction is a step of 1 in planar z. A
-    perspective ray starts at the camera's centre, an orthographic ray far enough back to have all of ``box`` (two
-    corners, in ``frame``) ahead.
+    Both are in the frame of the camera ``frame``. Adding a direction to a point increases its planar depth for
+    ``camera`` by 1. A perspective ray starts at the camera's centre. An orthographic ray starts so far back that all of
+    ``box``, given by two corners in ``frame``, lies ahead.
     """
     pixel = straight(camera, np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T)
     frame_from_camera = frame.camera_from_world @ camera.world_from_camera
@@ -235,14 +236,14 @@ def rays(camera: Camera, frame: Camera, box: tuple[Array, Array], x: Array, y: A
 
 
 def project(camera: Camera, points: Array) -> Array:
-    """(n, 2) pixels of points given in the camera's own frame."""
+    """(n, 2) pixels of points that are given in the camera's frame."""
     scale = points[:, 2:] if camera.projection == "perspective" else 1.0
     plane_points = bent(camera, points[:, :2] / scale)
     return plane_points @ camera.K[:2, :2].T + camera.K[:2, 2]
 
 
 def straight(camera: Camera, ray: Array) -> Array:
-    """Directions (..., 3), z = 1, without the distortion of the camera's lens, by OpenCV."""
+    """Undistorted directions (..., 3), z = 1, for distorted ones; OpenCV computes the lens."""
     if camera.lens is None or not ray.size:
         return ray
     import cv2
@@ -257,7 +258,7 @@ def straight(camera: Camera, ray: Array) -> Array:
 
 
 def bent(camera: Camera, points: Array) -> Array:
-    """Positions (n, 2) as the camera's lens distorts them, by OpenCV."""
+    """Distorted positions (n, 2) on the plane z = 1, for undistorted ones; OpenCV computes the lens."""
     if camera.lens is None or not len(points):
         return points
     import cv2
@@ -270,7 +271,7 @@ def bent(camera: Camera, points: Array) -> Array:
 
 
 def barycentric(corner: Array, point: Array) -> Array:
-    """(n, 3) weights of ``point`` (n, 2) in the triangles ``corner`` (n, 3, 2)."""
+    """(n, 3) barycentric weights of points (n, 2) in triangles with the corners ``corner`` (n, 3, 2)."""
     u, v, p = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0], point - corner[:, 0]
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     b = (p[:, 0] * v[:, 1] - p[:, 1] * v[:, 0]) / area
@@ -279,9 +280,10 @@ def barycentric(corner: Array, point: Array) -> Array:
 
 
 def plane(camera: Camera, point: Array, normal: Array) -> tuple[Array, Array]:
-    """Nearness at ``point`` and its change over a pixel on the plane there (both in the camera's frame).
+    """Nearness at points of planes, and its change from pixel to pixel in x and y.
 
-    On a plane, 1/z is affine in the pixels of a perspective camera, and z in the pixels of an orthographic one.
+    Points and normals are in the camera's frame. On a plane, 1/z is an affine function of a perspective camera's
+    pixels, and z of an orthographic camera's.
     """
     inverse = np.linalg.inv(camera.K)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -292,12 +294,12 @@ def plane(camera: Camera, point: Array, normal: Array) -> tuple[Array, Array]:
 
 
 def band(truth: Truth, radius: int = 3, jump: float = 0.01) -> Array:
-    """(H, W) bool: the ``radius`` pixels, in all eight directions, next to a hole, a silhouette or a depth edge.
+    """(H, W) bool: holes, and the first ``radius`` pixels on either side of an edge, in all eight directions.
 
-    Two neighbouring pixels have an edge between them if only one is valid, or if the plane of either one's triangle,
-    continued to the other pixel, misses the depth there by more than ``jump`` of it. A slope alone is therefore no
-    edge, however steep; its foot and crest are edges if it climbs more than ``jump`` a pixel. The image's own border
-    is no edge.
+    There is an edge between two neighbouring pixels if only one is valid, or if the plane of a pixel's triangle,
+    continued to the other pixel, misses the depth there by more than the fraction ``jump``. A plane is therefore no
+    edge, however steep; its lower and upper ends are edges if its depth changes by more than ``jump`` per pixel. The
+    image's border is no edge.
     """
     edge = ~truth.valid
     depth = truth.depth if np.any(truth.nearness < 0) else None  # orthographic: nearness is -z
@@ -317,7 +319,7 @@ def band(truth: Truth, radius: int = 3, jump: float = 0.01) -> Array:
 
 
 def dilate(mask: Array, radius: int) -> Array:
-    """``mask`` grown by ``radius`` pixels to all eight sides."""
+    """``mask`` grown by ``radius`` pixels in all eight directions."""
     height, width = mask.shape
     grown = np.zeros_like(mask)
     padded = np.pad(mask, radius)
@@ -330,10 +332,10 @@ def dilate(mask: Array, radius: int) -> Array:
 def depth_change_one_pixel(
     truth: Truth, views: DepthImage | Sequence[DepthImage], camera: Camera, reach: float = 1.0
 ) -> Array:
-    """(H, W) float64: change of the target's depth over one source pixel around each true hit.
+    """(H, W) float64: largest change of depth around each true hit, within ``reach`` source pixels in x and in y.
 
-    This is the largest difference between the true depth and the target-space depth of any valid source sample whose
-    pixel lies within ``reach`` of the hit in x and in y. Nan where the truth is a hole.
+    The true depth is compared with the depths, seen from the target, of all valid samples so close to the hit. Holes
+    are nan.
     """
     several = [views] if isinstance(views, DepthImage) else list(views)
     change = np.full(truth.depth.shape, np.nan)
