@@ -141,7 +141,7 @@ class Pose:
 
 
 def ramp_and_empty(size: Size) -> list[DepthImage]:
-    """A view with a steep ramp, which `warp` treats as a bridge between two surfaces, and a view that is empty there."""
+    """A view with a steep ramp, which `warp` treats as a bridge between surfaces, and a view that is empty there."""
     view = smooth(size)
     near = np.interp(np.arange(size[0]), [0, 5, 9, size[0]], [1.0, 1.0, 0.2, 0.2]) * np.ones((size[1], 1))
     empty = np.full(near.shape, np.inf, np.float32)
@@ -334,7 +334,7 @@ def _candidates(source: Camera, projection: str, toward: Array, sign: int) -> tu
         rotation = _aligned(sign * toward, turns)
     for distance in (0.7, 1.4, 2.5):
         if projection == "orthographic":
-            # The source's centre must lie on the pixel's ray. The target stands so far back that it sees everything.
+            # The source's centre must lie on the pixel's ray. The target stands so far back that it sees all.
             center = -turns @ [toward[0], toward[1], 6.0 + distance]
         elif source.projection == "orthographic":
             center = 1.5 * turns[:, :, 2]

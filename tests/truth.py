@@ -32,7 +32,7 @@ class Truth:
 
     depth: Array  #: (H, W) float64, planar z
     valid: Array  #: (H, W) bool
-    color: Array  #: (H, W, 3) float64, in the input's range, interpolated linearly in the source image over the hit's triangle
+    color: Array  #: (H, W, 3) float64, in the input's range, linear over the triangle in the source image
     view: Array  #: (H, W) int64, index of the view
     source: Array  #: (H, W, 2) float64, the hit's pixel (x, y) in that view
     triangle: Array  #: (H, W) int64, the triangle's index in that view

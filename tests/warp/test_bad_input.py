@@ -1,7 +1,4 @@
-"""Bad input raises an error that names the argument, the expected value and the given one.
-
-It never crashes or gives a wrong picture silently.
-"""
+"""Bad input raises an error that names the argument, the expected value and the given value."""
 
 from __future__ import annotations
 
@@ -39,7 +36,7 @@ def image(color: Any = COLOR, depth: Any = DEPTH, camera: Any = CAMERA, **option
     return ibr.DepthImage(color, depth, camera, **options)
 
 
-# The call, the argument that the error names, and words of the expected and of the given value.
+# The call, the argument that the error names, and the error's words for the expected and for the given value.
 CASES: dict[str, tuple[Call, str, str, str]] = {
     "no view": (lambda: warp([]), "views", "at least one DepthImage", "an empty sequence"),
     "an array as view": (lambda: warp(COLOR), "views", "DepthImage", "(31, 41, 3)"),
@@ -193,7 +190,7 @@ def test_extreme_depths_do_no_harm(method, extreme):
         clean = ibr.warp(VIEW, target, method=method, edges="cut")
         np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
         same = frame.valid & clean.valid & np.isclose(frame.depth, clean.depth, rtol=1e-3)
-        # 60: one sample spoils six triangles. With their rims, they cover little more than 5 x 5 pixels here.
+        # 60: one sample spoils six triangles. With the pixels along their rims, they cover little more than 5 x 5.
         assert np.count_nonzero(clean.valid & ~same) <= 60
 
 

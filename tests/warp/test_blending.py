@@ -1,4 +1,4 @@
-"""Several views in one picture: nearer to the truth than the nearest view alone, wherever they overlap."""
+"""Pictures blended from several views: where views overlap, they are closer to the truth than one view's picture."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_exposures_are_matched_to_the_one_in_the_middle(dtype):
     both = right.valid & frame.valid
     most = 255 if dtype == np.uint8 else 1
     off = np.abs(frame.color.astype(float) - right.color)[both] / most
-    assert np.median(off) < 0.01 and off.mean() < 0.02, "from the middle exposure; texture is sampled three times"
+    assert np.median(off) < 0.01 and off.mean() < 0.02, "from the middle exposure; the texture is resampled three times"
     unmatched = ibr.warp(views, target, blend="nearest")
     assert np.abs(unmatched.color.astype(float) - right.color)[both].mean() / most > 2 * off.mean()
 
@@ -106,7 +106,7 @@ def test_noise_becomes_less(projection):
     target = camera.moved(0.03, 0, 0)
     inside = np.s_[10:-10, 20:-20]
     off = {how: ibr.warp(views, target, blend=how).depth[inside] - 3 for how in ("quality", "nearest")}
-    # With four views, the nearest depth is a standard deviation too near, and noise of the mean is half as large.
+    # The nearest of four noisy depths is one standard deviation too near on average. Their mean has half the noise.
     assert abs(off["quality"].mean()) < 0.25 * abs(off["nearest"].mean())
     assert off["quality"].std() < 0.75 * (ibr.warp(views[0], target).depth[inside] - 3).std()
 
@@ -135,7 +135,7 @@ def psnr(frame: ibr.Frame, seen: ibr.DepthImage, where: np.ndarray) -> float:
 @pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_a_view_that_is_left_out_is_seen_better(noise):
-    """Blending is at least half a decibel better than the nearest view, even if one view is 25 % darker."""
+    """Blending is over 0.5 dB better than the nearest view, and loses less than 0.5 dB if a view is 25 % darker."""
     shared("rgbd_livingroom1")
     size = (640, 480)
     views = [real.rgbd(real.LIVINGROOM, number, size, noise) for number in (0, 50)]
@@ -152,7 +152,7 @@ def test_a_view_that_is_left_out_is_seen_better(noise):
 
 
 def test_exposures_by_orthographic_depths_are_the_same_however_far_the_camera_is():
-    """Depths of orthographic views have no origin: two surfaces stay two even for a camera that stands far back."""
+    """Two surfaces 0.6 apart are not matched as one, even for an orthographic target 1000 scene units farther back."""
     cameras = [scenes.source_camera((97, 61), "orthographic").moved(0.1 * k, 0, 0) for k in range(2)]
     texture = scenes.texture(*scenes.image_coordinates((97, 61))) // 2 + 60
     views = [
@@ -164,7 +164,7 @@ def test_exposures_by_orthographic_depths_are_the_same_however_far_the_camera_is
 
 
 def test_how_many_pixels_tell_exposures():
-    """Some 200 pixels of an overlap suffice. Nearly black or white pixels do not count, since sensors clip them."""
+    """Some 200 shared pixels suffice. Nearly black or white pixels do not count, since sensors clip them."""
     rng = np.random.default_rng(0)
 
     def told(count: int, dark: int = 0) -> float | None:

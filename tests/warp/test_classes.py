@@ -1,7 +1,7 @@
-"""Classes and origins of a new view's pixels, against rays cast at the whole scene.
+"""Classes of a new view's pixels, and their origins in the sources, compared with rays cast at the whole scene.
 
-The scene is known on all sides: boxes and a ball in front of a wall that fills every view. Each target pixel shows a
-known point of the scene, and projection tells whether the source saw that point, and why not.
+The scene is a mesh: boxes and an octahedral ball in front of a wall that fills every view. So each target pixel shows a
+known point of the scene, whose projection to the source shows whether the source saw it, or why not.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ pytest.importorskip("open3d")
 
 SIZE = (170, 130)
 ON_SURFACE = 0.01  # pixels: allowed error of (u, v)
-AGREES = 0.999  # required fraction of the pixels at least two pixels from a change of class
+AGREES = 0.999  # fraction of the pixels that must have the right class, more than two pixels from a change of class
 
 
 @cache
@@ -46,7 +46,7 @@ def scene() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def cast(camera: Camera) -> NDArray[np.float64]:
-    """(H, W) planar depth of the whole scene, from either side."""
+    """(H, W) planar depth of the whole scene, whose triangles are visible from both sides."""
     from pyibr.capture import MeshScene
 
     return np.asarray(MeshScene(*scene()).capture(camera).depth, np.float64)
@@ -63,7 +63,7 @@ def source(projection: Projection, unobserved: bool = True) -> ibr.DepthImage:
 
 
 def expected(view: ibr.DepthImage, target: Camera) -> NDArray[np.uint8]:
-    """Classes, from the position in the source of the scene point that each pixel shows."""
+    """Classes by projecting the point of the scene that each target pixel shows to the source."""
     y, x = np.indices((target.height, target.width))
     points = target.unproject(np.column_stack([x.ravel(), y.ravel()]).astype(float), cast(target).ravel())
     pixel, z = view.camera.project(points)
@@ -72,7 +72,7 @@ def expected(view: ibr.DepthImage, target: Camera) -> NDArray[np.uint8]:
     classes = np.full(len(pixel), ibr.PixelClass.OUTSIDE, np.uint8)
     at = np.clip(np.rint(np.where(inside[:, None], pixel, 0)).astype(int), 0, (width - 1, height - 1))
     known = view.valid[at[:, 1], at[:, 0]]
-    hidden = z > 1.02 * cast(view.camera)[at[:, 1], at[:, 0]]  # 2 %: less than the distance of any two surfaces here
+    hidden = z > 1.02 * cast(view.camera)[at[:, 1], at[:, 0]]  # 2 %: less than between any two surfaces here
     classes[inside] = ibr.PixelClass.SEEN
     classes[inside & ~known] = ibr.PixelClass.UNOBSERVED
     classes[inside & hidden] = ibr.PixelClass.HIDDEN
@@ -81,7 +81,7 @@ def expected(view: ibr.DepthImage, target: Camera) -> NDArray[np.uint8]:
 
 
 def away_from_changes(classes: NDArray[np.uint8], depth: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Pixels without another class or a depth edge within two pixels."""
+    """(H, W) bool: pixels with neither a change of class nor a depth edge within two pixels."""
     around = np.ones((5, 5), np.uint8)
     near, far = (f(depth.astype(np.float32), around) for f in (cv2.erode, cv2.dilate))
     return (cv2.erode(classes, around) == cv2.dilate(classes, around)) & (far < 1.05 * near)
@@ -113,7 +113,7 @@ def test_classes_and_origins_are_the_truths(projection, move):
 
 
 def test_all_classes_occur():
-    """Without this test, the one above would not notice a class that never occurs."""
+    """The test above alone would not notice a class that never occurs."""
     view = source("perspective")
     found = [np.unique(expected(view, Camera(view.camera.K, SIZE, pose))) for pose in MOVES.values()]
     assert set(np.concatenate(found)) == set(ibr.PixelClass)
@@ -121,7 +121,7 @@ def test_all_classes_occur():
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_what_shows_its_back_is_hidden(count):
-    """A patch seen from behind, with empty surroundings: its rays leave it towards the source."""
+    """A target behind a patch of surface sees only its back: the rays end at the patch, between it and the source."""
     view = source("perspective")
     depth = np.full_like(view.depth, np.nan)
     depth[40:90, 60:110] = 3.0
@@ -132,7 +132,7 @@ def test_what_shows_its_back_is_hidden(count):
     back = np.logical_or.reduce([ibr.warp(one, target, side="back").valid for one in views])
     assert not frame.valid.any() and back.mean() > 0.1
     hidden = frame.classes[back] == ibr.PixelClass.HIDDEN
-    assert np.count_nonzero(~hidden) <= 1  # no line of the sweep meets anything at the epipole
+    assert np.count_nonzero(~hidden) <= 1  # 1: at the epipole, no line of the sweep meets anything
 
 
 def test_without_asking_there_are_none():
@@ -159,8 +159,8 @@ def test_what_belongs_to_the_source_is_carried_over_by_a_gather():
     frame = ibr.warp(view, view.camera.moved(0.3, 0.1, 0.2), edges="cut", classes=True)
     across, down = np.ascontiguousarray(np.moveaxis(frame.source, -1, 0))
     carried = cv2.remap(view.color, across, down, cv2.INTER_LINEAR)
-    # cv2 interpolates four samples, the warp three, and cv2 rounds positions to 1/32 of a pixel: 3 of 255, as for a
-    # homography. At an edge the warp interpolates samples of one side, and cv2 samples of both sides.
+    # 3 levels of 255: cv2 interpolates four samples, the warp three, and cv2 rounds positions to 1/32 of a pixel. Torn
+    # cells are left out: there cv2 mixes both sides of the edge, and the warp does not.
     torn = edges_of(view)
     whole = ~(torn.right[:-1, :-1] | torn.right[1:, :-1] | torn.below[:-1, :-1] | torn.below[:-1, 1:])
     x, y = (
@@ -182,7 +182,7 @@ def test_of_several_views_the_one_that_shows_is_told_and_holes_are_what_knows_mo
     assert set(np.unique(both.view)) >= {0, 1}
     for number, frame in enumerate(alone):
         shown = both.view == number
-        # A few pixels show the view behind its own margins, where the other view has looked through these.
+        # Margins through which the other view has looked are removed, so that a few pixels show what is behind them.
         is_same = (both.source[shown] == frame.source[shown]).all(axis=1)
         assert is_same.mean() > 0.995
         np.testing.assert_array_equal(both.color[shown][is_same], frame.color[shown][is_same])
@@ -223,7 +223,7 @@ def test_frames_that_are_given_forget_classes_that_are_not_asked_for():
 
 
 def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.DepthImage:
-    """A slope with objects in front, every other object noisy, with no, single or most samples missing."""
+    """A slope with objects in front. Depth is noisy for odd seeds; no, some or most samples are missing by seed % 3."""
     rng = np.random.default_rng(seed)
     x, y = scenes.image_coordinates(size)
     depth = 4 + 1.5 * rng.standard_normal() * x + 1.5 * rng.standard_normal() * y
@@ -238,7 +238,7 @@ def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.Depth
 
 
 def by_own_rays(view: ibr.DepthImage, target: Camera) -> NDArray[np.int64]:
-    """(H, W) classes of holes from their own rays in float64, tested at the samples nearest to the rays."""
+    """(H, W) classes of holes: each pixel's ray is followed in float64, and compared with the nearest samples."""
     y, x = np.indices((target.height, target.width))
     pixels = np.column_stack([x.ravel(), y.ravel()]).astype(float)
     first, second = (target.unproject(pixels, np.full(len(pixels), depth)) for depth in (1.0, 2.0))
@@ -264,5 +264,6 @@ def test_classes_of_messy_depth_are_those_of_the_pixels_own_rays(seed):
     frames = ibr.warp(view, targets, classes=True)
     holes = ~np.array([frame.valid for frame in frames])
     found, rays = np.array([frame.classes for frame in frames]), np.array([by_own_rays(view, t) for t in targets])
-    # Lines pass up to half a pixel beside rays, with one test per column: among scattered samples results differ.
+    # The sweep's lines pass up to half a pixel beside the pixels' rays, and test one position per column. Among
+    # scattered samples this gives other classes.
     assert (found == rays)[holes].mean() >= (0.9 if seed == 98 else 0.98)

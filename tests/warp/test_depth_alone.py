@@ -1,4 +1,4 @@
-"""Views of depth alone: depth is carried over as from a view with colours, and pictures show the views in white."""
+"""Views without colours: they give the same depth as views with colours, and pictures show them in white."""
 
 from __future__ import annotations
 

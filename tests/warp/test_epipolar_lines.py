@@ -1,8 +1,8 @@
-"""The layout of epipolar lines, as a pure function: every pixel has a line, and no pixel has many.
+"""The layout of epipolar lines, without a device: every pixel has exactly one line, and few lines cross it.
 
-Ownership is computed here once more, from the description in kernels/warp/epipolar.cl: a pixel belongs to a fan by the
-sign and the larger component of D, its offset from the epipole. In that fan it belongs to any line that passes within
-half of the distance between lines.
+The test computes anew which line writes (owns) a pixel, by the rules in kernels/warp/epipolar.cl. The larger component
+of D, the pixel's offset from the epipole, and its sign choose one of four fans. In that fan a pixel belongs to the line
+that passes it within half of the distance between lines.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ REGIONS = [(column, row) for row in (-1, 0, 1) for column in (-1, 0, 1)]
 
 
 def areas(size: tuple[int, int]) -> list[Rectangle]:
-    """The whole image, and a part of it, for views that cover only that part."""
+    """The whole image, and a part of it, as for a view that covers only that part."""
     width, height = size
     whole = Rectangle(0, width, 0, height)
     part = Rectangle(width // 3, max(width // 3 + 1, width - 2), height // 4, height)
@@ -27,7 +27,7 @@ def areas(size: tuple[int, int]) -> list[Rectangle]:
 
 
 def finite_epipoles(size: tuple[int, int], region: tuple[int, int], seed: int) -> list[np.ndarray]:
-    """Near and far epipoles, on pixel centres and off them, with both signs and several scales."""
+    """Homogeneous epipoles, near and far, on pixel centres and off them, with both signs and several scales."""
     rng = np.random.default_rng(seed)
     extent = np.array(size, np.float64)
     found = []
@@ -48,7 +48,7 @@ def finite_epipoles(size: tuple[int, int], region: tuple[int, int], seed: int) -
 
 
 def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
-    """Check each pixel's owner. Returns the numbers of pixels visited and lines laid."""
+    """Check each pixel's owner. Returns the fraction of owned pixels, and the number of pixels that all lines pass."""
     groups, packets = line_groups(epipole, area, LANES)
     width, height = area.high_x - area.low_x, area.high_y - area.low_y
     y, x = np.mgrid[area.low_y : area.high_y, area.low_x : area.high_x].astype(np.float64)
@@ -71,9 +71,9 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
         reference = float(g["reference"])
         at_reference = (reference * epipole[2] - epipole[axis]) * side
         with np.errstate(divide="ignore", invalid="ignore"):
-            # Position at which the pixel's own line crosses the reference column or row
+            # Position at which the line through the pixel and the epipole crosses the reference column or row.
             cut = (x, y)[1 - axis] + D[1 - axis] * side / d_along * (reference - pixel)
-            # Distance between lines at this pixel that are one pixel apart at the reference
+            # Distance at this pixel between lines that are one pixel apart at the reference.
             distance = d_along / at_reference
         apart = distance.copy()
         for level in range(1, int(g["levels"]) + 1):
@@ -82,7 +82,7 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
             nearest = np.clip(np.round((cut - g["first"]) / g["spacing"]), 0, int(g["count"]) - 1)
             off = np.abs(g["first"] + nearest * g["spacing"] - cut) * distance
             mine &= distance > g["least"]
-            owners += mine & (off < (0.5 - 1e-6) * apart)  # the kernel keeps clear of the border between two lines
+            owners += mine & (off < (0.5 - 1e-6) * apart)  # as in the kernel, no pixel exactly between two lines
             assert not (mine & (off < 0.5 * apart) & (off > 0.5)).any(), "a line owns a pixel over half a pixel away"
         lines = g["first"] + g["spacing"] * np.arange(int(g["count"]))
         visits += steps(lines, g, epipole, reference)
@@ -92,13 +92,13 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
 
 
 def coverage(owners: np.ndarray, D: tuple[np.ndarray, np.ndarray]) -> float:
-    """Fraction of the pixels that have an owner, without the epipole's own pixel, which has no line at all."""
+    """Fraction of the pixels that have an owner. The pixel at the epipole does not count: it has no line."""
     asked = np.maximum(np.abs(D[0]), np.abs(D[1])) > 0
     return float((owners > 0)[asked].mean()) if asked.any() else 1.0
 
 
 def steps(lines: np.ndarray, group: np.void, epipole: np.ndarray, reference: float) -> float:
-    """Number of pixels between low and high along, and cross_low and cross_high across, that lines pass."""
+    """Number of pixels that the lines pass in the group's rectangle: low to high, and cross_low to cross_high."""
     axis = int(group["axis"])
     slope = (lines * epipole[2] - epipole[1 - axis]) / (reference * epipole[2] - epipole[axis])
     along = np.arange(int(group["low"]), int(group["high"]) + 1)
@@ -115,8 +115,8 @@ def test_every_pixel_has_a_line_within_half_a_pixel(size, region):
         for epipole in finite_epipoles(size, region, seed=1):
             covered, visits = check(epipole, area)
             assert covered == 1.0, (epipole, area)
-            # 1.7: between two halvings, a pixel is crossed by up to 1.5 lines, averaged over distances. As a reserve,
-            # each of four fans also has up to two lines at either end, for each of up to five spacings.
+            # 1.7: towards the epipole every other line ends repeatedly, so that on average at most 1.5 lines cross a
+            # pixel. In addition, each of four fans has up to two more lines at either end, for each of five spacings.
             assert visits <= 1.7 * pixels + 16 * border, (epipole, area)
 
 
@@ -151,14 +151,14 @@ def test_epipoles_all_but_at_infinity(size):
 
 
 def test_lines_near_the_epipole_are_thinned():
-    """Only a few of the 1024 lines that end at the border of a 256 x 256 image come near an epipole in its middle."""
+    """Of the 1024 lines that end at the border of a 256 x 256 image, only a few reach the epipole in its middle."""
     epipole = np.array([127.3, 120.8, 1.0])
     area = Rectangle(0, 256, 0, 256)
     _, visits = check(epipole, area)
     assert visits <= 1.7 * 256 * 256
     groups, _ = line_groups(epipole, area, LANES)
     near = [g for g in groups if g["low"] - 4 <= epipole[g["axis"]] <= g["high"] + 4]
-    # Thinned four times by two, 1024 lines become 64; a fan adds up to three beyond either end.
+    # 1024 lines halved four times are 64. Each of four fans adds up to three lines at either end.
     assert sum(int(g["count"]) for g in near) <= 64 + 4 * 6
 
 

@@ -1,7 +1,7 @@
-"""The epipolar warp against rays cast at the surface that a depth image defines.
+"""The epipolar warp, compared with rays cast at the surface that a depth image defines.
 
-Sources and targets have both projections, with all nine places of the epipole, all pairs of signs, and no epipole at
-all.
+Sources and targets have both projections. The epipole lies in all nine regions, with all pairs of signs, or does not
+exist.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ SOURCE, TARGET = (256, 192), (240, 200)
 
 DEPTH = 1e-3  # relative: the promised precision of the warp for linear samples
 ROUNDING = 1e-5  # relative: float32 depth after a few dozen operations on pixels up to 256
-RIGHT = 0.999  # fraction of the interior pixels that must be right: the others lie in parts too thin to be excluded
-COVERAGE = 0.005  # fraction of the image whose coverage may differ: silhouettes, to within a pixel
-AGREEMENT = 0.995  # fraction of the image where epipolar and search must be the same; silhouettes may differ
+RIGHT = 0.999  # fraction of the interior pixels that must be right; `interior` leaves in some that lie at thin parts
+COVERAGE = 0.005  # fraction of the image that may be a hole in one picture only: pixels at silhouettes
+AGREEMENT = 0.995  # fraction of the image where the sweep and the search must agree; silhouettes may differ
 COLUMNS = 512  # more than any image has columns or rows
-TIE = 1 / 8  # source pixels: this near to the middle between two samples, either sample may be the nearest
-COLOR = 1.0  # levels of 255: half for rounding to bytes, half for a position with an error of 0.1 % of the depth
+TIE = 1 / 8  # source pixels: closer than this to the middle between two samples, either may be taken as the nearest
+COLOR = 1.0  # levels of 255: half for rounding to bytes, half for the shift that a depth error of 0.1 % causes
 
 
 @cache
@@ -53,7 +53,7 @@ def poses(view: ibr.DepthImage, target: Projection, place: str, size: scenes.Siz
 
 
 def agreement(a: ibr.Frame, b: ibr.Frame, limit: np.ndarray | float = 0.0) -> float:
-    """Fraction of the image where both frames see the same depth, up to `limit`, or both see nothing."""
+    """Fraction of the image where both frames have a hole, or depths that differ by at most `limit`."""
     same = np.abs(a.depth - b.depth) <= DEPTH * np.abs(b.depth) + limit
     return float(((a.valid == b.valid) & (~a.valid | same)).mean())
 
@@ -138,7 +138,7 @@ def check_search(scene: str, source: Projection, target: Projection, place: str)
 
 
 def around(view: ibr.DepthImage, target: Projection) -> list[tuple[str, Camera]]:
-    """Cameras that see the surface's other side, straight and obliquely, and one camera that sees its front."""
+    """Cameras behind the surface, which look straight and obliquely at its back, and two cameras in front of it."""
     K = scenes.target_intrinsics(TARGET, target)
     behind = {
         "behind": scenes.pose(yaw=180, center=(0, 0, 8)),
@@ -150,7 +150,7 @@ def around(view: ibr.DepthImage, target: Projection) -> list[tuple[str, Camera]]
 
 
 def test_sideways_motion_of_turned_cameras():
-    """The epipole is at infinity except for rounding, which gives a wrong direction."""
+    """The epipole is at infinity; rounding alone would put it at a finite place, in a wrong direction."""
     scene = scenes.smooth((160, 120))
     rng = np.random.default_rng(0)
     for number in range(40):
@@ -217,7 +217,7 @@ def test_awkward_sizes(size, source, target):
         if not seen.valid.any():
             continue
         frame = ibr.warp(here.view, pose.camera, edges="connect")
-        # 2: in a small image, a pixel or two may be any fraction. The surface's border may run along a line of pixels.
+        # 2: in a small image, two pixels may exceed the fraction. The surface's border may run along a row of pixels.
         differ = (frame.valid != seen.valid) & ~beside_border(seen.valid)
         assert np.count_nonzero(differ) <= max(2, COVERAGE * seen.valid.size), pose.name
         interior = seen.interior()
@@ -229,7 +229,7 @@ def test_awkward_sizes(size, source, target):
 @pytest.mark.parametrize("method", ["epipolar", "search"])
 @pytest.mark.parametrize("source", PROJECTIONS)
 def test_the_pixel_at_the_epipole_is_no_hole(source, method, forward):
-    """Forward motion with a principal point on a pixel's centre: this pixel has a ray, but no epipolar line."""
+    """The camera moves forward, its principal point on a pixel's centre. That pixel has a ray, but no epipolar line."""
     f = 50 if source == "perspective" else 20
     y, x = np.mgrid[:49, :65]
     depth = (3 + 0.02 * x + 0.01 * y).astype(np.float32)
@@ -254,7 +254,7 @@ def test_images_of_one_row_or_column_do_no_harm(size, source, target, method):
             frame = ibr.warp(view, pose.camera, method=method)
             assert frame.color.shape == (target_size[1], target_size[0], 3)
             np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
-            # A line of samples is no surface, but drawn pixels must come from it, 3 to 5 deep and turned by 25 degrees.
+            # A row of samples has no triangles. Pixels that are drawn must have about the samples' depths, 3 to 5.
             assert (np.abs(frame.depth[frame.valid] - middle) < 3).all(), pose.name
 
 
@@ -271,10 +271,10 @@ def test_targets_of_one_row_or_column(target_size, source, target):
         assert seen.valid.any(), pose.name
         for sample in ("linear", "nearest"):
             frame = ibr.warp(here.view, camera, interpolation=sample, edges="connect")
-            # 1: a ray may just miss a silhouette that another ray meets.
+            # 1: rounding decides whether a ray at a silhouette meets the surface.
             assert np.count_nonzero(frame.valid != seen.valid) <= (1 if seen.valid.size > 1 else 0), pose.name
             both = frame.valid & seen.valid
             limit = truth.depth_change_one_pixel(seen, here.view, camera) if sample == "nearest" else 0
             off = np.abs(frame.depth - seen.depth) - limit
-            # One row has no interior: a ray may pass over a hill's crest that another ray just meets.
+            # One row has no interior: at a hill's crest, rounding decides whether the ray meets the hill.
             assert np.count_nonzero(off[both] > DEPTH * seen.depth[both]) <= 1, pose.name

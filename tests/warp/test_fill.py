@@ -1,4 +1,4 @@
-"""Filled holes, against the plain rules in float64, on masks of all kinds and lines of all directions."""
+"""Filled holes, compared with a plain float64 reference, for many shapes of holes and directions of epipolar lines."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def lanes(request: pytest.FixtureRequest) -> Iterator[int]:
 
 @cache
 def images(size: scenes.Size, mask: str, dtype: type) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Colour, depth and valid. Depths of neighbours lie on one background, on other surfaces, and in between."""
+    """Colour, depth and valid. Neighbours differ in depth by less, by more, and by about as much as one surface may."""
     width, height = size
     rng = np.random.default_rng([width, height, MASKS.index(mask)])
     y, x = np.mgrid[:height, :width]
@@ -75,7 +75,7 @@ def images(size: scenes.Size, mask: str, dtype: type) -> tuple[np.ndarray, np.nd
 
 
 def target_of(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, projection: str = "perspective") -> Target:
-    """A picture with these arrays."""
+    """A drawn picture that holds these arrays."""
     camera = Camera([[50, 0, 0], [0, 50, 0], [0, 0, 1]], valid.shape[::-1], projection=projection)
     target = Target(camera, color.dtype, channels=color.shape[2])
     given = color, depth, valid.astype(np.uint8)
@@ -85,7 +85,7 @@ def target_of(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, projectio
 
 
 def told(target: Target, epipole: Epipole, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """(2, H, W): the depth behind the pixels and the falloff; undefined outside of holes."""
+    """(2, H, W): the depth behind each hole pixel, and its falloff, from the kernels; undefined outside of holes."""
     width, height = target.camera.size
     behind = find_behind(target, np.array(epipole), noise).to_host()
     return behind[:, HALO : height + HALO, HALO : width + HALO].copy()
@@ -105,15 +105,15 @@ def test_the_farther_end_of_a_line_is_what_lies_behind(place, mask, projection, 
     epipole, noise = (STRAIGHT | OTHER)[place], (2e-3, 1e-3, 3e-3)
     for size in SIZES:
         given = images(size, mask, np.uint8)
-        a, b, c = (3 * 2**0.5 * each for each in noise)  # for a difference of two depths, which noise seldom exceeds
+        a, b, c = (3 * 2**0.5 * each for each in noise)  # three deviations of the difference of two noisy depths
         relative, absolute = (0.015, 0) if projection == "perspective" else (0, 0.015 * max(size) / 50)
-        same = a, b + relative, c + absolute  # at distance 1 the camera sees this width
+        same = a, b + relative, c + absolute  # max(size) / 50: width seen at distance 1
         expected = behind_reference(*given[1:], epipole, projection == "perspective", same)
         assert expected.decided.mean() >= (0.5 if place in OTHER else 1.0)
         sure = edges_of(given[2]) & expected.decided
         depth, falloff = told(target_of(*given, projection), epipole, noise)
         np.testing.assert_array_equal(depth[sure], expected.depth[sure])
-        # Falloff comes from differences of at least 0.05 between single-precision depths of about 3: errors are 1e-5.
+        # Falloff is computed from depth differences of 0.05 or more. Depths of about 3 in float32 give errors of 1e-5.
         np.testing.assert_allclose(falloff[sure], expected.falloff[sure], rtol=1e-3, atol=1e-3)
 
 
@@ -142,7 +142,10 @@ def test_holes_are_filled_by_push_and_pull(way, mask, projection, lanes):
 
 @pytest.mark.parametrize("place", STRAIGHT)
 def test_shared_lines_give_what_each_hole_finds_for_itself(place, lanes):
-    """An epipole so far away that its direction rounds to the same direction gives the same bits."""
+    """Lines to an epipole at infinity are shared by holes; with a very far epipole, each hole follows its own line.
+
+    The far epipole's direction rounds to that of the epipole at infinity, so that both give the same bits.
+    """
     x, y, _ = STRAIGHT[place] if any(STRAIGHT[place]) else (-1.0, 0.0, 0.0)
     far = x, y, 1e-20
     for size in SIZES:
@@ -177,20 +180,21 @@ def test_the_foreground_leaves_no_trace_at_any_resolution(width):
     rim = np.zeros_like(near)
     for shift, axis in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
         rim |= hidden & np.roll(near, shift, axis)
-    # The box has the weight (2/3)^12, the wall 1: less than a hundredth, even with twice as many pixels of the box.
+    # The box has the weight (2/3)^12, the wall 1. So the box gives less than a hundredth even with twice the pixels.
     assert np.abs(frame.color[hidden & ~rim] - [50.0, 100.0, 150.0]).mean() <= 0.01 * 200
     assert np.abs(frame.depth[hidden] / 3.0 - 1.0).mean() <= 0.01
     assert rim.any()
-    assert (np.abs(frame.color[rim] - [90.0, 80.0, 120.0]) <= 1).mean() >= 0.95  # a fifth of the box
+    assert (np.abs(frame.color[rim] - [90.0, 80.0, 120.0]) <= 1).mean() >= 0.95  # a fifth of the box's colour
 
 
-RATIOS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.97)  # foreground's depth over the depth behind it
+RATIOS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.97)  # depth of the foreground divided by the depth behind it
 
 
 def near_walls(width: int, ratio: float, hole: float, slope: float) -> tuple[ibr.DepthImage, Camera, np.ndarray]:
-    """A box in front of a wall; a camera to its right, with a hole of `hole` widths; and that camera's wall alone.
+    """A box in front of a wall, a target camera to the right, and the target's picture of the wall without the box.
 
-    slope: the relative change of the wall's nearness from the left to the right.
+    The target sees a hole of `hole` image widths. From the left of the image to the right, the wall's nearness grows by
+    the fraction `slope`.
     """
     height = 2 * width // 3
     y, x = np.mgrid[:height, :width]
@@ -202,7 +206,7 @@ def near_walls(width: int, ratio: float, hole: float, slope: float) -> tuple[ibr
     nearness = (1 + slope * (u - 0.625)) / 3  # at the box's right edge, the wall is 3 away
     inside = (u > 0.31) & (u < 0.625) & (v > 0.19)
     aside = hole * 3 * ratio / (1 - ratio)
-    # A surface 3 away stays in place.
+    # A surface at depth 3 keeps its place in the image.
     there = Camera(
         K + np.array([[0, 0, width * aside / 3], [0, 0, 0], [0, 0, 0]]),
         (width, height),
@@ -218,7 +222,7 @@ def near_walls(width: int, ratio: float, hole: float, slope: float) -> tuple[ibr
 @pytest.mark.parametrize(("hole", "slope"), [(0.1, 0.0), (0.012, 0.0), (0.012, 0.05), (0.012, -0.05)])
 @pytest.mark.parametrize("width", [160, 480, 1280])
 def test_holes_show_what_was_hidden_however_close_it_is_behind(width, hole, slope, ratio, lanes):
-    """This holds for narrow holes at any slope of the wall, and for wide holes if the wall is flat."""
+    """Holes narrow enough show the wall at any of these slopes; wide holes show it if the wall is flat."""
     view, camera, truth = near_walls(width, ratio, hole, slope)
     cut_ratio = 1 + 0.5 * (1 / ratio - 1)
     bare = ibr.warp(view, camera, classes=True, cut_ratio=cut_ratio)
@@ -226,15 +230,16 @@ def test_holes_show_what_was_hidden_however_close_it_is_behind(width, hole, slop
     holes = bare.classes == ibr.PixelClass.HIDDEN
     assert holes.mean() > 0.2 * hole
     error = np.abs(frame.color[holes].astype(float) - truth[holes]).mean()
-    # Half of the box would give an error of 55 levels. Other parts of the wall differ by up to 10 levels. A fifth of
-    # the box in one column of a hole adds 22 / columns.
+    # Levels of 255. Filling with half of the box's colour would give an error of 55. Different parts of the wall differ
+    # by up to 10. In one column of a hole, a fifth of the box's colour is mixed in, which adds 22 / columns.
     assert error <= 10 + 22 / max(hole * width - 1, 1)
 
 
 def foreground_of(lengths: Sequence[int], near: float, slope: float = 0.0) -> np.ndarray:
-    """Fraction of foreground at holes' near ends, for holes of `lengths` of 1000 pixels; the far end is at 3.
+    """Fraction by which the near surface counts as foreground, for holes of `lengths` pixels in rows of 1000 pixels.
 
-    slope: increase of the near surface's depth towards the hole over 100 pixels, relative to its depth at the hole.
+    Each hole lies between a near surface, of depth `near` at the hole, and a far surface of depth 3. Over 100 pixels
+    towards the hole, the near surface's depth grows by the fraction `slope` of `near`.
     """
     depth = np.full((len(lengths), 1000), 3.0, np.float32)
     depth[:, :200] = near * (1 + slope * np.linspace(-2, 0, 200))
@@ -250,7 +255,7 @@ def test_what_is_foreground_changes_smoothly_as_holes_grow(lanes):
     lengths = range(5, 60)
     part = foreground_of(lengths, 2.5, slope=0.3)
     assert part[0] == pytest.approx(1) and part[-1] == 0
-    # The smooth step from 0.02 to 0.035 of the width changes by up to 1.5 / 15 per pixel.
+    # The smooth step from 0.02 to 0.035 of the width, which is 15 pixels, changes by up to 1.5 / 15 per pixel.
     assert (np.diff(part) <= 1e-6).all() and np.diff(part).min() >= -0.1
     np.testing.assert_allclose(foreground_of(lengths, 2.5), 1.0, rtol=1e-5)  # flat, however wide
 
@@ -258,15 +263,16 @@ def test_what_is_foreground_changes_smoothly_as_holes_grow(lanes):
 def test_what_is_foreground_changes_smoothly_as_surfaces_part(lanes):
     part = np.array([foreground_of([10], 3 * (1 - gap))[0] for gap in np.linspace(0.01, 0.035, 26)])
     assert part[0] == 0 and part[-1] == pytest.approx(1)
-    # The smooth step from 1.5 % to 3 % of the depth changes by up to 1.5 / 15 for each tenth of a percent.
+    # The smooth step goes from a gap of 1.5 % of the depth to 3 %. For each 0.1 % it changes by up to 1.5 / 15.
     assert (np.diff(part) >= -1e-4).all() and np.diff(part).max() <= 0.101
 
 
 def test_what_is_foreground_changes_smoothly_as_surfaces_slope(lanes):
     part = np.array([foreground_of([100], 2.5, slope)[0] for slope in np.linspace(0, 0.04, 41)])
     assert part[0] == pytest.approx(1) and part[-1] == 0
-    # The smooth step goes from 5 % to 15 % of the gap in nearness, and a thousandth of the depth is 0.6 % of the gap.
-    # So it changes by up to 1.5 * 0.06, and a little more, since nearness is not quite linear.
+    # The smooth step goes from 5 % to 15 % of the gap in nearness. Each of the slopes above is 0.001 larger than the
+    # one before, which is 0.6 % of the gap. So the step changes by up to 1.5 * 0.06, and slightly more, since nearness
+    # is not linear in depth.
     assert (np.diff(part) <= 1e-4).all() and np.diff(part).min() >= -0.1
 
 
@@ -302,7 +308,7 @@ def window(color_there: np.ndarray | int, dtype: type = np.uint8) -> ibr.DepthIm
 def test_colours_without_depth_are_shown_where_the_depth_around_leads_to_them(dtype, lanes):
     stripes = (np.arange(50)[None, :, None] * np.array([5, 3, 4]) + 10).astype(np.uint8)
     view = window(stripes, dtype)
-    frame = ibr.warp(view, view.camera.moved(0.2, 0, 0), fill="background")  # shifts by 10 pixels
+    frame = ibr.warp(view, view.camera.moved(0.2, 0, 0), fill="background")  # the wall shifts by 10 pixels
     assert not frame.valid[35:65, 35:75].any()
     np.testing.assert_allclose(frame.depth[35:65, 35:75], 2.0, rtol=1e-5)
     np.testing.assert_allclose(frame.color[35:65, 35:75], view.color[35:65, 45:85], atol=1e-5)
@@ -352,7 +358,7 @@ def test_inpainting_continues_what_is_around(mask, dtype):
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_inpainting_asks_for_no_unit(projection):
-    """Metres or millimetres, bright or dark, floats or bytes give the same picture."""
+    """Metres or millimetres, bright or dark colours, and floats or bytes give the same picture in their unit."""
     color, depth, valid = images((131, 101), "patches", np.uint8)
     bright = color.astype(np.float32) / np.float32(255)
     colors, depths = [], []
@@ -361,10 +367,10 @@ def test_inpainting_asks_for_no_unit(projection):
         inpaint(target)
         colors.append(target.frame().color)
         depths.append(target.frame().depth / unit)
-    # OpenCV adds 1/65535 of the range to pixels next to filled ones, and single precision rounds.
+    # OpenCV changes pixels beside filled ones by 1/65535 of the depth range, and float32 rounds.
     np.testing.assert_allclose(depths[0], depths[1], atol=1e-4)
     np.testing.assert_allclose(colors[0], 8 * colors[1], atol=1e-4)
-    assert np.abs(255 * colors[0] - colors[2])[~valid].mean() < 2  # bytes have steps of 1/255, and are rounded
+    assert np.abs(255 * colors[0] - colors[2])[~valid].mean() < 2  # bytes are rounded to steps of 1/255
 
 
 def test_a_missing_opencv_is_named(monkeypatch: pytest.MonkeyPatch):

@@ -1,4 +1,4 @@
-"""The forward warp and the search equal their float64 references in tests/reference, to the last pixel or nearly."""
+"""The forward warp and the search equal their float64 references in tests/reference, except for a few pixels."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def test_forward_is_its_reference(scene, source, target, splat):
     for pose in poses_of(scene, source, target)[splat - 1 :: 4]:
         found = ibr.warp(view, pose.camera, method="forward", splat=splat)
         expected = forward_reference(view, pose.camera, splat)
-        # A sample on the border between two pixels, or two samples of almost the same depth, may be rounded either way.
+        # Rounding decides which pixel gets a sample on a border between two, and which of two equal depths is nearer.
         same = found.valid == expected.valid
         assert np.count_nonzero(~same) <= 2, pose.name
         both = found.valid & expected.valid
         close = both & np.isclose(found.depth, expected.depth, rtol=ROUNDING, atol=0)
         assert np.count_nonzero(both & ~close) <= 2 * splat, pose.name
-        # Samples of one depth may tie in float64 but not in float32: then another one of them is visible.
+        # Two samples may have one depth in float64 but not in float32: then they may be visible in one picture each.
         assert (found.color == expected.color).all(axis=-1)[close].mean() >= 0.97, pose.name
         drawn += np.count_nonzero(both)
     assert drawn > 300
@@ -50,7 +50,7 @@ def test_forward_is_its_reference(scene, source, target, splat):
 @pytest.mark.parametrize("scale", [0.5, 0.25])
 @pytest.mark.parametrize("splat", [1, 2, 3])
 def test_ties_go_to_the_earlier_sample(scale, splat):
-    """A wall of one depth, seen smaller: samples on a pixel tie exactly, since all values are binary fractions."""
+    """A fronto-parallel wall, drawn smaller. All values are binary fractions, so samples on one pixel tie exactly."""
     camera = Camera([[16, 0, 7.5], [0, 16, 7.5], [0, 0, 1]], (16, 16))
     color = np.zeros((16, 16, 3), np.uint8)
     color[..., 0] = np.arange(256).reshape(16, 16)
@@ -68,7 +68,7 @@ def test_a_larger_splat_closes_gaps():
     camera = view.camera.resized((160, 120)).moved(0.1, 0, 0)
     cover = [ibr.warp(view, camera, method="forward", splat=splat).valid for splat in (1, 2, 3)]
     assert cover[0].mean() < 0.3
-    # Samples are 2.5 pixels apart, which is less than 3, so there is no gap within the surface.
+    # Samples are 2.5 pixels apart, less than the splats' 3 pixels, so that the surface has no gap.
     middle = np.s_[10:-10, 20:-20]
     assert cover[2][middle].all()
     assert (cover[1] >= cover[0]).all()
@@ -91,15 +91,15 @@ def test_search_is_its_reference(scene, source, target, sample):
         if not expected.valid.any():
             continue
         found = ibr.warp(view, pose.camera, method="search", interpolation=sample, **options)
-        # A ray that just touches a silhouette, or passes just between two samples, may be rounded either way.
+        # Rounding decides for a ray that just touches a silhouette, or passes exactly between two samples.
         assert np.count_nonzero(found.valid != expected.valid) <= 3, (pose.name, options)
         both = found.valid & expected.valid
         close = np.isclose(found.depth, expected.depth, rtol=1e-4, atol=0)
         assert np.count_nonzero(both & ~close) <= 3, (pose.name, options)
         off = np.abs(found.color - expected.color).max(axis=-1)
-        # One level: half for rounding to bytes, and half for a position error of a few thousandths of a pixel.
+        # 1 level of 255: half for rounding to bytes, half for a position error of a few thousandths of a pixel.
         off = np.where(both & close, off, 0)
-        if np.count_nonzero(off > 1) > 1:  # half-way between two samples that are torn apart, either may win
+        if np.count_nonzero(off > 1) > 1:  # half-way between torn samples, either may show
             for by in ((2e-3, 2e-3), (-2e-3, -2e-3)):
                 beside = search_reference(view, scenes.moved_aside(pose.camera, *by), sample=sample, **options)
                 off = np.minimum(off, np.abs(found.color - beside.color).max(axis=-1))

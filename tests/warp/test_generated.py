@@ -1,13 +1,13 @@
 """Random warps: the sweep against the search, and the search against its reference.
 
-A seed makes a scene, two cameras and the options. To try more seeds than the suite does, from the repository's root:
+Each seed gives a scene, two cameras and options. To try other seeds, run from the repository's root:
 
     python -m tests.warp.test_generated --seconds 120 --first 1000
 
-This prints the worst warps, each with its seed, and the largest fractions of wrong pixels by scene and by movement.
+This prints the seeds of the worst warps, and the largest fraction of wrong pixels for each scene and for each movement.
 
-The sweep's lines pass up to half a pixel beside the pixels, and resolve.cl only looks where lines of a pixel and of its
-neighbours have hits. So parts less than a pixel wide may be missed, and are not counted here.
+The sweep may miss parts less than a pixel wide, which do not count here: its lines pass up to half a pixel beside the
+pixels' centres, and resolve.cl looks only at places that the lines of a pixel and of its neighbours hit.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from tests.reference.warp import search_reference
 SCENES = ("smooth", "steps", "noise", "soft", "thin", "holes")
 MOVES = ("x", "y", "z", "diagonal", "any", "turned", "turned alone")
 LIMIT = 0.005  # fraction of the target's pixels that may differ between sweep and search
-FEW = 3  # pixels that may differ in any case: 0.5 % of a target of 20 x 20 is only two
+FEW = 3  # pixels that may differ even in small targets: 0.5 % of 20 x 20 pixels are only two
 
 
 @dataclass
@@ -60,7 +60,7 @@ class Case:
 
 
 def make_case(seed: int, least: int = 20, most: tuple[int, int] = (160, 130)) -> Case:
-    """Sources of `least` ... `most` samples a side; targets of the same or another size."""
+    """Random warp from a source with sides of `least` to `most` samples to a target of the same or another size."""
     rng = np.random.default_rng(seed)
     size = int(rng.integers(least, most[0])), int(rng.integers(least, most[1]))
     scene, move = str(rng.choice(SCENES)), str(rng.choice(MOVES))
@@ -84,7 +84,7 @@ def make_case(seed: int, least: int = 20, most: tuple[int, int] = (160, 130)) ->
 def camera(
     rng: np.random.Generator, size: scenes.Size, focal: float, pose: np.ndarray, projection: Projection
 ) -> Camera:
-    """A camera with its principal point in the middle, or off it."""
+    """A camera with its principal point in the image's middle or 0.3 pixels to the right."""
     f = focal if projection == "perspective" else focal / 4  # the same field of view at distance 4
     K = [[f, 0, (size[0] - 1) / 2 + rng.choice([0, 0.3])], [0, f, (size[1] - 1) / 2], [0, 0, 1]]
     return Camera(K, size, pose, projection=projection)
@@ -125,18 +125,18 @@ def random_pose(rng: np.random.Generator, move: str) -> np.ndarray:
 
 
 def options_of(case: Case) -> dict[str, Any]:
-    """Options of a case. A ratio cuts noisy scenes: the estimated noise would explain every step, and cut nothing."""
+    """Options of a case. Noise scenes need a cut ratio: else all their steps count as noise, and none is cut."""
     by_number = {"cut_ratio": 1.05} if case.scene == "noise" else {}
     return {"edges": case.edges, "side": case.side, **by_number}
 
 
 def searched(case: Case, target: Camera) -> np.ndarray:
-    """(H, W) depth that the search sees for a target, NaN in holes."""
+    """(H, W) depth by the search for a target, NaN in holes."""
     return ibr.warp(case.view, target, method="search", **options_of(case)).depth
 
 
 def without_ties(case: Case, wrong: np.ndarray) -> np.ndarray:
-    """Wrong pixels, except where rays pass within a hair of an end of the surface."""
+    """Wrong pixels, without those whose rays pass within `HAIR` of an end of the surface."""
     return wrong & ~ties(partial(searched, case), case.target) if wrong.any() else wrong
 
 
@@ -167,8 +167,8 @@ def test_epipolar_sees_what_search_sees(first):
     [
         *(11, 143, 517, 2646, 2905, 4487, 5011, 5879, 20786),  # slits between torn pieces
         33878,  # a back close behind a front
-        *(40163, 41897, 50170, 52136),  # along diagonals, and at the source's border
-        *(33488, 39031, 48318, 52866),  # backs amid fronts
+        *(40163, 41897, 50170, 52136),  # lines along diagonals, and at the source's border
+        *(33488, 39031, 48318, 52866),  # parts seen from behind among parts seen from the front
     ],
 )
 def test_warps_that_were_wrong(seed):

@@ -1,4 +1,4 @@
-"""The host's cost of small pictures, counted in calls and commands, which are the same on every machine."""
+"""The host's work for small pictures, in calls of functions and OpenCL commands, whose number no machine changes."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _SIZE = (67, 61)
 
 @pytest.fixture(autouse=True)
 def whole_launches(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Keep launches from being split or awaited because they take long on a busy machine."""
+    """Switch off the rules that split slow launches and wait for them, since a busy machine makes all launches slow."""
     monkeypatch.setattr(launch, "UNSPLIT_SECONDS", math.inf)
     monkeypatch.setattr(launch, "QUEUED_SECONDS_MAX", math.inf)
 
 
 def calls_of(task: Callable[[], object]) -> int:
-    """Count the calls of functions, Python's and built in, in a task whose caches are filled."""
+    """Count the calls of functions, in Python or built in, during a task that has run once and filled its caches."""
     task()
     seen = 0
 
@@ -45,7 +45,7 @@ def calls_of(task: Callable[[], object]) -> int:
             sys.setprofile(before)
         return seen
 
-    return min(counted() for _ in range(3))  # other tests' objects may be freed meanwhile
+    return min(counted() for _ in range(3))  # least: freeing other tests' objects adds calls
 
 
 @pytest.mark.parametrize(("edges", "fresh", "kept"), [("cut", 1500, 900), ("connect", 1400, 880)])
@@ -78,7 +78,7 @@ def test_a_fresh_warp_is_few_commands(moved, launches, lanes, monkeypatch: pytes
     depth[20:40, 20:40] = 1.0
     camera = view.camera.moved(*moved)
     prepares = ["find_noise", "prepare"]
-    if lanes == "one":  # GPUs need no wait between these; lines are cut into segments, so pixels are cleared
+    if lanes == "one":  # without waits, these are separate launches; lines in segments need cleared pixels
         prepares = ["find_noise", "to_nearness", "find_edges", "continue_border", "look_around"]
         launches = ["clear", *(name for name in launches if name != "clear")]
         launches.insert(1, "bound_surface")

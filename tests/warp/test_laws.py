@@ -1,4 +1,4 @@
-"""Laws that hold for any warp of any scene, with answers that are known without a second renderer."""
+"""Laws that hold for any warp of any scene, so that the right result is known without a second renderer."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_the_same_camera_copies(size, projection, sample, dtype):
     frame = ibr.warp(view, view.camera, interpolation=sample)
     assert frame.valid.all()
     np.testing.assert_array_max_ulp(frame.depth, view.depth, KEPT_ULP)
-    # Float colours pass through weighted sums with 4 roundings.
+    # Float colours are weighted sums, with 4 roundings.
     np.testing.assert_allclose(frame.color, color, rtol=0, atol=0 if dtype == np.uint8 else 4 * 2**-24)
 
 
@@ -61,7 +61,7 @@ def test_the_same_camera_copies(size, projection, sample, dtype):
 def test_holes_stay_where_they_are(method, projection):
     view = scenes.holed((61, 37), projection)
     frame = ibr.warp(view, view.camera, method=method)
-    # A sample is a vertex of triangles, and a missing sample removes its triangles: the valid pixels can only decrease.
+    # Samples are corners of triangles, and a missing sample removes its triangles, so that no hole becomes valid.
     assert not frame.valid[~view.valid].any()
     np.testing.assert_array_max_ulp(frame.depth[frame.valid], view.depth[frame.valid], KEPT_ULP)
     if method == "forward":
@@ -90,8 +90,8 @@ def test_a_far_background_is_no_surface():
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     disc = (x - 47) ** 2 + (y - 31) ** 2 < 400
     view = image(np.where(disc, 2.0, 50.0), camera, far=50.0)
-    np.testing.assert_array_equal(ibr.warp(view, camera).valid, disc)  # rays through samples see the samples alone
-    # The disc consists of its samples' pixels. Moved by .3 and .6 pixels, it covers as many pixels.
+    np.testing.assert_array_equal(ibr.warp(view, camera).valid, disc)  # each ray passes through a sample
+    # The disc's surface fills its samples' pixels. Moved by 0.3 and 0.6 pixels, it covers the same number of pixels.
     assert ibr.warp(view, camera.moved(0.01, 0.02, 0)).valid.sum() == disc.sum()
     everything = image(np.where(disc, 2.0, 50.0), camera)
     assert ibr.warp(everything, camera).valid.all()
@@ -112,7 +112,7 @@ def test_a_wall_shifts_by_focal_times_baseline_over_depth(method, pixels):
     source = np.s_[max(dy, 0) : SIZE[1] + min(dy, 0), max(dx, 0) : SIZE[0] + min(dx, 0)]
     target = np.s_[max(-dy, 0) : SIZE[1] + min(-dy, 0), max(-dx, 0) : SIZE[0] + min(-dx, 0)]
     expected[target], there[target] = view.color[source], True
-    # Rays through the outermost samples may just miss the surface's border.
+    # Rounding decides whether rays through the outermost samples meet the surface's border.
     inner = cv2.erode(there.astype(np.uint8), np.ones((3, 3))).astype(bool)
     assert not frame.valid[~there].any()
     assert frame.valid[inner].all()
@@ -122,7 +122,7 @@ def test_a_wall_shifts_by_focal_times_baseline_over_depth(method, pixels):
 
 @pytest.mark.parametrize("move", [(0.3, 0, 0), (0.1, -0.2, 0.4), (0, 0, -0.7)], ids=str)
 def test_a_plane_is_its_homography(move):
-    """A slanted plane n . X = d seen by a turned camera: H = K (R - t n^T / d) K^-1, and the colours that cv2 draws."""
+    """A slanted plane n . X = d seen by a turned camera, which cv2 draws by H = K (R - t n^T / d) K^-1."""
     camera = pinhole(SIZE)
     normal, d = np.array([0.15, -0.1, 1.0]), 3.0
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
@@ -157,7 +157,7 @@ def test_a_plane_is_its_homography(move):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("scale", [2.0**-6, 2.0**10])
 def test_scaling_depth_and_baseline_together_changes_nothing(method, scale):
-    """A power of two only changes exponents: the bits stay the same."""
+    """A scale that is a power of two changes only exponents, so that depths scale exactly and colours stay the same."""
     view = scenes.stepped(SIZE)
 
     def scaled(camera: Camera) -> Camera:
@@ -218,11 +218,11 @@ def test_several_views_are_their_frames_merged_by_depth_in_any_order(method, sam
         expected = ibr.Frame(color, np.where(valid, depths.min(axis=0), np.nan).astype(np.float32), valid, target)
         options: WarpOptions = {"method": method, "interpolation": sample, "edges": edges, "blend": "nearest"}
         if edges == "cut" and method != "forward":
-            # The half sample next to edges is dropped where other views have looked through it.
+            # The margin, half a sample wide along edges, is removed where other views have looked through it.
             merged = ibr.warp(views, target, **options)
             assert not (merged.valid & ~expected.valid).any()
             is_same = (merged.valid == expected.valid) & (~merged.valid | (merged.depth == expected.depth))
-            assert is_same.mean() > 0.9  # views that contradict each other, full of holes
+            assert is_same.mean() > 0.9  # the views have holes and contradict each other
             expected = merged
         for order in permutations(views):
             merged = ibr.warp(order, target, **options)
@@ -253,11 +253,11 @@ def test_there_and_back_is_where_it_was(method, move):
     back = ibr.warp(ibr.DepthImage(there.color, there.depth, there.camera), view.camera, method=method)
     inner = cv2.erode(back.valid.astype(np.uint8), np.ones((7, 7))).astype(bool)
     assert inner.mean() > 0.6
-    # A curved surface is sampled twice: for a pixel size h, the error is h^2 / 8 times the curvature, here 0.1 %.
+    # Linear interpolation over a pixel of size h is wrong by h^2 / 8 times the curvature. Twice, this is 0.1 % here.
     error = np.abs(back.depth / view.depth - 1)[inner]
     assert np.quantile(error, 0.999) < 2e-3
     assert np.median(error) < 2e-4
-    # Colours have the error of sampling waves of at least 17 pixels twice, and of two roundings to bytes.
+    # Colours are sampled twice, from waves of at least 17 pixels, and rounded to bytes twice.
     assert np.median(np.abs(back.color.astype(int) - view.color.astype(int))[inner]) <= 2
 
 
@@ -265,7 +265,7 @@ def test_there_and_back_is_where_it_was(method, move):
 
 
 def two_walls() -> tuple[ibr.DepthImage, Camera]:
-    """A near wall left of column 48 and a far wall; a camera farther right sees a gap between them."""
+    """A near wall left of column 48 and a far wall right of it; a camera farther right sees a gap between them."""
     camera = pinhole(SIZE)
     x = np.mgrid[: SIZE[1], : SIZE[0]][1]
     color = np.where(x[..., None] < 48, (200, 30, 30), (30, 30, 200)).astype(np.uint8)
@@ -278,7 +278,7 @@ def two_walls() -> tuple[ibr.DepthImage, Camera]:
 def test_cut_opens_what_connect_stretches(method):
     view, target = two_walls()
     connected, cut = (ibr.warp(view, target, method=method, edges=edges) for edges in ("connect", "cut"))
-    # The near wall ends at 47 - 20 = 27, the far wall begins at 48 - 10 = 38: rays at these columns may hit or miss.
+    # The near wall ends at column 47 - 20 = 27, the far wall begins at 48 - 10 = 38. There, rounding may decide.
     gap = np.s_[:, 28:38]
     assert connected.valid[:, :84].all()
     assert not cut.valid[gap].any()
@@ -319,7 +319,7 @@ def test_orthographic_views_are_cut_by_the_longer_side_of_what_they_see(method, 
     ).moved(0, 0, -lifted)
     across = np.mgrid[: size[1], : size[0]][0 if turned else 1]
     view = image(lifted + 3 + np.where(across < max(size) // 2, 0, step), camera)
-    # The camera moves to the side of the near half: it sees the step's slope from the front, and the whole source.
+    # The target stands on the side of the near half, so that it sees the front of the slope between the two halves.
     aside = np.array([0.0, 3.0, 0.0] if turned else [3.0, 0.0, 0.0])
     target = Camera.look_at(aside, (0, 0, 3), (0, -1, 0), (96, 96), projection="orthographic", height=8)
     cut = ibr.warp(view, target, method=method, edges="cut", cut_ratio=1.05).valid
@@ -334,7 +334,7 @@ def test_orthographic_views_are_cut_by_the_longer_side_of_what_they_see(method, 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_holes_are_filled_from_behind(sign):
     view, target = two_walls()
-    if sign < 0:  # mirrored: the far wall on the left, the camera moves to the left
+    if sign < 0:  # mirrored: the far wall is on the left, and the camera moves to the left
         view = ibr.DepthImage(view.color[:, ::-1], view.depth[:, ::-1], view.camera)
         target = view.camera.moved(-20 * 2 / 60, 0, 0)
     bare, filled = (ibr.warp(view, target, edges="cut", fill=fill) for fill in (None, "background"))
@@ -343,11 +343,11 @@ def test_holes_are_filled_from_behind(sign):
     np.testing.assert_array_equal(filled.color[bare.valid], bare.color[bare.valid])
     np.testing.assert_array_equal(filled.depth[bare.valid], bare.depth[bare.valid])
     gap = filled.depth[flip][:, 28:38], filled.color[flip][:, 28:38]
-    # The near wall, at half the depth, has a millionth of the far wall's weight.
+    # The near wall, at half the depth, has a millionth of the far wall's weight in filled pixels.
     np.testing.assert_allclose(gap[0], 4, rtol=3e-3)
     assert (gap[1][:, 1:] == (30, 30, 200)).all()
-    assert (gap[1][:, 0] == (64, 30, 166)).all(), "a fifth of the near wall, since silhouettes are mixed"
-    # Beyond the far wall's end there is only one side.
+    assert (gap[1][:, 0] == (64, 30, 166)).all(), "a fifth of the near wall's colour is mixed in along the silhouette"
+    # The hole beyond the far wall's end has that wall alone beside it.
     np.testing.assert_allclose(filled.depth[flip][:, 86:], 4, rtol=1e-4)
 
 
@@ -384,7 +384,7 @@ def test_bytes_and_floats_agree(method, sample, fill):
         np.testing.assert_array_equal(one.depth, other.depth)
         np.testing.assert_array_equal(one.valid, other.valid)
         assert other.color.dtype == np.float32
-        # Half a level for rounding to bytes, and a whole level after filling, which averages rounded values.
+        # Levels of 255: half for rounding to bytes; one in filled pixels, which are means of rounded values.
         limit = 1.01 if fill else 0.501
         assert np.abs(one.color - other.color.astype(np.float64) * 255).max() <= limit, pose.name
 
@@ -403,7 +403,7 @@ def test_only_what_is_before_the_camera_is_seen(method, source, target):
 def test_one_program_resolves_whatever_is_zoomed():
     view, builds = scenes.stepped((41, 31)), Builds()
     with watching(builds):
-        for scale in (1, 4):  # pixels per sample
+        for scale in (1, 4):  # target pixels per sample
             camera = view.camera.moved(0.2, 0.1, 0.1).resized((41 * scale, 31 * scale))
             ibr.warp(view, camera)
     assert len([of for of in builds.of if of[0] == "resolve"]) == 1

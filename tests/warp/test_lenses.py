@@ -1,4 +1,4 @@
-"""Lenses on sources and targets, against rays cast through OpenCV's models at the surface that the samples define."""
+"""Lenses of sources and targets, compared with rays that OpenCV's lens models bend, cast at the samples' surface."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tests.one_lane import one_lane
 pytest.importorskip("open3d")
 
 DEPTH = 1e-3  # relative
-RIGHT = 0.998  # fraction of the interior pixels that must be right: some parts are thinner than the margin to edges
-COLOR = 6.0  # greatest error of 255: colours are interpolated two or three times
+RIGHT = 0.998  # fraction of the interior pixels that must be right; `interior` leaves in some that lie at thin parts
+COLOR = 6.0  # greatest error, in levels of 255; colours are interpolated two or three times
 SOURCE, TARGET = (200, 150), (180, 140)
 
 LENSES = {
@@ -35,7 +35,7 @@ POSES = {
 
 
 def with_lens(view: ibr.DepthImage, name: str) -> ibr.DepthImage:
-    """The view's samples, as if taken through a lens."""
+    """The same arrays of colours and depth, as the picture of a camera with a lens."""
     camera = view.camera
     seen = ibr.Camera(camera.K, camera.size, camera.world_from_camera, lens=LENSES[name])
     return ibr.DepthImage(view.color, view.depth, seen, far=view.far)
@@ -56,9 +56,9 @@ def check(seen: truth.Truth, frame: ibr.Frame, name: str) -> None:
     assert interior.sum() > 1000, f"{name}: the truth consists of edges"
     right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
     assert right[interior].mean() >= RIGHT, f"{name}: {right[interior].mean()}"
-    # At least two pixels from silhouettes, the covered pixels must equal the truth.
+    # Two pixels or more from silhouettes, no pixel may be lost or made up.
     lost, made_up = ~frame.valid & seen.interior(2), frame.valid & ~truth.dilate(seen.valid, 2)
-    lost = lost[2:-2, 2:-2]  # the truth does not contain silhouettes beyond the frame
+    lost = lost[2:-2, 2:-2]  # silhouettes outside of the image are not in the truth
     assert not lost.any(), f"{name}: {lost.sum()} lost"
     assert not made_up.any(), f"{name}: {made_up.sum()} made up"
     off = np.abs(frame.color.astype(np.float64) - seen.color).max(axis=-1)
@@ -96,11 +96,11 @@ def test_lenses_on_both(source, target_lens, edges):
     check(here.cast(camera), ibr.warp(here.view, camera, edges=edges), f"{source}, {target_lens}")
 
 
-WIDE = ibr.Lens("kannala_brandt", [-0.003269, 0.054053, -0.051594, 0.010749])  # a tracking camera with 170 degrees
+WIDE = ibr.Lens("kannala_brandt", [-0.003269, 0.054053, -0.051594, 0.010749])  # a tracking camera that sees 170 degrees
 
 
 def test_a_target_that_sees_nearly_half_of_the_world():
-    """No pinhole picture can hold this view: it is drawn as the faces of a cube, without a seam."""
+    """No pinhole picture holds this view: it is drawn as the faces of a cube, and must show no seam."""
     view = scenes.smooth((120, 90))
     here = truth.Surface(view, "cut")
     pose = view.camera.world_from_camera @ scenes.pose(8, -5, 3, (0.3, -0.2, 2.6))
@@ -133,7 +133,7 @@ def test_a_source_that_sees_too_far_is_refused():
         with pytest.raises(ibr.ArgumentError, match="depth: expected samples of a lens up to 75 degrees from its axis"):
             draw()
     depth[np.hypot(*np.moveaxis(pixels_of(camera).reshape(180, 200, 2) - [99, 89.5], 2, 0)) > 60] = np.nan
-    frame = ibr.warp(ibr.DepthImage(color, depth, camera), camera)  # the measured part lies within
+    frame = ibr.warp(ibr.DepthImage(color, depth, camera), camera)  # the pixels with depth lie in the permitted part
     assert frame.valid.mean() > 0.2
 
 
@@ -280,7 +280,7 @@ def test_small_images(size):
 @pytest.mark.parametrize("pose", ["identity", "aside", "turned"])
 @pytest.mark.parametrize(("source", "target_lens"), [("barrel", "none"), ("none", "barrel"), ("pincushion", "fisheye")])
 def test_between_an_object_and_what_is_behind_it_there_is_nothing(source, target_lens, pose):
-    """Depths and colours belong to the disk or to the wall, up to the very silhouette."""
+    """Each depth and colour is the disk's or the wall's, even at silhouettes, never a mixture."""
     camera = with_lens(scenes.flat(SOURCE), source).camera
     y, x = np.indices(SOURCE[::-1])
     disk = np.hypot(x - 90, y - 70) < 40
@@ -291,7 +291,7 @@ def test_between_an_object_and_what_is_behind_it_there_is_nothing(source, target
         pixels = pixels_of(new)
         points = new.unproject(pixels, frame.depth.ravel()) @ camera.camera_from_world[:3, :3].T
         z = (points + camera.camera_from_world[:3, 3])[:, 2].reshape(frame.depth.shape)
-        near, far = np.isclose(z, 2, rtol=0.01), np.isclose(z, 4, rtol=0.01)  # edges are half a pixel off
+        near, far = np.isclose(z, 2, rtol=0.01), np.isclose(z, 4, rtol=0.01)  # 1 %: edges are half a pixel off
         assert (near | far)[frame.valid].all()
         assert near.sum() > 500
         assert far.sum() > 500

@@ -1,4 +1,4 @@
-"""Real calibrations: an Azure Kinect's depth in its colour camera, against ray casting and the photograph."""
+"""Real calibrations: an Azure Kinect's depth seen by its colour camera, compared with cast rays and a photograph."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytest.importorskip("open3d")
 
 @cache
 def kinect(depth_lens: bool = True, color_lens: bool = True) -> tuple[ibr.DepthImage, ibr.Camera, np.ndarray]:
-    """The infrared image with its depth, the colour camera, and its photograph."""
+    """The depth camera's view, coloured by its infrared image, the colour camera, and that camera's photograph."""
     folder = shared("formats") / "azure_kinect_raw"
     calibration = json.loads((folder / "calibration.json").read_text())
     depth = ibr.depth_from_uint16(cv2.imread(str(folder / "depth.png"), cv2.IMREAD_UNCHANGED), 1000)
@@ -43,7 +43,7 @@ def test_depth_in_the_colour_camera_is_what_its_rays_meet():
     seen, frame = truth.raycast(view, small, "cut"), ibr.warp(view, small)
     interior = seen.interior(4)
     assert interior.mean() > 0.1
-    right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=3e-3)  # real noise: at least 2 mm per metre
+    right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=3e-3)  # noise of at least 2 mm per metre
     assert right[interior].mean() > 0.99
     right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=1e-3)
     assert right[interior].mean() > 0.9
@@ -51,13 +51,13 @@ def test_depth_in_the_colour_camera_is_what_its_rays_meet():
 
 
 def test_the_mapping_is_opencvs():
-    """Positions agree within 0.01 px, with both cameras' factory parameters from the file."""
+    """Pixel positions agree with OpenCV's within 0.01, for both cameras' factory parameters from the file."""
     view, camera, _ = kinect()
     calibration = json.loads((shared("formats") / "azure_kinect_raw" / "calibration.json").read_text())
     entries = calibration["CalibrationInformation"]["Cameras"]
     pixels = np.argwhere(view.valid)[::97, ::-1].astype(np.float64)
     points = view.camera.unproject(pixels, view.depth[view.valid][::97])
-    modes = ((1024, 1024), (192, 180)), ((1280, 960), (0, 120))  # the whole image, and the origin of the mode's image
+    modes = ((1024, 1024), (192, 180)), ((1280, 960), (0, 120))  # whole image's size, mode's origin in it
     seen = pixels, camera.project(points)[0]
     for entry, (whole, crop), expected in zip(entries, modes, seen, strict=True):
         cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1 = entry["Intrinsics"]["ModelParameters"]
@@ -74,9 +74,9 @@ def slopes(image: np.ndarray) -> np.ndarray:
 
 
 def alike(depth_lens: bool = True, color_lens: bool = True) -> float:
-    """Correlation between gradients of the infrared image's logarithm and of its samples' colours.
+    """Correlation between the gradients of two images: logarithmic infrared, and the colours registered to its pixels.
 
-    Both images are the depth camera's, blurred by a pixel. Samples within 3 pixels of uncoloured ones do not count.
+    Both images are blurred by a pixel. Pixels within 3 pixels of one without colour do not count.
     """
     view, camera, photograph = kinect(depth_lens, color_lens)
     found = ibr.register_color(view.depth, view.camera, camera, np.repeat(photograph[..., None], 3, 2))
@@ -86,6 +86,6 @@ def alike(depth_lens: bool = True, color_lens: bool = True) -> float:
 
 def test_lenses_bring_both_cameras_pictures_together():
     both = alike()
-    assert both > 0.36  # OpenCV's correlation, from each sample's own position in the photograph
+    assert both > 0.36  # OpenCV reaches 0.36, with colours looked up where it projects the samples
     assert both > alike(color_lens=False) + 0.05
     assert both > alike(depth_lens=False) + 0.05

@@ -1,4 +1,4 @@
-"""The sweep sees the same as the search where isolated samples lie between the sweep's lines."""
+"""The sweep and the search agree on isolated samples, which may lie between the sweep's lines."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ MOVES = {
     "back": (0.1, 0.0, -0.5),
 }
 LIMIT = 0.001
-"""Fraction of the pixels: a ray between two objects that lines met may see something that no line met."""
+"""Fraction of the pixels that may differ: the sweep cannot show objects that none of its lines meets."""
 
 
 def pins(rng: np.random.Generator) -> np.ndarray:
-    """Single samples, and pairs, in front of or behind an oblique wall."""
+    """Single samples and pairs of samples, in front of or behind an oblique wall."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     depth = 4.0 + 0.004 * x - 0.003 * y
     for step, wide in ((-1.3, 1), (-0.7, 2), (0.6, 1)):
@@ -39,7 +39,7 @@ def pins(rng: np.random.Generator) -> np.ndarray:
 
 
 def crumbs(rng: np.random.Generator) -> np.ndarray:
-    """A wall in pieces of one to three samples, as from a depth camera."""
+    """A wall in pieces one to three samples wide, as from a depth camera."""
     depth = 3.5 + 0.5 * np.sin(np.arange(SIZE[0]) / 9.0) + np.zeros((SIZE[1], 1))
     depth += rng.normal(0, 0.004, depth.shape)
     depth[rng.random(depth.shape) < 0.25] = np.nan
@@ -48,7 +48,7 @@ def crumbs(rng: np.random.Generator) -> np.ndarray:
 
 
 def grains(rng: np.random.Generator) -> np.ndarray:
-    """White noise, torn into single triangles by a ratio of depths."""
+    """White noise, which a cut ratio tears into single triangles."""
     return rng.uniform(2.5, 4.0, SIZE[::-1])
 
 
@@ -70,7 +70,7 @@ def camera(projection: Projection) -> Camera:
 
 
 def differing(view: ibr.DepthImage, target: Camera, **options: Any) -> np.ndarray:
-    """(H, W) bool: pixels where sweep and search differ by more than a hair."""
+    """(H, W) bool: pixels where sweep and search differ, except where rays pass an end of the surface."""
     seen = partial(ibr.warp, view, method="search", **options)
     wrong = off(ibr.warp(view, target, **options).depth, seen(target).depth)
     return wrong & ~ties(lambda other: seen(other).depth, target) if wrong.any() else wrong
@@ -121,7 +121,7 @@ def test_one_lane_sees_what_sixteen_see(scene, move):
 
 
 def test_rays_along_edges_of_no_triangle_see_them():
-    """From a target on the source's axis, rays along the image's diagonal see edges that join just two samples."""
+    """From a target on the source's axis, rays along a diagonal of samples see the edges between samples."""
     depth = np.full((31, 31), np.nan, np.float32)
     steps = np.arange(4, 28)
     depth[steps, 30 - steps] = 3.0 + 0.01 * steps
@@ -146,7 +146,7 @@ def test_noise_does_not_stand_out_and_spikes_in_it_do(projection):
     spiked = np.zeros(front.shape, bool)
     spiked[rows, columns // 16] = True
     assert (front[spiked] == np.inf).all()
-    # One sample in 1e8 is 5.7 deviations off while its neighbours are not. At borders, neighbours are on one side.
+    # By noise, one sample in 1e8 stands out by 5.7 deviations. Samples at borders, with fewer neighbours, do not count.
     within = (slice(2, -2), slice(1, -1))
     assert (front[within][~spiked[within]] == -np.inf).all()
 

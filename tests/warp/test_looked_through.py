@@ -1,4 +1,7 @@
-"""Several views correct one another: where one has looked through, other views keep no margin or rubber sheet."""
+"""Several views correct one another: what one view has looked through is removed from the others' surfaces.
+
+These parts are margins, half a sample wide beyond the outermost samples, and sheets across depth steps (bridges).
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,12 @@ from pyibr.opencl.watch import Traffic, watching
 from tests.one_lane import one_lane
 
 SIZE = (61, 47)
-TARGET = (183, 141)  # three pixels a sample
-CARD = np.array([0.45, 0.35, 0.0])  # half the card's side lengths
+TARGET = (183, 141)  # size of the target, which has three pixels per sample in x and in y
+CARD = np.array([0.45, 0.35, 0.0])  # half of the card's extent in x, y and z
 
 
 def rays_of(camera):
-    """Origins and directions, (H, W, 3), scaled so that depth is the parameter along the ray."""
+    """Rays: origins and directions, (H, W, 3). A point at planar depth t is origin + t * direction."""
     x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     pixels = np.stack([x, y], -1).reshape(-1, 2).astype(float)
     near, far = (camera.unproject(pixels, np.full(x.size, depth)) for depth in (1.0, 2.0))
@@ -38,7 +41,7 @@ def camera_at(eye, size=SIZE, *, projection="perspective", target=(0.0, 0.0, 0.0
     camera = ibr.Camera.look_at(eye, target, (0.1, -1.0, 0.2), size, fov_y=40)
     if projection == "perspective":
         return camera
-    scale = camera.K[0, 0] / np.linalg.norm(np.subtract(eye, target))  # the same size at the target
+    scale = camera.K[0, 0] / np.linalg.norm(np.subtract(eye, target))  # things at the target point look as large
     K = [[scale, 0, camera.K[0, 2]], [0, scale, camera.K[1, 2]], [0, 0, 1]]
     return ibr.Camera(K, size, camera.world_from_camera, projection="orthographic")
 
@@ -52,7 +55,7 @@ def card_at(camera, background):
 
 
 def balls_at(camera, balls, background=np.inf):
-    """Depth of balls, given as rows of a centre and a radius."""
+    """Depth of balls, each given as (x, y, z, radius)."""
     origins, directions = rays_of(camera)
     nearest = np.full(origins.shape[:2], np.inf)
     for *centre, radius in balls:
@@ -69,7 +72,7 @@ BETWEEN = (0.05, 0.1, -2.0)
 
 
 def sticking_out(views, **options):
-    """Numbers of pixels in a finer picture that are drawn next to the card, and that are left open on the card."""
+    """Count pixels of a finer picture: drawn near the card's depth but outside of it, and holes on the card."""
     camera = camera_at(BETWEEN, TARGET)
     _, on_card = card_at(camera, np.inf)
     frame = ibr.warp(views, camera, **options)
@@ -86,14 +89,14 @@ def test_margins_yield_where_space_is_known_to_be_empty(projections, blend):
     for background, far in ((np.inf, np.inf), (9.0, 5.0), (5.0, np.inf)):
         views = [textured(camera, card_at(camera, background)[0], far=far) for camera in cameras]
         outside, uncovered = sticking_out(views, blend=blend)
-        # A margin stays unless another view's ray passed by within half a sample.
+        # Margins stay where no ray of another view passes through them.
         assert outside < 0.2 * before, (background, far)
         assert uncovered - open_before < before - outside
 
 
 @pytest.mark.parametrize("background", [np.nan, 0.0, -1.0])
 def test_what_is_unknown_tells_nothing(background):
-    # Parallel cameras have margins in the card's plane: no camera sees the card itself behind them.
+    # The cameras are parallel, so that all margins lie in the card's plane: none hides the card from a camera.
     camera = camera_at(BETWEEN, TARGET, target=(0.05, 0.1, 0.0))
     cameras = [camera_at((x, y, -2.0), target=(x, y, 0.0)) for x, y, _ in EYES]
     views = [textured(one, card_at(one, background)[0]) for one in cameras]
@@ -113,15 +116,15 @@ def test_a_ball_is_as_large_as_it_is():
         valid, alone = ibr.warp(views, camera).valid, np.any([ibr.warp(view, camera).valid for view in views], axis=0)
         outside, fat = outside + (valid & ~there).sum(), fat + (alone & ~there).sum()
         lost += (alone & there & ~valid).sum()
-    # Within half a sample no image shows the position of the outline.
+    # 0.6: the views' pixels show the position of the outline only to half a sample.
     assert outside < 0.6 * fat
     assert lost < fat - outside
 
 
 def ramp_views():
-    """Views of a box and a wall behind it: frontal, with a ramp between both as at soft edges; and from the side."""
+    """Views of a box and a wall: from the front, with a ramp between them as at soft edges; twice from the side."""
     front, near, far = camera_at((0.0, 0.0, -2.0)), 1 / 1.6, 1 / 3.0
-    ramp = np.clip((31 - np.arange(SIZE[0])) / 3, 0, 1)  # so steep that it is seen at less than 5 degrees
+    ramp = np.clip((31 - np.arange(SIZE[0])) / 3, 0, 1)  # three samples wide; rays meet it at less than 5 degrees
     nearness = far + (near - far) * ramp
     soft = textured(front, np.tile(1 / nearness, (SIZE[1], 1)))
     views = [soft]
@@ -160,7 +163,7 @@ def test_floors_that_recede_stay():
     camera = ibr.Camera([[210, 0, 91], [0, 210, 28.9], [0, 0, 1]], TARGET).moved(0.1, 0.02, 0.1)
     alone = np.any([ibr.warp(view, camera).valid for view in views], axis=0)
     lost = alone & ~ibr.warp(views, camera).valid
-    assert lost[32:].sum() == 0  # from the horizon's row on, where a view's samples are many metres apart
+    assert lost[32:].sum() == 0  # row 32 is just below the horizon, where samples are metres apart
 
 
 @pytest.mark.parametrize("fault", ["none", "noise", "holes", "off", "too near", "all"])
@@ -189,7 +192,7 @@ def test_faults_of_views_carve_nothing_away(fault):
 
 
 def rods_seen(camera, background=np.inf):
-    """Depth of upright rods, 1.3 samples wide."""
+    """Depth of four upright rods, each 1.3 samples wide."""
     return balls_at(camera, [(x, y, z, 0.02) for x, z in RODS for y in np.arange(-0.5, 0.5, 0.01)], background)
 
 
@@ -209,7 +212,7 @@ def test_rods_one_sample_thin_stay():
 def test_a_coarse_view_takes_no_detail_away():
     camera = camera_at(EYES[0])
     fine = textured(camera, rods_seen(camera))
-    small = camera_at(EYES[1], (15, 12))  # a quarter of the resolution: most rods lie between its samples
+    small = camera_at(EYES[1], (15, 12))  # a quarter of the resolution: its samples miss most rods
     coarse = textured(small, rods_seen(small))
     camera = camera_at(EYES[0], TARGET)
     there = np.isfinite(rods_seen(camera))
@@ -224,7 +227,7 @@ def test_options_that_ask_for_whole_surfaces_have_them():
     alone = np.any([ibr.warp(view, camera, edges="connect").valid for view in views], axis=0)
     np.testing.assert_array_equal(ibr.warp(views, camera, edges="connect").valid, alone)
     by_ratio, by_shape = (sticking_out(views, cut_ratio=ratio)[0] for ratio in (1.05, None))
-    assert by_ratio == by_shape  # the card has margins, but no bridges
+    assert by_ratio == by_shape  # the card's views contain no bridges, which a cut ratio would keep
 
 
 def test_bridges_by_number_stay():

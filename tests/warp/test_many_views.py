@@ -1,4 +1,4 @@
-"""Many views in one picture: the cost of each, and independence of their order and of the target."""
+"""Many views in one picture: cost that grows with their number alone, and results that do not depend on their order."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ def same(one: ibr.Frame, other: ibr.Frame) -> None:
 
 
 def hold(monkeypatch: pytest.MonkeyPatch, layers: int) -> None:
-    """Limit the number of layers that are kept."""
+    """Limit the number of layers, one for each view, that stay in memory; others are drawn twice."""
     monkeypatch.setattr(blending, "_HELD_BYTES", 1)
     monkeypatch.setattr(blending, "_HELD_MIN", layers)
 
 
 @pytest.mark.usefixtures("lanes")
 def test_the_order_of_views_changes_no_bit():
-    """This holds also for views of one camera, which differ only in their contents."""
+    """It changes none even if the views have one camera, and differ only in depth and colours."""
     views = several(4)
     views.append(ibr.DepthImage(views[0].color // 2, views[0].depth * np.float32(1.018), views[0].camera))
     target = views[0].camera.moved(0.05, 0.02, 0.1)
@@ -73,7 +73,7 @@ def test_the_order_of_views_changes_no_bit():
 
 
 def cross_of_views() -> tuple[list[ibr.DepthImage], ibr.Camera]:
-    """Four views at equal distances from the camera in their middle, with samples and depths missing."""
+    """Four views around a target camera, all equally far from it; random samples have colour but no depth."""
     middle = scenes.source_camera(SIZE)
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     rng = np.random.default_rng(3)
@@ -90,7 +90,7 @@ def cross_of_views() -> tuple[list[ibr.DepthImage], ibr.Camera]:
 @pytest.mark.parametrize("blend", ["quality", "nearest"])
 @pytest.mark.parametrize("fill", ["background", None])
 def test_the_order_of_views_that_are_equally_near_changes_no_bit(method, blend, fill):
-    """The views see the same depths, too, and their colours without depth fill the same holes."""
+    """The views also see surfaces at equal depths, and their colours without depth compete for the same holes."""
     views, camera = cross_of_views()
     told = method != "forward"
     first = ibr.warp(views, camera, method=method, blend=blend, fill=fill, classes=told)
@@ -105,7 +105,7 @@ def test_the_order_of_views_that_are_equally_near_changes_no_bit(method, blend, 
 
 
 def test_two_views_as_far_apart_as_one_surface_may_be_are_so_in_either_order():
-    """At 2 %, the tolerance of one view may include the other view but not vice versa: it is relative to the depth."""
+    """The tolerance is 2 % of a view's depth: the farther view might accept the nearer one, but not vice versa."""
     camera = scenes.source_camera(SIZE)
     texture = scenes.texture(*scenes.image_coordinates(SIZE)) // 2 + 40
 
@@ -145,7 +145,7 @@ def test_relit_layers_that_are_drawn_twice_give_the_bits_of_those_that_are_held(
 
 
 def test_work_is_linear_in_the_views(monkeypatch):
-    """Each view is drawn at most twice, and looked up in at most nine others for exposures."""
+    """Each view is drawn at most twice, and compared with at most nine others to match exposures."""
     hold(monkeypatch, 2)
     compared = 0
     compare = exposure._Sampled.compared_with
@@ -164,12 +164,12 @@ def test_work_is_linear_in_the_views(monkeypatch):
         assert compared <= 9 * count
         launches = Counter(name for _, name, _ in seen.of)
         for name in ("epipolar_sweep", "resolve", "weigh_layer"):
-            assert launches[name] == 2 * count - 2, "all except the last two, which are kept"
+            assert launches[name] == 2 * count - 2, "twice each, except the two that are kept"
         assert launches["blend_layers"] == -(-count // 2)
 
 
 def test_memory_does_not_grow_with_the_views(monkeypatch):
-    """Memory of the picture; the views' own memory is not counted."""
+    """Memory for drawing; the views' surfaces, which are kept on the device, do not count."""
     hold(monkeypatch, 2)
     live = peak = 0
     take, give = memory._take, memory._give_back
@@ -197,12 +197,12 @@ def test_memory_does_not_grow_with_the_views(monkeypatch):
         live = peak = 0
         ibr.warp(thing, target)
         peaks.append(peak)
-    uploaded = 0 if current().profile.in_place else 3 * 12 * 4096  # pages, until the call ends
+    uploaded = 0 if current().profile.in_place else 3 * 12 * 4096  # 12 views' pages, kept until the call ends
     assert peaks[1] - peaks[0] <= uploaded
 
 
 def test_views_that_cannot_show_are_not_drawn():
-    """Views to the side of the target's view, behind it, and around a target that faces away from most of them."""
+    """Views far to the side of the target's view, views of what lies behind the target, and all of these together."""
     here = scenes.flat(SIZE)
     camera = here.camera
     aside = ibr.DepthImage(here.color, here.depth, camera.moved(50, 0, 0))
@@ -223,7 +223,10 @@ def test_views_that_cannot_show_are_not_drawn():
 
 @pytest.mark.usefixtures("lanes")
 def test_tiles_of_a_target_are_parts_of_the_whole():
-    """Pixels that agree for each view alone agree when blended; other pixels may differ, since lines lie elsewhere."""
+    """If tile and whole agree at a pixel for each view alone, they agree when blended.
+
+    A few pixels differ for a view alone, since the sweep's lines lie elsewhere in a tile.
+    """
     views = several(3, (97, 61), 0.1)
     whole = views[0].camera.moved(0.1, 0.05, 0.2)
     frames = {"blended": ibr.warp(views, whole)} | {k: ibr.warp(view, whole) for k, view in enumerate(views)}
@@ -252,7 +255,7 @@ def test_a_wall_has_one_colour_along_a_path():
     seen: list[int] = []
     for step in range(40):
         frame = ibr.warp(views, camera.moved(0.15 * step - 0.5, 0.01 * step, 0))
-        assert np.ptp(frame.color[frame.valid]) <= 1  # the colour is constant within a picture, too
+        assert np.ptp(frame.color[frame.valid]) <= 1  # one colour within each picture
         seen += [int(np.median(frame.color[frame.valid]))]
     assert max(abs(a - b) for a, b in pairwise(seen)) <= 1
 
@@ -260,7 +263,7 @@ def test_a_wall_has_one_colour_along_a_path():
 @pytest.mark.usefixtures("lanes")
 @pytest.mark.parametrize("how", [{"cut_ratio": 1.5}, {"edges": "connect"}])
 def test_rubber_sheets_do_not_hide_what_another_view_saw(how):
-    """A box in front of a wall, with a rubber sheet between both; a second view sees the wall behind the sheet."""
+    """A box and a wall, joined by a stretched surface (rubber sheet); a second view sees the wall behind it."""
     size = (97, 61)
     camera = scenes.source_camera(size)
     depth = np.full(size[::-1], 4.0, np.float32)
@@ -275,7 +278,7 @@ def test_rubber_sheets_do_not_hide_what_another_view_saw(how):
     assert sheet.any(axis=0).sum() >= 4
     assert (both.color[sheet] == 60).all() and np.abs(both.depth[sheet] - 4.0).max() < 1e-3
     box = alone.valid & (alone.depth < 3.001)
-    assert (both.color[box] == 200).mean() > 0.95, "except for a tenth of a sample at its edge"
+    assert (both.color[box] == 200).mean() > 0.95, "the box, without a tenth of a sample at its edge"
 
 
 @pytest.mark.usefixtures("lanes")
@@ -283,7 +286,7 @@ def test_rubber_sheets_do_not_hide_what_another_view_saw(how):
 @pytest.mark.parametrize("size", [(7, 13), (61, 37), (1, 1), (33, 1)])
 @pytest.mark.parametrize("cut_ratio", [None, 1.05])
 def test_distances_to_edges_are_those_of_numpy(size, projection, cut_ratio):
-    """Steep places are steps if nothing is cut, and otherwise ends of the surface."""
+    """Samples beside a depth step get 0 if nothing is cut; if steps are cut, the surface ends there."""
     width, height = size
     rng = np.random.default_rng(3)
     depth = np.full((height, width), 4.0, np.float32)

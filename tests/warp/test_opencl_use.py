@@ -1,4 +1,4 @@
-"""The warp's use of OpenCL: the cache that a second process finds, and the kernels' GPU form."""
+"""The warp's use of OpenCL: a second process uses the first one's cache, and the kernels' form for GPUs works."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def run(*command: str, timeout: float = 120, **environment: str) -> subprocess.C
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """Output of a first process, and the folder of its cache."""
+    """Output of a first process, and the path of its cache folder."""
     cache = str(tmp_path_factory.mktemp("cache"))
     done = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=cache)
     assert done.returncode == 0, done.stderr
@@ -44,7 +44,7 @@ def test_the_second_process_builds_nothing(first: tuple[str, str]):
     told, cache = first
     binaries = {path: path.stat().st_mtime_ns for path in (Path(cache) / "programs").iterdir()}
     assert len(binaries) >= 4  # nearness, epipolar, resolve, fill
-    # A new build is impossible: a program made from source raises.
+    # To forbid builds, making a program from source raises.
     forbid = "import pyopencl as cl; make = cl.Program.__init__\n" + (
         "def refuse(self, context, *rest):\n"
         "    assert len(rest) == 2, 'built from source'\n"
@@ -89,7 +89,7 @@ def test_one_lane_is_as_good_as_sixteen(place, source):
     with one_lane():
         found = frames(place, source)
     for number, (one, other) in enumerate(zip(found, expected, strict=True)):
-        # Compilers contract different products in the two forms. Last bits differ, and pixels at silhouettes may, too.
+        # Compilers fuse different products and sums in the two forms: last bits differ, and so may silhouettes.
         assert (one.valid == other.valid).mean() >= 0.999, number
         both = one.valid & other.valid
         same = np.isclose(one.depth, other.depth, rtol=1e-5, atol=0)

@@ -1,4 +1,4 @@
-"""Real pictures: a frame warped to another camera, against the frame of that camera.
+"""Real pictures: a frame warped to another frame's camera, compared with that other frame.
 
 The data is not part of the project. Its folder is named by ``$PYIBR_DATA``, or lies next to the repository.
 """
@@ -37,7 +37,7 @@ def room(number: int) -> ibr.DepthImage:
 
 
 def seen_by(source: ibr.DepthImage, target: ibr.DepthImage, tolerance: float) -> np.ndarray:
-    """(H, W) bool: pixels of the target whose point the source sees, in the four samples around it."""
+    """(H, W) bool: target pixels whose point the source sees: the four samples around it have the point's depth."""
     height, width = target.depth.shape
     y, x = np.nonzero(target.valid)
     world = target.camera.unproject(np.column_stack([x, y]).astype(float), target.depth[y, x].astype(float))
@@ -57,12 +57,12 @@ def seen_by(source: ibr.DepthImage, target: ibr.DepthImage, tolerance: float) ->
 def test_a_frame_is_the_other_one_where_both_see(source, target, sample):
     a, b = room(source), room(target)
     frame = ibr.warp(a, b.camera, interpolation=sample, edges="cut")
-    # 2 %: far above the required millimetre, far below the steps between objects.
+    # 2 % is far more than the required millimetre, and far less than the steps between objects.
     both = frame.valid & b.valid & (np.abs(frame.depth - b.depth) <= 0.02 * b.depth)
-    # 90.1 % of frame 50, which is a close-up, lie in frame 0, and 98.3 % of frame 0 in frame 4.
+    # Frame 50 is a close-up. 90.1 % of it lie in frame 0, and 98.3 % of frame 0 lie in frame 4.
     assert both.mean() > (0.45 if source == 50 else 0.9)
-    # 1 mm: depth is in whole millimetres, and reprojected samples have an error of 0.57 mm. 2 of 255: reprojected
-    # samples have errors of 1.7 and 1.8.
+    # Depth is in whole millimetres. Reprojecting the samples without a warp gives errors of 0.57 mm, and of 1.7 and 1.8
+    # levels of 255 for the two pairs.
     assert metrics.median_depth_error(frame.depth, b.depth, valid=both) <= 1e-3
     assert metrics.median_color_error(frame.color, b.color, valid=both) <= 2
 
@@ -73,9 +73,9 @@ def test_holes_are_what_the_other_frame_did_not_see(source, target):
     frame = ibr.warp(a, b.camera, edges="cut")
     seen = seen_by(a, b, tolerance=0.005)
     assert seen.mean() > (0.45 if source == 50 else 0.8)
-    # 0.1 %: surfaces seen at a grazing angle, whose neighbours differ by more than the cut ratio.
+    # 0.1 %: on surfaces seen at a grazing angle, neighbouring depths differ by more than the cut ratio.
     assert metrics.hole_ratio(frame.valid, expected=seen) <= 1e-3
-    # No pixel may be drawn where the source saw something far behind: 5 %, like the cut ratio.
+    # A wrong pixel is one whose depth differs from the other frame's by more than the cut ratio, 5 %.
     wrong = frame.valid & b.valid & (np.abs(frame.depth - b.depth) > 0.05 * b.depth)
     assert wrong.mean() <= 0.01
 
@@ -86,12 +86,15 @@ def test_filled_holes_hold_the_background(source, target):
     bare, filled = (ibr.warp(a, b.camera, edges="cut", fill=fill) for fill in (None, "background"))
     holes = ~bare.valid & np.isfinite(filled.depth) & b.valid
     assert holes.sum() > 0.6 * np.count_nonzero(~bare.valid)
-    # Filled depth is a guess, but better than the foreground: most hidden surfaces are no nearer than the guess.
+    # Filled depth is a guess. Most guesses are at most 10 % nearer than the hidden surface, unlike the foreground.
     assert (filled.depth >= 0.9 * b.depth)[holes].mean() > 0.65
 
 
 def filled_error(view: ibr.DepthImage, camera: Camera, truth: np.ndarray) -> tuple[float, float]:
-    """Mean difference of colours in holes between surfaces: filled from behind, and by OpenCV's better method."""
+    """Mean colour errors in holes inside the source's view: of our filling, and of OpenCV's better inpainting.
+
+    OpenCV inpaints with two radii.
+    """
     bare, filled = ibr.warp(view, camera, classes=True), ibr.warp(view, camera, fill="background")
     between = ~bare.valid & (bare.classes != ibr.PixelClass.OUTSIDE)
     holes = (~bare.valid).astype(np.uint8)
@@ -107,14 +110,14 @@ FRAMES = (0, 1, 2, 3, 4, 50)
 def test_filled_holes_of_the_room_look_like_what_was_hidden(source, target):
     b = room(target)
     error, inpainted = filled_error(room(source), b.camera, b.color)
-    # Between neighbouring frames, half of the hole pixels show a window, whose colours the source has. Between frame 50
-    # and others the camera turns by 34 degrees: holes are wide and show the far sides of objects, and no guess is much
-    # better than another. For one of ten such pairs, filling from behind is worse than inpainting, by 2 %.
+    # Between neighbouring frames, half of the hole pixels show a window, whose colours the source has. From frame 50 to
+    # the others the camera turns by 34 degrees: wide holes show the far sides of objects, and no guess is good. For one
+    # of ten such pairs, filling is 2 % worse than inpainting.
     assert error < (0.6 if 50 not in (source, target) else 1.025) * inpainted
 
 
 def foreground_iou(view: ibr.DepthImage, truth: ibr.DepthImage) -> float:
-    """Intersection over union of the foregrounds at depth edges, in a warped view and in the real one."""
+    """Intersection over union of the foreground pixels at depth edges, in the warped view and in the real view."""
     frame = ibr.warp(view, truth.camera)
     depth, around = truth.known_depth, np.ones((13, 13))
     nearest, farthest = cv2.erode(np.nan_to_num(depth, nan=1e9), around), cv2.dilate(np.nan_to_num(depth), around)
@@ -125,7 +128,7 @@ def foreground_iou(view: ibr.DepthImage, truth: ibr.DepthImage) -> float:
 
 @pytest.mark.parametrize(("source", "target"), [(0, 4), (3, 1)])
 def test_foregrounds_are_as_large_as_they_are(source, target):
-    # Without the half pixel beyond the samples on each side, it is 0.92.
+    # It would be 0.92 without the margin of half a pixel beyond the outermost samples.
     assert foreground_iou(room(source), room(target)) > 0.94
 
 
@@ -145,14 +148,14 @@ def motorcycle() -> tuple[ibr.DepthImage, Camera, np.ndarray]:
 
 
 def disparity(path: Path) -> np.ndarray:
-    """(H, W) in pixels, 0 where unknown."""
+    """(H, W) disparity in pixels, 0 where unknown."""
     return np.atleast_3d(np.asarray(Image.open(path)))[..., 0] / 4.0
 
 
 def pair(name: str) -> tuple[ibr.DepthImage, Camera, np.ndarray]:
     here = shared("stereo_middlebury") / name
     left, right = (np.asarray(Image.open(here / f"im{number}.png"))[..., :3] for number in (2, 6))
-    # The calibration is unknown: any focal length and baseline give the same picture.
+    # The calibration is unknown, but all focal lengths and baselines give the same picture.
     depth = ibr.depth_from_disparity(disparity(here / "disp2.png"), focal=500, baseline=0.1)
     camera = Camera([[500, 0, 224.5], [0, 500, 187], [0, 0, 1]], left.shape[1::-1])
     return ibr.DepthImage(left, depth, camera), camera.moved(0.1, 0, 0), right
@@ -167,7 +170,7 @@ def test_left_to_right(load, name, figure):
     view, camera, right = load(name) if name else load()
     frame = ibr.warp(view, camera, edges="cut")
     assert frame.valid.mean() > 0.75
-    # The figures are errors of a backward warp with the given disparity, which show how much the photographs differ.
+    # `figure` is the error of a backward warp by the given disparity: so much do the two photographs differ.
     error = metrics.median_color_error(frame.color, right, valid=frame.valid)
     assert error <= figure + 0.5
 
@@ -182,7 +185,7 @@ def test_holes_of_a_stereo_pair_are_what_the_left_camera_did_not_see(name):
     at = x + right
     u = np.clip(np.floor(at).astype(int), 0, right.shape[1] - 2)
     seen = (right > 0) & (at < right.shape[1] - 1)
-    for dy in (-1, 0, 1):  # the cell above or below is no surface if one of its corners is missing
+    for dy in (-1, 0, 1):  # a cell with a missing corner has no surface
         row = np.clip(y + dy, 0, right.shape[0] - 1)
         for dx in (0, 1):
             seen &= (left[row, u + dx] > 0) & (np.abs(left[row, u + dx] - right) <= 0.5)
@@ -205,7 +208,7 @@ def test_filled_holes_of_photographs_look_like_what_was_hidden(load, name, most)
 
 @cache
 def dragon(size: int) -> tuple[MeshScene, list[ibr.DepthImage]]:
-    """The scan of 47,794 triangles, and six perspective images of it."""
+    """The scan, a mesh of 47,794 triangles, and six perspective depth images of it."""
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip_res3.ply.gz")))
     return scene, object_views(scene, size, projection="perspective")
 
@@ -220,7 +223,7 @@ def test_alpha_at_silhouettes_is_what_they_cover():
             truth = scene.capture(camera.resized((1024, 1024))).valid.reshape(256, 4, 256, 4).mean(axis=(1, 3))
             assert frame.alpha is not None
             more = float((frame.alpha - truth).clip(0).sum() / truth.sum())
-            assert more <= 0.01  # the samples' staircase along the silhouette
+            assert more <= 0.01  # samples are squares, so that silhouettes are staircases
             if not any(move):
                 assert abs(float((frame.alpha - truth).sum())) <= 2e-3 * truth.sum()
 
@@ -232,4 +235,4 @@ def test_blended_views_show_no_sheets_at_silhouettes():
         camera = looking(scene, direction, (256, 256), near=1.6)
         truth, frame = scene.capture(camera), ibr.warp(views, camera)
         quality.append(metrics.psnr(frame.color, truth.color, valid=frame.valid & truth.valid))
-    assert np.mean(quality) >= 34  # with sheets: 30.6; depth meshes of the same views: 32
+    assert np.mean(quality) >= 34  # dB; 30.6 with sheets, 32 for depth meshes of the same views

@@ -1,4 +1,4 @@
-"""Registration against a scene with known rays: a box in front of a slanted wall, seen by two cameras."""
+"""Registration compared with exact depths: a box in front of a slanted wall, seen by two cameras."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ COLOR = ibr.Camera([[240, 0, 109.5], [0, 240, 81.3], [0, 0, 1]], (219, 163), TUR
 CAMERAS = {"pinholes": (DEPTH, COLOR)}
 CAMERAS["lenses"] = tuple(ibr.Camera(c.K, c.size, c.world_from_camera, lens=LENS) for c in (DEPTH, COLOR))
 
-WALL = np.array([0.1, 0.05, 1.0]), 2.6  # normal, and its dot product with every point of the wall
-LOW, HIGH, FRONT = (-0.35, -0.25), (0.3, 0.2), 1.4  # the box's front; its sides are invisible
+WALL = np.array([0.1, 0.05, 1.0]), 2.6  # normal n and offset d of the plane n . X = d
+LOW, HIGH, FRONT = (-0.35, -0.25), (0.3, 0.2), 1.4  # the box's front: least and greatest x and y, and z; no sides
 
 
 def seen_along(origin: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances to the scene along rays (N, 3), and the mask of rays that meet the box."""
+    """Distances to the scene, (N,), in lengths of the directions `ways`, and the mask of rays that meet the box."""
     far = (WALL[1] - origin @ WALL[0]) / (ways @ WALL[0])
     near = (FRONT - origin[2]) / ways[:, 2]
     at = origin[:2] + near[:, None] * ways[:, :2]
@@ -34,15 +34,15 @@ def seen_along(origin: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def seen_by(camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) planar depth, and the mask of the box."""
+    """(H, W) planar depth, and the mask of pixels that show the box."""
     pixels = np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2).astype(float)
-    ways = camera.unproject(pixels, np.ones(len(pixels))) - camera.center  # with planar depth 1
+    ways = camera.unproject(pixels, np.ones(len(pixels))) - camera.center  # directions that grow planar depth by 1
     far, box = seen_along(camera.center, ways)
     return (part.reshape(camera.height, camera.width) for part in (far.astype(np.float32), box))
 
 
 def within(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """Pixels within `pixels` pixels of a change of the mask."""
+    """(H, W) bool: pixels at most `pixels` pixels from a change of the mask."""
     kernel = np.ones((2 * pixels + 1, 2 * pixels + 1))
     return cv2.dilate(mask.astype(np.uint8), kernel) != cv2.erode(mask.astype(np.uint8), kernel)
 
@@ -60,7 +60,7 @@ def test_depth_in_the_colour_camera(cameras, dtype):
     else:
         found = ibr.register(given, *cameras)
         assert found.dtype == np.float32
-    # Only pixels that both cameras see count, at least two pixels from silhouettes and the image's border.
+    # Pixels count if both cameras see their points, at least two pixels from silhouettes and from the image's border.
     pixels = np.stack(np.meshgrid(*map(np.arange, color_camera.size)), -1).reshape(-1, 2).astype(float)
     points = color_camera.unproject(pixels, truth.ravel())
     back = depth_camera.project(points)[0]
@@ -70,7 +70,7 @@ def test_depth_in_the_colour_camera(cameras, dtype):
     sure = cv2.erode(sees.astype(np.uint8), np.ones((5, 5))).astype(bool) & ~within(box, 2)
     assert sure.mean() > 0.6
     assert np.isfinite(found[sure]).all(), "no gaps where a surface is visible"
-    # Tolerance: half a unit of 1/10000, in addition to a thousandth of the depth.
+    # The tolerance is a thousandth of the depth. Depth in 16 bits has steps of 1e-4, half of which is added.
     assert (np.abs(found - truth) < 1e-3 * truth + (5e-5 if dtype == np.uint16 else 0))[sure].all()
 
 
@@ -91,10 +91,10 @@ def test_colours_for_the_depth_samples(cameras, dtype):
     first, _ = seen_along(color_camera.center, points - color_camera.center)
     inside = ((pixels >= -0.5) & (pixels <= np.array(color_camera.size) - 0.5)).all(axis=1)
     truly = ((first > 1 - 1e-6) & inside).reshape(given.shape)
-    # Certain pixels are three pixels from silhouettes of either camera, and from the colour image's border.
+    # `sure` pixels are at least three pixels from silhouettes of both cameras, and from the colour image's border.
     sure = ~(within(truly, 3) | within(own_box, 3))
     assert (truly & sure).any() and (~truly & sure).any()
-    assert found.seen[sure & truly].all(), "all visible samples have a colour"
+    assert found.seen[sure & truly].all(), "every visible sample has a colour"
     assert not found.seen[sure & ~truly].any(), "no hidden sample has a colour"
     most = 255 if dtype == np.uint8 else 1.0
     red = found.color[..., 0] > 0.5 * most
@@ -103,7 +103,7 @@ def test_colours_for_the_depth_samples(cameras, dtype):
 
 
 def test_noise_hides_nothing_and_shows_nothing_hidden():
-    """The noise is a tenth of a pixel of disparity, like that of structured light."""
+    """Depth has the noise of a structured-light camera: a tenth of a pixel of disparity."""
     given, own_box = seen_by(DEPTH)
     rng = np.random.default_rng(1)
     noisy = (1 / (1 / given + rng.normal(0, 0.1 / (210 * 0.075), given.shape))).astype(np.float32)
@@ -124,12 +124,12 @@ def test_the_same_camera_gives_the_depth_back():
 
 
 def test_counts_are_those_of_the_same_depth():
-    """The full range of 16 bits: a count is 2^-16 of the largest, and single precision rounds by 2^-24."""
-    camera = ibr.Camera([[300, 0, 127.5], [0, 300, 127.5], [0, 0, 1]], (257, 255))  # no whole packets
+    """All 16-bit depths come back exactly: float32 rounds by 2^-24, and a step is 2^-16 of the largest depth."""
+    camera = ibr.Camera([[300, 0, 127.5], [0, 300, 127.5], [0, 0, 1]], (257, 255))  # a size that vectors do not divide
     counts = np.arange(257 * 255, dtype=np.uint16).reshape(255, 257)
     for scale in (1000, 5000.0, 0.25, 123.4):
         np.testing.assert_array_equal(ibr.register(counts, camera, camera, depth_scale=scale), counts)
-    turned = counts.astype(counts.dtype.newbyteorder())  # as in some files
+    turned = counts.astype(counts.dtype.newbyteorder())  # the other byte order, as in some files
     np.testing.assert_array_equal(ibr.register(turned, camera, camera, depth_scale=1000), counts)
     hidden = np.zeros(counts.shape, bool)
     hidden[30:50, 101:190] = True
@@ -140,7 +140,7 @@ def test_counts_are_those_of_the_same_depth():
 
 
 def test_counts_beyond_16_bits_are_none():
-    """A wall at 65 m, seen from half a metre and from a whole metre farther back."""
+    """A wall 65 m away, seen from half a metre farther back, and from a metre farther back, beyond 16 bits."""
     camera = ibr.Camera([[100, 0, 15.5], [0, 100, 15.5], [0, 0, 1]], (32, 32))
     wall = np.full((32, 32), 65000, np.uint16)
     for back, expected in ((0.5, 65500), (1.0, 0)):

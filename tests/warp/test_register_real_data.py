@@ -16,12 +16,12 @@ from tests.reference.align import aligned
 pytestmark = pytest.mark.thorough
 
 FRAMES = (1, 4, 10)
-ASIDE = ((4, 1), (4.5, 1.5), (5, 2))  # offset of the depth image in the infrared one; not known exactly
+ASIDE = ((4, 1), (4.5, 1.5), (5, 2))  # x and y of the depth image's corner in the infrared image: three guesses
 ONE = 1.05  # ratio of depths up to which neighbours are one surface
 
 
 def cameras(aside: tuple[float, float]) -> tuple[ibr.Camera, ibr.Camera]:
-    """Cameras without distortion, as in `align`."""
+    """The depth camera and the colour camera, without lenses, as `align` takes them."""
     given = matlab.load(shared("formats") / "asus_xtion_unregistered" / "calib_asus.mat")
     color_from_depth = np.eye(4)
     color_from_depth[:3, :3], color_from_depth[:3, 3:] = given["R_d_to_rgb"], given["T_d_to_rgb"]
@@ -37,7 +37,7 @@ def depth_of(name: str) -> np.ndarray:
 
 @cache
 def frame(number: int, aside: tuple[float, float] = ASIDE[1]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The picture's slopes, and the depth from `align` and from `register`, in millimetres."""
+    """The photograph's gradient magnitude, and the depth by `align` and by `register`, in millimetres."""
     folder, depth = shared("formats") / "asus_xtion_unregistered", depth_of(f"depth1_{number:02d}.png")
     picture = cv2.imread(str(next(folder.glob(f"rgb_image1_{number:02d}.*"))), cv2.IMREAD_GRAYSCALE)
     slopes = np.hypot(*np.gradient(cv2.GaussianBlur(picture.astype(np.float64), (0, 0), 1)))
@@ -46,7 +46,7 @@ def frame(number: int, aside: tuple[float, float] = ASIDE[1]) -> tuple[np.ndarra
 
 
 def steps(depth: np.ndarray) -> np.ndarray:
-    """Depth steps around each pixel, as a logarithm of at most 0.3, blurred like the picture."""
+    """Logarithm of the largest by the smallest depth around each pixel, at most 0.3, blurred like the photograph."""
     z = depth.astype(np.float32)
     far = np.maximum(cv2.dilate(z, np.ones((3, 3))), 1)  # 1: no depth
     near = np.minimum(cv2.erode(np.where(z > 0, z, np.float32(np.inf)), np.ones((3, 3))), far)
@@ -58,7 +58,7 @@ def edges_agree(depth: np.ndarray, slopes: np.ndarray, where: np.ndarray) -> flo
 
 
 def slivers(depth: np.ndarray) -> int:
-    """Count pixels without depth, or of another surface, between two neighbours of one surface in a row or column."""
+    """Count pixels without depth, or on another surface, between two neighbours that lie on one surface."""
     found = np.zeros(depth.shape, bool)
     z = depth.astype(np.float64)
     for part, (before, at, after) in (
@@ -71,7 +71,7 @@ def slivers(depth: np.ndarray) -> int:
 
 
 def test_the_reference_is_the_vendors_tool():
-    """They agree except for the last bits of positions, which the tool computes in float32."""
+    """`aligned` agrees with the output of librealsense's tool, except where float32 rounds positions in the tool."""
     theirs = depth_of("rs2_align_depth_to_color_01.png")
     ours = aligned(depth_of("depth1_01.png"), 1000, *cameras((0, 0)))
     assert (ours == theirs).mean() >= 0.99
@@ -85,9 +85,10 @@ def test_it_covers_more_with_fewer_slivers_than_align(number):
 
 
 def test_its_edges_are_as_near_to_the_pictures_as_aligns_at_its_best():
-    """Each result is taken at its best offset, since `align` is half a pixel off by itself.
+    """Each method has the offset that suits it best, since `align` shifts depth by half a pixel.
 
-    The agreement of edges differs by at most 0.01, which is half of the effect of the picture's distortion (0.02).
+    The correlations of edges may differ by 0.01. For comparison, ignoring the photograph's distortion changes them by
+    0.02.
     """
     scores = np.zeros((len(ASIDE), len(FRAMES), 2))
     for place, aside in enumerate(ASIDE):

@@ -1,4 +1,4 @@
-"""Registration against rays cast at a room: thin objects, noise, dropped samples, wide baselines, all camera sizes."""
+"""Registration compared with rays cast at a room: thin objects, noise, missing samples, and many pairs of cameras."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.truth import project
 
 pytest.importorskip("open3d")
 
-BASELINE = 0.075  # metres between a structured-light camera and its projector
+BASELINE = 0.075  # distance of a structured-light camera from its projector, in metres
 BARREL = ibr.Lens("brown_conrady", [-0.12, 0.03, 0.001, -0.0005, 0.0])
 RATIONAL = ibr.Lens("rational", [0.548, -0.021, 2e-05, -7e-05, -0.0027, 0.89, 0.086, -0.0139])
 
@@ -39,13 +39,13 @@ BARS: tuple[Box, ...] = tuple(
 
 @dataclass(frozen=True)
 class Room:
-    """A scene with queries: the visible surface, and obstacles between two points."""
+    """A scene that can be captured, and asked for obstacles between a camera and points."""
 
     pictures: MeshScene
     rays: Any
 
     def before(self, eye: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(N,) relative distances of the first surface on the lines from an eye to points; 1 at the points."""
+        """(N,) distances from an eye to the first surface towards each of the points, as fractions of the way."""
         ways = points - eye
         answer = np.full(len(ways), np.nan)
         known = np.isfinite(ways).all(axis=1)
@@ -78,7 +78,7 @@ def posed(x: float, y: float, z: float, *turn: float) -> np.ndarray:
     return pose
 
 
-# No camera has a column of rays along an edge.
+# The sizes and focal lengths keep columns of rays off the boxes' edges.
 HERE, SMALL, LARGE_ONE = (
     camera((307, 229), 252),
     camera((157, 119), 130),
@@ -110,7 +110,7 @@ def pixels_of(one: ibr.Camera) -> np.ndarray:
 
 
 def measured(one: ibr.Camera, noise: float = 0.0, dropped: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """True depth, and a camera's depth with `noise` pixels of disparity and some samples dropped."""
+    """True depth, and depth with noise of `noise` pixels of disparity, without the fraction `dropped` of samples."""
     depth = scene().pictures.capture(one).depth
     rng, focal = np.random.default_rng(7), one.K[0, 0]
     made = depth.copy()
@@ -130,7 +130,7 @@ def changes(mask: np.ndarray, pixels: int) -> np.ndarray:
 
 
 def silhouettes(depth: np.ndarray, pixels: int) -> np.ndarray:
-    """Pixels near which nearness deviates from the line through two neighbours on a side, beyond rounding."""
+    """(H, W) bool: pixels at most `pixels` from a place where nearness bends by more than 0.3 % in a row or column."""
     nearness, edge = 1 / depth.astype(float), np.zeros(depth.shape, bool)
     for axis in (0, 1):
         step = np.diff(nearness, axis=axis)
@@ -142,9 +142,9 @@ def silhouettes(depth: np.ndarray, pixels: int) -> np.ndarray:
 
 @cache
 def seen_in_color(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The colour camera's true depth, the mask of pixels that the depth camera saw, too, and where the mask is certain.
+    """The colour camera's true depth, the pixels that the depth camera saw, too, and those of them that are certain.
 
-    The mask is certain two pixels from silhouettes of either camera, both measured in the colour camera.
+    Certain pixels are more than two pixels of the coarser camera away from silhouettes and from unseen pixels.
     """
     depth = scene().pictures.capture(color_camera).depth
     points = color_camera.unproject(pixels_of(color_camera), depth.ravel())
@@ -161,7 +161,7 @@ def test_depth_of_what_both_see_has_no_gaps(rig):
     truth, _, sure = seen_in_color(*cameras)
     assert sure.mean() > 0.15
     found = ibr.register(measured(cameras[0])[1], *cameras)
-    # A table seen nearly edge-on from the depth camera may have samples farther apart than the cut ratio.
+    # From a depth camera that sees a table nearly edge-on, the table's samples may differ by more than the cut ratio.
     assert np.isnan(found[sure]).mean() <= (2e-3 if rig in WIDE else 0)
     off = np.abs(found / truth - 1)[sure & np.isfinite(found)]
     assert (off < 1e-3).mean() > 0.995
@@ -174,8 +174,8 @@ def test_noise_tears_no_surface(rig, noise, dropped):
     cameras = NARROW[rig]
     truth, _, sure = seen_in_color(*cameras)
     found = ibr.register(measured(cameras[0], noise, dropped)[1], *cameras)
-    # Beyond three deviations, 0.3 % of neighbours are torn, and a triangle has three pairs of neighbours. Some dropped
-    # samples are adjacent.
+    # Noise above three deviations tears 0.3 % of the edges, and a triangle has three edges. If neighbouring samples are
+    # dropped, larger holes remain.
     assert np.isnan(found[sure]).mean() < (0.01 if dropped else 0.008)
     clean = np.abs(measured(cameras[0], noise)[1] / measured(cameras[0])[0] - 1)
     off = np.abs(found / truth - 1)[sure & np.isfinite(found)]
@@ -184,7 +184,7 @@ def test_noise_tears_no_surface(rig, noise, dropped):
 
 @pytest.mark.parametrize("rig", FEW)
 def test_thin_things_are_there(rig):
-    """Bars of one to five samples: where both cameras see them, at least as much is covered as by OpenCV's points."""
+    """Bars one to five samples wide: of the pixels that both cameras see, at least as many are right as with OpenCV."""
     cameras = NARROW[rig]
     truth, seen, _ = seen_in_color(*cameras)
     behind = scene(thin=False).pictures.capture(cameras[1]).depth
@@ -192,14 +192,14 @@ def test_thin_things_are_there(rig):
     assert bars.sum() > 200
     found = ibr.register(measured(cameras[0])[1], *cameras)
     right = (np.abs(found / truth - 1) < 0.02)[bars].mean()
-    # Rims are uncertain by half a sample: for bars one sample wide that is up to a third.
+    # Outlines are uncertain by half a sample, which is up to a third of the pixels of bars one sample wide.
     assert right > (0.65 if rig == "small depth" else 0.75)
     assert np.isnan(found[bars]).mean() < 0.02
     if cameras[0].lens is None and cameras[1].lens is None:
         relation = cameras[1].camera_from_world @ cameras[0].world_from_camera
         depth = measured(cameras[0])[1]
         points = cv2.registerDepth(cameras[0].K, cameras[1].K, np.zeros(5), relation, depth, cameras[1].size)
-        # Points are a whole pixel wide, even where a sample is smaller.
+        # OpenCV draws each sample as a point one pixel wide, even if the sample is smaller.
         assert right >= (np.abs(points / truth - 1) < 0.02)[bars].mean() - 0.01
 
 
@@ -209,7 +209,7 @@ def colored(cameras: tuple[ibr.Camera, ibr.Camera], depth: np.ndarray) -> ibr.Re
 
 @cache
 def seen_samples(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Samples that the colour camera sees, and the mask of certain samples."""
+    """Masks (H, W) of samples that the colour camera sees, and of samples for which this is certain."""
     depth = measured(depth_camera)[0]
     points = depth_camera.unproject(pixels_of(depth_camera), depth.ravel())
     pixels, before_it = color_camera.project(points)
@@ -227,7 +227,7 @@ def test_samples_get_colours_where_they_are_seen(rig, noise, dropped):
     found = colored(cameras, depth)
     sure = sure & np.isfinite(depth)
     assert (seen & sure).mean() > 0.3 and (~seen & sure).mean() > 0.005
-    few = 0 if noise < 0.3 else 2e-3  # noise moves some samples in front of their occluder, or behind an edge
+    few = 0 if noise < 0.3 else 2e-3  # noise moves samples before or behind others
     assert (~found.seen)[seen & sure].mean() <= few
     assert found.seen[~seen & sure].mean() <= few
     assert not found.color[~found.seen].any()
@@ -239,15 +239,15 @@ def test_wide_baselines_hide_what_the_depth_camera_saw(rig):
     seen, sure = seen_samples(*cameras)
     found = colored(cameras, measured(cameras[0])[1])
     assert not (~found.seen & seen & sure).any()
-    # The other samples are hidden by surfaces that the depth camera did not see: the box's side, and the scene outside
-    # of the depth image.
+    # 2.5 % of the hidden samples may get colours: the depth camera did not see the surfaces that hide them, which are
+    # sides of boxes and parts outside of the depth image.
     assert found.seen[~seen & sure].mean() < 0.025
 
 
 @pytest.mark.parametrize(("size", "noise"), [((211, 193), 0.0), ((211, 193), 0.1), ((53, 48), 0.0)])
 @pytest.mark.parametrize("angle", [1.4, 1.8])
 def test_a_ball_hides_itself(angle, size, noise):
-    """From the left and from the right, the ball hides samples behind its own bulge, or that face away."""
+    """Samples of a ball that face away from a colour camera at its side get no colour: the ball hides them."""
     left = camera(size, 1.9 * size[0])
     pose = np.eye(4)
     pose[:3, :3] = cv2.Rodrigues(np.array([0, -angle, 0]))[0]
@@ -264,15 +264,15 @@ def test_a_ball_hides_itself(angle, size, noise):
     noisy = (1 / (1 / depth + rng.normal(0, noise / (left.K[0, 0] * BASELINE), depth.shape))).astype(np.float32)
     color = np.full((size[1], size[0], 3), 90, np.uint8)
     found = ibr.register_color(noisy.reshape(size[::-1]), left, right, color).seen.ravel()
-    turned, faces = facing < -0.35, facing > 0.2  # cosines; in between, noise may turn the surface
+    turned, faces = facing < -0.35, facing > 0.2  # cosines to the camera; in between, noise decides
     assert turned.mean() > 0.05 and faces.mean() > 0.05
     assert found[faces].mean() > (0.97 if noise else 0.999)
-    # Next to the rim, few samples show the surface's direction; in small images the outermost samples are torn off.
+    # Near the outline, few samples show the surface's slope. In small images, the outermost samples are cut off.
     assert found[turned].mean() < (0.02 if size[0] > 100 else 0.03)
 
 
 def test_colours_are_of_the_own_surface():
-    """No wall gets the red of the bars in front of it, and no bar gets the wall's colour."""
+    """No sample of the wall gets the red of the bars in front of it, and no sample of a bar gets the wall's blue."""
     cameras = NARROW["beside"]
     depth, _ = measured(cameras[0])
     behind = scene(thin=False).pictures.capture(cameras[0]).depth
@@ -282,13 +282,13 @@ def test_colours_are_of_the_own_surface():
     found = ibr.register_color(depth, *cameras, color)
     pixels = cameras[1].project(cameras[0].unproject(pixels_of(cameras[0]), depth.ravel()))[0]
     x, y = np.clip(np.rint(np.nan_to_num(pixels)), 0, np.array(cameras[1].size) - 1).astype(int).T
-    # Within a pixel of the bars' rims, the picture itself may show either.
+    # Within a pixel of the bars' outlines, the picture itself may show either colour.
     sure = found.seen & ~changes(bars_there, 1)[y, x].reshape(depth.shape)
     bars = depth < 0.99 * behind
     assert (bars & sure).sum() > 50 and (~bars & sure).sum() > 40_000
     np.testing.assert_array_equal(found.color[bars & sure], [[255, 0, 0]] * int((bars & sure).sum()))
     np.testing.assert_array_equal(found.color[~bars & sure], [[0, 0, 255]] * int((~bars & sure).sum()))
-    # Even there, a sample seldom mixes both colours: a third as often as bilinear interpolation.
+    # Even there, samples mix both colours less than a third as often as with bilinear interpolation.
     plain = cv2.remap(color, *pixels.astype(np.float32).reshape(*depth.shape, 2).transpose(2, 0, 1), cv2.INTER_LINEAR)
     both, either = (np.count_nonzero(each[found.seen], axis=1) > 1 for each in (found.color, plain))
     assert both.sum() < either.sum() / 3
@@ -296,7 +296,7 @@ def test_colours_are_of_the_own_surface():
 
 @pytest.mark.parametrize("model", ["none", "brown_conrady", "rational", "modified_brown_conrady", "kannala_brandt"])
 def test_colours_come_from_where_opencv_sees_the_samples(model):
-    """Colours encode pixel positions: each sample's colour is its position, within 0.01 pixels."""
+    """The picture's colours encode pixel positions: each sample gets its position by OpenCV, to 0.01 pixels."""
     numbers = {
         "brown_conrady": [-0.22, 0.05, 0.002, -0.001, 0.002],
         "rational": list(RATIONAL.coefficients),

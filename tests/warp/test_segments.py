@@ -1,4 +1,4 @@
-"""Lines cut into segments, as on GPUs: the same frames as with whole lines, and enough work-items."""
+"""Epipolar lines cut into segments, as on GPUs: they give the same frames as whole lines, and enough work-items."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from tests import scenes
 from tests.one_lane import one_lane
 from tests.warp.test_laws import same_bits
 
-_SIDE, _FULL = 192, 1024  # sides of pictures: work-items are counted at the first, and scaled to the second
+_SIDE, _FULL = 192, 1024  # pixels: work-items are counted for a side of 192; _ITEMS is for a side of 1024
 _ITEMS, _ITEMS_SIDEWAYS = 64_000, 16_000
 
 
 def pairs(view: ibr.DepthImage, cameras: list[ibr.Camera], **options: Any) -> list[tuple[ibr.Frame, ibr.Frame]]:
-    """Frames with segments, and with whole lines."""
+    """For each camera, a frame by segments and a frame by whole lines."""
     with one_lane():
         cut = [ibr.warp(view, camera, **options) for camera in cameras]
     with one_lane(segment=0):
@@ -40,7 +40,7 @@ def test_segments_make_the_same_frames(scene: Any, projection: Projection):
 
 @pytest.mark.parametrize("edges", ["cut", "connect"])
 def test_where_lines_are_walked_from_edge_to_edge_last_bits_may_differ(edges: str):
-    """Last bits depend on the start of a walk, from which distances are measured."""
+    """Distances are measured from the start of a walk, so that their last bits depend on the start."""
     view = scenes.stepped((96, 64))
     cameras = [pose.camera for pose in (*scenes.special_cameras(view), *scenes.target_cameras(view, "E"))]
     for cut, whole in pairs(view, cameras, edges=edges):
@@ -50,7 +50,7 @@ def test_where_lines_are_walked_from_edge_to_edge_last_bits_may_differ(edges: st
 
 
 def swept(view: ibr.DepthImage, camera: ibr.Camera) -> tuple[int, int]:
-    """Number of work-items of the sweep, and number of samples and pixels that they visit."""
+    """Number of the sweep's work-items, and the number of samples and pixels that all of them visit."""
     with watching(Traffic()) as seen:
         ibr.warp(view, camera)
     with counted_samples() as visited:

@@ -1,7 +1,7 @@
-"""Sideways steps along rows, columns and diagonals of samples, against the exact polyline of the surface.
+"""Targets moved sideways along rows, columns or diagonals of samples, compared with the exact polyline of the surface.
 
-All rays of such a step run along the source's samples or half-way between the cells' corners. This decides which thin
-and torn parts the rays see. `tests/reference/lines.py` computes the expected result.
+After such a step, each ray projects to a line of the source that runs through samples, or half-way between them. This
+decides which thin and torn parts the ray sees. `tests/reference/lines.py` computes the expected result.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ METHODS: tuple[Method, ...] = ("epipolar", "search")
 SIZE = (93, 79)
 FOCAL = 80.0
 NOISE = 0.005  # fraction of the pixels that may be wrong if every sample is an edge
-TIE = 1 / 8  # pixels of the source: this near to the middle between two samples, either sample may be the nearest
+TIE = 1 / 8  # source pixels: closer than this to the middle between two samples, either may be taken as the nearest
 
 STEPS = {
     "right": (0.3, 0.0),
@@ -63,7 +63,7 @@ def depth_of(scene: str, size: scenes.Size = SIZE) -> np.ndarray:
         depth = np.where((y >= 30) & (y < 50) & (x >= 20) & (x < 60), 2.0, far)
         depth[(7 * x + 3 * y) % 29 == 0] = np.nan
     elif scene == "whole disparities":
-        # All steps except "up" shift these depths by whole pixels: 0.3 by 6, 12 and 9 pixels, 0.2 by 4, 8 and 6.
+        # All steps except "up" move these depths by whole pixels: a step of 0.3 by 6, 12 and 9, one of 0.2 by 4, 8, 6.
         depth = np.choose((x // 7 + y // 5) % 3, (4.0, 2.0, 2.0 / 0.75))
     elif scene.startswith("noise"):
         spread = {"noise of 3 %": 0.1, "noise of 6 %": 0.2, "noise of 100 %": 1.5}[scene]
@@ -91,7 +91,7 @@ def view_of(scene: str, size: scenes.Size = SIZE, turned: bool = False) -> ibr.D
     pose = scenes.pose(yaw=33, pitch=-21, roll=48, center=(2.1, -3.4, 1.3)) if turned else np.eye(4)
     y, x = np.mgrid[:height, :width].astype(np.float32)
     color = np.dstack([x, y, 0 * x]) / np.float32(COLUMNS)
-    # With estimated noise, such dense stripes would count as noise, which tears nothing.
+    # noise=0: otherwise such dense stripes would count as noise, and would not be torn.
     return ibr.DepthImage(color, depth_of(scene, size), Camera(K, size, pose), noise=0.0)
 
 
@@ -126,7 +126,7 @@ def test_the_nearest_sample_is_the_one_next_to_where_the_ray_meets_the_surface(s
         wrong = (frame.valid != np.isfinite(seen.depth)) | (away > 0.5 + TIE)
         assert (wrong & ~seen.on_end).mean() <= limit_of(scene), (method, np.count_nonzero(wrong & ~seen.on_end))
         x, y = np.nan_to_num(frame.color[..., :2] * COLUMNS).astype(int).transpose(2, 0, 1)
-        # float32, after a dozen operations; a step sideways keeps a sample's depth
+        # A step sideways keeps each sample's depth, except for float32's rounding in a dozen operations.
         np.testing.assert_allclose(frame.depth[frame.valid], view.depth[y, x][frame.valid], rtol=2e-6)
 
 
@@ -138,7 +138,7 @@ def test_cameras_that_are_turned_in_the_world_step_as_exactly(step, scene, edges
     view, seen = view_of(scene, turned=True), seen_of(scene, STEPS[step], edges)
     target = view.camera.moved(*STEPS[step], 0)
     along_axis = 0.0 in STEPS[step]
-    assert camera_pair(view.camera, target).aligned == along_axis  # rounding of the poses does not tilt the lines
+    assert camera_pair(view.camera, target).aligned == along_axis  # lines follow rows in spite of rounding in the poses
     for method in METHODS:
         wrong = off(ibr.warp(view, target, method=method, edges=edges).depth, seen.depth) & ~seen.on_end
         assert wrong.mean() <= limit_of(scene), (method, wrong.sum())
@@ -149,7 +149,7 @@ def test_cameras_that_are_turned_in_the_world_step_as_exactly(step, scene, edges
 @pytest.mark.parametrize("edges", ["connect", "cut"])
 @pytest.mark.parametrize("target", ["shifted", "smaller", "larger"])
 def test_rows_between_the_sources_rows(step, scene, edges, target):
-    """Stereo pairs whose lines run between the samples: sweep and search agree."""
+    """Stereo pairs whose epipolar lines run between rows of samples: sweep and search agree."""
     view = view_of(scene)
     camera = between(view.camera, target).moved(*step, 0)
     assert camera_pair(view.camera, camera).aligned
@@ -174,7 +174,7 @@ def test_rows_between_the_sources_rows_are_the_references(scene, edges, target):
 
 
 def between(camera: Camera, target: str) -> Camera:
-    """The camera with rows and columns between the original ones."""
+    """The camera with other pixels, whose rows and columns lie between the original ones."""
     if target == "shifted":
         return with_center_moved(camera, 0.43, -0.29)
     width, height = camera.size
@@ -189,7 +189,7 @@ def passes_ends(view: ibr.DepthImage, camera: Camera, edges: Edges) -> np.ndarra
 
 
 def test_nothing_is_nearer_than_the_nearest_sample():
-    """A striped wall in front of another wall: where a line meets both, the depth is either wall's, or in between."""
+    """Stripes in front of a wall: no depth is nearer than the stripes or farther than the wall."""
     camera = Camera([[80, 0, 47.5], [0, 80, 47.5], [0, 0, 1]], (96, 95))
     depth = np.where(np.arange(96) % 9 < 3, 2.2, 4.5)[None].repeat(95, 0).astype(np.float32)
     view = ibr.DepthImage(np.zeros((95, 96, 3), np.uint8), depth, camera)

@@ -1,6 +1,6 @@
-"""Positions that random cameras never take: epipoles on samples and on pixels, no motion at all, one-line images.
+"""Positions that random cameras never take: epipoles on samples or on pixels, no motion, images of one row.
 
-A ray along a row, a column or a diagonal of samples sees only the edges that it runs along.
+A ray that runs along a row, a column or a diagonal of samples sees only the edges between these samples.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tests.reference.warp import search_reference
 METHODS: tuple[Method, ...] = ("epipolar", "search")
 PROJECTIONS: tuple[Projection, ...] = ("perspective", "orthographic")
 EDGES: tuple[Edges, ...] = ("connect", "cut")
-SHARE = 0.005  # fraction of the pixels that may be wrong: rays that pass an end of the surface within rounding
+SHARE = 0.005  # fraction of the pixels that may be wrong: where rounding decides whether a ray meets the surface's end
 
 
 def image(depth: np.ndarray, camera: Camera) -> ibr.DepthImage:
@@ -29,7 +29,7 @@ def image(depth: np.ndarray, camera: Camera) -> ibr.DepthImage:
 
 
 def beside_border(valid: np.ndarray) -> np.ndarray:
-    """(H, W) bool: valid pixels at the border of the visible area, and their neighbours beyond it."""
+    """(H, W) bool: pixels on both sides of the border between valid pixels and holes."""
     grown, shrunk = (f(valid.astype(np.uint8), np.ones((3, 3), np.uint8)) for f in (cv2.dilate, cv2.erode))
     return grown != shrunk
 
@@ -56,7 +56,7 @@ def depth_around(surroundings: str) -> np.ndarray:
 
 
 def forward_pair(projection: Projection, move: float, by: float) -> tuple[Camera, Camera]:
-    """A source and a target that differ by a move along z; the epipole is `by` pixels from the sample and the pixel."""
+    """A source, and a target moved along z, whose epipole is `by` pixels in x and y from the sample and pixel `AT`."""
     f = 22.0
     K = np.array([[f, 0, AT[0] + by], [0, f, AT[1] + by], [0, 0, 1]])
     if projection == "perspective":
@@ -67,7 +67,7 @@ def forward_pair(projection: Projection, move: float, by: float) -> tuple[Camera
 
 
 def at_epipole() -> np.ndarray:
-    """(H, W) bool: the pixel that the camera moves towards. It has no epipolar line, and has separate tests."""
+    """(H, W) bool: the pixel that the camera moves towards. It has no epipolar line; other tests cover it."""
     mask = np.zeros(SIZE[::-1], bool)
     mask[AT[1], AT[0]] = True
     return mask
@@ -83,7 +83,7 @@ def test_moves_towards_a_sample_are_the_references(surroundings, projection, edg
     view = image(depth_around(surroundings), source)
     seen = search_reference(view, target, edges=edges)
     assert seen.valid.mean() > 0.2
-    # Rays in the epipole's row, column and diagonals see edges between holes, which the reference treats as open.
+    # In the epipole's row, column and diagonal, rays see edges between samples amid holes. The reference does not.
     y, x = np.indices(seen.valid.shape) - np.array(AT)[::-1, None, None]
     on_samples = (y == 0) | (x == 0) | (x == -y) if by < 0.01 else np.zeros_like(seen.valid)
     open_to_the_reference = on_samples & ~seen.valid
@@ -93,7 +93,7 @@ def test_moves_towards_a_sample_are_the_references(surroundings, projection, edg
         wrong &= ~open_to_the_reference & ~at_epipole()
         if (
             wrong.mean() > SHARE
-        ):  # more of the boxes' outlines may be within rounding, which are then seen from a hair aside
+        ):  # rounding may decide at more outlines of boxes: the reference 0.002 pixels aside then counts, too
             beside = [
                 search_reference(view, scenes.moved_aside(target, *by), edges=edges).depth for by in np.eye(2) * 0.002
             ]
@@ -114,7 +114,7 @@ def test_a_hair_beside_a_sample_as_much_is_seen(surroundings, projection, edges,
         for beside in frames[1:]:
             differs = (frames[0].valid != beside.valid) & ~at_epipole()
             assert not (differs & ~beside_border(frames[0].valid)).any(), (method, np.argwhere(differs).tolist())
-            # Along the cells' diagonal through the epipole, up to four rays see edges whose triangles are open.
+            # Along the diagonal through the epipole, up to four rays see edges of missing triangles.
             assert differs.sum() <= max(4, SHARE * differs.size), (method, differs.sum())
 
 
@@ -124,12 +124,12 @@ def test_a_hair_beside_a_sample_as_much_is_seen(surroundings, projection, edges,
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("surroundings", SURROUNDINGS)
 def test_the_pixel_at_the_epipole_sees_its_sample(surroundings, projection, edges, move, by):
-    """All points of the pixel's ray have one position in the source: a sample, or a hole."""
+    """All points of the pixel's ray project to one position in the source: a sample, or a hole."""
     source, target = forward_pair(projection, move, by)
     depth = depth_around(surroundings)
     for method in METHODS:
         seen = ibr.warp(image(depth, source), target, method=method, edges=edges).depth[AT[::-1]]
-        # 0.3 pixels from the sample the surface is at most 0.1 % farther or nearer.
+        # 0.3 pixels away from the sample, the surface's depth differs by less than 1 %.
         np.testing.assert_allclose(seen, depth[AT[::-1]] - move, rtol=1e-5 if by < 0.01 else 0.01, err_msg=method)
 
 
@@ -156,7 +156,7 @@ def test_what_is_torn_does_not_depend_on_how_far_back_an_orthographic_camera_sta
     ):
         one, other = (ibr.warp(view, target, method=method, cut_ratio=1.05) for view in (near, far))
         assert 0.3 < one.valid.mean() < 0.95
-        # float32 depths of 106 are precise to 4e-6, a ten-thousandth of a pixel: only rays at silhouettes are affected.
+        # In float32, depths of 106 are rounded by 4e-6, a ten-thousandth of a pixel. This matters at silhouettes only.
         assert (one.valid != other.valid).mean() <= 0.002
         np.testing.assert_array_less(
             np.abs(one.depth - other.depth)[one.valid & other.valid & ~beside_border(one.valid)], 1e-3
@@ -181,7 +181,7 @@ def test_an_orthographic_view_is_torn_where_depths_differ_by_a_share_of_its_long
         if part < 1:
             assert not gap.any()
         else:
-            # The step is one sample wide: at least cos(20 degrees) of a pixel, a gap of at least one in most rows.
+            # The slope between both depths is one sample wide, so that cutting it opens one pixel in most rows.
             assert gap.sum() >= 0.9 * size[1]
 
 
@@ -275,7 +275,7 @@ def test_a_turned_camera_sees_the_triangles_that_its_rays_pass(turn, edges):
     assert seen.valid.mean() > 0.1
     for method in METHODS:
         wrong = off(ibr.warp(view, target, method=method, edges=edges).depth, seen.depth)
-        # Without motion no surface is seen from its side: wrong pixels lie within 1/1000 of a pixel of an edge.
+        # The camera does not move, so that no surface is seen edge-on. Rounding matters within 0.001 pixels of edges.
         assert wrong.sum() <= SHARE * wrong.size, (method, wrong.sum())
 
 
@@ -286,7 +286,7 @@ def test_a_turned_camera_sees_the_triangles_that_its_rays_pass(turn, edges):
 @pytest.mark.parametrize("turn", [90, -90, 180])
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
 def test_turned_to_the_side_and_moved_along_the_turn(turn, edges):
-    """The rays of the middle column lie in the source camera's plane z = 0, which no source pixel shows."""
+    """The middle column's rays lie in the source camera's plane z = 0, which projects to no pixel of the source."""
     source = Camera([[20, 0, 14], [0, 20, 11], [0, 0, 1]], SIZE)
     target = Camera([[25, 0, 16], [0, 25, 9], [0, 0, 1]], (33, 19), scenes.pose(turn, center=(0, -0.25, 0)))
     view = image(depth_around("smooth"), source)
@@ -305,13 +305,13 @@ def test_turned_to_the_side_and_moved_along_the_turn(turn, edges):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("size", [(36, 28), (36, 1), (1, 28), (1, 1), (2, 2)])
 def test_a_frame_around_the_picture_is_empty(size, projection, method):
-    """Padded, and drawn twice as large: surfaces end at their pixels' borders."""
+    """With a border around the picture, also at twice the size: the surface ends at its outermost pixels' borders."""
     w, h = size
     K, border = np.array([[40, 0, 17.5], [0, 40, 13.5], [0, 0, 1]]), 4
     view = image(np.full((h, w), 2.0), Camera(K, size, projection=projection))
     for zoom in (1, 2):
         larger = np.diag([zoom, zoom, 1.0]) @ K
-        larger[:2, 2] += border + (zoom - 1) * 0.5  # the same place within pixels: their corners coincide
+        larger[:2, 2] += border + (zoom - 1) * 0.5  # pixels' corners coincide with the source's
         target = Camera(larger, (zoom * w + 2 * border, zoom * h + 2 * border), projection=projection)
         frame = ibr.warp(view, target, method=method, classes=True)
         expected = np.zeros(frame.valid.shape, bool)
@@ -325,7 +325,7 @@ def test_a_frame_around_the_picture_is_empty(size, projection, method):
 
 @pytest.mark.parametrize("across", [0, 1])
 def test_a_row_of_samples_moved_in_its_plane(across):
-    """A scanner that turns about one axis sees one row: lines next to the row meet nothing."""
+    """A scanner sees a single row of samples. If it moves in the row's plane, only lines along the row meet samples."""
     K = np.array([[40, 0, 19.5 * (1 - across)], [0, 40, 19.5 * across], [0, 0, 1]])
     size = (1, 40) if across else (40, 1)
     view = image(np.full(size[::-1], 2.0), Camera(K, size))
@@ -341,9 +341,9 @@ def test_a_row_of_samples_moved_in_its_plane(across):
 @pytest.mark.parametrize("shape", ["step", "slope", "teeth"])
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_an_orthographic_plane_that_cuts_the_surface(projection, shape, degrees):
-    """Only the part in front of the target camera's plane is visible, and other parts through the gaps.
+    """Sweep and search agree where the orthographic target's plane cuts the surface: only the part ahead is visible.
 
-    From an orthographic view to a turned orthographic one, lines run along rows, and their hits are the pixels' own.
+    From an orthographic source to a turned orthographic target, lines run along rows, through the pixels' centres.
     """
     x = np.mgrid[:28, :36][1]
     shapes = {"step": np.where(x < 18, 2.5, 4.5), "slope": 2.5 + x / 12, "teeth": np.where(x % 2, 2.5, 4.5)}
@@ -353,7 +353,7 @@ def test_an_orthographic_plane_that_cuts_the_surface(projection, shape, degrees)
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     pose = np.array([[c, 0, s, 0.1], [0, 1, 0, 0.1], [-s, 0, c, 3.5], [0, 0, 0, 1]])
     target = Camera([[20, 0, 31.5], [0, 20, 23.5], [0, 0, 1]], (64, 48), pose, projection="orthographic")
-    for edges in EDGES if shape != "teeth" else ("connect",):  # with cut edges, all teeth fall apart
+    for edges in EDGES if shape != "teeth" else ("connect",):  # cutting would leave no triangle of the teeth
         found = [ibr.warp(view, target, method=method, edges=edges, side="both") for method in METHODS]
         assert found[1].valid.sum() > 150
         assert off(found[0].depth, found[1].depth).mean() <= SHARE

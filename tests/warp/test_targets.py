@@ -1,4 +1,4 @@
-"""Several targets in one call, and frames that are written into: each frame equals that of a separate call."""
+"""Several targets in one call, and frames given as `out`: each frame equals the result of a separate call."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIZE = (97, 61)
 
 
 def targets(view: ibr.DepthImage) -> list[ibr.Camera]:
-    """Targets of several sizes, at stereo steps and other poses; one of them reuses a camera."""
+    """Six targets of two sizes, at stereo steps and other poses; one camera occurs twice."""
     camera = view.camera
     small = camera.resized((50, 33))
     return [camera.moved(0.1, 0, 0), camera.moved(-0.2, 0, 0), small, camera.moved(0.1, 0.2, 0.3), camera, small]
@@ -90,7 +90,7 @@ def test_out_fits_the_cameras():
     with pytest.raises(ibr.ArgumentError, match="memory of its own"):
         ibr.warp(view, [camera, camera], out=[frame, frame])
     other = ibr.DepthImage(view.color, view.depth, camera)
-    for given in (view, other):  # no view of several may share its memory
+    for given in (view, other):  # `out` may share memory with none of the views
         shared = replace(frame, depth=np.array(given.depth))
         views = [
             ibr.DepthImage(one.color, shared.depth if one is given else one.depth, camera) for one in (view, other)
@@ -106,7 +106,7 @@ def test_out_fits_the_cameras():
 def check_memory_that_is_not_blank(monkeypatch: pytest.MonkeyPatch, step: tuple[float, float]) -> None:
     view = scenes.stepped(SIZE)
     camera = view.camera.moved(*step, 0)
-    K = np.add(camera.K, [[0, 0, 17], [0, 0, 29], [0, 0, 0]])  # neither the first rows nor the first columns
+    K = np.add(camera.K, [[0, 0, 17], [0, 0, 29], [0, 0, 0]])  # the source covers neither its first rows nor its first columns
     larger = ibr.Camera(K, (131, 117), camera.world_from_camera)
     expected = ibr.warp(view, larger)
     assert expected.valid.any() and not expected.valid[0].any() and not expected.valid[:, 0].any()

@@ -1,4 +1,4 @@
-"""Objects one sample thin, compared with rays cast at their models, and at special positions."""
+"""Objects one sample wide, compared with rays cast at their models, and wires at special positions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOVES = ((0, 0, 0), (0.13, 0, 0), (0, 0.09, 0), (0.1, 0.1, 0), (0.1, 0.07, 0), (
 
 
 def strip(at, degrees: float, length: float, ends: tuple[float, float] = (2.0, 2.0)) -> np.ndarray:
-    """World corners of a strip one sample wide and `length` samples long, from one depth to another."""
+    """(4, 3) world corners of a strip one sample wide and `length` samples long, whose two ends have the depths `ends`."""
     along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
     across = 0.5 * np.array([-along[1], along[0]])
     pixels = [np.array(at) + 0.5 * s * length * along + t * across for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
@@ -41,7 +41,7 @@ def strips(*corners: np.ndarray, wall: bool = True) -> MeshScene:
 
 
 def magnified(zoom: int, move=(0, 0, 0), size=(244, 188)) -> ibr.Camera:
-    """The moved camera, with pixels `zoom` times as fine and the scene still in the middle of the image."""
+    """The moved camera, with `zoom` pixels per sample, and with the scene still in the middle of the image."""
     size = min(SIZE[0] * zoom, size[0]), min(SIZE[1] * zoom, size[1])
     middle = (np.array(size) - 1) / 2 + 0.5 * FOCAL * zoom * np.array(move[:2])
     K = [[FOCAL * zoom, 0, middle[0]], [0, FOCAL * zoom, middle[1]], [0, 0, 1]]
@@ -49,10 +49,10 @@ def magnified(zoom: int, move=(0, 0, 0), size=(244, 188)) -> ibr.Camera:
 
 
 def compared(seen: ibr.DepthImage, frame: ibr.Frame, zoom: float) -> tuple[float, float]:
-    """Fraction of the strips' pixels that are covered with depth right to 1 %, and distance of other pixels in samples.
+    """Fraction of the strips' pixels whose depth is right to 1 %, and how far drawn pixels lie outside of the strips.
 
-    The distance is the larger of rows and columns. The outermost pixels of a strip lie up to one pixel inside its
-    border.
+    That is the largest distance in samples, along rows or columns, whichever is greater. One pixel is subtracted, since
+    the centres of a strip's outermost pixels lie up to one pixel inside its border.
     """
     thin = seen.depth < 3
     with np.errstate(invalid="ignore"):
@@ -98,7 +98,7 @@ def test_wires_are_covered_and_little_more(name, wall):
     scene = strips(*CASES[name], wall=wall)
     view = scene.capture(CAMERA)
     for zoom in (2, 8):
-        # Pixels of samples cover objects along rows and columns, but only a part of slanted wires: hence `thin`.
+        # Without `thin`, the samples' squares cover wires along rows and columns, but slanted wires only in part.
         straight = name in ("row", "column", "dots", "a row that recedes")
         truths = [scene.capture(magnified(zoom, move)) for move in MOVES]
         for thin, least in ((True, 0.95), (False, 0.95 if straight else 0.6)):
@@ -145,7 +145,7 @@ def test_what_runs_along_rows_and_columns_is_its_samples_squares(shape, projecti
             np.full((height, width, 3), 77, np.uint8), np.where(mask, np.float32(2), np.float32(np.nan)), camera
         )
         fine = np.diag([8.0, 8, 1]) @ K
-        fine[:2, 2] += 3.5  # eight pixels a sample, and half a sample beyond the outermost centres
+        fine[:2, 2] += 3.5  # eight pixels per sample, and half a sample beyond the outermost samples
         frame = ibr.warp(view, ibr.Camera(fine, (8 * width, 8 * height), projection=projection), thin=True)
         np.testing.assert_array_equal(frame.valid, mask.repeat(8, 0).repeat(8, 1))
         two = np.full(frame.valid.sum(), 2, np.float32)
@@ -162,12 +162,12 @@ def test_a_bar_on_a_block_leaves_no_gap_and_does_not_widen_the_block():
     fine = ibr.Camera([[160, 0, 83.5], [0, 160, 59.5], [0, 0, 1]], (168, 120))
     plain, frame = ibr.warp(view, fine), ibr.warp(view, fine, thin=True)
     bar = np.zeros((120, 168), bool)
-    bar[56:64, 67:144] = True  # from the block's last samples on
+    bar[56:64, 67:144] = True  # begins at the block's last samples
     np.testing.assert_array_equal(frame.valid, plain.valid | bar)
 
 
 def crossing_wires(projection: str, behind: float, dtype: type = np.uint8) -> ibr.DepthImage:
-    """Wires of many slopes, some of which recede or cross, staircases, dots, a block and missing samples."""
+    """A view of wires with many slopes, some crossing or receding, of staircases, dots and a block, and of gaps."""
     width, height = SIZE[0], 37
     y, x = np.mgrid[:height, :width].astype(float)
     rng = np.random.default_rng(1)
@@ -214,7 +214,7 @@ def test_a_view_from_its_own_camera_is_its_image(method, sample, cut_ratio, proj
                 continue
             np.testing.assert_array_equal(frame.valid, view.valid)
             np.testing.assert_array_max_ulp(frame.depth[view.valid], view.depth[view.valid], KEPT_ULP)
-            atol = 0 if dtype is np.uint8 else 4 * 2**-24  # four roundings of weights
+            atol = 0 if dtype is np.uint8 else 4 * 2**-24  # four roundings
             np.testing.assert_allclose(frame.color[view.valid], view.color[view.valid], rtol=0, atol=atol)
 
 
@@ -222,7 +222,7 @@ def test_a_view_from_its_own_camera_is_its_image(method, sample, cut_ratio, proj
 @pytest.mark.parametrize("zoom", [1, 2, 3])
 @pytest.mark.parametrize("aside", [0, 1e-6, 1e-3, 0.03])
 def test_rays_through_samples_show_them(behind, zoom, aside):
-    """So do rays that pass within a hair of samples: as the camera moves, the picture changes as objects move."""
+    """Rays that pass close beside samples show the same, so that nothing jumps when the camera moves slightly."""
     view = crossing_wires("perspective", behind)
     K = np.diag([zoom, zoom, 1.0]) @ view.camera.K
     for way in ((1, 0), (0, 1), (-0.7, 0.7)):
@@ -234,7 +234,7 @@ def test_rays_through_samples_show_them(behind, zoom, aside):
         np.testing.assert_array_equal(frame.valid[at], plain.valid[at])
         np.testing.assert_array_equal(frame.depth[at] < 3, view.depth < 3)
         seen = plain.valid[at]
-        # Depths along wires change by at most 5 % from sample to sample; otherwise the wires are cut.
+        # Along a wire, depth changes by at most 5 % from sample to sample, since larger steps are cut.
         np.testing.assert_allclose(frame.depth[at][seen], plain.depth[at][seen], rtol=0.05 * aside + 1e-6)
         if zoom > 1:  # between samples wires are wider than their samples' pixels
             assert (frame.depth < 3).sum() >= (plain.depth < 3).sum()
@@ -242,7 +242,7 @@ def test_rays_through_samples_show_them(behind, zoom, aside):
 
 @pytest.mark.parametrize("slope", [0.3, 0.7, 1.0])
 def test_wires_widen_where_the_target_looks_between_samples(slope):
-    """Each row shows one or two pixels of the wire, and one pixel where rays meet samples."""
+    """In each row the wire is one or two pixels wide, and one where the target's rays pass through samples."""
     y, x = np.mgrid[:37, :61].astype(float)
     wire = np.abs(x - 12.13 - slope * y) < 0.5
     camera = ibr.Camera([[55, 0, 30], [0, 55, 18], [0, 0, 1]], (61, 37))
@@ -264,14 +264,14 @@ def test_nearer_things_hide_thin_ones_and_are_hidden_by_them():
     before = ibr.DepthImage(np.zeros((*SIZE[::-1], 3), np.uint8), block, CAMERA)
     alone = ibr.warp(view, magnified(2), thin=True).depth
     assert np.isclose(alone, 2).sum() > 4 * 20
-    assert np.isclose(alone, 1.5).sum() == 4 * 31  # four pixels a sample
+    assert np.isclose(alone, 1.5).sum() == 4 * 31  # four pixels per sample
     for blend, views in (("nearest", [view, before]), ("nearest", [before, view]), ("quality", [view, before])):
         frame = ibr.warp(views, magnified(2), thin=True, blend=blend)
         hidden = ibr.warp([before, before], magnified(2), blend=blend).valid
-        hidden[46:48, 39] = False  # half a sample next to the block, where the other view has looked through
+        hidden[46:48, 39] = False  # margin beside the block, removed: the other view has looked through it
         np.testing.assert_array_equal(np.isclose(frame.depth, 2), np.isclose(alone, 2) & ~hidden)
         shown = np.isclose(alone, 1.5)
-        if blend == "quality":  # the half sample beyond the strip's last one hides nothing that another view saw
+        if blend == "quality":  # margin at the strip's end, removed likewise
             shown[28:30, 38] = False
         np.testing.assert_array_equal(np.isclose(frame.depth, 1.5), shown)
 
@@ -305,17 +305,17 @@ def test_labels_are_carried_over_from_thin_things_not_from_beside_them():
 @pytest.mark.parametrize("sample", ["linear", "nearest"])
 def test_colours_and_depths_run_along_wires(sample):
     depth, color = np.full((9, 12), np.nan, np.float32), np.zeros((9, 12, 3), np.uint8)
-    depth[4, 2:10] = 1 / np.linspace(0.5, 0.45, 8)  # nearness is affine along a straight wire
+    depth[4, 2:10] = 1 / np.linspace(0.5, 0.45, 8)  # nearness is an affine function of x
     color[4, 2:10, 0] = np.arange(8) * 30
     camera = ibr.Camera([[20, 0, 5.5], [0, 20, 4], [0, 0, 1]], (12, 9))
     fine = ibr.Camera([[200, 0, 59.5], [0, 200, 44.5], [0, 0, 1]], (120, 90))
     frame = ibr.warp(ibr.DepthImage(color, depth, camera), fine, thin=True, interpolation=sample)
     assert (frame.valid.sum(axis=1) == np.repeat([0, 80, 0], [40, 10, 40])).all()
-    x = (np.arange(20, 100) + 0.5) / 10 - 0.5 - 2  # in samples, counted from the first one
+    x = (np.arange(20, 100) + 0.5) / 10 - 0.5 - 2  # in samples, from the wire's first one
     at = np.clip(x if sample == "linear" else np.rint(x), 0, 7)
     np.testing.assert_allclose(frame.color[45, 20:100, 0], at * 30, atol=0.51)
-    # The wire continues straight through the outer halves of its first and last samples, except where the surface's
-    # margin, of constant nearness, is nearer.
+    # The wire continues straight over the outer halves of its first and last samples. The surface's margin covers the
+    # same halves at constant nearness, and shows where it is nearer.
     along = np.minimum(x, 7) if sample == "linear" else at
     np.testing.assert_allclose(frame.depth[45, 20:100], 1 / (0.5 - 0.05 * along / 7), rtol=1e-5)
 
@@ -339,7 +339,7 @@ def test_one_lane_draws_the_same(name):
     with one_lane():
         other = ibr.warp(ibr.DepthImage(view.color, view.depth, CAMERA), camera, thin=True)
     near = [one.depth < 3 for one in (frame, other)]
-    assert (near[0] != near[1]).sum() <= 2  # pixels on a border, by rounding
+    assert (near[0] != near[1]).sum() <= 2  # rounding at borders of pixels
     both = near[0] & near[1]
     np.testing.assert_allclose(frame.depth[both], other.depth[both], rtol=1e-5)
 
@@ -377,7 +377,7 @@ def test_the_forward_warp_has_squares_of_its_own():
 
 
 def test_through_lenses():
-    """A lens's picture is undistorted first, which moves objects one sample thin by at most half a sample."""
+    """A picture through a lens is undistorted first, which moves thin objects by at most half a sample."""
     lens = ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0])
     scene = strips(*CASES["row"], strip((30, 10), 20, 30))
     bent = ibr.Camera(CAMERA.K, SIZE, lens=lens)

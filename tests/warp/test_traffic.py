@@ -1,4 +1,4 @@
-"""Traffic between the host and a device with separate memory, such as a GPU, counted in the kernels' GPU form."""
+"""Copies between the host and a device with its own memory, counted with the kernels' form for GPUs."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from tests import scenes
 from tests.one_lane import one_lane
 from tests.warp.test_laws import same_bits
 
-_GROUPS = 4 * 5  # largest number of groups of lines: fans times levels (`pyibr.warp.lines`)
-_CAMERA = _GROUPS * struct("warp/lines.h", "LineGroup").itemsize  # bytes that describe a camera's lines
+_GROUPS = 4 * 5  # largest number of groups of epipolar lines: fans times spacings (`pyibr.warp.lines`)
+_CAMERA = _GROUPS * struct("warp/lines.h", "LineGroup").itemsize  # bytes of all groups of a target's lines
 _SIZE = (97, 61)
 
 
@@ -32,7 +32,7 @@ def copied_memory() -> Iterator[None]:
 
 
 def traffic_of(views: Any, camera: Any, **options: Any) -> Traffic:
-    """Traffic of a second frame of kept views."""
+    """Copies, launches and waits of a second warp of views that the device still holds."""
     ibr.warp(views, camera, **options)
     with watching(Traffic()) as seen:
         ibr.warp(views, camera, **options)

@@ -1,4 +1,4 @@
-"""The sweep's two walks on cut surfaces compared: from column to column, and from edge to edge."""
+"""The sweep can follow its lines on cut surfaces from column to column or from edge to edge: both ways compared."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tests import scenes
 from tests.warp.test_generated import Case, make_case
 from tests.warp.test_special_positions import beside_border
 
-WITHIN_A_CELL = 0.05  # relative: depths within a cell differ by less, and depths of separate pieces by more
+WITHIN_A_CELL = 0.05  # fraction of the depth: differences within a cell are smaller, steps between pieces larger
 
 
 class Answers(Watch):
-    """Records the hits of the sweep's lines; with `edges`, lines walk from edge to edge."""
+    """Records what the sweep's lines hit; with `edges`, lines are followed from edge to edge."""
 
     def __init__(self, edges: bool) -> None:
         self.edges = edges
@@ -33,7 +33,7 @@ class Answers(Watch):
 
 
 def nearness_seen(case: Case, edges: bool) -> np.ndarray:
-    """(H, W) nearness in the target of the hits of the pixels' lines, NaN without a hit."""
+    """(H, W) nearness, in the target, that each pixel's line hits; NaN if it hits nothing."""
     width, height = case.target.size
     with watching(Answers(edges)) as answers:
         ibr.warp(case.view, case.target, edges="cut", cut_ratio=1.05, side=case.side)
@@ -48,7 +48,7 @@ def is_swept_by_columns(case: Case) -> bool:
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
 @pytest.mark.parametrize("first", range(1000, 1240, 40))
 def test_columns_and_edges_meet_the_same_pieces(first):
-    """Hits agree, except for lines through cells' corners, where rounding decides which triangles they pass."""
+    """Hits agree, except on lines through corners of cells: there rounding decides which triangles a line crosses."""
     shares = []
     for case in filter(is_swept_by_columns, map(make_case, range(first, first + 40))):
         by_columns, by_edges = nearness_seen(case, edges=False), nearness_seen(case, edges=True)
@@ -63,18 +63,18 @@ def test_columns_and_edges_meet_the_same_pieces(first):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_both_pieces_of_a_step_are_met(seed):
-    """Noise as large as the threshold of tearing: lines leave the surface and meet it again within a step."""
+    """Noise tears about every edge at random: from one column to the next, lines leave the surface and meet it again."""
     rng = np.random.default_rng(seed)
     camera = ibr.Camera([[40, 0, 20], [0, 40, 15], [0, 0, 1]], (41, 31))
     depth = (4 * (1 + rng.uniform(-0.035, 0.035, (31, 41)))).astype(np.float32)
     view = ibr.DepthImage(None, depth, camera)
     closer = camera.moved(0.3, 0.2, 0.4)
-    # No line runs along the border of the source's pixels.
+    # The principal point is such that no line runs exactly along the border of the source.
     target = ibr.Camera([[200, 0, 100.3], [0, 200, 75.2], [0, 0, 1]], (205, 155), closer.world_from_camera)
     case = Case(seed, "noise", "any", view, target, "cut", "front")
     by_columns, by_edges = (np.isfinite(nearness_seen(case, edges)) for edges in (False, True))
     assert by_edges.sum() > 15_000
-    # At the source's border lines end between columns. Interpolation between columns gives the end to a pixel.
+    # Lines end at the source's border, between two columns. Interpolation between columns finds the end to a pixel.
     differ = by_columns != by_edges
     assert (differ & ~beside_border(by_edges)).sum() <= 3
     assert differ.sum() <= 0.1 * differ.shape[0]
@@ -82,7 +82,7 @@ def test_both_pieces_of_a_step_are_met(seed):
 
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
 def test_nothing_is_traced_amid_a_side_that_is_not_shown():
-    """Tracing would give the same picture, but takes far longer than following a line."""
+    """`resolve` could trace a ray for each hole, which shows nothing there but takes long: it visits few pixels."""
     view = scenes.smooth((96, 128))
     with counted_samples() as visited:
         frame = ibr.warp(view, view.camera.moved(0.3, 0.2, 0.4), edges="cut", side="back")
