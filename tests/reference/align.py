@@ -1,9 +1,9 @@
-"""Depth aligned to colour like librealsense's `align`, in NumPy.
+"""Depth drawn for the colour camera like librealsense's `align` does, in NumPy.
 
-The two corners of each depth pixel are projected into the colour camera's image, without distortion. They span a
-rectangle, from the first corner's pixel up to the pixel before the second corner's. The rectangle gets the stored
-value of the depth pixel; where rectangles overlap, the least value wins. As a result, everything moves half a pixel
-left and up on average, oblique surfaces have gaps where rectangles do not meet, and farther surfaces show through.
+Two corners of each depth pixel, the upper left and the lower right, are projected to the colour image, without lens
+distortion. They span a rectangle from the first corner's pixel to the pixel before the second corner's. All its pixels
+get the stored value of the depth pixel; where rectangles overlap, the least value wins. As a result, depth moves by
+half a pixel to the left and up on average, and farther surfaces show through gaps in oblique surfaces.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pyibr.core.camera import Camera
 
 
 def aligned(depth: NDArray[np.uint16], scale: float, depth_camera: Camera, color_camera: Camera) -> NDArray[np.uint16]:
-    """Return depth (h, w) of the colour camera; 0 where no rectangle lies. scale: stored units per scene unit."""
+    """Return stored depth (h, w) for the colour camera, 0 where it is unknown. scale: stored units per scene unit."""
     here, there = (Camera(c.K, c.size, c.world_from_camera) for c in (depth_camera, color_camera))
     rows, columns = np.nonzero(depth)
     stored = depth[rows, columns]

@@ -1,7 +1,7 @@
-"""Depth cleaned step by step in NumPy and OpenCV: an approximate reference for the kernels of kernels/cleaning.
+"""Cleaned depth, step by step in NumPy and OpenCV: an approximate reference for kernels/cleaning.
 
-Differences from the kernels: islands are found in values rounded to 1/16 of the scale's unit, regions grow step by step
-from the samples reached last, and weights are exponentials.
+It differs from the kernels in three ways. It finds islands in values that are rounded to 1/16 of the scale's unit. It
+grows regions pixel by pixel, from the samples that the previous step reached. It computes weights with exponentials.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from pyibr.images.noise import DepthNoise
 Mask = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
 
-_RANGE = 3.3  # range of the smoothing, in standard deviations of the noise: a difference of ten stays
-_RADIUS, _SPREAD = 5, 3.0  # radius and spread of the smoothing, in pixels
-_REACH = 3  # pixels to either side for the slope
-_NOISE_MIN = 5e-4  # least noise that counts, as a fraction of the depth
-_APART, _LEAST_APART = 5.0, 0.02  # least distance of two surfaces, in deviations and as a fraction of the depth
-_GAP = 2  # largest distance, in pixels, to the next sample in a direction
-_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # limits on the sum of the channels' differences across which holes grow, in order
-_ALIKE = 0.1  # largest difference of colours on one surface, in the same measure
-_SPECKLE = 40  # pixels: a smaller island at another depth is no surface
+_RANGE = 3.3  # standard deviation of the smoothing's weights over depth, in deviations of the noise; steps of ten stay
+_RADIUS, _SPREAD = 5, 3.0  # radius of the smoothing, and standard deviation of its weights over distance, in pixels
+_REACH = 3  # distance, in pixels, of the samples on both sides that give a slope
+_NOISE_MIN = 5e-4  # least noise that is assumed, as a fraction of the depth
+_APART, _LEAST_APART = 5.0, 0.02  # least step between surfaces: deviations of noise, and fraction of the depth
+_GAP = 2  # pixels within which the next valid sample in a direction is sought
+_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # colour differences, summed over channels, that depth may cross: in four rounds
+_ALIKE = 0.1  # largest difference of colours, summed over channels, on one surface
+_SPECKLE = 40  # pixels: smaller islands, apart from their surroundings, are removed
 _STEPS = 4096  # entries of the scale's table
-_STEADY_WEIGHT = 0.9  # weight of the previous value, where it agrees
+_STEADY_WEIGHT = 0.9  # weight of the previous frame's value if it equals the new one
 
 
 def clean_depth(
@@ -42,7 +42,7 @@ def clean_depth(
     holes: int = 8,
     strength: float = 1.0,
 ) -> CleanedDepth:
-    """Do the same as `pyibr.clean_depth`, for valid arguments."""
+    """Clean depth like `pyibr.clean_depth`; arguments must be valid."""
     cv2 = opencv("the reference of clean_depth", "bilateralFilter", "filterSpeckles", "morphologyEx")
     tint = None if color is None else _tint(color)
     known = None if before is None else _without_invalid(before)
@@ -85,14 +85,14 @@ def _without_invalid(depth: Depth) -> Depth:
 
 
 class _Scale:
-    """Nearness (1 / depth), stretched so that 1 is the same multiple of the noise at every depth.
+    """Nearness (1 / depth) on a scale whose unit is the same multiple of the noise at every depth.
 
     Parameters
     ----------
     depths : (H, W) float32
         Images whose range the scale covers; NaN where there is no depth.
     at, noise : (k,) float64
-        Values of nearness, and the length of the scale's unit at each.
+        Values of nearness, and the length of the scale's unit there, in nearness.
     least : float
         Least length of the unit, as a fraction of the nearness.
     """
@@ -101,7 +101,7 @@ class _Scale:
         low, high = 1 / max(float(np.nanmax(d)) for d in depths), 1 / min(float(np.nanmin(d)) for d in depths)
         self._nearness = np.geomspace(low, max(high, low * 1.001), _STEPS)
         found = least * self._nearness
-        if len(at):  # Beyond `at`, noise grows with nearness: a stray sample must not stretch the scale.
+        if len(at):  # nearer than `at`, the unit grows with nearness, so that stray samples do not stretch the scale
             looked = np.interp(self._nearness, at, noise) * np.maximum(self._nearness / at[-1], 1)
             found = np.maximum(found, looked)
         self._values = np.append(0, np.cumsum(2 * np.diff(self._nearness) / (found[1:] + found[:-1])))
@@ -116,10 +116,10 @@ class _Scale:
 
 
 def _flying_pixels(values: Float32) -> Mask:
-    """Samples, (H, W) bool, between two surfaces and apart from both, which the camera mixed at an edge.
+    """(H, W) bool: samples that the camera mixed from two surfaces at an edge: they lie between them, apart from both.
 
-    Rows, columns and diagonals are examined. A sample that continues the line of the next two on one side is no
-    mixture.
+    Rows, columns and diagonals are examined. A sample stays if it lies on the line through the next two samples on one
+    side.
     """
     flies = np.zeros(values.shape, np.bool_)
     for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -133,7 +133,7 @@ def _flying_pixels(values: Float32) -> Mask:
 
 
 def _beside(values: Float32, dy: int, dx: int) -> tuple[Float32, Float32]:
-    """Next value in a direction, (H, W), and the value here predicted by the next two, as a line; NaN if unknown."""
+    """(H, W) next value in a direction, and the value that the line through the next two has here; NaN if unknown."""
     next_one, next_at = _first_known(values, dy, dx, np.zeros(values.shape, np.float32))
     after, after_at = _first_known(values, dy, dx, next_at)
     expected = next_one + (next_one - after) * next_at / (after_at - next_at)
@@ -141,7 +141,7 @@ def _beside(values: Float32, dy: int, dx: int) -> tuple[Float32, Float32]:
 
 
 def _first_known(values: Float32, dy: int, dx: int, beyond: Float32) -> tuple[Float32, Float32]:
-    """First value within `_GAP` steps after `beyond` steps, and the number of its step; NaN if there is none."""
+    """(H, W) first value more than `beyond` steps away, by `_GAP` at most, and its distance in steps; NaN if none."""
     height, width = values.shape
     most = 2 * _GAP
     padded = np.pad(values, most, constant_values=np.nan)
@@ -155,7 +155,10 @@ def _first_known(values: Float32, dy: int, dx: int, beyond: Float32) -> tuple[Fl
 
 
 def _held_over(values: Float32, known: Float32, tint: Float32 | None) -> Mask:
-    """Missing samples, (H, W) bool, whose known depth continues a surface of their colour within `_GAP` pixels."""
+    """(H, W) bool: missing samples whose depth in the previous frame agrees with a sample of similar colour nearby.
+
+    `values` are the new frame's, `known` the previous frame's; nearby is within `_GAP` pixels.
+    """
     height, width = values.shape
     y, x = np.nonzero(np.isnan(values) & np.isfinite(known))
     there = np.zeros(values.shape, np.bool_)
@@ -169,7 +172,7 @@ def _held_over(values: Float32, known: Float32, tint: Float32 | None) -> Mask:
 
 
 def _filled_area(cv2: Any, kept: Mask, holes: int) -> Mask:
-    """Samples, (H, W) bool, that may be filled: the morphological closing of `kept` by a disc of radius `holes`."""
+    """(H, W) bool: samples that may have depth: the morphological closing of `kept` by a disc of radius `holes`."""
     if holes == 0:
         return kept
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * holes + 1, 2 * holes + 1))
@@ -178,14 +181,14 @@ def _filled_area(cv2: Any, kept: Mask, holes: int) -> Mask:
 
 
 def _tint(color: Color) -> Float32:
-    """Colours from 0 to 1."""
+    """Colours as float32 from 0 to 1."""
     return color.astype(np.float32) * np.float32(1 / 255 if color.dtype == np.uint8 else 1)
 
 
 def _region_grown(cv2: Any, depth: Depth, kept: Mask, area: Mask, tint: Float32 | None) -> Depth:
-    """Depth in the whole area, grown outwards from the kept samples; NaN elsewhere.
+    """Depth in the whole area, grown from the kept samples into the gaps; NaN elsewhere.
 
-    Similar colours grow together first, so that fronts from two sides meet at an edge of the colour.
+    Depth first spreads to pixels of similar colour, so that regions that grow from two sides meet at a colour edge.
     """
     grown, there = np.where(kept, depth, np.float32(np.nan)), kept.copy()
     if tint is None:
@@ -197,10 +200,10 @@ def _region_grown(cv2: Any, depth: Depth, kept: Mask, area: Mask, tint: Float32 
 
 
 def _grow(cv2: Any, grown: Depth, there: Mask, area: Mask, tint: Float32, most: float) -> None:
-    """Give samples the depth of their most similar neighbour, as long as colours differ by at most `most`."""
+    """Give samples the depth of the neighbour with the most similar colour, if the difference is at most `most`."""
     height, width = there.shape
     steps = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
-    steps.sort(key=lambda step: abs(step[0]) + abs(step[1]))  # the first of equally similar neighbours wins
+    steps.sort(key=lambda step: abs(step[0]) + abs(step[1]))  # of equally similar neighbours, the first wins
     changed = there
     while True:
         near: NDArray[np.uint8] = cv2.dilate(changed.astype(np.uint8), np.ones((3, 3), np.uint8))
@@ -221,7 +224,7 @@ def _grow(cv2: Any, grown: Depth, there: Mask, area: Mask, tint: Float32, most: 
 
 
 def _speckle(cv2: Any, values: Float32) -> Mask:
-    """Islands, (H, W) bool, apart from their surroundings, with too few samples to be known as a surface."""
+    """(H, W) bool: islands, apart from their surroundings, that have too few samples to count as a surface."""
     there = np.isfinite(values)
     fine = min(16.0, (np.iinfo(np.int16).max - 2) / max(float(np.nanmax(values)), 1.0))
     steps = np.where(there, np.rint(np.nan_to_num(values) * fine) + 1, 0).astype(np.int16)
@@ -230,17 +233,17 @@ def _speckle(cv2: Any, values: Float32) -> Mask:
 
 
 def _islands_with(cv2: Any, islands: Mask, some: Mask) -> Mask:
-    """Islands, (H, W) bool, that contain some of these samples: a broken wire is a surface if it was one before."""
+    """(H, W) bool: islands that contain some of the samples `some`, such as pieces of a wire seen before."""
     labels: NDArray[np.int32] = cv2.connectedComponents(islands.astype(np.uint8))[1]
     return islands & np.isin(labels, labels[islands & some])
 
 
 def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:
-    """Filter the known values bilaterally, around each sample's own plane.
+    """Filter the known values bilaterally, by their distances from a plane through each sample.
 
-    Without the planes, neighbours on steep surfaces would differ by more than the noise, and the noise would stay.
+    Without such a plane, neighbours on steep surfaces would differ by more than the noise, and would not be averaged.
     """
-    off = float(np.nanmax(values)) + 20 * _RANGE * strength  # so far off that missing samples get no weight
+    off = float(np.nanmax(values)) + 20 * _RANGE * strength  # value of missing samples; too far off to have weight
     rough: Float32 = cv2.bilateralFilter(
         np.nan_to_num(values, nan=off), 2 * _RADIUS + 1, 2 * _RANGE * strength, _SPREAD
     )
@@ -254,7 +257,7 @@ def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:
             if x * x + y * y <= _RADIUS * _RADIUS:
                 other = padded[_RADIUS + y : _RADIUS + y + height, _RADIUS + x : _RADIUS + x + width]
                 off_plane = other - (values + (x * across + y * down))
-                with np.errstate(over="ignore"):  # values so far off have no weight
+                with np.errstate(over="ignore"):  # such values have no weight
                     unlike = (off_plane / np.float32(_RANGE * strength)) ** 2
                 unlike += np.float32((x * x + y * y) / _SPREAD**2)
                 weight = np.nan_to_num(np.exp(np.float32(-0.5) * unlike))
@@ -264,7 +267,7 @@ def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:
 
 
 def _slope(values: Float32, axis: int) -> Float32:
-    """Change of values from pixel to pixel, (H, W): the lesser of both sides' changes, 0 where they disagree."""
+    """(H, W) slope per pixel: the slopes on both sides have the same sign, and the lesser is taken, or it is 0."""
     along = values if axis == 1 else values.T
     padded = np.pad(along, ((0, 0), (_REACH, _REACH)), constant_values=np.nan)
     before = (along - padded[:, : along.shape[1]]) / _REACH
@@ -275,10 +278,10 @@ def _slope(values: Float32, axis: int) -> Float32:
 
 
 def _temporally_filtered(values: Float32, known: Float32, strength: float) -> Float32:
-    """Pull values towards the previous ones, more weakly the more they differ, which calms noise and keeps motion.
+    """Pull values towards the previous frame's, the less the more they differ: this reduces noise but keeps motion.
 
-    A steady drift v is followed at a distance d, both over `strength`, with d = v + `_STEADY_WEIGHT` exp(-d^2 / 2) d:
-    it lags by 0.55 at most.
+    If depth drifts by v per frame, each new value differs from the previous result by d, where
+    d = v + `_STEADY_WEIGHT` exp(-d^2 / 2) d in units of `strength`. The result lags behind by d - v, at most 0.55.
     """
     off = known - values
     with np.errstate(over="ignore"):

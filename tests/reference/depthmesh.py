@@ -1,8 +1,9 @@
 """Restricted quadtree of a depth image in float64, a readable reference (Pajarola, Sainz & Meng 2003, section 3).
 
-The tree is described by its triangles. Each has its right angle at `apex` and is split at the middle of its longest
-side, the `split`. A vertex of the tree is such a middle; its children are the splits of the triangles that arise there.
-Vertices of the padding lie on the image's last column and row.
+The tree consists of right-angled triangles. Each has its right angle at `apex`, and is split in two at `split`, the
+middle of its longest side. These middles are the tree's vertices. A vertex's children are the splits of the triangles
+that its own split makes. The tree covers a square, which may be larger than the image: vertices outside of the image
+are moved to its last column or row.
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ from pyibr.images import DepthImage
 Corner = tuple[int, int]  # x, y
 
 UNDRAWN, DRAWN = 1, 2
-MARGIN = 0.01  # samples by which a sphere reaches beyond its children's spheres
-ROUNDING = 2**-22  # relative to the depths of three points: with smaller deviations, they lie on a straight line
-NEAREST = 1e-20  # scene units: least distance, for cameras within a sphere
-# Standard deviations of noise: subtracted from errors, and the limit for a pair's mean; radius of denoising in samples
+MARGIN = 0.01  # samples by which a vertex's bounding sphere reaches beyond its children's spheres
+ROUNDING = 2**-22  # fraction of the sum of three points' depths: smaller errors of the middle point count as 0
+NEAREST = 1e-20  # scene units: distance that a camera inside a sphere is taken to have
+# UNSEEN: deviations of noise that errors may have without counting. REACH: deviations within which the mean of two
+# opposite samples is averaged with the sample between them. RADIUS: samples around a sample that are averaged.
 UNSEEN, REACH, RADIUS = 0.75, 4.5, 3
-LOSS = 4.0  # error of a partly drawn triangle, as a multiple of its length
+LOSS = 4.0  # error of a partly drawn triangle, as a multiple of its longest side
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Triangle:
 
     @property
     def is_leaf(self) -> bool:
-        """True for half of a cell."""
+        """True if the triangle is half of a cell."""
         return abs(self.end[0] - self.start[0]) == 1
 
     @property
@@ -70,7 +72,10 @@ class Vertex:
 
     @property
     def children(self) -> list[Corner]:
-        """Children row by row, or around a centre: above, right, below, left. The first with a depth passes it on."""
+        """Children in a fixed order: row by row, or above, right, below and left of a centre.
+
+        A vertex without a sample gets the depth of the first child that has one.
+        """
         found = {half.split for side in self.sides for half in side.halves if not half.is_leaf}
         ordered = sorted(found, key=lambda corner: corner[::-1])
         around = len(ordered) == 4 and ordered[1][1] == ordered[2][1]
@@ -78,10 +83,11 @@ class Vertex:
 
 
 class Tree:
-    """The tree over the view's samples; cells: (H, W) states of each cell's two triangles, A in the lower two bits.
+    """The tree over a view's samples.
 
-    The error of a vertex is the sum of its own error and its children's, or with `largest` the larger one (as in the
-    paper). Errors are measured on samples without their noise.
+    `cells`: (H, W) states of each cell's two triangles; bits 0 and 1 hold the state of triangle A, the upper one. The
+    error of a vertex is its own error plus the largest error of its children; with `largest` it is the larger of the
+    two, as in the paper. Own errors are measured on denoised samples.
     """
 
     def __init__(self, view: DepthImage, cells: np.ndarray, largest: bool = False) -> None:
@@ -113,7 +119,7 @@ class Tree:
         return min(corner[0], width - 1), min(corner[1], height - 1)
 
     def is_squeezed(self, corner: Corner) -> bool:
-        """Tell whether a vertex is the centre of a block and lies, in the image, off the diagonal that it bisects."""
+        """Tell whether a vertex is the centre of a block that is moved to the border, off the diagonal it bisects."""
         side = self.vertices[corner].sides[0]
         is_center = side.start[0] != side.end[0] and side.start[1] != side.end[1]
         return is_center and any(self.sample(end) != end for end in (side.start, side.end, side.apex))
@@ -123,7 +129,7 @@ class Tree:
         return bool(self.view.valid[y, x])
 
     def place(self, corner: Corner, z: float | None = None) -> np.ndarray:
-        """Position in the camera's frame; z: by default the sample's depth."""
+        """Position in the camera's frame, at depth z or, by default, at the sample's denoised depth."""
         x, y = self.sample(corner)
         z = float(self.depth[y, x]) if z is None else z
         ray = self.ray_from_pixel @ (x, y, 1.0)
@@ -131,7 +137,7 @@ class Tree:
 
     @cached_property
     def joined(self) -> set[tuple[Corner, Corner]]:
-        """Pairs of samples, in both orders, joined by edges of drawn triangles of the full grid."""
+        """Pairs of samples, in both orders, that are joined by an edge of a drawn triangle of the full grid."""
         found: set[tuple[Corner, Corner]] = set()
         for y, x in np.argwhere(self.cells[:-1, :-1]).tolist():
             four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
@@ -143,9 +149,9 @@ class Tree:
         return found
 
     def drawn_at(self, corner: Corner, depth: np.ndarray | None = None) -> np.ndarray:
-        """Pixel at which the vertex is drawn, and its nearness there, (3,): half a pixel outside an outermost sample.
+        """Where a vertex is drawn, (3,): pixel x and y, and nearness; for border samples, half a pixel outside.
 
-        The surface continues straight from inside, so that it passes through the sample.
+        The nearness continues the line from inside through the border sample.
         """
         x, y = corner = self.sample(corner)
         width, height = self.view.camera.size
@@ -158,7 +164,7 @@ class Tree:
             next_z = float(depth[within[::-1]])
             next_n = 1 / next_z if self.view.camera.projection == "perspective" else -next_z
             found = nearness + 0.5 * (nearness - next_n)
-        elif dx and dy and (corner, (x + dx, y)) in self.joined:  # a corner that no diagonal reaches
+        elif dx and dy and (corner, (x + dx, y)) in self.joined:  # image corner without a diagonal edge
             plane = np.array([(x, y, nearness), *(self.drawn_at(at, depth) for at in ((x + dx, y), (x, y + dy)))])
             rows = np.column_stack([plane[:, :2], np.ones(3)])
             found = float(np.linalg.solve(rows, plane[:, 2]) @ (*place, 1.0))
@@ -166,14 +172,14 @@ class Tree:
         return np.array([*place, min(max(found, least), most)])
 
     def drawn_place(self, corner: Corner, depth: np.ndarray | None = None) -> np.ndarray:
-        """Place at which the vertex is drawn, in the camera's frame."""
+        """Position in the camera's frame at which the vertex is drawn."""
         x, y, n = self.drawn_at(corner, depth)
         z = 1 / n if self.view.camera.projection == "perspective" else -n
         ray = self.ray_from_pixel @ (x, y, 1.0)
         return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
 
     def state(self, triangle: Triangle) -> int:
-        """Return the state of a triangle: drawn, undrawn, or partly drawn (3)."""
+        """Return a triangle's state: DRAWN, UNDRAWN, both (3) if it is partly drawn, or 0 outside of the image."""
         if not triangle.is_leaf:
             return self.vertices[triangle.split].states[triangle]
         x, y = np.min(triangle.corners, axis=0)
@@ -184,11 +190,11 @@ class Tree:
     def _fill(self, corner: Corner, vertex: Vertex) -> None:
         for side in vertex.sides:
             vertex.states[side] = self.state(side.halves[0]) | self.state(side.halves[1])
-        if self.is_squeezed(corner):  # a cell may lie on the other side of a diagonal than its half
+        if self.is_squeezed(corner):  # moved to the border, a cell may leave its half of the block
             vertex.states = dict.fromkeys(vertex.sides, vertex.states[vertex.sides[0]] | vertex.states[vertex.sides[1]])
         low = np.min([side.corners for side in vertex.sides], axis=(0, 1))
         if (low >= np.subtract(self.view.camera.size, 1)).any():
-            return  # none of the vertex's triangles reaches the image: nothing drawn depends on it
+            return  # no triangle of the vertex reaches the image
         children = {child: self.vertices[child] for child in vertex.children}
         below = max([-1.0, *(child.error for child in children.values())])
         known = [child.depth for child in children.values() if child.error >= 0]
@@ -212,9 +218,11 @@ class Tree:
                 vertex.radius = max(vertex.radius, reach)
 
     def own_error(self, corner: Corner) -> float:
-        """Error of a vertex: equation 1 for midpoints, without the axis across their edge; equation 2 for centres.
+        """Error of a vertex: its distance from the edge that it bisects.
 
-        For squeezed blocks, the distance from the planes on both sides.
+        It is the distance of equation 2 for centres of blocks. For other vertices, equation 1, it is measured in the
+        plane of the edge's axis, x or y, and z. For squeezed blocks it is the larger distance from the planes of the
+        triangles on both sides.
         """
         sides = self.vertices[corner].sides
         start, end = sides[0].start, sides[0].end
@@ -246,18 +254,18 @@ class Tree:
         return list(zip(columns.tolist(), rows.tolist(), strict=True))
 
     def length(self, corner: Corner) -> float:
-        """Length of the edge that a vertex bisects, as if it faced the camera."""
+        """Length of the edge that a vertex bisects, as if the edge were parallel to the image."""
         side = self.vertices[corner].sides[0]
         return float(np.linalg.norm(np.subtract(side.end, side.start))) * self.sample_size(corner)
 
     def sample_size(self, corner: Corner) -> float:
-        """Size of a sample in scene units, at the depth of a vertex."""
+        """Distance between samples, in scene units, at the depth of a vertex."""
         camera = self.view.camera
         scale = self.vertices[corner].depth if camera.projection == "perspective" else 1.0
         return scale / min(camera.K[0, 0], camera.K[1, 1])
 
     def needed(self, camera: Camera, tolerance: float) -> set[Corner]:
-        """Vertices by equation 5, from the sphere's nearest point, within the camera's view."""
+        """Vertices within a camera's view whose error, seen from their sphere's nearest point, exceeds equation 5."""
         found: set[Corner] = set()
         there = self.view.camera.world_from_camera
         for corner, vertex in self.vertices.items():
@@ -273,9 +281,9 @@ class Tree:
         return found
 
     def simplified(self, max_error: float) -> set[Corner]:
-        """Splits without which a triangle's depth is off by more than `max_error` at one of its samples.
+        """Vertices whose triangles must be split: unsplit, their depth is off by over `max_error` at some sample.
 
-        The search runs from the coarsest triangles down. A split needs the splits of all its parents.
+        The search begins with the coarsest triangles. A split requires the splits at all its parents.
         """
         found: set[Corner] = set()
         while True:
@@ -291,7 +299,7 @@ class Tree:
                 wanted = {parent for corner in wanted for parent in self.parents[corner]} - found
 
     def departure(self, triangle: Triangle) -> float:
-        """Largest distance in depth between the samples within a triangle and its plane, as drawn."""
+        """Largest difference in depth between the samples in a triangle and the triangle as it is drawn."""
         drawn = np.array([self.drawn_at(c) for c in triangle.corners])
         inside = np.array(self.samples_within(triangle))
         weight = np.column_stack([inside, np.ones(len(inside))]) @ np.linalg.inv(
@@ -302,7 +310,7 @@ class Tree:
         return float(np.abs((1 / plane if self.view.camera.projection == "perspective" else -plane) - depth).max())
 
     def left(self, active: set[Corner]) -> Iterator[Triangle]:
-        """Triangles that remain when every triangle with an active split is split, from the roots down."""
+        """Triangles that remain after splitting, from the roots down, every triangle whose split is active."""
         below = list(self.roots)
         while below:
             triangle = below.pop()
@@ -312,7 +320,7 @@ class Tree:
                 yield triangle
 
     def triangles(self, active: set[Corner]) -> Iterator[tuple[Corner, Corner, Corner]]:
-        """Remaining triangles that are drawn, by their samples."""
+        """Corners, as samples, of the remaining triangles that are drawn."""
         drawn = (triangle for triangle in self.left(active) if self.state(triangle) == DRAWN)
         for triangle in drawn:
             start, apex, end = map(self.sample, triangle.corners)
@@ -320,19 +328,19 @@ class Tree:
 
 
 def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
-    """Distances, (5,), of a point beyond the planes of a camera's frustum; the last plane is the camera's own."""
+    """(5,) distances by which a point lies outside of a frustum's four sides and behind the camera's plane z = 0."""
     here = camera.camera_from_world[:3, :3] @ point + camera.camera_from_world[:3, 3]
     one = np.array([0, 0, 1.0, 0] if camera.projection == "perspective" else [0, 0, 0, 1.0])
     found = []
     for axis, size in enumerate(camera.size):
-        pixel = np.array([*camera.K[axis, :2], 0, 0]) + camera.K[axis, 2] * one  # times `one`
+        pixel = np.array([*camera.K[axis, :2], 0, 0]) + camera.K[axis, 2] * one  # plane of pixel coordinate 0
         for plane in (pixel + 0.5 * one, (size - 0.5) * one - pixel):
             found.append(-(plane[:3] @ here + plane[3]) / np.linalg.norm(plane[:3]))
     return np.array([*found, -here[2]])
 
 
 def smoothed(view: DepthImage) -> np.ndarray:
-    """Depth (H, W) without its noise, float64: means over pairs of opposite samples, in 1 / z."""
+    """Denoised depth (H, W), float64: weighted means of nearness over pairs of opposite samples around each sample."""
     if not any(view.noise):
         return view.depth.astype(np.float64)
     perspective = view.camera.projection == "perspective"
@@ -359,7 +367,7 @@ Bridges = Callable[[list[Corner]], bool]
 
 
 def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
-    """States (H, W) of each cell's two triangles: DRAWN if their samples are valid and bridge no gap."""
+    """(H, W) states of each cell's two triangles: DRAWN if the three samples are valid and bridge no gap."""
     width, height = view.camera.size
     tree = Tree(view, np.zeros((height, width), np.uint8))
     depth = view.depth.astype(np.float64)
@@ -367,7 +375,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
     extent = np.ptp([tree.place((x, y), float(depth[y, x])) for y, x in np.argwhere(view.valid)], axis=0).max()
 
     def explained(z: float) -> float:
-        """Difference in depth that noise explains on one surface."""
+        """Difference in depth, at depth z, that two samples of one surface may have by noise."""
         a, b, c = view.noise if rule.deviations else (0.0, 0.0, 0.0)
         return rule.deviations * (a * z * z + b * z + c)
 
@@ -393,7 +401,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         return np.ptp(n) > max(rule.gap * (max(n) if perspective else extent), explained_nearness(max(n)))
 
     def connected(a: Corner, b: Corner) -> bool:
-        """Tell whether the step from a to b is small, or similar to the previous or next step on their line."""
+        """Tell whether the step from a to b is small, or similar to the step before or after it on the same line."""
         step = np.subtract(b, a)
         change = nearness(b) - nearness(a)
         off = [abs(change)]
@@ -419,7 +427,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
     for y in range(height - 1):
         for x in range(width - 1):
             four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
-            skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)  # outside the upper, and outside the lower triangle
+            skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)  # indices of the corners that the two triangles lack
             for side, other in enumerate(skip):
                 corners = [corner for k, corner in enumerate(four) if k != other]
                 drawn = all(map(tree.is_sample, corners)) and not tests[rule.test](corners)
@@ -428,7 +436,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
 
 
 def normals(view: DepthImage, cells: np.ndarray) -> np.ndarray:
-    """Normals (H, W, 3) in the camera's frame: across the differences to neighbours that drawn triangles join."""
+    """Normals (H, W, 3), camera's frame: perpendicular to the steps to neighbours joined by a drawn triangle."""
     width, height = view.camera.size
     tree = Tree(view, cells)
     found = np.tile((0.0, 0.0, -1.0), (height, width, 1))

@@ -1,8 +1,8 @@
-"""Edges of a depth image, where neighbours are torn apart, and its surface beyond its border, in NumPy.
+"""Edges of a depth image, across which its surface is torn, and the surface beyond the image's border, in NumPy.
 
 This is the readable form of `kernels/picture/edges.cl`. Nearness is 1/z for perspective views and -z for orthographic
-ones; NaN where there is no sample. Edges are (H, W) bool: a sample torn from its right neighbour, a sample torn from
-its lower neighbour, and the right neighbour torn from the lower one.
+views, and NaN where there is no sample. Edges are three masks (H, W): whether a sample is torn from its right
+neighbour, from its lower neighbour, and whether these two neighbours are torn from each other.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LEAST_BEYOND = 1e-3
 
 @dataclass(frozen=True)
 class Edges:
-    """Torn neighbours, (H, W) bool."""
+    """Torn pairs of neighbours, each mask (H, W) bool."""
 
     right: Array
     below: Array
@@ -40,7 +40,7 @@ def nearness_of(view: DepthImage) -> Array:
 
 
 def edges_of(view: DepthImage, edges: str = "cut", cut_ratio: float | None = None) -> Edges:
-    """Edges of a view, as in `WarpedView`; a missing sample is torn from all its neighbours."""
+    """Edges of a view, with options as for `WarpedView`; a missing sample is torn from all its neighbours."""
     near = nearness_of(view).astype(np.float32)
     if edges == "connect":
         return Edges(*(~np.isfinite(b - a) for a, b in _pairs(near)))
@@ -57,7 +57,7 @@ def edges_of(view: DepthImage, edges: str = "cut", cut_ratio: float | None = Non
     fx, fy = view.camera.K[0, 0], view.camera.K[1, 1]
     across = _torn_along_rows(near, view, 1 / fx, beside=True)
     down = _torn_along_rows(near.T, view, 1 / fy, beside=True).T
-    # Diagonals are rows of the image after each row is sheared by one sample.
+    # Each row is shifted by one sample more than the row above, so that diagonals become columns.
     height, width = near.shape
     sheared = np.full((height, width + height), np.nan, np.float32)
     for y in range(height):
@@ -70,22 +70,22 @@ def edges_of(view: DepthImage, edges: str = "cut", cut_ratio: float | None = Non
 
 
 def _pairs(near: Array) -> list[tuple[Array, Array]]:
-    """Samples at both ends of the three kinds of edges; NaN outside the image."""
+    """Nearness at both ends of the three kinds of pairs; NaN outside the image."""
     right, below = _shifted(near, 1), _shifted(near.T, 1).T
     return [(near, right), (near, below), (right, below)]
 
 
 def _shifted(image: Array, by: int) -> Array:
-    """Sample `by` columns farther on in each row; NaN outside the image."""
+    """The image moved to the left by `by` columns; NaN where it has no values."""
     padded = np.pad(image, ((0, 0), (abs(by), abs(by))), constant_values=np.nan)
     return padded[:, abs(by) + by : abs(by) + by + image.shape[1]]
 
 
 def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bool) -> Array:
-    """Mask of samples that are torn from the next one in their row.
+    """(H, W) bool: samples that are torn from the next sample in their row.
 
-    A surface continues if its slope on one side predicts the rise to the next sample, or if it faces the camera.
-    `beside`: the mean slope of three rows may predict the rise, too.
+    Two samples are one surface if the slope on one side of the pair predicts the rise between them, or if the rise is
+    so small that the surface faces the camera. `beside`: the mean slope of three rows may predict it, too.
     """
     perspective = view.camera.projection == "perspective"
     change, high, low = _shifted(near, 1) - near, np.fmax(near, _shifted(near, 1)), np.fmin(near, _shifted(near, 1))
@@ -103,7 +103,7 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
     with np.errstate(invalid="ignore"):
         goes_on |= rise <= noise + SAME * np.nan_to_num(np.minimum(before[1], after[1]))
     if not beside:
-        goes_on |= np.isnan(before[0]) & np.isnan(after[0])  # the cell's other edges decide
+        goes_on |= np.isnan(before[0]) & np.isnan(after[0])  # other edges of the cell decide
     else:
         for side in (-1, 1):
             rows = np.stack([_slopes(np.roll(change, row, 0), sign, side)[1] for row in (-1, 0, 1)])
@@ -115,29 +115,32 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
 
 
 def _slopes(change: Array, sign: Array, side: int) -> tuple[Array, Array]:
-    """Slopes on one side of pairs, along their rise: to the nearest sample, and as agreed by three samples."""
+    """Slopes beside pairs on one side, positive in the direction of the pair's rise: from two, and from three samples.
+
+    The slope from three samples is 0 or more, and is the lesser of the nearest slope and the mean of two.
+    """
     one, two = sign * _shifted(change, side), sign * _shifted(change, 2 * side)
     mean = np.where(np.isfinite(two), np.float32(0.5) * (one + two), one)
     return one, np.where(np.isfinite(one), np.fmax(np.fmin(one, mean), np.float32(0)), np.float32(np.nan))
 
 
 def _follows(rise: Array, slope: Array, growth: Any, noise: Array) -> Array:
-    """Tell whether a rise continues a slope, which may grow by a fraction of itself."""
+    """Tell whether a rise continues a slope; it may exceed the slope by the fraction `growth`."""
     with np.errstate(invalid="ignore"):
         sure = np.fmax(slope - noise, 0)
         return (rise <= slope + noise + growth * sure) & (rise >= LEAST * sure)
 
 
 def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
-    """Nearness (H + 2, W + 2), float64, with a ring of samples outside the border, and its edges.
+    """Nearness (H + 2, W + 2), float64, with a ring of extrapolated samples around the image, and its edges.
 
-    Ring samples lie on the straight line through the border's sample and the next one inside, if both are one surface.
+    A ring sample lies on the line through the border sample and the next sample inside, if both are one surface.
     """
     near = nearness_of(view)
     height, width = near.shape
 
     def slopes(values: Array, torn: Array) -> tuple[Array, Array]:
-        """Differences of the first and the last column from the next one inside."""
+        """Differences of the first column from the second, and of the last from the last but one; 0 where torn."""
         if values.shape[1] == 1:
             return np.zeros(len(values)), np.zeros(len(values))
         first, last = values[:, 0] - values[:, 1], values[:, -1] - values[:, -2]
@@ -161,7 +164,7 @@ def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
 
     torn_right, torn_below, torn_diagonal = (np.ones((height + 2, width + 2), bool) for _ in range(3))
     torn_right[1:-1, 1:-1], torn_below[1:-1, 1:-1], torn_diagonal[1:-1, 1:-1] = edges.right, edges.below, edges.diagonal
-    # Nothing is torn from the ring; along the ring, edges are as along the border.
+    # No border sample is torn from the ring; neighbours in the ring are torn if the border samples beside them are.
     torn_right[1:-1, 0] = torn_right[1:-1, -2] = torn_below[0, 1:-1] = torn_below[-2, 1:-1] = False
     torn_below[1:-1, 0], torn_below[1:-1, -1] = torn_below[1:-1, 1], torn_below[1:-1, -2]
     torn_right[0, 1:-1], torn_right[-1, 1:-1] = torn_right[1, 1:-1], torn_right[-2, 1:-1]
@@ -170,22 +173,23 @@ def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
     torn_diagonal[0, 1:-1], torn_diagonal[-2, 1:-1] = torn_right[0, 1:-1], torn_right[-2, 1:-1]
     torn_diagonal[[0, 0, -2, -2], [0, -2, 0, -2]] = False
     missing = np.isnan(grown)
-    missing[1:-1, 1:-1] = False  # edges between the image's own samples are known
+    missing[1:-1, 1:-1] = False  # edges between samples of the image are known
     torn_right[missing] = torn_below[missing] = torn_diagonal[missing] = True
     return grown, Edges(torn_right, torn_below, torn_diagonal)
 
 
 def whole_triangles(torn: Edges) -> Array:
-    """Triangles of the cells without a torn edge, (H - 1, W - 1, 2) bool."""
+    """(H - 1, W - 1, 2) bool: whether each cell's two triangles have no torn edge."""
     lower = torn.right[:-1, :-1] | torn.below[:-1, :-1] | torn.diagonal[:-1, :-1]
     upper = torn.right[1:, :-1] | torn.below[:-1, 1:] | torn.diagonal[:-1, :-1]
     return ~np.stack([lower, upper], axis=-1)
 
 
 def triangles_beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array, Array, Array]:
-    """Triangles between the outermost samples and the borders of their pixels, half a pixel farther out.
+    """Triangles between the outermost samples and the image's border, which is half a pixel farther out.
 
-    They belong to a grid with a ring around the image's samples, and are clipped. Colours stay as at the border.
+    They are the triangles between border samples and ring samples, clipped at the border. Ring samples have the colours
+    of the border samples.
 
     Returns
     -------
@@ -195,7 +199,7 @@ def triangles_beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array
     near, ring_torn = with_ring(view, torn)
     colors = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
     whole = whole_triangles(ring_torn)
-    whole[1:height, 1:width] = False  # inside
+    whole[1:height, 1:width] = False  # leave out the triangles between samples of the image
     corners, faces = list[Array](), list[Array]()
     for row, column, part in np.argwhere(whole):
         three = [(1, 1), (0, 1), (1, 0)] if part else [(0, 0), (1, 0), (0, 1)]
@@ -211,7 +215,7 @@ def triangles_beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array
 
 
 def _clipped(polygon: list[Array], axis: int, at: float, sign: int) -> list[Array]:
-    """Part of a convex polygon on one side of a line, where sign * (corner[axis] - at) >= 0."""
+    """Part of a convex polygon where sign * (corner[axis] - at) >= 0."""
     kept = list[Array]()
     for i, one in enumerate(polygon):
         other = polygon[(i + 1) % len(polygon)]

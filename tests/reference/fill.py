@@ -1,4 +1,4 @@
-"""Holes filled by push and pull, in NumPy float64: whole images, level by level."""
+"""Holes filled by push and pull, in NumPy float64, on whole images, one resolution level after another."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ TILE, HALO, BESIDE = 16, 4, 1
 LEAST, FAINT, RIM = 1e-6, 1e-3, 0.2
 NARROW, WIDE, OUTWARD, FLAT, SLOPING = 0.02, 0.035, 8, 0.05, 0.15
 STEEPEST, FAINTEST, ADDING = 64, 0.3, 32
-UNDECIDED = 1e-4  # pixels: rounding may move a point this close to the middle between two pixels to either pixel
+UNDECIDED = 1e-4  # pixels: points closer than this to the middle between two pixels may round to either
 
 
 @dataclass
 class Behind:
-    """Surface behind holes."""
+    """Surface behind each hole pixel, found along its epipolar line."""
 
     depth: Array  #: (H, W) float64, 0 where no line gives a depth or there is no hole
-    falloff: Array  #: (H, W) float64, fraction of foreground in a pixel per unit of depth by which it is nearer
-    decided: Array  #: (H, W) bool: rounding does not change which pixels the line passes
+    falloff: Array  #: (H, W) float64; a pixel nearer than `depth` by d is foreground by falloff * d
+    decided: Array  #: (H, W) bool: rounding cannot change the pixels that the line passes
 
 
 def behind_reference(
@@ -33,19 +33,20 @@ def behind_reference(
     perspective: bool = True,
     same: tuple[float, float, float] = (0.0, 0.015, 0.0),
 ) -> Behind:
-    """Return the farther depth at the ends of each hole's line, and the falloff for foreground at the nearer end.
+    """Follow a line from each hole pixel both ways, to the first valid pixels: the farther depth is behind the hole.
 
-    The line runs from the hole away from the epipole, and towards it, in steps of a pixel along its longer axis.
+    The lines run away from the epipole and towards it, in steps of one pixel along the longer axis. The falloff says
+    how much the nearer end counts as foreground.
 
     Parameters
     ----------
     depth : (H, W)
     valid : (H, W) bool
     epipole : (x, y, w)
-        Homogeneous; if all are 0, the lines are the rows.
+        Homogeneous; if all three are 0, the lines are rows.
     perspective : bool
     same : (a, b, c)
-        Pixels of one surface may be a z^2 + b z + c apart at depth z.
+        Pixels of one surface may differ in depth by a z^2 + b z + c at depth z.
     """
     y, x = holes = np.nonzero(~valid)
     at = np.stack([x, y], axis=-1).astype(float)
@@ -53,7 +54,7 @@ def behind_reference(
     longest = np.abs(away).max(axis=-1, initial=0.0, keepdims=True)
     away = np.where(longest > 0, away / np.where(longest > 0, longest, 1.0), (1.0, 0.0))
     a, b = _End(valid, at, away), _End(valid, at, -away)
-    at_epipole = (longest[:, 0] == 0) & any(epipole)  # rounding decides about the direction there
+    at_epipole = (longest[:, 0] == 0) & any(epipole)  # there, rounding decides the direction
     length = a.steps + b.steps
     out = np.maximum(length // OUTWARD, 1)
     ends = [end.values(depth) for end in (a, b)]
@@ -81,7 +82,7 @@ def _rising(start: float, end: float, values: Array) -> Array:
 
 
 class _End:
-    """First valid pixels on lines from given places."""
+    """First valid pixels on lines that start at given places and advance by given steps."""
 
     def __init__(self, valid: Array, at: Array, step: Array) -> None:
         height, width = valid.shape
@@ -106,7 +107,7 @@ class _End:
         return np.where(self.found, image[self.pixels[:, 1], self.pixels[:, 0]], 0.0)
 
     def beyond(self, depth: Array, valid: Array, steps: Array) -> Array:
-        """Depths this many steps farther out; 0 where no surface is seen."""
+        """Depths that many steps beyond the ends; 0 where the pixel is not valid."""
         height, width = valid.shape
         place = self.at + (self.steps + steps)[:, None] * self.step
         self.decided &= _is_decided(place)
@@ -117,14 +118,14 @@ class _End:
 
 
 def _is_decided(places: Array) -> Array:
-    """Places, (N,) bool, that are not half-way between two pixels."""
+    """(N,) bool: places that are not half-way between two pixels."""
     return (np.abs(places - np.floor(places) - 0.5) > UNDECIDED).all(axis=-1)
 
 
 def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | None, perspective: bool) -> Array:
-    """Return colour and depth, (H, W, 4), with holes filled.
+    """Return colour and depth together, (H, W, 4), with holes filled.
 
-    `behind`: (2, H, W), the depth behind holes and the falloff, which weight the pixels; None: all weigh the same.
+    `behind`: (2, H, W), depth behind the holes and falloff, from which pixels get weights; None: equal weights.
     """
     values = np.concatenate([color, depth[..., None]], axis=-1).astype(float)
     counts = _around(~valid, BESIDE) & valid
@@ -150,7 +151,7 @@ def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | Non
 
 
 def _mix_rims(filled: Array, values: Array, valid: Array, behind: Array) -> None:
-    """Mix into each hole a part of the mean colour of the foreground above, below, left and right of the hole."""
+    """Mix the mean colour of foreground pixels among the four neighbours into each hole pixel at a silhouette."""
     total, parts, most = np.zeros((*valid.shape, 3)), np.zeros(valid.shape), np.zeros(valid.shape)
     padded, seen = np.pad(values, ((1, 1), (1, 1), (0, 0))), np.pad(valid, 1)
     height, width = valid.shape
@@ -165,12 +166,12 @@ def _mix_rims(filled: Array, values: Array, valid: Array, behind: Array) -> None
 
 
 def edges_of(valid: Array) -> Array:
-    """Hole pixels, (H, W) bool, next to valid pixels or at the border."""
+    """(H, W) bool: hole pixels beside valid pixels, also diagonally, or at the image's border."""
     return ~valid & _around(np.pad(valid, 1, constant_values=True), 1)[1:-1, 1:-1]
 
 
 def _around(mask: Array, reach: int) -> Array:
-    """Pixels within `reach` of the mask, also diagonally."""
+    """(H, W) bool: pixels within `reach` rows and columns of the mask's pixels."""
     height, width = mask.shape
     padded, found = np.pad(mask, reach), np.zeros_like(mask)
     for y in range(2 * reach + 1):
@@ -180,16 +181,16 @@ def _around(mask: Array, reach: int) -> Array:
 
 
 def _beside(image: Array) -> Array:
-    """Maximum within one pixel, (H, W)."""
+    """(H, W) maximum over 3 x 3 pixels."""
     height, width = image.shape
     padded = np.pad(image, 1)
     return np.max([padded[v : v + height, u : u + width] for v in range(3) for u in range(3)], axis=0)
 
 
 def _farthest(holes: Array, behind: Array) -> Array:
-    """Farthest depth behind holes, (H, W), in the 12 x 12 pixels around each block of 4 x 4.
+    """(H, W) farthest depth behind holes; each block of 4 x 4 pixels gets that of the 12 x 12 pixels around it.
 
-    Only hole pixels next to other pixels count, as far as a tile's window shows them.
+    Only hole pixels beside valid pixels count, as far as both are within a tile's window of `TILE` + 2 `HALO` pixels.
     """
     height, width = holes.shape
     down, across = -(-height // TILE) * TILE, -(-width // TILE) * TILE
@@ -207,9 +208,9 @@ def _farthest(holes: Array, behind: Array) -> Array:
 
 
 def _pushed(cells: Array, told: bool | None, side: int) -> Array:
-    """Merge four cells into one, (H / 2, W / 2, 5); the nearer a cell is than the farthest cell, the less it counts.
+    """Merge each four cells into one, (H / 2, W / 2, 5); cells nearer than the farthest of the four count less.
 
-    `told`: whether the picture is perspective; None: all count alike.
+    `told`: whether the picture is perspective; None: all cells count equally.
     """
     four = np.stack([cells[y::2, x::2] for y in (0, 1) for x in (0, 1)])
     weights = four[..., 4]
@@ -226,7 +227,10 @@ def _pushed(cells: Array, told: bool | None, side: int) -> Array:
 
 
 def _pulled(base: Array, told: bool | None, side: int) -> Array:
-    """Fill cells (H, W, 5) of weighted values and weights, `side` pixels wide, from coarser levels: (H, W, 4)."""
+    """Fill cells from coarser levels. Cells (H, W, 5) hold weighted values and weights, and are `side` pixels wide.
+
+    Returns values (H, W, 4).
+    """
     height, width = base.shape[:2]
     levels = [np.pad(base, ((0, -height % TILE), (0, -width % TILE), (0, 0)))]
     for number in range(4):

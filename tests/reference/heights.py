@@ -1,4 +1,4 @@
-"""Height maps in float64, a readable reference."""
+"""Height maps in float64: a readable reference."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 def bilinear_height(
     height: np.ndarray, u: np.ndarray, v: np.ndarray, wrap: tuple[str, str] = ("repeat", "repeat")
 ) -> np.ndarray:
-    """Height at (u, v), repeated or clamped outside 0 to 1 along each axis; texel centres are at (i + 0.5) / n."""
+    """Height at (u, v), interpolated between texel centres at (i + 0.5) / n; `wrap`: repeat or clamp, for u and v."""
     rows, columns = height.shape
     x, y = u * columns - 0.5, v * rows - 0.5
     x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)

@@ -1,9 +1,10 @@
-"""Exact views after sideways steps, in float64: each epipolar line as the polyline of the surface along it.
+"""Exact views after sideways steps, in float64: along each epipolar line, the surface is a polyline.
 
-Two cameras that share K and differ by a step along x, along y or (with square pixels) along a diagonal see each
-other's lines of samples as lines of pixels. Along such a line the surface is a polyline with a knot at each sample. On
-diagonals that cross the cells' own diagonals, it also has a knot in the middle of each cell. A sample moves along its
-line by focal length * step * nearness and keeps its nearness; the greatest nearness is visible.
+Two cameras with one K differ by a step along x, along y or, with square pixels, along a diagonal. Then each row, column
+or diagonal of samples in the source appears as a line of pixels in the target. Along it the surface is a polyline with
+a knot at each sample. Diagonals that cross the diagonals along which cells are split have a knot in the middle of each
+cell, too. Between the cameras, a sample moves along its line by focal length * step * nearness and keeps its nearness.
+On each ray, the greatest nearness is visible.
 """
 
 from __future__ import annotations
@@ -20,28 +21,28 @@ from tests.reference.margins import Margins, margins_of
 
 Array = NDArray[Any]
 
-TOUCH = 1e-6  # pixels by which a segment is extended, so that rounding in float64 opens no gaps
-NEAR_END = 1e-3  # pixels: a ray this close to an end of the surface may see it or not
+TOUCH = 1e-6  # pixels by which both ends of a segment are extended, so that rounding opens no gaps
+NEAR_END = 1e-3  # pixels: rays closer than this to an end of the surface may hit or miss it
 
 
 @dataclass
 class Sideways:
-    """View of a camera after a sideways step."""
+    """Picture of the camera after a sideways step."""
 
     depth: Array  #: (H, W) float64, nan in holes
-    source: Array  #: (H, W, 2) x and y of the visible point in the source, nan in holes
-    on_end: Array  #: (H, W) bool: the ray passes an unoccluded end of the surface, a fold or a lone sample
+    source: Array  #: (H, W, 2) source pixel (x, y) of the visible point, nan in holes
+    on_end: Array  #: (H, W) bool: the ray passes a visible end of the surface, a fold or a lone sample
 
 
 def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str = "connect") -> Sideways:
-    """Return the picture that `view.camera.moved(*step, 0)` sees of a view.
+    """Return the picture of a view from the camera `view.camera.moved(*step, 0)`.
 
     Parameters
     ----------
     view : DepthImage
-        The camera is perspective. If the step is along a diagonal, its pixels are square.
+        Its camera must be perspective, with square pixels if the step is diagonal.
     step : (x, y)
-        In scene units. One of them is 0, or both have the same length.
+        In scene units. One component is 0, or both have the same absolute value.
     edges : {"connect", "cut"}
         As for `WarpedView`.
     """
@@ -52,7 +53,7 @@ def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str =
     if direction[np.flatnonzero(direction)[0]] < 0:
         direction = -direction
     axis = 0 if direction[0] else 1
-    shift = view.camera.K[axis, axis] * step[axis]  # along the line, in pixels at nearness 1
+    shift = view.camera.K[axis, axis] * step[axis]  # pixels along the line, for nearness 1
     size = height, width
     result = Sideways(np.full(size, np.nan), np.full((*size, 2), np.nan), np.zeros(size, bool))
     epipole = np.append(np.diag(view.camera.K)[:2] * step, [0.0, 1.0])
@@ -65,13 +66,13 @@ def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str =
         result.depth[y, x] = 1 / seen
         result.source[y, x] = start + place[:, None] * direction
         away = np.abs((np.stack([margins.x, margins.y], axis=-1) - start) @ across)
-        beside = away <= np.abs(across).sum() * (0.5 + NEAR_END)  # a margin extends half a pixel from its sample
+        beside = away <= np.abs(across).sum() * (0.5 + NEAR_END)  # margins extend half a pixel
         _see_margins(result, margins.some(beside), epipole, x, y)
     return result
 
 
 def _see_margins(result: Sideways, margins: Margins, epipole: Array, x: Array, y: Array) -> None:
-    """Enter the margins that a line's rays meet, unless the rays see something nearer."""
+    """Add to the result the margins that a line's rays meet before anything else."""
     if not len(margins.x):
         return
     infinity = np.stack([x, y, np.ones(len(x)), np.zeros(len(x))], axis=-1)
@@ -102,26 +103,26 @@ def _starts(width: int, height: int, direction: Array) -> list[Array]:
 
 
 def _length(width: int, height: int, start: Array, direction: Array) -> int:
-    """Number of samples from the first one to the image's border."""
+    """Number of samples of a line, from the first to the image's border."""
     left = np.where(direction > 0, np.subtract([width, height], start), np.add(start, 1))
     return int(left[direction != 0].min())
 
 
 def _polyline(ring: Array, torn: Edges, x: Array, y: Array, direction: Array) -> tuple[Array, Array, Array]:
-    """Positions of the knots in samples from the line's start, their nearness, and which segments are surface.
+    """Positions of a line's knots, in samples from its start, their nearness, and which segments are surface.
 
-    The line extends half a pixel beyond its first and its last sample, to the borders of these pixels.
+    The line also covers half a pixel beyond its first and its last sample.
     """
     dx, dy = direction
     x, y = (1 + np.concatenate([a[:1] - d, a, a[-1:] + d]) for a, d in ((x, dx), (y, dy)))  # indices in the ring
     q, x, y = ring[y, x], x[:-1], y[:-1]
     places = np.arange(-1.0, len(q) - 1)
-    if (dx, dy) != (1, 1):  # rows, columns and the cells' own diagonals are edges of the grid
+    if (dx, dy) != (1, 1):  # the line runs along edges of the grid
         closed = ~(torn.diagonal[y - 1, x] if dx and dy else torn.right[y, x] if dx else torn.below[y, x])
         places[0], places[-1] = -0.5, len(q) - 2.5
         q[0], q[-1] = (q[0] + q[1]) / 2, (q[-2] + q[-1]) / 2
         return places, q, closed
-    # Other diagonals pass a cell's lower triangle, the middle of its own diagonal, and its upper triangle.
+    # In each cell, the line crosses the lower triangle, the middle of the diagonal, and the upper triangle.
     right, below = ring[y, x + 1], ring[y + 1, x]
     knots, closed = np.empty(2 * len(q) - 1), np.empty(2 * len(q) - 2, bool)
     knots[::2], knots[1::2] = q, (right + below) / 2
@@ -131,9 +132,9 @@ def _polyline(ring: Array, torn: Edges, x: Array, y: Array, direction: Array) ->
 
 
 def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> tuple[Array, Array, Array]:
-    """Nearness and position of the first surface on each pixel's ray, nan in holes; mask of rays that pass an end.
+    """Nearness and source position of the first surface on each pixel's ray, nan in holes, and which rays pass an end.
 
-    The knots are at s in the source and at t in the target. A segment shows its front where both run the same way.
+    Knots have the positions s in the source and t in the target. A segment shows its front if t grows with s.
     """
     nothing = np.full(len(pixels), np.nan)
     if not len(closed):
@@ -143,7 +144,7 @@ def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> t
         part = np.clip((pixels - t0) / (t1 - t0), 0, 1)
         met = closed[:, None] & (pixels >= np.minimum(t0, t1) - TOUCH) & (pixels <= np.maximum(t0, t1) + TOUCH)
         front = t1 > t0
-        # At a fold, a ray meets the front of one segment and the back of the next together: it sees the front.
+        # At a fold, a ray meets the front of one segment and the back of the next at one depth: the front wins.
         there = np.where(met, (q0 + part * (q1 - q0)) * (1 + TOUCH * front), -np.inf)
     first, pixel = there.argmax(axis=0), np.arange(len(pixels))
     visible = met[first, pixel] & front[first, 0]
@@ -154,7 +155,7 @@ def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> t
     before, after = np.append(False, closed), np.append(closed, False)
     side = np.append(front[:, 0], False)
     turns = before & after & (np.roll(side, 1) != side)
-    lone = ~before & ~after & np.isfinite(q)  # may be a corner of a surface beside the line
+    lone = ~before & ~after & np.isfinite(q)  # perhaps the corner of a surface beside the line
     ends = np.flatnonzero((before != after) | turns | lone)
     close = np.abs(pixels[:, None] - t[ends]) <= NEAR_END
     hidden = there.max(axis=0)[:, None] > q[ends] * 1.001

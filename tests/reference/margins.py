@@ -1,7 +1,8 @@
-"""Margins of a depth image's surface in NumPy: the parts of pixels at edges that no triangle covers.
+"""Margins of a depth image's surface in NumPy: they cover the parts of samples' pixels that no triangle covers.
 
-This is the readable form of `kernels/warp/margins.cl`. An open triangle is divided among its three corners; each corner
-gets the part nearest to it. That part is a quarter of the sample's pixel, or the half of a quarter on one side of the
+This is the readable form of `kernels/warp/margins.cl`. An open triangle, one with a torn edge, is divided among its
+three corners; each corner's margin covers the part nearest to it. In the pixel of the sample at the triangle's right
+angle, the part is a quarter of the pixel. In the pixels of the other two it is half of a quarter, on one side of the
 cell's diagonal.
 """
 
@@ -25,21 +26,21 @@ QUARTERS = ((-1, -1), (1, -1), (-1, 1), (1, 1))
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins, (n,), each in one quarter of a sample's pixel."""
+    """n margins; each lies in one quarter of a sample's pixel."""
 
-    x: Array  #: position of the sample
+    x: Array  #: (n,) pixel of the sample; y likewise
     y: Array
-    to_x: Array  #: -1 or 1: direction of the neighbours
+    to_x: Array  #: -1 or 1: direction of the quarter along x; `to_y` along y
     to_y: Array
-    parts: Array  #: LOWER, UPPER or both: sides of the cell's diagonal
+    parts: Array  #: LOWER, UPPER or both (3): the sides of the cell's diagonal that are covered
     q: Array  #: nearness at the sample
-    gu: Array  #: slopes of the nearness
+    gu: Array  #: change of nearness per pixel in x; `gv` in y
     gv: Array
-    color: Array  #: (n, 3, c) colour of the sample, and its changes along x and y
+    color: Array  #: (n, 3, c) colour of the sample, and its change per pixel in x and in y
 
     @cached_property
     def planes(self) -> Array:
-        """Planes (n, 4) in the image's pixel space: a plane times a point is W times the margin's lead in nearness."""
+        """Planes (n, 4) in homogeneous pixel space: plane . point = W * (the margin's nearness - the point's)."""
         level = self.q - self.gu * self.x - self.gv * self.y
         return np.stack([self.gu, self.gv, level, -np.ones(len(self.x))], axis=-1)
 
@@ -48,9 +49,9 @@ class Margins:
         return Margins(*(getattr(self, one.name)[which] for one in fields(self)))
 
     def hits(self, epipole: Array, infinity: Array, grown: float = 0.0) -> Array:
-        """Return t, (..., n), at which epipole + t * infinity (..., 4) meets each margin; inf where it does not.
+        """Return t, (..., n), where rays epipole + t * infinity meet each margin; inf where they do not.
 
-        Both are in the image's pixel space. grown: pixels by which margins are enlarged.
+        Both points, (4,) and (..., 4), are in homogeneous pixel space. Margins are enlarged by `grown` pixels.
         """
         with np.errstate(all="ignore"):
             t = -(self.planes @ epipole) / (infinity @ self.planes.T)
@@ -91,7 +92,7 @@ class Margins:
 
 
 def steepest_margins(view: DepthImage, q: Array) -> tuple[Array, Array]:
-    """Slopes of nearness along rows and columns on the steepest surface that faces the camera."""
+    """Change of nearness per pixel, in x and in y, on the steepest surface that counts as facing the camera."""
     fx, fy = view.camera.K[0, 0], view.camera.K[1, 1]
     if view.camera.projection == "orthographic":
         return STEEPEST / fx * np.ones_like(q), STEEPEST / fy * np.ones_like(q)
@@ -99,7 +100,7 @@ def steepest_margins(view: DepthImage, q: Array) -> tuple[Array, Array]:
 
 
 def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
-    """Return the margins of a view, from its nearness and edges as in `with_ring`."""
+    """Return the margins of a view from its nearness and edges, which `with_ring` returns."""
     height, width = view.depth.shape
     q = ring[1:-1, 1:-1]
 
@@ -110,7 +111,7 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
         return at(torn.right, dx, dy) | at(torn.below, dx, dy) | at(torn.diagonal, dx, dy)
 
     def upper(dx: int, dy: int) -> Array:
-        """Open triangles of the same cells, whose first sample is at (dx, dy)."""
+        """Whether the upper triangle is open in the cell whose upper left sample is at (dx, dy); `lower` likewise."""
         return at(torn.right, dx, dy + 1) | at(torn.below, dx + 1, dy) | at(torn.diagonal, dx, dy)
 
     open_parts = {
@@ -128,7 +129,7 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
     image = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
 
     def slope(dx: int, dy: int) -> Array:
-        """Slope along the axis of (dx, dy), or 0 if the neighbour there is on another surface."""
+        """Change of nearness towards the neighbour at (dx, dy), per pixel in x or y; 0 if it is torn from it."""
         sign = dx + dy
         return np.where(torn_to[dx, dy], 0.0, (at(ring, dx, dy) - q) * sign)
 
@@ -137,7 +138,7 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
         low, high = open_parts[tx, ty]
         most_x, most_y = steepest_margins(view, q)
         gu, gv = np.clip(slope(tx, 0), -most_x, most_x), np.clip(slope(0, ty), -most_y, most_y)
-        if (tx, ty) == (1, -1):  # next to a triangle of the same cell: its plane
+        if (tx, ty) == (1, -1):  # where the cell's other triangle is drawn, its plane continues
             planes = (
                 (high & ~low, at(ring, 1, -1) - at(ring, 0, -1), q - at(ring, 0, -1)),
                 (low & ~high, at(ring, 1, 0) - q, at(ring, 1, 0) - at(ring, 1, -1)),

@@ -1,4 +1,4 @@
-"""Noise of depth, estimated from its own samples."""
+"""Noise of depth, estimated from the depth image itself."""
 
 from __future__ import annotations
 
@@ -19,54 +19,54 @@ Nearness = NDArray[np.float32]
 Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
 """Noise of depth, as `DepthImage` and `clean_depth` accept it."""
 
-_CELLS_MIN = 50  # the median of fewer cells is off by over 15 %
-_KNOWN = 0.1  # fraction of known cells: if fewer are known, every other sample is missing
-_GOLDEN = 0.6180339887498949  # rows at its multiples follow no period of the picture
-_MANTISSA = 23  # bits of a float32
-_ROUNDING = 2.0**-17  # relative to the nearness: smaller differences are rounding, or make no edge
-_EDGE = 0.1  # relative to the nearness: neighbours that differ more are an edge
-_CELL = 2.0  # standard deviation of a cell's difference, in standard deviations of its four samples
-_FEW, _SMOOTH = 0.1, 0.8  # least fractions of cells without an edge, overall and in a range: fewer would be a selection
-_MOST, _OF_MOST = 0.6, 0.39639  # fraction of smallest differences that is averaged, and its mean in normal noise
-_LEAST_QUARTER = 0.15793 / 1.4  # mean of the smallest quarter, with a reserve: edges raise the mean of `_MOST` more
-_SHAPE = 9.0  # squared ratio of differences two samples apart to those one apart: noise has 1, curves 16
-_FALL = 1.15  # largest ratio of noise to the noise of farther samples
-_CHANCE = 4.0  # margin of estimates from few cells: this, over the square root of their number, is added to `_FALL`
-_STEP_MAX = 0.25  # relative to the nearness: larger differences are edges
-_LEVELS_MIN = 12  # least number of levels: a scale has more, exact stairs have fewer
-_ONE_STEP = 0.6  # least fraction of changes by one step, and of levels whole steps apart: edges have any size
-_STAIRS = 0.01  # least fraction of the changes that are stairs, which are few on steep surfaces
-_WHOLE, _MOSTLY = 0.02, 0.9  # largest rounding of multiples of steps in float32; least fraction of multiples within it
-_STAIRS_MAX = 4_000  # largest number of changes to examine: a subset has the same levels
-_OFF = 0.2  # steps by which changes, and gaps between levels, may differ from whole steps: two scales may be mixed
-_NEAREST = 1e37  # four times this nearness still fits single precision
-_NOISE_MAX = 1e18  # scene units: the square still fits single precision
-_ROUNDS, _CLOSE = 3, 0.02  # number of fits; a larger difference in one fit weighs less in the next
-_SIMPLER = 0.03  # improvement of a fit that justifies one more term
-_TIE = 1e-6  # fits whose errors differ by less are equally close: any two terms fit two depths
-_RIDGE = 1e-9  # with one depth alone, the kinds of noise cannot be distinguished
+_CELLS_MIN = 50  # estimates from fewer cells are off by over 15 %
+_KNOWN = 0.1  # fraction of cells with depth; with fewer, every other sample is taken to be missing
+_GOLDEN = 0.6180339887498949  # rows are chosen at its multiples, to avoid periods of the picture
+_MANTISSA = 23  # bits of a float32's mantissa
+_ROUNDING = 2.0**-17  # fraction of the nearness: smaller differences may be rounding
+_EDGE = 0.1  # fraction of the nearness: there is an edge between neighbours that differ more
+_CELL = 2.0  # standard deviation of a cell's second difference, in deviations of one sample
+_FEW, _SMOOTH = 0.1, 0.8  # least fractions of cells without an edge, overall and in a range; fewer would be biased
+_MOST, _OF_MOST = 0.6, 0.39639  # the smallest 60 % of differences are averaged; their mean for unit normal noise
+_LEAST_QUARTER = 0.15793 / 1.4  # the same mean for the smallest 25 %, which edges raise less, divided as a reserve
+_SHAPE = 9.0  # squared ratio of differences over two samples to differences over one: 1 for noise, 16 for curves
+_FALL = 1.15  # nearer samples have at most this multiple of the noise of farther samples
+_CHANCE = 4.0  # divided by the square root of the number of cells, this is added to `_FALL`: few cells tell less
+_STEP_MAX = 0.25  # fraction of the nearness: larger differences are edges, not steps of a scale
+_LEVELS_MIN = 12  # least number of levels of a scale; real stairs have fewer
+_ONE_STEP = 0.6  # on a scale, at least this fraction of changes is one step, and of levels is whole steps apart
+_STAIRS = 0.01  # least fraction of changes that are stairs; steep surfaces have few
+_WHOLE, _MOSTLY = 0.02, 0.9  # steps by which float32 rounds whole multiples; least fraction of multiples so rounded
+_STAIRS_MAX = 4_000  # largest number of changes that are examined
+_OFF = 0.2  # steps by which changes, and gaps between levels, may differ from whole steps, as if two scales are mixed
+_NEAREST = 1e37  # greatest nearness: four times as much still fits float32
+_NOISE_MAX = 1e18  # scene units: the square still fits float32
+_ROUNDS, _CLOSE = 3, 0.02  # number of fits; points that differ from a fit by more than 2 % weigh less in the next
+_SIMPLER = 0.03  # one more term must reduce a fit's mean error by this
+_TIE = 1e-6  # fits whose errors differ by less count as equal; for two depths, any two terms fit exactly
+_RIDGE = 1e-9  # keeps the equations solvable where all samples have one depth
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
 )
-"""Possible sets of the three kinds of noise: (7, 3) bool, the smallest sets first."""
+"""Sets of the three terms a z^2, b z and c that a fit may use: (7, 3) bool, the smallest sets first."""
 _CHOSEN_PAIRS = _CHOICES[:, :, None] & _CHOICES[:, None, :]
 _OTHERS = np.eye(3) * np.where(_CHOICES, _RIDGE, 1.0)[:, None]
 
 
 def _octaves(values: Nearness, parts: int) -> NDArray[np.int32]:
-    """Index of the part of an octave in which each positive float32 number lies, with 2^parts parts to an octave."""
+    """Index of the range that contains each positive float32 number; each octave is divided into 2^parts ranges."""
     return values.view(np.int32) >> (_MANTISSA - parts)
 
 
-_QUARTERS, _EIGHTHS = 2, 3  # parts of an octave: ranges of nearness, and of differences relative to it
+_QUARTERS, _EIGHTHS = 2, 3  # ranges of nearness are quarters of an octave, ranges of relative differences eighths
 _LEAST, _GREATEST = _octaves(np.array([_ROUNDING, 1.0], np.float32), _EIGHTHS).tolist()
 _MIDDLES = np.arange(2 * _LEAST - 1, 2 * _GREATEST + 2, 2, dtype=np.int32) << (_MANTISSA - _EIGHTHS - 1)
 _SIZES: Float64 = _MIDDLES.view(np.float32).astype(np.float64)
-_SIZES[0] = 0.0  # rounding
+_SIZES[0] = 0.0  # differences below `_ROUNDING`
 
 
 class DepthNoise:
-    """Noise of an image's depth, and the steps of its scale; parameters as in `pyibr.images.noise.DepthNoise`."""
+    """Noise of an image's depth, and the steps of its scale; parameters as for `pyibr.images.noise.DepthNoise`."""
 
     def __init__(
         self,
@@ -80,14 +80,14 @@ class DepthNoise:
 
     @cached_property
     def deviation(self) -> tuple[float, float, float]:
-        """(a, b, c), none negative: at depth z the noise has a standard deviation of about a z^2 + b z + c."""
+        """(a, b, c), none negative: the standard deviation of noise at depth z is about a z^2 + b z + c."""
         if self.given is not None:
             return self.given
         return _noise_of(self._strips, self.steps)
 
     @cached_property
     def steps(self) -> tuple[float, float, float]:
-        """(a, b, c), none negative: levels of a coarse scale (disparity, whole units) are a z^2 + b z + c apart."""
+        """(a, b, c), none negative: if depth has a coarse scale, its levels at depth z are a z^2 + b z + c apart."""
         return _scale_steps(self._strips)
 
     @cached_property
@@ -96,9 +96,9 @@ class DepthNoise:
 
 
 def _sampled_strips(depth: Depth, far: float, cells: int) -> Nearness:
-    """Nearness, (3, n), of some strips of three rows and of three columns, one after the other.
+    """Nearness, (3, n), of some strips of three rows and some strips of three columns, one strip after another.
 
-    NaN where there is no sample, and between strips. If every other sample is missing, lines are two apart.
+    NaN where there is no sample, and between strips. If every other sample is missing, these are left out.
     """
     near = np.empty((3, 0), np.float32)
     for gap in (1, 2):
@@ -127,17 +127,17 @@ def _strips_of(depth: Depth, cells: int) -> Depth:
 
 
 def _noise_of(strips: Nearness, steps: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Estimate noise, (a, b, c), from cells of 2 x 2 samples; at least half of a scale's steps.
+    """Estimate noise, (a, b, c), from cells of 2 x 2 samples; it is at least half of a scale's steps.
 
-    The difference of a cell's two differences is 0 on planes, and along edges that follow rows or columns. So most
-    cells on thin structures show only noise, too.
+    Each cell's second difference, upper left - upper right - lower left + lower right, is 0 on planes, and at edges
+    along rows or columns. So most cells on thin structures, too, show only noise.
     """
     near, change, largest = _cells(strips[0], strips[1], 1)
     on_scale, half = any(steps), (0.5 * steps[0], 0.5 * steps[1], 0.5 * steps[2])
     if len(near) < _CELLS_MIN:
         return half
     smooth = largest < _EDGE * near
-    if np.count_nonzero(smooth) < _FEW * len(near):  # their noise is as large as edges
+    if np.count_nonzero(smooth) < _FEW * len(near):  # noise is as large as edges
         smooth[:] = True
     row = _octaves(near, _QUARTERS)
     first = row.min()
@@ -146,7 +146,7 @@ def _noise_of(strips: Nearness, steps: tuple[float, float, float]) -> tuple[floa
     near_2, change_2, _ = _cells(strips[0], strips[2], 2)
     row_2 = np.minimum(np.maximum(_octaves(near_2, _QUARTERS) - first, 0), ranges - 1)
     one, two = _histogram(row[smooth], (change / near)[smooth], ranges), _histogram(row_2, change_2 / near_2, ranges)
-    # Equal samples, such as a sky's, say nothing about the noise of others; nor do ranges with many edges.
+    # Ranges with many equal samples, such as a sky, say nothing about noise, nor do ranges with many edges.
     total, every = np.add.reduce(one, axis=1), np.bincount(row, minlength=ranges)
     levels = np.bincount(row[largest == 0.0], minlength=ranges)
     told = (total >= _CELLS_MIN) & (on_scale | (levels < 0.25 * total))
@@ -154,7 +154,7 @@ def _noise_of(strips: Nearness, steps: tuple[float, float, float]) -> tuple[floa
     told = smoother if smoother.any() else told
     z, total = every[told] / np.bincount(row, near, minlength=ranges)[told], total[told]
     near_by, far_by = _deviations(np.stack([one[told], two[told]]), on_scale) * z
-    # Curves do not count: their differences grow with the square of the distance.
+    # Subtract the part of curves, whose second differences grow with the square of the distance.
     deviations = np.sqrt(np.maximum(_SHAPE * near_by**2 - far_by**2, 0.0) / (_SHAPE - 1.0))
     if total[deviations == 0.0].sum() >= 0.5 * total.sum():
         return half
@@ -164,7 +164,7 @@ def _noise_of(strips: Nearness, steps: tuple[float, float, float]) -> tuple[floa
 
 
 def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearness, Nearness]:
-    """Known cells between two lines: mean nearness, difference of the differences, largest difference of samples."""
+    """Cells with four samples in two lines: mean nearness, second difference, largest difference of neighbours."""
     above, below, left = upper[gap:] - upper[:-gap], lower[gap:] - lower[:-gap], (lower - upper)[gap:]
     near = np.float32(0.25) * (upper[gap:] + upper[:-gap] + lower[gap:] + lower[:-gap])
     known = np.isfinite(near)
@@ -173,16 +173,16 @@ def _cells(upper: Nearness, lower: Nearness, gap: int) -> tuple[Nearness, Nearne
 
 
 def _histogram(row: NDArray[np.int32], size: Nearness, ranges: int) -> NDArray[np.intp]:
-    """Counts by range of nearness, and by size relative to the nearness."""
+    """Counts, (ranges, sizes), of differences by range of nearness and by size relative to the nearness."""
     column = np.minimum(np.maximum(_octaves(size, _EIGHTHS), _LEAST - 1), _GREATEST)
     at = row * len(_SIZES) + column - (_LEAST - 1)
     return np.bincount(at, minlength=ranges * len(_SIZES)).reshape(ranges, -1)
 
 
 def _mean_below(counts: NDArray[np.intp], share: float) -> Float64:
-    """Means, (..., ranges), of the fraction `share` of smallest sizes in histograms (..., ranges, sizes).
+    """Means, (..., ranges), of the smallest sizes, which make up the fraction `share`, in histograms.
 
-    Quantiles of noise in steps would be quantiles of the steps.
+    The histograms are (..., ranges, sizes). Quantiles would not do: for noise in steps they are whole steps.
     """
     wanted = share * np.add.reduce(counts, axis=-1)
     before = counts.cumsum(axis=-1) - counts
@@ -191,16 +191,16 @@ def _mean_below(counts: NDArray[np.intp], share: float) -> Float64:
 
 
 def _deviations(counts: NDArray[np.intp], on_scale: bool) -> Float64:
-    """Standard deviations, (..., ranges), relative to the nearness, of histograms (..., ranges, sizes)."""
+    """Standard deviations of noise, (..., ranges), as fractions of the nearness, from (..., ranges, sizes) counts."""
     most = _mean_below(counts, _MOST) / _OF_MOST
-    # On a scale, equal differences do not rule out noise.
+    # On a scale, many differences are equal although there is noise.
     return (most if on_scale else np.minimum(most, _mean_below(counts, 0.25) / _LEAST_QUARTER)) / _CELL
 
 
 def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
-    """Estimate the steps of a scale, (a, b, c).
+    """Estimate (a, b, c) of the steps of a scale, which are a z^2 + b z + c at depth z; all 0 without a scale.
 
-    On a scale, surfaces are stairs: samples equal one neighbour and differ from the other, mostly by one step.
+    On a scale, surfaces are stairs: a sample equals one neighbour and differs from the other, mostly by one step.
     """
     none = 0.0, 0.0, 0.0
     along = strips[0, :-2], strips[0, 1:-1], strips[0, 2:]
@@ -209,7 +209,7 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     jump, least = np.abs(one - other), np.minimum(np.abs(one), np.abs(other))
     is_change = (jump > _ROUNDING * here) & (jump < _STEP_MAX * here)
     is_stair = is_change & (least == 0)
-    # On a scale, steep surfaces rise by whole steps.
+    # On a scale, steep surfaces rise by a whole number of steps from sample to sample.
     steep = (is_change & (least > 0) & ((one > 0) == (other > 0))).nonzero()[0]
     multiples = least[steep] / jump[steep]
     is_stair[steep] = np.count_nonzero(np.abs(multiples - np.rint(multiples)) < _WHOLE) > _MOSTLY * len(steep)
@@ -242,9 +242,9 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
 
 
 def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) -> tuple[float, float, float]:
-    """Fit (a, b, c), none negative, such that deviations (n,) at depths z (n,) are about a z^2 + b z + c.
+    """Fit (a, b, c), none negative, so that a z^2 + b z + c is near the deviations (n,) at depths z (n,).
 
-    Zero deviations are ignored. counts: numbers of samples behind the deviations.
+    Deviations of 0 are ignored. counts: number of samples from which each deviation was estimated.
     """
     known = deviations > 0
     number = np.count_nonzero(known)
@@ -255,7 +255,7 @@ def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) 
     terms = np.empty((number, 3))
     terms[:, 0], terms[:, 1], terms[:, 2] = z * z, z, 1.0
     terms /= in_depth[:, None]
-    # As in `pyibr.images.noise`: each choice of terms is fitted for least differences, by reweighted squares.
+    # As in `pyibr.images.noise`: for each set of terms, reweighted least squares minimise absolute differences.
     sizes: Float64 = np.sqrt(np.add.reduce(terms * terms, axis=0))
     scaled = terms / sizes
     products = (scaled[:, :, None] * scaled[:, None, :]).reshape(number, 9)

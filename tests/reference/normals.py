@@ -1,4 +1,4 @@
-"""Normals from a depth image, as in kernels/picture/normals.cl: sample by sample, in float64."""
+"""Normals from a depth image, as kernels/picture/normals.cl computes them, sample by sample in float64."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pyibr.images import DepthImage
 
 
 def fitted_normals(view: DepthImage, radius: int, cut_ratio: float = 1.05) -> NDArray[np.float64]:
-    """Normals (H, W, 3), camera's frame, of planes fitted to nearness around each sample; NaN without a sample."""
+    """Normals (H, W, 3), camera's frame, of planes fitted to the nearness around each sample; NaN without a sample."""
     camera, K = view.camera, view.camera.K
     perspective = camera.projection == "perspective"
     longer = max(camera.width / K[0, 0], camera.height / K[1, 1])
@@ -23,7 +23,7 @@ def fitted_normals(view: DepthImage, radius: int, cut_ratio: float = 1.05) -> ND
         v, u = np.add(np.argwhere(near), (rows.start, columns.start)).T
         nearness = 1 / around[near] if perspective else -around[near]
         terms = np.column_stack([u - x, v - y, np.ones(len(u))])
-        gx, gy, _ = np.linalg.lstsq(terms, nearness, rcond=None)[0]  # least solution, for samples on one line
+        gx, gy, _ = np.linalg.lstsq(terms, nearness, rcond=None)[0]  # if all samples lie on one line, the least slope
         if perspective:
             plane = np.array([gx, gy, 1 / z[y, x] - gx * x - gy * y]) @ K
         else:

@@ -1,4 +1,4 @@
-"""A triangle at a pixel in float64, a readable reference; it uses none of the maths of pyibr's camera."""
+"""Weights and depths of triangles at pixels, in float64: a readable reference without pyibr's camera maths."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pyibr.core.camera import Camera
 
 
 def homogeneous(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Homogeneous (..., 3) U, V, W of world points (..., 3): their pixels are (U / W, V / W)."""
+    """Homogeneous pixels (..., 3), U, V and W, of world points (..., 3); the pixels are (U / W, V / W)."""
     rotation, center = camera.world_from_camera[:3, :3], camera.world_from_camera[:3, 3]
     local = (points - center) @ rotation
     if camera.projection == "orthographic":
@@ -17,9 +17,9 @@ def homogeneous(camera: Camera, points: np.ndarray) -> np.ndarray:
 
 
 def weights(camera: Camera, corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Perspective-correct weights (n, 3) of corners (n, 3, 3), where pixels (n, 2) see the triangles' planes.
+    """Weights (n, 3) of triangles' corners (n, 3, 3) for the points of the triangles' planes that pixels (n, 2) see.
 
-    Pixel (x, y) sees the point sum w_k P_k if sum w_k (U_k, V_k, W_k) is a multiple of (x, y, 1).
+    Pixel (x, y) sees the point sum w_k P_k if sum w_k (U_k, V_k, W_k) is a multiple of (x, y, 1). The sum of w_k is 1.
     """
     seen = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
     multiple = np.linalg.solve(homogeneous(camera, corners).transpose(0, 2, 1), seen[..., None])[..., 0]
@@ -27,13 +27,16 @@ def weights(camera: Camera, corners: np.ndarray, pixels: np.ndarray) -> np.ndarr
 
 
 def depths(camera: Camera, corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Planar z, (n,), of triangles' planes at pixels."""
+    """(n,) planar depth of the triangles' planes at pixels."""
     z = (corners - camera.world_from_camera[:3, 3]) @ camera.world_from_camera[:3, 2]
     return (weights(camera, corners, pixels) * z).sum(axis=1)
 
 
 def edge_distances(camera: Camera, corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Distances (n, 3), in pixels, from the edge opposite to each corner, positive inside; corners are in front."""
+    """Distances (n, 3) of pixels from the edge opposite each corner, in pixels, positive inside the triangle.
+
+    All corners must lie in front of the camera.
+    """
     place = homogeneous(camera, corners)
     place = place[..., :2] / place[..., 2:]
     p, q = np.roll(place, -1, axis=1), np.roll(place, -2, axis=1)

@@ -1,7 +1,8 @@
-"""Relief mapping in float64, a readable reference: entry at triangles, distance to the quadric, both searches.
+"""Relief mapping in float64: a readable reference.
 
-Each pixel's ray enters at every triangle that it meets from the front; the nearest hit below them is visible. The ray
-leaves the mesh at the next triangle that it meets from behind. If it leaves its quadric earlier, it is searched again.
+Each pixel's ray enters the relief at every triangle that it meets from the front. Below each of these triangles the
+ray is searched for the relief, whose surface is measured from a quadric; the nearest hit is visible. If a search finds
+nothing, the ray is searched again up to the next triangle that it meets from behind, with depth below the mesh.
 """
 
 from __future__ import annotations
@@ -15,16 +16,16 @@ from pyibr.core.camera import Camera
 from pyibr.relief.quadrics import VertexFrames
 from tests.reference.heights import bilinear_height
 
-STEEPEST = 1e-3  # least cosine of the angle at which rays enter, for interpolated normals
+STEEPEST = 1e-3  # least cosine between an entering ray and the interpolated normal, reversed
 
 
 @dataclass
 class Rays:
-    """n rays below a surface, in the tangent frame of their entry point; t is the distance from there."""
+    """n rays below a surface, each in the tangent frame of its entry point; t is the distance from that point."""
 
     uv: np.ndarray  # (n, 2) at the entry point
     duv: np.ndarray  # (n, 2) change of uv per t
-    V: np.ndarray  # (n, 3) unit directions: x along the gradient of u, y, z along the normal
+    V: np.ndarray  # (n, 3) unit directions; x is along the gradient of u, z along the normal, y across both
     a: np.ndarray  # (n,) coefficients of the quadric z = a x^2 + b y^2 + c x y
     b: np.ndarray
     c: np.ndarray
@@ -36,14 +37,14 @@ class Rays:
         return Rays(self.uv[which], self.duv[which], self.V[which], a, b, c, self.scale)
 
     def approximate(self, t: np.ndarray) -> np.ndarray:
-        """Equation 7: depth of P below the quadric, along z; 1 is the bottom."""
+        """Equation 7: depth of the point P = t V below the quadric, measured along z; 1 is the bottom."""
         x, y, z = (self.V * t[:, None]).T
         return -(z - (self.a * x**2 + self.b * y**2 + self.c * x * y)) / self.scale
 
     def perpendicular(self, t: np.ndarray) -> np.ndarray:
-        """Equation 6: s such that P + s U = R lies on the quadric; equation 7 where there is no solution."""
+        """Equation 6: distance s for which R = P + s U lies on the quadric; equation 7 where there is no solution."""
         V, P = self.V, self.V * t[:, None]
-        U = np.array([0.0, 0, 1]) - V[:, 2:] * V  # in the plane of V and the normal, perpendicular to V
+        U = np.array([0.0, 0, 1]) - V[:, 2:] * V  # perpendicular to V, in the plane of V and the normal
         U /= np.linalg.norm(U, axis=1, keepdims=True)
         a, b, c = self.a, self.b, self.c
         A = a * U[:, 0] ** 2 + b * U[:, 1] ** 2 + c * U[:, 0] * U[:, 1]
@@ -56,11 +57,11 @@ class Rays:
         C = a * P[:, 0] ** 2 + b * P[:, 1] ** 2 + c * P[:, 0] * P[:, 1] - P[:, 2]
         discriminant = B**2 - 4 * A * C
         with np.errstate(invalid="ignore", divide="ignore"):
-            s = 2 * C / (-B + np.sqrt(discriminant))  # the root next to P, also where A is 0
+            s = 2 * C / (-B + np.sqrt(discriminant))  # the root nearest to P; valid for A = 0, too
         return np.where((discriminant >= 0) & (s >= 0), s / self.scale, self.approximate(t))
 
     def ends(self, distance: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return t_max, and whether it is at the bottom (section 3.3)."""
+        """Return t_max, at which rays leave the relief's layer, and whether they leave by its bottom (section 3.3)."""
         L = -self.V[:, 2] / self.scale
         K = (
             self.a * self.V[:, 0] ** 2 + self.b * self.V[:, 1] ** 2 + self.c * self.V[:, 0] * self.V[:, 1]
@@ -71,7 +72,7 @@ class Rays:
         if distance == "approximate":
             return np.where(at_bottom, bottom, out), at_bottom
         depth = getattr(self, distance)
-        # The first of many steps at the bottom, up to where equation 7 leaves the quadric; then halvings.
+        # Of 64 steps up to the end by equation 7, find the first below the bottom, then halve its interval.
         far = np.where(K < 0, out, 4 * np.where(at_bottom, bottom, 0))
         after, reaches = far.copy(), np.zeros(len(far), bool)
         for i in range(1, 65):
@@ -85,10 +86,11 @@ class Rays:
         return np.where(reaches, after, np.where(K < 0, out, bottom)), reaches | (at_bottom & (K >= 0))
 
     def following_mesh(self, way: np.ndarray, slope: np.ndarray) -> tuple[Rays, np.ndarray, np.ndarray]:
-        """Return the rays with equation 7 of a parabola, and the t and the depth at which the parabola ends.
+        """Return rays whose equation 7 gives a parabola, and the t and the depth at which the parabola ends.
 
-        A cubic is 0 where the rays enter and leave the mesh, and has both slopes there. The parabola rises, no steeper
-        than the rays enter, to where the cubic is at the bottom or deepest.
+        A cubic of t approximates depth below the mesh: it is 0 where the ray enters and leaves, and has the slopes of
+        the ray there. The parabola starts no steeper than the ray enters, and ends where the cubic first reaches the
+        bottom or, if it never does, where it is deepest.
         """
         leaves, L = np.maximum(slope, 0) / self.scale, -self.V[:, 2] / self.scale
         part = np.arange(17)[:, None] / 16
@@ -108,7 +110,7 @@ class Rays:
 def searched(
     rays: Rays, height: np.ndarray, distance: str, steps: int, halvings: int, longest: np.ndarray | float = np.inf
 ) -> np.ndarray:
-    """Return t, (n,), at which the rays meet the relief; infinite where they miss it."""
+    """Return t, (n,), at which rays meet the relief, by steps and then halvings; inf where they miss it."""
     depth = getattr(rays, distance)
     end, at_bottom = rays.ends(distance)
     at_bottom = at_bottom & (end <= longest)
@@ -142,12 +144,12 @@ def relief_depth(
     steps: int = 32,
     halvings: int = 6,
 ) -> np.ndarray:
-    """Planar depth (H, W) of a relief; infinite where there is none."""
+    """Planar depth (H, W) of a relief in a camera's picture; inf where the picture is empty."""
     y, x = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
     near = camera.unproject(np.column_stack([x, y]), np.ones(len(x)))
     perspective = camera.projection == "perspective"
     origin = np.tile(camera.center, (len(x), 1)) if perspective else near - camera.forward
-    ray = near - origin  # step to planar depth 1
+    ray = near - origin  # increases planar depth by 1
     length = np.linalg.norm(ray, axis=1)
     unit = ray / length[:, None]
     found = np.full(len(x), np.inf)
@@ -183,7 +185,10 @@ def relief_depth(
 def _crossing(
     corners: np.ndarray, origin: np.ndarray, ray: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Intersect rays with a triangle: which rays meet it, which of them from the front, their depths and weights."""
+    """Intersect rays with a triangle.
+
+    Returns the indices of rays that meet it, which of these meet it from the front, their depths and weights.
+    """
     side, other = corners[1] - corners[0], corners[2] - corners[0]
     normal = np.cross(side, other)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -197,7 +202,7 @@ def _crossing(
 
 
 def _exits(places: list[tuple[np.ndarray, ...]], count: int) -> tuple[list[np.ndarray], ...]:
-    """Depths at which each ray leaves the mesh, in order, with the triangles and the weights there."""
+    """For each ray, the depths at which it leaves the mesh, in order, with the triangles and their weights there."""
     backs = [~fronts for _, fronts, _, _ in places]
     pixel = np.concatenate([met[back] for (met, _, _, _), back in zip(places, backs, strict=True)])
     depth = np.concatenate([at[back] for (_, _, at, _), back in zip(places, backs, strict=True)])
@@ -211,7 +216,7 @@ def _exits(places: list[tuple[np.ndarray, ...]], count: int) -> tuple[list[np.nd
 def _entered(
     weights: np.ndarray, face: np.ndarray, uv: np.ndarray, frames: VertexFrames, d: np.ndarray, scale: float
 ) -> Rays:
-    """Return rays in tangent frames, which are interpolated over a triangle."""
+    """Return rays in the tangent frames of their entry points, interpolated between a triangle's corners."""
     normal = weights @ frames.normals[face]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     gradients = np.einsum("nk,kic->nic", weights, frames.gradients[face])

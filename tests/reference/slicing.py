@@ -1,6 +1,7 @@
-"""Objects from images in float64, a readable reference (Kautz & Seidel 2001, sections 4 and 5).
+"""Objects from images in float64: a readable reference for Kautz & Seidel (2001), sections 4 and 5.
 
-It uses no slices: rays are marched in steps far finer than a slice, and entries are refined by halving.
+It uses no slices: each ray is followed in steps far shorter than the distance of slices, and the point where it enters
+the object is refined by halving the last step.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ Inside = Callable[[np.ndarray], np.ndarray]  # world points (N, 3) -> (N,) bool
 
 
 def bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Interpolate the pixels around (x, y), whose centres are at whole numbers; the border is repeated."""
+    """Interpolate an image bilinearly at (x, y); pixel centres are at whole numbers, and border pixels are repeated."""
     height, width = image.shape
     x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
     left, upper = np.floor(x).astype(int), np.floor(y).astype(int)
@@ -30,7 +31,7 @@ def bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def seen_at(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return pixels x, y and depth of world points, and which points are on the image."""
+    """Return x, y and depth of world points in a camera's image, and which points the image contains."""
     local = (points - camera.world_from_camera[:3, 3]) @ camera.world_from_camera[:3, :3]
     z = local[:, 2]
     scale = np.where(z > 0, z, 1.0) if camera.projection == "perspective" else 1.0
@@ -41,21 +42,22 @@ def seen_at(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def nearness(z: np.ndarray, camera: Camera) -> np.ndarray:
-    """Nearness, linear across the picture of a plane: 1/z for a perspective camera, -z for an orthographic one."""
+    """Nearness, 1/z for a perspective camera and -z for an orthographic one, is linear in the pixels of a plane."""
     return 1 / np.maximum(z, 1e-12) if camera.projection == "perspective" else -z
 
 
 class DepthSurface:
-    """The surface of a depth image, at any place (x, y) of the image.
+    """The surface of a depth image, which has a nearness at every place (x, y) of the image.
 
-    Within cells of one surface it is bilinear, and nearer by up to two samples' distance where both sides bend,
-    because there may be a crease. In other cells, the samples of the nearest part limit the surface's nearness. This
-    part ends where its weights are `outline` next to background, and falls off to the surface behind it.
+    A cell's four samples may all be of one surface. Then nearness is interpolated bilinearly. A crease may lie in the
+    cell if the surface bends on both sides: then it is nearer, by up to two distances between samples. In other cells,
+    the nearest samples form the front part. Beside missing samples, the front part ends where its samples' bilinear
+    weights sum up to `outline`. Beside a farther surface, it falls off to that surface.
     """
 
-    EDGE = 3.0  # samples' distances: a larger change separates surfaces
-    REACH = 2.0  # samples' distances by which a surface may be nearer than its samples
-    FALL = 1e30  # change of nearness where the surface ends
+    EDGE = 3.0  # distances between samples: neighbours whose depths differ more are on different surfaces
+    REACH = 2.0  # distances between samples by which a surface may be nearer than its samples
+    FALL = 1e30  # change of nearness beside a missing sample
 
     def __init__(self, view: DepthImage, outline: float) -> None:
         self.valid, self.outline = view.valid, outline
@@ -66,13 +68,13 @@ class DepthSurface:
         self.whole, self.crease_there, self.of_part, self.near = self.cells(x, y)
 
     def sample(self, n: np.ndarray) -> np.ndarray | float:
-        """Change of nearness over the distance between samples."""
+        """Change of nearness over a step in depth as long as the distance between samples, at nearness n."""
         return n / self.focal if self.perspective else 1 / self.focal
 
     def change(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the change from (x, y) to the next sample along a row or a column, and whether both are one surface.
+        """Return the change of nearness from (x, y) to the next sample, and whether both are on one surface.
 
-        The change from or to a missing sample is `FALL`, which stands for infinity.
+        The next sample is at (x + dx, y + dy). The change to a missing sample is -`FALL`, from a missing one `FALL`.
         """
         height, width = self.n.shape
         there = (x >= 0) & (y >= 0) & (x + dx < width) & (y + dy < height)
@@ -84,19 +86,19 @@ class DepthSurface:
         return np.where(there, change, np.where(self.valid[here], -self.FALL, self.FALL)), joined
 
     def rise(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> np.ndarray:
-        """Return the change from (x, y) to the next sample of the same surface, or 0."""
+        """Return the change from (x, y) to the next sample if both are on one surface, or 0."""
         change, joined = self.change(x, y, dx, dy)
         return np.where(joined, change, 0)
 
     def bend(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> np.ndarray:
-        """Change of slope at (x, y), away from the camera."""
+        """Decrease of slope at (x, y), where the surface bends away from the camera; else 0."""
         return np.maximum(self.change(x - dx, y - dy, dx, dy)[0] - self.change(x, y, dx, dy)[0], 0)
 
     def crease(self, x: np.ndarray, y: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the height of a crease above the chord to the next sample, and its sharpness.
+        """Return how far a crease between (x, y) and the next sample rises above their chord, and its sharpness.
 
-        A crease is where planes from both sides meet. The bend of roundness is subtracted from its height. The
-        sharpness is the excess of its bend over roundness.
+        Planes that continue the surface from both sides meet in the crease. If the surface also bends farther away, it
+        is round: that bend reduces the height and the sharpness.
         """
         first, last = self.bend(x, y, dx, dy), self.bend(x + dx, y + dy, dx, dy)
         beside = [
@@ -116,11 +118,11 @@ class DepthSurface:
         return [(left, top), (right, top), (left, low), (right, low)]
 
     def samples(self, left: np.ndarray, top: np.ndarray) -> np.ndarray:
-        """Nearness (4, ...) around cells; -inf where there is no sample."""
+        """Nearness (4, ...) of cells' corners; -inf where there is no sample."""
         return np.array([np.where(self.valid[v, u], self.n[v, u], -np.inf) for u, v in self.corners(left, top)])
 
     def cells(self, left: np.ndarray, top: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return which cells are one surface, their creases' rise, the nearest parts, and their largest nearness."""
+        """For each cell: is it one surface, its creases' height, its front corners, and their largest nearness."""
         n, corners = self.samples(left, top), self.corners(left, top)
         beside_empty = ~np.isfinite(n).all(axis=0)
         sample = self.sample(np.where(np.isfinite(n).any(axis=0), n.max(axis=0), 1))
@@ -143,7 +145,7 @@ class DepthSurface:
         return whole, crease, of_part, near
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Nearness; -inf where there is no surface."""
+        """Nearness at (x, y); -inf where there is no surface."""
         height, width = self.n.shape
         cx, cy = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
         left, top = (np.clip(np.floor(c).astype(int), 0, max(size - 2, 0)) for c, size in ((cx, width), (cy, height)))
@@ -160,11 +162,11 @@ class DepthSurface:
 
 
 def depth_object(views: Sequence[DepthImage]) -> Inside:
-    """Test for points behind every view's surface; with more than six views, outlines lie farther out than half-way."""
+    """Return a test for points behind every view's surface; with more than six views, `outline` is less than 0.5."""
     surfaces = [DepthSurface(view, min(0.5, 3 / len(views))) for view in views]
 
     def inside(points: np.ndarray) -> np.ndarray:
-        left = np.arange(len(points))  # points that fail a view's test skip the others
+        left = np.arange(len(points))  # points that passed all views so far
         for view, surface in zip(views, surfaces, strict=True):
             x, y, z, on_image = seen_at(view.camera, points[left])
             left = left[on_image & (nearness(z, view.camera) <= surface.at(x, y))]
@@ -174,7 +176,7 @@ def depth_object(views: Sequence[DepthImage]) -> Inside:
 
 
 def visual_hull(views: Sequence[Silhouette | DepthImage]) -> Inside:
-    """Test for points within every silhouette, whose outline is where the bilinear mask is 0.5."""
+    """Return a test for points within every silhouette, whose outline is where its interpolated mask is 0.5."""
 
     def inside(points: np.ndarray) -> np.ndarray:
         left = np.arange(len(points))
@@ -187,13 +189,13 @@ def visual_hull(views: Sequence[Silhouette | DepthImage]) -> Inside:
 
 
 def first_depth(inside: Inside, camera: Camera, box: Box, step: float) -> np.ndarray:
-    """Depth (H, W) at which each pixel's ray first enters a solid within the box; inf if never. `step` is in depth."""
+    """Depth (H, W) at which each pixel's ray first enters a solid within the box, in steps of `step`; inf if never."""
     y, x = np.mgrid[: camera.height, : camera.width]
     pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
     at_1, at_2 = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1.0, 2.0))
     origin, direction = 2 * at_1 - at_2, at_2 - at_1  # the point of depth z is origin + z * direction
 
-    # A ray is in the box from the last of its three entries to the first of its three exits.
+    # The box is between three pairs of planes: a ray is inside from the last entry to the first exit of the three.
     start, along = origin @ box.axes.T, direction @ box.axes.T
     along = np.where(np.abs(along) < 1e-15, 1e-15, along)
     crossings = np.stack([(box.low - start) / along, (box.high - start) / along])

@@ -1,4 +1,4 @@
-"""Undistortion of a lens's image in float64: the twin of picture/undistort.cl, with pixel positions from OpenCV."""
+"""Undistorted depth images in float64: the twin of kernels/picture/undistort.cl; OpenCV computes the lens."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from tests import truth
 def undistorted(
     view: ibr.DepthImage, camera: ibr.Camera, cut_ratio: float | None, linear: bool
 ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.bool_]]:
-    """Colour and depth of a lens's image as seen by a pinhole camera at the same pose, and a mask of certain pixels.
+    """Colour and depth of a view with a lens as a pinhole camera of the same pose sees them, and the certain pixels.
 
-    Pixels are uncertain where the last digits of a float32 position decide between samples or triangles.
+    A pixel is not certain if the rounding of its float32 position decides which sample or triangle it shows.
     """
     height, width = view.depth.shape
     pixels = np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2)

@@ -1,9 +1,9 @@
 """The warp in NumPy float64, one pixel at a time: a readable reference for small images.
 
-After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), sections 3 to 5, in
-homogeneous pixel space: `Camera.pixel_matrix` takes a point of the camera's frame to (U, V, W, Q). Its pixel is (U/W,
-V/W), and its nearness, the paper's disparity delta, is Q/W. On a triangle of the source's grid and along a ray,
-nearness is affine in the source's pixels, for perspective and orthographic cameras alike.
+It follows Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), sections 3 to 5, in
+homogeneous pixel space: `Camera.pixel_matrix` maps a point in the camera's frame to (U, V, W, Q). The point's pixel is
+(U/W, V/W), and its nearness, the paper's disparity delta, is Q/W. On a triangle of the source's grid, and along a ray,
+nearness is an affine function of the source's pixels, for perspective and for orthographic cameras.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Result:
     depth: Array
     valid: Array
     color: Array
-    samples: int = 0  #: grid edges that the searches passed
+    samples: int = 0  #: grid lines that all searches passed
 
     @classmethod
     def empty(cls, camera: Camera) -> Result:
@@ -42,9 +42,9 @@ class Result:
 
 
 def forward_reference(view: DepthImage, camera: Camera, splat: int = 1) -> Result:
-    """Draw every valid sample as ``splat`` x ``splat`` target pixels; the nearest wins, then the lowest index.
+    """Draw every valid sample as ``splat`` x ``splat`` target pixels; the nearest wins, of equals the lowest index.
 
-    Equation (2) takes a sample's x_r and delta(x_r) to the target's pixel space.
+    Equation (2) maps a sample's pixel x_r and nearness delta(x_r) to the target's pixel space.
     """
     result = Result.empty(camera)
     target_from_source = np.linalg.inv(_source_from_target(view.camera, camera))
@@ -71,14 +71,14 @@ def search_reference(
     cut_ratio: float | None = None,
     side: str = "front",
 ) -> Result:
-    """Every target pixel searches its segment of the epipolar line, from epipole to point at infinity.
+    """Search the epipolar line of every target pixel for the first surface, from the epipole to infinity.
 
-    The ray of the target pixel x_d is ``epipole + t * infinity`` in the source's pixel space, between the two ends of
-    equation (4). At t, it passes a source pixel; its nearness there is the paper's min_delta. It has met the surface
-    where the surface's delta is larger.
+    The ray of the target pixel x_d is ``epipole + t * infinity`` in the source's pixel space; equation (4) gives both
+    ends. At t the ray projects to a source pixel; its nearness is the paper's min_delta. The ray has met the surface
+    where the surface's delta at that pixel is larger.
 
-    Every triangle of the grid that the segment crosses is tried, so the result is exact. With "nearest" samples, depth
-    and colour come from the triangle's corner next to the hit.
+    Every triangle of the grid along the line is tried, so that the result is exact. With "nearest" samples, depth and
+    colour are those that the sample nearest to the hit has.
     """
     result = Result.empty(camera)
     source_from_target = _source_from_target(view.camera, camera)
@@ -87,7 +87,7 @@ def search_reference(
     width, height = camera.size
     for y in range(height):
         for x in range(width):
-            # The target's pixel at depth t is (t x, t y, t, 1) if it is perspective, (x, y, 1, -t) if not.
+            # In the target's pixel space, pixel (x, y) at depth t is (t x, t y, t, 1), if orthographic (x, y, 1, -t).
             if camera.projection == "perspective":
                 ray = Ray(source_from_target @ [0, 0, 0, 1], source_from_target @ [x, y, 1, 0], 0.0)
             else:
@@ -110,11 +110,11 @@ def search_reference(
 
 @dataclass
 class Hit:
-    """Intersection of a ray."""
+    """Intersection of a ray with the surface."""
 
-    t: float  #: along the ray
+    t: float  #: depth for the target
     point: Array  #: (4,) the surface point in the source's pixel space
-    front: bool  #: whether it is on the side that the source sees
+    front: bool  #: whether the hit is on the side that the source sees
     color: Array  #: (3,) the source's colour there
 
 
@@ -128,10 +128,10 @@ class Ray:
     high: float = np.inf
 
     def clip(self, size: tuple[int, int]) -> bool:
-        """Keep the part whose pixels are in the source image, in front of the source camera; False if there is none.
+        """Limit t to the part of the ray that lies in the source's image and in front of it; False if there is none.
 
-        The conditions are -W / 2 <= U <= W (width - 1 / 2), the same for V, and W > 0. They are linear in t, so a ray
-        that passes the source camera's plane, where W changes its sign, is no special case.
+        The conditions are -W / 2 <= U <= W (width - 1 / 2), likewise for V, and W > 0. They are linear in t. So rays
+        that cross the source camera's plane, where W changes its sign, need no special treatment.
         """
         right, bottom = size[0] - 0.5, size[1] - 0.5
         rows = [[1, 0, 0.5, 0], [-1, 0, right, 0], [0, 1, 0.5, 0], [0, -1, bottom, 0], [0, 0, 1, 0]]
@@ -146,11 +146,11 @@ class Ray:
         return bool(self.low < self.high)
 
     def at(self, t: Array) -> Array:
-        """Points (n, 4) of the ray."""
+        """Points (n, 4) of the ray at depths t (n,)."""
         return self.epipole + t[:, None] * self.infinity
 
     def meets(self, axis: tuple[int, int], last: int) -> Array:
-        """Sorted t at which the ray's pixels pass the grid lines ``axis . (x, y) = -1, 0, 1, ... last``."""
+        """Sorted t at which the ray crosses the grid lines ``axis . (x, y) = -1, 0, 1, ... last``."""
         k = np.arange(-1, last + 1)
         a = np.dot(axis, self.epipole[:2]) - k * self.epipole[2]
         b = np.dot(axis, self.infinity[:2]) - k * self.infinity[2]
@@ -160,28 +160,28 @@ class Ray:
 
 
 def nearness(view: DepthImage) -> Array:
-    """Delta (H, W) of the samples, float64; nan where there is no surface."""
+    """Nearness (H, W) of the samples, float64; nan where there is no surface."""
     z = np.where(view.valid, view.depth, np.nan).astype(np.float64)
     return 1 / z if view.camera.projection == "perspective" else -z
 
 
 def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> tuple[Hit | None, int]:
-    """Find the first triangle that the ray crosses, in the grid with a ring around the image's samples."""
+    """Find the first triangle that the ray meets, in the grid with a ring of samples around the image's."""
     height, width = view.depth.shape
     grid = ray.meets((1, 0), width), ray.meets((0, 1), height), ray.meets((1, 1), width + height)
     t = np.unique(np.concatenate([[ray.low], *grid, [ray.high]]))
     a, b = t[:-1], t[1:]
-    # Between two stops the ray's pixels lie in one triangle: the one around any pixel between them.
+    # Between two successive values of t, the ray projects into one triangle, that around any point between them.
     inner = np.where(np.isinf(b), np.where(np.isinf(a), 0.0, a + 1), np.where(np.isinf(a), b - 1, (a + b) / 2))
     pixel = ray.at(inner)[:, :2] / ray.at(inner)[:, 2:3]
     x, y = np.clip(np.floor(pixel).astype(int), -1, [width - 1, height - 1]).T
     upper = (pixel[:, 0] - x + pixel[:, 1] - y >= 1).astype(int)
-    # The corner with the right angle, and its neighbours along x and along y.
+    # (cx, cy): the triangle's corner with the right angle; nx, ny: columns and rows of its neighbours in x and y.
     cx, cy, nx, ny = x + upper, y + upper, x + 1 - upper, y + 1 - upper
     delta = ring[cy + 1, cx + 1]
     gu, gv = (ring[cy + 1, nx + 1] - delta) * (nx - cx), (ring[ny + 1, cx + 1] - delta) * (ny - cy)
     plane = np.stack([gu, gv, delta - gu * cx - gv * cy, -np.ones_like(gu)], axis=-1)
-    # The surface's lead over the ray, delta - min_delta, times W is f0 + t f1.
+    # W * (delta - min_delta), the surface's nearness less the ray's, is f0 + t f1.
     f0, f1 = plane @ ray.epipole, plane @ ray.infinity
     with np.errstate(divide="ignore", invalid="ignore"):
         root = -f0 / f1
@@ -202,7 +202,7 @@ def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> tu
 
 
 def _nearer(hit: Hit | None, margins: Margins, ray: Ray) -> Hit | None:
-    """Return the hit, or the hit on a margin that the ray meets earlier."""
+    """Return the hit or, if the ray meets a margin earlier, the hit on that margin."""
     t, number = margins.first_hit(ray.epipole, ray.infinity, ray.low, ray.high)
     if number < 0 or (hit is not None and hit.t <= t):
         return hit
@@ -220,6 +220,6 @@ def _source_from_target(source: Camera, target: Camera) -> Array:
 
 
 def _depth(camera: Camera, point: Array) -> float:
-    """Planar z of a point (U, V, W, Q) of the camera's pixel space."""
+    """Planar depth of a point (U, V, W, Q) in the camera's pixel space."""
     _, _, w, q = point
     return float(w / q if camera.projection == "perspective" else -q / w)

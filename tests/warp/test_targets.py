@@ -106,7 +106,7 @@ def test_out_fits_the_cameras():
 def check_memory_that_is_not_blank(monkeypatch: pytest.MonkeyPatch, step: tuple[float, float]) -> None:
     view = scenes.stepped(SIZE)
     camera = view.camera.moved(*step, 0)
-    K = np.add(camera.K, [[0, 0, 17], [0, 0, 29], [0, 0, 0]])  # the source covers neither its first rows nor its first columns
+    K = np.add(camera.K, [[0, 0, 17], [0, 0, 29], [0, 0, 0]])  # no source in its first rows and columns
     larger = ibr.Camera(K, (131, 117), camera.world_from_camera)
     expected = ibr.warp(view, larger)
     assert expected.valid.any() and not expected.valid[0].any() and not expected.valid[:, 0].any()

@@ -22,7 +22,7 @@ MOVES = ((0, 0, 0), (0.13, 0, 0), (0, 0.09, 0), (0.1, 0.1, 0), (0.1, 0.07, 0), (
 
 
 def strip(at, degrees: float, length: float, ends: tuple[float, float] = (2.0, 2.0)) -> np.ndarray:
-    """(4, 3) world corners of a strip one sample wide and `length` samples long, whose two ends have the depths `ends`."""
+    """(4, 3) world corners of a strip one sample wide and `length` samples long; `ends`: the depths of its ends."""
     along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
     across = 0.5 * np.array([-along[1], along[0]])
     pixels = [np.array(at) + 0.5 * s * length * along + t * across for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]

@@ -63,7 +63,7 @@ def test_columns_and_edges_meet_the_same_pieces(first):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_both_pieces_of_a_step_are_met(seed):
-    """Noise tears about every edge at random: from one column to the next, lines leave the surface and meet it again."""
+    """Noise tears many edges: between two columns, lines leave the surface and meet it again."""
     rng = np.random.default_rng(seed)
     camera = ibr.Camera([[40, 0, 20], [0, 40, 15], [0, 0, 1]], (41, 31))
     depth = (4 * (1 + rng.uniform(-0.035, 0.035, (31, 41)))).astype(np.float32)
