@@ -330,7 +330,7 @@ def _candidates(source: Camera, projection: str, toward: Array, sign: int) -> tu
     turns, degrees = _rotations()
     rotation, centers = turns, []
     if projection == "perspective" and source.projection == "orthographic":
-        # The pixel's ray must be parallel to the source's rays. The spin about the ray and the target's centre are free.
+        # The pixel's ray must be parallel to the source's rays. The spin about it and the target's centre are free.
         rotation = _aligned(sign * toward, turns)
     for distance in (0.7, 1.4, 2.5):
         if projection == "orthographic":

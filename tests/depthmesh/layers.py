@@ -1,4 +1,4 @@
-"""Depth images of a plate in front of a wall with labelled samples: the triangles that bridge both are known."""
+"""Depth images of a plate in front of a wall. Each sample's surface is known, and so are triangles that bridge both."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PLATES: dict[str, tuple[Shape, Shape]] = {  # depths of the plate and of the wal
 
 
 def layered(name: str, size: scenes.Size, projection: str) -> tuple[DepthImage, np.ndarray]:
-    """The view, and the mask (H, W) of the plate: a disc and an oblique bar, with edges in all directions."""
+    """The view, and the mask (H, W) of the plate, which consists of a disc and an oblique bar."""
     near, far = PLATES[name]
     a, b = scenes.image_coordinates(size)
     plate = ((a + 0.3) ** 2 + (b + 0.2) ** 2 < 0.13) | ((np.abs(a - b - 0.2) < 0.15) & (np.abs(a + b - 0.4) < 0.4))
@@ -33,7 +33,7 @@ def layered(name: str, size: scenes.Size, projection: str) -> tuple[DepthImage, 
 
 
 def bridging(plate: np.ndarray) -> np.ndarray:
-    """Mask, (H - 1, W - 1, 2), of the upper and lower triangles of cells that join plate and wall."""
+    """(H - 1, W - 1, 2) bool: whether each cell's upper and lower triangle have corners on both plate and wall."""
     y, x = np.mgrid[: plate.shape[0] - 1, : plate.shape[1] - 1]
     four = np.stack([plate[y, x], plate[y, x + 1], plate[y + 1, x], plate[y + 1, x + 1]], -1)
     main = ((x + y) % 2 == 0)[..., None]

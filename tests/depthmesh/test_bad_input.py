@@ -1,4 +1,4 @@
-"""Invalid arguments of depth meshes, whose errors name them, and views that show almost nothing."""
+"""Depth meshes with invalid arguments, which errors must name, and of views that contain almost nothing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def with_depth(depth: np.ndarray) -> ibr.DepthImage:
 
 
 def isolated() -> ibr.DepthImage:
-    """Valid samples that make no triangle."""
+    """A view with valid samples that form no triangle."""
     depth = np.full((9, 9), np.nan)
     depth[::2, ::2] = 2.0
     return with_depth(depth)
@@ -34,7 +34,7 @@ BAD_NUMBERS = [-0.1, np.nan, np.inf, "1", None, [1, 2], True]
 
 
 def refused(argument: str, call, *arguments, **options) -> str:
-    """Return the message of the ArgumentError of a call, which must name its argument."""
+    """Return the message of the ArgumentError that a call raises; it must begin with the argument's name."""
     with pytest.raises(ibr.ArgumentError) as caught:
         call(*arguments, **options)
     message = str(caught.value)
@@ -53,7 +53,7 @@ def test_no_view_for_a_mesh(view):
 def test_tolerances(tolerance):
     thing = ibr.DepthMesh(VIEW)
     calls = [(ibr.DepthMesh, VIEW), (ibr.DepthMeshObject, [VIEW])]
-    if tolerance is not None:  # None stands for the mesh's own tolerance
+    if tolerance is not None:  # for these calls, None means the mesh's tolerance
         calls += [(thing.triangulate, CAMERA), (thing.strips, CAMERA)]
     for call, argument in calls:
         refused("tolerance", call, argument, tolerance=tolerance)
@@ -131,7 +131,7 @@ def test_views_of_objects():
 
 
 def test_views_of_one_flat_thing():
-    """The boxes of the views are flat, and differ by rounding."""
+    """The bounding boxes of the views are flat, and differ by rounding."""
     corners = [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]
     wall = capture.MeshScene(corners, [[0, 1, 2], [0, 2, 3]])
     for away in (3.3, 4.7, 5.9):
@@ -156,7 +156,7 @@ def test_samples_that_make_no_triangle():
 
 
 def test_depths_beyond_single_precision():
-    """Products of four distances must be finite, so a sentinel value for background needs `far`."""
+    """Products of four distances must fit float32. Huge depths that stand for background are refused without `far`."""
     depth = np.full((9, 9), 2.0)
     depth[2, 2] = 1e15
     camera = with_depth(depth).camera
@@ -178,7 +178,7 @@ def test_a_view_cannot_be_changed_once_it_is_a_mesh():
 
 
 def test_looking_away():
-    """A camera that looks away gets an empty picture, and a coarse mesh."""
+    """A camera that does not see the surface gets an empty picture, and a coarse mesh."""
     things = ibr.DepthMesh(VIEW), ibr.DepthMeshObject([VIEW])
     own = VIEW.camera.world_from_camera
     for pose in (scenes.pose(yaw=180), scenes.pose(center=(500, 0, 0)), scenes.pose(center=(0, 0, 1000))):
@@ -194,7 +194,7 @@ def test_looking_away():
 
 
 def test_views_where_all_is_lost_at_a_tolerance():
-    """A few triangles amid invalid samples, so far from the camera that each is smaller than the tolerance."""
+    """The views contain a few triangles amid holes, so far away that each triangle is smaller than the tolerance."""
     depth = np.full((17, 17), np.nan)
     depth[3:5, 3:5] = 2.0
     view = with_depth(depth)
@@ -215,7 +215,7 @@ def test_the_least_sizes(size, projection):
     assert 2 <= len(thing.simplify(10).faces) <= 2 * cells
     frame = ibr.render([thing, ibr.DepthMeshObject([view])], view.camera.resized((40, 30)))
     assert frame.valid.sum() > 100
-    # Tolerance: rounding of the inverse, and of interpolation within a triangle.
+    # Depth is inverted, and interpolated within a triangle, with rounding.
     np.testing.assert_allclose(frame.depth[frame.valid], 4, rtol=1e-5)
 
 

@@ -18,7 +18,7 @@ WHOLE = Segmentation("none")
 
 
 def plane(size: scenes.Size, projection: str, x0: int = 0) -> tuple[ibr.DepthImage, np.ndarray]:
-    """Part of an image of an oblique plane, from column x0 on, and the plane as a normal n with n . point = 1."""
+    """Columns from x0 on of an image of an oblique plane, and the vector n with n . point = 1 on the plane."""
     K = np.array([[60.0, 0, 20 - x0], [0, 50, 12], [0, 0, 1]])
     camera = Camera(K, size, scenes.pose(yaw=10, center=(1, 2, 3)), projection=projection)
     y, x = np.mgrid[: size[1], : size[0]]
@@ -30,13 +30,13 @@ def plane(size: scenes.Size, projection: str, x0: int = 0) -> tuple[ibr.DepthIma
 
 
 def check_own_camera(size: scenes.Size, projection: str) -> None:
-    """Assert full coverage at the view's own camera, also at twice the resolution or with several samples per pixel."""
+    """Assert that a view's mesh covers its camera's picture, also at twice the resolution or with samples=4."""
     view = rough(np.random.default_rng(3), size, projection, 0.05)
     thing, (width, height) = ibr.DepthMesh(view, tolerance=0, segmentation=WHOLE), size
     frame = ibr.render(thing, view.camera)
     assert frame.valid.all()
-    # Tolerance: rounding of 1/z and back in float32. The rasteriser also moves corners by up to 1/512 pixel, and slopes
-    # of waves and noise are below 0.4 per sample.
+    # float32 rounds 1/z. The rasteriser moves corners by up to 1/512 pixel, while the depth changes by up to 0.4 per
+    # pixel.
     np.testing.assert_allclose(frame.depth, view.depth, atol=2e-3)
     assert ibr.render(thing, view.camera.resized((2 * width, 2 * height))).valid.all()
     several = ibr.render(thing, view.camera, samples=4)
@@ -63,7 +63,7 @@ def test_planes_go_on_as_planes(size, projection):
     thing = ibr.DepthMesh(view, segmentation=WHOLE)
     for mesh in (thing.triangulate(view.camera, tolerance=0), thing.simplify(1e-3)):
         points = (mesh.vertices - view.camera.center) @ view.camera.world_from_camera[:3, :3]
-        # float32 depths of about 4 pass through their inverses.
+        # Depths of about 4 are inverted and restored in float32.
         np.testing.assert_allclose(points @ normal, 1, atol=1e-5)
         np.testing.assert_array_equal(mesh.uv.min(axis=0), [0, 0])
         np.testing.assert_array_equal(mesh.uv.max(axis=0), [1, 1])
@@ -86,7 +86,8 @@ def test_tiles_of_a_picture_meet(projection, blended):
     np.testing.assert_array_equal(tiles.valid, expected.valid)
     assert 0.3 < tiles.valid.mean() < 1
     np.testing.assert_allclose(tiles.depth[tiles.valid], expected.depth[tiles.valid], rtol=1e-5)
-    # Colours are constant in the outer halves of the outermost pixels, so they are off by up to half a level here.
+    # Beyond the outermost samples, colours stay constant. Here they change by a level per pixel, so that they are off
+    # by up to half a level.
     assert np.abs(tiles.color.astype(int) - expected.color).max() <= 1
 
 
@@ -94,7 +95,7 @@ def test_tiles_of_a_picture_meet(projection, blended):
 def test_the_images_of_a_cube_map_meet(closed):
     n = 33
     views = list[ibr.DepthImage]()
-    K = np.array([[n / 2, 0, (n - 1) / 2], [0, n / 2, (n - 1) / 2], [0, 0, 1]])  # pixels tile the cube
+    K = np.array([[n / 2, 0, (n - 1) / 2], [0, n / 2, (n - 1) / 2], [0, 0, 1]])  # the images fill the cube's sides
     for side in cube_cameras((0, 0, 0), n):
         camera = Camera(K, (n, n), side.world_from_camera)
         y, x = np.mgrid[:n, :n]
@@ -108,14 +109,14 @@ def test_the_images_of_a_cube_map_meet(closed):
 
 
 def test_the_border_of_another_surface_does_not_lead_on():
-    """Columns at the border that belong to another surface do not affect the extrapolation."""
+    """The two last columns are another surface; each surface is extrapolated by its own slope alone."""
     depth = np.full((9, 9), 4, np.float32)
     depth[:, 7:] = 2 + np.arange(2) * 0.1
     camera = Camera([[9, 0, 4], [0, 9, 4], [0, 0, 1]], (9, 9))
     view = ibr.DepthImage(np.zeros((9, 9, 3), np.uint8), depth, camera)
     frame = ibr.render(ibr.DepthMesh(view, tolerance=0), camera.resized((18, 18)))
-    # At twice the resolution, the outermost pixels lie a quarter of a sample beyond the outermost samples, where 1/z
-    # is extrapolated from 1/2 and 1/2.1.
+    # At twice the resolution, the outermost pixels lie a quarter of a sample beyond the outermost samples. There 1/z is
+    # extrapolated from 1/2 and 1/2.1.
     beyond = 1 / (1 / 2.1 + 0.25 * (1 / 2.1 - 1 / 2))
     np.testing.assert_allclose(frame.depth[:, -1], beyond, rtol=1e-3)
     np.testing.assert_allclose(frame.depth[:, 0], 4, rtol=1e-6)

@@ -1,4 +1,4 @@
-"""Closing of holes: unseen surface is closed, and empty space stays empty."""
+"""Closing of holes: a surface that no view saw is drawn, and empty space stays empty."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SIZE = (240, 180)
 
 @cache
 def knot() -> MeshScene:
-    """A striped trefoil: a tube that occludes much of itself in any six views."""
+    """A striped trefoil knot: a tube that hides much of itself from any six views."""
     a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 241)[:-1], np.linspace(0, 2 * np.pi, 33)[:-1], indexing="ij")
 
     def line(t: np.ndarray) -> np.ndarray:
@@ -46,7 +46,7 @@ def knot() -> MeshScene:
 
 @cache
 def donut() -> MeshScene:
-    """A donut whose innermost faces are vertical: orthographic views from above and below see them only edge-on."""
+    """A donut whose innermost triangles are vertical, so that orthographic views from above and below see none."""
     return MeshScene.from_mesh(models.donut())
 
 
@@ -55,7 +55,7 @@ def against(scene: MeshScene, thing: ibr.DepthMeshObject, camera: Camera) -> tup
 
 
 def missed_and_false(frame: ibr.Frame, truth: ibr.DepthImage) -> tuple[int, int]:
-    """Number of surface pixels that are not drawn, and of drawn pixels more than one pixel outside the silhouette."""
+    """Count pixels of the true surface that are not drawn, and pixels drawn more than a pixel outside of it."""
     near = cv2.dilate(truth.valid.astype(np.uint8), np.ones((3, 3))) > 0
     return int((truth.valid & ~frame.valid).sum()), int((frame.valid & ~near).sum())
 
@@ -68,30 +68,30 @@ def test_a_donut_is_whole(samples, eye, projection):
     frame, truth = against(donut(), thing, Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=45))
     missed, false = missed_and_false(frame, truth)
     assert truth.valid.sum() > 16_000
-    # Along the outline, 700 pixels long, up to half a sample is lost. With 256 samples, a sample is 0.8 pixels wide; a
-    # tenth of a pixel is lost on average.
+    # The outline is 700 pixels long. Along it, up to half a sample may be lost, which is 0.4 pixels with 256 samples;
+    # on average a tenth of a pixel is lost.
     assert missed <= 60 * 256 / samples and false == 0
     inside = cv2.erode(truth.valid.astype(np.uint8), np.ones((5, 5))) > 0
     assert frame.valid[inside].all()
     both = frame.valid & truth.valid
-    # A sample is 2 % of the donut's extent, and the eye is closer than the extent. Closed surface bulges by less than
-    # a sample.
+    # Closed surface bulges by less than a sample. A sample is 2 % of the donut's extent, and the eye is closer than the
+    # extent.
     assert (np.abs(frame.depth - truth.depth)[both] > 0.02 * truth.depth[both]).mean() < 0.005
     assert metrics.psnr(frame.color, truth.color, valid=both) > 45
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_a_cup_is_whole_for_an_eye_close_above(projection):
-    """Orthographic views see the inner wall only edge-on; the closest views see the outside."""
+    """No orthographic view sees the inner wall, except edge-on; the views closest to the eye see the outside."""
     camera = looking(cup(), (0.2, 1.5, 0.2), SIZE, near=0.75)
     frame, truth = against(cup(), ibr.DepthMeshObject(object_views(cup(), 256, projection=projection)), camera)
     missed, false = missed_and_false(frame, truth)
-    # At the edge of the bottom, 350 pixels long, there may be a crack of one pixel: the closed wall is a sample off.
+    # The closed wall is a sample off, so that there may be a crack of one pixel along its lower edge, 350 pixels long.
     assert truth.valid.sum() > 40_000 and missed <= 350 and false == 0
     y, x = np.nonzero(frame.valid & truth.valid)
     points = camera.unproject(np.stack([x, y], axis=-1).astype(float), frame.depth[y, x].astype(float))
     wall = np.hypot(points[:, 0], points[:, 2])[(points[:, 1] > -0.75) & (points[:, 1] < 0.95)]
-    assert (np.abs(wall - 0.65) < 2 * 1.664 / 256).all()  # cells around samples of the rim are not known to be empty
+    assert (np.abs(wall - 0.65) < 2 * 1.664 / 256).all()  # two samples: cells of space beside the rim may be full
 
 
 @pytest.mark.thorough
@@ -105,19 +105,19 @@ def test_a_knot_gets_no_shards(eye):
     assert false == 0
     assert missed <= 0.2 * missed_and_false(bare, truth)[0]
     assert metrics.psnr(frame.color, truth.color) >= metrics.psnr(bare.color, truth.color) + 3
-    # Farther strands seldom show through holes of nearer ones.
+    # Closing must hide most pixels that show farther strands through holes of nearer ones.
     through, before = farther(frame, truth), farther(bare, truth)
     assert through <= (0.3 * before if before > 50 else before)
 
 
 def farther(frame: ibr.Frame, truth: ibr.DepthImage) -> int:
-    """Number of pixels that show something behind the nearest surface."""
+    """Count pixels that show a surface behind the true nearest one."""
     both = frame.valid & truth.valid
     return int((frame.depth - truth.depth > 0.05 * truth.depth)[both].sum())
 
 
 def test_what_is_open_stays_open():
-    """The gap between two plates, one in front of the other, stays open, since views saw the plates' edges."""
+    """The gap between two parallel plates stays open, since views from the side look into it."""
     plates = joined([box((0, 0, 0.5), (0.8, 0.8, 0.02)), box((0.1, 0.2, -0.5), (0.9, 0.7, 0.02))])
     thing = ibr.DepthMeshObject(object_views(plates, 128))
     for eye in ((4, 1, 1.4), (3, 3, 0.8), (1, 4, -1)):
@@ -134,7 +134,7 @@ def test_closed_surface_names_the_views_of_its_colours():
     closed = frame.valid & ~ibr.render(ibr.DepthMeshObject(views, blended=6, closed=False), camera).valid
     inside = closed & (cv2.erode(frame.valid.astype(np.uint8), np.ones((9, 9))) > 0)
     assert inside.sum() > 200
-    assert (named[inside] & 0b110000 > 0).all()  # the views from above and below saw the surface next to the slit
+    assert (named[inside] & 0b110000 > 0).all()  # from above and below, views saw the surface beside the slit
 
 
 @pytest.mark.thorough
@@ -143,7 +143,7 @@ def test_the_same_in_one_lane():
     wide = ibr.render(ibr.DepthMeshObject(views), camera)
     with one_lane():
         one = ibr.render(ibr.DepthMeshObject(views), camera)
-    # Pixels at an outline, and points at a limit of the free space, may differ.
+    # Rounding decides at outlines, and at points on the border of the space known to be free.
     assert (wide.valid != one.valid).mean() <= 1e-3
     both = wide.valid & one.valid
     assert np.isclose(wide.depth, one.depth, rtol=1e-3)[both].mean() >= 0.995

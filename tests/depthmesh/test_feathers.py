@@ -1,4 +1,4 @@
-"""Feathers: views fade towards the ends of their surfaces, so that the blend has no seams there."""
+"""Feathers: towards the ends of its surface a view gets less weight, so that the blend has no seams there."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pyibr as ibr
 from pyibr.depthmesh.levels import feathers_of
 from tests.depthmesh.views import PROJECTIONS, cells_of, rough
 
-FADED = 8  # samples
+FADED = 8  # samples over which the weight falls
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
@@ -27,9 +27,9 @@ def test_samples_count_by_their_distance_to_the_ends(projection):
 
 @pytest.mark.parametrize("blend", ["quality", "position"])
 def test_where_a_view_ends_the_other_has_all_weight(blend):
-    """Two views of a wall from one place; the second starts in the middle of the first one's image."""
+    """Two views show a wall from one place; the second view's image is the right half of the first view's."""
     whole = ibr.Camera([[60, 0, 40], [0, 60, 20], [0, 0, 1]], (81, 41))
-    half = ibr.Camera([[60, 0, 0], [0, 60, 20], [0, 0, 1]], (41, 41))  # from column 40 of `whole` on
+    half = ibr.Camera([[60, 0, 0], [0, 60, 20], [0, 0, 1]], (41, 41))  # begins at column 40 of `whole`
     one, other = (
         ibr.DepthImage(np.full((41, camera.width, 3), gray, np.uint8), np.full((41, camera.width), 2.0), camera)
         for camera, gray in ((whole, 50), (half, 250))
@@ -39,6 +39,6 @@ def test_where_a_view_ends_the_other_has_all_weight(blend):
     x = np.arange(81)
     ends = [np.minimum(np.minimum(x, 80 - x), FADED), np.clip(np.minimum(x - 40, 80 - x), 0, FADED)]
     first, second = (np.maximum(255 * end // FADED, 1) * (x >= start) for end, start in zip(ends, (0, 40), strict=True))
-    # Tolerance: half a level of rounding, and weights of 8 bits.
+    # 1: rounding by half a level, and weights of 8 bits.
     assert np.abs(row - (50 * first + 250 * second) / (first + second)).max() <= 1
     assert np.abs(np.diff(row[8:73])).max() <= 200 / FADED

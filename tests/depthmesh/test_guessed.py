@@ -1,4 +1,4 @@
-"""Masks of guessed pixels: exactly the pixels of surface that no view saw, in any kind of picture."""
+"""Masks of guessed pixels: they contain exactly the pixels that show surface which no view saw."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def drawn(name: str) -> tuple[MeshScene, list[ibr.DepthImage], Camera]:
 
 
 def closed_and_open(name: str, **kwargs: Any) -> tuple[ibr.Frame, ibr.Frame]:
-    """Render with and without closing; both draw all views, so only closed pixels differ."""
+    """Render with and without closing; both frames draw all views, so that only closed pixels differ."""
     _, views, camera = drawn(name)
     first, second = (
         ibr.render(ibr.DepthMeshObject(views, blended=6, closed=closed), camera, **kwargs) for closed in (True, False)
@@ -58,7 +58,7 @@ def test_guessed_is_exactly_what_is_closed(name, lanes):
         closed, bare = closed_and_open(name)
     assert told(closed).sum() > 300
     np.testing.assert_array_equal(told(closed), differs(closed, bare))
-    if lanes == "one":  # with several lanes, the pixels of a block share a level of colours
+    if lanes == "one":  # with several lanes, all pixels of a block use one level of detail
         np.testing.assert_array_equal(closed.color[~told(closed)], bare.color[~told(closed)])
     assert bare.guessed is None
 
@@ -67,16 +67,16 @@ def test_guessed_is_exactly_what_is_closed(name, lanes):
 def test_no_view_saw_what_is_guessed(name):
     scene, views, camera = drawn(name)
     guessed, away = guessed_and_away(scene, views, camera)
-    assert (away < 0.5).sum() > 800 and guessed[away < 0.5].mean() < 0.02  # surfaces extend by half a sample
-    guessed, away = guessed_and_away(scene, views[::2], camera)  # three sides, half of the surface
+    assert (away < 0.5).sum() > 800 and guessed[away < 0.5].mean() < 0.02  # 0.5: drawn surfaces extend by half a sample
+    guessed, away = guessed_and_away(scene, views[::2], camera)  # three of six views show half of the surface
     assert (away > 2.5).sum() > 300 and guessed[away > 2.5].mean() > 0.95
 
 
 def guessed_and_away(scene: MeshScene, views: list[ibr.DepthImage], camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """For every seventh pixel, whether it is guessed, and the distance of its true point from the nearest sample.
 
-    Distances are in samples. The nearest sample of a seen point is at most 0.7 samples away on a surface that faces
-    the view, and twice as far at 60 degrees.
+    Distances are in units of the samples' distance. A point that a view saw is at most 0.7 of it away from a sample if
+    the surface faces the view, and at most 1.4 if it is turned by 60 degrees.
     """
     frame, truth = ibr.render(ibr.DepthMeshObject(views), camera), scene.capture(camera)
     both = frame.valid & truth.valid
@@ -143,10 +143,10 @@ def test_a_fisheyes_faces_are_joined():
 
 
 def check_guesses_of_lens(closed: ibr.Frame, bare: ibr.Frame, least: int) -> None:
-    """Assert that guessed pixels are the ones that differ, except near their border.
+    """Assert that pixels are guessed where closing changes depth, except beside such pixels.
 
-    A lens interpolates four pixels if these show one surface, and closed neighbours count in this test. With several
-    samples, a pixel has the depth of its front samples, so guesses of other samples do not show in the depth.
+    A lens mixes four pixels of one surface, so that closed pixels change their neighbours. With several samples per
+    pixel, depth is that of the front samples, so that other samples may be guessed without changing the depth.
     """
     changed = differs(closed, bare)
     assert told(closed).sum() > least and changed[told(closed)].mean() > 0.99

@@ -1,4 +1,4 @@
-"""Levels of a view's colours: means of valid samples, and the fraction of valid samples in each texel."""
+"""Coarser levels of a view's colours: each texel holds the mean of its valid samples, and their fraction."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pyibr.depthmesh.levels import color_levels
 
 
 def halved(image: np.ndarray) -> np.ndarray:
-    """Means of 2x2 elements; the last row and column count twice if their number is odd."""
+    """Means of 2 x 2 elements; the last row is repeated if the number of rows is odd, likewise the last column."""
     even = np.pad(image, [(0, image.shape[0] % 2), (0, image.shape[1] % 2), (0, 0)], mode="edge")
     return 0.25 * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2])
 
@@ -29,7 +29,7 @@ def test_levels_are_means_of_valid_samples(size):
         assert level.shape == sums.shape[:2]
         found = np.ascontiguousarray(level).view(np.uint8).reshape(*level.shape, 4)
         part = sums[..., 3:]
-        # The fraction is rounded up, so that a texel with few valid samples is not empty.
+        # The fraction is rounded up, so that a texel with a few valid samples is not taken to be empty.
         np.testing.assert_array_equal(found[..., 3], np.ceil(255 * part[..., 0]) if number else feather)
         seen = np.broadcast_to(part > 0, found[..., :3].shape)
         expected = (sums[..., :3] / np.maximum(part, 1e-9))[seen]

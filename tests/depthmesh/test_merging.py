@@ -1,4 +1,4 @@
-"""Merging to a number of triangles: the number is met, without cracks or folds, and close to the samples."""
+"""Merging triangles down to a given number: no cracks or folds appear, and the mesh stays close to the samples."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def pixels_of(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
 
 
 def check_sound(mesh: ibr.Mesh, camera: Camera) -> None:
-    """Assert that no triangle is turned over and none overlap: the sum of their areas is the area in the picture."""
+    """Assert that no triangle is turned over, and that none overlap: their areas add up to the mesh's picture."""
     a, b, c = np.moveaxis(pixels_of(mesh, camera), 1, 0)
     u, v = b - a, c - a
     areas = -0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
     assert (areas > 0).all()
     edges = np.concatenate([mesh.faces[:, k] for k in ([0, 1], [1, 2], [2, 0])])
-    assert len(np.unique(edges, axis=0)) == len(edges)  # neighbours traverse their common edge in opposite directions
-    # Pixels count if their centre is inside; along random outlines the errors cancel.
+    assert len(np.unique(edges, axis=0)) == len(edges)  # two triangles run along a common edge in opposite directions
+    # A pixel counts if its centre is inside, so that the errors along an outline cancel.
     shown = ibr.render(mesh, camera).valid.sum()
     assert abs(areas.sum() - shown) < 0.01 * shown
 
@@ -38,19 +38,19 @@ def test_as_many_as_are_asked_for(count):
     thing = ibr.DepthMesh(view)
     mesh = thing.simplify(count=count)
     assert 0.9 * count < len(mesh.faces) <= count
-    assert len(thing.simplify(0.5).faces) > 2500  # the quadtree's floor: depth edges and borders
+    assert len(thing.simplify(0.5).faces) > 2500  # at depth edges and borders, the quadtree keeps more
     check_sound(mesh, view.camera)
     frame = ibr.render(mesh, view.camera)
     off = np.abs(frame.depth - clean)[frame.valid]
-    # With a quarter of the triangles on a half ball of radius 0.6, their sides e have e^2 = 9 / count. They
-    # lie e^2 / (8 r) = 2 / count below the ball, and several times as far along lines of sight near its outline.
+    # If a quarter of the triangles are on the half ball of radius r = 0.6, their sides e have e^2 = 9 / count. Such
+    # triangles lie e^2 / (8 r) = 2 / count below the ball; along oblique lines of sight this is several times as far.
     assert np.quantile(off, 0.95) < 20 / count
     whole = ibr.render(thing, view.camera).valid
     assert (frame.valid == whole).mean() > {4000: 0.999, 1000: 0.995, 200: 0.98}[count]
 
 
 def test_the_error_holds_whatever_the_count():
-    """More triangles than `count` remain if fewer would exceed the error."""
+    """If `count` triangles would exceed the allowed error, more remain."""
     clean = corner_of_a_room()
     view = view_of(clean)
     thing = ibr.DepthMesh(view)
@@ -59,8 +59,8 @@ def test_the_error_holds_whatever_the_count():
         assert 10 < len(mesh.faces) < 0.8 * len(thing.simplify(bound).faces)
         check_sound(mesh, view.camera)
         frame = ibr.render(mesh, view.camera)
-        # Vertices and triangles are off the planes by at most `bound`, perpendicular to the planes. Lines of sight meet
-        # the floor at a sixth of a right angle or more, so distances along them are larger.
+        # The mesh is off the planes by at most `bound`, perpendicular to them. Lines of sight meet the floor at 15
+        # degrees or more, so that depth is off by up to four times as much.
         assert np.quantile(np.abs(frame.depth - clean)[frame.valid], 0.99) < 6 * bound
 
 
@@ -71,7 +71,7 @@ def test_one_triangle_is_the_least():
 
 
 def test_a_room_for_the_web():
-    """A quadtree leaves 25,000 triangles along the edges, however large its error."""
+    """Even with a large error, the quadtree alone leaves 25,000 triangles, along depth edges."""
     depth = cv2.imread(str(shared("rgbd_livingroom1") / "depth" / "00000.png"), cv2.IMREAD_UNCHANGED) / 1000
     thing = ibr.DepthMesh(view_of(depth))
     mesh = thing.simplify(count=3000)

@@ -1,4 +1,4 @@
-"""Depth meshes drawn and blended: weights, colours, holes, and laws."""
+"""Depth mesh objects in pictures: which views are drawn, their weights in the blend, and holes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_one_view_blended_is_that_view_drawn(blend, projection):
             same = ibr.render(thing, camera)
             np.testing.assert_array_equal(same.valid, one.valid)
             np.testing.assert_array_equal(same.depth, one.depth)
-            # A colour is multiplied and divided by its weight, which may change its rounding.
+            # Colours are multiplied by a weight and divided by it again, which rounds.
             assert np.abs(same.color.astype(int) - one.color).max() <= 1
 
 
@@ -59,7 +59,7 @@ def test_every_projection_draws_every_projection():
 @pytest.mark.parametrize("closed", [True, False, "sheets"])
 @pytest.mark.parametrize("blended", [1, 3])
 def test_the_order_of_views_that_are_equally_close_changes_no_bit(closed, blended):
-    """A camera on a diagonal is equally close to three of six views, a camera in front of an edge to two."""
+    """The first camera, on a diagonal, is equally close to three of the six views, the second one to two."""
     rng = np.random.default_rng(2)
     views = [
         ibr.DepthImage(rng.integers(60, 256, (*one.depth.shape, 3), np.uint8), one.depth, one.camera, far=one.far)
@@ -79,7 +79,7 @@ def test_the_order_of_views_that_are_equally_close_changes_no_bit(closed, blende
 
 @pytest.mark.parametrize("epsilon", [0.0, 1e-7, 0.01])
 def test_no_pixel_goes_without_colour(epsilon):
-    """The blended layer contains the front surface, however thin the layer is."""
+    """Blending takes surfaces up to `epsilon` behind the front surface, which itself is always among them."""
     bright = [ibr.DepthImage(np.full_like(v.color, 200), v.depth, v.camera) for v in six()]
     things = [ibr.DepthMeshObject(bright, blend=b, epsilon=epsilon) for b in BLENDS]
     if epsilon == 0:
@@ -99,14 +99,14 @@ def test_the_views_order_changes_nothing(blend):
         other = ibr.render(ibr.DepthMeshObject([views[k] for k in rng.permutation(6)], blend=blend), camera)
         np.testing.assert_array_equal(other.valid, first.valid)
         np.testing.assert_array_equal(other.depth, first.depth)
-        # Sums of three terms run in another order; among equally near fronts, "nearest" takes the first view's colour.
+        # Sums are in another order. If several fronts are equally near, "nearest" takes the first view's colour.
         off = np.abs(other.color.astype(int) - first.color).max(axis=2)
         assert (off <= 1).mean() >= (0.999 if blend == "nearest" else 1)
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_the_full_grid_up_to_the_pictures_border(projection):
-    """Triangles that the border of the picture clips are as fine as the inner ones."""
+    """At tolerance 0, triangles that the picture's border cuts are not coarser than the others."""
     view = rough(np.random.default_rng(3), (97, 61), projection, 0.03)
     whole, thing = full_grid(view), ibr.DepthMesh(view, tolerance=0, segmentation=Segmentation("none"))
     for zoom in (1, 3, 11):
@@ -114,12 +114,12 @@ def test_the_full_grid_up_to_the_pictures_border(projection):
         camera = Camera(K, (161, 121), view.camera.world_from_camera, projection=projection).moved(0.05, 0.02, 0.1)
         expected, frame = ibr.render(whole, camera), ibr.render(thing, camera)
         np.testing.assert_array_equal(frame.valid, expected.valid)
-        # A pixel on the edge of two triangles may belong to either.
+        # A pixel on an edge may show either of its two triangles.
         assert (np.abs(frame.depth - expected.depth)[frame.valid] > 1e-4).mean() <= 1e-3, zoom
 
 
 def full_grid(view: ibr.DepthImage) -> ibr.Mesh:
-    """All triangles of the grid up to the edges of its pixels, with alternating diagonals; fronts face the view."""
+    """All triangles of the grid, up to the image's border, with alternating diagonals and fronts towards the view."""
     width, height = view.camera.size
     y, x = np.mgrid[: height - 1, : width - 1]
     a, main = y * width + x, (x + y) % 2 == 0
@@ -176,7 +176,7 @@ def test_where_an_orthographic_camera_stands_along_its_axis_changes_nothing():
     moved = views[1].camera.moved(0, 0, -50)
     others = [views[0], ibr.DepthImage(views[1].color, views[1].depth + np.float32(50), moved), *views[2:]]
     thing, same = ibr.DepthMeshObject(views), ibr.DepthMeshObject(others)
-    # The moved view's depths, 50 larger, are rounded to 4e-6.
+    # Depths of the moved view are larger by 50, where float32 rounds by 4e-6.
     np.testing.assert_allclose(same.weights(target()), thing.weights(target()), atol=1e-5)
 
 
@@ -197,14 +197,14 @@ def test_a_sample_far_off_spoils_nothing():
     ends = np.array([[-0.5, -0.5], [32.5, -0.5], [-0.5, 32.5], [32.5, 32.5]])
     corners = view.camera.unproject(ends, np.full(4, view.depth[0, 0]))
     np.testing.assert_allclose(mesh.bounds, [corners.min(axis=0), corners.max(axis=0)], atol=1e-6)
-    # The sample's own triangles are missing, and the rule for edges leaves out parts of its neighbours' pixels.
+    # The triangles at the sample are missing, which may uncover pixels of its neighbours.
     assert ibr.render(mesh, view.camera).valid.sum() >= 33 * 33 - 9
     extent = np.ptp(corners, axis=0).max()
     assert ibr.DepthMeshObject([spoilt]).epsilon == pytest.approx(0.01 * extent)
 
 
 def plane_seen(angle: float, gray: int) -> ibr.DepthImage:
-    """View of the plane z = 0 in one colour, from a distance of 4, at an angle in degrees."""
+    """View of the plane z = 0 in one grey, from a distance of 4 and `angle` degrees off the plane's normal."""
     turn = np.radians(angle)
     camera = Camera.look_at((4 * np.sin(turn), 0, 4 * np.cos(turn)), (0, 0, 0), (0, 1, 0), (65, 65), fov_y=30)
     corners = [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]
@@ -224,7 +224,7 @@ def test_colours_are_weighed_by_position_and_quality(blend):
         assert set(np.unique(frame.color)) <= set(grays)
     else:
         expected = (weights * facing) @ grays / (weights * facing).sum()
-        # Normals at the border are one-sided but exact on a plane; colours are rounded.
+        # 1.01: colours are rounded. Normals are exact, even at the border, since the surface is a plane.
         assert np.abs(frame.color - expected).max() <= 1.01
 
 
@@ -253,9 +253,9 @@ def test_occupancy():
         assert not (views & ~np.uint32(possible)).any()
         for number in np.flatnonzero(weights):
             drawn = views >> np.uint32(number) & 1 > 0
-            alone = ibr.render(ibr.DepthMesh(six()[number], tolerance=0.5), camera)  # with the object's tolerance
+            alone = ibr.render(ibr.DepthMesh(six()[number], tolerance=0.5), camera)  # the object's tolerance, half for each view
             assert drawn.any() and not (drawn & ~alone.valid).any()
-            # A view gives colour exactly where its surface lies within epsilon behind the front one.
+            # A view gives colour exactly where its surface is at most `epsilon` behind the front surface.
             near = alone.valid & (alone.depth <= np.nan_to_num(frame.depth) + thing.epsilon)
             assert (near != drawn).mean() <= 2e-3
         several = np.array([bin(v).count("1") for v in np.unique(views)])
@@ -278,7 +278,7 @@ def test_occupancy_names_views_by_their_own_numbers():
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_facing_views_come_before_closer_ones(projection):
-    """A ring from above: a far view from the same side shows the whole ring, a closer view of the rim half of it."""
+    """A camera above a ring: a far view from above shows the whole ring; a closer view, from the side, half of it."""
     scene, up = MeshScene.from_mesh(models.donut(48)), (0, 1, 0)
     camera = Camera.look_at((0, 0.1, 4), (0, 0, 0), up, (121, 121), fov_y=45)
     views = []
@@ -291,12 +291,12 @@ def test_facing_views_come_before_closer_ones(projection):
     for choose in ("closest", "facing"):
         thing = ibr.DepthMeshObject(views, blended=1, closed=False, choose=choose)
         found[choose] = silhouette_iou(ibr.render(thing, camera).valid, truth.valid)
-        # Orthographic views have no position along their axis: the view that looks the same way is the closest, too.
+        # Orthographic views are close by direction alone, so that the view that looks the same way is closest, too.
         expected = 1 if choose == "closest" and projection == "perspective" else 0
         assert thing.weights(camera)[expected] == 1
     assert found["facing"] >= 0.95
     assert projection == "orthographic" or found["closest"] <= 0.8
-    # With all views drawn, both choices are equal.
+    # If all views are drawn, there is nothing to choose.
     same = [ibr.render(ibr.DepthMeshObject(views, choose=c), camera) for c in ("closest", "facing")]
     same_bits(*same)
 
@@ -316,10 +316,10 @@ def test_exposures_are_matched(projection):
         for match in (False, True):
             frame = ibr.render(ibr.DepthMeshObject(others, match_exposures=match), camera)
             found[match] = metrics.psnr(frame.color, seen.color, valid=frame.valid & seen.valid)
-        # Rounding down to bytes costs half a level on average, which limits PSNR to 48 dB.
+        # Colours are rounded down to bytes, by half a level on average, which limits PSNR to 48 dB.
         assert found[True] >= 40 and found[True] >= found[False] + 5
     same = [ibr.render(ibr.DepthMeshObject(views, match_exposures=m), camera) for m in (False, True)]
-    # Views that agree change by a level or two at most, as their samples lie in different places.
+    # Equal exposures are changed by two levels at most: the views' samples lie in different places.
     assert np.abs(same[0].color.astype(int) - same[1].color).max() <= 2
 
 
@@ -336,7 +336,7 @@ def test_a_view_comes_back_at_its_own_camera(kind):
             assert inner.sum() > 2000
             assert np.quantile(np.abs(frame.depth - view.depth)[inner], 0.99) <= 0.01
             off = np.abs(frame.color.astype(int) - view.color).max(axis=2)[inner]
-            # The view itself has almost all weight; other views' samples lie elsewhere, and "nearest" may show any.
+            # The view itself has almost all weight, except with "nearest", which may show any view's sample.
             assert np.quantile(off, 0.95) <= (2 if blend != "nearest" and kind == "perspective" else 12)
 
 
@@ -345,11 +345,11 @@ def test_one_view_comes_back():
         thing = ibr.DepthMesh(view, tolerance=0, segmentation=Segmentation("none"))
         frame = ibr.render(thing, view.camera)
         assert not (frame.valid & ~view.valid).any()
-        # Only pixels amid valid samples are compared; a pixel on the edge of a surface may belong to either side.
+        # Only pixels surrounded by valid samples are compared, since rounding decides at a surface's edge.
         inner = cv2.erode(view.valid.astype(np.uint8), np.ones((3, 3)), borderValue=0) > 0
         assert inner.sum() > 700
         assert frame.valid[inner].all()
-        np.testing.assert_allclose(frame.depth[inner], view.depth[inner], rtol=1e-4)  # steep triangles next to edges
+        np.testing.assert_allclose(frame.depth[inner], view.depth[inner], rtol=1e-4)  # depth is imprecise on steep triangles at edges
         assert (np.abs(frame.color.astype(int) - view.color).max(axis=2)[inner] <= 1).mean() >= 0.99
 
 
@@ -362,7 +362,7 @@ def test_float_colours():
         frame, bytes_frame = ibr.render(thing, target()), ibr.render(like, target())
         np.testing.assert_array_equal(frame.depth, bytes_frame.depth)
         scale = 255 if frame.color.dtype == np.float32 else 1
-        # Colours on the device have 8 bits a channel.
+        # On the device, colours have 8 bits per channel.
         assert np.abs(frame.color.astype(float) * scale - bytes_frame.color)[frame.valid].max() <= 1.01
 
 
@@ -374,14 +374,14 @@ def test_the_background_shows_through_holes_only():
     assert full.valid.sum() > bare.valid.sum() + 50
     np.testing.assert_array_equal(full.depth[bare.valid], bare.depth[bare.valid])
     np.testing.assert_array_equal(full.color[bare.valid], bare.color[bare.valid])
-    # From the view's own position there are no holes.
+    # From the view's own position there is no hole.
     own = ibr.render(with_it, view.camera), ibr.render(without, view.camera)
     assert own[0].valid.sum() >= own[1].valid.sum()
     assert own[0].valid[1:-1, 1:-1].mean() > 0.99
 
 
 def test_empty_space_stays_empty():
-    """No coarse mesh spans the hole of a ring."""
+    """Closing does not fill the middle of a ring."""
     thing = ibr.DepthMeshObject(object_views(models.donut(48), 96))
     truth = MeshScene.from_mesh(models.donut(48))
     for eye in ((0.4, 0.5, 4), (3, 0.3, 2.5)):
@@ -399,11 +399,11 @@ def test_of_one_viewpoint_the_view_that_looks_the_same_way_comes_first():
 
 
 def test_views_that_look_the_opposite_way_are_chosen_last():
-    """A view from behind has 1/2000 of the weight of a view that looks the same way, however close it is."""
+    """However close a view is, it has 1/2000 of its weight if it looks the opposite way."""
     camera = ibr.Camera([[20, 0, 4], [0, 20, 4], [0, 0, 1]], (9, 9))
     turned = np.diag([-1.0, 1, -1, 1])
     turned[2, 3] = 4.5
-    behind = ibr.Camera(camera.K, camera.size, turned)  # from behind the wall at 2, half a unit farther away
+    behind = ibr.Camera(camera.K, camera.size, turned)  # behind the wall at z = 2, half a unit farther than the camera
     far = ibr.Camera(camera.K, camera.size, camera.world_from_camera).moved(0, 0, -20)
     views = [
         ibr.DepthImage(None, np.full((9, 9), depth, np.float32), one) for one, depth in ((behind, 2.5), (far, 22.0))
@@ -417,7 +417,7 @@ def test_counts_and_cameras_build_nothing():
     with watching(builds):
         for count in (3, 4, 6):
             for blend in BLENDS:
-                for eye in ((0, 0.3, 4), (0, 0.1, 1.2), (0.9, 0, 0.2)):  # outside, close and inside
+                for eye in ((0, 0.3, 4), (0, 0.1, 1.2), (0.9, 0, 0.2)):  # far from the object, close to it, and inside
                     thing = ibr.DepthMeshObject(views[:count], blend=blend, blended=count // 2)
                     ibr.render(thing, Camera.look_at(eye, (0, 0, 0), (0, 1, 0), (41, 31), fov_y=50))
             after.append(len(builds.of))

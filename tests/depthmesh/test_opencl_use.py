@@ -1,4 +1,4 @@
-"""The depth meshes' kernels in their GPU form."""
+"""The depth meshes' kernels in their form for GPUs."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def test_trees_in_one_lane(test, projection):
             one = made()
         for a, b in zip(wide, one, strict=True):
             if a.shape == b.shape:
-                # Compilers may fuse products and sums differently: values of 5 differ by a few roundings of 2^-24.
+                # Compilers fuse other products and sums: values of about 5 differ by a few roundings of 2^-24.
                 assert np.isclose(a, b, rtol=1e-5, atol=1e-5).mean() >= 0.999
-            else:  # errors just at the limit
+            else:  # triangles: rounding decides for errors just at the limit
                 assert abs(len(a) - len(b)) <= 0.01 * len(a)
 
 
@@ -65,8 +65,8 @@ def test_pictures_in_one_lane(blend, projection):
         one = drawn()
     for a, b in zip(wide[:2], one[:2], strict=True):
         assert a.valid.sum() > 2000
-        # Corners are rounded to 1/256 of a pixel relative to the work-item's region, so pixels at an outline, or on an
-        # edge of two triangles, may differ.
+        # Corners are rounded to 1/256 of a pixel relative to the region that a work-item draws. Pixels at outlines and
+        # on edges between triangles may differ.
         assert (a.valid != b.valid).mean() <= 5e-4
         both = a.valid & b.valid
         assert np.isclose(a.depth, b.depth, rtol=1e-4)[both].mean() >= 0.995

@@ -1,4 +1,4 @@
-"""Depth meshes in pictures: with other objects, under lights, and with colours seen from near and from far."""
+"""Pictures of depth meshes: with other objects, with lights, from far away and from close up."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def test_shadows_are_cast_and_received(shape):
     views = object_views(joined([solid]), 128)
     scene, light = embree(solid, bar, floor), ibr.Light(**shape, ambient=AMBIENT)
     for thing in (ibr.DepthMeshObject(views), ibr.DepthMeshObject([ibr.DepthMesh(view) for view in views], blended=6)):
-        # Samples are 0.01 apart, which limits the accuracy of the ball's silhouette as seen from the light.
+        # Samples are 0.01 apart: so precise is the ball's silhouette for the light.
         assert agreement([thing, bar, floor], scene, CAMERAS["perspective"], light) >= 0.97
 
 
 def test_images_are_not_shaded():
-    """Colours of images contain their light, so only the shadow of another object changes them, to the ambient part."""
+    """Images already contain light: colours change only in another object's shadow, to their ambient part."""
     thing = ibr.DepthMeshObject(six())
     camera = target()
     plain = ibr.render(thing, camera)
@@ -53,7 +53,7 @@ def test_images_are_not_shaded():
 
 
 def test_frames_from_one_place_are_told_by_where_they_look():
-    """In a panorama of a room, each direction is covered by the frames that show it."""
+    """Frames of a panorama have one centre: for each camera, those that look the same way are drawn."""
     scene = joined([box((0, 0, 0), (2, 2, 2))])
     views = [scene.capture(camera) for camera in cube_cameras((0.1, 0, 0), 65)]
     thing = ibr.DepthMeshObject(views, blended=3, closed=False)
@@ -63,7 +63,7 @@ def test_frames_from_one_place_are_told_by_where_they_look():
 
 
 def test_frames_of_something_else_come_last():
-    """The closest frame looks the other way."""
+    """The frame that is closest to the camera looks the opposite way, and is not drawn."""
     scene = joined([box((0, 0, 0), (2, 2, 2))])
     ahead, behind = cube_cameras((0.1, 0, 0), 65)[4:]
     thing = ibr.DepthMeshObject([scene.capture(behind), scene.capture(ahead.moved(0.2, 0, -0.5))], blended=1)
@@ -72,7 +72,7 @@ def test_frames_of_something_else_come_last():
 
 
 def test_a_lit_surface_does_not_shade_itself():
-    """No tolerance causes false shadows, although the light sees other triangles than the camera."""
+    """At no tolerance are there false shadows, although light and camera choose different triangles."""
     y, x = np.mgrid[:192, :192]
     depth = (4 + 0.15 * np.sin(x / 11) + 0.15 * np.cos(y / 9)).astype(np.float32)
     camera = Camera([[192, 0, 95.5], [0, 192, 95.5], [0, 0, 1]], (192, 192))
@@ -86,7 +86,7 @@ def test_a_lit_surface_does_not_shade_itself():
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_views_seen_small_are_averaged(projection):
-    """A checkerboard is gray from far away, without the colours of holes, and sharp from near."""
+    """From far away a checkerboard is grey, and colours of holes do not mix in; from close up it is sharp."""
     size = (203, 131)
     y, x = np.mgrid[: size[1], : size[0]]
     light = (x // 2 + y // 2) % 2 == 0
@@ -101,13 +101,13 @@ def test_views_seen_small_are_averaged(projection):
         assert small.valid.mean() > 0.8
         seen = small.color[small.valid].astype(float)
         assert abs(seen.mean() - 140) < 5 and seen.std() < spread, scale
-        assert np.ptp(seen, axis=-1).max() == 0  # only gray: red samples have no depth
+        assert np.ptp(seen, axis=-1).max() == 0  # grey alone: red samples have no depth
     same = ibr.render(thing, camera)
     assert same.valid.mean() > 0.97 and set(np.unique(same.color[same.valid])) == {40, 240}
 
 
 def test_colours_stay_sharp_where_views_stand_in_the_middle():
-    """With views from the middle of a room, the distance from the room's centre is no measure of minification."""
+    """Views from the middle of a room look sharp, although their distance from the room's centre is almost 0."""
     walls = box((0, 0, 0), (1, 1, 1))
     corners = np.array(walls.vertices)
     points = MeshScene(corners, walls.faces, uv=corners[:, [0, 1]] * 0.4 + 0.5, texture=checkers())
@@ -116,7 +116,7 @@ def test_colours_stay_sharp_where_views_stand_in_the_middle():
     truth, frame = points.capture(camera), ibr.render(ibr.DepthMeshObject(views, tolerance=0.0, blended=6), camera)
     both = frame.valid & truth.valid
     assert both.mean() > 0.95
-    assert np.abs(frame.color.astype(int) - truth.color)[both].mean() <= 10  # mean error; edges lie between 40 and 220
+    assert np.abs(frame.color.astype(int) - truth.color)[both].mean() <= 10  # levels of 255; squares are 40 and 220
 
 
 def checkers() -> np.ndarray:
@@ -137,7 +137,7 @@ def test_from_within_and_from_behind():
 
 
 def test_many_triangles_in_a_large_picture():
-    """400,000 triangles and 6,656 bins of pixels: their product exceeds 32 bits."""
+    """There are 400,000 triangles and 6,656 bins of pixels; their product exceeds 32 bits."""
     n = 450
     depth = (2 + 0.02 * np.random.default_rng(1).normal(size=(n, n))).astype(np.float32)
     view = ibr.DepthImage(

@@ -1,4 +1,4 @@
-"""Rubber sheets: triangles known to bridge two surfaces are removed, and hardly any others."""
+"""Segmentation: triangles that bridge two surfaces (rubber sheets) are removed, and hardly any others."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_how_a_camera_lies_in_the_world_changes_nothing(test):
     view, plate = layered("flat", SIZE, "orthographic")
     turned = ibr.DepthImage(view.color, view.depth, view.camera.orbited(50, (1, 2, 3), axis=(1, -2, 0.5)))
     step, (low, high) = 4.8 - 3.2, view.bounds
-    for limit, whole in ((0.95, False), (1.05, True)):  # relative to the step
+    for limit, whole in ((0.95, False), (1.05, True)):  # limits, as fractions of the step
         part = limit * step / (high - low).max()
         rule = Segmentation(test, depth_range=part, gap=part)
         drawn, same = (cells_of(ibr.DepthMesh(v, segmentation=rule)) for v in (view, turned))
@@ -70,12 +70,12 @@ def test_the_extent_is_that_of_the_valid_samples(skew, span):
         depth = np.where(shown, 3 + span * (x + y) / (x + y)[shown].max(), np.nan).astype(np.float32)
         view = ibr.DepthImage(np.zeros((height, width, 3), np.uint8), depth, camera)
         apart = np.nanmax(depth) - np.nanmin(depth)
-        expected = np.ptp(view.points, axis=0).max()  # the camera frame is the world frame
+        expected = np.ptp(view.points, axis=0).max()  # the camera's frame is the world's
         assert Segmentation().record(view, float(apart))["extent"] == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_angle_and_the_range_both_decide():
-    """A step is seen edge-on if its height is more than 1 / tan(angle) of a sample's width."""
+    """A step counts as seen edge-on if its height exceeds the width of a sample divided by tan(angle)."""
     camera = ibr.Camera([[100, 0, 20], [0, 100, 15], [0, 0, 1]], (40, 30))
     for step in (0.05, 0.2, 0.5, 2.0):
         depth = np.full((30, 40), 4, np.float32)
@@ -84,7 +84,7 @@ def test_the_angle_and_the_range_both_decide():
         for angle in (2, 5, 10, 20):
             for depth_range in (0.01, 0.06, 0.3):
                 drawn = cells_of(ibr.DepthMesh(view, segmentation=Segmentation("orthogonality", angle, depth_range)))
-                # The sample is (4 to 4 + step) / 100 wide; cases close to a limit are not checked.
+                # The sample at the step is between 4 / 100 and (4 + step) / 100 wide. Cases near a limit are left out.
                 slopes, range_of = (4 / 100 / step, (4 + step) / 100 / step), step / (4 + step / 2)
                 if max(slopes) < 0.8 * np.tan(np.radians(angle)) and range_of > 1.2 * depth_range:
                     assert not drawn[:, 19].any()
@@ -108,15 +108,16 @@ def test_stricter_thresholds_take_out_more(test):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("name", ["tilted", "curved"])
 def test_noise_is_no_step(name, projection, test):
-    """Differences due to noise are no steps, even above the thresholds, and true steps are still found."""
+    """Differences within the noise are no steps, even if they exceed a threshold; true steps are found."""
     clean, plate = layered(name, SIZE, projection)
     noise = np.random.default_rng(4).normal(0, 0.06, clean.depth.shape).astype(np.float32)
     view, rubber = ibr.DepthImage(clean.color, clean.depth + noise, clean.camera), bridging(plate)
     rules = [Segmentation(test, deviations=0), Segmentation(test)]
     unaware, aware = (cells_of(ibr.DepthMesh(view, segmentation=rule)) for rule in rules)
-    # Three samples span more than 4 standard deviations once in 75 times. The estimate is 6 % less: once in 47 times.
+    # Three noisy samples span over 4 standard deviations in one of 75 cases; as the estimated noise is 6 % too small,
+    # in one of 47.
     assert (~aware)[~rubber].mean() < min(1 / 47, 0.7 * (~unaware)[~rubber].mean())
-    assert (~aware)[rubber].mean() >= 0.99  # steps of 20 deviations and more
+    assert (~aware)[rubber].mean() >= 0.99  # the steps are at least 20 deviations high
 
 
 def test_clean_depth_is_segmented_as_if_there_were_no_noise():
@@ -130,12 +131,15 @@ def test_clean_depth_is_segmented_as_if_there_were_no_noise():
 
 
 def triangle_points(view: ibr.DepthImage, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """World points (4, n, 3) within some triangles of the grid, and these triangles as (n, 3) y, x, side."""
+    """Four world points (4, n, 3) of each of some triangles of the grid: its centre, and the middles of its sides.
+
+    The triangles are (n, 3): y and x of the cell, and side, 0 for the upper triangle and 1 for the lower one.
+    """
     height, width = view.depth.shape
     y, x, side = np.meshgrid(np.arange(0, height - 1, every), np.arange(0, width - 1), (0, 1), indexing="ij")
     y, x, side = y.ravel(), x.ravel(), side.ravel()
     main = (x + y) % 2 == 0
-    # Corners of the triangles: the ends of the diagonal, and the third corner.
+    # Offsets of a triangle's corners in its cell: both ends of the diagonal, then the third corner.
     dx = np.stack([np.where(main, 0, 1), np.where(main, 1, 0), np.where(main == (side == 0), 1, 0)])
     dy = np.stack([np.zeros_like(x), np.ones_like(x), side])
     known = view.valid[y + dy, x + dx].all(axis=0)
@@ -148,10 +152,11 @@ def triangle_points(view: ibr.DepthImage, every: int) -> tuple[np.ndarray, np.nd
 
 @cache
 def labelled(number: int, others: tuple[int, ...], every: int = 3) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (n, 3) of a frame that other frames saw through, and triangles that other frames saw as a surface.
+    """Triangles (n, 3) of a frame through which other frames looked, and triangles that they saw as surface.
 
-    A frame saw through a triangle if its depth is more than 1 % farther than the centre of the triangle or of a side.
-    On a surface, all of these points lie within 0.5 % of some frame's depth; depths are in whole millimetres.
+    A frame looked through a triangle if it saw something over 1 % farther than the triangle's centre or the middle of a
+    side. Triangles are surface if each of these four points is within 0.5 % of the depth that some frame saw. Depths are
+    in whole millimetres.
     """
     points, triangles = triangle_points(room(number), every)
     through = np.zeros(len(triangles), bool)
@@ -180,14 +185,14 @@ def test_the_defaults_hold_on_a_room(test):
 
 @pytest.mark.parametrize("test", TESTS)
 def test_what_is_left_in_a_room_is_below_the_thresholds(test):
-    """Frame 50 has many steps of 1 to 2 % of their depth; equation 4 keeps triangles that span less than lambda."""
+    """Frame 50 has many steps of 1 to 2 % of the depth. Triangles below the threshold, in equation 4 lambda, stay."""
     view, rule = room(50), Segmentation(test)
     rubber, surface = labelled(50, (0, 1, 2, 3, 4))
     drawn = cells_of(ibr.DepthMesh(view, segmentation=rule))
     y, x, side = rubber.T
     main = (x + y) % 2 == 0
     four = np.stack([view.depth[y + dy, x + dx] for dy in (0, 1) for dx in (0, 1)])
-    apart = np.where(side == 0, np.where(main, 2, 3), np.where(main, 1, 0))  # corner outside the triangle
+    apart = np.where(side == 0, np.where(main, 2, 3), np.where(main, 1, 0))  # the cell's corner outside of the triangle
     three = np.where(np.arange(4)[:, None] == apart, np.nan, four)
     spans = (np.nanmax(three, axis=0) - np.nanmin(three, axis=0)) / np.nanmean(three, axis=0)
     large = rubber[spans > (rule.depth_range if test == "orthogonality" else rule.gap)]
@@ -208,7 +213,7 @@ def test_floors_that_recede_are_whole_and_small_steps_are_none(height, turned):
     inside[:, :60] = inside[:, -60:] = inside[-60:] = False
     assert (~frame.valid)[inside].mean() < 1e-3
     depth = np.minimum(depth, 10.0)
-    depth[60:200, 240:400] = 9.7  # a box in front of a wall
-    there = camera.moved(2, 0, 0)  # the box moves by 3 pixels against the wall
+    depth[60:200, 240:400] = 9.7  # a box 0.3 in front of a wall
+    there = camera.moved(2, 0, 0)  # the box moves by 3 pixels relative to the wall
     frame = ibr.render(ibr.DepthMesh(ibr.DepthImage(None, depth.astype(np.float32), camera)), there)
     assert ((~frame.valid[80:180, :400]).sum(axis=1) >= 3).all()

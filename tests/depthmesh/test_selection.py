@@ -1,4 +1,4 @@
-"""Reuse of vertices and triangles while the camera moves: reused selections suffice, and are reused no longer."""
+"""Reuse of a selection of vertices while the camera moves: it is reused as long as it suffices, and no longer."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from tests.one_lane import one_lane
 
 
 def nudged(rng: np.random.Generator, camera: Camera, by: float) -> Camera:
-    """The camera, moved and turned at random by up to `by` scene units and radians."""
+    """The camera, moved at random by up to `by` scene units and turned by up to `by` radians."""
     aside, turn = rng.uniform(-by, by, 3), rng.uniform(-by, by, 2)
     way = scenes.pose(yaw=np.degrees(turn[0]), pitch=np.degrees(turn[1]), center=tuple(aside))
     return Camera(camera.K, camera.size, camera.world_from_camera @ way, projection=camera.projection)
 
 
 def moved_by(camera: Camera, way: np.ndarray) -> Camera:
-    """The camera, translated in the world without rotation."""
+    """The camera, moved by `way` in the world and not turned."""
     there = camera.world_from_camera.copy()
     there[:3, 3] += way
     return Camera(camera.K, camera.size, there, projection=camera.projection)
@@ -39,7 +39,7 @@ def needs_more(thing: ibr.DepthMesh, kept: Selection, camera: Camera) -> bool:
 
 
 def check_held_selections(rounds: int) -> None:
-    """Assert that a selection valid for a moved camera has all needed vertices, and is valid for small moves only."""
+    """Assert that a selection is reused for small moves only, and then contains all vertices that are needed."""
     rng = np.random.default_rng(5)
     held = {by: [] for by in (0.0, 0.01, 0.1, 1.0)}
     for number in range(rounds):
@@ -65,7 +65,7 @@ def test_held_selections_are_enough_in_one_lane():
 
 
 def test_they_hold_no_longer_than_they_are_enough():
-    """At 0.95 of the allowed motion, selections suffice in all directions; at 1.3, a vertex is missing in some."""
+    """At 0.95 of the allowed motion no vertex is missing in any direction; at 1.3, some are, in some directions."""
     view = rough(np.random.default_rng(6), (90, 70), "perspective")
     thing, wide = ibr.DepthMesh(view), view.camera.moved(0, 0, -4.0)
     kept = select_for([thing.tree], wide, 1.0, 0.1)  # the whole surface is in view
@@ -110,7 +110,7 @@ def same(a: ibr.Frame, b: ibr.Frame) -> bool:
 
 @pytest.mark.parametrize("blended", [False, True])
 def test_triangles_are_drawn_again_while_the_tolerance_holds(blended):
-    """For the camera of the selection, the picture equals the picture with the finer tolerance, bit for bit."""
+    """With `reuse`, the selection is made for a finer tolerance: the first picture has the bits of that tolerance."""
     view = rough(np.random.default_rng(4), (90, 70), "perspective")
     views = [view, ibr.DepthImage(view.color, view.depth, view.camera.moved(0.1, 0, 0))]
     camera = view.camera.moved(0, 0, -4.0)  # the whole surface is in view
@@ -129,14 +129,14 @@ def test_triangles_are_drawn_again_while_the_tolerance_holds(blended):
     full = ibr.render(made(0.0), near)
     both = there.valid & full.valid
     assert both.mean() > 0.1 and (there.valid ^ full.valid).mean() < 0.01
-    # A pixel at 8 units is 0.1 units wide, and slopes are below 3.
+    # At a distance of 8, a pixel is 0.1 wide; slopes are below 3, so that depth may be off by 0.3.
     assert (np.abs(there.depth - full.depth)[both] < 0.3).mean() > 0.99
     assert chosen_anew(lambda: ibr.render(kept, far))
     assert same(ibr.render(kept, near.moved(0, 0, -0.02)), ibr.render(finer, near.moved(0, 0, -0.02)))
 
 
 def test_lights_do_not_choose_for_viewers():
-    """A light sees other triangles, but the viewer's triangles stay in the cache."""
+    """For its shadow map, a light selects other triangles; the selection for the viewer stays in the cache."""
     view = rough(np.random.default_rng(4), (90, 70), "perspective")
     kept = ibr.DepthMesh(view, reuse=0.25)
     camera = view.camera.moved(0, 0, -4.0)
@@ -148,7 +148,7 @@ def test_lights_do_not_choose_for_viewers():
 
 
 def test_another_threads_turn_amid_a_choice_does_no_harm(monkeypatch):
-    """Long launches let other threads draw the same object; the cache always holds a complete choice of one thread."""
+    """While a launch runs, another thread may draw the same object: the cache never mixes their two selections."""
     view = rough(np.random.default_rng(4), (90, 70), "perspective")
     here, there = view.camera.moved(0, 0, -4.0), view.camera.moved(1.5, 0, 1.0)
     kept = ibr.DepthMesh(view, reuse=0.1)

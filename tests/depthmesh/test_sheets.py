@@ -1,4 +1,4 @@
-"""Holes closed as in the paper: by coarse meshes of the drawn views that keep their rubber sheets."""
+"""Holes closed as in the paper: by coarse meshes of the drawn views, which keep triangles across depth edges."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_sheets_show_in_holes_only(projection):
     assert not (bare.valid & closed.guessed).any()
     np.testing.assert_array_equal(closed.depth[bare.valid], bare.depth[bare.valid])
     np.testing.assert_array_equal(closed.color[bare.valid], bare.color[bare.valid])
-    # The stretched grid shows there, except where its coarse mesh is off at an outline.
+    # Holes show the view's whole grid, with stretched triangles; the coarse mesh differs from it at outlines.
     sheets = closed.guessed & whole.valid
     assert sheets.sum() >= 0.98 * closed.guessed.sum()
     assert np.isclose(closed.depth, whole.depth, rtol=0.005)[sheets].mean() >= 0.95

@@ -1,4 +1,4 @@
-"""Images of any size: no part is lost, and planes take two triangles."""
+"""Depth meshes of images of any size: no part is lost, and planes take two triangles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WHOLE = Segmentation("none")
 
 
 def plane(size: scenes.Size, projection: str, slope: tuple[float, float]) -> ibr.DepthImage:
-    """View of a plane at distances from 1.5 to 4, as wide as its distance."""
+    """View of a plane, about 1.5 to 4 away, by a camera whose image is as wide as its distance."""
     width, height = size
     camera = Camera([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], size, projection=projection)
     y, x = np.mgrid[:height, :width]
@@ -29,7 +29,7 @@ def plane(size: scenes.Size, projection: str, slope: tuple[float, float]) -> ibr
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_planes_take_two_triangles_and_lose_no_pixel(size, projection):
-    """Walls and floors, seen from the front and from within the spheres around their vertices."""
+    """Walls and floors, from the view's camera, and from a camera inside the bounding spheres of their vertices."""
     for slope in ((0, 0), (0.2, 0.1), (-0.05, 0.35)):
         view = plane(size, projection, slope)
         thing = ibr.DepthMesh(view, segmentation=WHOLE)
@@ -39,13 +39,13 @@ def test_planes_take_two_triangles_and_lose_no_pixel(size, projection):
         whole = ibr.render(ibr.DepthMesh(view, tolerance=0, segmentation=WHOLE), view.camera)
         coarse = ibr.render(ibr.DepthMesh(view, tolerance=16, segmentation=WHOLE), view.camera)
         assert coarse.valid.all() and whole.valid.all()
-        # Corners are extrapolated by half a pixel from samples a pixel apart, which multiplies roundings of 2^-24.
+        # Corners are extrapolated by half a pixel from samples one pixel apart, which multiplies rounding by 2^-24.
         np.testing.assert_allclose(coarse.depth, whole.depth, rtol=2**-16)
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_no_border_is_lost_at_any_tolerance(projection):
-    """Surfaces without holes are drawn as a whole at any tolerance."""
+    """At any tolerance, a surface without holes is drawn up to the image's border."""
     for number, size in enumerate([(7, 13), (50, 33), (18, 64), (3, 2), (31, 30)]):
         thing = ibr.DepthMesh(rough(np.random.default_rng(number), size, projection, 0.02), segmentation=WHOLE)
         for tolerance in (0, 2, 16, 1e9):
@@ -56,7 +56,7 @@ def test_no_border_is_lost_at_any_tolerance(projection):
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_rims_of_a_pixel_stay_at_the_border(projection):
-    """The last two columns, or rows, belong to another surface: a rim that is one cell wide."""
+    """The last two columns or rows are another surface, whose triangles are one cell wide."""
     for size in ((50, 33), (33, 50), (64, 64)):
         for axis in (0, 1):
             depth = np.full(size[::-1], 3, np.float32)
@@ -65,12 +65,12 @@ def test_rims_of_a_pixel_stay_at_the_border(projection):
             thing = ibr.DepthMesh(ibr.DepthImage(np.zeros((*depth.shape, 3), np.uint8), depth, camera))
             drawn = cells_of(thing)
             assert drawn.sum() == 2 * (depth.size - sum(depth.shape) + 1) - 2 * (depth.shape[axis] - 1)
-            for tolerance in (0, 1, 5):  # partly drawn triangles are 2 samples long and count four times that
+            for tolerance in (0, 1, 5):  # errors of partly drawn triangles are 4 * 2 samples
                 np.testing.assert_array_equal(coverage(samples_for(thing, camera, tolerance), size), drawn)
 
 
 def test_tolerances_hold_whatever_the_size():
-    """Tolerances hold on a gently waved surface; errors are seen from the front, as differences of depth."""
+    """Errors of a gently waved surface stay within the tolerance; they are measured as differences of depth."""
     for size in ((65, 65), (66, 66), (100, 37), (61, 120)):
         a, b = scenes.image_coordinates(size)
         depth = (4 + 0.03 * np.sin(9 * a) + 0.03 * np.cos(7 * b)).astype(np.float32)
@@ -78,6 +78,6 @@ def test_tolerances_hold_whatever_the_size():
         view = ibr.DepthImage(np.zeros((*depth.shape, 3), np.uint8), depth, camera)
         for tolerance in (0.1, 0.5, 1):
             mesh = ibr.DepthMesh(view, segmentation=WHOLE).triangulate(camera, tolerance=tolerance)
-            # Slopes are at most 1.7, so depths are off by at most twice the distance across the surface.
+            # Slopes are at most 1.7, so that depth differs by at most twice the distance between the surfaces.
             assert vertical_error(mesh, view) * 400 / depth.min() <= 2 * tolerance
             assert tolerance < 1 or len(mesh.faces) < 0.2 * depth.size

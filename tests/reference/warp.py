@@ -74,8 +74,8 @@ def search_reference(
     """Search the epipolar line of every target pixel for the first surface, from the epipole to infinity.
 
     The ray of the target pixel x_d is ``epipole + t * infinity`` in the source's pixel space; equation (4) gives both
-    ends. At t the ray projects to a source pixel; its nearness is the paper's min_delta. The ray has met the surface
-    where the surface's delta at that pixel is larger.
+    ends. At t the ray projects to a source pixel; its nearness there is the paper's min_delta. The ray has met the
+    surface where the surface's delta at that pixel is larger.
 
     Every triangle of the grid along the line is tried, so that the result is exact. With "nearest" samples, depth and
     colour are those that the sample nearest to the hit has.
