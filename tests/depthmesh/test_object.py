@@ -253,7 +253,7 @@ def test_occupancy():
         assert not (views & ~np.uint32(possible)).any()
         for number in np.flatnonzero(weights):
             drawn = views >> np.uint32(number) & 1 > 0
-            alone = ibr.render(ibr.DepthMesh(six()[number], tolerance=0.5), camera)  # the object's tolerance, half for each view
+            alone = ibr.render(ibr.DepthMesh(six()[number], tolerance=0.5), camera)  # half of the object's
             assert drawn.any() and not (drawn & ~alone.valid).any()
             # A view gives colour exactly where its surface is at most `epsilon` behind the front surface.
             near = alone.valid & (alone.depth <= np.nan_to_num(frame.depth) + thing.epsilon)
@@ -349,7 +349,7 @@ def test_one_view_comes_back():
         inner = cv2.erode(view.valid.astype(np.uint8), np.ones((3, 3)), borderValue=0) > 0
         assert inner.sum() > 700
         assert frame.valid[inner].all()
-        np.testing.assert_allclose(frame.depth[inner], view.depth[inner], rtol=1e-4)  # depth is imprecise on steep triangles at edges
+        np.testing.assert_allclose(frame.depth[inner], view.depth[inner], rtol=1e-4)  # steep triangles at edges
         assert (np.abs(frame.color.astype(int) - view.color).max(axis=2)[inner] <= 1).mean() >= 0.99
 
 

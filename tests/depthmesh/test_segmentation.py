@@ -155,7 +155,7 @@ def labelled(number: int, others: tuple[int, ...], every: int = 3) -> tuple[np.n
     """Triangles (n, 3) of a frame through which other frames looked, and triangles that they saw as surface.
 
     A frame looked through a triangle if it saw something over 1 % farther than the triangle's centre or the middle of a
-    side. Triangles are surface if each of these four points is within 0.5 % of the depth that some frame saw. Depths are
+    side. Triangles are surface if each of these four points is within 0.5 % of the depth that some frame saw. Depth is
     in whole millimetres.
     """
     points, triangles = triangle_points(room(number), every)

@@ -1,4 +1,4 @@
-"""Errors, spheres, states, selection and segmentation of the quadtree, compared with the twin in float64."""
+"""The quadtree's errors, spheres, states, selections and segmentations, compared with the reference in float64."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from tests.reference import depthmesh as reference
 SIZES = [(2, 2), (7, 13), (17, 17), (35, 20)]
 ERRORS: tuple[ErrorsBy, ...] = ("sum", "largest")
 
-# Depths of about 4 are stored as inverses, with two roundings of 2^-24 each way. Differences of positions add a few
-# roundings, and each of at most 12 summed levels adds as many again.
+# Depths of about 4 are stored as inverses: storing and reading round twice each, by 2^-24. Differences of positions
+# round a few times more, and each of the up to 12 levels that are summed does all this again.
 ATOL = 4 * 12 * 2**-21
 
 
@@ -44,7 +44,7 @@ def twin(thing: ibr.DepthMesh) -> reference.Tree:
 
 
 def fields(tree: reference.Tree, side: int) -> tuple[np.ndarray, ...]:
-    """(side + 1, side + 1) errors, radii, depths and states; the four corners have none."""
+    """Errors, radii, depths and states of a tree's vertices, each (side + 1, side + 1); the four corners have none."""
     errors, radii, depths = np.full((3, side + 1, side + 1), -1.0)
     states = np.zeros((side + 1, side + 1), int)
     for (x, y), vertex in tree.vertices.items():
@@ -66,12 +66,12 @@ def test_errors_spheres_and_states():
         np.testing.assert_array_equal(found[0] >= 0, some, name)
         np.testing.assert_allclose(found[0][some], errors[some], rtol=1e-5, atol=ATOL, err_msg=name)
         np.testing.assert_allclose(found[1][some], radii[some], rtol=1e-5, atol=ATOL, err_msg=name)
-        np.testing.assert_allclose(found[2][some], depths[some], rtol=2**-21, err_msg=name)  # means in float32
+        np.testing.assert_allclose(found[2][some], depths[some], rtol=2**-21, err_msg=name)  # rounding of means
         np.testing.assert_array_equal(found[3][some], states[some], name)
 
 
 def test_parents_hold_their_children():
-    """Parents have larger errors, and spheres around their children's, so vertices can decide independently."""
+    """A parent's error is no less than its children's, and its sphere holds theirs: each vertex can decide alone."""
     for name, thing, structure in all_kinds():
         tree = thing.tree
         arrays = tree.errors.errors, tree.errors.radii, tree.errors.depths
@@ -84,22 +84,22 @@ def test_parents_hold_their_children():
                     continue
                 assert errors[y, x] >= errors[cy, cx], name
                 away = structure.place((cx, cy), depths[cy, cx]) - structure.place(corner, depths[y, x])
-                # The kernel rounds its distance.
+                # The kernel rounds the distance between both centres.
                 assert radii[y, x] >= np.linalg.norm(away) + radii[cy, cx] - ATOL, name
 
 
 def test_the_root_errors_bound_the_flattest_mesh():
-    """Errors are sums: no sample is off the coarsest triangles by more than the error of the root."""
+    """Errors are sums over levels, so that no sample is off the coarsest triangles by more than the root's error."""
     for projection in PROJECTIONS:
         thing = ibr.DepthMesh(rough(np.random.default_rng(1), (33, 33), projection), segmentation=Segmentation("none"))
         tree = twin(thing)
         most = max(tree.departure(root) for root in tree.roots)
-        # Departures are along the line of sight, errors perpendicular to the bisected edges; slopes are below 2 here.
+        # `departure` is measured along z, errors are perpendicular to the bisected edges; slopes are below 2 here.
         assert most <= np.hypot(1, 2) * tree.vertices[16, 16].error
 
 
 def cameras(view: ibr.DepthImage) -> dict[str, Camera]:
-    """Cameras outside, close, inside, behind and grazing, and an orthographic one, relative to the view's camera."""
+    """Cameras in special positions relative to the view's surface, and an orthographic camera."""
     own = view.camera.world_from_camera
     K = scenes.target_intrinsics((90, 70))
     flat = scenes.target_intrinsics((90, 70), "orthographic", zoom=1.5)
@@ -126,7 +126,7 @@ def test_selection_and_triangles(projection):
                 marks = select_for([thing.tree], camera, tolerance).active
                 active = marks[0].to_host()[:, : thing.tree.side + 1]
                 found = {(x, y) for y, x in np.argwhere(active).tolist() if (x, y) in structure.vertices}
-                # Rounding may decide the test of a sphere just at the limit.
+                # Rounding decides for vertices whose sphere or error is just at the limit.
                 assert len(found ^ expected) <= 2e-3 * len(structure.vertices), (name, tolerance)
                 points = list_triangles([thing.tree], marks).points.to_host()
                 pixels = pixels_of(points, thing.view)
@@ -150,7 +150,7 @@ def test_simplification(projection):
     for size, holes in [((7, 13), 0.0), ((17, 17), 0.01), ((20, 11), 0.0)]:
         thing = ibr.DepthMesh(rough(np.random.default_rng(3), size, projection, 0.01, holes))
         structure = twin(thing)
-        for bound in (0.0123, 0.05, 0.3):  # none equals the error of a sample
+        for bound in (0.0123, 0.05, 0.3):  # no sample has exactly such an error
             kept = {tuple(map(tuple, t)) for t in samples_within(thing, bound).tolist()}
             assert kept == {counter_clockwise(t) for t in structure.triangles(structure.simplified(bound))}
 
@@ -159,7 +159,7 @@ def test_simplification(projection):
 @pytest.mark.parametrize("test", TESTS)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_segmentation(projection, test, deviations):
-    # Limits with noisy triangles on both sides
+    # With these limits, noise decides for many triangles.
     rule = Segmentation(test, angle=25, depth_range=0.03, gap=0.03, deviations=deviations)
     drawn = []
     for size in [(2, 2), (7, 13), (33, 18)]:
@@ -169,7 +169,7 @@ def test_segmentation(projection, test, deviations):
             if not expected.any():
                 continue
             found = cells_of(ibr.DepthMesh(view, segmentation=rule))
-            # Rounding may decide on a triangle just at the limit.
+            # Rounding decides for triangles just at the limit.
             assert (found != expected).sum() <= 1e-3 * expected.size
             drawn.append(expected.mean())
     assert min(drawn) < (1 if test == "none" else 0.9 if deviations else 0.7)
@@ -184,7 +184,7 @@ def test_normals_and_quality(projection):
         thing = ibr.DepthMesh(view)
         expected = reference.normals(view, reference.segmented(view, thing.segmentation))
         assert thing.normals.dtype == np.float32
-        # Differences of 0.1 between positions of 4, rounded to 2^-22 of that: an error of 1/10000 of a radian.
+        # Positions of about 4, rounded to 2^-22 of that, differ by 0.1: normals are off by 1/10000 of a radian.
         np.testing.assert_allclose(thing.normals, expected, atol=3e-4)
         np.testing.assert_array_equal(thing.quality, np.abs(thing.normals[..., 2]))
         assert 0 <= thing.quality.min() < thing.quality.max() <= 1 + 1e-6
@@ -206,7 +206,7 @@ def test_the_normals_of_planes_are_theirs():
 
 @pytest.mark.parametrize("degrees", [45, 70, 80])
 def test_steep_surfaces_have_their_normals(degrees):
-    """Neighbours in a coarse grid may differ much in depth and still lie on one surface."""
+    """Neighbouring samples of a steep surface differ much in depth, but their normals are those of the surface."""
     n = 64
     tangent = np.tan(np.radians(degrees))
     across = (np.arange(n) - 31.5) / n
@@ -217,6 +217,6 @@ def test_steep_surfaces_have_their_normals(degrees):
     thing = ibr.DepthMesh(view, segmentation=Segmentation("none"))
     assert view.valid.sum() > 300
     np.testing.assert_allclose(thing.quality[view.valid], np.cos(np.radians(degrees)), atol=1e-3)
-    # The paper's test keeps triangles that are not seen edge-on; where triangles are kept, they determine the normals.
+    # The paper's test drops triangles that are seen edge-on. Where it keeps triangles, they determine the normals.
     drawn = ibr.DepthMesh(view).quality[1:-1, 1:-1][view.valid[1:-1, 1:-1]]
     assert np.isclose(drawn, np.cos(np.radians(degrees)), atol=1e-3).mean() > 0.9

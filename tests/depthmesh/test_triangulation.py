@@ -1,4 +1,4 @@
-"""Triangulations: no cracks, errors within their bounds, and attributes of the meshes."""
+"""Triangulations of depth images: they have no cracks, keep errors within bounds, and carry the views' attributes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_no_triangulation_has_cracks():
                 covered = check_crack_free(samples_for(thing, camera, tolerance), size)
                 assert not (covered & ~drawn).any()
                 partly += 0 < covered.sum() < drawn.sum()
-    assert partly > 30  # some triangulations lose triangles at edges
+    assert partly > 30  # coarse ones lose triangles at depth edges
 
 
 def test_tolerance_0_is_the_full_grid():
@@ -63,19 +63,19 @@ def test_tolerance_0_is_the_full_grid():
 
 
 def test_no_edge_is_lost_at_common_tolerances():
-    """Partly drawn triangles count four times their length, so the smallest, 2 pixels long, count as 8."""
+    """The error of a partly drawn triangle is four times its length, so at least 8 pixels: such triangles are split."""
     rng = np.random.default_rng(5)
     for number in range(24):
         thing = some_mesh(rng, number)
         view = thing.view
-        for tolerance in (1, 4):  # distances along rays are up to 1.4 times the depth
+        for tolerance in (1, 4):  # below 8 / 1.4: distance divided by depth is up to 1.4
             np.testing.assert_array_equal(
                 coverage(samples_for(thing, view.camera, tolerance), view.camera.size), cells_of(thing)
             )
 
 
 def test_vertices_are_the_samples():
-    """Points pass through (x z, y z, z) and back, exactly for images of any width."""
+    """Vertices are exactly the samples' points, and give back the samples' pixels for images of any size."""
     for projection in PROJECTIONS:
         for size in ((2, 521), (1031, 3), (61, 37)):
             view = rough(np.random.default_rng(1), size, projection, 0.3)
@@ -99,7 +99,7 @@ def test_larger_tolerances_have_fewer_triangles(tolerance):
 
 
 def vertical_error(mesh: ibr.Mesh, view: ibr.DepthImage) -> float:
-    """Largest distance in depth between samples and the triangles that cover them."""
+    """Largest difference in depth between a sample and the triangle that covers it."""
     depth = view.depth.astype(np.float64)
     perspective = view.camera.projection == "perspective"
     z = view.camera.project(mesh.vertices.astype(np.float64))[1]
@@ -124,7 +124,7 @@ def test_simplify_never_exceeds_its_error():
             corners = samples_within(thing, bound)
             np.testing.assert_array_equal(check_crack_free(corners, thing.view.camera.size), drawn)
             worst = vertical_error(thing.simplify(bound), thing.view)
-            # Depths of 4 pass through their inverses and back in the kernel: a few roundings of 2^-22.
+            # The kernel inverts depths of about 4 twice, with a few roundings of 2^-22.
             assert worst <= bound + 4 * 2**-20
             used.append(worst / bound if bound and len(corners) < drawn.sum() else 0)
     assert np.quantile(used, 0.75) > 0.8  # the bound is used almost fully
@@ -132,22 +132,22 @@ def test_simplify_never_exceeds_its_error():
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_simplify_sees_every_single_sample(projection):
-    """A spike on a plane is found at any sample, even at borders and holes, where only one triangle has it."""
+    """A spike on a plane is found at any sample, even at a border or a hole where a single triangle contains it."""
     side, bound = 9, 0.05
     flat = plane((side, side), projection)
     y, x = np.mgrid[:side, :side]
-    for beyond in (0 * x, x + y - 8, 8 - x - y, x - y, y - x):  # > 0: no samples
+    for beyond in (0 * x, x + y - 8, 8 - x - y, x - y, y - x):  # there are no samples where this is positive
         for at in zip(*np.nonzero(beyond == 0), strict=True):
             depth = np.where(beyond > 0, np.float32(np.nan), flat.depth)
             depth[at] += 0.1
             view = ibr.DepthImage(flat.color, depth, flat.camera)
             thing = ibr.DepthMesh(view, segmentation=Segmentation("none"))
-            # The rounding of depths of 6 in float32
+            # 2^-21: rounding of depths of about 6 in float32.
             assert vertical_error(thing.simplify(bound), view) <= bound + 2**-21, at
 
 
 def plane(size: scenes.Size, projection: str) -> ibr.DepthImage:
-    """View of an oblique plane, on which 1/z is linear."""
+    """View of an oblique plane: 1/z, or z for orthographic cameras, is linear in x and y."""
     y, x = np.mgrid[: size[1], : size[0]]
     straight = 0.3 - 0.0007 * x + 0.001 * y
     depth = (1 / straight if projection == "perspective" else 20 * straight).astype(np.float32)
@@ -157,19 +157,19 @@ def plane(size: scenes.Size, projection: str) -> ibr.DepthImage:
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_simplify_leaves_few_triangles_of_planes(projection):
     assert len(ibr.DepthMesh(plane((65, 65), projection)).simplify(1e-4).faces) == 2
-    # Other sizes than powers of two end in ever smaller blocks; their number grows with the length of the border, 159.
+    # Sizes that are no powers of two end in ever smaller blocks. Their number grows with the border, 159 cells long.
     thing = ibr.DepthMesh(plane((100, 61), projection))
     assert len(thing.simplify(1e-4).faces) <= 2 * 159
     assert cells_of(thing).sum() == 2 * 99 * 60
 
 
 def test_simplify_gives_fewer_triangles_than_errors_that_bound():
-    """Simplification tests the triangles themselves: smooth hills at 1/1000 of their depth need a tenth of the grid."""
+    """`simplify` measures true errors: for 1/1000 of the depth, smooth hills need about a tenth of the triangles."""
     for projection in PROJECTIONS:
         thing = ibr.DepthMesh(scenes.smooth((129, 129), projection), segmentation=Segmentation("none"))
         counts = [len(thing.simplify(bound).faces) for bound in (0.0, 0.004, 0.016, 0.064)]
-        assert counts[0] > 0.99 * 2 * 128 * 128  # a few triangles are flat and merge
-        # Errors fall with the square of the triangle size: four times the error takes little more than a quarter of the
+        assert counts[0] > 0.99 * 2 * 128 * 128  # a few flat triangles merge
+        # Errors grow with the square of a triangle's size, so that four times the error needs about a quarter of the
         # triangles.
         assert counts[1] < 0.15 * counts[0]
         assert counts[2] < 0.45 * counts[1] and counts[3] < 0.45 * counts[2]
@@ -179,7 +179,10 @@ def test_simplify_gives_fewer_triangles_than_errors_that_bound():
 
 
 def errors_in_pixels(fine: ibr.Mesh, coarse: ibr.Mesh, camera: Camera) -> np.ndarray:
-    """Distances from the points of either mesh that pixels see to the other mesh, in pixels, except at outlines."""
+    """Distances between two meshes, in pixels: from points that pixels see on one mesh to the other, both ways.
+
+    Pixels that see one mesh alone, at outlines, are left out.
+    """
     rays, scenes_of = rays_of(camera), (embree(fine), embree(coarse))
     t = [scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().astype(np.float64) for scene in scenes_of]
     both = np.isfinite(t[0]) & np.isfinite(t[1])
@@ -196,7 +199,7 @@ def errors_in_pixels(fine: ibr.Mesh, coarse: ibr.Mesh, camera: Camera) -> np.nda
 
 @cache
 def seen(name: str) -> list[tuple[ibr.DepthMesh, Camera]]:
-    """Meshes, and cameras away from their views."""
+    """Depth meshes, each with a camera that is not at its view."""
     found = []
     if name == "torus":
         camera = Camera.look_at((1.5, 1.2, 3), (0, 0, 0), (0, 1, 0), (200, 160), fov_y=45)
@@ -207,7 +210,7 @@ def seen(name: str) -> list[tuple[ibr.DepthMesh, Camera]]:
     for projection in PROJECTIONS:
         for noise in (0.0, 0.01):
             view = rough(np.random.default_rng(4), (120, 90), projection, noise)
-            view = ibr.DepthImage(view.color, view.depth, view.camera, noise=0)  # errors refer to the noisy samples
+            view = ibr.DepthImage(view.color, view.depth, view.camera, noise=0)  # errors include the noise
             own = view.camera.world_from_camera
             for move in ({"yaw": -30, "center": (2, 0.3, 0.5)}, {"pitch": 15, "center": (0, 0.8, 1.5)}):
                 camera = Camera(scenes.target_intrinsics((200, 150)), (200, 150), own @ scenes.pose(**move))
@@ -225,14 +228,14 @@ def test_errors_in_pixels(name, tolerance):
         off.append(errors_in_pixels(fine, coarse, camera))
     together = np.concatenate(off)
     assert (together <= 1.5 * tolerance).mean() >= 0.995
-    # Errors are sums over the levels, which true errors seldom reach.
+    # The tree's errors are sums over levels, and true errors are seldom as large.
     assert (together <= tolerance).mean() >= 0.9995
     assert np.mean(left) < {1: 0.95, 2: 0.8, 4: 0.6}[tolerance]
 
 
 @pytest.mark.parametrize("name", ["torus", "rough"])
 def test_the_largest_errors_take_fewer_triangles(name):
-    """The paper's rule never takes more triangles, as a sum is at least its largest term; errors are seldom larger."""
+    """The paper's rule, the largest error instead of the sum, never takes more triangles, and errors grow little."""
     for tolerance in (1, 4):
         counts, off = [], []
         for thing, camera in seen(name):
@@ -244,7 +247,7 @@ def test_the_largest_errors_take_fewer_triangles(name):
             off.append(errors)
         assert all(sums >= largest for sums, largest in counts)
         assert sum(largest for _, largest in counts) < sum(sums for sums, _ in counts)
-        # Errors fall to a quarter from level to level: with equal signs, they add up to 4/3 of the largest.
+        # From level to level, errors fall to a quarter. If all have one sign, they add up to 4/3 of the largest.
         assert (np.concatenate(off) <= 4 / 3 * tolerance).mean() >= 0.9995
     np.testing.assert_array_equal(
         paper.triangulate(camera, tolerance=0).faces, thing.triangulate(camera, tolerance=0).faces
@@ -258,7 +261,7 @@ def test_far_away_and_out_of_view_it_is_coarse():
     near, far = (Camera(K, (200, 150), own @ scenes.pose(center=(0, 0, -z))) for z in (0, 100))
     fine = len(thing.triangulate(near, tolerance=1).faces)
     assert len(thing.triangulate(far, tolerance=1).faces) < 0.05 * fine
-    # A camera that sees a quarter of the width gets the same fine triangles there, and coarse ones elsewhere.
+    # A camera that sees a quarter of the width gets the same fine triangles in view, and coarse triangles elsewhere.
     K = np.array([[600, 0, 600], [0, 600, 75], [0, 0, 1]])
     whole, part = Camera(K, (1200, 150), own), Camera(K, (300, 150), own)
     both = [thing.triangulate(camera, tolerance=0.5) for camera in (whole, part)]
@@ -287,7 +290,7 @@ def test_vertices_are_samples(projection):
         pixel, z = view.camera.project(mesh.vertices.astype(np.float64))
         samples = samples_of(mesh, view.camera)
         x, y = samples.T
-        # float32 positions of 5 units, at most 60 pixels per unit
+        # Positions of about 5 are rounded in float32; a unit is at most 60 pixels.
         drawn = drawn_pixels(samples, view.camera.size)
         np.testing.assert_allclose(pixel, drawn, atol=1e-4)
         expected = [structure.drawn_at((x, y))[2] for x, y in samples.tolist()]
@@ -297,7 +300,7 @@ def test_vertices_are_samples(projection):
         turned = mesh.normals @ view.camera.world_from_camera[:3, :3]
         np.testing.assert_allclose(turned, thing.normals[y, x], atol=1e-6)
         np.testing.assert_array_equal(mesh.attributes["quality"], thing.quality[y, x])
-        # The camera sees front sides.
+        # The camera sees the triangles' fronts.
         corner = mesh.vertices[mesh.faces].astype(np.float64)
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         sight = corner.mean(axis=1) - view.camera.center if projection == "perspective" else view.camera.forward
@@ -332,7 +335,7 @@ def test_a_mesh_drawn_as_a_mesh_is_the_depth_mesh_drawn():
 
 
 def decoded(strips: list[np.ndarray]) -> np.ndarray:
-    """Triangles of strips with uniform winding, without triangles that repeat a number."""
+    """Triangles (n, 3) of strips, all wound in one direction; triangles that contain a vertex twice are left out."""
     found = []
     for strip in strips:
         three = np.stack([strip[:-2], strip[1:-1], strip[2:]], -1)
@@ -342,7 +345,7 @@ def decoded(strips: list[np.ndarray]) -> np.ndarray:
 
 
 def in_order(faces: np.ndarray) -> np.ndarray:
-    """Sorted triangles, each starting with its least number."""
+    """Triangles, each turned to begin with its least vertex number, in sorted order."""
     first = faces.argmin(axis=1)[:, None]
     turned = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
     return turned[np.lexsort(turned.T)]
@@ -366,15 +369,15 @@ def test_strips_are_long_where_nothing_is_cut():
     for tolerance in (0, 2):
         camera = thing.view.camera.moved(0.3, 0, 0)
         strips, faces = thing.strips(camera, tolerance=tolerance), thing.triangulate(camera, tolerance=tolerance).faces
-        assert len(strips) == 1  # one curve through all triangles
-        # Separate triangles take 3 numbers each; a strip takes 1, and 1 more at a turn.
+        assert len(strips) == 1  # one strip passes all triangles
+        # A triangle alone takes 3 numbers. In a strip it takes 1, or 2 where the strip turns.
         assert sum(map(len, strips)) < 2 * len(faces)
 
 
 @pytest.mark.parametrize("floats", [False, True])
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_strips_carry_normals(projection, floats):
-    """Strips have the normals of their mesh, and on a plane the plane's normal, for a camera in any pose."""
+    """Strips have the normals of their mesh. On a plane these are the plane's normal, whatever the camera's pose."""
     view = plane((40, 31), projection)
     color = np.random.default_rng(0).integers(0, 256, view.color.shape, np.uint8)
     turned = Camera(view.camera.K, view.camera.size, scenes.pose(30, 10, center=(1, 2, 3)), projection=projection)
@@ -392,5 +395,5 @@ def test_strips_carry_normals(projection, floats):
             np.testing.assert_array_equal(record["color"], mesh.colors[strip])
             np.testing.assert_array_equal(record["normal"], mesh.normals[strip])
             assert record["color"].dtype == view.color.dtype and record.dtype.itemsize == (40 if floats else 31)
-            # Positions of 5 units are rounded to 2^-22 of that, and neighbours are at least 0.05 apart.
+            # Positions of about 5 are rounded to 2^-22 of that, and neighbours are at least 0.05 apart.
             np.testing.assert_allclose(record["normal"], np.broadcast_to(expected, (len(strip), 3)), atol=2e-4)

@@ -1,4 +1,4 @@
-"""Blended depth meshes compared with the true mesh, with real scans and with real frames."""
+"""Blended depth meshes compared with the meshes from which their views were made, and with real scans and frames."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BLENDS = ("quality", "position", "nearest")
 
 @cache
 def sources(name: str, size: int) -> tuple[MeshScene, list[ibr.DepthMesh], list[tuple[ibr.DepthImage, Camera]]]:
-    """A model, depth meshes of its six views, and ground truth at other cameras."""
+    """A model, depth meshes of six views of it, and true pictures of it from other cameras."""
     scene = torus() if name == "torus" else MeshScene.from_mesh(ibr.Mesh.load(shared(f"meshes/{name}")))
     cameras = [looking(scene, d, (size, size), near=1.6) for d in np.random.default_rng(5).normal(size=(6, 3))]
     meshes = [ibr.DepthMesh(view) for view in object_views(scene, size, projection="perspective")]
@@ -30,7 +30,7 @@ def sources(name: str, size: int) -> tuple[MeshScene, list[ibr.DepthMesh], list[
 
 
 def scores(name: str, size: int = 256, **options) -> tuple[float, float, float]:
-    """Mean PSNR over the pixels that both cover, mean IoU and least IoU."""
+    """Mean PSNR, over pixels that both picture and truth cover, mean IoU of their silhouettes, and least IoU."""
     _, meshes, tests = sources(name, size)
     thing = ibr.DepthMeshObject(meshes, **options)
     found = []
@@ -42,8 +42,8 @@ def scores(name: str, size: int = 256, **options) -> tuple[float, float, float]:
     return float(quality.mean()), float(iou.mean()), float(iou.min())
 
 
-# Least mean IoU with views and targets of 256 pixels: up to one sample is lost along an outline, and thin limbs consist
-# mostly of outline.
+# Least mean IoU allowed, with views and targets of 256 x 256 pixels. Along outlines, up to one sample is lost; limbs
+# are so thin that they are mostly outline.
 MODELS = {
     "torus": 0.99,
     "dragon_vrip_res3.ply.gz": 0.975,
@@ -59,7 +59,7 @@ def test_six_views_against_the_mesh(name):
     quality, iou, least = found["quality"]
     assert iou >= MODELS[name]
     assert least >= MODELS[name] - 0.02
-    # Best or equal: a difference of 0.05 dB is invisible.
+    # "quality" is the best or equal to the best: 0.05 dB are invisible.
     assert quality >= found["position"][0] - 0.05
     assert quality >= found["nearest"][0] - 0.05
     assert quality > 28
@@ -67,7 +67,7 @@ def test_six_views_against_the_mesh(name):
 
 @pytest.mark.thorough
 def test_the_dragon_at_full_size():
-    assert scores("dragon_vrip_res3.ply.gz", 512)[2] >= 0.97  # from every side
+    assert scores("dragon_vrip_res3.ply.gz", 512)[2] >= 0.97  # the least, from any side
 
 
 @pytest.mark.thorough
@@ -91,9 +91,9 @@ def test_the_bunny_from_six_real_scans():
         away = 0.45 * np.array(direction) / np.linalg.norm(direction)
         camera = Camera.look_at(middle + away, middle, (0, 1, 0), (300, 260), fov_y=26)
         truth, frame = scene.capture(camera), ibr.render(thing, camera)
-        # Unseen surface around the ears and at the bottom is missing.
+        # 0.94: no scan saw the surface around the ears and at the bottom.
         assert silhouette_iou(frame.valid, truth.valid) >= 0.94
-        # The scans lie 0.2 mm off the mesh.
+        # The scans themselves are 0.2 mm off the mesh.
         assert metrics.median_depth_error(frame.depth, truth.depth, valid=frame.valid & truth.valid) <= 0.2e-3
 
 
@@ -101,23 +101,23 @@ def test_the_bunny_from_six_real_scans():
 def test_a_room(numbers, number):
     views, truth = [room(n) for n in numbers], room(number)
     frame = ibr.render(ibr.DepthMeshObject(views), truth.camera)
-    # 2 %: far above the required millimetre, far below the steps between objects.
+    # 2 % is far more than the required millimetre, and far less than the steps between objects.
     both = frame.valid & truth.valid & (np.abs(frame.depth - truth.depth) <= 0.02 * truth.depth)
-    # 1 mm, as depth is in whole millimetres. 2 of 255, as reprojection of the samples gives 1.7 and 1.8.
+    # Depth is in whole millimetres. Reprojecting the samples alone gives colour errors of 1.7 and 1.8 levels of 255.
     assert metrics.median_depth_error(frame.depth, truth.depth, valid=both) <= 1e-3
     assert metrics.median_color_error(frame.color, truth.color, valid=both) <= 2
-    # The views together show more than the warp of any single view, except near cut edges.
+    # All views together show at least as much as the warp of each, except near cut edges.
     for view in views:
         warped = ibr.warp(view, truth.camera, edges="cut")
         right = warped.valid & truth.valid & (np.abs(warped.depth - truth.depth) <= 0.02 * truth.depth)
         assert both.mean() >= right.mean() - 0.002
-    # Without closing, hardly anything is drawn in front of the true surface.
+    # Without closing, at most 0.5 % of the pixels show something in front of the true surface.
     bare = ibr.render(ibr.DepthMeshObject(views, closed=False), truth.camera)
     assert (bare.valid & truth.valid & (truth.depth - bare.depth > 0.05 * truth.depth)).mean() <= 0.005
 
 
 def test_a_noisy_room():
-    """The surface stays whole with disparity noise of 0.3 pixels, for a sensor with a baseline of 75 mm."""
+    """The surface stays whole if depth has the noise of a sensor: 0.3 pixels of disparity, with a baseline of 75 mm."""
     rng, truth, clean = np.random.default_rng(0), room(1), [room(n) for n in (0, 2, 4)]
     noisy: list[ibr.DepthImage] = []
     for view in clean:
@@ -127,6 +127,6 @@ def test_a_noisy_room():
         noisy.append(ibr.DepthImage(view.color, depth, view.camera))
     exact, frame = (ibr.render(ibr.DepthMeshObject(v, closed=False), truth.camera) for v in (clean, noisy))
     assert frame.valid.sum() >= 0.99 * exact.valid.sum()
-    # The frames are closer together than the sensor's baseline, so colours are off by less than 0.3 pixels.
+    # The frames are less than the baseline apart, so that colours are displaced by less than 0.3 pixels.
     quality = [metrics.psnr(f.color, truth.color, valid=f.valid & truth.valid) for f in (exact, frame)]
     assert quality[1] >= quality[0] - 1

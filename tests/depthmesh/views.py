@@ -1,4 +1,4 @@
-"""Depth images for the tests of depth meshes, and their triangulations as sets of triangles of the grid."""
+"""Depth images for tests of depth meshes, and helpers that compare triangulations with the grid of samples."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tests import scenes
 from tests.slicing.solids import looking, torus, views_of_torus
 
 PROJECTIONS = ("perspective", "orthographic")
-TESTS = ("orthogonality", "connectedness", "disparity", "none")  # tests of `Segmentation`
+TESTS = ("orthogonality", "connectedness", "disparity", "none")  # values of `Segmentation.test`
 SIZE = (180, 150)
 DIRECTIONS = ((0.5, 0.4, 1), (-1, 0.3, 0.2), (0.2, -1, -0.5))
 
 
 def rough_depth(rng: np.random.Generator, size: scenes.Size, noise: float = 0.02, holes: float = 0.0) -> np.ndarray:
-    """(H, W) float32 depths: waves and noise around 4, and a fraction of holes."""
+    """(H, W) float32 depths around 4, with waves and noise; `holes`: fraction of missing samples."""
     a, b = scenes.image_coordinates(size)
     phase = rng.uniform(0, 6, 2)
     depth = 4 + 0.4 * np.sin(3 * a + phase[0]) + 0.4 * np.cos(4 * b + phase[1]) + rng.normal(0, noise, a.shape)
@@ -36,32 +36,32 @@ def rough(
 
 
 def cells_of(thing: ibr.DepthMesh) -> np.ndarray:
-    """Mask, (H - 1, W - 1, 2), of the upper and lower triangles of cells that are drawn."""
+    """(H - 1, W - 1, 2) bool: whether each cell's upper and lower triangle are drawn."""
     width, height = thing.view.camera.size
     states = thing.tree.cells.to_host()[: height - 1, : width - 1]
     return np.stack([states & 3, states >> 2 & 3], -1) == 2
 
 
 def samples_for(thing: ibr.DepthMesh, camera: Camera, tolerance: float) -> np.ndarray:
-    """(T, 3, 2) x and y of the corners of the triangles for a camera; the second corner has the right angle."""
+    """(T, 3, 2) corners, as x and y of samples, of a camera's triangles; the second corner has the right angle."""
     samples, faces = thing._triangles_for(camera, tolerance)
     return corners_of(samples[faces], thing)
 
 
 def samples_within(thing: ibr.DepthMesh, max_error: float) -> np.ndarray:
-    """(T, 3, 2) x and y of the corners of the triangles from `simplify`."""
+    """(T, 3, 2) corners, as x and y of samples, of the triangles that `simplify` returns."""
     mesh = thing.simplify(max_error)
     return samples_of(mesh, thing.view.camera)[mesh.faces]
 
 
 def samples_of(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
-    """(N, 2) x and y of the samples of vertices; at the border, vertices lie half a pixel beyond their samples."""
+    """(N, 2) x and y of vertices' samples; vertices of border samples lie half a pixel outside of them."""
     assert mesh.uv is not None
     return np.clip(np.rint(mesh.uv * camera.size - 0.5), 0, np.subtract(camera.size, 1)).astype(np.int64)
 
 
 def drawn_pixels(samples: np.ndarray, size: scenes.Size) -> np.ndarray:
-    """(..., 2) pixels at which the vertices of samples (..., 2) are drawn, half a pixel farther out at the border."""
+    """(..., 2) pixels at which samples (..., 2) are drawn as vertices: half a pixel farther out at the border."""
     return samples - 0.5 * (samples == 0) + 0.5 * (samples == np.subtract(size, 1))
 
 
@@ -78,7 +78,7 @@ def target(direction: tuple[float, ...] = DIRECTIONS[0], projection: str = "pers
 
 
 def weights_in(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(T, k, 3) weights of points (T, k, 2) in triangles (T, 3, 2), negative outside."""
+    """(T, k, 3) barycentric weights of points (T, k, 2) in triangles (T, 3, 2)."""
     a, b, c = (corners[:, None, k] for k in range(3))
 
     def twice_area(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -90,7 +90,7 @@ def weights_in(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def by_extent(corners: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Triangles (n, 3, 2) with boxes of equal size, and the samples (n, k, 2) in their boxes, row by row."""
+    """Groups of triangles (n, 3, 2) with bounding boxes of one size, each with the samples (n, k, 2) in the boxes."""
     low, extent = corners.min(axis=1), np.ptp(corners, axis=1)
     for width, height in np.unique(extent, axis=0):
         same = (extent == (width, height)).all(axis=1)
@@ -106,7 +106,7 @@ def leaf_middles(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def coverage(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
-    """Number of triangles, (H - 1, W - 1, 2), that cover each triangle of a cell, tested at a point on no edge."""
+    """(H - 1, W - 1, 2) number of given triangles that cover a point inside each cell's upper and lower triangle."""
     count = np.zeros((size[1] - 1, size[0] - 1, 2), np.int64)
     for some, points in by_extent(corners):
         x, y = points[..., 0], points[..., 1]
@@ -117,7 +117,7 @@ def coverage(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
 
 
 def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
-    """Assert that triangles share whole edges wherever two of them meet; return their `coverage` as a mask."""
+    """Assert that triangles which meet share whole edges; return as a mask which halves of cells they cover."""
     edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0]
     assert (areas < 0).all()  # counter-clockwise as seen by the camera, whose y axis points down
@@ -137,7 +137,7 @@ def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
     )
     diagonal = (np.abs(run) == np.abs(rise)) & ((cell % 2 == 0) == (run * rise > 0))
     aslant = (run != 0) & (rise != 0) & ~diagonal
-    if aslant.any():  # oblique edges are left where a degenerate triangle was dropped: no triangle lies outside them
+    if aslant.any():  # beside a dropped degenerate triangle: no other triangle may lie there
         along = (end - start)[aslant] / np.linalg.norm((end - start)[aslant], axis=1, keepdims=True)
         beyond = 0.5 * (end + start)[aslant] + 0.01 * np.stack([-along[:, 1], along[:, 0]], -1)
         assert not (weights_in(corners, np.broadcast_to(beyond, (len(corners), *beyond.shape))) > 0).all(axis=-1).any()
@@ -146,10 +146,10 @@ def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
     start, end = start[~aslant], end[~aslant]
     steps = np.abs(end - start).max(axis=1)
     unit = (end - start) // steps[:, None]
-    # Nothing may lie just beyond any unit of an edge with a triangle on one side only.
+    # Edges with one triangle: no triangle may lie just beyond any part of such an edge.
     number = np.repeat(np.arange(len(start)), steps)
     along = np.arange(len(number)) - np.repeat(np.cumsum(steps) - steps, steps) + 0.5
-    right = np.stack([-unit[:, 1], unit[:, 0]], -1)  # right of the direction, as y points down
+    right = np.stack([-unit[:, 1], unit[:, 0]], -1)  # to the right of the edge, as y points down
     beyond = start[number] + along[:, None] * unit[number] + 0.1 * right[number]
     cell = np.floor(beyond).astype(int)
     inside = ((cell >= 0) & (cell < np.subtract(size, 1))).all(axis=1)
@@ -160,7 +160,7 @@ def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
 
 
 def some_mesh(rng: np.random.Generator, number: int) -> ibr.DepthMesh:
-    """Mesh of a random field of random size; every third one has holes, and the segmentation tests take turns."""
+    """Random depth mesh number `number`: each third one has holes, and the segmentation tests take turns."""
     size = tuple(int(n) for n in rng.integers(2, 90, 2))
     noise, holes = rng.choice([0, 0.02, 0.3]), 0.01 * (number % 3 == 0)
     view = rough(rng, size, PROJECTIONS[number % 2], noise, holes)
@@ -168,7 +168,7 @@ def some_mesh(rng: np.random.Generator, number: int) -> ibr.DepthMesh:
 
 
 def some_camera(rng: np.random.Generator, view: ibr.DepthImage) -> Camera:
-    """Random camera within, around or behind the surface, which looks at a point near the surface."""
+    """Random camera near, in or behind the surface, which looks at a point near the surface."""
     low, high = view.bounds
     extent = np.maximum(high - low, 0.5)
     eye, at = rng.uniform(low - extent, high + extent), rng.uniform(low, high)

@@ -1,4 +1,4 @@
-"""Solids for objects and hulls, and cameras all round them."""
+"""Solids for tests of depth objects and visual hulls, and cameras around them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from tests.data import shared
 
 
 def revolved(profile: ArrayLike, closed: bool, sides: int = 96) -> tuple[np.ndarray, np.ndarray]:
-    """A profile of radius and height, (n, 2), revolved about the y axis; closed: the last point joins the first."""
+    """Vertices and faces of a profile, (n, 2) radius and height, revolved about the y axis.
+
+    closed: the profile's last point is joined with the first.
+    """
     radius, height = np.asarray(profile, float).T
     n, turn = len(radius), np.arange(sides) * 2 * np.pi / sides
     x, y, z = np.outer(np.cos(turn), radius), np.tile(height, (sides, 1)), np.outer(np.sin(turn), radius)
@@ -26,13 +29,13 @@ def revolved(profile: ArrayLike, closed: bool, sides: int = 96) -> tuple[np.ndar
 
 
 def colored(vertices: np.ndarray, faces: np.ndarray) -> MeshScene:
-    """The mesh with colours that depend on position."""
+    """A scene of the mesh, with colours that depend on position."""
     return MeshScene(vertices, faces, colors=np.clip(127.5 + 80 * vertices, 0, 255).astype(np.uint8))
 
 
 @cache
 def torus() -> MeshScene:
-    """With radii 1 and 0.45, in an oblique position."""
+    """A torus with radii 1 and 0.45, in an oblique position."""
     turn = np.arange(60) * 2 * np.pi / 60
     vertices, faces = revolved(np.column_stack([1 + 0.45 * np.cos(turn), 0.45 * np.sin(turn)]), closed=True, sides=120)
     aslant, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
@@ -41,13 +44,13 @@ def torus() -> MeshScene:
 
 @cache
 def cup() -> MeshScene:
-    """Open at the top (+y), with a wall 0.15 thick and a bottom."""
+    """A cup that is open at the top (+y), with a bottom and a wall 0.15 thick."""
     return colored(*revolved([(0, -1), (0.8, -1), (0.8, 1), (0.65, 1), (0.65, -0.8), (0, -0.8)], closed=False))
 
 
 @cache
 def dragon() -> tuple[MeshScene, list[ibr.DepthImage]]:
-    """The scan of 871,414 triangles, and six images of it."""
+    """The scanned dragon, 871,414 triangles, and six depth images of it."""
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
     return scene, object_views(scene, 512)
 
@@ -55,7 +58,7 @@ def dragon() -> tuple[MeshScene, list[ibr.DepthImage]]:
 def looking(
     scene: MeshScene, direction: ArrayLike, size: tuple[int, int], projection: str = "perspective", near: float = 1.3
 ) -> Camera:
-    """A camera at `near` extents from the middle, in this direction, that sees the whole scene."""
+    """A camera that sees the whole scene, `near` times its diagonal away from its middle in the given direction."""
     low, high = scene.vertices.min(axis=0), scene.vertices.max(axis=0)
     middle, extent = 0.5 * (low + high), np.linalg.norm(high - low)
     eye = middle + near * extent * np.asarray(direction) / np.linalg.norm(direction)
@@ -65,7 +68,7 @@ def looking(
 
 @cache
 def views_of_torus(kind: str) -> list[ibr.DepthImage]:
-    """Six "orthographic" or "perspective" views, "four" in a plane, or "nine, anywhere", of both projections."""
+    """Six "orthographic" or "perspective" views, "four" around one axis, or "nine, anywhere", of both projections."""
     scene = torus()
     if kind in ("orthographic", "perspective"):
         return object_views(scene, 160, projection=kind)
@@ -77,5 +80,5 @@ def views_of_torus(kind: str) -> list[ibr.DepthImage]:
 
 
 def spacing(thing: ibr.DepthObject | ibr.VisualHull) -> float:
-    """Scene units between slices."""
+    """Distance between slices in scene units."""
     return float(thing.box.edges.max()) / thing.slices

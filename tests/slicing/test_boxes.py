@@ -18,7 +18,7 @@ KINDS = ["orthographic", "perspective", "four", "nine, anywhere"]
 
 
 def moved(views: list[ibr.DepthImage], by: tuple[float, float, float]) -> list[ibr.DepthImage]:
-    """The same scene in another place of the world."""
+    """The views with their cameras, and so the scene, moved by `by` in the world."""
     made = []
     for view in views:
         pose = view.camera.world_from_camera.copy()
@@ -34,7 +34,7 @@ def within(box: Box, points: np.ndarray) -> np.ndarray:
 
 
 def nearness_of(view: ibr.DepthImage, box: Box, missing_is_empty: bool) -> np.ndarray:
-    """(H, W) nearness of a view's samples, as objects read them."""
+    """(H, W) nearness of a view's samples in the map that objects read."""
     with one_call():
         return maps_of([view], box, missing_is_empty).to_host()[: view.depth.size].reshape(view.depth.shape)
 
@@ -63,7 +63,7 @@ def test_the_box_of_samples_is_theirs_along_the_first_views_axes(kind):
     every = np.concatenate(points)
     assert within(box, every).all()
     extent = np.ptp(every @ box.axes.T, axis=0)
-    np.testing.assert_allclose(box.edges, extent + 0.002 * extent.max(), rtol=1e-9)  # a 1000th on each side
+    np.testing.assert_allclose(box.edges, extent + 0.002 * extent.max(), rtol=1e-9)  # 1/1000 more on each side
 
 
 def test_a_flat_object_has_a_box_with_an_inside():
@@ -96,16 +96,17 @@ def test_the_box_of_silhouettes_holds_all_that_lies_within_them(kind, by):
     box = box_of_silhouettes(views)
     np.testing.assert_array_equal(box.axes, np.eye(3))
     random = np.random.default_rng(2).uniform(-1, 1, size=(200_000, 3))
-    points = box.center + random * 0.75 * box.edges.max()  # half as much again on each side
+    points = box.center + random * 0.75 * box.edges.max()  # a cube 1.5 times as wide as the box
     points = points[visual_hull(views)(points)]
     assert len(points) > 1000
     assert within(box, points).all()
-    # The reserve is two cells of the last grid, a silhouette's samples and the radii of cells: no more than a tenth.
+    # The box exceeds the points by two cells of the last grid, by samples of a silhouette and by the cells' radii. All
+    # this is no more than a tenth.
     assert (box.edges <= 1.1 * np.ptp(points, axis=0) + 0.05 * box.edges.max()).all()
 
 
 def test_two_opposite_views_anywhere_in_the_world():
-    """All rays are parallel, so only the cameras limit the object's depth."""
+    """Outlines from opposite sides do not limit the object's depth along the rays; the box ends at the cameras."""
     for projection in ("orthographic", "perspective"):
         here = object_views(torus(), 60, projection=projection)[:2]
         box, there = box_of_silhouettes(here), box_of_silhouettes(moved(here, (100, 30, 5)))
@@ -115,7 +116,7 @@ def test_two_opposite_views_anywhere_in_the_world():
 
 
 def test_a_small_silhouette_is_found():
-    """A silhouette of one pixel, in four views."""
+    """Four views have silhouettes of one pixel each."""
     views = []
     for eye in ((3, 0, 0), (0, 3, 0.1), (0, 0.1, 3), (2, 2, 2)):
         camera = Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 0.3), (201, 151), fov_y=60)
@@ -125,7 +126,7 @@ def test_a_small_silhouette_is_found():
     box = box_of_silhouettes(views)
     pixel = 2 * 3 * np.tan(np.radians(30)) / 151
     assert within(box, np.zeros((1, 3))).all()
-    # The box holds the pixel's square, and around it the pixel and a half that a coarse grid must keep.
+    # The box contains the pixel's square and, around it, the pixel and a half that a coarse grid must keep.
     assert (box.edges <= 8 * pixel).all()
     target = views[3].camera
     frame = ibr.render(ibr.VisualHull(views, slices=64), Camera(target.K, target.size, target.world_from_camera))
@@ -150,7 +151,7 @@ def test_samples_without_depth_say_that_there_is_nothing_or_nothing_at_all():
     far, near = nearness_of(view, box, True), nearness_of(view, box, False)
     surface = np.float32(0.5)
     assert (far[:, :4] < surface).all()
-    assert (near[:, :2] > surface).all()  # all points lie behind it: no test
+    assert (near[:, :2] > surface).all()  # unknown: every point passes the test
     assert (near[:, 2:4] < surface).all()
     np.testing.assert_array_max_ulp(far[:, 4:], near[:, 4:], 3)
 

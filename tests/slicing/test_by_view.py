@@ -1,4 +1,4 @@
-"""Slices by view: compared with rays cast at the surface, with many slices, and with 256 fixed ones on an orbit."""
+"""Numbers of slices chosen for each view, slices="view", compared with cast rays, many slices, and 256 slices."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FRONT = (0.5, 0.4, 1)
 
 
 def noise() -> Any:
-    """A fine texture, which reveals shifts by a fraction of a pixel."""
+    """A fine texture, on which shifts by a fraction of a pixel are visible."""
     values = np.random.default_rng(1).normal(0, 1, (256, 256, 3))
     values = cv2.GaussianBlur(values, (0, 0), 1.5)
     return np.clip(127.5 + 60 * values / values.std(), 0, 255).astype(np.uint8)
@@ -39,13 +39,13 @@ def noisy_surface(slices: Any, slicing: str, texels: int = 32, **more: Any) -> i
 
 
 def flicker(frames: Sequence[ibr.Frame], truth: Sequence[ibr.Frame]) -> float:
-    """Change of colour errors from frame to frame, per pixel of the surface; true motion does not count."""
+    """Mean change of colour errors from frame to frame, per pixel of the surface; true motion is no error."""
     off = [a.color.astype(float) - b.color for a, b in zip(frames, truth, strict=True)]
     return float(np.abs(np.diff(off, axis=0)).mean() / np.mean([b.valid for b in truth]))
 
 
 def flicker_of_ring(height: Any, slicing: str, size: tuple[int, int], steps: int) -> tuple[float, float]:
-    """Flicker with slices by view, and with 256 slices, over `steps` of 120 steps around a displaced ring."""
+    """Flicker with slices="view" and with 256 slices, while a camera takes `steps` of 120 steps around a ring."""
     turns = np.arange(steps) * 2 * np.pi / 120
     eyes = [(4 * np.cos(turn), 4 * np.sin(turn), 1.8) for turn in turns]
     cams = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), size, fov_y=40) for eye in eyes]
@@ -70,8 +70,8 @@ def test_surfaces_show_no_slice_at_any_size(slicing, projection):
             seen = np.isfinite(truth)
             frame = ibr.render(noisy_surface("view", slicing), cam)
             assert frame.valid[interior(truth)].all()
-            # Points are within an eighth of a pixel, or sqrt(3) eighths across slices. Pixels there and in the middle
-            # differ in size by a third. At outlines in the picture, rounding decides about hits.
+            # Points are off by up to an eighth of a pixel or, on oblique slices, sqrt(3) eighths. Pixels at the surface
+            # and at its middle differ in size by up to a third. At outlines, rounding decides what rays hit.
             off = np.abs(frame.depth - truth)[seen & frame.valid] / pixel_size(cam, MIDDLE)
             assert np.quantile(off, 0.9) < 0.3
             off = np.abs(frame.depth - truth)[interior(truth) & frame.valid] / pixel_size(cam, MIDDLE)
@@ -81,22 +81,22 @@ def test_surfaces_show_no_slice_at_any_size(slicing, projection):
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_surfaces_take_as_many_as_the_picture_needs(slicing):
-    """The number is twelve per pixel up to 256, then one per pixel, until slices lie half a texel apart."""
+    """Twelve slices per pixel of displacement up to 256, then one per pixel; none are closer than half a texel."""
 
     def tests(width: int, slices: Any, texels: int = 1024) -> float:
         whole = camera(40, 20, (width, width * 3 // 4))
-        size = min(width, 160), min(width, 160) * 3 // 4  # the middle of a larger picture
+        size = min(width, 160), min(width, 160) * 3 // 4  # at most the middle of the picture
         K = whole.K - np.pad((np.subtract(whole.size, size) / 2)[:, None], ((0, 1), (2, 0)))
         cam, thing = Camera(K, size, whole.world_from_camera), noisy_surface(slices, slicing, texels)
         return float(alpha_tests(thing, cam).sum() / ibr.render(thing, cam).valid.sum())
 
     assert 1.5 * tests(20, "view") < tests(40, "view") < 2.2 * tests(20, "view")
     assert 1.5 * tests(40, "view") < tests(80, "view") < 2.2 * tests(40, "view")
-    most = {width: tests(width, 256) + 10 for width in (320, 640, 2560)}  # halvings, and tests where rays leave
+    most = {width: tests(width, 256) + 10 for width in (320, 640, 2560)}  # 10: for halvings and at rays' ends
     for width in (320, 640):
         assert 0.9 * most[width] < tests(width, "view") < most[width]
     assert tests(2560, "view") > 1.5 * most[2560]
-    # With 256 texels, half a texel is 1/512 of the square. The displacement is a quarter of the square: 128 slices.
+    # With 256 texels, half a texel is 1/512 of the square's side. The displacement, a quarter of it, has 128 slices.
     for width in (320, 2560):
         assert tests(width, "view", 256) < 0.5 * most[width] + 10
 
@@ -115,7 +115,7 @@ def test_surfaces_flicker_less_than_with_256_slices(slicing):
 @pytest.mark.thorough
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_curved_surfaces_flicker_no_more_where_pixels_are_wide(slicing):
-    """A pixel is as wide as 45 of 256 slices: errors of an eighth of a pixel would make four times the flicker."""
+    """A pixel is as wide as 45 of the 256 slices: with errors of an eighth of a pixel, flicker would be four-fold."""
     by_view, fixed = flicker_of_ring(heights(32), slicing, (160, 120), 6)
     assert by_view <= fixed
 
@@ -123,7 +123,7 @@ def test_curved_surfaces_flicker_no_more_where_pixels_are_wide(slicing):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("slicing", "size"), [("orthogonal", (241, 181)), ("screen", (121, 91))])
 def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size):
-    """Along some rays, the edge of a terrace is thinner than a pixel."""
+    """Some rays cut the edge of a terrace along less than the width of a pixel."""
     y, x = np.mgrid[:128, :128] * (2 * np.pi / 128)
     terraces = 0.5 + 0.25 * np.sin(2 * x) * np.cos(y) + 0.25 * np.sin(x + 2 * y)
     terraces = (np.rint(5 * terraces) / 5).astype(np.float32)
@@ -134,7 +134,7 @@ def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("slicing", "size"), [("orthogonal", (320, 240)), ("screen", (240, 180))])
 def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
-    """This holds also where a pixel is wider than the spacing of 256 slices, so that there are fewer slices."""
+    """They do not, although there are fewer slices where a pixel is wider than the distance between 256 slices."""
     scene, views = dragon()
     turns = np.arange(6) * 2 * np.pi / 120
     cams = [looking(scene, (np.cos(turn), 0.3, np.sin(turn)), size) for turn in turns]
@@ -146,7 +146,7 @@ def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
     for frame, true in zip(frames, truth, strict=True):
         both = frame.valid & true.valid
         off = np.abs(frame.depth - true.depth)[both] / pixel_size(frame.camera, thing.box.center)
-        assert off.mean() < 0.25  # an eighth of a pixel, and more where slices miss thin parts
+        assert off.mean() < 0.25  # in pixels: an eighth, but more where slices miss thin parts
         assert silhouette_iou(frame.valid, true.valid) >= 0.99
 
 
@@ -163,20 +163,21 @@ def test_objects_show_no_slice_at_any_size(kind, slicing, projection):
         off = np.abs(frame.depth - many.depth)[both] / pixel_size(cam, kind(views).box.center)
         assert np.quantile(off, 0.95) < 0.25
         assert off.mean() < 0.5
-        # Slices miss some of a hull's wedge-shaped edges in the smallest picture, and chance decides which.
+        # In the smallest picture, slices miss some of a hull's sharp edges; their position decides which.
         few = [ibr.render(kind(views, slices=n, slicing=slicing), cam).valid for n in (24, 32, 40)]
         missed = (frame.valid != many.valid).sum()
         assert missed <= max(max((one != many.valid).sum() for one in few) + 1, 0.02 * many.valid.sum())
 
 
 def test_spacing_changes_as_slowly_as_the_camera_moves():
-    """The spacing does not jump, and other pictures do not influence it."""
+    """The distance between slices does not jump, and does not depend on pictures drawn before."""
     thing = ibr.DepthObject(views_of_torus("orthographic"), slices="view")
     turns = np.linspace(0, 2 * np.pi, 481)
     cams = [looking(torus(), (np.cos(turn), 0.6 * np.sin(2 * turn), np.sin(turn)), (160, 120)) for turn in turns]
     spacings = np.array([spacing_in(thing, cam)[0] for cam in cams])
     assert spacings.max() > 1.3 * spacings.min()
-    # A step is 0.75 degrees: a cosine of at least 1 / sqrt(3) and the nearest corner's distance change only a little.
+    # Each step is 0.75 degrees. It changes only a little the cosine, of at least 1 / sqrt(3), between view and slices,
+    # and the distance of the box's nearest corner.
     assert np.abs(np.diff(np.log(spacings))).max() < 0.04
     again = np.array([spacing_in(thing, cam)[0] for cam in cams[::-1]])
     np.testing.assert_array_equal(again[::-1], spacings)
@@ -188,7 +189,7 @@ def test_from_within_and_from_afar(slicing):
     for eye in (MIDDLE, MIDDLE + 1e-6, (0.5, 0.5, SCALE), (0.1, 0.2, 0.3 * SCALE)):
         frame = ibr.render(thing, Camera.look_at(eye, (2, 0.6, 0.1), (0, 0, 1), (41, 33), fov_y=80))
         np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
-    # The displacement is 9 pixels high, or less than a pixel.
+    # From these distances, the displacement is 9 pixels high and less than one pixel.
     for away in (40, 500):
         cam = Camera.look_at(MIDDLE + away * np.array([0.4, 0.3, 1]), MIDDLE, (0, 0, 1), (41, 33), fov_y=20)
         many, frame = ibr.render(noisy_surface(256, slicing, test="at_least"), cam), ibr.render(thing, cam)
@@ -215,7 +216,7 @@ def test_shadows_on_surfaces_and_objects_are_those_of_many_slices():
     cam = camera(50, 30)
     frames = [ibr.render(noisy_surface(n, "orthogonal"), cam, light) for n in ("view", 512)]
     off = np.abs(frames[0].color.astype(int) - frames[1].color).max(axis=-1)
-    assert (off[frames[1].valid] > 40).mean() < 0.03  # at shadows' edges and the outline
+    assert (off[frames[1].valid] > 40).mean() < 0.03  # pixels at the outline and at shadows' edges
     cam = looking(torus(), FRONT, (160, 120))
     frames = [ibr.render(ibr.DepthObject(views_of_torus("orthographic"), slices=n), cam, light) for n in ("view", 512)]
     off = np.abs(frames[0].color.astype(int) - frames[1].color).max(axis=-1)

@@ -1,4 +1,4 @@
-"""Sliced surfaces on curved and bent bases, compared with meshes that are moved along their normals."""
+"""Sliced surfaces on curved base meshes, compared with the base meshes moved along their normals."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EYES = ABOVE, ASLANT, GRAZING = (0.3, 0.2, 3.4), (1.6, -2.6, 2), (2.9, 1.2, 0.25
 
 
 def lines() -> np.ndarray:
-    """Thin black lines on white, which reveal waves in a texture."""
+    """Thin black lines on white, on which distortions of a texture are visible."""
     y, x = np.mgrid[:256, :256]
     color = np.full((256, 256, 3), 255, np.uint8)
     color[(x % 32 < 3) | (y % 32 < 3)] = 0
@@ -36,7 +36,7 @@ def lines() -> np.ndarray:
 
 @cache
 def blob() -> ibr.Mesh:
-    """A coarse ball with bumps, saddles and legs, like an animal's mesh, with triangles of all sizes."""
+    """A coarse ball with bumps, saddles and legs, like the mesh of an animal, with triangles of many sizes."""
     rng = np.random.default_rng(2)
     v, u = np.mgrid[:13, :25]
     turn, polar = 2 * np.pi * (u + 0.3 * np.sin(v)) / 24, np.pi * (0.005 + 0.99 * v / 12)
@@ -51,7 +51,7 @@ def blob() -> ibr.Mesh:
 
 
 def crate() -> ibr.Mesh:
-    """A box with smooth normals: flat polygons with very different normals at their corners."""
+    """A box with smooth normals, so that flat polygons have very different normals at their corners."""
     mesh = box()
     normals = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1)[:, None]
     return ibr.Mesh(mesh.vertices, mesh.faces, uv=mesh.uv, normals=normals)
@@ -68,25 +68,25 @@ BASES: dict[str, Any] = {
 
 
 def moved(base: ibr.Mesh, by: float) -> ibr.Mesh:
-    """The mesh with its vertices moved along its normals, like slices at that height."""
+    """The mesh with its vertices moved by `by` along its normals, like a slice at that height."""
     normals = base.normals if base.normals is not None else base.smooth_normals
     return ibr.Mesh(base.vertices + by * normals, base.faces, uv=np.asarray(base.uv) * (5, 2), texture=lines())
 
 
-@pytest.mark.parametrize(  # each direction with each base, and each place with two bases
+@pytest.mark.parametrize(  # each slicing with each base, and each eye with some bases
     ("name", "slicing", "eye"),
     [(name, way, EYES[(i + j) % 3]) for i, name in enumerate(BASES) for j, way in enumerate(SLICINGS)],
 )
 def test_even_heights_show_the_moved_mesh(name, slicing, eye):
     make, scale = BASES[name]
-    filtered: dict[str, Any] = {"samples": 4, "anisotropy": 16}  # otherwise oblique meshes are filtered more strongly
+    filtered: dict[str, Any] = {"samples": 4, "anisotropy": 16}  # else meshes seen obliquely are blurred
     base, camera = make(), Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (240, 180), fov_y=42)
     truth = ibr.render(moved(base, 0.5 * scale), camera, **filtered)
     thing = ibr.SlicedSurface(base, EVEN, lines(), scale, tiles=(5, 2), slices=1024, slicing=slicing)
     seen = ibr.render(thing, camera, **filtered)
     both = truth.valid & seen.valid
     assert both.sum() >= 0.99 * (truth.valid | seen.valid).sum()
-    # One pixel in a hundred may be wrong at outlines within the picture; lines are a pixel or two thick.
+    # Lines are one or two pixels thick. At outlines in front of the surface, one pixel in a hundred may be wrong.
     assert (np.abs(truth.color.astype(int) - seen.color)[both].max(axis=-1) > 64).mean() <= 0.01
 
 
@@ -94,7 +94,7 @@ def test_even_heights_show_the_moved_mesh(name, slicing, eye):
 @pytest.mark.parametrize("sides", [12, 25])
 def test_depth_error_with_hills_falls_with_slices(sides, slicing):
     base, scale, counts = models.donut(sides), 0.3, (32, 128, 512)
-    fine = embree(finely_displaced(base, heights(), scale, (5, 2), cells=-(-640 // sides)))  # 4 a texel
+    fine = embree(finely_displaced(base, heights(), scale, (5, 2), cells=-(-640 // sides)))  # 4 cells per texel
     cameras = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (160, 120), fov_y=42) for eye in EYES]
     truths = [true_depth(fine, camera) for camera in cameras]
     means = []
@@ -117,7 +117,7 @@ def test_slices_by_view_are_near_the_true_surface():
     frame = ibr.render(ibr.SlicedSurface(base, heights(), EVEN_COLOR, scale, tiles=(5, 2), slices="view"), camera)
     inside, pixel = interior(truth, 0.05), 3.7 / camera.K[0, 0]
     assert frame.valid[inside].all()
-    assert np.abs(frame.depth - truth)[inside].mean() <= 0.15 * pixel  # the documented limit is an eighth of a pixel
+    assert np.abs(frame.depth - truth)[inside].mean() <= 0.15 * pixel  # the manual says an eighth of a pixel
 
 
 def test_slices_beside_curved_prisms_change_the_cost_alone():
@@ -133,7 +133,7 @@ def test_slices_beside_curved_prisms_change_the_cost_alone():
     ]
     assert (frames[0].valid != frames[1].valid).mean() < 1e-3
     both = frames[0].valid & frames[1].valid
-    # The interpolation between exact slices decides whether grazing slices pass, in a hundredth of the pixels.
+    # In 1 % of the pixels rays graze the surface, and interpolation between slices decides which slice shows.
     assert (np.abs(frames[0].depth - frames[1].depth)[both] > 1e-4).mean() < 0.01
 
 
@@ -145,20 +145,20 @@ def test_curved_bases_in_one_lane(slicing, slices):
     wide = ibr.render(thing, camera, light)
     with one_lane():
         one = ibr.render(thing, camera, light)
-    assert (one.valid != wide.valid).mean() <= 2e-3  # rounding decides whether a grazing slice is found
+    assert (one.valid != wide.valid).mean() <= 2e-3  # rounding decides where slices graze the surface
     both = one.valid & wide.valid
     assert np.isclose(one.depth, wide.depth, rtol=1e-5)[both].mean() >= 0.99
     assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 1).mean() >= 0.99
 
 
 def rolling(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Smooth heights from 0.1 to 0.9 over a tile."""
+    """Smooth heights between 0.1 and 0.9, periodic with period 1."""
     a, b = 2 * np.pi * u, 2 * np.pi * v
     return 0.5 + 0.2 * np.sin(a) * np.cos(b) + 0.15 * np.sin(2 * b + a) + 0.05 * np.cos(2 * a)
 
 
 def test_normals_from_heights_are_the_displaced_torus_own():
-    """Lengths on a torus displaced by 0.25 are up to 1.6 times the base's, which would give errors of 8 of 255."""
+    """A displacement of 0.25 stretches the torus up to 1.6 times: to ignore this would change shades by 8 of 255."""
     scale, tiles = 0.25, (6, 3)
     y, x = (np.mgrid[:128, :128] + 0.5) / 128
     camera = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (240, 180), fov_y=42)
@@ -184,7 +184,7 @@ def test_normals_from_heights_are_the_displaced_torus_own():
         both = truth.valid & seen.valid & (np.abs(truth.depth - seen.depth) < 0.02)
         off.append(np.abs(truth.color.astype(int) - seen.color)[both].max(axis=1))
     shades = np.concatenate(off)
-    assert shades.mean() <= 1.5  # rounding of bytes, and slopes as means of two texels
+    assert shades.mean() <= 1.5  # rounding to bytes, and slopes averaged over two texels
     assert np.quantile(shades, 0.95) <= 5
 
 
@@ -192,12 +192,12 @@ def test_normals_from_heights_are_the_displaced_torus_own():
 @pytest.mark.parametrize("fov", [60, 90, 120])
 @pytest.mark.parametrize("eye", [(0.5, -0.25, 0.35), (0.2, 0.1, 0.45), (0.5, 0.5, 0.5), (0.9, 1.1, 0.3)])
 def test_none_sees_through_one_large_polygon(eye, fov, slicing):
-    """Within the polygon, the direction that faces the viewer most differs, and rays leave at its borders."""
+    """The best direction of slices differs within the polygon, and rays leave the surface at the polygon's borders."""
     camera = Camera.look_at(eye, (0.55, 0.6, 0), (0.01, 0, 1), (320, 240), fov_y=fov)
     truth = large().depth(camera)
     seen = ibr.render(ibr.SlicedSurface(square(), heights(), EVEN_COLOR, SCALE, slicing=slicing), camera).valid
     assert seen[interior(truth)].all()
-    # By chance its outlines lie on pixels' rays, and a ray that cuts a corner may miss a slice.
+    # Some rays run exactly along the outlines, and some cut a corner of the volume between two slices.
     assert (np.isfinite(truth) & ~seen).mean() <= 5e-4
 
 
@@ -207,7 +207,7 @@ def large() -> Solid:
 
 
 def test_a_border_is_no_wider_than_the_surface():
-    """Rays that leave at a border show a point only if they have met the filled volume."""
+    """A ray that leaves the surface at its border hits something only if it has met the filled volume."""
     camera = Camera.look_at((0.5, -1.2, 0.6), (0.5, 0.5, 0), (0, 0, 1), (240, 180), fov_y=50)
     truth = np.isfinite(large().depth(camera)).astype(np.uint8)
     seen = ibr.render(ibr.SlicedSurface(square(), heights(), EVEN_COLOR, SCALE), camera).valid

@@ -1,4 +1,4 @@
-"""Visual hulls: compared with closed forms and float64, and of a photographed dinosaur and a rendered clock."""
+"""Visual hulls compared with closed forms and a float64 reference, and hulls of photographs and of renderings."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from tests.data import shared
 from tests.reference.slicing import first_depth, visual_hull
 
 SLICES = 256
-GIVEN, LEFT_OUT = 0.975, 0.95  # mean intersection over union of the hull's outline and the silhouette
+GIVEN, LEFT_OUT = 0.975, 0.95  # least mean IoU of hull and silhouette: views of the hull, and views left out of it
 
 
 def disk_views(size: int = 200, radius: float = 1.0) -> list[ibr.Silhouette]:
-    """Views of a ball from six orthographic cameras all round, each in its own colour."""
+    """Silhouettes of a ball from six orthographic cameras, one on each side, each in another colour."""
     views = []
     for k in range(6):
         away = np.eye(3)[k // 2] * (1 if k % 2 else -1) * 3
@@ -41,7 +41,7 @@ COLORS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (255, 0, 255), (
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_three_cylinders(slicing):
-    """The hull of a ball's outlines along the axes is the intersection of three cylinders, known in closed form."""
+    """The hull of a ball's silhouettes along three axes is the intersection of three cylinders, a closed form."""
     hull = ibr.VisualHull(disk_views(), slices=128, slicing=slicing, halvings=5)
     camera = Camera.look_at((2, 3, 4), (0, 0, 0), (0, 1, 0), (120, 100), fov_y=32)
     frame = ibr.render(hull, camera)
@@ -52,11 +52,11 @@ def test_three_cylinders(slicing):
         o, d = np.delete(camera.center, axis), np.delete(ray, axis, axis=1)
         a, b, c = (d * d).sum(1), d @ o, o @ o - 1
         root = np.sqrt(np.maximum(b * b - a * c, 0)) + np.where(b * b < a * c, np.nan, 0)
-        front, back = np.fmax(front, (-b - root) / a), np.minimum(back, (-b + root) / a)  # a miss: nan in back
+        front, back = np.fmax(front, (-b - root) / a), np.minimum(back, (-b + root) / a)  # nan in `back`: a miss
     truth = np.where(front < back, front, np.inf).reshape(x.shape)
-    assert silhouette_iou(frame.valid, np.isfinite(truth)) >= 0.99  # half a sample, 0.006, at the outline
+    assert silhouette_iou(frame.valid, np.isfinite(truth)) >= 0.99  # the outline is half a sample, 0.006, off
     both = frame.valid & np.isfinite(truth)
-    # Samples are 0.0125 apart; a mask's bilinear edge is off by up to half of that, and rays meet it obliquely.
+    # Samples are 0.0125 apart. The interpolated mask's edge is off by up to half of that; rays meet it obliquely.
     assert np.median(np.abs(frame.depth - truth)[both]) <= 0.0125 / 2
     assert np.quantile(np.abs(frame.depth - truth)[both], 0.95) <= 3 * 0.0125
 
@@ -71,13 +71,13 @@ def test_it_is_the_intersection_of_the_silhouettes(projection):
     truth = first_depth(visual_hull(views), camera, first.box, spacing / 8)
     for slicing in ("orthogonal", "screen"):
         frame = ibr.render(ibr.VisualHull(views, slices=128, slicing=slicing, halvings=5), camera)
-        assert silhouette_iou(frame.valid, np.isfinite(truth)) >= 0.99  # edges thinner than a slice
+        assert silhouette_iou(frame.valid, np.isfinite(truth)) >= 0.99  # slices miss sharp edges
         both = frame.valid & np.isfinite(truth)
-        assert np.quantile(np.abs(frame.depth - truth)[both], 0.95) <= 2 * spacing / 2**5  # slices met obliquely
+        assert np.quantile(np.abs(frame.depth - truth)[both], 0.95) <= 2 * spacing / 2**5  # oblique slices
 
 
 def scattered_views() -> list[ibr.Silhouette]:
-    """Seven cameras of both projections around an ellipsoid, at any poses, and not square."""
+    """Silhouettes of an ellipsoid from seven cameras of both projections in random poses; images are not square."""
     random = np.random.default_rng(11)
     views = []
     for k in range(7):
@@ -111,14 +111,14 @@ def test_opposite_silhouettes_are_tested_once():
 def test_what_is_tested_once_is_the_same_hull():
     views, camera = disk_views(101), Camera.look_at((2, 3, 4), (0, 0, 0), (0, 1, 0), (61, 37), fov_y=32)
     six, three = (ibr.render(ibr.VisualHull(some, slices=64), camera) for some in (views, views[::2]))
-    np.testing.assert_allclose(six.depth, three.depth, rtol=1e-5)  # rounding moves the box's middle
+    np.testing.assert_allclose(six.depth, three.depth, rtol=1e-5)  # rounding changes the box
 
 
 @pytest.mark.parametrize("number", range(6))
 def test_of_opposite_views_the_closer_one_colours(number):
     views = disk_views(50)
     frame = ibr.render(ibr.VisualHull(views, slices=64), views[number].camera)
-    # Each of four views at right angles has a weight of a thousandth: together at most one step of 255.
+    # The four views at right angles weigh a thousandth each, which together changes colours by at most 1 of 255.
     assert np.abs(frame.color[frame.valid].astype(int) - COLORS[number]).max() <= 1
 
 
@@ -128,7 +128,7 @@ def test_more_views_leave_less():
         ibr.render(ibr.VisualHull(views[:n], slices=128, slicing="screen", halvings=5), camera) for n in (3, 5, 7)
     ]
     for more, fewer in zip(frames[1:], frames, strict=False):
-        assert (more.valid & ~fewer.valid).sum() <= 0.01 * more.valid.sum()  # slices of other boxes
+        assert (more.valid & ~fewer.valid).sum() <= 0.01 * more.valid.sum()  # other boxes have other slices
         both = more.valid & fewer.valid
         assert ((fewer.depth - more.depth)[both] <= 0.05).mean() >= 0.99
     assert frames[2].valid.sum() < frames[0].valid.sum()
@@ -141,12 +141,12 @@ def test_the_order_of_views_and_a_second_run_change_nothing():
     np.testing.assert_array_equal(frame.color, again.color)
     turned = ibr.render(ibr.VisualHull(views[::-1], slices=64), camera)
     assert silhouette_iou(frame.valid, turned.valid) >= 0.995
-    np.testing.assert_allclose(turned.depth, frame.depth, rtol=1e-5)  # sums for the box run in another order
+    np.testing.assert_allclose(turned.depth, frame.depth, rtol=1e-5)  # the box is summed in another order
 
 
 @pytest.mark.parametrize("of_depth", [True, False])
 def test_the_order_of_views_that_are_equally_close_changes_no_colour(of_depth):
-    """A camera that looks across an edge of the box is equally close to two of six views."""
+    """The camera, in front of an edge of the box, is equally close to two of the six views."""
     rng = np.random.default_rng(2)
     views = list[ibr.DepthImage | ibr.Silhouette]()
     for one in object_views(models.donut(), 48):
@@ -178,12 +178,12 @@ def clock() -> list[ibr.Silhouette]:
         told = json.loads(file.read_text())["camera_properties"]
         mask = np.asarray(Image.open(folder / f"{number}_mask.png"))
         mask = mask[..., :3].max(axis=2) if mask.ndim == 3 else mask
-        # Half the resolution saves time.
+        # At half the resolution, to save time.
         mask = cv2.resize(mask, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) > 127
         color = np.zeros((*mask.shape, 3), np.uint8)
         size = mask.shape[1], mask.shape[0]
         focal = told["focal_length"] / told["horizontal_aperture"] * size[0]
-        # World to camera for row vectors; the camera looks along -z, y up.
+        # tf_mat maps row vectors from world to camera, whose z points backwards and y upwards.
         pose = np.linalg.inv(np.array(told["tf_mat"]).T) @ np.diag([1, -1, -1, 1])
         K = [[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]]
         views.append(ibr.Silhouette(color, mask, Camera(K, size, pose)))
@@ -198,7 +198,7 @@ def dino() -> list[ibr.Silhouette]:
         name, *values = line.split()
         K, R, t = np.split(np.array(values, float), [9, 18])
         color = np.asarray(Image.open(folder / name))
-        # The recipe of the data set's authors
+        # Masks are made as the data set's authors recommend.
         mask = (color.max(axis=2) > 0.19 * 255).astype(np.uint8)
         mask = cv2.erode(cv2.dilate(mask, disk(10)), disk(7)).astype(bool)
         pose = np.eye(4)
@@ -269,7 +269,7 @@ def test_bad_input():
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("degrees", [4, 12, 30, 60])
 def test_an_object_seen_from_a_narrow_arc_is_whole(degrees, projection):
-    """A rod along the lines of sight is ten times as long as its outlines are wide; nothing of it is cut off."""
+    """No part of a rod is cut off that is ten times as long, along the lines of sight, as it is wide."""
     ring = models.donut(24, radius=0.2, tube=0.1)
     rod = MeshScene(ring.vertices * np.float32([1, 1, 30]), ring.faces)
     views = []

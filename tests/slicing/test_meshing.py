@@ -1,4 +1,4 @@
-"""Solids as meshes: closed, in the place of the pictures' solids, and in their colours."""
+"""Meshes of solids: they are closed, and their pictures show what pictures of the solids show."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KINDS = (ibr.DepthObject, ibr.VisualHull)
 
 
 def check_closed(mesh: ibr.Mesh) -> None:
-    """Every edge has two triangles, which run along it in opposite directions."""
+    """Assert that each edge belongs to two triangles, which run along it in opposite directions."""
     edges = mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
     keys, back = (edges @ (len(mesh.vertices), 1), edges @ (1, len(mesh.vertices)))
     assert len(np.unique(keys)) == len(keys)
@@ -38,10 +38,10 @@ def test_a_mesh_is_closed_and_shows_what_the_solid_does(make, scene):
         camera = looking(scene(), direction, (160, 120))
         solid, drawn = ibr.render(thing, camera), ibr.render(mesh, camera)
         both = solid.valid & drawn.valid
-        assert both.sum() >= 0.985 * (solid.valid | drawn.valid).sum()  # cells are 1.5 pixels wide
+        assert both.sum() >= 0.985 * (solid.valid | drawn.valid).sum()  # the mesh's cells are 1.5 pixels wide
         cell = float(thing.box.edges.max()) / 90
         assert np.quantile(np.abs(solid.depth - drawn.depth)[both], 0.9) <= 0.5 * cell
-        if make is ibr.DepthObject:  # only its views have depth
+        if make is ibr.DepthObject:  # a hull has no depth to choose colours by
             assert np.abs(solid.color.astype(int) - drawn.color)[both].mean() <= 4
 
 
@@ -50,13 +50,13 @@ def test_a_box_has_its_volume(resolution):
     scene = MeshScene(*cuboid((-1, -1, -0.4), (1, 1, 0.4)))
     mesh = ibr.DepthObject(object_views(scene, 101)).to_mesh(resolution)
     check_closed(mesh)
-    if resolution == 40:  # each edge loses 1/8 of the area of a cell's side, and as much again by slanted cuts
+    if resolution == 40:  # the mesh cuts edges off: 1/8 of a cell's side, twice where cuts are slanted
         lost = 0.25 * (2 / resolution) ** 2 * (8 * 2 + 4 * 0.8)
-        assert 3.2 - lost <= volume(mesh) <= 3.2 * 1.02  # 1.02: a sample is a hundredth of the box's width
+        assert 3.2 - lost <= volume(mesh) <= 3.2 * 1.02  # the box is a hundred samples wide
 
 
 def test_an_image_of_unknown_depth_leaves_a_closed_mesh():
-    """The image's volume continues beyond the box, whose sides close the mesh."""
+    """Such an image limits nothing, so that the solid reaches the box, whose sides close the mesh."""
     views = views_of_torus("four")
     depth = np.where(views[0].valid, views[0].depth, np.nan).astype(np.float32)
     thing = ibr.DepthObject([ibr.DepthImage(views[0].color, depth, views[0].camera)], missing="unknown")

@@ -1,4 +1,4 @@
-"""Depth objects compared with the intersection of the displaced volumes in float64, and with the true mesh."""
+"""Depth objects compared with a float64 reference, the intersection of their views' volumes, and with the true mesh."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FRONT = (0.5, 0.4, 1)
 
 
 def across_slices(thing: ibr.DepthObject, camera: Camera) -> np.ndarray | float:
-    """Distance across the slices per unit of depth, on each pixel's ray."""
+    """How far each pixel's ray moves perpendicularly to the slices while its depth grows by 1."""
     if thing.slicing == "screen":
         return 1.0
     y, x = np.mgrid[: camera.height, : camera.width]
@@ -43,21 +43,21 @@ def across_slices(thing: ibr.DepthObject, camera: Camera) -> np.ndarray | float:
 
 def check(thing: ibr.DepthObject, camera: Camera, truth: np.ndarray) -> None:
     frame, seen = ibr.render(thing, camera), np.isfinite(truth)
-    # At the outline, parts thinner than a slice may be missed: 1 to 6 of 2000 pixels here.
+    # Slices may miss parts thinner than their distance, at outlines: 1 to 6 of 2000 pixels here.
     assert silhouette_iou(frame.valid, seen) >= 0.995
     both = frame.valid & seen
     off = (np.abs(frame.depth - truth) * across_slices(thing, camera))[both] * 2**thing.halvings / spacing(thing)
-    # The first slice behind the surface is between 0 and 1 spacings away. 0.55 allows more than three standard errors
-    # of the median of 2000 such distances. 1.02: the truth itself is accurate to 0.001.
+    # A ray's hit is between 0 and 1 spacings behind the surface. The median of 2000 such distances is 0.5; 0.55 is over
+    # three standard errors more. 1.02: the truth itself is precise to 0.001.
     assert np.median(off) <= 0.55
     assert np.quantile(off, 0.98) <= 1.02
 
 
 @cache
 def truth_of(kind: str, projection: str = "perspective") -> np.ndarray:
-    """Depth of the torus's object in float64, marched in steps of half the spacing of 256 slices.
+    """True depth of an object made of views of the torus, in float64, by steps half as long as the spacing of slices.
 
-    Parts thinner than a step lie at a dozen of the 2300 pixels, which decide no test.
+    At a dozen of 2300 pixels, parts thinner than a step may be missed, which is too few to decide a test.
     """
     views, camera = views_of_torus(kind), looking(torus(), FRONT, (110, 90), projection)
     thing = ibr.DepthObject(views, slices=256)
@@ -93,14 +93,14 @@ def test_more_slices_converge(slicing):
         frame = ibr.render(ibr.DepthObject(views, slices=slices, slicing=slicing, halvings=0), camera)
         off.append(np.median(np.abs(frame.depth - truth)[frame.valid & np.isfinite(truth)]))
     exponent = np.polyfit(np.arange(5), np.log2(off), 1)[0]
-    assert -1.15 <= exponent <= -0.85, off  # as 1 / slices
+    assert -1.15 <= exponent <= -0.85, off  # errors fall as 1 / slices
 
 
 def test_without_halvings_points_lie_on_slices():
     thing = ibr.DepthObject(views_of_torus("orthographic"), slices=64, slicing="screen", halvings=0)
     frame = ibr.render(thing, looking(torus(), FRONT, (110, 90)))
     number = frame.depth[frame.valid] / spacing(thing)
-    # z in float32 is about 4 units, or 200 slices.
+    # Depth is about 4 units, or 200 slices, in float32.
     np.testing.assert_allclose(number, np.rint(number), atol=200 * 2**-22)
 
 
@@ -112,7 +112,7 @@ def test_against_the_mesh_with_the_colours_of_views_that_saw_the_point(slicing):
         for direction in (FRONT, (-1, 0.3, 0.2)):
             camera = looking(torus(), direction, (160, 120))
             truth, frame = torus().capture(camera), ibr.render(thing, camera)
-            # The views' samples are a 160th of the object apart: half a sample at the outline is 2 % of the area.
+            # The object is 160 samples wide: an outline that is half a sample off changes the area by 2 %.
             assert silhouette_iou(frame.valid, truth.valid) >= 0.97
             scored.append(metrics.psnr(frame.color, truth.color, valid=frame.valid & truth.valid))
     assert np.mean(scores["visible"]) > np.mean(scores["naive"]) + 3  # dB
@@ -121,7 +121,7 @@ def test_against_the_mesh_with_the_colours_of_views_that_saw_the_point(slicing):
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_naive_colours_are_the_three_closest_views_by_their_cosines(projection):
-    """Section 4.2: weights add up to one, here the same for every pixel; each view has its own colour."""
+    """Section 4.2: each view has one colour, and the views' weights, which add up to 1, are the same for all pixels."""
     tints = np.array([(200, 30, 60), (10, 220, 90), (50, 120, 250), (240, 230, 20), (90, 0, 180), (0, 160, 170)])
     views = [
         ibr.DepthImage(np.broadcast_to(tint.astype(np.uint8), v.color.shape).copy(), v.depth, v.camera)
@@ -138,13 +138,13 @@ def test_naive_colours_are_the_three_closest_views_by_their_cosines(projection):
     frame = ibr.render(thing, camera)
     shown = frame.color[cv2.erode(frame.valid.astype(np.uint8), np.ones((5, 5))) > 0]
     assert len(shown) > 300
-    # A point in the background of one of the three views has no colour in this view, so another view colours it.
+    # Where one of the three views shows background at a point, a fourth view replaces it.
     assert (np.abs(shown - expected).max(axis=1) <= 1).mean() >= 0.97
 
 
 @pytest.mark.thorough
 def test_a_textured_mesh():
-    """Spot, the cow: parts that the legs hide from a view do not get the colours of the legs."""
+    """Parts of Spot, the cow, that its legs hide from a view do not get the legs' colours."""
     mesh = ibr.Mesh.load(next(shared("meshes/spot").glob("*.obj*")))
     scene = MeshScene.from_mesh(mesh)
     views, scores = object_views(scene, 256), {"visible": [], "naive": []}
@@ -167,13 +167,13 @@ def test_a_cups_cavity_is_in_the_object_and_not_in_the_hull():
     frame = ibr.render(ibr.DepthObject(views, slices=200), camera)
     hull = ibr.render(ibr.VisualHull(views, slices=200), camera)
     middle = (slice(50, 70), slice(50, 70))
-    np.testing.assert_allclose(frame.depth[middle], truth.depth[middle], atol=0.02)  # the bottom: 2 slices
-    assert (truth.depth[middle] - hull.depth[middle]).min() > 1.0  # 1.8 deep, and closed
+    np.testing.assert_allclose(frame.depth[middle], truth.depth[middle], atol=0.02)  # the bottom, to 2 slices
+    assert (truth.depth[middle] - hull.depth[middle]).min() > 1.0  # the cavity, 1.8 deep, is filled
 
 
 @pytest.mark.parametrize("kind", ["orthographic", "perspective"])
 def test_walls_along_views_have_the_colours_of_those_that_see_them(kind):
-    """Walls of a cup: two orthographic views see them less than a sample wide, and no other sees the inner walls."""
+    """No orthographic view sees a cup's inner walls, except two from above and below, less than a sample wide."""
     scene = cup()
     thing = ibr.DepthObject(object_views(scene, 256, projection=kind), slices=256)
     for direction in ((0.5, 0.9, 1), (0.4, 1.2, 0.8)):
@@ -181,7 +181,7 @@ def test_walls_along_views_have_the_colours_of_those_that_see_them(kind):
         truth, frame = scene.capture(camera), ibr.render(thing, camera)
         both = frame.valid & truth.valid
         off = (np.abs(frame.color.astype(int) - truth.color) > 40).any(axis=-1)
-        assert (off & both).sum() <= 0.005 * both.sum()  # the rim is a sample off
+        assert (off & both).sum() <= 0.005 * both.sum()  # pixels at the rim, a sample off
         depth = np.where(truth.valid, truth.depth, 9).astype(np.float32)
         jumps = cv2.dilate(depth, np.ones((3, 3))) > 1.03 * cv2.erode(depth, np.ones((3, 3)))
         inside = both & (cv2.dilate(jumps.astype(np.uint8), np.ones((3, 3))) == 0)
@@ -195,7 +195,7 @@ def test_the_hull_contains_the_object(kind):
         ibr.render(ibr.DepthObject(views, slices=128), camera),
         ibr.render(ibr.VisualHull(views, slices=128), camera),
     )
-    # An object ends half-way to background samples or farther out, a silhouette half-way: at most a sample apart.
+    # A silhouette ends half-way to the background's samples, an object there or up to a sample farther out.
     both = frame.valid & hull.valid
     assert both.sum() >= 0.98 * frame.valid.sum()
     nearer = hull.depth[both] <= frame.depth[both] + 2 * spacing(ibr.VisualHull(views, slices=128))
@@ -217,7 +217,7 @@ def test_the_order_of_views_changes_nothing(kind):
     frame = ibr.render(ibr.DepthObject(views, slices=64), camera)
     turned = ibr.render(
         ibr.DepthObject([views[0], *views[:0:-1]], slices=64), camera
-    )  # the first view defines the box's axes
+    )  # the first view stays, since it defines the box's axes
     np.testing.assert_array_equal(frame.depth, turned.depth)
     np.testing.assert_array_equal(frame.color, turned.color)
 
@@ -229,7 +229,7 @@ def test_any_size_is_a_part_of_a_large_picture(size):
     width, height = size
     middle = np.add(
         np.argwhere(whole.valid[18:51, 30:60])[0], (18, 30)
-    )  # on the object, with the whole part inside the large picture
+    )  # a pixel of the object, such that the part lies within the large picture
     y, x = np.subtract(middle, (height // 2, width // 2))
     K = camera.K - [[0, 0, x], [0, 0, y], [0, 0, 0]]
     part = ibr.render(thing, Camera(K, size, camera.world_from_camera))
@@ -237,7 +237,7 @@ def test_any_size_is_a_part_of_a_large_picture(size):
     assert np.isfinite(window).any()
     both = part.valid & np.isfinite(window)
     assert both.sum() >= 0.99 * max(part.valid.sum(), np.isfinite(window).sum())
-    # The same rays from another K, rounded to float32; at the outline rounding may change the slice.
+    # The rays are the same, computed from another K with other rounding, which may choose another slice at outlines.
     assert np.quantile(np.abs(part.depth - window)[both], 0.95) <= 1e-4
 
 
@@ -265,13 +265,13 @@ def test_from_afar_it_is_orthographic():
     near, far = ibr.render(thing, flat), ibr.render(thing, Camera(K, flat.size, pose))
     assert silhouette_iou(near.valid, far.valid) >= 0.99
     both = near.valid & far.valid
-    # Slices lie elsewhere, float32 resolves 1000 to 6e-5, and rays shift by 1/1000 over half the object's depth of 2.
+    # Slices lie elsewhere. Depths of 1000 are rounded to 6e-5, and rays diverge by 1/1000 over half the object's depth.
     off = np.abs(far.depth + (depth - away) - near.depth)[both]
     assert np.quantile(off, 0.9) <= 1.5 * spacing(thing) / 2**thing.halvings
 
 
 def plane_through(thing: ibr.DepthObject) -> ibr.Mesh:
-    """A large oblique square through the middle."""
+    """A large oblique square through the middle of the object's box."""
     a, b = np.linalg.qr(np.random.default_rng(8).normal(size=(3, 3)))[0][:2] * 5
     corners = np.array([a, b, -a, -b]) + thing.box.center
     return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], colors=np.full((4, 3), 9, np.uint8))
@@ -301,8 +301,8 @@ def test_one_depth_buffer_with_other_things(slicing, halvings):
 def test_tests_are_counted():
     thing, camera = ibr.DepthObject(views_of_torus("orthographic"), slices=64), looking(torus(), FRONT, (90, 70))
     counted, seen = alpha_tests(thing, camera), ibr.render(thing, camera).valid
-    assert (counted[seen] >= 6).all()  # a point that passes has passed all six
-    # A ray crosses at most 64 * sqrt(3) slices and one more at each end, with at most six tests each.
+    assert (counted[seen] >= 6).all()  # a visible point has passed the tests of all six views
+    # A ray crosses at most 64 * sqrt(3) slices and one more at each end; each takes at most six tests.
     assert counted.max() <= 6 * (64 * 3**0.5 + 2 + thing.halvings)
 
 
@@ -371,19 +371,19 @@ def test_bad_options(argument, value):
 @pytest.mark.parametrize("size", [31, 48, 100, 256])
 @pytest.mark.parametrize("extent", [(1, 1, 1), (1, 1, 0.2)])
 def test_a_box_along_the_views_axes(size, extent):
-    """The box's sides lie exactly on the other views' outlines."""
+    """The sides of a box, along the views' axes, are outlines in the views."""
     mesh = ibr.Mesh(*cuboid((0, 0, 0), extent))
     thing, camera = (
         ibr.DepthObject(object_views(mesh, size), slices=64),
         Camera.look_at((2, 1.7, 2.6), (0.5, 0.5, 0.3), (0, 0, 1), (121, 91), fov_y=40),
     )
     frame, truth = ibr.render(thing, camera), ibr.render(mesh, camera)
-    # Outlines are off by half a sample of the images: 0.5 / size of the box on each side.
+    # Outlines are half a sample off: on each side of the box by 0.5 / size of its width.
     assert silhouette_iou(frame.valid, truth.valid) >= 1 - 6 / size - 0.02
 
 
 def test_an_image_that_shows_a_part_alone():
-    """Outside of it, the other images decide with `missing="unknown"`; otherwise everything is cut off."""
+    """With `missing="unknown"`, the image limits the object only where it has pixels; otherwise it cuts off the rest."""
     views = views_of_torus("orthographic")
     camera = views[0].camera
     rows, columns = slice(20, 60), slice(30, 80)
@@ -419,7 +419,7 @@ except ibr.ArgumentError:
 
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-@pytest.mark.parametrize(("focal", "edge"), [(10, 0.3), (1e16, 7.4e-15)])  # a pixel's width, or a margin for rounding
+@pytest.mark.parametrize(("focal", "edge"), [(10, 0.3), (1e16, 7.4e-15)])  # a pixel's width; then just the margin for rounding
 def test_rays_end_in_boxes_that_float32_does_not_hold(focal, edge, slicing):
     command = [sys.executable, "-c", IN_A_BOX, str(focal), slicing]
     done = subprocess.run(command, env=with_path(), capture_output=True, text=True, timeout=300, check=True)
@@ -429,7 +429,7 @@ def test_rays_end_in_boxes_that_float32_does_not_hold(focal, edge, slicing):
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_one_slice_alone_is_the_object_cut_open(slicing, projection):
-    """Figure 16: on a plane through the object, exactly the points that pass the tests of all views are drawn."""
+    """Figure 16: of a slice through the object, exactly the points that pass the tests of all views are drawn."""
     views, camera = views_of_torus("orthographic"), looking(torus(), FRONT, (110, 90), projection)
     y, x = np.mgrid[:90, :110]
     pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
@@ -457,7 +457,7 @@ def test_one_slice_alone_is_the_object_cut_open(slicing, projection):
         truth = (depth_object(views)(points) & in_box).reshape(90, 110)
         frame = ibr.render(thing, camera)
         assert truth.sum() > 300
-        # Where a view's surface runs along its ray, float32 decides: at most two pixels of the outline here.
+        # Where a view's surface is parallel to its rays, float32 decides: at most at two pixels of the outline here.
         assert (frame.valid != truth).sum() <= 2
         depth = ((points - camera.center) @ camera.forward).reshape(90, 110)
         np.testing.assert_allclose(frame.depth[frame.valid], depth[frame.valid], rtol=1e-5)

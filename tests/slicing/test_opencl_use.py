@@ -1,4 +1,4 @@
-"""The slicing kernels in their GPU form."""
+"""The slicing kernels in their form for GPUs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_surface_in_one_lane(slicing, projection):
     with one_lane():
         one = ibr.render(thing, camera, light)
     assert wide.valid.sum() > 2000
-    # Rounding decides whether a slice that grazes the surface is found; if not, the pixel shows the next slice.
+    # Where a slice just touches the surface, rounding decides whether the pixel shows it or the next slice.
     assert (one.valid != wide.valid).mean() <= 2e-3
     both = one.valid & wide.valid
     assert np.isclose(one.depth, wide.depth, rtol=1e-5)[both].mean() >= 0.99
@@ -51,7 +51,7 @@ def test_an_object_in_one_lane(make, kind):
 
 
 def test_a_work_item_is_a_pixel_in_one_lane_and_a_bin_or_a_block_in_sixteen():
-    """As documented in kernels/slicing/surface.cl and object.cl."""
+    """This is what kernels/slicing/surface.cl and object.cl document."""
     camera = Camera.look_at((0, 1, 4), (0, 0, 0), (0, 1, 0), (101, 77), fov_y=45)
     surface = ibr.SlicedSurface(models.donut(6), np.ones((2, 2), np.float32), np.zeros((2, 2, 3), np.uint8), 0.1)
     thing = ibr.DepthObject(views_of_torus("four"), slices=16)
@@ -64,7 +64,7 @@ def test_a_work_item_is_a_pixel_in_one_lane_and_a_bin_or_a_block_in_sixteen():
 
     if device.current().profile.lanes == 16:
         wide = items()
-        assert (wide["draw_surface"], wide["draw_object"]) == (4 * 3, 26 * 20)  # 32 x 32 and 4 x 4 pixels each
+        assert (wide["draw_surface"], wide["draw_object"]) == (4 * 3, 26 * 20)  # of 32 x 32 and of 4 x 4 pixels
     with one_lane():
         one = items()
     assert one["draw_surface"] == one["draw_object"] == 101 * 77

@@ -1,4 +1,4 @@
-"""Samples cover their pixels: objects reach to the outlines in their images, and to the images' edges."""
+"""Samples cover their whole pixels: objects reach up to the outlines in their images, and up to the images' borders."""
 
 from __future__ import annotations
 
@@ -34,23 +34,24 @@ def test_a_ball_is_as_large_as_it_is(count, projection):
     thing = ibr.DepthObject([scene.capture(camera) for camera in cameras], slices=256)
     eye = Camera.look_at((3, 2, 5), (0, 0, 0), (0, 0, 1), (400, 400), fov_y=24)
     truth, frame = scene.capture(eye), ibr.render(thing, eye)
-    # Outlines are known to half a sample. The ball is 55 samples wide, so a tenth of that error is 0.4 % of the area.
+    # Images show outlines to half a sample. The ball is 55 samples wide, so that a tenth of that is 0.4 % of its area.
     share = frame.valid.sum() / truth.valid.sum()
     assert 0.998 <= share <= 1.001, share
     assert (frame.valid & ~truth.valid).sum() <= 1e-3 * truth.valid.sum()
-    # The middle is right to half a sample; a sample is 1/28 wide.
+    # The middle is right to half a sample, which is 1/28 wide.
     assert abs(frame.depth[200, 200] - truth.depth[200, 200]) <= 0.5 / 28
 
 
 def check_wall(size: tuple[int, int], projection: str) -> None:
-    """A wall that fills its image is drawn up to the edges of the image's pixels, and no farther."""
+    """Assert that a wall which fills its image is drawn up to the image's border, and no farther."""
     width, height = size
     camera = Camera([[20, 0, (width - 1) / 2], [0, 20, (height - 1) / 2], [0, 0, 1]], size, projection=projection)
     view = ibr.DepthImage(np.full((height, width, 3), 90, np.uint8), np.full((height, width), 4, np.float32), camera)
     thing = ibr.DepthObject([view], slices=64)
     assert ibr.render(thing, camera).valid.all()
     assert ibr.render(thing, camera.resized((2 * width, 2 * height))).valid.all()
-    # The picture is twice as wide and four times as fine: the wall covers 4 width x 4 height pixels, give or take one.
+    # The picture sees twice the width, with four times the resolution: the wall covers 4 width x 4 height pixels, give
+    # or take one.
     K = np.array([[80, 0, 4 * width - 0.5], [0, 80, 4 * height - 0.5], [0, 0, 1]])
     frame = ibr.render(thing, Camera(K, (8 * width, 8 * height), projection=projection))
     columns, rows = (np.flatnonzero(frame.valid.any(axis=axis)) for axis in (0, 1))

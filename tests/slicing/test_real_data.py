@@ -1,4 +1,4 @@
-"""Slices of real height maps, and objects from real scans and from scanned, modelled and textured meshes."""
+"""Sliced surfaces of real height maps, and depth objects of real scans and of scanned or modelled meshes."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from tests.displaced import Solid, looking, square
 pytestmark = pytest.mark.thorough
 
 SCALE = 0.06
-SIDE = 256  # texels of the height maps, of 1024
+SIDE = 256  # texels to which the height maps of 1024 x 1024 are reduced
 
 
 @cache
 def ogre(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Colour and height of a real material, at a quarter of its size."""
+    """Colour and height of a real material, at a quarter of its resolution."""
     folder = shared("heightfields/ogre_terrain_cc0")
     color = Image.open(folder / f"{name}_diffspec.dds").convert("RGB").resize((SIDE, SIDE), Image.Resampling.BOX)
     height = Image.open(folder / f"{name}_normheight.dds").getchannel("A").resize((SIDE, SIDE), Image.Resampling.BOX)
@@ -46,12 +46,12 @@ def test_real_height_maps(name, elevation, slicing):
     assert frame.valid[cv2.erode(solid.astype(np.uint8), np.ones((7, 7))) > 0].all()
     off = np.abs(frame.depth - truth)[frame.valid & solid]
     assert np.median(off) <= SCALE / 128
-    # Near the many edges of bricks and pebbles a pixel may show what a neighbouring ray hits.
+    # At the many edges of bricks and pebbles, a pixel may show what the neighbouring ray should hit.
     assert np.quantile(off, 0.9) <= 2 * SCALE / 128
 
 
 def scans() -> list[ibr.DepthImage]:
-    """The bunny's scans from its six sides; other scans show only parts of it."""
+    """The six scans that show the bunny from its six sides; others show parts of it."""
     folder = shared("range_scans_bunny")
     views = []
     for line in (folder / "bun.conf").read_text().splitlines():
@@ -85,11 +85,11 @@ def test_the_bunny_from_six_real_scans():
         truth = scene.capture(camera)
         for thing in (unknown, background):
             frame = ibr.render(thing, camera)
-            # Parts around the ears and below that no scan saw are missing: the scans' own outlines limit the overlap.
+            # 0.93: no scan saw some parts around the ears and below.
             assert silhouette_iou(frame.valid, truth.valid) >= 0.93
             both = frame.valid & truth.valid
             errors.setdefault(thing.missing, []).append(np.median(np.abs(frame.depth - truth.depth)[both]))
-    # A slice is 0.6 mm, and the scans lie 0.2 mm off the mesh.
+    # Slices are 0.6 mm apart, and the scans themselves are 0.2 mm off the mesh.
     assert max(errors["unknown"]) <= 0.4e-3
     assert all(a < b for a, b in zip(errors["unknown"], errors["empty"], strict=True))
 
@@ -103,7 +103,7 @@ def test_meshes_as_six_depth_images(name):
     middle, extent = 0.5 * (low + high), np.linalg.norm(high - low)
     camera = Camera.look_at(middle + extent * np.array([0.5, 0.4, 1.0]), middle, (0, 1, 0), (200, 240), fov_y=50)
     truth, frame = scene.capture(camera), ibr.render(thing, camera)
-    # A sample of the images is 1.3 pixels wide here, and the outline is off by half a sample.
+    # Outlines are half a sample off, and a sample of the images is 1.3 pixels wide here.
     assert silhouette_iou(frame.valid, truth.valid) >= 0.95
     both = frame.valid & truth.valid
     assert np.median(np.abs(frame.depth - truth.depth)[both]) <= float(thing.box.edges.max()) / 256

@@ -1,4 +1,4 @@
-"""Colours and light of sliced surfaces: tiles, normal maps, and means of distant texels."""
+"""Colours and light of sliced surfaces: tiles, normal maps, and averages of distant texels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.slicing.test_surfaces import SCALE, camera, ground
 
 
 def test_colour_and_tiles():
-    """Seen from above, a flat surface is its colour image, repeated."""
+    """Seen from above, a flat surface shows its colour image, repeated as tiles."""
     color = np.zeros((2, 2, 3), np.uint8)
     color[0, 0], color[1, 1] = (255, 0, 0), (0, 255, 0)
     flat = np.full((2, 2), 0.5, np.float32)
@@ -23,12 +23,13 @@ def test_colour_and_tiles():
     point = ground(cam)
     for u, v, expected in ((1 / 16, 1 / 8, (255, 0, 0)), (3 / 16, 3 / 8, (0, 255, 0)), (5 / 16, 1 / 8, (255, 0, 0))):
         y, x = np.unravel_index(np.hypot(point[..., 0] - u, point[..., 1] - v).argmin(), frame.valid.shape)
-        # A pixel is 1/60 of the square, hence up to 1/15 of a texel off the centre: 2/15 of the range.
+        # Pixels are 1/60 of the square wide, so that the nearest one is up to 1/15 of a texel off the texel's centre.
+        # Interpolation then changes its colour by up to 2/15 of the range.
         assert np.abs(frame.color[y, x].astype(int) - expected).max() <= 2 / 15 * 255
 
 
 def test_shading_by_slopes_and_by_a_normal_map():
-    """The normal of a ramp is known, and a constant normal map gives the same."""
+    """A ramp is lit by its known normal, whether by its slopes or by a normal map with that normal."""
     n = 64
     ramp = np.tile((np.arange(n) + 0.5) / n * 0.5 + 0.2, (n, 1)).astype(np.float32)
     color = np.full((1, 1, 3), 255, np.uint8)
@@ -48,7 +49,7 @@ def test_shading_by_slopes_and_by_a_normal_map():
 
 @pytest.mark.parametrize("make", [ibr.SlicedSurface, ibr.ReliefSurface])
 def test_a_normal_map_of_bytes_is_decoded(make):
-    """Decoding agrees with the reader of relief maps; 127 and 128 both mean 0."""
+    """A normal map in bytes gives the picture of the same map in floats; x or y is 0 for both 127 and 128."""
     rng = np.random.default_rng(4)
     normals = rng.normal(size=(8, 8, 3)) * (0.4, 0.4, 0) + (0, 0, 1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -60,14 +61,14 @@ def test_a_normal_map_of_bytes_is_decoded(make):
         for given in (normals.astype(np.float32), in_bytes)
     ]
     assert frames[0].color[frames[0].valid].std() > 20
-    # Each of three components is off by half of 1/127.5, which passes through Lambert's law.
+    # Each of three components is off by half of 1/127.5, and so is the cosine to the light.
     assert np.abs(frames[0].color.astype(int) - frames[1].color).max() <= 3
     level = make(square(), height, color, 0.01, normal_map=np.array([[[255, 128, 127], [127, 127, 255]]], np.uint8))
     assert (level.normal_map[..., 2] > 0).all()
 
 
 def test_flat_heights_are_lit_as_the_mesh():
-    """Normals are interpolated: no facets."""
+    """Normals are interpolated over triangles, as for the mesh, so that no facets show."""
     base = models.donut(16)
     flat, color = np.full((4, 4), 0.999, np.float32), np.full((1, 1, 3), 204, np.uint8)
     light = ibr.Light(direction=(0.4, 0.8, -0.8), shadow_size=0)
@@ -78,11 +79,11 @@ def test_flat_heights_are_lit_as_the_mesh():
     both = frame.valid & mesh.valid
     off = np.abs(frame.color.astype(int) - mesh.color)[both].max(axis=1)
     assert np.median(off) <= 1
-    assert np.quantile(off, 0.98) <= 6  # farther out by 0.001, a pixel at an edge sees the next triangle
+    assert np.quantile(off, 0.98) <= 6  # 0.001 farther out, pixels at edges see other triangles
 
 
 def test_colours_far_away_are_means():
-    """A fine checker from afar: a pixel covers many texels."""
+    """From afar, each pixel covers many texels of a fine checkerboard."""
     checker = np.repeat((np.indices((128, 128)).sum(axis=0) % 2 * 255).astype(np.uint8)[..., None], 3, axis=2)
     flat = np.full((4, 4), 0.5, np.float32)
     cam = Camera.look_at((0.5, 0.5, 30), (0.5, 0.5, 0), (0, 1, 0), (61, 61), fov_y=2)

@@ -1,4 +1,4 @@
-"""Sliced surfaces from wrong arguments, and from degenerate or irregular meshes."""
+"""Sliced surfaces with wrong arguments, and on degenerate or irregular meshes."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_degenerate_triangles_and_flat_uv_are_drawn_or_not_but_do_no_harm():
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 @pytest.mark.parametrize("shape", ["cone", "sphere"])
 def test_coincident_vertices_at_a_tip_or_a_pole_draw_nothing(shape, slicing):
-    """Meshes as modellers make them: a vertex at the tip for each u, and triangles between these vertices."""
+    """Modellers make such meshes: at the tip there is a vertex for each u, and triangles between these vertices."""
     u, v = np.meshgrid(np.linspace(0, 1, 49), np.linspace(0, 1, 13))
     a, ring = 2 * np.pi * u, (1 - v if shape == "cone" else np.sin(np.pi * v).round(9))
     z = 1.5 * v if shape == "cone" else -np.cos(np.pi * v)
@@ -106,7 +106,7 @@ def test_what_is_made_cannot_be_changed():
 
 @pytest.mark.parametrize("kind", [ibr.SlicedSurface, ibr.ReliefSurface])
 def test_vertices_that_nothing_uses_change_nothing(kind):
-    """Such vertices lie at the corners of a box, in a triangle without area, or far away."""
+    """No drawn triangle uses the added vertices: copies of a box's corners, a triangle without area, one far away."""
     base, height = facets(box()), np.full((4, 4), 0.5, np.float32)
     camera, light = (
         Camera.look_at((2.5, -2.1, 3.4), (0, 0, 0), (0, 0, 1), (96, 80), fov_y=42),
@@ -133,7 +133,7 @@ def test_vertices_that_nothing_uses_change_nothing(kind):
 
 
 def test_seams_by_rounded_sines_are_closed():
-    """A textbook's sphere ends at the sine of two pi, which computers do not round to 0; displaced, it stays whole."""
+    """A displaced sphere is whole at its seam, although the sine of two pi, where u ends, is not exactly 0 in floats."""
     v, u = np.mgrid[:11, :17]
     polar, around = np.pi * v / 10, 2 * np.pi * u / 16
     points = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
@@ -142,7 +142,7 @@ def test_seams_by_rounded_sines_are_closed():
         [np.stack([first, first + 17, first + 1], 1), np.stack([first + 1, first + 17, first + 18], 1)]
     )
     exact = [np.where(np.abs(part) < 1e-12, 0, part) for part in points]
-    camera = Camera.look_at((3, 0.3, 0.4), (0, 0, 0), (0, 0, 1), (96, 80), fov_y=42)  # towards the seam
+    camera = Camera.look_at((3, 0.3, 0.4), (0, 0, 0), (0, 0, 1), (96, 80), fov_y=42)  # the seam is in front
     depths = [
         ibr.render(
             ibr.SlicedSurface(

@@ -1,4 +1,4 @@
-"""Sliced surfaces compared with rays cast at the same height field, finely triangulated."""
+"""Sliced surfaces compared with rays cast at a fine triangulation of the same height field."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from tests.relief.solids import torus as ring
 
 SCALE = 0.25
 SIZE = (200, 150)
-FINE = 8  # cells of the truth's mesh per texel: a bilinear patch is a plane to 1/64 of its twist
-ELEVATIONS = (90, 60, 35, 15, 5)  # degrees
+FINE = 8  # cells of the true mesh per texel, along each axis: a bilinear patch is off its cells by 1/64 of its twist
+ELEVATIONS = (90, 60, 35, 15, 5)  # of cameras above the square, in degrees
 DIRECTIONS = (10, 100, 190, 280, 55)
 
 
 def heights(n: int = 32) -> np.ndarray:
-    """Hills from 0.1 to 0.9, periodic, so that tiles join."""
+    """Hills with heights from 0.1 to 0.9, periodic so that tiles join."""
     y, x = np.mgrid[:n, :n] * (2 * np.pi / n)
     waves = np.sin(2 * x) * np.cos(y) + 0.5 * np.sin(3 * y + x) + 0.3 * np.cos(4 * x - 2 * y)
     return (0.5 + 0.4 * waves / np.abs(waves).max()).astype(np.float32)
@@ -102,7 +102,7 @@ def test_silhouettes(slicing, projection):
 
 
 def test_slices_of_the_surface_are_seen_through_from_the_side():
-    """Figure 4 of the paper: at 2 degrees some rays pass between two slices, more so with fewer slices."""
+    """Figure 4 of the paper: seen at 2 degrees, some rays pass between two slices, and more do with fewer slices."""
     through = []
     for slices in (8, 32):
         missed = total = 0
@@ -118,7 +118,7 @@ def test_slices_of_the_surface_are_seen_through_from_the_side():
 
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_the_alpha_test_at_height_0(slicing):
-    """At zeros of the map, `inside` shows nothing and `at_least` the base."""
+    """Where the height is 0, the test `inside` shows nothing, and `at_least` shows the base."""
     height = heights()
     height[:, :16] = 0
     cam = camera(90, 90, (64, 64))
@@ -126,7 +126,7 @@ def test_the_alpha_test_at_height_0(slicing):
     based = ibr.render(surface(32, slicing, "at_least", height), cam)
     u = ground(cam)[..., 0]
     v = ground(cam)[..., 1]
-    # Half a texel next to the step, heights are blended; perspective moves the solid's top.
+    # Heights are interpolated up to half a texel beside the step, and by perspective the higher half covers more.
     flat = (u > 0.05) & (u < 0.45) & (v > 0.05) & (v < 0.95)
     assert not masked.valid[flat].any()
     assert based.valid[flat].all()
@@ -136,7 +136,7 @@ def test_the_alpha_test_at_height_0(slicing):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
-    """Rounding of a ray's hit must not make the ray miss the base at heights of 0."""
+    """No ray misses the base, at heights of 0, by rounding."""
     flat = np.zeros((32, 32), np.float32)
     for elevation in (70, 45, 20):
         cam = camera(elevation, 33, (128, 128), projection)
@@ -145,7 +145,7 @@ def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
         inner = cv2.erode(truth.valid.astype(np.uint8), np.ones((3, 3))).astype(bool)
         assert inner.sum() > 1000
         assert frame.valid[inner].all()
-        # float32 depths of 2.2; hits up to a 100,000th of the displacement above the base count
+        # Depths of about 2.2 in float32; points up to 1/100,000 of the displacement above the base count as base.
         assert np.abs(frame.depth - truth.depth)[inner].max() <= 1e-5
 
 
@@ -153,7 +153,7 @@ def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 @pytest.mark.parametrize("scale", [0.001, 0.01])
 def test_at_least_draws_all_of_the_base_however_shallow_it_is(scale, slicing, projection):
-    """With a displacement of 1/3000 of the distance, heights where rays meet the base err by more than 1/100,000."""
+    """No ray misses the base if the displacement is 1/3000 of the distance, though rounding is over 1/100,000 of it."""
     base, flat, white = grid(ring, 96, 48), np.zeros((4, 4), np.float32), np.full((2, 2, 3), 255, np.uint8)
     how = {"fov_y": 42.0} if projection == "perspective" else {"projection": projection, "height": 2.9}
     cam = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (317, 243), **how)
@@ -166,7 +166,7 @@ def test_at_least_draws_all_of_the_base_however_shallow_it_is(scale, slicing, pr
 
 
 def ground(cam: Camera) -> np.ndarray:
-    """Points where rays meet the plane z = 0."""
+    """(H, W, 3) points where the pixels' rays meet the plane z = 0."""
     y, x = np.mgrid[: cam.height, : cam.width]
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(cam.K).T @ cam.world_from_camera[:3, :3].T
     origin = cam.world_from_camera[:3, 3]
@@ -174,7 +174,7 @@ def ground(cam: Camera) -> np.ndarray:
 
 
 def test_a_band_opens_steps_between_neighbours():
-    """A cliff seen from the side: `inside` fills it, a band shows only its top and bottom."""
+    """From the side, the test `inside` shows a filled cliff; `band` shows its top and bottom alone."""
     height = np.full((32, 32), 0.1, np.float32)
     height[:, 16:] = 0.9
     cam = camera(20, 180)
@@ -185,7 +185,7 @@ def test_a_band_opens_steps_between_neighbours():
 
 
 def cliffs() -> np.ndarray:
-    """A slope with a cliff of 0.3 and one of 0.6, neither at the border."""
+    """Heights with a slope and two cliffs inside, one 0.3 and one 0.6 high."""
     height = np.tile(np.linspace(0.02, 0.09, 128), (128, 1)).astype(np.float32)
     height[:, 41:87] += 0.3
     height[:, 87:] += 0.9
@@ -194,9 +194,9 @@ def cliffs() -> np.ndarray:
 
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_a_bands_thickness_decides_what_is_apart(slicing):
-    """From above no part of the surface is missed; from the side, cliffs higher than the band are open.
+    """From above no part of the surface is missed; from the side, cliffs higher than the band is thick are open.
 
-    Slices are several texels apart, so hardly any slice meets the ramps that form cliffs between two texels.
+    A cliff is a ramp between two texels. Slices are several texels apart, so that hardly any slice meets a ramp.
     """
     above, aside = camera(90, 90, projection="orthographic"), camera(20, 180)
     color = np.full((1, 1, 3), 9, np.uint8)
@@ -205,10 +205,10 @@ def test_a_bands_thickness_decides_what_is_apart(slicing):
     for band in (None, 1 / 16, 0.15, 0.45, 0.75, 5.0):
         thing = ibr.SlicedSurface(square(), cliffs(), color, SCALE, slices=16, slicing=slicing, test="band", band=band)
         missed = {cam: (seen & ~ibr.render(thing, cam).valid).sum() / seen.sum() for cam, seen in whole.items()}
-        assert missed[above] <= 0.03  # the cliffs themselves: each takes a texel of 128 and a pixel of 100
+        assert missed[above] <= 0.03  # the cliffs: each one is a texel of 128 and a pixel of 100 wide
         open_at[band] = missed[aside]
     assert open_at[None] == open_at[1 / 16]
-    # A cliff is open below the band under its top.
+    # Each cliff is open below the band, which hangs down from its top.
     assert open_at[0.15] > 1.2 * open_at[0.45] > 1.2 * open_at[0.75]
     assert open_at[0.45] > 0.02
     assert open_at[0.75] < 0.01
@@ -216,7 +216,7 @@ def test_a_bands_thickness_decides_what_is_apart(slicing):
 
 
 def test_a_band_thinner_than_a_slice_leaves_gaps():
-    """Seen from above, each slice shows the part of a slope that lies in its band: a half, a quarter."""
+    """From above, each slice shows the part of a slope that is in its band: all, half or a quarter of the distance."""
     slope = np.tile((np.arange(64) + 0.5) / 64, (64, 1)).astype(np.float32)
     cam = Camera.look_at((0.5, 0.5, 40), (0.5, 0.5, 0), (0, 1, 0), (301, 301), fov_y=1.3)
     inner = (np.abs(ground(cam)[..., :2] - 0.5) < 0.4).all(axis=-1)
@@ -225,7 +225,7 @@ def test_a_band_thinner_than_a_slice_leaves_gaps():
         thing = ibr.SlicedSurface(
             square(), slope, color, 0.01, slices=20, slicing="surface", test="band", band=part / 20
         )
-        # Across 265 pixels there are the edges of 16 slices: a pixel each.
+        # 265 pixels contain the edges of 16 slices, at which a pixel each may be wrong.
         assert abs(ibr.render(thing, cam).valid[inner].mean() - part) <= 16 / 265
 
 
@@ -236,14 +236,14 @@ def test_tests_are_counted():
         thing = surface(64, slicing)
         counted, seen = alpha_tests(thing, cam), ibr.render(thing, cam).valid
         assert (counted[seen] >= 1).all()
-        assert counted.max() <= 3 * 64 * 2  # at most the slices that a ray can cross
+        assert counted.max() <= 3 * 64 * 2  # more than the slices that a ray can cross
         counts[slicing] = counted[seen].mean()
     assert counts["orthogonal"] < 64
 
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_the_cost_stays_even(slicing):
-    """Section 3.4: there are more slices across the surface than along its normal, but each covers fewer pixels."""
+    """Section 3.4: seen from the side, a surface has more slices, but each of them covers fewer pixels."""
     tests = [alpha_tests(surface(64, slicing), camera(e, d)).sum() for e in ELEVATIONS for d in DIRECTIONS[:2]]
     assert max(tests) <= 1.5 * min(tests)
 
@@ -253,7 +253,7 @@ def test_slices_beside_the_volume_change_the_cost_alone(elevation):
     cam = camera(elevation, 30)
     clipped, whole = surface(32, "screen"), surface(32, "screen", clipped=False)
     frames = [ibr.render(thing, cam) for thing in (clipped, whole)]
-    # A slice that grazes an edge of the volume may fall on either side of it by rounding.
+    # Where a slice just touches an edge of the volume, rounding decides whether it is inside.
     assert (frames[0].valid != frames[1].valid).mean() < 1e-3
     both = frames[0].valid & frames[1].valid
     assert (np.abs(frames[0].depth - frames[1].depth)[both] > 1e-5).mean() < 1e-3
@@ -273,7 +273,10 @@ def test_other_heights_without_rebuilding():
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_a_donut_of_constant_height_is_a_fatter_donut(slicing):
-    """There are no gaps between polygons: the donut appears 0.1 farther out, to a slice and the polygons' sagitta."""
+    """Depth matches the mesh moved outwards by 0.1: for half of the pixels to one slice, for 90 % to three slices.
+
+    There are no gaps between the prisms on neighbouring polygons.
+    """
     height, color = np.ones((4, 4), np.float32), np.full((1, 1, 3), 200, np.uint8)
     thing = ibr.SlicedSurface(
         models.donut(), height, color, 0.1, tiles=(8, 4), slices=20, slicing=slicing, test="at_least"
@@ -287,4 +290,4 @@ def test_a_donut_of_constant_height_is_a_fatter_donut(slicing):
     assert both.sum() / (frame.valid | truth.valid).sum() >= 0.99
     off = (frame.depth - truth.depth)[both]
     assert np.median(np.abs(off)) <= 0.1 / 20
-    assert np.quantile(np.abs(off), 0.9) <= 3 * 0.1 / 20  # a slice is met obliquely
+    assert np.quantile(np.abs(off), 0.9) <= 3 * 0.1 / 20  # rays meet slices obliquely

@@ -1,4 +1,4 @@
-"""Parts one sample thin in depth objects, compared with rays cast at their models."""
+"""Parts of depth objects that are one sample thin, compared with true pictures of their models."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tests.slicing.solids import revolved
 cv2 = pytest.importorskip("cv2")
 
 SIZE = 96
-SAMPLE = 2.08 / SIZE  # views of a scene of size 2
-ON = 0.5 * SAMPLE  # centre of the samples next to the views' axes
+SAMPLE = 2.08 / SIZE  # width of a sample in views of a scene of size 2
+ON = 0.5 * SAMPLE  # coordinate of the sample centres beside the views' axes
 
 
 def rod(start, end, width: float = SAMPLE) -> tuple[np.ndarray, np.ndarray]:
@@ -36,7 +36,7 @@ def block(low, high, turn: np.ndarray | None = None) -> tuple[np.ndarray, np.nda
 
 
 def scene_of(part: tuple[np.ndarray, np.ndarray]) -> MeshScene:
-    """A part in orange, and grey blocks that give all scenes the size 2."""
+    """The part in orange, and two grey blocks that give all scenes the size 2."""
     parts = (part, block((-1, -1, -1), (-0.8, -0.8, -0.8)), block((0.8, 0.8, 0.8), (1, 1, 1)))
     vertices, faces, count = [], [], 0
     for points, triangles in parts:
@@ -49,11 +49,11 @@ def scene_of(part: tuple[np.ndarray, np.ndarray]) -> MeshScene:
 
 
 ASKEW, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
-CASES = {  # least fraction that is covered, with `thin` and without; each sample covers its pixel
+CASES = {  # a part, and the least fraction of it that is covered, with `thin` and without
     "along x": (rod((-0.7, ON, ON), (0.7, ON, ON)), 0.98, 0.8),
     "along y": (rod((ON, -0.7, 5 * ON), (ON, 0.7, 5 * ON)), 0.98, 0.8),
     "diagonal": (rod((-0.5, -0.5, ON), (0.5, 0.5, ON)), 0.98, 0.9),
-    # Each image locates the outline to half a sample, so the intersection of all images is narrower than each.
+    # Each image shows outlines to half a sample, so that the intersection of all images is narrower than the part.
     "slanted": (rod((-0.6, -0.2, 0.1), (0.6, 0.25, -0.12)), 0.85, 0.6),
     "slanted more": (rod((-0.5, 0.3, 0.45), (0.5, -0.35, -0.4)), 0.9, 0.6),
     "a leaf": (block((-0.5, -0.4, 0), (0.5, 0.4, SAMPLE)), 0.93, 0.9),
@@ -63,14 +63,17 @@ DIRECTIONS = ((1, 0.3, 0.2), (0.3, 1, 0.4), (0.5, 0.6, 1))
 
 
 def near(direction, zoom: float) -> Camera:
-    """A camera whose pixels are `zoom` times as fine as samples in the middle."""
+    """A camera with `zoom` pixels per sample in the scene's middle."""
     eye = 2.2 * np.array(direction, float) / np.linalg.norm(direction)
     fov = 2 * np.degrees(np.arctan(0.5 * 120 * SAMPLE / zoom / 2.2))
     return Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), (160, 120), fov_y=fov)
 
 
 def compared(frame: ibr.Frame, truth: ibr.DepthImage, zoom: float) -> tuple[float, float]:
-    """Fraction of the object that is covered, to two samples of depth, and distance of other pixels in samples."""
+    """Fraction of the part's pixels with a depth right to two samples, and how far pixels are drawn outside the scene.
+
+    That distance is the largest one, in samples.
+    """
     thing = truth.color[..., 0] > 180
     right = frame.valid & (np.abs(np.where(frame.valid, frame.depth, 0) - np.where(thing, truth.depth, 9)) < 2 * SAMPLE)
     away = cv2.distanceTransform((~(truth.depth < 1e9)).astype(np.uint8), cv2.DIST_L2, 5)
@@ -97,12 +100,12 @@ def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
             covered.append((share, compared(ibr.render(plain, camera), truth, zoom)[0]))
         assert np.mean(covered, axis=0)[0] >= least, covered
         assert np.mean(covered, axis=0)[1] >= plain_least, covered
-        # Ribbons are as wide as samples, and both locate outlines to half a sample, up to rounding.
+        # `thin` adds ribbons as wide as samples, so that it covers no less than without, up to rounding.
         assert np.mean(covered, axis=0)[0] >= np.mean(covered, axis=0)[1] - 1e-3, covered
 
 
 def test_images_of_perspective_cameras():
-    """A rod as wide as the perspective samples at its middle, which are 5/4 as large as the orthographic ones."""
+    """The rod is as wide as samples of a perspective view at its middle: 5/4 of those of an orthographic view."""
     scene = scene_of(rod((-0.5, 0.3, 0.45), (0.5, -0.35, -0.4), 1.25 * SAMPLE))
     thing = ibr.DepthObject(object_views(scene, SIZE, projection="perspective"), slices=512, thin=True)
     for direction in DIRECTIONS:
@@ -126,7 +129,7 @@ def test_other_views_and_one_lane_draw_the_same():
         again = [ibr.DepthImage(view.color, view.depth, view.camera) for view in second]
         one = ibr.render(ibr.DepthObject(again, slices=256, thin=True), camera)
     assert new.valid.sum() > 500
-    assert (one.valid != new.valid).mean() <= 2e-3  # rounding at borders
+    assert (one.valid != new.valid).mean() <= 2e-3  # rounding decides at borders
     both = one.valid & new.valid
     assert (np.abs(one.depth - new.depth)[both] < 0.1 * SAMPLE).mean() > 0.99
 

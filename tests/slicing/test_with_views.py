@@ -1,4 +1,4 @@
-"""Objects and hulls with other views: bit for bit like new ones, and no existing data is made again."""
+"""`with_views` for objects and hulls: the result has the bits of a new one, and data that stays is not made again."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ CAMERA = looking(torus(), (0.5, 0.4, 1), (90, 70))
 
 
 def nearer(view: ibr.DepthImage, by: float) -> ibr.DepthImage:
-    """The view with its surface moved by `by`, in other colours; holes stay holes."""
+    """The view in other colours, with `by` added to its depth; holes stay holes."""
     return ibr.DepthImage(255 - view.color, view.depth + np.float32(by), view.camera)
 
 
 def turned(view: ibr.DepthImage) -> ibr.DepthImage:
-    """Only the upper half of the view, from another direction."""
+    """The view without depth in its lower half, and with a moved camera."""
     depth = view.depth.copy()
     depth[len(depth) // 2 :] = np.nan
     return ibr.DepthImage(view.color, depth, view.camera.moved(0.02, -0.01, 0.03))
 
 
 def changes(views: Sequence[ibr.DepthImage]) -> list[list[ibr.DepthImage]]:
-    """Sets of views in which something, or everything, has changed."""
+    """Sets of views, the first without a change, the others with changes of one view, of several or of all."""
     return [
         list(views),
         [nearer(views[0], 0.01), *views[1:]],
@@ -38,7 +38,7 @@ def changes(views: Sequence[ibr.DepthImage]) -> list[list[ibr.DepthImage]]:
         [*views[:-1], ibr.DepthImage(255 - views[-1].color, views[-1].depth, views[-1].camera)],  # colours alone
         [views[0], turned(views[1]), *views[2:]],
         [nearer(view, 0.02) for view in views],
-        [*views[1:], views[0]],  # another first view: other axes
+        [*views[1:], views[0]],  # another first view, which gives other axes
         list(views[:3]),
         [*views, turned(views[2]), views[0]],
     ]
@@ -46,7 +46,7 @@ def changes(views: Sequence[ibr.DepthImage]) -> list[list[ibr.DepthImage]]:
 
 def same(expected: ibr.DepthObject | ibr.VisualHull, *found: ibr.DepthObject | ibr.VisualHull) -> None:
     light = ibr.Light(direction=(0.3, -0.4, -1), shadow_size=128)
-    for lit in (None, light) if isinstance(expected, ibr.DepthObject) else (None,):  # an object's normals are kept, too
+    for lit in (None, light) if isinstance(expected, ibr.DepthObject) else (None,):  # light shows whether normals are right
         a = ibr.render(expected, CAMERA, lit)
         for b in (ibr.render(one, CAMERA, lit) for one in found):
             np.testing.assert_array_equal(a.depth, b.depth)
@@ -68,7 +68,7 @@ def test_an_object_is_as_a_new_one(kind, missing):
     ibr.render(first, CAMERA)
     before = ibr.render(first, CAMERA)
     for others in changes(views):
-        thing = thing.with_views(others)  # one after the other, as in an animation
+        thing = thing.with_views(others)  # from the previous one, as in an animation
         same(ibr.DepthObject(others, **how), first.with_views(others), thing)
     np.testing.assert_array_equal(ibr.render(first, CAMERA).color, before.color)
 
@@ -97,7 +97,7 @@ def test_what_stays_is_not_made_again(monkeypatch):
     depth = views[0].depth.copy()
     seen = np.where(views[0].valid, depth, np.nan)
     middle = np.unravel_index(np.nanargmin(np.abs(seen - np.nanmedian(seen))), depth.shape)
-    depth[middle] += np.float32(0.01)  # far from the box's sides, so that it stays
+    depth[middle] += np.float32(0.01)  # far from the box's sides, so that the box stays
     ibr.render(thing.with_views([ibr.DepthImage(views[0].color, depth, views[0].camera), *views[1:]]), CAMERA)
     assert sorted(made) == ["DepthExtent", "rgba_words"]
 
@@ -106,7 +106,7 @@ def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     views = views_of_torus("orthographic")
     thing = ibr.VisualHull(views, slices=48)
     ibr.render(thing, CAMERA)
-    ibr.render(ibr.VisualHull(views[1:], slices=48), CAMERA)  # now the mirror image of the first view is tested
+    ibr.render(ibr.VisualHull(views[1:], slices=48), CAMERA)  # this hull tests the view opposite to the first
     made: list[object] = []
     asked: list[int] = []
     for name in ("touches", "holds"):
@@ -120,7 +120,7 @@ def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     bitten = ibr.Silhouette(views[0].color, mask, views[0].camera)
     ibr.render(thing.with_views([bitten, *views[1:]]), CAMERA)
     assert sorted(made) == ["Outline", "mask_of", "rgba_words"]
-    # Only cells at the box's sides are tested: a full grid of 64 cells a side would have 260,000 cells in every view.
+    # Only cells at the box's sides are tested. A full grid, with 64 cells on each side, has 260,000 cells for each view.
     assert 1000 < sum(asked) < len(views) * 64**3 / 10
 
 
