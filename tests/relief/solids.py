@@ -1,4 +1,4 @@
-"""Curved solids with a relief carved into them, finely triangulated for ray casting, and their coarse meshes."""
+"""Curved solids: coarse meshes of them, and fine meshes with a relief carved into them, for ray casting."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ def torus(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cylinder(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Radius 1 about the z axis, from z = -1.2 to 1.2; open at both ends."""
+    """A cylinder of radius 1 about the z axis, from z = -1.2 to 1.2, open at both ends."""
     a = 2 * np.pi * u
     normals = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)
     return normals + (2.4 * v - 1.2)[..., None] * np.array([0, 0, 1.0]), normals
 
 
 def sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Radius 1, without the poles, where uv is degenerate."""
+    """A sphere of radius 1 without the poles, at which uv would be degenerate."""
     a, b = 2 * np.pi * u, np.pi * (0.8 * v - 0.4)
     normals = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
     return normals, normals
 
 
 def plane(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The plane z = 0 over 3 x 3 unit squares, the middle one from 0 to 1."""
+    """The plane z = 0, of 3 x 3 unit squares; the middle square has x and y from 0 to 1."""
     points = np.stack([3 * u - 1, 3 * v - 1, 0 * u], axis=-1)
     return points, np.broadcast_to((0.0, 0, 1), points.shape)
 
 
 def grid(surface: Surface, columns: int, rows: int) -> ibr.Mesh:
-    """A mesh of columns x rows quadrilaterals over u and v from 0 to 1, counter-clockwise from outside."""
+    """A mesh of columns x rows quadrilaterals, with u and v from 0 to 1, whose fronts face outwards."""
     u, v = np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows)
     points, normals = surface(u.ravel(), v.ravel())
     y, x = np.mgrid[:rows, :columns]
@@ -55,7 +55,7 @@ def grid(surface: Surface, columns: int, rows: int) -> ibr.Mesh:
 
 @dataclass
 class Carved:
-    """The truth: the smooth surface with the relief carved into it, in `fine` cells per texel."""
+    """True depth: the smooth surface with the relief carved into it, with `fine` cells per texel along each axis."""
 
     surface: Surface
     height: np.ndarray
@@ -73,5 +73,5 @@ class Carved:
         self.scene = embree(ibr.Mesh(vertices, faces))
 
     def depth(self, camera: Camera) -> np.ndarray:
-        """True planar depth; inf where there is nothing."""
+        """True planar depth; inf where the camera sees nothing."""
         return true_depth(self.scene, camera)

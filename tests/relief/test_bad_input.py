@@ -1,4 +1,4 @@
-"""Arguments that reliefs refuse, by name, and bases with gaps."""
+"""Wrong arguments of reliefs, which errors name, and base meshes with odd triangles."""
 
 from __future__ import annotations
 
@@ -79,11 +79,11 @@ def test_bytes_and_floats_are_one_map():
     a = ibr.render(ibr.ReliefSurface(square(), height, WHITE, 0.1), CAMERA)
     b = ibr.render(ibr.ReliefSurface(square(), height / np.float32(255), WHITE, 0.1), CAMERA)
     np.testing.assert_array_equal(a.valid, b.valid)
-    assert np.isclose(a.depth, b.depth, rtol=1e-4)[a.valid].mean() >= 0.995  # rays may meet neighbouring cells
+    assert np.isclose(a.depth, b.depth, rtol=1e-4)[a.valid].mean() >= 0.995  # a ray may meet a neighbouring cell
 
 
 def test_triangles_whose_uv_has_no_area_show_one_height():
-    """The height is constant where uv is: the relief is a plane at the depth of its texel."""
+    """Where uv is constant, so is the height: the relief is a plane at the depth of one texel."""
     mesh = square()
     still = ibr.Mesh(mesh.vertices, mesh.faces, uv=np.full((4, 2), 0.5))
     height = np.full((4, 4), 0.25, np.float32)
@@ -107,6 +107,6 @@ def test_backs_are_not_drawn():
 
 
 def test_planar_vertices_are_counted():
-    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]  # the last one has no neighbours
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]  # the last corner has no triangle
     base = ibr.Mesh(corners, [[0, 1, 2]], uv=np.zeros((4, 2)))
     assert ibr.ReliefSurface(base, RAMP, WHITE, 1).planar_vertices == 1

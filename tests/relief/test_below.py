@@ -1,4 +1,4 @@
-"""Rays that come out of a quadric while still below the mesh, compared with the ray-cast displaced mesh: no cracks."""
+"""Rays that leave a quadric while they are still below the mesh: no cracks, against rays cast at the true mesh."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ o3d = pytest.importorskip("open3d")
 
 
 def beads(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bulges about the z axis, with necks between them; the ends lie outside the picture."""
+    """A rod along z of bulges with necks between them; its ends lie outside of the picture."""
     a, z = 2 * np.pi * u, 5 * v - 2.5
     radius, slope = 0.6 + 0.2 * np.cos(5 * z), -np.sin(5 * z)
     normals = np.stack([np.cos(a), np.sin(a), -slope + 0 * a], axis=-1) / np.sqrt(1 + slope**2)[..., None]
@@ -24,7 +24,7 @@ def beads(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_outline_and_inside(frame: ibr.Frame, truth: np.ndarray) -> None:
-    """There is no background two pixels inside the true outline, and nothing two pixels outside it."""
+    """Assert that pixels two pixels inside the true outline are drawn, and that none two pixels outside are."""
     solid = np.isfinite(truth).astype(np.uint8)
     inside = cv2.erode(solid, np.ones((5, 5)), borderValue=0) > 0
     around = cv2.dilate(solid, np.ones((5, 5))) > 0
@@ -46,7 +46,7 @@ def test_bulges_with_necks_between_them(height, distance):
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("turn", [0, 45, 135, 180, 270])
 def test_a_head_on_a_neck(turn, distance):
-    """Spot, the cow, of 5,856 triangles. The relief is 0.004 of its size deep, with all heights at a half."""
+    """Spot, a cow of 5,856 triangles, with a relief 0.004 of its size deep and all heights 0.5."""
     mesh = ibr.Mesh.load(next(shared("meshes/spot").glob("*.obj*")))
     low, high = (np.asarray(corner, float) for corner in mesh.bounds)
     size, middle, angle = float(np.linalg.norm(high - low)), (low + high) / 2, np.radians(turn)

@@ -1,4 +1,4 @@
-"""Reliefs on boxes whose meshes have no normals: their sides are flat, and no side shades another one."""
+"""Reliefs on boxes whose meshes have no normals: their sides are flat, and no side shades another side."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OUTSIDE = ibr.Camera.look_at((3, -2.4, 2.1), (0, 0, 0), (0, 0, 1), (160, 120), f
 @pytest.mark.parametrize("light", [None, ibr.Light(direction=(-0.6, 0.5, -0.7), ambient=0.2)])
 @pytest.mark.parametrize("make", [box, lambda: facets(box())], ids=["shared corners", "corners of their own"])
 def test_a_box_without_normals_is_one_with_its_sides_normals(make, light):
-    """Normals shared over its edges would bend it to a bubble, and it would crumble."""
+    """Normals shared across the box's edges would bend its sides like a bubble's, with holes."""
     frames = [
         ibr.render(ibr.ReliefSurface(base, bricks(), WHITE, 0.1), OUTSIDE, light)
         for base in (make(), facets(box(), with_normals=True))
@@ -35,8 +35,11 @@ def test_a_box_without_normals_is_one_with_its_sides_normals(make, light):
 @pytest.mark.parametrize("scale", [0.05, 0.2])
 @pytest.mark.parametrize("normals", [False, True])
 def test_no_side_of_a_box_shades_another(normals, scale, silhouette, light):
-    """An even relief carved into a box is a smaller box. Light that enters on one side passes below the edge of another
-    side, which the map knows only from there: with the map alone up to 15 % of the box are in shadow."""
+    """A relief of constant height carved into a box is a smaller box, on which no shadow falls.
+
+    The shadow map holds light that enters at one side and passes below the edge of another side. With the map alone,
+    up to 15 % of the box would be dark.
+    """
     base = facets(box(), with_normals=True) if normals else box()
     relief = ibr.ReliefSurface(base, np.zeros((4, 4), np.float32), WHITE, scale, silhouette=silhouette)
     lit, plain = (
@@ -50,7 +53,7 @@ def test_no_side_of_a_box_shades_another(normals, scale, silhouette, light):
 
 
 def test_edges_that_jut_out():
-    """A box has such edges, also where smooth surfaces end; a room seen from within and smooth surfaces have none."""
+    """A box has edges that jut out, with or without normals; a room seen from inside and smooth surfaces have none."""
     flat = np.zeros((4, 4), np.float32)
     bases = box(), facets(box(), with_normals=True), box(inside=True), grid(cylinder, 8, 2), square()
     reliefs = [ibr.ReliefSurface(base, flat, WHITE, 0.1) for base in bases]
@@ -60,13 +63,13 @@ def test_edges_that_jut_out():
 
 @pytest.mark.parametrize("eye", [(0, 0, 0), (0.5, -0.4, 0.3)])
 def test_no_wall_of_a_room_shades_another(eye):
-    """An even relief carved into a box seen from within is a larger box, which a lamp inside lights completely."""
+    """A relief of constant height carved into a room is a larger room, which a lamp inside lights completely."""
     room = ibr.ReliefSurface(box(inside=True), np.full((4, 4), 0.5, np.float32), WHITE, 0.04)
     camera = ibr.Camera.look_at((-0.7, -0.5, -0.2), (1, 0.5, 0), (0, 0, 1), (160, 120), fov_y=80)
     lamp = ibr.Light(position=eye, ambient=0.2)
     plain = ibr.Light(position=eye, ambient=0.2, shadow_size=0)
     dark = (ibr.render(room, camera, lamp).color < ibr.render(room, camera, plain).color).any(axis=2)
-    # Corners may be dark in the two rows of pixels next to them, as shadow maps have texels: 5 edges of 160 at most.
+    # A shadow map has texels, so that two rows of pixels along each edge may be dark: at most 5 edges of 160 pixels.
     assert dark.sum() <= 2 * 5 * 160
     assert dark.mean() <= 0.02
 
@@ -74,7 +77,7 @@ def test_no_wall_of_a_room_shades_another(eye):
 def test_only_vertices_at_edges_are_doubled():
     mesh = box()
     split = split_at_edges(mesh)
-    # Three sides meet at each of eight corners; the two ends have corners of their own, and so do the seam's sides.
+    # Three sides meet at each corner. The two ends, and the sides at the seam, have separate vertices already.
     assert len(split.vertices) == len(mesh.vertices) + 6
     np.testing.assert_array_equal(split.vertices[: len(mesh.vertices)], mesh.vertices)
     np.testing.assert_array_equal(split.vertices[split.faces], mesh.vertices[mesh.faces])

@@ -1,4 +1,4 @@
-"""Eyes below the base of a relief, within its layer, compared with rays cast at the finely displaced mesh."""
+"""Cameras inside a relief, below its base mesh, compared with rays cast at a fine mesh of the relief."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from tests.shadowed import AMBIENT, edges, first_hits, shares, true_shares
 WHITE = np.full((2, 2, 3), 200, np.uint8)
 SIZE = (161, 117)
 BASES: dict[str, tuple[Surface, tuple[int, int], tuple[int, int], float, tuple[float, float]]] = {
-    # surface, cells, tiles, scale, and u and v of a crossing of two lanes between blocks
+    # surface, cells, tiles, scale, and the (u, v) at which two lanes between blocks cross
     "plane": (plane, (1, 1), (9, 9), 0.1, (4 / 9, 4 / 9)),
     "tube": (cylinder, (64, 8), (12, 5), 0.12, (0.0, 0.6)),
     "sphere": (sphere, (64, 32), (12, 4), 0.12, (0.0, 0.5)),
     "torus, outside": (torus, (96, 48), (16, 6), 0.06, (0.0, 0.0)),
     "torus, inside": (torus, (96, 48), (16, 6), 0.06, (0.0, 0.5)),
 }
-CELL = 1.3e-3  # an eighth of a texel: the truth's triangles cut off corners of the bilinear surface
-LOOKS = {  # along u, along v and up
+CELL = 1.3e-3  # scene units, an eighth of a texel: the true mesh cuts off edges of the bilinear surface
+LOOKS = {  # directions: components along u, along v and up
     "along u": (1, 0, 0),
     "along v, down": (0, 1, -0.4),
     "up": (1, 0.5, 0.8),
@@ -38,7 +38,7 @@ LOOKS = {  # along u, along v and up
 
 
 def below(surface: Surface, u: float, v: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """The point `depth` scene units below the surface, and axes there as rows: along u, along v, up."""
+    """The point `depth` scene units below the surface at (u, v), and axes there as rows: along u, along v, up."""
     points, normals = surface(np.array([u, u + 1e-4]), np.array([v, v]))
     up, (eye, aside) = normals[0], points - depth * normals
     along = (aside - eye) / np.linalg.norm(aside - eye)
@@ -58,7 +58,7 @@ def carved(name: str, smooth: bool) -> Carved:
 
 @cache
 def hills() -> np.ndarray:
-    """Every other sample of smooth noise, 32 x 32 texels, tiled."""
+    """Smooth noise that tiles, 32 x 32 texels."""
     return np.ascontiguousarray(tiled_noise(3, 5)[::2, ::2])
 
 
@@ -76,14 +76,14 @@ def relief(name: str, smooth: bool = False, **options: Any) -> ibr.ReliefSurface
 
 
 FINE = 3
-"""Refinement of a base relative to its cells, so that it lies no more than 0.0002 within its circles."""
+"""Factor by which bases have more cells than in `BASES`, so that they are at most 0.0002 inside of the true circles."""
 
 FACETS = 0.01
-"""Error over distance, from the bases' facets where rays graze them. Bases of a third of the sides were off by 0.06."""
+"""Error divided by distance, due to facets that rays graze; with a third of the cells, it was 0.06."""
 
 
 def check(frame: ibr.Frame, truth: np.ndarray, camera: Camera, part: float) -> None:
-    """Every pixel away from edges shows the relief, off by no more than this part of its distance."""
+    """Assert that every pixel away from edges shows the relief, off by at most the fraction `part` of its distance."""
     inside = away_from_edges(truth, 0.02)
     assert inside.sum() > 100
     assert frame.valid[inside].all()
@@ -106,7 +106,7 @@ def test_between_blocks(name, look, search):
 
 @pytest.mark.parametrize(("name", "look"), [("plane", LOOKS["up"]), ("tube", (1, 0.5, 0.3))])
 def test_few_steps_are_enough_for_rays_that_leave(name, look):
-    """Rays end where they come out; steps that went on to the end of the mesh would pass over the blocks' edges."""
+    """Steps end where a ray leaves the relief. If they went on to the mesh's end, they would be longer than blocks."""
     surface, _, _, scale, (u, v) = BASES[name]
     camera = looking(surface, u, v, 0.5 * scale, look)
     frame = ibr.render(relief(name, search="linear", steps=64), camera)
@@ -128,7 +128,7 @@ def test_over_the_lowest_place_of_hills(name, look, distance_):
 
 @pytest.mark.parametrize("name", ["plane", "sphere"])
 def test_nothing_jumps_where_the_eye_passes_through_the_base(name):
-    """From a thousandth of the relief's depth above the base to as much below it."""
+    """The camera moves from above the base to below it, each time by a thousandth of the relief's depth."""
     surface, _, _, scale, (u, v) = BASES[name]
     thing, frames = relief(name), []
     for depth in (-1e-3, 1e-3):
@@ -139,7 +139,7 @@ def test_nothing_jumps_where_the_eye_passes_through_the_base(name):
     assert above.valid.mean() > 0.7
     assert (above.valid != under.valid).mean() <= 0.01
     both = above.valid & under.valid
-    # The eye has moved by 0.002 of the depth; from outside, the rays of curved bases enter elsewhere.
+    # The camera moves by 0.002 of the depth. From outside, rays enter a curved base at other places.
     off = np.abs(above.depth - under.depth)[both] / scale
     assert np.median(off) <= 0.01
     assert np.quantile(off, 0.9) <= 0.1
@@ -149,7 +149,7 @@ def test_nothing_jumps_where_the_eye_passes_through_the_base(name):
     "eye", [(0.5, 0.5, -0.05), (0.5, 0.5, -0.11), (-0.02, 1 / 3, -0.05), (2 / 3, 1 / 3, 0.05)], ids=str
 )
 def test_no_place_within(eye):
-    """The eye is in solid matter, below the bottom, beyond the border, or above the base."""
+    """The camera is inside of solid parts, below the bottom, beyond the border, or above the base."""
     thing = ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, tiles=(3, 3))
     assert thing.interior_point(Camera.look_at(eye, (2, 0.4, 0.3), (0, 0, 1), SIZE, fov_y=70)) is None
     if eye[2] < 0 < eye[0]:
@@ -164,7 +164,7 @@ def test_an_orthographic_camera_is_nowhere():
 
 @pytest.mark.parametrize("name", ["tube", "torus, outside", "torus, inside"])
 def test_places_are_on_parallel_surfaces(name):
-    """Points that lie below a place of the smooth surface are found below this place."""
+    """The place found for a point is that of the smooth surface from which the point was moved down."""
     surface, cells, tiles, scale, _ = BASES[name]
     thing = ibr.ReliefSurface(grid(surface, 3 * cells[0], 3 * cells[1]), np.zeros((4, 4)), WHITE, scale, tiles=tiles)
     rng = np.random.default_rng(4)
@@ -179,7 +179,7 @@ def test_places_are_on_parallel_surfaces(name):
 
 
 def test_nearest_points_of_triangles():
-    """None of many points on each triangle is nearer."""
+    """Of many points on each triangle, none is nearer than the point found."""
     rng = np.random.default_rng(5)
     corners, point = rng.normal(size=(50, 3, 3)), rng.normal(size=3)
     weights = nearest_weights(corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), point)
@@ -195,7 +195,7 @@ def test_nearest_points_of_triangles():
 
 
 def cube() -> ibr.Mesh:
-    """A cube two units wide; each side has its own corners, normals and uv."""
+    """A cube two units wide, whose sides have separate corners, normals and uv."""
     points, faces = [], []
     for axis in range(3):
         for sign in (-1, 1):
@@ -209,12 +209,12 @@ def cube() -> ibr.Mesh:
 
 
 def test_a_lane_is_open_where_the_mesh_ends():
-    """In the upper side of a cube, the end of the lane shows the wall beyond, and no further blocks of this side."""
+    """The lane is in a cube's upper side. Its end shows the wall behind the cube, and no more blocks."""
     wall = ibr.Mesh([[3, -9, -9], [3, 9, -9], [3, 9, 9], [3, -9, 9]], [[0, 1, 2], [0, 2, 3]], sides="both")
     camera = Camera.look_at((0.5, 0, 0.9), (3, 0, 0.9), (0, 0, 1), SIZE, fov_y=30)
     frame = ibr.render([ibr.ReliefSurface(cube(), blocks(), WHITE, 0.2, tiles=(2, 2)), wall], camera)
     assert frame.depth[58, 80] == pytest.approx(2.5, abs=1e-4)
-    # The lane is 8 to 12 of 32 texels wide, so its sides begin at most 6/32 to either side.
+    # The lane is 8 to 12 of 32 texels wide, so that both of its walls begin at most 6/32 from its middle.
     x = (np.arange(161) - camera.K[0, 2]) / camera.K[0, 0] * 0.5
     assert frame.depth[58, np.abs(x) < 3 / 32] == pytest.approx(2.5, abs=1e-4)
     assert (frame.depth[58, np.abs(x) > 7 / 32] < 0.5).all()
@@ -232,18 +232,18 @@ def test_maps_of_bytes_that_do_not_tile():
     ("distance_", "anisotropy"), [("perpendicular", 1), pytest.param("approximate", 8, marks=pytest.mark.thorough)]
 )
 def test_all_distances_are_one_within(distance_, anisotropy):
-    """On a plane no ray enters from outside, so the distances give equal hits, and filters do not change hits."""
+    """On a plane, rays that start inside hit the same with each way to measure distance, and with filtered colours."""
     camera = looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["along u"])
     plain = ibr.render(relief("plane", search="linear", steps=256), camera)
     other = relief("plane", search="linear", steps=256, distance=distance_)
     frame = ibr.render(other, camera, anisotropy=anisotropy)
     assert plain.valid.mean() > 0.5
     np.testing.assert_array_equal(frame.valid, plain.valid)
-    np.testing.assert_allclose(frame.depth, plain.depth, rtol=1e-5)  # other builds may round differently
+    np.testing.assert_allclose(frame.depth, plain.depth, rtol=1e-5)  # separate builds may round differently
 
 
 def test_normals_of_a_map_light_walls_within():
-    """A map with the base's normals lights all alike; the slopes of the heights do not."""
+    """With a map of upright normals, all parts are equally bright; with normals from the heights they are not."""
     camera, light = (
         looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["along u"]),
         ibr.Light(direction=(0, 0, -1), ambient=0, shadow_size=0),
@@ -260,7 +260,10 @@ def test_normals_of_a_map_light_walls_within():
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("name", ["plane", "tube"])
 def test_light_falls_between_blocks(name, shadow):
-    """Pixels three off the edges of shadows and blocks. On the tube these are the edges of a mesh of 64 sides."""
+    """Three pixels or more from edges of shadows and blocks, light and shadow are right.
+
+    On the tube, the edges come from a mesh of 64 sides.
+    """
     surface, _, _, scale, (u, v) = BASES[name]
     camera = looking(surface, u, v, 0.5 * scale, LOOKS["along u"], (240, 180))
     light = ibr.Light(direction=(-0.5, 1, -0.5), ambient=AMBIENT)

@@ -1,4 +1,4 @@
-"""Levels of height maps: means, and valid bounds."""
+"""Levels of height maps: coarser levels are means, and bounds are upper bounds of the heights."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_no_height_is_above_its_bound(shape, height_bytes):
     made = height_levels(height, height_bytes, ("repeat", "repeat"))
     rng = np.random.default_rng(1)
     rows, columns = shape
-    x, y = rng.uniform(0, columns, 2000), rng.uniform(0, rows, 2000)  # texels from the first centre
+    x, y = rng.uniform(0, columns, 2000), rng.uniform(0, rows, 2000)  # in texels, from the first texel's centre
     truth = bilinear_height(height.astype(float), (x + 0.5) / columns, (y + 0.5) / rows)
     tiers, start, pitch, span = made.table[0, 3:7]
     for tier in range(tiers):
@@ -61,7 +61,7 @@ def test_no_height_is_above_its_bound(shape, height_bytes):
 
 @pytest.mark.parametrize("shape", [*SHAPES, (1, 64), (64, 1), (65, 3), (3, 65)])
 def test_no_bound_is_overwritten(shape):
-    """Each cell of all levels and tiers has a place of its own, and its bound is the greatest of its texels."""
+    """Each cell of each level and tier has its own place in the array, with the greatest height of its texels."""
     height = random(shape)
     made = height_levels(height, 2, ("clamp", "clamp"))
     places: list[int] = []

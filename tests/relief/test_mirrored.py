@@ -1,4 +1,4 @@
-"""Meshes whose uv is mirrored, in whole or in part."""
+"""Reliefs on meshes whose uv is mirrored, everywhere or in part."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LIGHT = ibr.Light(direction=(0.5, 0.7, -0.6))
 
 
 def slanted() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Height, colour and normals (for a relief 0.1 deep on a unit square) without any symmetry; not square."""
+    """Height, colour and normals without any symmetry, not square; normals are for a depth of 0.1 on a unit square."""
     y, x = np.mgrid[:24, :32]
     a, b = 2 * np.pi * (x + 0.5) / 32, 2 * np.pi * (y + 0.5) / 24
     height = 0.5 + 0.3 * np.sin(a) * np.cos(2 * b) + 0.2 * np.cos(a + b)
@@ -28,7 +28,7 @@ def slanted() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return height.astype(np.float32), color, (normals / np.linalg.norm(normals, axis=-1, keepdims=True)).astype("f4")
 
 
-TURNS = {  # uv, the map in the matching orientation, and its normals' x and y
+TURNS = {  # functions that turn uv, a map to match it, and the map's normals
     "u": (lambda uv: (1, 0) + uv * (-1, 1), lambda map_: map_[:, ::-1], lambda n: n * np.float32([-1, 1, 1])),
     "v": (lambda uv: (0, 1) + uv * (1, -1), lambda map_: map_[::-1], lambda n: n * np.float32([1, -1, 1])),
     "u and v": (lambda uv: 1 - uv, lambda map_: map_[::-1, ::-1], lambda n: n * np.float32([-1, -1, 1])),
@@ -50,7 +50,7 @@ def test_a_map_turned_with_its_uv_is_the_same_picture(turn, distance_, mapped):
     b = ibr.ReliefSurface(other, *maps, 0.1, normal_map=normal_map if mapped else None, distance=distance_)
     one, two = (ibr.render(thing, CAMERA, LIGHT) for thing in (a, b))
     np.testing.assert_array_equal(one.valid, two.valid)
-    # Rounding moves a ray that grazes an edge of a shadow or of a cell to either side.
+    # Rounding decides for rays that graze a cell's edge, and at edges of shadows.
     assert np.isclose(one.depth, two.depth, rtol=1e-4)[one.valid].mean() >= 0.999
     assert (np.abs(one.color.astype(int) - two.color)[one.valid].max(axis=1) <= 2).mean() >= 0.995
 
@@ -61,11 +61,11 @@ def test_a_map_of_the_heights_own_normals_lights_as_its_slopes_do():
     slopes, mapped = (ibr.ReliefSurface(square(), height, color, 0.1, normal_map=n) for n in (None, normals))
     a, b = (ibr.render(thing, CAMERA, LIGHT).color.astype(int) for thing in (slopes, mapped))
     off = np.abs(a - b).max(axis=2)
-    assert np.mean(off <= 12) >= 0.98  # differences over two texels are not quite derivatives
+    assert np.mean(off <= 12) >= 0.98  # slopes are differences over two texels
 
 
 def folded(columns: int, rows: int) -> ibr.Mesh:
-    """A cylinder whose u runs from 0 to 1 and back: its left and right half share the vertices between them."""
+    """A cylinder whose u grows from 0 to 1 and falls back to 0: both halves share the vertices where u is 1."""
     mesh = grid(cylinder, columns, rows)
     u, v = np.asarray(mesh.uv, float).T
     return ibr.Mesh(mesh.vertices, mesh.faces, uv=np.stack([2 * np.minimum(u, 1 - u), v], axis=1), normals=mesh.normals)
@@ -73,7 +73,7 @@ def folded(columns: int, rows: int) -> ibr.Mesh:
 
 @pytest.mark.parametrize("distance_", ["approximate", "exact"])
 def test_where_mirrored_uv_meet_the_relief_goes_on(distance_):
-    """A map that is its own mirror image makes the same picture as on a cylinder whose u runs on."""
+    """A map that is its own mirror image gives the same picture as on a cylinder whose u only grows."""
     noise = tiled_noise(3, 4)
     height, white = 0.5 * (noise + noise[:, ::-1]), np.full((2, 2, 3), 200, np.uint8)
     camera = Camera.look_at((-1.9, -2.4, 0.3), (-1, -0.1, 0), (0, 0, 1), (400, 300), fov_y=30)
@@ -90,7 +90,7 @@ def test_where_mirrored_uv_meet_the_relief_goes_on(distance_):
 def test_only_vertices_between_mirrored_triangles_are_doubled():
     mesh = folded(16, 2)
     split = split_at_mirrors(mesh)
-    # The middle vertex of each of three rows; the seam's two columns are apart already.
+    # The middle vertex of each of three rows is doubled; at the seam, vertices are separate already.
     assert len(split.vertices) == len(mesh.vertices) + 3
     np.testing.assert_array_equal(split.vertices[: len(mesh.vertices)], mesh.vertices)
     np.testing.assert_array_equal(split.vertices[split.faces], mesh.vertices[mesh.faces])

@@ -1,4 +1,4 @@
-"""Normals of reliefs on a curved base, and the places on the map that rays meet, compared with the carved torus."""
+"""Normals of reliefs on a torus, and the places on the map that rays meet, compared with the carved torus."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def even(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def rolling(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Smooth heights from 0.1 to 0.9 over a tile."""
+    """Smooth heights between 0.1 and 0.9, periodic with period 1."""
     a, b = 2 * np.pi * u, 2 * np.pi * v
     return np.asarray(0.5 + 0.2 * np.sin(a) * np.cos(b) + 0.15 * np.sin(2 * b + a) + 0.05 * np.cos(2 * a))
 
@@ -46,8 +46,11 @@ def relief_of(height: Callable[..., np.ndarray]) -> ibr.ReliefSurface:
 
 @pytest.mark.parametrize("height", [even, rolling])
 def test_shades_are_the_carved_torus_own(height):
-    """Shades of the same points: a byte's rounding and means of two texels for slopes are 0.8 of 200 on average.
-    With linear u and v along rays and frames of the entries, 1.6 are off on average, and 95 % by less than 7."""
+    """Shades of up to 200 are off by 0.8 on average, by rounding to bytes and by slopes averaged over two texels.
+
+    If u and v were linear along rays, with the frames of the rays' entries, they would be off by 1.6 on average, and by
+    up to 7 for 95 % of the points.
+    """
     fine = grid(torus, 600, 300)
     u, v = np.asarray(fine.uv, np.float64).T
     colors = np.full((len(u), 3), 200, np.uint8)
@@ -66,8 +69,11 @@ def test_shades_are_the_carved_torus_own(height):
 
 @pytest.mark.parametrize("height", [even, rolling])
 def test_rays_meet_the_map_where_the_carved_torus_is(height):
-    """The true surface at this place on the map is the picture's point. Linear u and v along rays would
-    miss it by a share of the way below the base, depth over tube radius: 0.006 on average and 0.016 in 5 %."""
+    """The picture's point is the point of the true surface at the place on the map that the ray meets.
+
+    If u and v were linear along rays, it would be off by the way below the base times depth divided by the tube's
+    radius: by 0.006 on average, and by over 0.016 for 5 % of the points.
+    """
     relief = relief_of(height)
     places, frame = relief.tile_coordinates(CAMERA), ibr.render(relief, CAMERA)
     y, x = np.nonzero(frame.valid)
@@ -77,6 +83,6 @@ def test_rays_meet_the_map_where_the_carved_torus_is(height):
     part = places[y, x].astype(np.float64)
     u, v = ((np.round(near * TILES - part) + part) / TILES).T
     off = np.linalg.norm(carved(height, u, v) - points, axis=1)
-    # The base of 96 x 48 cells lies up to 0.0009 within its torus, two to three times that along an oblique ray.
+    # The base, of 96 x 48 cells, is up to 0.0009 inside of the torus; along oblique rays, two to three times as much.
     assert off.mean() <= 0.002
     assert np.quantile(off, 0.95) <= 0.005

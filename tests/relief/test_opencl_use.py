@@ -1,4 +1,4 @@
-"""The relief kernels in their GPU form."""
+"""The relief kernels in their form for GPUs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_one_lane_is_as_good_as_sixteen(projection, options):
     with one_lane():
         one = ibr.render(thing, camera)
     assert wide.valid.sum() > 2000
-    # Rounding decides whether a grazing ray hits; if it does not, the pixel shows the surface behind.
+    # Rounding decides whether a grazing ray hits, or the pixel shows the surface behind.
     assert (one.valid != wide.valid).mean() <= 2e-3
     both = one.valid & wide.valid
     assert np.isclose(one.depth, wide.depth, rtol=1e-4)[both].mean() >= 0.99

@@ -1,4 +1,4 @@
-"""Outlines of distant reliefs, for which coarser levels of the heights would suffice, compared with cast rays."""
+"""Outlines of distant reliefs, whose pixels are large enough for coarser levels of the heights, against cast rays."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TILES, SCALE = (12, 5), 0.15
 
 
 def ridges() -> np.ndarray:
-    """Ridges one texel wide, along v, which is the tube's axis."""
+    """Heights with ridges one texel wide along v, the direction of the tube's axis."""
     height = np.full((64, 64), 0.1, np.float32)
     height[:, 5::32] = 1
     return height
@@ -33,7 +33,7 @@ def carved(name: str) -> Carved:
 
 
 def edges(covered: np.ndarray) -> np.ndarray:
-    """(H, 2) the first and the last pixel of each row."""
+    """(H, 2) columns of the first and of the last covered pixel of each row."""
     assert covered.any(axis=1).all()
     return np.stack([covered.argmax(axis=1), covered.shape[1] - 1 - covered[:, ::-1].argmax(axis=1)], axis=1)
 
@@ -42,10 +42,12 @@ def edges(covered: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("level", [1, 2, 3, 4])
 @pytest.mark.parametrize("name", MAPS)
 def test_outlines_stay_where_coarser_levels_would_do(name, level):
-    """A tube from the side, with its ends outside the picture: exact distances are accurate on it, so only levels can
-    move its outline, which has two points in each row of pixels."""
+    """A tube is seen from the side, its ends outside of the picture, so that each row contains two outline pixels.
+
+    Exact distances are precise on a tube, so that only coarser levels could move its outline.
+    """
     texel = 2 * np.pi / (TILES[0] * 64)
-    across = 1.2 * 2**level * texel  # a pixel
+    across = 1.2 * 2**level * texel  # width of a pixel
     size = int(2.3 / across), int(1.8 / across)
     camera = Camera.look_at((0.9, -3, 0), (0, 0, 0), (0, 0, 1), size, projection="orthographic", height=1.8)
     truth = edges(np.isfinite(carved(name).depth(camera)))
@@ -62,5 +64,5 @@ def test_a_level_tells_how_much_it_has_lost(shape):
     for width, tall, start, lost in made.table[:, [0, 1, 2, -1]]:
         level = (made.texels[start : start + width * tall] & 65535).reshape(tall, width) / 65535
         off = np.abs(bilinear_height(level, u.ravel(), v.ravel()) - height.ravel()).max()
-        assert off <= lost / 65535 + 1e-4  # heights in 16 bits
+        assert off <= lost / 65535 + 1e-4  # heights have 16 bits
     assert made.table[0, -1] == 0

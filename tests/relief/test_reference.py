@@ -1,4 +1,4 @@
-"""The kernels compared with the float64 twin (tests/reference/relief.py); counted steps; coordinates in the tile."""
+"""Relief kernels compared with tests/reference/relief.py in float64, numbers of steps, and coordinates on the map."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SCALE, TILES = 0.1, (6, 3)
 
 
 def hills() -> np.ndarray:
-    """Heights of 12 x 16 texels that repeat without a seam."""
+    """Heights of 12 x 16 texels that tile without a seam."""
     y, x = np.mgrid[:12, :16]
     a, b = 2 * np.pi * x / 16, 2 * np.pi * y / 12
     return (0.5 + 0.3 * np.sin(a) * np.cos(b) + 0.15 * np.cos(2 * a + b)).astype(np.float32)
@@ -35,7 +35,7 @@ def seen_from(projection: str) -> Camera:
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("search", ["linear", "safe"])
 def test_a_torus_is_as_in_float64(search, projection):
-    """The safe search, compared with 96 even steps, which miss no part of these hills."""
+    """The safe search is compared with 96 even steps, which miss no part of these hills."""
     camera, base = seen_from(projection), models.donut(12)
     thing = ibr.ReliefSurface(base, hills(), WHITE, SCALE, tiles=TILES, distance="approximate", search=search)
     steps, halvings = (32, 6) if search == "linear" else (96, 12)
@@ -43,7 +43,7 @@ def test_a_torus_is_as_in_float64(search, projection):
     expected = relief_depth(base, thing.frames, rounded, SCALE, TILES, camera, "approximate", steps, halvings)
     frame = ibr.render(thing, camera)
     assert frame.valid.sum() > 600
-    # Rounding decides whether rays that graze the outline, or a hill in front of another, hit.
+    # Rounding decides whether a ray hits if it grazes the outline, or a hill in front of another hill.
     assert (frame.valid != np.isfinite(expected)).mean() <= 2e-3
     both = frame.valid & np.isfinite(expected)
     assert (np.abs(frame.depth - expected)[both] <= 2e-4).mean() >= 0.99
@@ -57,13 +57,13 @@ def test_perpendicular_distances_are_as_in_float64():
     frame = ibr.render(thing, camera)
     assert (frame.valid != np.isfinite(expected)).mean() <= 2e-3
     both = frame.valid & np.isfinite(expected)
-    # Straight above, the distance grows without bound as the ray turns, and so does rounding: a 50th of the depth.
+    # For rays along the normal, perpendicular distances grow without bound, and so does their rounding.
     assert (np.abs(frame.depth - expected)[both] <= SCALE / 50).mean() >= 0.99
 
 
 @pytest.mark.parametrize("surface", [sphere, cylinder])
 def test_exact_distances_hold_on_deep_reliefs(surface):
-    """0.3 below a tube and a sphere of radius 1: outlines within a pixel, and depths within the mesh's own error."""
+    """Reliefs 0.3 deep on a tube and a sphere of radius 1: outlines are right to a pixel, depths to the mesh."""
     camera = Camera.look_at((8, 0, 0), (0, 0, 0), (0, 0, 1), (161, 121), projection="orthographic", height=121 / 43.9)
     flat, wide, off = np.zeros((4, 4), np.float32), {}, {}
     for distance in ("approximate", "exact"):
@@ -74,12 +74,16 @@ def test_exact_distances_hold_on_deep_reliefs(surface):
         radius = np.linalg.norm(points if surface is sphere else points[:, :2], axis=1)
         wide[distance], off[distance] = frame.valid[60].sum(), np.abs(radius - 0.7)
     assert abs(wide["exact"] - 2 * 0.7 * 43.9) <= 1 < wide["approximate"] - 2 * 0.7 * 43.9
-    # A chord of 1/64 of the circle lies 0.0012 within it, and its quadric is fitted to points 0.1 away.
+    # With 64 sides, a chord is up to 0.0012 inside of the circle, and quadrics are fitted to points 0.1 away.
     assert np.quantile(off["exact"], 0.95) <= 0.005 < np.quantile(off["approximate"], 0.95)
 
 
 def test_exact_distances_are_nearer_on_a_deep_torus():
-    """Half the tube deep. Along its axis the outline is its equators, and exact; in oblique views curvatures change."""
+    """The relief is half as deep as the tube's radius.
+
+    Seen along the axis, the outline is the torus's equators, where exact distances are exact. In oblique views they are
+    not, since the curvature changes along the outline.
+    """
     truth, flat = Carved(torus, np.zeros((32, 32)), 0.2, (6, 4)), np.zeros((4, 4), np.float32)
     too_many: dict[tuple[str, bool], float] = {}
     for along in (True, False):
@@ -96,7 +100,7 @@ def test_exact_distances_are_nearer_on_a_deep_torus():
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("surface", [sphere, cylinder, torus])
 def test_even_heights_are_parallel_surfaces(surface, distance):
-    """In views from straight above to the outline: 0.05 below a sphere, a cylinder and a torus with its saddle."""
+    """Constant heights give the parallel surface 0.05 below a sphere, a cylinder and a torus, up to the outline."""
     eye = (1.2, -2.0, 2.2) if surface is torus else (4.0, 0, 0)
     camera = Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (161, 121), fov_y=30 if surface is not torus else 46)
     even = np.full((4, 4), 0.5, np.float32)
@@ -110,11 +114,11 @@ def test_even_heights_are_parallel_surfaces(surface, distance):
     off = np.abs(1 - radius[surface] - 0.05)
     assert len(points) > 4000
     assert np.median(off) <= 1e-3
-    assert (off <= 5e-3).mean() >= 0.97  # a tenth of the depth; near outlines the quadric leaves the surface
+    assert (off <= 5e-3).mean() >= 0.97  # a tenth of the depth; at outlines, quadrics are less precise
 
 
 def test_coordinates_in_the_tile():
-    """The height at these coordinates matches the depth in the picture."""
+    """The height of the map at each pixel's coordinates gives the depth that the picture shows."""
     camera = Camera.look_at((0.8, -0.5, 0.7), (0.5, 0.5, 0), (0, 0, 1), (161, 117), fov_y=45)
     thing = ibr.ReliefSurface(square(), hills(), WHITE, SCALE, tiles=TILES)
     places, frame = thing.tile_coordinates(camera), ibr.render(thing, camera)
@@ -134,7 +138,7 @@ def test_coordinates_in_the_tile():
 
 
 def test_steps_are_counted():
-    """Over a level relief at half height, even steps stop halfway; a safe search sees that nothing is above it."""
+    """On a relief of constant height 0.5, even steps stop half-way; the safe search skips the empty space above it."""
     camera = Camera.look_at((0.5, 0.5, 1), (0.5, 0.5, 0), (0, 1, 0), (31, 23), fov_y=20)
     counted: dict[str, np.ndarray] = {}
     for search in ("linear", "safe"):
@@ -144,6 +148,6 @@ def test_steps_are_counted():
         draw_relief(Target(camera, np.dtype(np.uint8)), thing, None, counters=counts)
         counted[search] = counts.to_host().copy()
         assert (counted[search][..., 0] == 1).all()
-    # 16 or 17 of 32, because the height is rounded to 16 bits; and six halvings.
+    # 16 or 17 steps of 32, since the height is rounded to 16 bits, and six halvings.
     assert set(np.unique(counted["linear"][..., 1])) <= {22, 23}
     assert counted["safe"][..., 1].max() <= 6

@@ -1,4 +1,4 @@
-"""Shadows of reliefs on themselves, with the light's map and with the search, compared with cast rays."""
+"""Shadows of reliefs on themselves, by a shadow map and by a search, compared with cast rays."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SOLIDS = {"torus": (torus, (96, 48)), "sphere": (sphere, (64, 32)), "cylinder": 
 
 @cache
 def blocks() -> np.ndarray:
-    """A tiled map of 32 x 32 texels: a block whose sides are two texels wide."""
+    """A map of 32 x 32 texels with one block, whose slanted sides are two texels wide; it tiles."""
     y, x = np.mgrid[:32, :32]
     inside = np.minimum(np.minimum(x, 31 - x), np.minimum(y, 31 - y))
     return np.clip((inside - 4) / 2, 0, 1).astype(np.float32)
@@ -35,7 +35,7 @@ def blocks() -> np.ndarray:
 @pytest.mark.parametrize("scale", [0.03, 0.06, 0.1, 0.12, 0.15])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_a_deep_even_relief_does_not_shade_itself(name, scale, shadow):
-    """The light's rays enter at other places than the picture's, below other quadrics: a map alone shades 11 %."""
+    """The light's rays enter at other triangles, below other quadrics: a map alone would shade 11 %."""
     surface, cells = SOLIDS[name]
     light = ibr.Light(direction=(1, 0.2, -0.3), ambient=AMBIENT)
     camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
@@ -58,7 +58,7 @@ LIGHTS = {
 @pytest.mark.parametrize("shadow", SHADOWS)
 @pytest.mark.parametrize("name", LIGHTS)
 def test_a_deep_torus_is_no_wider_in_its_shadow(name, shadow):
-    """The other side's outline lies across the torus: equation 7 makes it too wide, which shades 2 % and more."""
+    """The ring's other side casts its shadow across the torus. By equation 7 it would be too wide, by 2 % or more."""
     light = ibr.Light(**LIGHTS[name], ambient=AMBIENT)
     camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
     scene = Carved(torus, np.zeros((32, 32)), 0.15, (6, 4)).scene
@@ -72,7 +72,7 @@ def test_a_deep_torus_is_no_wider_in_its_shadow(name, shadow):
 
 @pytest.mark.parametrize("light", [{"direction": (0.2, 0.5, -1)}, {"position": (-1.0, 1, 3)}], ids=["far", "near"])
 def test_the_shadow_on_the_ground_is_no_wider(light):
-    """With equation 7 a quarter more than the torus's shadow is dark. 3 % are a fifth of a pixel along its outline."""
+    """By equation 7 the torus's shadow would be a quarter larger; 3 % are a fifth of a pixel along its outline."""
     ground = ibr.Mesh([[-4, -4, -1.2], [4, -4, -1.2], [4, 4, -1.2], [-4, 4, -1.2]], [[0, 1, 2], [0, 2, 3]])
     camera = Camera.look_at((2, -4, 5), (0, 0, -1), (0, 0, 1), (320, 240), fov_y=60)
     scene = Carved(torus, np.zeros((32, 32)), 0.15, (6, 4)).scene
@@ -90,7 +90,7 @@ def test_the_shadow_on_the_ground_is_no_wider(light):
 
 
 def at_jumps(depth: np.ndarray) -> np.ndarray:
-    """Pixels within 3 pixels of an edge of a block."""
+    """(H, W) bool: pixels at most 3 pixels from an edge of a block."""
     z = np.where(np.isfinite(depth), depth, 1e3)
     jumps = cv2.dilate(z, np.ones((3, 3))) - cv2.erode(z, np.ones((3, 3))) > 0.06
     return cv2.dilate(jumps.astype(np.uint8), np.ones((5, 5))) > 0
@@ -100,7 +100,7 @@ def at_jumps(depth: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("direction", [(-1, 0.2, -0.6), (-0.5, 1, -0.5), (-1, -0.8, -0.3)], ids=str)
 @pytest.mark.parametrize("scale", [0.05, 0.12])
 def test_blocks_on_a_tube(scale, direction, shadow):
-    """Pixels three off the edges of shadows and blocks."""
+    """Three pixels or more from edges of shadows and blocks, light and shadow are right."""
     light = ibr.Light(direction=direction, ambient=AMBIENT)
     camera = Camera.look_at((3.2, -1.2, 0.3), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
     scene = Carved(cylinder, blocks(), scale, (12, 5)).scene
@@ -111,7 +111,7 @@ def test_blocks_on_a_tube(scale, direction, shadow):
     counted = told & np.isfinite(depth) & ~edges(truth) & ~at_jumps(depth)
     assert counted.sum() > 20000
     agrees = ((share > 0.5) == truth)[counted].mean()
-    # Where the light is low over the surface, its map and its quadrics are the least accurate.
+    # If the light is low over the surface, its shadow map and its quadrics are less precise.
     assert agrees >= (0.998 if direction[2] == -0.3 else 0.9997), agrees
 
 
@@ -125,7 +125,10 @@ FROM_WITHIN = {
 
 @pytest.mark.parametrize("name", FROM_WITHIN)
 def test_no_light_comes_through_from_within(name):
-    """The sides of blocks face lights inside their solid, or beyond it; either solid is open at both ends."""
+    """No light reaches the sides of blocks that face a light inside of the solid, or behind it.
+
+    Both solids are open at their ends.
+    """
     solid, light = FROM_WITHIN[name]
     (surface, cells), tiles = SOLIDS[solid], (12, 5)
     lamp = ibr.Light(**light, ambient=AMBIENT)
@@ -137,7 +140,7 @@ def test_no_light_comes_through_from_within(name):
     share, told = shares(relief, camera, lamp)
     counted = told & np.isfinite(depth) & ~truth & ~edges(truth) & ~at_jumps(depth)
     assert counted.sum() > 200
-    assert (share < 0.5)[counted].mean() >= 0.99  # the lowest texels of blocks are at the bottom
+    assert (share < 0.5)[counted].mean() >= 0.99  # blocks reach down to the bottom
 
 
 @pytest.mark.parametrize("direction", [(0.5, -1, -1), (0.3, -1, -0.4)], ids=str)
@@ -145,7 +148,7 @@ def test_no_light_comes_through_from_within(name):
     "options", [{}, pytest.param({"distance": "exact"}, marks=pytest.mark.thorough), {"silhouette": "none"}]
 )
 def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
-    """The same shadow as the bare mesh's, three pixels off its edge."""
+    """Three pixels or more from its edge, the shadow is that of the mesh without a relief."""
     corners = [[-1, 0, 0.5], [1, 0, 0.5], [1, 0, 2.5], [-1, 0, 2.5]]
     wall = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=[[0, 1], [1, 1], [1, 0], [0, 0]])
     corners = [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]
@@ -160,7 +163,7 @@ def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
 
 
 def test_small_tiles_far_away():
-    """Compared with 8 x 8 rays a pixel; the map shows moire where its texels hold many texels of the relief."""
+    """The truth has 8 x 8 rays per pixel. A shadow map shows moire if its texels cover many texels of the relief."""
     camera = Camera.look_at((0.5, -0.55, 0.5), (0.5, 0.45, 0), (0, 0, 1), (160, 120), fov_y=50)
     finer = camera.resized((1280, 960))
     light = ibr.Light(direction=(1, 0.3, -0.6), ambient=AMBIENT)
@@ -180,7 +183,7 @@ def test_small_tiles_far_away():
     [{}, {"search": "linear"}, pytest.param({"distance": "exact"}, marks=pytest.mark.thorough), {"silhouette": "none"}],
 )
 def test_both_ways_agree_on_a_plane(options):
-    """Pixels off the edges of shadows; the map's edges lie within two of its texels."""
+    """Away from edges of shadows, both agree; edges in the shadow map are off by up to two of its texels."""
     camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, 0), (0, 0, 1), (320, 240), fov_y=42)
     light = ibr.Light(direction=(0.7, 0.5, -0.6), ambient=AMBIENT, shadow_size=2048)
     mapped, found = (
@@ -197,7 +200,7 @@ def test_both_ways_agree_on_a_plane(options):
 @pytest.mark.parametrize("scale", [0.02, 0.05, 0.1])
 @pytest.mark.parametrize("cells", [(12, 8), (16, 10), (32, 20), (64, 48)])
 def test_an_even_relief_on_a_coarse_ball_does_not_shade_itself(cells, scale, silhouette):
-    """From facet to facet rays enter with other normals and quadrics: a map alone shades up to a quarter of it."""
+    """From facet to facet, normals and quadrics of entering rays change: a map alone would shade up to a quarter."""
     ball = ibr.ReliefSurface(grid(sphere, *cells), np.full((8, 8), 0.5), WHITE, scale, silhouette=silhouette)
     camera = Camera.look_at((1.5, -3, 1.2), (0, 0, 0), (0, 0, 1), (240, 200), fov_y=45)
     lit, plain = (

@@ -1,4 +1,4 @@
-"""Reliefs compared with rays cast at finely displaced meshes: planes and curved solids."""
+"""Reliefs on planes and on curved solids, compared with rays cast at fine meshes of the carved surface."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WHITE = np.full((2, 2, 3), 200, np.uint8)
 
 
 def tiled_noise(seed: int, sigma: float) -> np.ndarray:
-    """Smooth noise from 0 to 1, 64 x 64 texels."""
+    """Smooth noise from 0 to 1, 64 x 64 texels, which tiles."""
     noise = np.pad(np.random.default_rng(seed).random((64, 64)), 16, mode="wrap")
     smooth = cv2.GaussianBlur(noise, (0, 0), sigma)[16:-16, 16:-16]
     return ((smooth - smooth.min()) / np.ptp(smooth)).astype(np.float32)
@@ -27,7 +27,7 @@ def tiled_noise(seed: int, sigma: float) -> np.ndarray:
 
 @cache
 def bricks() -> np.ndarray:
-    """A tiled map of 64 x 64 texels: rough bricks with slanted joints."""
+    """A map of 64 x 64 texels with rough bricks and slanted joints, which tiles."""
     y, x = np.mgrid[:64, :64]
     across = np.minimum((x + 16 * (y // 16 % 2)) % 32, 31 - (x + 16 * (y // 16 % 2)) % 32)
     joint = np.minimum(across, np.minimum(y % 16, 15 - y % 16))
@@ -35,14 +35,14 @@ def bricks() -> np.ndarray:
 
 
 def away_from_edges(truth: np.ndarray, jump: float) -> np.ndarray:
-    """Pixels at least 3 pixels away from silhouettes and from jumps in depth."""
+    """(H, W) bool: pixels more than 3 pixels from silhouettes, and from steps in depth larger than `jump`."""
     z = np.where(np.isfinite(truth), truth, 100).astype(np.float32)
     edges = (cv2.dilate(z, np.ones((3, 3))) - cv2.erode(z, np.ones((3, 3))) > jump).astype(np.uint8)
     return np.isfinite(truth) & (cv2.dilate(edges, np.ones((7, 7))) == 0)
 
 
 def distance(frame: ibr.Frame, truth: np.ndarray, camera: Camera) -> np.ndarray:
-    """Distance between the points that frame and truth show, in scene units."""
+    """(H, W) distance, in scene units, between the points that a pixel shows in the frame and in truth."""
     y, x = np.mgrid[: camera.height, : camera.width]
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T
     length = np.linalg.norm(rays, axis=-1) if camera.projection == "perspective" else 1.0
@@ -59,13 +59,13 @@ def over_square(elevation: float, projection: str = "perspective") -> Camera:
 
 @cache
 def carved_plane(thin: bool) -> Carved:
-    """A plane of 3 x 3 unit squares with the middle one in view: rays continue over the tiles beyond the polygon."""
+    """A plane of 3 x 3 unit squares. The relief's polygon is the middle one; rays continue below its neighbours."""
     return Carved(plane, (spikes() if thin else bricks()), 0.05, (3, 3), fine=4)
 
 
 @cache
 def spikes() -> np.ndarray:
-    """Single texels at full height over low ground: features that even steps miss."""
+    """Single texels of full height, and a ridge, over low ground; even steps miss them."""
     height = np.full((64, 64), 0.1, np.float32)
     height[4::16, 6::16] = 1
     height[40, :] = 1
@@ -83,7 +83,7 @@ def test_a_plane(elevation, projection, thin):
     frame = ibr.render(ibr.ReliefSurface(base, height, WHITE, 0.05), camera)
     entered = ibr.render(base, camera).valid
     np.testing.assert_array_equal(frame.valid, entered)
-    # On the flat, depth changes by 0.003 / sin(elevation) between rows of pixels.
+    # On level ground, depth changes by 0.003 / sin(elevation) from row to row of pixels.
     inside = away_from_edges(np.where(entered, truth, np.inf), max(0.02, 0.015 / np.sin(np.radians(elevation))))
     assert inside.sum() > 3000
     off = distance(frame, truth, camera)[inside] * 64  # texels
@@ -97,9 +97,9 @@ def test_even_steps_miss_thin_features_and_safe_ones_do_not():
     missed = {}
     for search in ("safe", "linear"):
         frame = ibr.render(ibr.ReliefSurface(base, spikes(), WHITE, 0.05, search=search), camera)
-        # Rays that step over a feature show a point more than a texel behind the true surface.
+        # A ray that steps over such a texel shows a point more than a texel away from the true surface.
         missed[search] = (distance(frame, truth, camera)[frame.valid] * 64 > 1).mean()
-    assert missed["safe"] <= 0.002  # at the features' outlines, where they cover half a pixel
+    assert missed["safe"] <= 0.002  # at outlines of such texels
     assert missed["linear"] >= 5 * missed["safe"]
     assert missed["linear"] >= 0.01
 
@@ -108,7 +108,7 @@ def test_even_steps_miss_thin_features_and_safe_ones_do_not():
 @pytest.mark.parametrize("side", [0, 1, 2, 3])
 @pytest.mark.parametrize("n", [64, 48])
 def test_rays_along_an_axis_of_the_map(n, side, distance_):
-    """Parallel rays that stay on one row or column of texels, some between two: compared with 4096 even steps."""
+    """Each of the parallel rays stays in one row or column of texels, or between two: against 4096 even steps."""
     e, d = np.radians(12), np.radians(90 * side)
     away = np.array([np.cos(e) * np.cos(d), np.cos(e) * np.sin(d), np.sin(e)])
     camera = Camera.look_at(
@@ -121,7 +121,7 @@ def test_rays_along_an_axis_of_the_map(n, side, distance_):
     )
     np.testing.assert_array_equal(safe.valid, even.valid)
     off = np.abs(safe.depth - even.depth)[safe.valid] * n  # texels
-    assert (off <= 0.1).mean() >= 0.998  # rounding decides whether a grazing ray hits an edge
+    assert (off <= 0.1).mean() >= 0.998  # rounding decides for grazing rays
 
 
 def around(name: str, distance_: float = 1.0) -> Camera:
@@ -144,7 +144,7 @@ def carved(name: str) -> Carved:
 
 
 def banded_iou(a: np.ndarray, b: np.ndarray) -> float:
-    """Intersection over union within 20 pixels of b's silhouette."""
+    """Intersection over union of the pixels within 20 pixels of b's silhouette."""
     inner, outer = cv2.erode(b.astype(np.uint8), np.ones((3, 3))), cv2.dilate(b.astype(np.uint8), np.ones((3, 3)))
     band = cv2.dilate(outer - inner, np.ones((41, 41))) > 0
     return silhouette_iou(a & band, b & band)
@@ -193,7 +193,7 @@ def test_a_height_of_one_is_the_mesh_itself(search):
     frame = ibr.render(relief, camera)
     mesh = ibr.render(ibr.Mesh(base.vertices, base.faces, sides="front"), camera)
     np.testing.assert_array_equal(frame.valid, mesh.valid)
-    # A linear step finds the hit, and six halvings refine it.
+    # The linear search finds the hit in its first step, which six halvings refine.
     step = 0.0 if search == "safe" else 0.1
     assert np.abs(frame.depth - mesh.depth)[frame.valid].max() <= 1e-4 + step
 
@@ -210,7 +210,7 @@ def test_scaling_everything_changes_nothing():
 
 
 def test_from_afar_means_are_read_and_bounds_hold():
-    """From 20 times as far a pixel covers many texels; a relief of less than two pixels looks like its mean height."""
+    """Each pixel covers many texels, and the relief is less than two pixels deep: it looks like its mean height."""
     height = (np.indices((64, 64)).sum(axis=0) % 2).astype(np.float32)
     base = grid(torus, 48, 24)
     camera = Camera.look_at((22, -30, 19), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=3.4)
@@ -222,7 +222,7 @@ def test_from_afar_means_are_read_and_bounds_hold():
 
 
 def test_two_coincident_cylinders_show_what_lies_farther_out():
-    """Two materials lie on one cylinder; each shows where it is the higher one."""
+    """Two reliefs on one cylinder: each shows where its height is greater."""
     other = tiled_noise(4, 3)
     camera, base, tiles = around("cylinder"), grid(cylinder, 64, 8), (12, 5)
     red, blue = (np.full((2, 2, 3), color, np.uint8) for color in ((200, 40, 40), (40, 40, 200)))

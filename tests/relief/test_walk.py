@@ -1,4 +1,4 @@
-"""Outlines of even reliefs on meshes with creases, saddles and poles, and on coarse ones, compared with cast rays."""
+"""Outlines of reliefs of constant height, on coarse meshes with creases, saddles and poles, against cast rays."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def globe(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cushion(cells: int = 9) -> ibr.Mesh:
-    """A cube of 6 x cells x cells squares whose corners share normals over its edges."""
+    """A cube of 6 x cells x cells squares, whose sides have equal normals at common corners."""
     x, y = np.meshgrid(*[np.linspace(-1, 1, cells + 1)] * 2)
     i = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
     square = np.concatenate([np.stack([i, i + 1, i + cells + 2], 1), np.stack([i, i + cells + 2, i + cells + 1], 1)])
@@ -43,7 +43,7 @@ def cushion(cells: int = 9) -> ibr.Mesh:
 
 
 MESHES: dict[str, tuple[Callable[[], ibr.Mesh], float]] = {
-    # the mesh, and the intersection over union at the greater depth
+    # the mesh, and the least intersection over union with the truth
     "creases": (cushion, 0.96),
     "poles": (lambda: grid(globe, 32, 16), 0.98),
     "6 sides": (lambda: models.donut(6), 0.97),
@@ -59,14 +59,16 @@ SCANNED = {
     "fandisk, creased": (0.75, 1.1),
     "cow": (0.75, 1.4),
 }
-"""Least and greatest share of the true change by which outlines move. The cow's outline moves more: its horns and ears
-are thinner than the greater depth, and inside out in the truth."""
+"""Least and greatest move of the outlines, as a fraction of the true move.
+
+The cow's outline moves more: the truth is inside out at its horns and ears, which are thinner than the greater depth.
+"""
 
 
 @pytest.mark.parametrize("depth", [0.01, 0.04])
 @pytest.mark.parametrize("name", MESHES)
 def test_outlines_are_the_displaced_meshs(name, depth):
-    """No pixel is wrong two pixels off the true outline, except for some where three creases meet."""
+    """Two pixels or more from the true outline no pixel is wrong, except a few where three creases meet."""
     pytest.importorskip("open3d")
     make, least = MESHES[name]
     found = measure(make(), depth, 160)
@@ -80,7 +82,10 @@ def test_outlines_are_the_displaced_meshs(name, depth):
 @pytest.mark.parametrize("depth", [0.01, 0.04])
 @pytest.mark.parametrize("name", SCANNED)
 def test_no_outline_of_a_scanned_mesh_is_worse_than_the_bare_meshs(name, depth):
-    """Two pixels inside the outline none is empty, unless the truth is inside out; two outside none is covered."""
+    """At most 8 pixels are wrong two pixels or more from the true outline, except where the truth is inside out.
+
+    Pixels are wrong if they are empty inside the outline, or drawn outside of it.
+    """
     shared("meshes")
     mesh = SCANS[name]()
     assert isinstance(mesh, ibr.Mesh)
@@ -94,7 +99,7 @@ def test_no_outline_of_a_scanned_mesh_is_worse_than_the_bare_meshs(name, depth):
 
 @pytest.mark.parametrize("name", ["creases", "poles", "8 sides"])
 def test_one_lane_finds_the_same(name):
-    """Only rays that graze a triangle's side differ; they continue below either triangle."""
+    """Only rays that graze an edge between triangles differ: rounding decides below which one they continue."""
     mesh, camera = MESHES[name][0](), around(MESHES[name][0](), 20, 61)
     relief = even_relief(mesh, 0.04)
     wide = ibr.render(relief, camera)
@@ -111,7 +116,7 @@ def beside(mesh: ibr.Mesh) -> np.ndarray:
 
 
 def test_neighbours_of_a_globe():
-    """Neighbours across the seam of uv and the poles, where every other triangle has no area."""
+    """Neighbours are found across the seam of uv, and at the poles, where every other triangle has no area."""
     globe_ = grid(globe, 8, 4)
     found = beside(globe_)
     solid = np.setdiff1d(np.arange(len(globe_.faces)), np.flatnonzero((found < 0).all(axis=1)))
@@ -127,7 +132,7 @@ def test_neighbours_end_at_borders():
 
 
 def test_sides_of_a_box_sink_as_one():
-    """Sides of a box sink by 1 each and still meet at its edges; sides of a sheet folded to 150 degrees sink less."""
+    """Each side of a box sinks by 1, and they still meet at edges; a sheet folded by 150 degrees sinks less."""
     solid = facets(box((2, 2, 2)), with_normals=True)
     np.testing.assert_allclose(mitred(solid.vertices, solid.normals, solid.faces), solid.vertices, atol=1e-12)
     turn = np.radians(150)

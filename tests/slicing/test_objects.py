@@ -383,7 +383,7 @@ def test_a_box_along_the_views_axes(size, extent):
 
 
 def test_an_image_that_shows_a_part_alone():
-    """With `missing="unknown"`, the image limits the object only where it has pixels; otherwise it cuts off the rest."""
+    """With `missing="unknown"`, the image limits the object only where it has pixels; else it cuts off the rest."""
     views = views_of_torus("orthographic")
     camera = views[0].camera
     rows, columns = slice(20, 60), slice(30, 80)
@@ -419,7 +419,7 @@ except ibr.ArgumentError:
 
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-@pytest.mark.parametrize(("focal", "edge"), [(10, 0.3), (1e16, 7.4e-15)])  # a pixel's width; then just the margin for rounding
+@pytest.mark.parametrize(("focal", "edge"), [(10, 0.3), (1e16, 7.4e-15)])  # a pixel's width; a margin for rounding
 def test_rays_end_in_boxes_that_float32_does_not_hold(focal, edge, slicing):
     command = [sys.executable, "-c", IN_A_BOX, str(focal), slicing]
     done = subprocess.run(command, env=with_path(), capture_output=True, text=True, timeout=300, check=True)

@@ -133,7 +133,7 @@ def test_vertices_that_nothing_uses_change_nothing(kind):
 
 
 def test_seams_by_rounded_sines_are_closed():
-    """A displaced sphere is whole at its seam, although the sine of two pi, where u ends, is not exactly 0 in floats."""
+    """A displaced sphere is whole at its seam, although the sine of two pi, where u ends, is not quite 0 in floats."""
     v, u = np.mgrid[:11, :17]
     polar, around = np.pi * v / 10, 2 * np.pi * u / 16
     points = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]

@@ -46,7 +46,7 @@ def changes(views: Sequence[ibr.DepthImage]) -> list[list[ibr.DepthImage]]:
 
 def same(expected: ibr.DepthObject | ibr.VisualHull, *found: ibr.DepthObject | ibr.VisualHull) -> None:
     light = ibr.Light(direction=(0.3, -0.4, -1), shadow_size=128)
-    for lit in (None, light) if isinstance(expected, ibr.DepthObject) else (None,):  # light shows whether normals are right
+    for lit in (None, light) if isinstance(expected, ibr.DepthObject) else (None,):  # light shows the normals, too
         a = ibr.render(expected, CAMERA, lit)
         for b in (ibr.render(one, CAMERA, lit) for one in found):
             np.testing.assert_array_equal(a.depth, b.depth)
@@ -120,7 +120,7 @@ def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     bitten = ibr.Silhouette(views[0].color, mask, views[0].camera)
     ibr.render(thing.with_views([bitten, *views[1:]]), CAMERA)
     assert sorted(made) == ["Outline", "mask_of", "rgba_words"]
-    # Only cells at the box's sides are tested. A full grid, with 64 cells on each side, has 260,000 cells for each view.
+    # Only cells at the box's sides are tested. A full grid, 64 cells a side, has 260,000 cells for each view.
     assert 1000 < sum(asked) < len(views) * 64**3 / 10
 
 
