@@ -1,4 +1,4 @@
-"""The benchmark of depth edges: its solids against points inside them, its truth, noise, counts and section."""
+"""The benchmark of depth edges: its solids, true edges, noises and counts, and its section of the report."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def rays_of(camera: ibr.Camera) -> Rays:
 
 @pytest.mark.parametrize("name", SOLIDS)
 def test_rays_end_at_the_first_point_within(name: str) -> None:
-    """Compared with a walk in steps of 2 mm, whose first point inside lies within one step of the hit."""
+    """The first of points 2 mm apart on the ray that is inside the solid is at most one step behind the hit."""
     solid, is_within = SOLIDS[name]
     rays, step = rays_of(CAMERA), 0.002
     found = solid.depth(rays)
@@ -86,7 +86,7 @@ def test_rays_end_at_the_first_point_within(name: str) -> None:
     both = np.isfinite(found) & np.isfinite(first)
     assert (both == np.isfinite(first)).all()
     assert ((first[both] >= found[both] - 1e-9) & (first[both] <= found[both] + step)).all()
-    missed = np.isfinite(found) & ~both  # corners that the ray leaves within a step
+    missed = np.isfinite(found) & ~both  # the ray leaves a corner within a step
     ends = found[missed] + 1e-9
     assert is_within(rays.origin[missed] + ends[:, None] * rays.direction[missed]).all() and missed.mean() < 0.01
 
@@ -100,7 +100,8 @@ def test_flat_parts_lie_in_their_planes() -> None:
         hit = np.isfinite(found)
         point = rays.origin[hit] + found[hit][:, None] * rays.direction[hit]
         np.testing.assert_allclose((point - center) @ normal, 0, atol=1e-12)
-        # A pixel sees the share z^3 / (f^2 |c n|) of the area |n|, by the plane through c; outlines err by 1 % at most.
+        # Of a plane through c with a normal n of length |n|, the sheet's unit of area, a pixel at depth z sees
+        # z^3 / (f^2 |c n|) units. Outlines add an error of at most 1 %.
         assert (found[hit] ** 3 / abs(center @ normal) / 470**2).sum() == pytest.approx(area, rel=0.01)
     squares = Squares(A, np.eye(3), 0.2).depth(rays_of(CAMERA))
     assert np.isfinite(squares).mean() == pytest.approx(0.5, abs=0.03)
@@ -116,7 +117,7 @@ def test_truth_of_a_ball_before_a_wall_is_its_outline() -> None:
 
 
 def test_truth_knows_seams_limbs_small_steps_and_what_is_missing() -> None:
-    """A box on a floor, a rod that bends in front of itself, a step of 1 %, and a ball with nothing around it."""
+    """The scenes are a box on a floor, a rod bent in front of itself, a step of 1 %, and a ball without background."""
     floor = Polytope(np.array([[0.0, -1, 0]]), np.array([-0.4]))
     stands = box((-0.3, 0, 2), (0.3, 0.4, 2.5))
     _, right, below = sampled([[stands], [floor], [WALL]], CAMERA)
@@ -140,7 +141,7 @@ def test_truth_knows_seams_limbs_small_steps_and_what_is_missing() -> None:
 
 
 def test_what_stands_between_samples_hides_no_surface_and_no_gap_of_one_depth_is_an_edge() -> None:
-    """A hair in front of the wall, between samples; two plates of equal depth with a slit between samples."""
+    """Between samples there is a hair in front of a wall, then a slit between two plates of equal depth."""
     hair = [Rod(np.array([0.5 / 47, -2, 2]), np.array([0.5 / 47, 2, 2]), 0.001)]
     slit = 0.5 * 2 / 47
     plates = [[box((-9, -9, 2), (slit - 0.005, 9, 2.1))], [box((slit + 0.005, -9, 2), (9, 9, 2.1))]]
@@ -169,7 +170,7 @@ def test_there_are_scenes_of_each_kind_and_each_name_is_one() -> None:
 
 @pytest.mark.parametrize("noise", NOISES)
 def test_noise_is_what_its_name_says(noise: str) -> None:
-    """By its steps, or by its standard deviation, which 40,000 samples determine to 1 %."""
+    """Noise has the named steps, or the named standard deviation, which 40,000 samples show to 1 %."""
     rng = np.random.default_rng(5)
     depth = rng.uniform(1, 4, (163, 251))
     made = noisy(depth, noise, 7)
@@ -197,7 +198,7 @@ def test_noise_is_what_its_name_says(noise: str) -> None:
 
 
 def test_counts_are_those_of_pairs_that_are_known() -> None:
-    """Two plates, one twice as far: a ratio below 2 finds the edge, a ratio above 2 bridges it."""
+    """Of two plates, one is twice as far away: a ratio below 2 tears the edge, and a ratio above 2 bridges it."""
     things = [[box((-9, -9, 2), (0.01, 9, 2.1))], [box((-9, -9, 4), (9, 9, 4.1))]]
     depth, right, below = sampled(things, CAMERA)
     view = edges.view_of(depth, CAMERA, "two plates", "none")

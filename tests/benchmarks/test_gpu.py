@@ -1,4 +1,4 @@
-"""Instruction counts for a GPU: read from Oclgrind's output, and judged as a bound."""
+"""The section on GPUs: instructions counted by Oclgrind, times that they imply at least, and runs on a device."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_without_a_gpu_the_section_says_that_it_is_empty(tmp_path: Path) -> None
 
 @pytest.mark.thorough
 def test_a_device_is_tested_compared_and_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a CPU in place of the GPU."""
+    """A CPU stands in for the GPU."""
     monkeypatch.setattr(card, "calls", lambda: {"one": lambda: [np.arange(3.0)]})
     records = run("card", card.cases(replace(QUICK, card="cpu"))).records
     by_quantity = {(record.subject, record.quantity): record.values for record in records}

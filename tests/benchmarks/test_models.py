@@ -36,12 +36,12 @@ def test_the_globe_is_a_sphere_displaced_outwards():
 
 
 def test_the_globe_has_north_up_and_east_to_the_right():
-    # Equirectangular: red grows with longitude from -180 to 180 degrees, green from north to south.
+    # In the equirectangular image, red grows with longitude, from -180 to 180 degrees, and green from north to south.
     width, height = 720, 360
     red, green = np.meshgrid(np.linspace(0, 255, width), np.linspace(0, 255, height))
     color = np.stack([red, green, 0 * red], -1).astype(np.uint8)
     images = globe(65, elevation=np.zeros((2, 4), np.float32), color=color)
-    camera = models.view(images, (41, 41), direction=(0, 0, -1))  # above 0 N 0 E
+    camera = models.view(images, (41, 41), direction=(0, 0, -1))  # above latitude 0, longitude 0
     seen = truth.raycast(images, camera, side="back")
     np.testing.assert_allclose(seen.color[20, 20], (127.5, 127.5, 0), atol=3)
     assert seen.color[20, 30, 0] > seen.color[20, 20, 0] + 10 > seen.color[20, 10, 0] + 20
@@ -63,7 +63,7 @@ def test_the_globe_has_no_gap(direction):
 
 
 def test_six_frusta_around_it_see_the_torus_and_its_inner_wall(monkeypatch: pytest.MonkeyPatch):
-    """Compared with rays, from directions that see the wall through the hole."""
+    """From directions that see the inner wall through the hole, warped views agree with cast rays."""
     monkeypatch.setattr(models, "torus_mesh", coarse_torus)
     views = torus(160)
     assert len(views) == 6
@@ -71,7 +71,7 @@ def test_six_frusta_around_it_see_the_torus_and_its_inner_wall(monkeypatch: pyte
         camera = models.view(views, (131, 117), direction=direction)
         expected = capture(coarse_torus(), camera)
         frame = warp(views, camera)
-        # Except at outlines, which the images locate to a sample
+        # 0.97: the images show outlines to a sample.
         assert frame.valid[expected.valid].mean() > 0.97
         both = frame.valid & expected.valid
         assert (np.abs(frame.depth / expected.depth - 1)[both] < 0.01).mean() > 0.99
@@ -79,7 +79,7 @@ def test_six_frusta_around_it_see_the_torus_and_its_inner_wall(monkeypatch: pyte
 
 @pytest.mark.thorough
 def test_sixteen_frusta_cover_the_dragons_head():
-    """The frusta see the rays' hit points, and views warped from them agree with the rays."""
+    """The frusta leave at most 2 % unseen, and pictures warped from their views agree with cast rays."""
     frusta, about = load_frusta(DRAGON_HEAD)
     assert len(frusta) == 16
     assert DRAGON_HEAD.stat().st_size < 8000
@@ -90,7 +90,7 @@ def test_sixteen_frusta_cover_the_dragons_head():
     seen = [surface.seen(one.resized(256).capture(mesh)) for one in frusta]
     assert unseen_share(surface, seen) < 0.02
     views = dragon_head(path, 256)
-    box = np.sort(box * (1, -1, -1), axis=0)  # turned like the views
+    box = np.sort(box * (1, -1, -1), axis=0)  # the views have y and z turned
     for direction in ((-0.3, -0.2, -1), (-1, -0.1, -0.3), (0.5, -0.6, 1), (-0.2, 0.6, -1)):
         camera = Camera.look_at(
             box.mean(axis=0) + 0.15 * np.array(direction), box.mean(axis=0), (0, -1, 0), (181, 163), fov_y=45
@@ -103,7 +103,7 @@ def test_sixteen_frusta_cover_the_dragons_head():
         assert frame.valid[y, x].mean() > 0.97
         y, x = (one[frame.valid[y, x]] for one in (y, x))
         apart = np.abs(frame.depth[y, x] / expected.depth[y, x] - 1)
-        assert (apart < 2e-3).mean() > 0.93  # except at silhouettes, which the images locate to a sample
+        assert (apart < 2e-3).mean() > 0.93  # the images show silhouettes to a sample
     assert models.view(views, (32, 32)).center[2] < 0
 
 

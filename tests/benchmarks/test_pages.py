@@ -1,4 +1,4 @@
-"""The benchmark of pages: its evaluation of rounds, and its section."""
+"""The benchmark of pages: how it evaluates rounds of drawing, and its section of the report."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def records(client: str = pages.RECEIVES):
 
 def test_rounds_tell_gaps_widths_and_how_long_rests_take() -> None:
     found = records()
-    assert found["between pictures"].values == pytest.approx([50, 100])  # the second round has a single picture
+    assert found["between pictures"].values == pytest.approx([50, 100])  # one picture in the second round
     assert found["width"].values == [0.5, 0.5, 1.0, 1.0]
     assert found["until full"].values == pytest.approx([300, 250])
     assert found["pictures after the last camera"].values == [1]
@@ -52,7 +52,7 @@ def test_the_section_judges_each_by_its_bar(tmp_path: Path) -> None:
     (head, table) = pages_section(result, tmp_path)
     assert "640 x 480" in head
     received, drawn = table.splitlines()[2:]
-    # Two pictures in 150 ms are 13.3 a second; 275 ms is the median of 250 and 300.
+    # Two pictures in 150 ms are 13.3 per second; 275 ms is the median of 250 and 300 ms.
     assert "| 13.3 | at least 30 | **not met** |" in received
     assert "| 13.3 | at least 12 | met |" in drawn
     assert "275" in received and "at most 400 | met" in received and "at most 800 | met" in drawn

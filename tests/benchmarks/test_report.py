@@ -1,4 +1,4 @@
-"""The benchmarks: their arithmetic, their files, the report of a small result, and a complete run."""
+"""The benchmarks: their arithmetic, their files, reports of small results, and a complete quick run."""
 
 from __future__ import annotations
 
@@ -88,9 +88,9 @@ def test_result_survives_json(tmp_path: Path) -> None:
 
 @pytest.mark.thorough
 def test_the_published_reports_are_those_of_their_results(tmp_path: Path) -> None:
-    """Each version has one report, and one in each folder of another machine."""
+    """Each version's folder has a report, and so has each folder of another machine's results in it."""
     published = Path(report.__file__).parent / "results" / ibr.__version__
-    if not published.is_dir():  # the version has just begun
+    if not published.is_dir():  # a new version
         pytest.skip("no results of this version are here")
     for folder in {path.parent for path in published.rglob("*.json")}:
         copy = tmp_path / folder.name
@@ -116,7 +116,7 @@ def test_records_without_values_or_units_are_refused() -> None:
 
 
 def canned_peers(nearest: float) -> Result:
-    """Two sizes and positions: warpFrame takes 10 and 20 ms, pyibr ``nearest`` times as long."""
+    """A made-up result, for two sizes: warpFrame takes 10 and 20 ms in two positions, pyibr ``nearest`` times as long."""
     records: list[Record] = []
     for n in (1024, 2048):
         for region, base in (("A", 10.0), ("E", 20.0)):
@@ -179,8 +179,8 @@ def test_counted_samples_do_not_depend_on_luck() -> None:
         assert runs[0] == runs[1]
     search, epipolar = counts["search"][0], counts["epipolar"][0]
     assert set(search) == {"search", "resolve"} and set(epipolar) == {"epipolar_sweep", "resolve"}
-    assert search["resolve"] == Visited(0, 0)  # the search answers each pixel by itself
-    # The sweep settles each visible pixel once; a search visits every sample in front of each of them.
+    assert search["resolve"] == Visited(0, 0)  # the search leaves no pixel to `resolve`
+    # The sweep visits each pixel about once; the search visits, for each pixel, all samples along its ray.
     sweep = epipolar["epipolar_sweep"]
     assert 48 * 48 / 2 < sweep.pixels < 3 * 48 * 48
     assert sweep.samples < search["search"].samples / 5
@@ -195,9 +195,9 @@ def test_what_resolve_traces_is_counted() -> None:
             frame = ibr.warp(ibr.DepthImage(*surface(n), scenes.source_camera(n)), target, edges="connect")
         assert frame.valid.mean() > 0.9
         assert found["resolve"].pixels <= n * n
-        assert found["resolve"].samples >= found["resolve"].pixels  # at least a cell each
+        assert found["resolve"].samples >= found["resolve"].pixels  # each traced pixel visits a cell or more
         traced.append(found["resolve"].pixels)
-    # On smooth ground, answers of the lines hold for the pixels; in noise hardly any does.
+    # On a smooth surface, most pixels take what their lines hit; in noise, most are traced.
     assert traced[0] < 0.2 * n * n < 0.5 * n * n < traced[1]
 
 
@@ -236,7 +236,7 @@ def test_the_pictures_of_table_2_are_right(name: str) -> None:
 
 
 def test_pictures_that_are_not_right_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The torus without its inner wall, with a part missing, and too far away."""
+    """Wrong pictures show the torus without its inner wall, with its upper part missing, or too far away."""
     pytest.importorskip("open3d", exc_type=ImportError)
     coarse = torus()
     monkeypatch.setattr(models, "torus_mesh", lambda: coarse)
@@ -275,7 +275,7 @@ def test_a_row_of_table_2_says_whether_its_picture_is_right(tmp_path: Path) -> N
 def test_the_depth_mesh_papers_stages_make_its_frame_rates() -> None:
     for row in depthmesh.PAPER_RENDERING.values():
         stages = row.selection + row.depth + row.color + row.blend
-        assert stages < 1000 / row.rate < stages + 5  # time of the paper's frames besides the listed stages
+        assert stages < 1000 / row.rate < stages + 5  # ms; the paper's frames take longer than its stages
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
@@ -306,7 +306,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "## The paper's table 2",
         "## Peers",
         "## Real RGB-D",
-        *(["### Threads"] if "Portable" in current().device.platform else []),  # others hide their threads
+        *(["### Threads"] if "Portable" in current().device.platform else []),  # other runtimes do not show their threads
         "### White noise",
         "### Stereo",
         "### A light field",
@@ -338,13 +338,13 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "slicing-error.png",
         "depthmesh-simplification.png",
     }
-    # A report depends on the files alone.
+    # The report depends on nothing except the files.
     (tmp_path / "out/report.md").unlink()
     assert report.write(tmp_path / "out").read_text() == text
 
 
 def test_pictures_of_llvmpipe_keep_their_own_textures() -> None:
-    """An object, its hull and the object again, all prepared before any is drawn."""
+    """The pictures of an object and of its hull are both prepared before either is drawn."""
     if isinstance(gl := llvmpipe.context(), str):
         pytest.skip(gl)
     pytest.importorskip("open3d")
@@ -354,5 +354,5 @@ def test_pictures_of_llvmpipe_keep_their_own_textures() -> None:
     pictures = [llvmpipe.slices(camera, thing, 1.0, 6.0) for thing in things]
     for thing, picture in zip(things, pictures, strict=True):
         ours, theirs = ibr.render(thing, camera).valid, np.isfinite(picture.picture()[1])
-        # Slices half a spacing apart: the outline may differ by one of 48 slices
+        # The two renderers' slices are half a spacing apart: outlines may differ by one of 48 slices.
         assert (ours & theirs).sum() / (ours | theirs).sum() >= 0.96

@@ -1,4 +1,4 @@
-"""The benchmark of depth cameras: its scenes, its maps for OpenCV, and its section."""
+"""The benchmark of depth cameras: its scenes, its maps for OpenCV's remap, and its sections of the report."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.benchmarks.test_report import ENVIRONMENT
 from tests.reference.edges import edges_of
 
 SCENES = [scenes.ROOM, scenes.LIVINGROOM]
-SIZE = (131, 77)  # wider than the camera's picture
+SIZE = (131, 77)  # relatively wider than the camera's picture
 
 
 def view(scene: str, number: int, size: tuple[int, int] = SIZE, noise: float = 0.0):
@@ -37,14 +37,14 @@ def view(scene: str, number: int, size: tuple[int, int] = SIZE, noise: float = 0
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("size", [SIZE, (640, 480), (211, 208)], ids=scenes.shown)
 def test_frames_of_a_scene_are_of_one_world(scene: str, size: tuple[int, int]) -> None:
-    """Scaled and cropped frames agree where both see the scene: poses, K and depth belong together."""
+    """Poses, K and depth of scaled and cropped frames belong together: warped to another frame's camera, they agree."""
     source, target = view(scene, 0, size), view(scene, 4, size)
     assert source.camera.size == size and source.color.shape == (size[1], size[0], 3)
     task = Task(source.color, source.depth, source.camera, target.camera)
     frame = task.ours(edges="cut")
     both = frame.valid & target.valid & (np.abs(frame.depth - target.depth) < 0.02 * target.depth)
     assert both.mean() > 0.75
-    # 1 mm: the living room's depth is in whole millimetres. 6 of 255: its edges at a small size.
+    # The living room's depth is in whole millimetres. 6 levels of 255: at a small size, edges fill much of the picture.
     assert metrics.median_depth_error(frame.depth, target.depth, valid=both) <= 1e-3
     assert metrics.median_color_error(frame.color, target.color, valid=both) <= 6
 
@@ -56,16 +56,16 @@ def test_noise_is_of_the_disparity_and_in_steps(scene: str) -> None:
     scale = clean.camera.K[0, 0] * 0.075
     with np.errstate(divide="ignore"):
         exact, found = scale / clean.depth.astype(float), scale / noisy.depth.astype(float)
-    both = clean.valid & noisy.valid & (exact > 2.5)  # a disparity of five sigmas, so that none falls below zero
+    both = clean.valid & noisy.valid & (exact > 2.5)  # over five sigmas, so that no disparity is negative
     np.testing.assert_allclose(8 * found[both], np.round(8 * found[both]), atol=1e-4)
-    # 0.5, plus 1/8 / sqrt(12) from rounding; with so many samples the estimate is good to a few percent.
+    # Noise has a deviation of 0.5, and rounding to eighths one of 1/8 / sqrt(12). Few samples estimate it to 8 %.
     assert (found - exact)[both].std() == pytest.approx(np.hypot(0.5, 0.125 / np.sqrt(12)), rel=0.08)
     assert not (noisy.valid & ~clean.valid).any()
 
 
 @pytest.mark.parametrize("motion", ["0 to 50", "50 to 0"])
 def test_maps_for_opencv_read_the_source_where_our_frame_does(motion: str) -> None:
-    """Also with a rotation between the cameras."""
+    """They do although the cameras are turned relative to each other."""
     import cv2
 
     source, target = (view(scenes.ROOM, int(number), (320, 240)) for number in motion.split(" to "))
@@ -76,7 +76,7 @@ def test_maps_for_opencv_read_the_source_where_our_frame_does(motion: str) -> No
     read = cv2.remap(task.color, across, down, cv2.INTER_LINEAR)
     off = np.abs(read.astype(int) - frame.color).max(axis=2)[frame.valid]
     assert frame.valid.mean() > 0.4
-    # pyibr does not interpolate across the borders of objects.
+    # Torn cells are left out, since pyibr does not interpolate across edges of objects.
     torn = edges_of(source)
     whole = ~(torn.right[:-1, :-1] | torn.right[1:, :-1] | torn.below[:-1, :-1] | torn.below[:-1, 1:])
     x, y = (np.clip(a.astype(int), 0, n - 2) for a, n in zip((across, down), source.camera.size, strict=True))
@@ -90,11 +90,14 @@ def test_warp_frame_means_the_same_warp() -> None:
     task = Task(source.color, source.depth, source.camera, target.camera)
     records = list(opencv.sameness(task, rgbd.NEAREST, rgbd.OURS[rgbd.NEAREST], {}))
     (difference,) = (record.values[0] for record in records if record.quantity == "median depth difference")
-    assert difference < 0.005  # warpFrame moves samples to whole pixels
+    assert difference < 0.005  # warpFrame rounds positions to whole pixels
 
 
 def canned(linear: float) -> Result:
-    """warpFrame takes 10 ms; pyibr linear ``linear`` times as long without noise, and one row of nearest 4 times."""
+    """A made-up result: warpFrame takes 10 ms.
+
+    Without noise, pyibr linear takes ``linear`` times as long. pyibr nearest takes half as long, and 4 times in one row.
+    """
     result = Result("rgbd", ENVIRONMENT)
     for size in ("640 x 480", "3840 x 2160"):
         for noise in (0.0, 0.3):
@@ -196,7 +199,7 @@ def test_filling_is_judged_by_opencvs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", scenes.STEREO)
 def test_photographs_with_disparity_are_of_one_world(name: str) -> None:
-    """As exact as the photographs allow: backward warps with the disparity are 3.0 to 5.3 levels off."""
+    """Colours are off by at most 5.8 levels; backward warps by the given disparity are off by 3.0 to 5.3."""
     if not (scenes.data_folder() / "stereo_middlebury").is_dir():
         pytest.skip("needs the photographs")
     found = scenes.stereo(name)

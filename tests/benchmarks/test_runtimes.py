@@ -1,4 +1,4 @@
-"""CPU runtimes compared: which Python runs where, and the report's section about them."""
+"""The comparison of CPU runtimes: in which system each Python runs, and the section of the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frusta, the points they see, and their coverage of a surface, against ray casting."""
+"""Frusta, the points that they see, and how much of a surface they cover, compared with ray casting."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_what_a_frustum_sees_is_what_rays_see():
     view = frustum().capture(donut())
     truth = MeshScene.from_mesh(donut()).capture(frustum().camera)
     both = view.valid & truth.valid
-    assert (view.valid == truth.valid).mean() > 0.998  # differs only along silhouettes
+    assert (view.valid == truth.valid).mean() > 0.998  # silhouettes differ
     np.testing.assert_allclose(view.depth[both], truth.depth[both], rtol=3e-5)
     assert np.isposinf(view.depth[~view.valid]).all()
 
@@ -50,7 +50,7 @@ def test_the_far_plane_and_paint_are_background():
 
 
 def test_a_stroke_covers_the_pixels_that_are_near_its_line():
-    mask = Stroke(((0.25, 0.5), (0.75, 0.5)), 0.1).mask((40, 20))  # pixels (10, 10) to (30, 10), 2 pixels thick
+    mask = Stroke(((0.25, 0.5), (0.75, 0.5)), 0.1).mask((40, 20))  # from (10, 10) to (30, 10), 2 pixels to either side
     y, x = np.mgrid[:20, :40] + 0.5
     away = np.hypot(np.clip(np.maximum(10 - x, x - 30), 0, None), y - 10)
     np.testing.assert_array_equal(mask, away <= 2)
@@ -123,7 +123,7 @@ def test_plain_meshes_are_lit_and_others_show_their_colours():
 
 
 def outside_by_rays(surface: Surface, count: int = 500) -> np.ndarray:
-    """Points, (N,) bool, from which some ray reaches infinity unoccluded: points visible from outside."""
+    """(N,) bool: points visible from outside, from which some ray reaches infinity without a hit."""
     rays, found = embree(surface.mesh), np.zeros(len(surface.points), bool)
     size = float(np.linalg.norm(np.ptp(surface.mesh.bounds, axis=0)))
     for direction in np.random.default_rng(7).normal(size=(count, 3)):
@@ -136,7 +136,7 @@ def outside_by_rays(surface: Surface, count: int = 500) -> np.ndarray:
 
 
 def seen_by_rays(surface: Surface, frusta: list[Frustum]) -> np.ndarray:
-    """Points, (N,) bool, that some frustum's eye sees, within its angles of view and in front of its far plane."""
+    """(N,) bool: points in some frustum, in front of its far plane, whose rays to its eye hit nothing."""
     rays, found = embree(surface.mesh), np.zeros(len(surface.points), bool)
     size = float(np.linalg.norm(np.ptp(surface.mesh.bounds, axis=0)))
     for one in frusta:
@@ -154,7 +154,7 @@ def seen_by_rays(surface: Surface, frusta: list[Frustum]) -> np.ndarray:
 def test_points_are_spread_evenly_over_the_surface():
     surface = surface_of(donut(), count=20_000)
     radial = np.hypot(surface.points[:, 0], surface.points[:, 1])
-    # On a torus of radii R and r, the share 1/2 + r / (pi R) of the area lies outside R.
+    # On a torus with radii R and r, the fraction 1/2 + r / (pi R) of the area is farther than R from the axis.
     assert (radial > 1).mean() == pytest.approx(0.5 + 0.4 / np.pi, abs=0.01)
     assert surface.area == pytest.approx(4 * np.pi**2 * 0.4, rel=0.01)
     np.testing.assert_array_equal(surface_of(donut(), count=20_000).points, surface.points)
@@ -182,12 +182,12 @@ def test_what_is_seen_is_what_rays_reach(eye):
     agree = surface.seen(one.capture(torus())) == truth
     way = np.array(eye) - surface.points
     cosine = np.sum(way * surface.normals, axis=1) / np.linalg.norm(way, axis=1)
-    assert agree[np.abs(cosine) > 0.3].mean() > 0.99  # at grazing angles, a sample covers much of the surface
+    assert agree[np.abs(cosine) > 0.3].mean() > 0.99  # surface not seen at a grazing angle
     assert agree.mean() > 0.96
 
 
 def test_resolution_is_pixels_by_area():
-    """A plate that faces the camera at depth 2 has f^2 / z^2 pixels per area, anywhere in the image."""
+    """A plate that faces the camera at depth z = 2 has f^2 / z^2 pixels per unit of area, everywhere in the image."""
     plate = ibr.Mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
     surface = surface_of(plate, count=1000)
     one = Frustum.look_at((0, 0, 2), (0, 0, 0), (0, 1, 0), 100, fov=90)
@@ -202,7 +202,7 @@ def test_resolution_is_pixels_by_area():
 
 
 def test_the_unseen_share_is_of_what_can_be_seen_from_outside():
-    """With one ball inside another, only the outer ball is visible from outside."""
+    """Of two balls, one inside the other, only the outer one can be seen from outside."""
     ball = models.donut(32, radius=1e-3, tube=0.5)
     corners = np.concatenate([ball.vertices, 0.6 * ball.vertices])
     surface = surface_of(ibr.Mesh(corners, np.concatenate([ball.faces, ball.faces + len(ball.vertices)])), count=4000)
@@ -215,7 +215,7 @@ def test_the_unseen_share_is_of_what_can_be_seen_from_outside():
 
 
 def plates(*heights: float) -> ibr.Mesh:
-    """Squares of 2 x 2 at these heights."""
+    """Squares of 2 x 2 units, one at each of the heights z."""
     square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     corners = np.concatenate([square + np.array([0, 0, z]) for z in heights])
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * number for number in range(len(heights))])
@@ -225,13 +225,13 @@ def plates(*heights: float) -> ibr.Mesh:
 def test_a_part_has_its_own_points_area_and_bounds():
     box = [[-0.3, -2.0, -1.0], [0.2, 0.5, 1.0]]
     surface = surface_of(plates(0.0), count=4000, within=box)
-    assert abs(len(surface.points) - 4000) < 480  # 3 sigma: the first try estimates the share in the box to 3.3 %
+    assert abs(len(surface.points) - 4000) < 480  # 3 sigma of the estimated fraction in the box
     assert ((surface.points >= box[0]) & (surface.points <= box[1])).all()
-    assert surface.area == pytest.approx(0.5 * 1.5, rel=0.05)  # 4000 points estimate a share of 0.19 to 0.006
+    assert surface.area == pytest.approx(0.5 * 1.5, rel=0.05)  # by 4000 points, 0.19 is known to 0.006
     np.testing.assert_array_equal(surface.bounds, [[-0.3, -1.0, 0.0], [0.2, 0.5, 0.0]])
     np.testing.assert_allclose(surface.points.mean(axis=0), (-0.05, -0.25, 0), atol=0.03)
     small = surface_of(plates(0.0), count=4000, within=[[0.5, 0.5, -1], [0.51, 0.51, 1]])
-    assert 0 < len(small.points) < 100  # 64 * 4000 points, a share of 1 / 40000
+    assert 0 < len(small.points) < 100  # 1 / 40000 of at most 64 * 4000 points
     np.testing.assert_array_equal(surface_of(plates(0.0), count=4000, within=box).points, surface.points)
 
 
@@ -239,9 +239,9 @@ def test_of_a_part_that_counts_which_the_rest_does_not_hide():
     box = [[-9, -9, -0.01], [9, 9, 0.01]]
     assert surface_of(plates(0.0, 2.0), count=3000, within=box).outer.all()
     between = surface_of(plates(-0.02, 0.0, 0.02), count=3000, within=box)
-    inner = (np.abs(between.points[:, :2]) < 0.6).all(axis=1)  # rays escape below asin(0.05), which does not count
+    inner = (np.abs(between.points[:, :2]) < 0.6).all(axis=1)  # at borders, rays escape
     assert between.outer.mean() > 0.1 and not between.outer[inner].any()
-    far = surface_of(plates(0.0, 300.0), count=3000, within=box)  # a plate small against the whole, at its end
+    far = surface_of(plates(0.0, 300.0), count=3000, within=box)  # two plates far apart
     assert far.outer.all()
 
 

@@ -15,7 +15,7 @@ def test_the_donut_is_closed_and_its_normals_point_outwards():
     corner = mesh.vertices[mesh.faces].astype(float)
     across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     assert (np.einsum("nc,nc->n", across, mesh.normals[mesh.faces[:, 0]]) > 0).all()
-    # Volume by the divergence theorem. The polygons enclose a little less than the torus, 2 pi^2 R r^2.
+    # The volume, by the divergence theorem, is a little less than the torus's, 2 pi^2 R r^2.
     volume = np.einsum("nc,nc->", across, corner[:, 0]) / 6
     assert 0.96 <= volume / (2 * np.pi**2 * 2 * 0.25) <= 1
     with pytest.raises(ArgumentError, match="sides"):

@@ -1,4 +1,4 @@
-"""Quilts: the order of their views, the positions of their cameras, and the pictures that these see."""
+"""Quilts: the order of their views, the positions of the cameras, and the cameras' pictures."""
 
 from __future__ import annotations
 
@@ -41,7 +41,10 @@ def test_views_of_another_form_are_cut_out_of_the_middle():
 
 
 def test_each_view_shows_what_its_camera_sees():
-    """Colours encode columns, which move by f step (1 / z - 1 / focus); views run left to right, from below."""
+    """Colours encode columns, so that pictures show their move, f step (1 / z - 1 / focus).
+
+    Views are arranged from left to right, and from the bottom row to the top row.
+    """
     view, focus = planes(), 3.2
     whole = ibr.quilt(view, grid=(3, 2), cone=4, focus=focus, fill=None)
     assert whole.shape == (2 * SIZE[1], 3 * SIZE[0], 3)

@@ -1,4 +1,4 @@
-"""Captured depth against Open3D's ray casting (Embree): which pixels show the mesh, and at which depth."""
+"""Captured depth images compared with Open3D's ray casting (Embree): which pixels have depth, and which depth."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def mesh_of(name: str) -> ibr.Mesh:
 
 
 def cast(mesh: ibr.Mesh, camera: ibr.Camera) -> np.ndarray:
-    """Depth (H, W), in float64, of the first triangle's plane that each pixel's ray hits; inf if there is none."""
+    """(H, W) depth, in float64 from its plane, of the first triangle that each pixel's ray hits; inf without a hit."""
     origin, direction = np.split(rays_of(camera), 2, axis=1)
     seen = np.isfinite(direction).all(axis=1)
     found = embree(mesh).cast_rays(np.concatenate([origin, direction], axis=1, dtype=np.float32)[seen])
@@ -32,7 +32,7 @@ def cast(mesh: ibr.Mesh, camera: ibr.Camera) -> np.ndarray:
 
 
 def differing(view: ibr.DepthImage, expected: np.ndarray) -> tuple[int, int]:
-    """Count the pixels that differ in coverage or by more than 1e-5 of the depth, and the covered pixels."""
+    """Count pixels with depth in one picture only, or with depths that differ by over 1e-5 of it, and covered pixels."""
     there = np.isfinite(expected)
     both = there & view.valid
     off = np.abs(view.depth[both] / expected[both] - 1) > 1e-5
@@ -59,7 +59,7 @@ LENSES = {
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("focal", [30, 90])
 def test_a_lens_sees_what_a_ray_caster_sees_by_its_rays(lens, focal):
-    """Inside the hole of a torus, which surrounds the camera with triangles that cross the camera's plane."""
+    """The camera is in the hole of a torus, some of whose triangles cross the camera's plane z = 0."""
     camera = ibr.Camera([[focal, 0, 60], [0, focal, 40], [0, 0, 1]], (121, 83), None, lens=LENSES[lens])
     off, covered = differing(capture(torus(), camera), cast(torus(), camera))
     assert covered > 2900
@@ -67,7 +67,7 @@ def test_a_lens_sees_what_a_ray_caster_sees_by_its_rays(lens, focal):
 
 
 def test_long_triangles_that_cross_the_camera_plane():
-    """A floor of slivers that begin behind the camera, and a wall of two triangles."""
+    """A floor of slivers that reach from behind the camera to in front of it, and a wall of two triangles."""
     random = np.random.default_rng(4)
     x = np.sort(random.uniform(-40, 40, 201))
     vertices = np.concatenate([np.stack([x, 0 * x + 1.5, 0 * x + z], 1) for z in (-60.0, 70.0)])

@@ -1,4 +1,4 @@
-"""Folders of depth images: their layouts are recognised, and errors name the file."""
+"""Folders of depth images: their layouts are recognised, and errors name the bad file."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_set_is_read_as_it_was_written(tmp_path):
 
 
 def test_a_set_that_cannot_be_written_leaves_the_former_one(tmp_path):
-    """Otherwise the old list would name pictures of the new set."""
+    """Otherwise the old list would name pictures of the new set as its own."""
     views = [view(0.0), view(1.0)]
     write_set(tmp_path, views)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
@@ -135,7 +135,7 @@ def test_what_is_wrong_is_said_by_name(tmp_path):
 def test_real_folders_are_read_as_they_are(name, count):
     views = load(shared(name), depth_scale=1000)
     assert len(views) >= count
-    # Neighbouring frames see the same room: points of one frame lie at the same place in the next.
+    # Neighbouring frames see the same room: warped to the next frame's camera, depth agrees with that frame.
     one, other = views[0], views[1]
     frame = ibr.warp(one, other.camera)
     both = frame.valid & other.valid
@@ -144,7 +144,7 @@ def test_real_folders_are_read_as_they_are(name, count):
 
 
 def test_saved_views_are_read_back_and_read_by_others(tmp_path):
-    """Bit for bit by pyibr's own list; by transforms.json alone within a stored unit of depth."""
+    """Read by pyibr's list, views keep their bits; by transforms.json alone, depth agrees to a stored unit."""
     views = [view(0.0), view(1.0, far=2.5), ibr.DepthImage(view().color, view().depth, camera(lens=BROWN))]
     ibr.save(views, tmp_path)
     for found, expected in zip(load(tmp_path), views, strict=True):

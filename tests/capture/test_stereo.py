@@ -1,4 +1,4 @@
-"""Stereo pairs: shifts by the formula, layouts pixel by pixel, Dubois' colours."""
+"""Stereo pairs: shifts between the eyes by the formula, layouts pixel by pixel, and Dubois' colours."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from pyibr.capture.stereo import StereoRig, depth_range_of, joined
 SIZE = 120, 22
 NEAR, FAR = 2.0, 5.0
 DEPTHS = 2.0, 3.2, 5.0
-"""Depths of three planes, one above the other, seven rows each."""
+"""Depths of three planes, one below the other in 8, 8 and 6 rows of the image."""
 
 
 def shift(z: float, divergence: float, convergence: float) -> float:
-    """Pixels by which a point at depth z lies farther to the right in the left eye's picture, by the formula."""
+    """Column of a point at depth z in the left eye's picture minus its column in the right eye's, by the formula."""
     d = (1 / z - 1 / FAR) / (1 / NEAR - 1 / FAR)
     return divergence / 100 * SIZE[0] * (d - convergence)
 
 
 def planes() -> ibr.DepthImage:
-    """Three planes whose colours encode the column."""
+    """A view of three planes, whose colours encode columns."""
     depth = np.repeat(np.float32(DEPTHS), 8)[: SIZE[1], None] * np.ones(SIZE[0], np.float32)
     color = np.broadcast_to(np.arange(SIZE[0], dtype=np.float32)[:, None] / SIZE[0], (*SIZE[::-1], 3))
     return ibr.DepthImage(color.copy(), depth, ibr.Camera.from_fov(SIZE, fov_x=50))
@@ -44,11 +44,11 @@ def test_points_shift_by_the_law(synthetic_view: str, divergence: float, converg
 
 
 def test_pictures_shift_by_the_law():
-    """To a tenth of a pixel, measured by colour, which is exact between samples except for rounding."""
+    """Colours, which encode columns and are interpolated, show the shifts to a tenth of a pixel."""
     picture = ibr.stereo(planes(), divergence=6, convergence=0.3, depth_range=(NEAR, FAR), fill=None)
     for eye, side in ((picture[:, : SIZE[0]], 0.5), (picture[:, SIZE[0] :], -0.5)):
         for number, z in enumerate(DEPTHS):
-            inner = slice(20, 100)  # free of the picture's borders
+            inner = slice(20, 100)  # columns away from the picture's borders
             from_column = eye[8 * number + 3, inner, 0] * SIZE[0]
             moved = np.arange(SIZE[0])[inner] - from_column
             np.testing.assert_allclose(moved, side * shift(z, 6, 0.3), atol=0.1)
@@ -67,7 +67,7 @@ def test_depth_alone_is_white():
 
 
 def test_the_range_of_depth_leaves_out_what_is_far_out():
-    """Drops a hundredth of the samples at either end."""
+    """The nearest and the farthest 1 % of the samples do not count."""
     near = np.concatenate([np.linspace(0.2, 0.5, 981), np.full(10, 9), np.full(10, 1e-3)])
     np.testing.assert_allclose(depth_range_of((1 / near).astype(np.float32)), (2, 5), rtol=1e-5)
 
@@ -86,7 +86,7 @@ def test_layouts():
 
 
 def test_colours_of_dubois():
-    """Pure colours of each eye by Dubois' matrices, in linear light, with the sRGB curve written out."""
+    """Pure colours for one eye are multiplied by Dubois' matrices in linear light, by the sRGB curve written out here."""
     black = np.zeros((1, 1, 3), np.uint8)
     for side, eye, light in (
         (0, (255, 0, 0), (0.437, 0, 0)),

@@ -1,4 +1,4 @@
-"""Turntables: the positions of their cameras."""
+"""Turntables: the positions of the cameras, and the cameras' pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's torus with a sixteenth of its triangles."""
+"""The paper's torus, with a sixteenth of the triangles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cleaned depth: most of the error due to noise is gone, and edges stay in place."""
+"""Cleaned depth: most of the error that noise causes is gone, and edges stay in place."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FOCAL, BASELINE = 525.0, 0.075
 
 
 def room() -> np.ndarray:
-    """Depth of a slanted floor, with a box in front of it and a wire in front of both."""
+    """Depth of a slanted floor, of a box in front of it, and of a wire in front of both."""
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
     depth = 1 / (0.25 + 0.002 * y + 0.0004 * x)
     depth[30:70, 40:90] = 1 / (0.6 + 0.001 * x[30:70, 40:90])
@@ -79,14 +79,14 @@ def test_without_noise_no_shape_is_taken_for_it():
 def test_what_has_no_noise_stays():
     truth = room()
     cleaned = ibr.clean_depth(truth)
-    # The least assumed noise is 0.05 % of the depth: deviations from planes up to 3.3 times that are smoothed.
+    # Noise is assumed to be at least 0.05 % of the depth. Smoothing changes depth by up to 3.3 times the noise.
     np.testing.assert_allclose(cleaned.depth, truth, rtol=3.3 * 5e-4)
     assert not cleaned.invented.any()
     np.testing.assert_array_equal(ibr.clean_depth(truth, strength=0).depth, truth)
 
 
 def test_coarse_steps_are_smoothed():
-    """Depth from quantised disparity with almost no other noise has stairs on every slope."""
+    """Depth by quantised disparity, with almost no other noise, turns every slope into stairs."""
     truth = room()
     steps = FOCAL * BASELINE / truth + np.random.default_rng(8).normal(0, 0.01, SIZE)
     coarse = (FOCAL * BASELINE / (np.round(steps * 8) / 8)).astype(np.float32)
@@ -116,7 +116,7 @@ def test_flying_pixels_and_speckle_are_replaced():
     cleaned = ibr.clean_depth(depth)
     assert cleaned.invented[31:69, 40].mean() > 0.95 and cleaned.invented[10:12, 10:13].all()
     either = np.minimum(np.abs(cleaned.depth / truth - 1), np.abs(cleaned.depth / np.roll(truth, 1, axis=1) - 1))
-    assert np.nanmax(either[32:68, 40]) < 0.03, "the depth of the box or of the floor, nothing between"
+    assert np.nanmax(either[32:68, 40]) < 0.03, "each depth is the box's or the floor's, not in between"
     np.testing.assert_allclose(cleaned.depth[10:12, 10:13], truth[10:12, 10:13], rtol=0.05)
 
 
@@ -126,7 +126,7 @@ def test_edges_of_filled_holes_follow_the_colours():
     color = np.zeros((*SIZE, 3), np.uint8)
     color[:, 60:] = 200
     torn = depth.copy()
-    torn[20:80, 54:63] = np.nan  # the edge at 60 is not in the middle of the hole
+    torn[20:80, 54:63] = np.nan  # the colours' edge at 60 is not the middle of the hole
     np.testing.assert_allclose(ibr.clean_depth(torn, color).depth, depth, rtol=1e-6)
     assert not np.allclose(ibr.clean_depth(torn).depth, depth, rtol=1e-6)
 
@@ -164,7 +164,7 @@ def test_the_input_stays_as_it_is_and_the_answer_is_the_same_again():
 
 
 def sequence(truths: list[np.ndarray], kind: str = "disparity", steady: bool = True) -> list[np.ndarray]:
-    """Cleaned depth of noisy frames; a twentieth of the samples is missing."""
+    """Cleaned depth of a sequence of noisy frames, in which 5 % of the samples are missing."""
     cleaned: list[np.ndarray] = []
     for number, truth in enumerate(truths):
         rng = np.random.default_rng(number)
@@ -182,7 +182,7 @@ def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
         later = np.stack(sequence(16 * [truth], kind, steady)[8:])
         changes.append(later.std(axis=0))
         errors.append(np.abs(later / truth - 1).mean())
-    # With nine tenths of the previous value, sqrt(0.1 / 1.9) = 0.23 of the deviation would remain if all frames agreed.
+    # If each frame took nine tenths of the previous value, sqrt(0.1 / 1.9) = 0.23 of the deviation would remain.
     assert changes[0].mean() < 0.4 * changes[1].mean()
     assert np.quantile(changes[0], 0.99) < np.quantile(changes[1], 0.99)
     assert errors[0] < 0.8 * errors[1]
@@ -190,7 +190,7 @@ def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
 
 @pytest.mark.parametrize("kind", ["disparity", "flight"])
 def test_at_rest_next_to_no_sample_changes_more_than_it_was_measured_to(kind):
-    """A wire stays steady, too, although missing samples break it into pieces that a single frame takes for speckle."""
+    """A wire is steady, too: missing samples break it into pieces, which frames cleaned alone lose as speckle."""
     truth = room()
     measured = np.stack([with_noise(truth, np.random.default_rng(number), kind) for number in range(30)])
     steady, single = (np.stack(sequence(30 * [truth], kind, steady)) for steady in (True, False))
@@ -201,7 +201,7 @@ def test_at_rest_next_to_no_sample_changes_more_than_it_was_measured_to(kind):
 
 
 def test_what_moves_leaves_nothing_behind():
-    """A box, a fifth nearer than the wall, moves by in steps of 3 pixels."""
+    """A box in front of a wall, a fifth nearer, moves by 3 pixels from frame to frame."""
     truths: list[np.ndarray] = []
     for number in range(12):
         truths.append(np.full(SIZE, 2.5, np.float32))
@@ -211,14 +211,14 @@ def test_what_moves_leaves_nothing_behind():
     for truth, *cleaned in zip(truths[1:], steady[1:], single[1:], strict=True):
         for count, depth in zip(wrong, cleaned, strict=True):
             count += (depth < 2.2) != (truth < 2.2)
-    # Among the 2 x 50 pixels along its sides, in 11 frames, a few samples are missing and are filled from neighbours.
+    # 11: some samples along the box's sides are missing in each of 11 frames, and are filled from either surface.
     assert wrong[0].sum() <= 1.1 * wrong[1].sum() + 11
     inside = [np.abs(d - t)[t > 2.2].mean() for cleaned in (steady, single) for d, t in [(cleaned[-1], truths[-1])]]
     assert inside[0] < inside[1]
 
 
 def test_what_moves_is_not_smeared_over_its_shadow():
-    """Next to a box, the camera sees no pattern on the wall: a shadow of 7 pixels without depth moves with the box."""
+    """A structured-light camera has no depth in a shadow 7 pixels wide beside the box, which moves with the box."""
     before = None
     for number in range(8):
         left = 20 + 3 * number
@@ -228,21 +228,21 @@ def test_what_moves_is_not_smeared_over_its_shadow():
         torn = depth.copy()
         torn[20:70, left - 7 : left] = np.nan
         before = ibr.clean_depth(torn, color, before=before).depth
-        assert np.abs(before - depth)[:, : left - 2].max() < 0.02, "the wall, except 2 pixels"
+        assert np.abs(before - depth)[:, : left - 2].max() < 0.02, "the wall up to 2 pixels from the box"
 
 
 @pytest.mark.parametrize(
     "step", [0.03, 0.3, 3.0, *(pytest.param(step, marks=pytest.mark.thorough) for step in (0.1, 1.0))]
 )
 def test_what_drifts_is_behind_by_half_of_the_noise_at_most(step):
-    """`step` is the change from frame to frame, in standard deviations of the noise."""
-    deviation = np.hypot(0.3, 0.125 / np.sqrt(12)) / (FOCAL * BASELINE)  # nearness, with quantisation
+    """`step`: change of nearness from frame to frame, in standard deviations of the noise."""
+    deviation = np.hypot(0.3, 0.125 / np.sqrt(12)) / (FOCAL * BASELINE)  # of nearness, including quantisation
     truths = [np.full(SIZE, 1 / (0.5 + number * step * deviation), np.float32) for number in range(25)]
     behind = [(1 / d - 1 / t).mean() / deviation for d, t in zip(sequence(truths), truths, strict=True)]
-    # 0.55 of the estimated noise, which is accurate to a tenth in single frames
+    # The lag is 0.55 of the estimated noise, and single frames estimate noise to a tenth.
     assert min(behind) > -0.62 and max(behind) < 0.05
     if step == 0.3:
-        assert behind[-1] < -0.3, "the test is empty unless the depth lags behind"
+        assert behind[-1] < -0.3, "depth must lag behind, or nothing is tested"
 
 
 def test_missing_samples_are_those_of_before_if_their_surface_is_still_beside():
@@ -258,7 +258,7 @@ def test_missing_samples_are_those_of_before_if_their_surface_is_still_beside():
         assert cleaned.invented[30:60, 49:51].all() and cleaned.invented.sum() == 60
 
     gone = np.full(SIZE, 3, np.float32)
-    gone[40:60, 60:80] = 1  # a box that the current frame no longer shows
+    gone[40:60, 60:80] = 1  # a box that is gone in the current frame
     now = np.full(SIZE, 3, np.float32)
     now[38:62, 58:82][::2, ::2] = np.nan
     np.testing.assert_allclose(ibr.clean_depth(now, before=gone).depth, 3, rtol=1e-6)
@@ -279,7 +279,7 @@ def test_before_does_not_do_what_is_switched_off(choices):
 
 @pytest.mark.thorough
 def test_a_camera_that_moves_takes_along_what_it_knows():
-    """Five frames of a real camera path; each previous depth is warped to the next camera."""
+    """In five frames of a real camera path, the previous cleaned depth is warped to each next camera."""
     folder = shared("rgbd_livingroom1")
     camera = scenes.depth_camera(scenes.LIVINGROOM, 0, (640, 480))
     poses = np.loadtxt(folder / "poses_gt_cam_to_frame0.txt")
@@ -305,7 +305,7 @@ def test_a_camera_that_moves_takes_along_what_it_knows():
 
 @pytest.mark.thorough
 def test_a_real_camera_at_rest_is_steady():
-    """Ten frames of a static scene from an Asus Xtion, whose depth toggles between coarse steps."""
+    """An Asus Xtion at rest, whose depth jumps between coarse steps, takes ten frames of a static scene."""
     folder = shared("formats/asus_xtion_unregistered")
     frames = np.stack(
         [ibr.read_depth(folder / f"depth1_{number:02d}.png", depth_scale=1000) for number in range(1, 11)]
@@ -342,7 +342,7 @@ def test_wrong_arguments(arguments, message):
 @pytest.mark.thorough
 @pytest.mark.parametrize("motion", [(50, 0), (4, 0)])
 def test_most_of_what_noise_costs_a_new_view_comes_back(motion):
-    """60 % of the loss in depth and in PSNR, at 0.3 pixels of disparity noise and with 5 % of the samples missing."""
+    """Of the depth and PSNR that a new view loses by 0.3 pixels of disparity noise, over 60 % come back."""
     shared("rgbd_livingroom1")
     source, target = motion
     size = (640, 480)
@@ -359,7 +359,7 @@ def test_most_of_what_noise_costs_a_new_view_comes_back(motion):
     assert error["noisy"] - error["cleaned"] > 0.6 * (error["noisy"] - error["clean"])
     assert np.log(squares["noisy"] / squares["cleaned"]) > 0.6 * np.log(squares["noisy"] / squares["clean"])
 
-    # Foreground: nearer than the middle of the depths within 7 pixels, if their range exceeds a quarter of the depth.
+    # Foreground at edges: where depth varies by over a quarter within 7 pixels, depths nearer than the middle of these.
     import cv2
 
     lowest, highest = (f(np.nan_to_num(clean.depth), np.ones((15, 15))) for f in (cv2.erode, cv2.dilate))
@@ -370,7 +370,7 @@ def test_most_of_what_noise_costs_a_new_view_comes_back(motion):
 
 
 def test_strength_tells_how_much_is_smoothed_and_kept():
-    """Strength smooths noise, and keeps more of the previous frame after a step of two standard deviations."""
+    """The larger the strength, the more noise is smoothed, and the more a step of two deviations is held back."""
     rng = np.random.default_rng(5)
     wall = np.full((80, 100), 2.0)
     noisy = (wall + rng.normal(0, 0.01, wall.shape)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Laws of cleaned depth: unchanged inputs, limits of invented depth, and extreme values."""
+"""Laws of cleaned depth: inputs that stay unchanged, places where depth may be invented, and extreme values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_what_is_level_stays_to_the_bit():
 
 @pytest.mark.parametrize(("across", "down"), [(0.002, 0.0), (0.0005, 0.001), (-0.0015, 0.0003)])
 def test_a_plane_stays_a_plane(across, down):
-    """Planes stay to a tenth of the least noise, 0.05 % of the depth: the logarithmic scale bends them slightly."""
+    """Planes change by at most a tenth of the least noise, 0.05 % of the depth, since the scale is curved."""
     plane = nearness_plane((61, 97), across, down)
     np.testing.assert_allclose(ibr.clean_depth(plane).depth[8:-8, 8:-8], plane[8:-8, 8:-8], rtol=5e-5)
 
@@ -34,7 +34,7 @@ def test_without_strength_what_is_kept_is_to_the_bit_what_was_measured():
     kept = np.isfinite(cleaned) & ~invented
     assert kept.sum() > 0.75 * depth.size
     np.testing.assert_array_equal(cleaned[kept], depth[kept])
-    assert np.isin(cleaned[invented], depth).all()  # depth of another sample
+    assert np.isin(cleaned[invented], depth).all()  # each is the depth of a sample
 
 
 def test_nothing_is_invented_outside_of_the_hull_that_discs_leave():
@@ -46,7 +46,7 @@ def test_nothing_is_invented_outside_of_the_hull_that_discs_leave():
     away = np.sqrt(((np.stack([y, x])[..., None] - seeds.T[:, None, None]) ** 2).sum(axis=0).min(axis=-1))
     for holes in (2, 5, 12):
         invented = ibr.clean_depth(depth, holes=holes).invented
-        # A pixel farther from all samples than `holes` is the centre of an empty disc, and so is not filled.
+        # A disc of radius `holes` around a pixel that is farther from all samples is empty: the pixel is not filled.
         assert not (invented & (away > holes + 0.5)).any() and invented.any() == (holes > 2)
 
 
@@ -54,17 +54,17 @@ def test_depth_and_noise_in_another_unit_are_cleaned_alike():
     rng = np.random.default_rng(3)
     depth = (nearness_plane((61, 97), 0.001, 0.0) + rng.normal(0, 0.01, (61, 97))).astype(np.float32)
     depth[20:30, 20:26] = np.nan
-    one, other = ibr.clean_depth(depth), ibr.clean_depth(depth * np.float32(1024))  # a power of two: the same mantissas
+    one, other = ibr.clean_depth(depth), ibr.clean_depth(depth * np.float32(1024))  # a power of two keeps mantissas
     np.testing.assert_array_equal(other.invented, one.invented)
     np.testing.assert_allclose(other.depth, one.depth * 1024, rtol=1e-6)
 
 
 def test_a_long_way_round_is_grown_through():
-    """A corridor of one colour, folded eight times, is filled from the samples at its near end."""
+    """A corridor of one colour, with eight turns, is filled from the samples at one end."""
     size = (61, 97)
     walls = np.zeros(size, bool)
     walls[4::8] = True
-    walls[4::16, -3:] = walls[12::16, :3] = False  # openings, alternately at the right and at the left
+    walls[4::16, -3:] = walls[12::16, :3] = False  # openings in turns at the right and at the left
     color = np.where(walls, 255, 0).astype(np.uint8)[..., None].repeat(3, axis=2)
     depth = np.where(walls, np.float32(3), np.float32(np.nan))
     depth[0] = 1

@@ -1,4 +1,4 @@
-"""Cleaned depth compared with the NumPy twin: equal quality, equal masks, independent of the order of work."""
+"""Cleaned depth compared with the NumPy reference (twin): equal quality, and almost equal masks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ FOCAL, BASELINE = 525.0, 0.075
 
 
 def scene(size: tuple[int, int], seed: int, noise: float = 0.3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Truth, noisy depth and colours of boxes before a slanted wall; depth has a hole and lacks a tenth of samples."""
+    """True depth, noisy depth and colours of boxes in front of a slanted wall.
+
+    The noisy depth has a hole, and a tenth of its samples are missing.
+    """
     rng, (height, width) = np.random.default_rng(seed), size
     y, x = np.mgrid[:height, :width]
     truth = 1 / (0.3 + 0.001 * x + 0.0007 * y)
@@ -39,7 +42,7 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def error(found: np.ndarray, truth: np.ndarray, noisy: np.ndarray) -> float:
-    """Mean error of nearness, in decibels, over the pixels that had a sample."""
+    """Mean error of nearness, in decibels, of pixels with a sample."""
     both = np.isfinite(noisy) & np.isfinite(found) & np.isfinite(truth)
     return 20 * float(np.log10(np.abs(1 / found - 1 / truth)[both].mean()))
 
@@ -53,7 +56,7 @@ def test_it_is_as_good_and_in_the_same_places(seed, guided):
     for _ in range(2):
         ours, twin = (f(noisy, color, before=before) for f in (ibr.clean_depth, reference.clean_depth))
         assert error(ours.depth, truth, noisy) < error(twin.depth, truth, noisy) + 0.1
-        # Single samples differ: the twin quantises its islands to sixteenths, and takes medians of other samples.
+        # Single samples differ: the twin finds islands in values rounded to sixteenths, and noise from other samples.
         assert overlap(np.isfinite(ours.depth), np.isfinite(twin.depth)) > 0.999
         assert overlap(ours.invented, twin.invented) > 0.98
         _, noisy, _ = scene((97, 131), seed)
@@ -74,14 +77,14 @@ def test_the_same_area_is_filled(holes):
 @pytest.mark.parametrize("size", [(7, 13), (61, 37), (40, 160)])
 @pytest.mark.parametrize("colors", ["none", "quarters", "bytes"])
 def test_regions_grow_as_they_do_step_by_step(size, colors):
-    """Each pixel gets the same seed as in the twin, to the bit, on noise and through mazes of colours.
+    """Depth grows into each pixel from the same sample as in the twin, to the bit, through random colours.
 
-    With colours from bytes / 255, the twin breaks ties of equal differences by rounding.
+    For colours in bytes, 97 % of the pixels agree: divided by 255, equal differences of colours differ by rounding.
     """
     rng = np.random.default_rng(size[0])
     quarters = (rng.integers(0, 5, (*size, 3)) / 4).astype(np.float32)
     color = {"none": None, "quarters": quarters, "bytes": rng.integers(0, 60, (*size, 3)).astype(np.uint8)}[colors]
-    depth = (2 + 0.001 * rng.random(size)).astype(np.float32)  # one surface, so that nothing is speckle
+    depth = (2 + 0.001 * rng.random(size)).astype(np.float32)  # one surface, without speckle
     depth[rng.random(size) < 0.8] = np.nan
     ours, twin = (f(depth, color, holes=30, strength=0) for f in (ibr.clean_depth, reference.clean_depth))
     assert (ours.depth == twin.depth).mean() >= (0.97 if colors == "bytes" else 1)
@@ -97,14 +100,14 @@ def test_one_lane_cleans_as_sixteen(size):
         with one_lane():
             single = ibr.clean_depth(noisy, colors, **more)
         np.testing.assert_array_equal(wide.invented, single.invented)
-        np.testing.assert_allclose(wide.depth, single.depth, rtol=1e-6)  # sums of 81 products, fused or not
+        np.testing.assert_allclose(wide.depth, single.depth, rtol=1e-6)  # products and sums may be fused
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("frame", [1, 50])
 @pytest.mark.parametrize("noise", [0.1, 0.3, 0.6])
 def test_it_is_as_good_in_a_real_room(frame, noise):
-    """Errors agree to a tenth of a decibel, and the masks of valid depth except for a thousandth of the pixels."""
+    """Errors are at most 0.1 dB larger than the twin's, and the masks of valid depth overlap by 99.9 %."""
     shared("rgbd_livingroom1")
     view = scenes.rgbd(scenes.LIVINGROOM, frame, (640, 480))
     rng = np.random.default_rng(frame)
@@ -124,5 +127,5 @@ def test_a_real_sensor_is_cleaned_in_the_same_places(file):
     assert overlap(np.isfinite(ours.depth), np.isfinite(twin.depth)) > 0.999
     assert overlap(ours.invented, twin.invented) > 0.99
     both = np.isfinite(ours.depth) & np.isfinite(twin.depth)
-    # Half of the noise of this sensor, whose steps are 1.4 mm at 1 m
+    # Half of the sensor's noise; its depth has steps of 1.4 mm at a distance of 1 m.
     assert np.quantile(np.abs(ours.depth / twin.depth - 1)[both], 0.99) < 7e-4

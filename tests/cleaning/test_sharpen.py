@@ -1,4 +1,4 @@
-"""Ramps between surfaces become edges at their steepest point; all other samples keep their bits."""
+"""A ramp between two surfaces becomes an edge at its steepest point; all other samples keep their bits."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ def blurred(nearness: np.ndarray, sigma: float) -> np.ndarray:
 @pytest.mark.parametrize("sigma", [1, 2, 3])
 @pytest.mark.parametrize("side", [X < 30.4, Y > 20.6, X + Y < 50.5, X - Y > 8.5, 3 * X + Y > 110.5])
 def test_a_blurred_step_is_an_edge_where_it_was(sigma, side):
-    inside = np.s_[9:-9, 9:-9]  # the blur differs at the border
+    inside = np.s_[9:-9, 9:-9]  # at the image's border, the blur is different
     truth = np.where(side, NEAR, FAR)
     found = 1 / ibr.sharpen_depth(blurred(truth, sigma))
     off = np.abs(found - truth)[inside] / np.abs(NEAR - FAR)[inside]
-    # Lines start a third of the ramp beyond its ends: 1.5 to 2.6 sigma from the edge, rounded to samples. There the
-    # surfaces are still off by 7 to 0.5 % of the step, and the lines are extrapolated as far again.
-    assert np.median(off) < 0.02 and off.max() < 0.15  # so no sample is on the wrong side
+    # Both surfaces are extrapolated by lines that start beyond the ramp's ends, by a third of its length: 1.5 to 2.6
+    # sigma from the edge. There the blur still changes depth by 7 to 0.5 % of the step, which extrapolation doubles.
+    assert np.median(off) < 0.02 and off.max() < 0.15  # no sample is on the wrong side
 
 
 def test_what_is_no_ramp_keeps_its_bits():
     rng = np.random.default_rng(0)
-    stairs = np.round(255 * FAR) / 255  # slopes in an 8-bit depth map
+    stairs = np.round(255 * FAR) / 255  # a slope in an 8-bit depth map
     for nearness in (FAR, NEAR, 0.3 + 0.002 * X + 0.002 * Y, np.where(X < 30, NEAR, FAR), stairs):
         depth = (1 / nearness).astype(np.float32)
         depth[rng.random(SIZE) < 0.03] = np.nan
@@ -50,7 +50,7 @@ def test_surfaces_end_at_holes_and_at_the_border():
     soft[:, 37:] = np.nan
     off = np.abs(1 / ibr.sharpen_depth(soft[:, 23:]) - truth[:, 23:]) / np.abs(NEAR - FAR)[:, 23:]
     assert np.isnan(off[:, 14:]).all()
-    # The last sample before the hole is 6.6 pixels, more than 4 sigma, from the edge, so it lies on its surface.
+    # The last sample before the hole is 6.6 pixels from the edge, over 4 sigma, so that blur does not reach it.
     assert off[9:-9, :14].max() < 0.1
 
 
@@ -65,7 +65,7 @@ def test_lanes_change_no_bit():
 
 
 def middlebury(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """The left image and its disparity; each gap in a row is filled from its farther end."""
+    """The left image and its disparity, in which each gap in a row has the disparity of its farther end."""
     folder = shared(f"stereo_middlebury/{name}")
     if name == "motorcycle":
         color, disparity = folder / "motorcycle_left.png", np.load(folder / "motorcycle_disp.npz")["arr_0"]
@@ -84,7 +84,7 @@ def middlebury(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.thorough
 def test_soft_edges_of_photographs_cost_less_in_a_new_view():
-    """The errors are colour differences within 4 pixels of edges, compared with the view by unblurred depth."""
+    """Within 4 pixels of depth edges, colours are compared with those of a new view made from unblurred depth."""
     saved: list[float] = []
     for name in ("cones", "teddy", "motorcycle", "tsukuba"):
         color, disparity = middlebury(name)

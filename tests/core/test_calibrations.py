@@ -1,4 +1,4 @@
-"""Calibration files of each kind give the camera that they describe; errors in others are reported."""
+"""Each kind of calibration file gives the camera that it describes; errors in files are reported."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DOUBLED = "a0: &a0 1\n" + "".join(f"a{k + 1}: &a{k + 1} [*a{k}, *a{k}]\n" for k 
 
 
 def same(found: ibr.Camera, expected: ibr.Camera) -> None:
-    np.testing.assert_allclose(found.K, expected.K, rtol=1e-12)  # rounding of float64
+    np.testing.assert_allclose(found.K, expected.K, rtol=1e-12)  # float64 rounds
     np.testing.assert_allclose(found.world_from_camera, expected.world_from_camera, atol=1e-12)
     assert found.size == expected.size and (found.lens is None) == (expected.lens is None)
     point = [[0.3, -0.2, 1.0]]
@@ -26,7 +26,7 @@ def same(found: ibr.Camera, expected: ibr.Camera) -> None:
 
 
 def written(folder: Path, name: str, text: str) -> str:
-    """Write a file; return its path with the camera's name."""
+    """Write a file; return its path, with the name of the camera to load from it."""
     file = folder / name.partition("#")[0]
     file.write_text(text, encoding="utf-16" if "utf16" in name else "utf-8")
     return str(folder / name)
@@ -44,7 +44,7 @@ def test_each_kind_is_told_by_what_is_in_it(tmp_path: Path, name):
 def test_orbbec_and_oak_tell_how_their_cameras_stand(tmp_path: Path):
     path = written(tmp_path, "CameraParam.ini", ORBBEC)
     same(ibr.Camera.load(f"{path}#depth"), ibr.Camera([[40, 0, 20], [0, 40, 15], [0, 0, 1]], (41, 31)))
-    # The colour camera sees the depth camera's origin at (-25, 0, 4) mm.
+    # In the colour camera's frame, the depth camera's origin is at (-25, 0, 4) mm.
     same(ibr.Camera.load(f"{path}#color"), CAMERA.moved(0.025, 0, -0.004))
     path = written(tmp_path, "orbbec.json", json.dumps(ORBBEC_JSON))
     same(ibr.Camera.load(path), CAMERA)
@@ -62,14 +62,14 @@ def test_transforms_are_those_of_opengl(tmp_path: Path):
     same(ibr.Camera.load(f"{path}#0001.jpg"), camera)
     assert ibr.Camera.load(f"{path}#0002").K[0, 0] == 60
     assert list(read_cameras(path)) == ["0001.jpg", "0002.jpg"]
-    # With an angle alone, the field of view reaches from border to border of the picture.
+    # If the file gives just an angle, it is that between the picture's left and right borders.
     path = written(tmp_path, "angle.json", json.dumps({"camera_angle_x": np.radians(70), "frames": data["frames"][:1]}))
     expected = ibr.Camera.from_fov(SIZE, fov_x=70, world_from_camera=camera.world_from_camera)
     same(ibr.Camera.load(path, size=SIZE), expected)
 
 
 def test_y_upwards_is_turned_with_the_world(tmp_path: Path):
-    """ICL-NUIM: fy < 0, and poses of frames whose y points up."""
+    """ICL-NUIM has fy < 0, and its poses are of cameras whose y points up."""
     up = np.diag([1.0, -1, 1, 1])
     point = np.array([0.3, -0.2, 2.0, 1])
     pose = FLAT.orbited(30, (0, 0, 2), axis=(1, 2, 3)).world_from_camera
@@ -96,7 +96,7 @@ def test_of_several_cameras_one_is_chosen(tmp_path: Path):
     with pytest.raises(ibr.FileFormatError, match="a camera_model of pinhole, got 'omni'"):
         ibr.Camera.load(f"{path}#cam1")
     same(ibr.Camera.load(path, size=SIZE), FISHEYE)  # the other camera is unreadable
-    odd = tmp_path / "a#b.json"  # existing files come first
+    odd = tmp_path / "a#b.json"  # "a#b.json" is a file, not camera "b.json" of "a"
     CAMERA.save(odd)
     assert ibr.Camera.load(odd) == CAMERA
 
@@ -134,7 +134,7 @@ def by_each_loader(request, monkeypatch: pytest.MonkeyPatch):
 
 @pytest.mark.usefixtures("by_each_loader")
 def test_yaml_of_others(tmp_path: Path):
-    """Words over several lines, and `*id` for lists that a program wrote twice."""
+    """YAML may split a value over lines, and write `*id` for a list that occurs again."""
     inside = {"camera_model": "pinhole", "intrinsics": [50, 51, 30.5, 17.75], "resolution": list(SIZE)}
     inside |= {"distortion_model": "radtan", "distortion_coeffs": [1e-3, 0, 0, 0], "note": "no\n# 1: 2"}
     text = yaml.dump({"cam0": inside, "cam1": inside | {"rostopic": "/a: b"}})
@@ -165,7 +165,7 @@ def test_opencv_s_own_files(tmp_path: Path):
 
 
 def test_opencv_s_sample_sees_its_chessboard():
-    """The calibration predicts the corners of a real photograph, to its own 0.16 px."""
+    """The camera projects the chessboard's corners into a real photograph, to the calibration's error of 0.16 px."""
     cv2 = pytest.importorskip("cv2")
     folder = shared("formats/opencv_samples_calib")
     inside = ibr.Camera.load(folder / "left_intrinsics.yml")
@@ -198,4 +198,4 @@ def test_real_files(name, expected):
     file, _, chosen = name.partition("#")
     camera = ibr.Camera.load(f"{shared('formats') / file}{'#' * bool(chosen)}{chosen}")
     assert camera.size == expected[:2]
-    np.testing.assert_allclose([camera.K[0, 0], camera.K[0, 2]], expected[2:], atol=1e-3)  # the digits given above
+    np.testing.assert_allclose([camera.K[0, 0], camera.K[0, 2]], expected[2:], atol=1e-3)  # to the digits given above

@@ -1,4 +1,4 @@
-"""The camera's invariants, its files, and its errors."""
+"""The camera's invariants, files and errors."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_orbit_keeps_its_pivot_and_moves_to_the_right(projection):
     turned = camera.orbited(90, pivot)
     for a, b in zip(camera.project([pivot]), turned.project([pivot]), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-9)
-    # a quarter turn moves it four to the right of the pivot's old direction, and four ahead
+    # The pivot is 4 ahead: a quarter turn moves the camera by 4 to the right and by 4 ahead, in the old axes.
     np.testing.assert_allclose((camera.camera_from_world @ [*turned.center, 1])[:3], [4, 0, 4], atol=1e-9)
     back = turned.orbited(-90, pivot)
     np.testing.assert_allclose(back.world_from_camera, camera.world_from_camera, atol=1e-12)
@@ -154,7 +154,7 @@ def test_poses_of_four_digits_become_the_nearest_rotation():
     rounded = ibr.Camera(exact.K, exact.size, np.round(exact.world_from_camera, 4))
     rotation = rounded.world_from_camera[:3, :3]
     np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-14)
-    np.testing.assert_allclose(rotation, exact.world_from_camera[:3, :3], atol=1e-4)  # twice the rounding error
+    np.testing.assert_allclose(rotation, exact.world_from_camera[:3, :3], atol=1e-4)  # twice the digits' rounding
 
 
 def test_fields_of_view_reach_from_border_to_border():
@@ -164,7 +164,7 @@ def test_fields_of_view_reach_from_border_to_border():
     ):
         camera = ibr.Camera.from_fov((61, 37), **angles)
         np.testing.assert_allclose(camera.unproject([pixel], [1.0])[0], ray, atol=1e-12)
-    # A focal length equal to the film's diagonal gives any picture's diagonal a field of view of 2 atan(1 / 2).
+    # If the focal length equals the film's diagonal, every picture's diagonal sees an angle of 2 atan(1 / 2).
     camera = ibr.Camera.from_fov((60, 80), focal_35mm=np.hypot(36, 24))
     assert camera.K[0, 0] == pytest.approx(100) and camera.K[:2, 2].tolist() == [29.5, 39.5]
     for given in ({}, {"fov_x": 50, "focal_35mm": 20}):
@@ -177,7 +177,7 @@ def test_exchanged_focal_lengths_and_centres_are_warned_of():
         ibr.Camera([[319.5, 0, 525], [0, 239.5, 525], [0, 0, 1]], (640, 480))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        ibr.Camera([[320, 0, 319.5], [0, 240, 239.5], [0, 0, 1]], (640, 480))  # 90 degrees in both directions
+        ibr.Camera([[320, 0, 319.5], [0, 240, 239.5], [0, 0, 1]], (640, 480))  # no warning: both angles are 90 degrees
 
 
 # ---- errors

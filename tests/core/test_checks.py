@@ -1,4 +1,4 @@
-"""Arrays in all common forms: every function that takes them converts or refuses them alike, in one sentence."""
+"""Arrays in all common forms: all functions convert the same forms, and refuse others in one sentence."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ OPTIONAL = ("color of DepthImage", "color of texture", "normal_map of SlicedSurf
 
 
 class Tagged(np.ndarray):
-    """A subclass, such as libraries define."""
+    """A subclass of arrays, as some libraries define."""
 
 
 def read_only(array: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Conversions to and from other libraries' conventions, compared with the libraries where installed."""
+"""Conversions between pyibr's and other libraries' conventions, compared with those libraries if installed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_opencv_rotation_vectors_at_the_ends(rvec):
 
 
 def test_opengl_clip_space_gives_the_same_pixels():
-    """OpenGL's pipeline of view, frustum and viewport, with pixel centres at halves."""
+    """OpenGL's view, frustum and viewport transforms, with pixel centres at halves, lead to the same pixels."""
     camera = random_camera(7)
     pose, K = camera.to_opengl()
     (w, h), n, f = camera.size, 0.1, 100
@@ -72,7 +72,7 @@ def test_opengl_round_trip(center):
 
 
 def test_colmap_known_camera():
-    half = np.sqrt(0.5)  # a quarter turn about y: the camera looks along the world's -x
+    half = np.sqrt(0.5)  # a quarter turn about y, so that the camera looks along the world's -x
     camera = ibr.Camera.from_colmap("SIMPLE_PINHOLE", [50, 30.5, 18.5], [half, 0, half, 0], [0, 0, 4], (61, 37))
     np.testing.assert_allclose(camera.K, [[50, 0, 30], [0, 50, 18], [0, 0, 1]])
     np.testing.assert_allclose(camera.center, [4, 0, 0], atol=1e-12)
@@ -125,7 +125,7 @@ def test_colmap_distortion_is_in_opencvs_order():
 
 
 def test_pytorch3d_ndc():
-    """The image's corners have NDC's coordinates: +x left, +y up, the shorter side spans -1 ... 1."""
+    """In PyTorch3D's NDC, x grows to the left, y upwards, and the image's shorter side goes from -1 to 1."""
     camera = random_camera(9)
     theirs = camera.to_pytorch3d()
     assert theirs["image_size"] == (37, 61)

@@ -1,4 +1,4 @@
-"""Detection of packages that have overwritten each other's files."""
+"""Detection of installed packages that have overwritten each other's files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pyibr.core.distributions import clashes, version_of
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Function that installs distributions, each with a name and one file, into an otherwise empty environment."""
+    """A function that installs a distribution, with a name and one file, into an environment that begins empty."""
     monkeypatch.setattr("sys.path", [str(tmp_path)])
 
     def install(name: str, file: str) -> None:
@@ -19,7 +19,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         folder.mkdir()
         (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n")
         (folder / "RECORD").write_text(f"{file},,\n{folder.name}/METADATA,,\n")
-        (tmp_path / file).parent.mkdir(exist_ok=True)  # from Python 3.12 on, only existing files are listed
+        (tmp_path / file).parent.mkdir(exist_ok=True)  # Python 3.12 and later list existing files only
         (tmp_path / file).touch()
 
     return install

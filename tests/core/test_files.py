@@ -1,4 +1,4 @@
-"""Atomic writes, and valid names of files."""
+"""Files are written as a whole or not at all, and impossible file names are refused."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_names_that_no_file_has(tmp_path: Path, use):
     (tmp_path / "file").touch()
     with pytest.raises(ibr.FileFormatError, match=r"no such file|file is not a folder"):
         USES[use](tmp_path / "file" / f"x{suffix}")
-    (tmp_path / "last\udcff").mkdir()  # undecodable bytes are valid in names
+    (tmp_path / "last\udcff").mkdir()  # names may contain bytes that are not UTF-8
     if "write" in use or "save" in use:
         USES[use](tmp_path / "last\udcff" / f"x\udcff{suffix}")
         assert len(list((tmp_path / "last\udcff").iterdir())) == 1

@@ -1,4 +1,4 @@
-"""Lenses of OpenCV, RealSense and COLMAP in both directions; limits of their view; and cameras with lenses."""
+"""Lens models of OpenCV, RealSense and COLMAP, both ways, the limits of what they see, and cameras with lenses."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ import pyibr as ibr
 from tests.core.test_camera import GOOD_K, points_before
 from tests.data import shared
 
-SLIGHT = 0.01  # in pixels
-# Model, coefficients, fx fy cx cy, size: calibrations of real cameras
+SLIGHT = 0.01  # pixels: allowed difference from OpenCV
+# Calibrations of real cameras: lens model, coefficients, (fx, fy, cx, cy), image size
 CALIBRATIONS = {
     "machine vision": (
         "brown_conrady",
@@ -47,14 +47,14 @@ CALIBRATIONS = {
 
 
 def lens_and_frame(name: str) -> tuple[ibr.Lens, np.ndarray, float]:
-    """The lens, distorted positions of every fifth column and row and of the corners, and pixels per unit."""
+    """The lens, the distorted positions of some pixels including the corners, and the focal length in pixels."""
     model, coefficients, (fx, fy, cx, cy), (width, height) = CALIBRATIONS[name]
     x, y = np.meshgrid(np.append(np.arange(0, width, 5), width - 1), np.append(np.arange(0, height, 5), height - 1))
     return ibr.Lens(model, coefficients), np.column_stack([(x.ravel() - cx) / fx, (y.ravel() - cy) / fy]), fx
 
 
 def opencvs(lens: ibr.Lens, ideal: np.ndarray) -> np.ndarray:
-    """OpenCV's distorted positions of ideal ones."""
+    """Distorted positions for undistorted (ideal) ones, by OpenCV."""
     if lens.model == "kannala_brandt":
         return cv2.fisheye.distortPoints(ideal[None], np.eye(3), lens.to_opencv())[0]
     ahead = np.column_stack([ideal, np.ones(len(ideal))])
@@ -66,12 +66,12 @@ def test_lenses_are_opencvs_both_ways(name):
     lens, seen, focal = lens_and_frame(name)
     ideal = lens.undistort(seen)
     inside = np.isfinite(ideal[:, 0])
-    assert inside.mean() > (0.78 if name == "fisheye" else 0.9999)  # its corners are more than 90 degrees from the axis
+    assert inside.mean() > (0.78 if name == "fisheye" else 0.9999)  # corners are over 90 degrees off the axis
     assert np.abs(opencvs(lens, ideal[inside]) - seen[inside]).max() * focal < SLIGHT
     assert np.abs(lens.distort(ideal[inside]) - seen[inside]).max() * focal < 1e-6
     if lens.model == "kannala_brandt":
         theirs = cv2.fisheye.undistortPoints(seen[inside][None], np.eye(3), lens.to_opencv())[0]
-        near = np.hypot(*ideal[inside].T) < 12  # 85 degrees from the axis: beyond, a pixel is a large step
+        near = np.hypot(*ideal[inside].T) < 12  # up to 85 degrees off the axis: beyond, a pixel is a large step
         assert np.abs(theirs - ideal[inside])[near].max() * focal < SLIGHT
     else:
         coefficients = lens.to_opencv()
@@ -88,7 +88,7 @@ def test_what_a_lens_does_not_see_is_nan(name):
 
 
 def test_beyond_the_fold_nothing_is_seen():
-    """Farther out than 1.29, a lens with k1 = -0.2 would fold back over the inner part of its image."""
+    """With k1 = -0.2, distorted positions grow up to an ideal distance of 1.29; farther out they would shrink again."""
     lens = ibr.Lens("brown_conrady", [-0.2, 0, 0, 0])
     assert lens.reach == pytest.approx(np.sqrt(1 / 0.6))
     farthest = lens.reach * (1 - lens.reach**2 * 0.2)
@@ -97,7 +97,7 @@ def test_beyond_the_fold_nothing_is_seen():
 
 
 def test_a_pole_ends_what_a_rational_lens_sees():
-    """A real calibration whose numerator and denominator are nearly equal, and 0 within its image."""
+    """In a real calibration, numerator and denominator are nearly equal, and both are 0 at a place in the image."""
     k = [-4.860828876, 17.281976699, 0.000203761, 0.001025102, -25.17225075, -4.943647385, 17.514425278, -25.2907600]
     lens = ibr.Lens("rational", k)
     assert 0.6 < lens.reach < 0.68
@@ -137,16 +137,16 @@ def test_realsense_projects_the_same_pixels(model):
     points = points_before(camera)
     expected = [rs.rs2_project_point_to_pixel(theirs, point.tolist()) for point in points]
     np.testing.assert_allclose(camera.project(points)[0], expected, atol=1e-3)
-    if model != "modified_brown_conrady":  # RealSense's library does not invert that model
+    if model != "modified_brown_conrady":  # RealSense's library cannot invert that model
         pixels = camera.project(points[np.hypot(*points[:, :2].T) < 0.5 * points[:, 2]])[
             0
-        ]  # its iteration does not converge farther out
+        ]  # farther out, its iteration does not converge
         back = [rs.rs2_deproject_pixel_to_point(theirs, pixel.tolist(), 2.0) for pixel in pixels]
         np.testing.assert_allclose(camera.unproject(pixels, np.full(len(pixels), 2.0)), back, atol=1e-4)
 
 
 def test_realsense_worked_by_hand():
-    """Figures of RealSense's library, 2.59: the inverse model equals the modified one."""
+    """Numbers computed by hand as in RealSense's library, 2.59, whose inverse model equals its modified one."""
     intrinsics = {"width": 640, "height": 480, "fx": 500, "fy": 500, "ppx": 320, "ppy": 240}
     seen = {
         "brown_conrady": [506.84375, 383.2578125],
@@ -219,7 +219,7 @@ def test_ros_ways_to_say_one_thing():
     assert cameras[0].K.ravel().tolist() == k
     fisheye = ibr.Camera.from_ros(fields | {"distortion_model": "equidistant", "d": [0.1, 0, 0, 0]})
     assert ibr.Camera.from_ros(fisheye.to_ros()) == fisheye
-    assert ibr.Camera.from_ros(fields | {"d": []}).lens is None  # no distortion, as in simulators' messages
+    assert ibr.Camera.from_ros(fields | {"d": []}).lens is None  # simulators write an empty list for no distortion
 
 
 def test_kalibr_both_ways():
@@ -233,7 +233,7 @@ def test_kalibr_both_ways():
 
 
 def kinect(wide: float = 3 / 4, **changes) -> dict:
-    """An Azure Kinect's calibration; `wide`: height of the colour camera's image divided by its width."""
+    """An Azure Kinect's calibration file; `wide` is the height of the colour image divided by its width."""
     k = [0.55, -0.02, -0.003, 0.89, 0.09, -0.014]
     depth = {
         "Location": "CALIBRATION_CameraLocationD0",
@@ -246,7 +246,7 @@ def kinect(wide: float = 3 / 4, **changes) -> dict:
     depth["Rt"] = {"Rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "Translation": [0, 0, 0]}
     turn = cv2.Rodrigues(np.array([-0.09, 0.001, 0.002]))[0]
     k = [0.33, -2.49, 1.45, 0.21, -2.3, 1.37]
-    middle, focal = 0.5 + (0.507 - 0.5) * 0.75 / wide, 0.6374 * 0.75 / wide  # fractions of the height
+    middle, focal = 0.5 + (0.507 - 0.5) * 0.75 / wide, 0.6374 * 0.75 / wide  # cy and fy divided by the image's height
     color = {"Location": "CALIBRATION_CameraLocationPV0", "SensorWidth": 4096, "SensorHeight": int(4096 * wide)}
     color |= {"Intrinsics": dict(depth["Intrinsics"]), "MetricRadius": 0}
     color["Intrinsics"]["ModelParameters"] = [0.4998, middle, 0.478, focal, *k, 0, 0, -1e-4, -2e-4]
@@ -265,10 +265,10 @@ def test_an_azure_kinects_cameras_are_opencvs():
     np.testing.assert_allclose(depth.project(points)[0], theirs, atol=1e-9)
     K = np.array([[0.478 * 1280, 0, 0.4998 * 1280 - 0.5], [0, 0.6374 * 960, 0.507 * 960 - 120.5], [0, 0, 1]])
     lens = np.array([0.33, -2.49, -2e-4, -1e-4, 1.45, 0.21, -2.3, 1.37])
-    moved = np.array([-0.032, -0.002, 0.004])  # from the depth camera's frame
+    moved = np.array([-0.032, -0.002, 0.004])  # translation from the depth camera's frame
     theirs = cv2.projectPoints(points, np.array([-0.09, 0.001, 0.002]), moved, K, lens)[0][:, 0]
     np.testing.assert_allclose(color.project(points)[0], theirs, atol=1e-9)
-    assert (depth.lens.radius, color.lens.radius) == (1.74, 1.7)  # the SDK's default replaces a missing radius
+    assert (depth.lens.radius, color.lens.radius) == (1.74, 1.7)  # 1.7, the SDK's default, replaces 0
 
 
 @pytest.mark.parametrize(
@@ -287,7 +287,7 @@ def test_an_azure_kinects_cameras_are_opencvs():
 )
 @pytest.mark.parametrize("wide", [3 / 4, 9 / 16])
 def test_an_azure_kinects_modes_see_along_the_same_rays(mode, other, times, shift, wide):
-    """Images' corners are at -0.5; with 960 rows, a 4:3 image has 120 more on either side than a 16:9 image."""
+    """Modes scale images about the corner (-0.5, -0.5), or crop them: 16:9 lacks 120 of 960 rows at top and bottom."""
     one, two = (ibr.Camera.from_azure_kinect(kinect(wide), each) for each in (mode, other))
     pixels = np.random.default_rng(4).uniform(0.4, 0.6, (50, 2)) * one.size
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""Camera files that Open3D writes, and its own samples."""
+"""Camera files that Open3D writes, and Open3D's sample files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def o3d() -> Any:
 
 
 def parameters(o3d: Any, camera: ibr.Camera) -> Any:
-    """Open3D's camera, made from its constructors' arguments."""
+    """The camera as Open3D's class."""
     (fx, _, cx), (_, fy, cy), _ = camera.K
     made = o3d.camera.PinholeCameraParameters()
     made.intrinsic = o3d.camera.PinholeCameraIntrinsic(*camera.size, fx, fy, cx, cy)
@@ -35,7 +35,7 @@ def parameters(o3d: Any, camera: ibr.Camera) -> Any:
 def check(found: ibr.Camera, expected: ibr.Camera) -> None:
     assert found.size == expected.size and found.projection == "perspective" and found.lens is None
     np.testing.assert_array_equal(found.K, expected.K)
-    # A rotation's inverse is its transpose, to float64's rounding.
+    # Rotations are inverted by transposing, which float64's rounding makes inexact.
     np.testing.assert_allclose(found.world_from_camera, expected.world_from_camera, atol=1e-14)
 
 
@@ -57,7 +57,7 @@ def test_parameters_have_a_pose(o3d, tmp_path: Path):
 
 
 def test_a_point_projects_where_open3d_projects_it(o3d, tmp_path: Path):
-    """Open3D casts rays through pixels; the camera from the file projects points on them to the same pixels."""
+    """Points on the rays that Open3D casts through pixels are projected to the same pixels by the loaded camera."""
     camera, path = CAMERAS[1], tmp_path / "camera.json"
     theirs = parameters(o3d, camera)
     assert o3d.io.write_pinhole_camera_parameters(str(path), theirs)
@@ -68,7 +68,7 @@ def test_a_point_projects_where_open3d_projects_it(o3d, tmp_path: Path):
     y, x = np.mgrid[: camera.height, : camera.width]
     points = (rays[..., :3] + 3 * rays[..., 3:]).reshape(-1, 3).astype(float)
     pixels, depth = ibr.Camera.load(path).project(points)
-    # Open3D's rays are float32, and pass half a pixel right of and below the pixel centres of its own images.
+    # Open3D's rays are float32, and pass through (x + 0.5, y + 0.5), although its images have centres at (x, y).
     np.testing.assert_allclose(pixels, np.column_stack([x.ravel(), y.ravel()]) + 0.5, atol=1e-4)
     np.testing.assert_allclose(depth, 3, rtol=1e-5)
 
@@ -92,7 +92,7 @@ def test_open3ds_samples():
     assert primesense == ibr.Camera([[525, 0, 319.5], [0, 525, 239.5], [0, 0, 1]], (640, 480))
     (one,) = read_cameras(shared("formats/open3d_camera_json/depth_syn_camera.json")).values()
     assert one.K.tolist() == [[415.69219381653068, 0, 319.5], [0, 415.69219381653068, 239.5], [0, 0, 1]]
-    # The file's first column is the image of the world's x axis; its last column is the position of the world's origin.
+    # The file stores camera_from_world by columns: first the world's x axis, last the world's origin.
     np.testing.assert_array_equal(one.camera_from_world[:3, 0].round(6), [0.914014, 0.011576, -0.405516])
     np.testing.assert_allclose(one.camera_from_world[:3, 3], [0.273673, 0.036354, 1.239966], atol=1e-6)
 
@@ -108,7 +108,7 @@ EXTRINSIC = np.eye(4).ravel().tolist()
         ({"width": 61, "intrinsic_matrix": []}, "has no height"),
         (INTRINSIC | {"intrinsic_matrix": [1, 2, 3]}, "intrinsic_matrix: expected"),
         (INTRINSIC | {"intrinsic_matrix": "K"}, "intrinsic_matrix: expected"),
-        (INTRINSIC | {"intrinsic_matrix": [50, 0, 30, 0, 51, 18, 0, 0, 1]}, "K: expected"),  # row order
+        (INTRINSIC | {"intrinsic_matrix": [50, 0, 30, 0, 51, 18, 0, 0, 1]}, "K: expected"),  # row by row
         (INTRINSIC | {"lens": None}, "has 'lens', which Open3D's cameras lack"),
         ({"class_name": "PinholeCameraParameters"}, "has no intrinsic_matrix, and no intrinsic with one"),
         ({"intrinsic": 3}, "has no intrinsic_matrix, and no intrinsic with one"),

@@ -1,4 +1,4 @@
-"""Use without the optional packages, and messages for missing or broken ones."""
+"""pyibr without its optional packages, and its messages for missing or broken packages."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ assert (ibr.clean_depth(depth, view.color).depth > 0).any()
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Folder that `import cv2` searches first; cv2 is not imported yet."""
+    """An empty folder that `import cv2` searches first, in a process that has not imported cv2."""
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(sys.modules, "cv2", None)  # so that monkeypatch restores the original
+    monkeypatch.setitem(sys.modules, "cv2", None)  # makes monkeypatch restore it
     del sys.modules["cv2"]
     return tmp_path
 

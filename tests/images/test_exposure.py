@@ -1,4 +1,4 @@
-"""Gains of views with different exposures: they match the exposures, independent of other views in the list."""
+"""Gains that match views with different exposures; they do not depend on the views' order."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SIZE = (64, 48)
 
 
 def wall(at: float, gain: float, depth: float = 4.0, yaw: float = 0.0) -> ibr.DepthImage:
-    """A view of an endless wall at z = 4, whose colours are smooth in the world."""
+    """A view of an endless wall at distance `depth`, whose colours are smooth in the world."""
     turn = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn, (at, 0, 0)
@@ -28,7 +28,7 @@ def wall(at: float, gain: float, depth: float = 4.0, yaw: float = 0.0) -> ibr.De
 
 
 def spread(gains: np.ndarray) -> np.ndarray:
-    """Gains relative to their median."""
+    """Gains divided by their median."""
     return gains / np.median(gains)
 
 
@@ -36,13 +36,13 @@ def spread(gains: np.ndarray) -> np.ndarray:
 def test_gains_are_those_that_views_were_exposed_by(apart):
     exposures = np.random.default_rng(4).uniform(0.6, 1.4, 25)
     found = exposure_gains([wall(apart * number, one) for number, one in enumerate(exposures)])
-    # For each pair, samples are looked up to half a pixel off, where colours change by up to 2 % per pixel.
+    # 2 %: positions in the other view are rounded to pixels, and colours change by up to 2 % per pixel.
     np.testing.assert_allclose(found, spread(1 / exposures)[:, None] * [1, 1, 1], rtol=0.02)
 
 
 def test_the_order_changes_no_bit():
     exposures = np.random.default_rng(5).uniform(0.6, 1.4, 9)
-    views = [wall(0.3 * (number // 2), one) for number, one in enumerate(exposures)]  # pairs with equal cameras
+    views = [wall(0.3 * (number // 2), one) for number, one in enumerate(exposures)]  # two views per camera
     first = exposure_gains(views)
     for seed in range(3):
         order = np.random.default_rng(seed).permutation(len(views))
@@ -51,7 +51,7 @@ def test_the_order_changes_no_bit():
 
 
 def test_two_groups_far_apart_from_one_another_agree_if_any_of_their_views_do():
-    """Twenty views in each place: more than the neighbours that a view is compared with."""
+    """In each place there are twenty views, more than the number of neighbours with which a view is compared."""
     views = [wall(0.001 * number, 1.0) for number in range(20)]
     views += [wall(2.0 + 0.001 * number, 1.3) for number in range(20)]
     found = exposure_gains(views)
@@ -67,13 +67,13 @@ def test_views_that_nothing_is_known_of_keep_their_colours():
 
 
 def test_colours_do_not_tell_where_views_show_two_surfaces():
-    """One view sees a surface in front of the wall, and noise does not explain the difference of depth."""
+    """One view sees a surface in front of the wall, farther away from it than noise explains."""
     found = exposure_gains([wall(0, 1.0), wall(0, 0.5, depth=3.0)])
     np.testing.assert_array_equal(found, np.ones((2, 3)))
 
 
 def test_pairs_that_contradict_the_others_count_little():
-    """One of fifteen pairs is wrong by half, for example because one view saw a lamp in a mirror."""
+    """One of fifteen pairs has a wrong ratio, by 0.5 as a logarithm, as if a view saw a lamp in a mirror."""
     logs = np.random.default_rng(6).uniform(-0.3, 0.3, 6)
     pairs = [(a, b) for a in range(6) for b in range(a)]
     overlaps = [Overlap(a, b, np.full(3, logs[a] - logs[b]), 500) for a, b in pairs]

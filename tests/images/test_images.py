@@ -1,4 +1,4 @@
-"""DepthImage, Frame, other kinds of depth, lens distortion."""
+"""Depth images, and conversions between kinds of depth."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_arrays_are_kept_without_a_copy_and_locked(size, dtype):
         assert array.flags.c_contiguous
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
-    depth[0, 0] = 3  # the caller's array stays writeable
+    depth[0, 0] = 3  # the caller's array can still be changed
 
 
 def test_strided_arrays_are_copied_to_contiguous_ones():
@@ -98,7 +98,7 @@ def test_the_box_around_the_samples(size, projection):
 def test_it_can_be_pickled_and_weakly_referenced():
     view = ibr.DepthImage(*image_of((7, 13)), camera_of((7, 13)), far=7.5)
     session = type("Session", (), {})()
-    view.device_cache[session] = {"buffer": lambda: None}  # device data cannot be pickled, and are left out
+    view.device_cache[session] = {"buffer": lambda: None}  # device data are not pickled
     copy = pickle.loads(pickle.dumps(view))
     np.testing.assert_array_equal(copy.depth, view.depth)
     assert (copy.camera, copy.far, copy.device_cache) == (view.camera, 7.5, {})
@@ -201,7 +201,7 @@ def test_depth_that_does_not_fit_in_16_bits(bad):
 def test_relative_depth_has_its_ends_at_near_and_far():
     values = np.array([[3.0, 5.0], [np.nan, 11.0]])
     depth = ibr.depth_from_relative(values, near=2, far=6)
-    # Nearness is linear in between: the value 5 is a quarter of the way from 1/6 to 1/2.
+    # Between the ends, nearness is linear: the value 5 is a quarter of the way from 1/6 to 1/2.
     np.testing.assert_allclose(depth, [[6, 4], [np.nan, 2]], rtol=1e-6)
     for kind in (np.uint8, np.uint16, np.float16):
         np.testing.assert_array_equal(ibr.depth_from_relative(values[:, 1].astype(kind)), np.float32([10, 1]))
@@ -227,10 +227,10 @@ def test_mpeg_levels(near, far):
 
 @pytest.mark.parametrize(("near", "far"), [(0.5, 25.0), (0.1, 1000.0), (0.3, np.inf)])
 def test_z_buffers_are_those_of_the_projection(near, far):
-    """Points ahead have OpenGL's window coordinate, or Direct3D's with exchanged planes."""
+    """Z-buffers hold OpenGL's window depth; with `reverse`, Direct3D's depth with exchanged planes."""
     z = np.geomspace(near, min(0.99 * far, 500), 50)
     a, b = (-1, -2 * near) if far == np.inf else ((far + near) / (near - far), 2 * far * near / (near - far))
-    window = ((a * -z + b) / z + 1) / 2  # the camera looks along -z, w = z
+    window = ((a * -z + b) / z + 1) / 2  # OpenGL looks along -z, so that w = z
     np.testing.assert_allclose(ibr.depth_from_zbuffer(window, near, far), z, rtol=1e-5)
     np.testing.assert_allclose(ibr.depth_from_zbuffer(1 - window, near, far, reverse=True), z, rtol=1e-5)
     depth = z.astype(np.float32)
@@ -238,7 +238,8 @@ def test_z_buffers_are_those_of_the_projection(near, far):
     for reverse, cleared in ((False, 1), (True, 0)):
         values = ibr.zbuffer_from_depth([*depth, np.nan, 0, np.inf], near, far, reverse=reverse)
         assert values[-3:].tolist() == [cleared] * 3
-        # Steps of float32 are 6e-8 near 1, which at depth z is a relative error of 6e-8 z / near; near 0, none matter.
+        # Values near 1 are rounded by 6e-8 in float32: at depth z this is a relative error of 6e-8 z / near. Values
+        # near 0 are precise.
         again = ibr.depth_from_zbuffer(values, near, far, reverse=reverse)
         np.testing.assert_allclose(again[:-3], depth, rtol=1e-6 + (0 if reverse else 6e-8) * 500 / near)
         assert np.isnan(again[-3:]).all()
@@ -281,7 +282,7 @@ def test_nothing_that_depth_may_hold_makes_numpy_warn(tmp_path, dtype, one, othe
     with np.errstate(all="ignore"):
         single, values = (np.array(EXTREMES).astype(kind)[None] for kind in (np.float32, dtype))
     camera = ibr.Camera([[3, 0, 1], [0, 3, 1], [0, 0, 1]], (values.size, 1))
-    inside = values[(values >= 0) & (values <= 1)]  # the range of levels
+    inside = values[(values >= 0) & (values <= 1)]  # levels are from 0 to 1
     calls = [
         lambda: ibr.depth_from_disparity(values, one, other, offset=1),
         lambda: ibr.disparity_from_depth(values, one, other, offset=1),

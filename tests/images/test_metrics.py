@@ -1,4 +1,4 @@
-"""The metrics, against values computed by hand."""
+"""The metrics, compared with values computed by hand, by their authors, or by other packages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DARK = np.zeros((2, 3, 3), np.uint8)
 
 def test_psnr():
     bright = DARK.copy()
-    bright[0, 0] = 51  # a fifth of the peak at one of six pixels: 10 log10(25 * 6)
+    bright[0, 0] = 51  # off by a fifth of the peak at one of six pixels
     assert metrics.psnr(DARK, bright) == pytest.approx(10 * math.log10(150))
     assert metrics.psnr(DARK / 255.0, bright / 255.0) == pytest.approx(10 * math.log10(150))
     assert metrics.psnr(DARK, bright, valid=bright[..., 0] > 0) == pytest.approx(10 * math.log10(25))
@@ -36,7 +36,7 @@ def test_bytes_do_not_wrap_around():
 def test_median_color_error():
     a = np.arange(5, dtype=np.uint8)[None] ** 2
     b = np.zeros((1, 5), np.uint8)
-    assert metrics.median_color_error(a, b) == 4  # the median of 0 1 4 9 16
+    assert metrics.median_color_error(a, b) == 4  # median of 0, 1, 4, 9 and 16
     assert metrics.median_color_error(b, a, valid=np.array([[False, True, True, True, True]])) == 6.5
 
 
@@ -44,7 +44,7 @@ def test_depth_errors_count_what_both_know():
     nan, inf = np.nan, np.inf
     depth = np.array([[1.0, 2.0, 7.0, nan, 5.0, 5.0, inf]], np.float32)
     truth = np.array([[4.0, 6.0, 7.0, 1.0, nan, 0.0, 3.0]])
-    assert metrics.depth_rmse(depth, truth) == pytest.approx(5 / math.sqrt(3))  # differences are 3 4 0
+    assert metrics.depth_rmse(depth, truth) == pytest.approx(5 / math.sqrt(3))  # differences are 3, 4 and 0
     assert metrics.median_depth_error(depth, truth) == 3
     two = np.array([[True, True, False, True, True, True, True]])
     assert metrics.depth_rmse(depth, truth, valid=two) == pytest.approx(5 / math.sqrt(2))
@@ -60,7 +60,7 @@ def test_hole_ratio():
 
 def test_silhouette_iou():
     y, x = np.mgrid[:10, :10]
-    left, right = x < 6, x >= 4  # 60 and 60 pixels, 20 of them in both
+    left, right = x < 6, x >= 4  # 60 pixels each, 20 of them in both
     assert metrics.silhouette_iou(left, right) == 0.2
     assert metrics.silhouette_iou(left, left) == 1
     assert metrics.silhouette_iou(left, x > 8) == 0
@@ -128,7 +128,7 @@ def test_rows_of_a_panorama_weigh_as_much_as_the_sphere_that_they_show():
 
 
 def in_decibels(*differences: float) -> float:
-    """IV-PSNR for given root mean squared differences of luma and chroma, with 8 bits."""
+    """IV-PSNR, for 8 bits, by the root mean squared differences of luma and of the two chroma channels."""
     luma, blue, red = (20 * math.log10(255 / one) for one in differences)
     return (4 * luma + blue + red) / 6
 
@@ -138,7 +138,7 @@ GRAY = np.full((12, 15, 3), (100, 110, 120), np.uint8)
 
 def test_iv_psnr_forgives_a_hundredth_of_the_range():
     assert metrics.iv_psnr(GRAY, GRAY + np.uint8(3), space="ycbcr") == math.inf
-    brighter = GRAY + np.array([10, 5, 4], np.uint8)  # differences of up to 3 are tolerated
+    brighter = GRAY + np.array([10, 5, 4], np.uint8)  # 3 are tolerated
     assert metrics.iv_psnr(GRAY, brighter, space="ycbcr") == pytest.approx(in_decibels(7, 2, 1))
     assert metrics.iv_psnr(brighter, GRAY, space="ycbcr") == pytest.approx(in_decibels(7, 2, 1))
     deep = [4 * one.astype(np.uint16) for one in (GRAY, brighter)]
@@ -150,7 +150,7 @@ def test_iv_psnr_forgives_a_hundredth_of_the_range():
 @pytest.mark.parametrize(("by", "found"), [((2, 2), True), ((-2, 1), True), ((3, 0), False), ((0, -3), False)])
 def test_iv_psnr_finds_what_lies_two_pixels_aside(by, found):
     still, moved = GRAY.copy(), GRAY.copy()
-    still[6, 7] = moved[6 + by[0], 7 + by[1]] = (150, 150, 150)  # differences of 50, 40 and 30 at one of 180 pixels
+    still[6, 7] = moved[6 + by[0], 7 + by[1]] = (150, 150, 150)  # one of 180 pixels is off by 50, 40, 30
     expected = math.inf if found else in_decibels(*(one / math.sqrt(180) for one in (50, 40, 30)))
     assert metrics.iv_psnr(still, moved, space="ycbcr") == pytest.approx(expected)
     right = np.arange(15)[None] >= np.full((12, 1), 11)
@@ -167,7 +167,7 @@ def test_rgb_becomes_what_videos_hold():
 
 
 def fencing(name: str) -> np.ndarray:
-    """(H, W, 3) YCbCr of a published frame, chroma at the resolution of luma."""
+    """(H, W, 3) YCbCr of a published frame, with chroma enlarged to the resolution of luma."""
     path = shared("metrics_ivpsnr") / f"Fencing_v8_{name}_1920x1080_yuv420p.yuv.xz"
     planes = np.frombuffer(lzma.decompress(path.read_bytes()), np.uint8)
     luma, chroma = planes[: 1080 * 1920].reshape(1080, 1920), planes[1080 * 1920 :].reshape(2, 540, 960)
@@ -184,7 +184,7 @@ def fencing(name: str) -> np.ndarray:
     ],
 )
 def test_published_figures(name, masked, psnr, iv_psnr, ws_psnr):
-    """All digits of the authors' example; for WS-PSNR, the output of their program for the example as a panorama."""
+    """All published digits of the authors' example agree; WS-PSNR is compared with the output of their program."""
     truth, image = fencing("original"), fencing(name)
     valid = fencing("objectsMask")[..., 0] > 0 if masked else None
     assert round(metrics.psnr(truth[..., 0], image[..., 0], valid=valid), 4) == psnr
@@ -228,7 +228,7 @@ def test_flip_is_the_mean_of_its_authors_map():
     a, b = noisy()
     shown = [one / np.float32(255) for one in (a, b)]
     found, mean, _ = flip.evaluate(*shown, "LDR", applyMagma=False)
-    assert metrics.flip(a, b) == metrics.flip(*shown) == pytest.approx(mean, rel=1e-5)  # theirs sums 713 float32
+    assert metrics.flip(a, b) == metrics.flip(*shown) == pytest.approx(mean, rel=1e-5)  # they sum 713 values in float32
     left = np.arange(31)[None] < np.full((23, 1), 12)
     assert metrics.flip(a, b, valid=left) == pytest.approx(found[:, :12].mean(), rel=1e-6)
     nearer = flip.evaluate(*shown, "LDR", applyMagma=False, parameters={"ppd": 20.0})[1]

@@ -1,4 +1,4 @@
-"""Noise of depth, estimated and given, and the steps of quantized scales."""
+"""Noise of depth, given or estimated, and estimated steps of depth with a coarse scale."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CAMERA = ibr.Camera([[150, 0, 79.5], [0, 150, 59.5], [0, 0, 1]], SIZE)
 
 
 def room(size: tuple[int, int] = SIZE) -> Array:
-    """A slanted wall and a floor, 1.5 to 8 units away."""
+    """(H, W) depth of a slanted wall and a floor, 1.5 to 8 units away."""
     x, y = np.meshgrid(np.linspace(-0.5, 0.5, size[0]), np.linspace(-0.4, 0.4, size[1]))
     return np.minimum(6 / (1 - x), np.where(y > 0.02, 0.6 / np.maximum(y, 0.02), np.inf))
 
@@ -61,7 +61,7 @@ def test_noise_is_found(kind):
     camera = ibr.Camera(4 * CAMERA.K + [[0, 0, 0], [0, 0, 0], [0, 0, -3]], (640, 480))
     found = ibr.DepthImage(None, noisy.astype(np.float32), camera).noise
     for z in (2.0, 4.0, 6.0):
-        # A median of 250 differences is accurate to 6 %, a fit through twelve medians is more accurate.
+        # An estimate from 250 differences is accurate to 6 %; a fit to twelve estimates is better.
         assert found[0] * z * z + found[1] * z + found[2] == pytest.approx(a * z * z + b * z + c, rel=0.12)
 
 
@@ -83,7 +83,7 @@ def test_steps_are_those_of_the_scale():
 
 @pytest.mark.parametrize("unit", [1e-25, 1e-3, 1e33])
 def test_noise_and_steps_have_no_unit(unit):
-    """In single precision, products of differences of such nearness overflow or underflow."""
+    """In these units, products of differences of nearness exceed the range of float32."""
     disparity = 40 / room((640, 480)) + np.random.default_rng(4).normal(0, 0.1, (480, 640))
     depth = 40 / (np.rint(8 * disparity) / 8)
     same, noise = DepthNoise(depth.astype(np.float32)), DepthNoise((depth * unit).astype(np.float32))
@@ -91,8 +91,8 @@ def test_noise_and_steps_have_no_unit(unit):
     with np.errstate(over="raise", divide="raise", invalid="raise"):
         pairs = (same.deviation, noise.deviation), (same.steps, noise.steps)
     for (a, b, c), found in pairs:
-        expected = np.minimum([a / unit, b, c * unit], 1e18)  # the limit of each term
-        # Bins are parts of octaves of nearness: in another unit, they have other ends and contain other samples.
+        expected = np.minimum([a / unit, b, c * unit], 1e18)  # 1e18: limit of each term
+        # Samples are sorted into parts of octaves of nearness, which in another unit contain other samples.
         assert np.polyval(found, 4 * unit) == pytest.approx(np.polyval(expected, 4 * unit), rel=0.1)
 
 
@@ -119,7 +119,7 @@ def deviation_at(depth: Array, z: float) -> float:
 
 
 def chequer(side: int, height: float, slope: float) -> Array:
-    """A chequerboard of squares of `side` samples, 4 units away, whose depths differ by `height`."""
+    """(H, W) depth of a board 4 units away, whose black squares, `side` samples wide, are `height` farther."""
     y, x = np.mgrid[:151, :203]
     up = (x // side + y // side) % 2
     return (4 + height * up) / (1 + slope * x / 203)
@@ -133,7 +133,7 @@ def test_exact_depth_has_no_noise(side, slope):
     wires = np.where((columns + 0.6 * rows) % 17 < side, 2.0, 4.0)
     assert deviation_at(wires * (1 + 0.1 * np.arange(203) / 203), 3.0) < 1e-6 * 3.0
     y, x = np.mgrid[:151, :203] / 20
-    assert deviation_at(3 + 0.5 * np.sin(x) * np.cos(1.3 * y), 3.0) < 1e-5 * 3.0  # curvature is not noise
+    assert deviation_at(3 + 0.5 * np.sin(x) * np.cos(1.3 * y), 3.0) < 1e-5 * 3.0  # a curved surface is not noisy
 
 
 def test_blocks_of_any_depth_have_no_noise():
@@ -159,7 +159,7 @@ def test_noise_of_a_sky_is_not_that_of_the_ground():
 
 
 def test_a_corridors_disparity_in_bytes_is_a_scale():
-    """From sample to sample, its walls change by more than a step, its end not at all."""
+    """From sample to sample, the corridor's walls change by more than a step of the scale, and its end by none."""
     y, x = np.mgrid[:240, :320]
     with np.errstate(divide="ignore"):
         depth = np.minimum(np.minimum(290 * 0.9 / np.abs(x - 159.5), 290 * 1.2 / np.abs(y - 119.5)), 8.0)
@@ -173,7 +173,7 @@ def test_stairs_and_leaves_are_no_scale():
     assert DepthNoise(stairs.astype(np.float32)).steps == (0, 0, 0)
     rng = np.random.default_rng(3)
     leaves = np.full((45, 60), 4.0)
-    for _ in range(30):  # each at its own depth, in front of a wall
+    for _ in range(30):  # leaves at different depths in front of a wall
         y, x = rng.integers(0, 40), rng.integers(0, 55)
         leaves[y : y + 4, x : x + 4] = rng.uniform(3.0, 3.2)
     assert DepthNoise(leaves.astype(np.float32)).steps == (0, 0, 0)
@@ -187,4 +187,4 @@ def test_frames_of_one_recording_and_their_crops_agree(name):
         found += [deviation_at(part, 2.0) for part in (depth, depth[3:, 5:], depth[:-7, :-4], depth[11:, 9:], depth.T)]
     assert len(found) >= 15
     assert max(found) < 1.1 * min(found)
-    assert min(found) > 0.004  # at least half a step of 10.7 mm
+    assert min(found) > 0.004  # half of a step of the depth's scale, 10.7 mm, is 5 mm

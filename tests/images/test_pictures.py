@@ -1,4 +1,4 @@
-"""Preview and saving of frames, depth images, meshes and cameras."""
+"""Frames, depth images, meshes and cameras shown in notebooks, or saved as pictures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CAMERA = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37))
 
 @cache
 def view() -> ibr.DepthImage:
-    """A slope from near to far. Its first column has no depth, and its last is beyond `far`."""
+    """A view of a slope, without depth in its first column, and with depth beyond `far` in its last column."""
     depth = np.tile(np.linspace(1, 9, 61, dtype=np.float32), (37, 1))
     depth[:, 0] = np.nan
     color = np.random.default_rng(0).integers(0, 256, (37, 61, 3), dtype=np.uint8)
@@ -76,7 +76,7 @@ def test_a_mesh_is_seen_whole():
         seen = (shown != 255).any(axis=2)
         assert 0.05 < seen.mean() < 0.6
         assert not (seen[0].any() or seen[-1].any() or seen[:, 0].any() or seen[:, -1].any())
-        assert (shown[seen].std(axis=0) < 1).all()  # a plane in uniform light
+        assert (shown[seen].std(axis=0) < 1).all()  # a plane is equally bright everywhere
     point = ibr.Mesh([[5, 5, 5]] * 3, [[0, 1, 2]])
     assert (decoded(point) == 255).all()
 
@@ -145,7 +145,7 @@ def test_within_a_notebook_show_shows_it_below_the_cell(monkeypatch: pytest.Monk
 
 
 def test_a_cell_of_a_notebook_shows_what_it_ends_with(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """IPython's formatters, which notebook kernels use, show the picture; things without a picture stay text."""
+    """IPython's formatters, which notebooks use, show a picture, or text for things that have none."""
     formatters = pytest.importorskip("IPython.core.formatters", reason="needs IPython")
     bundle, _ = formatters.DisplayFormatter().format(view())
     assert bundle["image/png"] == view()._repr_png_()

@@ -1,4 +1,4 @@
-"""Height maps on meshes, as accepted by both systems that draw them."""
+"""Height maps on meshes: the two systems that draw them accept the same maps."""
 
 from __future__ import annotations
 

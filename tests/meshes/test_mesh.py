@@ -1,4 +1,4 @@
-"""Meshes: consistent arrays, and files."""
+"""Meshes: their arrays fit together, and errors name bad arrays and files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_what_is_kept():
 def test_uv_per_corner_splits_vertices_where_it_differs():
     per_corner = np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [0.5, 0.5], [0, 1]]])
     mesh = ibr.Mesh(CORNERS, FACES, uv=per_corner, colors=np.arange(12, dtype=np.uint8).reshape(4, 3))
-    assert len(mesh.vertices) == 5  # corner 2 has two uv
+    assert len(mesh.vertices) == 5  # vertex 2 has two different uv
     np.testing.assert_array_equal(mesh.uv[mesh.faces], per_corner)
     np.testing.assert_array_equal(mesh.vertices[mesh.faces], np.array(CORNERS)[FACES])
     np.testing.assert_array_equal(mesh.colors[mesh.faces], np.arange(12).reshape(4, 3)[FACES])
@@ -46,7 +46,7 @@ def test_uv_per_corner_splits_vertices_where_it_differs():
 def test_smooth_normals_are_those_of_a_sphere_and_cross_seams():
     sphere = o3d.geometry.TriangleMesh.create_sphere(1.0, 40)
     mesh = ibr.Mesh.from_open3d(sphere)
-    # Triangles span 1/40 of a half turn: the mean normal around a vertex is off by at most one of them, pi / 40.
+    # Triangles span an angle of pi / 40, and the mean normal around a vertex is off by at most that.
     assert (mesh.smooth_normals * mesh.vertices).sum(axis=1).min() >= np.cos(np.pi / 40)
     corners = np.random.default_rng(0).random((len(mesh.faces), 3, 2))
     split = ibr.Mesh(mesh.vertices, mesh.faces, uv=corners)

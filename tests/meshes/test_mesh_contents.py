@@ -1,4 +1,4 @@
-"""Contents of mesh files besides triangles: material colours, textures, skins; and warnings about omitted contents."""
+"""Contents of mesh files other than triangles: material colours, textures and skins, and warnings about the rest."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_obj_with_a_texture_that_is_not_opaque(tmp_path: Path):
 
 @pytest.mark.parametrize("names", ["s t", "u v", "texture_u texture_v", ""])
 def test_ply_with_a_texture(tmp_path: Path, names):
-    """uv of vertices, or, as in MeshLab's files, of the faces' corners; v runs up."""
+    """PLY files have uv for vertices or, if MeshLab wrote them, for the faces' corners; v grows upwards."""
     ibr.write_color(tmp_path / "the texture.png", TEXTURED.texture)
     uv, rows = [(0, 0), (1, 0), (1, 0.25), (0, 1)], [" ".join(map(str, point)) for point in SQUARE]
     head = "ply\nformat ascii 1.0\ncomment TextureFile the texture.png\nelement vertex 4\n"
@@ -68,7 +68,7 @@ def test_ply_with_a_texture(tmp_path: Path, names):
 
 
 def test_gltf_factors_are_linear_and_multiply_the_vertices_colours(tmp_path: Path):
-    """sRGB's 188 is half the light of 255."""
+    """In sRGB, 188 is half as much light as 255."""
     halves = np.full((3, 4), [0.5, 1, 1, 1], np.float32)
     surfaces = [{"baseColorFactor": [1, 0.5, 0, 1]}, {}]
     write_gltf(
@@ -113,7 +113,7 @@ def test_gltf_tells_what_is_left_out(tmp_path: Path):
     write_skinned(tmp_path / "m.gltf")
     scene = json.loads((tmp_path / "m.gltf").read_text())
     scene["nodes"][0]["weights"] = [0.5]
-    scene["materials"] = [{"alphaMode": "BLEND"}]  # the default mode ignores alpha
+    scene["materials"] = [{"alphaMode": "BLEND"}]  # without alphaMode, alpha is ignored
     scene["meshes"][0]["primitives"][0]["material"] = 0
     (tmp_path / "m.gltf").write_text(json.dumps(scene))
     with pytest.warns(UserWarning, match=r"m\.gltf: left out: morph targets, transparency"):

@@ -1,4 +1,4 @@
-"""Mesh files: exchange with other programs, axes, and files that belong together."""
+"""Mesh files: exchange with other programs, directions of axes, and several files for one mesh."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ def assert_equal(one: ibr.Mesh, other: ibr.Mesh, *but: str) -> None:
 def test_what_is_saved_is_loaded_to_the_bit(tmp_path: Path, name, mesh, lost, axes):
     mesh.save(tmp_path / name, axes=axes)
     again = ibr.Mesh.load(tmp_path / name, axes=axes)
-    close = set() if lost else {"normals"}  # normalised again
+    close = set() if lost else {"normals"}  # normals are normalised again
     assert_equal(again, mesh, *lost, *close)
     if close:
         np.testing.assert_allclose(again.normals, mesh.normals, atol=1e-7)
 
 
 def test_glb_has_gltf_axes_and_others_have_the_mesh_s_own(tmp_path: Path):
-    """Objects upright in OpenCV's world, with y down, are upright in a GLB file, with y up."""
+    """An object that is upright in OpenCV's world, whose y points down, is upright in a GLB file, whose y points up."""
     mesh = ibr.Mesh([[0, 0, 5], [1, 0, 5], [0, -2, 5]], [[0, 1, 2]], normals=[[0, 0, -1]] * 3)
     mesh.save(tmp_path / "m.glb")
     stored = gltf.read_mesh((tmp_path / "m.glb").read_bytes(), tmp_path)
     np.testing.assert_array_equal(stored.vertices, [[0, 0, -5], [1, 0, -5], [0, 2, -5]])
     np.testing.assert_array_equal(stored.normals, [[0, 0, 1]] * 3)
     assert_equal(ibr.Mesh.load(tmp_path / "m.glb"), mesh)
-    own = ibr.Mesh(stored.vertices, mesh.faces)  # for a world with y up
+    own = ibr.Mesh(stored.vertices, mesh.faces)  # a mesh in a world with y up
     own.save(tmp_path / "own.glb", axes="gltf")
     assert_equal(ibr.Mesh.load(tmp_path / "own.glb", axes="gltf"), own)
     np.testing.assert_array_equal(ibr.Mesh.load(tmp_path / "own.glb").vertices, mesh.vertices)
@@ -191,7 +191,7 @@ def test_obj_of_others(tmp_path: Path):
 
 
 def test_the_files_of_an_obj_belong_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Wherever a second save stops, the files hold the first mesh or the second."""
+    """Wherever saving a second mesh is interrupted, the files together hold the first mesh or the second."""
     file = tmp_path / "m.obj"
     other = ibr.Mesh(VERTICES + 1, FACES, uv=TEXTURED.uv, normals=NORMALS, texture=255 - TEXTURED.texture)
     replace = Path.replace
@@ -218,7 +218,7 @@ def test_the_files_of_an_obj_belong_together(tmp_path: Path, monkeypatch: pytest
 
 
 def test_a_texture_is_not_written_over_another_picture_of_it(tmp_path: Path):
-    """That file may be the input of `pyibr mesh`: the texture of an earlier mesh, compressed better."""
+    """That file may be the input of `pyibr mesh`, a better compressed texture of an earlier mesh."""
     from PIL import Image
 
     TEXTURED.save(tmp_path / "m.obj")
@@ -268,8 +268,8 @@ def test_gltf_scene_of_several_primitives_in_their_places(tmp_path: Path, inline
         ],
         nodes=[
             {"children": [1, 2], "translation": [10, 0, 0]},
-            {"mesh": 0, "rotation": [0, 0, half, half]},  # a quarter turn about z: x to y
-            {"mesh": 1, "matrix": [-2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 5, 1]},  # mirrored, by columns
+            {"mesh": 0, "rotation": [0, 0, half, half]},  # a quarter turn about z, from x to y
+            {"mesh": 1, "matrix": [-2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 5, 1]},  # column by column; mirrors x
         ],
         scene=0,
         scenes=[{"nodes": [0]}],
@@ -290,7 +290,7 @@ def test_gltf_scene_of_several_primitives_in_their_places(tmp_path: Path, inline
 
 def test_gltf_small_numbers_sparse_ones_and_moved_textures(tmp_path: Path):
     points = np.array([[0, 0, 0], [127, 0, 0], [127, 127, 0], [0, 127, 0]], np.int8)
-    padded = np.hstack([points, np.zeros((4, 1), np.int8)])  # entries are aligned to 4 bytes
+    padded = np.hstack([points, np.zeros((4, 1), np.int8)])  # glTF aligns entries to 4 bytes
     uv = np.array([[0, 0], [65535, 0], [65535, 65535], [0, 65535]], np.uint16)
     places, others = np.array([2], np.uint8), np.array([[64, 64, 0, 0]], np.int8)
     texture = np.frombuffer(gltf.image.encoded(TEXTURED.texture, ".png"), np.uint8)
@@ -322,13 +322,13 @@ def test_gltf_small_numbers_sparse_ones_and_moved_textures(tmp_path: Path):
     (tmp_path / "m.gltf").write_text(json.dumps(document))
     mesh = ibr.Mesh.load(tmp_path / "m.gltf", axes="gltf")
     np.testing.assert_allclose(mesh.vertices, [[0, 0, 0], [1, 0, 0], [64 / 127, 64 / 127, 0], [0, 1, 0]], atol=1e-6)
-    # A quarter turn counter-clockwise where v runs down: u to -v, v to u.
+    # The texture is turned counter-clockwise by a quarter. As v grows downwards, this takes u to -v and v to u.
     np.testing.assert_allclose(mesh.uv, [[0.5, 0.25], [0.5, -0.25], [2.5, -0.25], [2.5, 0.25]], atol=1e-6)
     np.testing.assert_array_equal(mesh.texture, TEXTURED.texture)
 
 
 def test_gltf_vertex_colours_are_linear_in_light(tmp_path: Path):
-    """sRGB's 188 is half the light of 255."""
+    """In sRGB, 188 is half as much light as 255."""
     colors = np.array([[0, 188, 255]] * 3, np.uint8)
     ibr.Mesh(SQUARE[:3], [[0, 1, 2]], colors=colors).save(tmp_path / "m.glb")
     data = (tmp_path / "m.glb").read_bytes()
@@ -372,4 +372,4 @@ def test_a_real_glb():
     duck = ibr.Mesh.load(shared("formats/gltf/Duck_three_exporter.glb"))
     assert (len(duck.faces), duck.texture.shape) == (4212, (512, 512, 3))
     low, high = duck.bounds
-    assert low[1] < -1 < 0 <= high[1] + 0.1  # its head is up, where y is low
+    assert low[1] < -1 < 0 <= high[1] + 0.1  # low y is up, where the head is

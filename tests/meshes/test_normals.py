@@ -1,4 +1,4 @@
-"""Computed normals of meshes without their own, at hard edges and on smooth surfaces."""
+"""Normals computed for meshes without normals, at hard edges and on smooth surfaces."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def test_sides_with_corners_of_their_own_keep_their_normals():
 
 
 def test_shared_corners_are_smooth():
-    three_edges = box().smooth_normals[1:4]  # each between two sides
+    three_edges = box().smooth_normals[1:4]  # corners between sides
     assert ((np.abs(three_edges[:, :2]) > 0.3) & (np.abs(three_edges[:, :2]) < 0.95)).all()
     np.testing.assert_allclose(three_edges[:, 2], 0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("angle", "is_smooth"), [(0, True), (59, True), (61, False), (180, False)])
 def test_the_angle_that_makes_an_edge(angle, is_smooth):
-    """Two triangles that meet along x with separate corners, the second one rotated by an angle."""
+    """Two triangles with separate corners meet along the x axis, at an angle."""
     turn = np.radians(angle)
     corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 0], [1, -np.cos(turn), -np.sin(turn)]]
     found = ibr.Mesh(corners, [[0, 1, 2], [3, 4, 5]]).smooth_normals
@@ -35,7 +35,7 @@ def test_the_angle_that_makes_an_edge(angle, is_smooth):
     mean = np.linalg.norm(ways.sum(0)) and ways.sum(0) / np.linalg.norm(ways.sum(0))
     np.testing.assert_allclose(found[0], mean if is_smooth else ways[0], atol=1e-6)
     np.testing.assert_allclose(found[3], mean if is_smooth else ways[1], atol=1e-6)
-    np.testing.assert_allclose(found[2], ways[0], atol=1e-6)  # no other corner is there
+    np.testing.assert_allclose(found[2], ways[0], atol=1e-6)  # a corner of one triangle
 
 
 def test_pairs_in_pieces_are_the_same(monkeypatch):

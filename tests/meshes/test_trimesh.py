@@ -1,4 +1,4 @@
-"""Meshes from trimesh, and from objects with the same attributes."""
+"""Meshes made from trimesh's meshes, and from other objects with the same attributes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pyibr as ibr
 
 VERTICES = np.array([[-1, -1, 3], [1, -1, 3], [-1, 1, 3], [1, 1, 3]], np.float64)
 FACES = np.array([[0, 1, 2], [3, 2, 1]])
-UV = np.array([[0, 1], [1, 1], [0, 0], [1, 0]], np.float64)  # v runs up
+UV = np.array([[0, 1], [1, 1], [0, 0], [1, 0]], np.float64)  # v grows upwards
 TEXTURE = np.array([[[200, 0, 0], [0, 200, 0]], [[0, 0, 200], [90, 90, 90]]], np.uint8)
 CAMERA = ibr.Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11))
 

@@ -1,4 +1,4 @@
-"""The rasteriser's kernels in their GPU form, and when the host waits for them."""
+"""The rasteriser's kernels in their form for GPUs, and how often the host waits for them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LIGHT = ibr.Light(position=(0, -2, 0))
 
 
 def globe(projection: str) -> tuple[ibr.Mesh, Camera]:
-    """A lit, textured sphere of unit radius, 4 in front of the camera; the picture is no whole number of bins wide."""
+    """A textured sphere of radius 1, 4 in front of the camera, in a picture that bins do not divide evenly."""
     across, down = np.meshgrid(np.linspace(0, 1, 41), np.linspace(0, 1, 21))
     a, b = 2 * np.pi * across.ravel(), np.pi * down.ravel()
     points = np.stack([np.sin(b) * np.cos(a), -np.cos(b), np.sin(b) * np.sin(a)], axis=-1)
@@ -35,7 +35,7 @@ def globe(projection: str) -> tuple[ibr.Mesh, Camera]:
 
 
 def soup(projection: str) -> tuple[ibr.Mesh, Camera]:
-    """Coloured triangles that intersect, on both sides of the camera."""
+    """Coloured triangles that intersect, in front of the camera and behind it."""
     rng = np.random.default_rng(1)
     points = rng.uniform((-4, -3, -2), (4, 3, 6), (200, 1, 3)) + rng.normal(size=(200, 3, 3))
     mesh = ibr.Mesh(points.reshape(-1, 3), np.arange(600).reshape(-1, 3), colors=rng.random((600, 3), np.float32))
@@ -52,8 +52,8 @@ def test_one_lane_is_as_good_as_sixteen(scene, projection):
     with one_lane():
         one = ibr.render(mesh, camera, LIGHT)
     assert wide.valid.sum() > 5000
-    # Corners are rounded to 1/256 of a pixel relative to the work-item's region, so a pixel at an outline or on an
-    # edge of two triangles may differ.
+    # Corners are rounded to 1/256 of a pixel relative to the region that a work-item draws. Pixels at outlines and on
+    # edges between triangles may differ.
     assert (one.valid != wide.valid).mean() <= 1e-4
     both = one.valid & wide.valid
     assert np.isclose(one.depth, wide.depth, rtol=1e-5, atol=1e-5)[both].mean() >= 0.9995
@@ -72,7 +72,7 @@ def test_one_lane_draws_into_what_is_there():
 
 
 def test_nobody_asks_how_long_lists_are_that_there_is_room_for(monkeypatch):
-    """Pictures are the same whether or not the host reads the length, with full bins and with empty ones."""
+    """Pictures are the same whether or not the host reads the lists' lengths, with full and with empty lists."""
     (first, camera), (second, _) = globe("perspective"), soup("perspective")
     behind = ibr.Mesh(first.vertices - (0, 0, 9), first.faces)
     frames, asked, read = [], [], memory.to_host
@@ -87,7 +87,7 @@ def test_nobody_asks_how_long_lists_are_that_there_is_room_for(monkeypatch):
 
 
 def test_lists_that_are_too_long_to_be_numbered_are_told(monkeypatch):
-    """A million triangles, each over the whole picture, would be listed in every bin."""
+    """A million triangles that each cover the whole picture would be listed in every bin."""
     mesh, camera = globe("perspective")
     monkeypatch.setattr(bins, "_UNSYNCHRONIZED", 0)
     monkeypatch.setattr(bins, "_NUMBERED_MAX", 100)

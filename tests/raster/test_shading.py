@@ -1,4 +1,4 @@
-"""Colours, textures and light of meshes against their formulas in float64."""
+"""Colours, textures and light of meshes compared with their formulas in float64."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def camera(projection: str = "perspective", size: tuple[int, int] = (90, 70)) ->
 
 
 def on_plane(cam: Camera, frame: ibr.Frame) -> np.ndarray:
-    """(n, 2) u and v of the square at the frame's valid pixels; x = -1 + 2.5 u, y = -1 + 2 v."""
+    """(n, 2) u and v at the points that valid pixels show; on the rectangle, x = -1 + 2.5 u and y = -1 + 2 v."""
     y, x = np.nonzero(frame.valid)
     point = cam.unproject(np.stack([x, y], axis=-1), frame.depth[frame.valid].astype(float))
     return np.stack([(point[:, 0] + 1) / 2.5, (point[:, 1] + 1) / 2], axis=-1)
@@ -40,7 +40,7 @@ def test_colours_are_linear_on_the_surface_not_on_the_screen(projection):
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_colours_of_any_triangle(projection, dtype):
-    """Steep and small triangles, and triangles that pass the camera, against float64 weights."""
+    """Steep and small triangles, and triangles that reach behind the camera, have colours by float64 weights."""
     rng = np.random.default_rng(2)
     n = 60
     cam = camera(projection)
@@ -52,7 +52,7 @@ def test_colours_of_any_triangle(projection, dtype):
     frame = ibr.render(ibr.Mesh(points.reshape(-1, 3), faces, colors=colors), cam)
     owner = ibr.render(ibr.Mesh(points.reshape(-1, 3), faces, colors=number), cam).color[frame.valid][:, 0]
     pixels = np.argwhere(frame.valid)[:, ::-1]
-    weight = np.clip(weights(cam, points[owner], pixels), 0, 1)  # moved corners may cover pixels outside
+    weight = np.clip(weights(cam, points[owner], pixels), 0, 1)  # rounded corners may cover pixels outside
     expected = np.einsum("nk,nkc->nc", weight, colors.reshape(n, 3, 3)[owner].astype(float))
     expected *= 1 if dtype == np.uint8 else 255
     assert len(np.unique(owner)) > 20
@@ -63,29 +63,29 @@ def test_colours_of_any_triangle(projection, dtype):
 def test_a_magnified_texture_is_bilinear(projection):
     texture = np.random.default_rng(0).integers(0, 256, (5, 7, 3)).astype(np.uint8)
     cam = camera(projection)
-    frame = ibr.render(ibr.Mesh(CORNERS, FACES, uv=3 * UV - 1, texture=texture), cam)  # tiled, starting at -1
+    frame = ibr.render(ibr.Mesh(CORNERS, FACES, uv=3 * UV - 1, texture=texture), cam)  # tiles, u and v begin at -1
     u, v = (3 * on_plane(cam, frame) - 1).T
     expected = np.stack([bilinear_height(texture[..., c].astype(float), u, v) for c in range(3)], axis=-1)
-    # 21 texels over some 60 pixels: 1 unit allows for rounding to bytes and for float32 positions.
+    # 1 level of 255, for 21 texels over some 60 pixels: rounding to bytes, and float32 positions.
     assert np.abs(frame.color[frame.valid] - expected).max() <= 1
 
 
 def test_mip_mapping():
-    """A fine checkerboard far away becomes its mean; a constant texture stays constant at any distance."""
+    """From afar, a fine checkerboard is grey; at any distance, a texture of one colour keeps its colour."""
     y, x = np.mgrid[:256, :256]
     board = np.where((x + y) % 2, 255, 0).astype(np.uint8)[..., None].repeat(3, 2)
     flat = np.full((37, 53, 3), 77, np.uint8)
     for depth in (3, 10, 40):
         square = (CORNERS * (1, 1, 0)) * 10 + (0, 0, depth)
         frame = ibr.render(ibr.Mesh(square, FACES, uv=UV * 40, texture=board), camera())
-        if depth > 3:  # at least 20 texels a pixel
+        if depth > 3:  # at least 20 texels per pixel
             assert np.abs(frame.color[frame.valid].astype(int) - 127).max() <= 2
         frame = ibr.render(ibr.Mesh(square, FACES, uv=UV * 40, texture=flat), camera())
         assert (frame.color[frame.valid] == 77).all()
 
 
 def test_a_texture_far_away_is_its_mean():
-    """Also with odd sizes, whose levels do not halve evenly, and with floats."""
+    """It is, too, if its size is odd, so that levels do not halve evenly, and for floats."""
     rng = np.random.default_rng(0)
     for dtype, size in ((np.uint8, (37, 53)), (np.uint8, (1, 7)), (np.float32, (64, 16))):
         texture = rng.random((*size, 3))
@@ -93,13 +93,13 @@ def test_a_texture_far_away_is_its_mean():
         square = (CORNERS * (1, 1, 0)) * 10 + (0, 0, 40)
         frame = ibr.render(ibr.Mesh(square, FACES, uv=UV * 40, texture=texture), camera())
         mean = texture.mean(axis=(0, 1)) * (1 if dtype == np.uint8 else 255)
-        # Each of up to six levels rounds to bytes, up or down by chance.
+        # 2: each of up to six levels is rounded to bytes.
         assert frame.valid.sum() > 500
         assert np.abs(frame.color[frame.valid] - mean).max() <= 2
 
 
 def test_a_checkered_floor_blurs_towards_the_horizon():
-    """Black and white at the camera's feet; even grey where a pixel sees many squares."""
+    """Near the camera it is black and white; where a pixel sees many squares, it is even grey."""
     board = np.kron([[0, 1], [1, 0]], np.ones((64, 64)))[..., None].repeat(3, 2).astype(np.float32)
     floor = ibr.Mesh(
         [[-400, 1, -400], [400, 1, -400], [400, 1, 400], [-400, 1, 400]], FACES, uv=UV * 800, texture=board
@@ -107,8 +107,8 @@ def test_a_checkered_floor_blurs_towards_the_horizon():
     frame = ibr.render(floor, Camera([[100, 0, 80], [0, 100, 2], [0, 0, 1]], (161, 121)))
     assert frame.valid[3:].all()
     feet, far = frame.color[60:, :, 0].astype(float), frame.color[3:6, :, 0].astype(float)
-    assert ((feet < 3) | (feet > 252)).mean() > 0.8  # 50 pixels a square and more
-    assert far.std() < 2  # 4 squares a pixel and more, in y
+    assert ((feet < 3) | (feet > 252)).mean() > 0.8  # a square is 50 pixels or more wide
+    assert far.std() < 2  # a pixel sees 4 squares or more in y
     assert abs(far.mean() - 127.5) < 2
 
 
@@ -123,13 +123,13 @@ LIGHTS = [
 @pytest.mark.parametrize("light", LIGHTS, ids=repr)
 @pytest.mark.parametrize("turned", [False, True])
 def test_lambert(light, projection, turned):
-    """The visible side is lit, whichever it is."""
+    """The visible side is lit, whether it is the front or the back."""
     faces = [face[::-1] for face in FACES] if turned else FACES
     cam = camera(projection)
     frame = ibr.render(ibr.Mesh(CORNERS, faces, colors=np.full((4, 3), 200, np.uint8)), cam, light)
     y, x = np.nonzero(frame.valid)
     point = cam.unproject(np.stack([x, y], axis=-1), frame.depth[frame.valid].astype(float))
-    normal = np.array([2, 0, -2.5]) / np.hypot(2, 2.5)  # normal of the plane, towards the camera
+    normal = np.array([2, 0, -2.5]) / np.hypot(2, 2.5)  # the plane's normal, towards the camera
     to_light = np.tile(-light.direction, (len(point), 1)) if light.position is None else light.position - point
     cosine = np.maximum(to_light @ normal / np.linalg.norm(to_light, axis=1), 0)
     expected = 200 * (light.ambient + (1 - light.ambient) * cosine[:, None] * light.color)
@@ -138,7 +138,7 @@ def test_lambert(light, projection, turned):
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_normals_are_interpolated_and_made_unit_length(projection):
-    """With the mesh's own normals, up to 100 degrees apart, on triangles seen from either side."""
+    """The mesh has normals up to 100 degrees apart, on triangles seen from the front or from the back."""
     rng = np.random.default_rng(3)
     light = ibr.Light(direction=(0.2, -0.4, 1), ambient=0.1)
     for turned in (False, True):
@@ -148,7 +148,7 @@ def test_normals_are_interpolated_and_made_unit_length(projection):
         pixels = np.argwhere(frame.valid)[:, ::-1]
         weight = weights(cam, np.tile(CORNERS[:3], (len(pixels), 1, 1)), pixels)
         normal = weight @ (normals / np.linalg.norm(normals, axis=1, keepdims=True))
-        seen = -1 if turned else 1  # its normals point away from the camera
+        seen = -1 if turned else 1  # if turned, normals point away from the camera
         cosine = seen * normal @ -light.direction / np.linalg.norm(normal, axis=1) / np.linalg.norm(light.direction)
         expected = 255 * (0.1 + 0.9 * np.maximum(cosine, 0))
         assert len(pixels) > 500
@@ -157,7 +157,7 @@ def test_normals_are_interpolated_and_made_unit_length(projection):
 
 @pytest.mark.parametrize("shadow_size", [0, 64])
 def test_normals_tell_the_front_however_corners_run(shadow_size):
-    """A ball with triangles wound clockwise, or at random, is lit like a ball wound correctly."""
+    """A ball whose triangles are wound clockwise, or at random, is lit like one whose triangles are wound correctly."""
     a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 40)[:-1], np.linspace(0.01, np.pi - 0.01, 20))
     outward = np.stack([np.sin(b) * np.cos(a), -np.cos(b), np.sin(b) * np.sin(a)], axis=-1).reshape(-1, 3)
     i, j = (part.ravel() for part in np.mgrid[:19, :39])
@@ -176,14 +176,14 @@ def test_normals_tell_the_front_however_corners_run(shadow_size):
     assert well.color[well.valid].max() > 200
     for frame in others:
         off = np.abs(frame.color.astype(int) - well.color).max(axis=-1)
-        assert (off <= 1).mean() >= 0.999  # on edges, turned triangles cover other pixels
+        assert (off <= 1).mean() >= 0.999  # turned triangles cover other pixels at edges
     inside = Camera([[50, 0, 40], [0, 50, 34.5], [0, 0, 1]], (90, 70), world_from_camera=moved_to((0, 0, 4)))
     ahead = ibr.Light(direction=(0, 0, 1), shadow_size=0)
     lit = [
         ibr.render(ibr.Mesh(ball, faces, normals=normals), inside, ahead)
         for faces, normals in ((out, outward), (mixed, outward), (out, -outward))
     ]
-    for frame in lit:  # seen from inside, the wall ahead faces the light
+    for frame in lit:  # inside, the wall ahead faces the light
         assert frame.color[35, 40, 0] >= 203
 
 
@@ -194,7 +194,10 @@ def moved_to(center: tuple[float, float, float]) -> np.ndarray:
 
 
 def test_a_light_shades_textures_and_greys_too():
-    """Full light where it falls perpendicularly, ambient light along the surface; 0.8 is the grey without colours."""
+    """Light perpendicular to the surface shows its full colour, parallel light only the ambient part.
+
+    Meshes without colours have the grey 0.8.
+    """
     square = np.array([[-1, -1, 3], [1, -1, 3], [1, 1, 3], [-1, 1, 3.0]])
     texture = np.full((2, 3, 3), (200, 100, 50), np.uint8)
     for mesh, own in (
@@ -205,4 +208,4 @@ def test_a_light_shades_textures_and_greys_too():
             frame = ibr.render(mesh, camera(), ibr.Light(direction=direction))
             assert np.abs(frame.color[frame.valid] - np.multiply(own, part)).max() <= 0.6
         frame = ibr.render(mesh, camera(), ibr.Light(direction=(0, 0, 1), color=(9, 1, 0), ambient=0.0))
-        assert (frame.color[frame.valid] == (255, own[1], 0)).all()  # clipped to white
+        assert (frame.color[frame.valid] == (255, own[1], 0)).all()  # clipped to 255

@@ -1,4 +1,4 @@
-"""The rasteriser against Embree's rays, and its guarantees: no crack, no pixel twice, nothing clipped wrongly."""
+"""The rasteriser compared with rays by Embree, and its guarantees: no cracks, no pixel drawn twice, correct clipping."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MESHES = ["meshes/dragon_vrip_res3.ply.gz", "meshes/teapot.obj.gz", "meshes/huma
 
 
 def numbered(mesh: ibr.Mesh) -> ibr.Mesh:
-    """Same triangles without shared vertices; each colour encodes the triangle's index."""
+    """The mesh's triangles without shared vertices, each in a colour that encodes its index."""
     number = np.arange(len(mesh.faces))
     color = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=-1).astype(np.uint8)
     return ibr.Mesh(
@@ -38,7 +38,7 @@ def numbers_of(frame: ibr.Frame) -> np.ndarray:
 
 
 def cast(mesh: ibr.Mesh, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """True depth (inf where no triangle is hit) and index of the triangle (-1)."""
+    """True depth, inf where a ray hits nothing, and the index of the triangle that is hit, or -1."""
     hits, shape = embree(mesh).cast_rays(rays_of(camera).astype(np.float32)), (camera.height, camera.width)
     found = hits["primitive_ids"].numpy().reshape(shape).astype(np.int64)
     return hits["t_hit"].numpy().reshape(shape), np.where(found == 0xFFFFFFFF, -1, found)
@@ -58,7 +58,7 @@ def around(mesh: ibr.Mesh, projection: str, direction: tuple[float, float, float
 
 
 def interior(depth: np.ndarray, jump: float) -> np.ndarray:
-    """Pixels 3 away from silhouettes and from depth jumps."""
+    """(H, W) bool: pixels more than 3 pixels from silhouettes, and from depth steps larger than `jump`."""
     z = np.where(np.isfinite(depth), depth, depth[np.isfinite(depth)].max() + 10 * jump).astype(np.float32)
     box = np.ones((3, 3))
     edges = (cv2.dilate(z, box) - cv2.erode(z, box) > jump).astype(np.uint8)
@@ -79,10 +79,10 @@ def check_against_embree(mesh: ibr.Mesh, camera: Camera) -> None:
     assert inside.sum() > 1000
     same = inside & (drawn == number)
     assert same.sum() >= 0.995 * inside.sum()
-    # 1e-4: float32 positions of up to 1280 pixels, over triangles the size of a pixel
+    # 1e-4: float32 rounds positions of up to 1280 pixels, and triangles are as small as a pixel.
     np.testing.assert_allclose(frame.depth[same], depth[same], rtol=1e-4)
-    assert (frame.valid != np.isfinite(depth)).mean() <= 1e-4  # one in 1000 pixels of the outline
-    # Other pixels: an edge passes as near as corners move (1/512 each way), or both triangles are equally deep.
+    assert (frame.valid != np.isfinite(depth)).mean() <= 1e-4  # 1 of 1000 outline pixels
+    # At other pixels, an edge passes within 1/256 pixel, since corners are moved by 1/512, or depths are equal.
     y, x = np.nonzero((drawn != number) & (drawn >= 0) & (number >= 0))
     pixels = np.stack([x, y], axis=-1).astype(np.float64)
     one, other = corners(mesh, drawn[y, x]), corners(mesh, number[y, x])
@@ -104,13 +104,13 @@ def test_the_visible_triangle_is_embrees(name, projection):
 @pytest.mark.thorough
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_the_visible_one_of_many_triangles_is_embrees(projection):
-    """Triangles the size of a pixel: at half this resolution, 1 in 200 pixels has an edge within 1/256 of it."""
+    """Triangles are as small as pixels. At half this resolution, 1 of 200 pixels would have an edge within 1/256."""
     mesh = ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz"))
     check_against_embree(mesh, around(mesh, projection, (0.3, 0.4, 1), (1280, 960)))
 
 
 def split(columns: int, rows: int, rng: np.random.Generator) -> np.ndarray:
-    """Faces of a grid of vertices, with each cell cut along a random diagonal."""
+    """Faces of a grid of vertices; each cell is split along a random one of its diagonals."""
     i = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     flip = rng.random(len(i))[:, None] < 0.5
     a, b, c, d = i, i + 1, i + columns, i + columns + 1
@@ -120,9 +120,9 @@ def split(columns: int, rows: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def patchwork(projection: str, thin: float, seed: int = 0) -> tuple[ibr.Mesh, Camera]:
-    """A jittered grid over pixels 3 to 43, with some corners and edges exactly on pixel centres.
+    """A grid of cells over pixels 3 to 43, whose corners are moved by multiples of half a pixel.
 
-    Every other row and column is `thin` pixels wide.
+    So some corners and edges lie exactly on pixel centres. If given, every other row and column is `thin` pixels wide.
     """
     rng = np.random.default_rng(seed)
     n = 9
@@ -140,7 +140,7 @@ def patchwork(projection: str, thin: float, seed: int = 0) -> tuple[ibr.Mesh, Ca
 
 
 def times_covered(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
-    """Count the triangles that cover each pixel, with each triangle drawn alone."""
+    """(H, W) number of triangles that cover each pixel; each triangle is drawn alone."""
     covered = np.zeros((camera.height, camera.width), int)
     for face in mesh.faces:
         covered += ibr.render(ibr.Mesh(mesh.vertices, [face]), camera).valid
@@ -152,14 +152,14 @@ def times_covered(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
 def test_no_crack_and_no_pixel_twice(projection, thin):
     mesh, camera = patchwork(projection, thin, seed=int(1000 * thin))
     covered = times_covered(mesh, camera)
-    # Rounding of the projection decides about pixels on the rim, 3 and 43, which have no neighbouring triangle.
+    # Pixels 3 and 43 are on the mesh's border, where rounding of the projection decides.
     assert (covered[4:43, 4:43] == 1).all()
     assert covered.max() == 1
     assert ibr.render(mesh, camera).valid[4:43, 4:43].all()
 
 
 def below(camera: Camera, mesh: ibr.Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Depth of the plane y = 1, and the pixels that see it well inside the mesh's box."""
+    """Depth of the plane y = 1 at each pixel, and the pixels that see it at least 0.02 inside the mesh's bounds."""
     y, x = np.mgrid[: camera.height, : camera.width]
     pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
     origin, ray = camera.unproject(pixels, np.zeros(len(pixels))), camera.unproject(pixels, np.ones(len(pixels)))
@@ -172,7 +172,10 @@ def below(camera: Camera, mesh: ibr.Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def floor_of(cells: int, sides: tuple[float, float], jitter: tuple[float, float], rng: np.random.Generator) -> ibr.Mesh:
-    """Triangles in the plane y = 1 around its middle; sides of cells, and jitter in sides, along x and z."""
+    """A grid of cells x cells cells in the plane y = 1, around x = z = 0, with corners moved at random.
+
+    sides: the cells' extent along x and z. jitter: largest move along x and z, as fractions of `sides`.
+    """
     n = cells + 1
     z, x = np.mgrid[:n, :n] - cells / 2
     for along, part in ((x, jitter[0]), (z, jitter[1])):
@@ -188,27 +191,27 @@ def floor_of(cells: int, sides: tuple[float, float], jitter: tuple[float, float]
     "form", [nullcontext, pytest.param(one_lane, marks=pytest.mark.thorough)], ids=["lanes", "one lane"]
 )
 def test_no_crack_where_triangles_pass_the_camera(projection, pitch, jitter, form):
-    """A floor that reaches from behind the camera to in front of it.
+    """A floor reaches from behind the camera to in front of it.
 
-    Edges along z pass through pixel centres: exactly without jitter, and up to rounding with jitter along z.
+    Without jitter, edges along z pass exactly through pixel centres; with jitter along z, they do up to rounding.
     """
     floor = floor_of(6, (0.5, 4), jitter, np.random.default_rng(1))
     f = 100.3 if projection == "perspective" else 40
     camera = Camera([[f, 0, 80], [0, f, 60], [0, 0, 1]], (161, 121), pose(pitch=-pitch), projection=projection)
     depth, within = below(camera, floor)
-    assert within.sum() > 2000 or (pitch == 0 and projection == "orthographic")  # this camera sees the floor edge-on
+    assert within.sum() > 2000 or (pitch == 0 and projection == "orthographic")  # sees the floor edge-on
     with form():
         frame, covered = ibr.render(floor, camera), times_covered(floor, camera)
     assert (covered[within] == 1).all()
     assert frame.valid[within].all()
-    # 1e-4: oblique float32 planes of triangles that reach 12 units behind the camera and to its side
+    # 1e-4: planes in float32, of oblique triangles that reach 12 units behind the camera and to its side.
     np.testing.assert_allclose(frame.depth[within], depth[within], rtol=1e-4)
     assert not frame.valid[depth < 0].any()
 
 
 @pytest.mark.parametrize("seed", [3, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (0, 1, 2, 4, 5))])
 def test_no_crack_between_triangles_that_pass_the_camera_and_others(seed):
-    """Among 7 million pixels, few centres lie so near such an edge that its two triangles could differ."""
+    """Only at few of 7 million pixels, an edge passes so close that its two triangles might both miss the centre."""
     floor = floor_of(12, (2, 2), (0.3, 0.3), np.random.default_rng(seed))
     camera = Camera([[600, 0, 640], [0, 600, 480], [0, 0, 1]], (1281, 961), pose(pitch=-60, roll=10 * seed))
     _, within = below(camera, floor)
@@ -216,7 +219,7 @@ def test_no_crack_between_triangles_that_pass_the_camera_and_others(seed):
 
 
 def test_the_floor_up_to_the_horizon():
-    """Two triangles with corners far behind the camera, against the plane's analytic depth."""
+    """Two triangles, with corners far behind the camera, have the depth of their plane."""
     floor = ibr.Mesh([[-500, 1, -50], [500, 1, -50], [500, 1, 50], [-500, 1, 50]], [[0, 1, 2], [0, 2, 3]])
     camera = Camera([[60, 0, 79.5], [0, 60, 59.5], [0, 0, 1]], (160, 120))
     frame = ibr.render(floor, camera)
@@ -229,7 +232,7 @@ def test_the_floor_up_to_the_horizon():
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_slivers_stay_between_their_corners(projection):
-    """Seen nearly edge-on: neither depth nor colour leaves the range of the corners."""
+    """Depth and colour of slivers, seen nearly edge-on, stay within the range of their corners'."""
     rng = np.random.default_rng(0)
     n = 3000
     camera = Camera([[400, 0, 160], [0, 400, 120], [0, 0, 1]], (320, 240), projection=projection)
@@ -237,7 +240,7 @@ def test_slivers_stay_between_their_corners(projection):
     place = np.stack([a, a + along, a + part * along + 0.01 * rng.normal(size=(n, 2))], axis=1)
     z = rng.uniform(2, 9, (n, 3))
     points = camera.unproject(place.reshape(-1, 2), z.ravel())
-    # Red is one of the corners' two colours, 100 and 101; green and blue encode the triangle's index.
+    # Red is 100 or 101 at each corner; green and blue encode the triangle's index.
     color = np.column_stack(
         [rng.integers(100, 102, 3 * n), *(np.arange(n).repeat(3) // (1, 256)[k] % 256 for k in (0, 1))]
     )
@@ -277,7 +280,7 @@ def test_degenerate_triangles_draw_nothing(points, projection):
 
 
 def test_culling():
-    points, faces = [[0, 0, 3], [0, 1, 3], [1, 0, 3]], [[0, 1, 2]]  # its normal is -z: towards the camera
+    points, faces = [[0, 0, 3], [0, 1, 3], [1, 0, 3]], [[0, 1, 2]]  # the normal, -z, points towards the camera
     camera = Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (30, 30))
     for sides, seen in (("both", True), ("front", True), ("back", False)):
         assert ibr.render(ibr.Mesh(points, faces, sides=sides), camera).valid.any() == seen
@@ -286,7 +289,7 @@ def test_culling():
 
 
 def test_a_triangle_that_passes_the_camera_shows_one_of_its_sides():
-    """The visible side depends on the side of its plane where the camera lies, wherever its corners are."""
+    """Wherever its corners are, a triangle shows the side of its plane on which the camera lies."""
     camera = Camera([[20, 0, 15], [0, 20, 12], [0, 0, 1]], (31, 25))
     passing = 0
     for points in np.random.default_rng(0).uniform((-3, -3, -3), (3, 3, 4), (300, 3, 3)):
@@ -300,7 +303,7 @@ def test_a_triangle_that_passes_the_camera_shows_one_of_its_sides():
 
 
 def test_slivers_are_not_culled_away():
-    """Moving corners to subpixels may flip slivers, so binning must not decide which side they show."""
+    """Rounding corners to subpixels may turn slivers over: binning, which rounds, must not decide which side shows."""
     rng = np.random.default_rng(0)
     camera = Camera([[800, 0, 640], [0, 800, 480], [0, 0, 1]], (1280, 960))
     for _ in range(8):
