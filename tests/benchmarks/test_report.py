@@ -116,7 +116,7 @@ def test_records_without_values_or_units_are_refused() -> None:
 
 
 def canned_peers(nearest: float) -> Result:
-    """A made-up result, for two sizes: warpFrame takes 10 and 20 ms in two positions, pyibr ``nearest`` times as long."""
+    """A made-up result, two sizes: warpFrame takes 10 and 20 ms in two positions, pyibr ``nearest`` times as long."""
     records: list[Record] = []
     for n in (1024, 2048):
         for region, base in (("A", 10.0), ("E", 20.0)):
@@ -306,7 +306,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "## The paper's table 2",
         "## Peers",
         "## Real RGB-D",
-        *(["### Threads"] if "Portable" in current().device.platform else []),  # other runtimes do not show their threads
+        *(["### Threads"] if "Portable" in current().device.platform else []),  # others hide their threads
         "### White noise",
         "### Stereo",
         "### A light field",

@@ -58,7 +58,7 @@ def test_noise_is_of_the_disparity_and_in_steps(scene: str) -> None:
         exact, found = scale / clean.depth.astype(float), scale / noisy.depth.astype(float)
     both = clean.valid & noisy.valid & (exact > 2.5)  # over five sigmas, so that no disparity is negative
     np.testing.assert_allclose(8 * found[both], np.round(8 * found[both]), atol=1e-4)
-    # Noise has a deviation of 0.5, and rounding to eighths one of 1/8 / sqrt(12). Few samples estimate it to 8 %.
+    # Noise has a deviation of 0.5, and rounding to eighths one of 1/8 / sqrt(12). The samples give it to a few percent.
     assert (found - exact)[both].std() == pytest.approx(np.hypot(0.5, 0.125 / np.sqrt(12)), rel=0.08)
     assert not (noisy.valid & ~clean.valid).any()
 
@@ -96,7 +96,7 @@ def test_warp_frame_means_the_same_warp() -> None:
 def canned(linear: float) -> Result:
     """A made-up result: warpFrame takes 10 ms.
 
-    Without noise, pyibr linear takes ``linear`` times as long. pyibr nearest takes half as long, and 4 times in one row.
+    pyibr linear takes ``linear`` times as long without noise. pyibr nearest takes half as long, in one row four times.
     """
     result = Result("rgbd", ENVIRONMENT)
     for size in ("640 x 480", "3840 x 2160"):

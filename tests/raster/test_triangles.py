@@ -1,4 +1,4 @@
-"""The rasteriser compared with rays by Embree, and its guarantees: no cracks, no pixel drawn twice, correct clipping."""
+"""The rasteriser compared with rays by Embree, and its guarantees: no cracks, no pixel twice, correct clipping."""
 
 from __future__ import annotations
 
