@@ -1,4 +1,4 @@
-"""Programs that draw pictures."""
+"""A record of the kernels that are requested while pictures are drawn."""
 
 from __future__ import annotations
 

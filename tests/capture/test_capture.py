@@ -215,7 +215,7 @@ def test_six_views_see_a_box_from_its_six_sides(projection):
         expected = np.eye(3)[axis] * (1 if sign == 0 else -1)
         np.testing.assert_allclose(view.camera.forward, expected, atol=1e-12)
         assert view.camera.projection == projection
-        # Depth of the front face in the middle: half an extent less than the object's middle. The face is seen in full.
+        # In the picture's middle, the front face is half an extent nearer than the object's middle. All of it is seen.
         z = np.dot(middle - view.camera.center, expected) - 0.5 * extents[axis]
         assert view.depth[size // 2, size // 2] == pytest.approx(z, rel=1e-6)
         across = np.delete(extents, axis)

@@ -68,7 +68,7 @@ def test_no_edge_is_lost_at_common_tolerances():
     for number in range(24):
         thing = some_mesh(rng, number)
         view = thing.view
-        for tolerance in (1, 4):  # below 8 / 1.4: distance divided by depth is up to 1.4
+        for tolerance in (1, 4):  # less than 8 / 1.4, since distances are up to 1.4 depths
             np.testing.assert_array_equal(
                 coverage(samples_for(thing, view.camera, tolerance), view.camera.size), cells_of(thing)
             )

@@ -21,13 +21,13 @@ from pyibr.images.noise import DepthNoise
 Mask = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
 
-_RANGE = 3.3  # standard deviation of the smoothing's weights over depth, in deviations of the noise; steps of ten stay
+_RANGE = 3.3  # standard deviation of the smoothing's weights over depth, in deviations of noise; steps of ten stay
 _RADIUS, _SPREAD = 5, 3.0  # radius of the smoothing, and standard deviation of its weights over distance, in pixels
 _REACH = 3  # distance, in pixels, of the samples on both sides that give a slope
 _NOISE_MIN = 5e-4  # least noise that is assumed, as a fraction of the depth
 _APART, _LEAST_APART = 5.0, 0.02  # least step between surfaces: deviations of noise, and fraction of the depth
 _GAP = 2  # pixels within which the next valid sample in a direction is sought
-_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # colour differences, summed over channels, that depth may cross: in four rounds
+_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # limits, in four rounds, on colour differences (sums over channels) that depth crosses
 _ALIKE = 0.1  # largest difference of colours, summed over channels, on one surface
 _SPECKLE = 40  # pixels: smaller islands, apart from their surroundings, are removed
 _STEPS = 4096  # entries of the scale's table
@@ -267,7 +267,7 @@ def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:
 
 
 def _slope(values: Float32, axis: int) -> Float32:
-    """(H, W) slope per pixel: the slopes on both sides have the same sign, and the lesser is taken, or it is 0."""
+    """(H, W) slope per pixel: the lesser of the slopes on both sides, or 0 if their signs differ."""
     along = values if axis == 1 else values.T
     padded = np.pad(along, ((0, 0), (_REACH, _REACH)), constant_values=np.nan)
     before = (along - padded[:, : along.shape[1]]) / _REACH

@@ -265,7 +265,10 @@ class Tree:
         return scale / min(camera.K[0, 0], camera.K[1, 1])
 
     def needed(self, camera: Camera, tolerance: float) -> set[Corner]:
-        """Vertices within a camera's view whose error, seen from their sphere's nearest point, exceeds equation 5."""
+        """Vertices within a camera's view whose error in pixels, at their sphere's nearest point, reaches `tolerance`.
+
+        This is equation 5.
+        """
         found: set[Corner] = set()
         there = self.view.camera.world_from_camera
         for corner, vertex in self.vertices.items():

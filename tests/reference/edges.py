@@ -117,7 +117,7 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
 def _slopes(change: Array, sign: Array, side: int) -> tuple[Array, Array]:
     """Slopes beside pairs on one side, positive in the direction of the pair's rise: from two, and from three samples.
 
-    The slope from three samples is 0 or more, and is the lesser of the nearest slope and the mean of two.
+    The slope from three samples is the lesser of the nearest slope and the mean of two slopes, but at least 0.
     """
     one, two = sign * _shifted(change, side), sign * _shifted(change, 2 * side)
     mean = np.where(np.isfinite(two), np.float32(0.5) * (one + two), one)

@@ -107,7 +107,7 @@ class _End:
         return np.where(self.found, image[self.pixels[:, 1], self.pixels[:, 0]], 0.0)
 
     def beyond(self, depth: Array, valid: Array, steps: Array) -> Array:
-        """Depths that many steps beyond the ends; 0 where the pixel is not valid."""
+        """Depths at the pixels `steps` steps beyond the ends; 0 where such a pixel is not valid."""
         height, width = valid.shape
         place = self.at + (self.steps + steps)[:, None] * self.step
         self.decided &= _is_decided(place)

@@ -2,7 +2,7 @@
 
 Each pixel's ray enters the relief at every triangle that it meets from the front. Below each of these triangles the
 ray is searched for the relief, whose surface is measured from a quadric; the nearest hit is visible. If a search finds
-nothing, the ray is searched again up to the next triangle that it meets from behind, with depth below the mesh.
+nothing, the ray is searched again up to the next triangle that it meets from behind; depth is then below the mesh.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pyibr.core.camera import Camera
 from pyibr.relief.quadrics import VertexFrames
 from tests.reference.heights import bilinear_height
 
-STEEPEST = 1e-3  # least cosine between an entering ray and the interpolated normal, reversed
+STEEPEST = 1e-3  # least cosine of the angle between an entering ray and the reversed, interpolated normal
 
 
 @dataclass

@@ -122,7 +122,7 @@ class DepthSurface:
         return np.array([np.where(self.valid[v, u], self.n[v, u], -np.inf) for u, v in self.corners(left, top)])
 
     def cells(self, left: np.ndarray, top: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """For each cell: is it one surface, its creases' height, its front corners, and their largest nearness."""
+        """For each cell: whether it is one surface, its creases' height, its front corners, and their nearness."""
         n, corners = self.samples(left, top), self.corners(left, top)
         beside_empty = ~np.isfinite(n).all(axis=0)
         sample = self.sample(np.where(np.isfinite(n).any(axis=0), n.max(axis=0), 1))

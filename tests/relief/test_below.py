@@ -1,4 +1,4 @@
-"""Rays that leave a quadric while they are still below the mesh: no cracks, against rays cast at the true mesh."""
+"""No cracks appear where rays leave a quadric while they are still below the mesh; cast rays give the truth."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
             covered.append((share, compared(ibr.render(plain, camera), truth, zoom)[0]))
         assert np.mean(covered, axis=0)[0] >= least, covered
         assert np.mean(covered, axis=0)[1] >= plain_least, covered
-        # `thin` adds ribbons as wide as samples, so that it covers no less than without, up to rounding.
+        # `thin` adds ribbons as wide as samples. They reduce what is covered by no more than rounding does.
         assert np.mean(covered, axis=0)[0] >= np.mean(covered, axis=0)[1] - 1e-3, covered
 
 

@@ -164,7 +164,7 @@ def test_exposures_by_orthographic_depths_are_the_same_however_far_the_camera_is
 
 
 def test_how_many_pixels_tell_exposures():
-    """Some 200 shared pixels suffice. Nearly black or white pixels do not count, since sensors clip them."""
+    """Some 200 shared pixels suffice to compare exposures. Nearly black or white ones, often clipped, do not count."""
     rng = np.random.default_rng(0)
 
     def told(count: int, dark: int = 0) -> float | None:

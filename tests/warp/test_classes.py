@@ -58,7 +58,7 @@ def source(projection: Projection, unobserved: bool = True) -> ibr.DepthImage:
     camera = Camera([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]], SIZE, projection=projection)
     depth = cast(camera).astype(np.float32)
     if unobserved:
-        depth[4:20, 40:80] = np.nan  # a part of the wall, which hides nothing
+        depth[4:20, 40:80] = np.nan  # no depth in a part of the wall
     return ibr.DepthImage(scenes.texture(*scenes.image_coordinates(SIZE)), depth, camera)
 
 

@@ -1,8 +1,8 @@
-"""The layout of epipolar lines, without a device: every pixel has exactly one line, and few lines cross it.
+"""The layout of epipolar lines, without a device: each pixel is written (owned) by one line, and crossed by few lines.
 
-The test computes anew which line writes (owns) a pixel, by the rules in kernels/warp/epipolar.cl. The larger component
-of D, the pixel's offset from the epipole, and its sign choose one of four fans. In that fan a pixel belongs to the line
-that passes it within half of the distance between lines.
+The test computes each pixel's owner anew, by the rules in kernels/warp/epipolar.cl. The larger component of D, the
+pixel's offset from the epipole, and its sign choose one of four fans. In that fan the pixel belongs to the line that
+passes it within half of the distance between lines.
 """
 
 from __future__ import annotations
@@ -115,8 +115,9 @@ def test_every_pixel_has_a_line_within_half_a_pixel(size, region):
         for epipole in finite_epipoles(size, region, seed=1):
             covered, visits = check(epipole, area)
             assert covered == 1.0, (epipole, area)
-            # 1.7: towards the epipole every other line ends repeatedly, so that on average at most 1.5 lines cross a
-            # pixel. In addition, each of four fans has up to two more lines at either end, for each of five spacings.
+            # 1.7: towards the epipole, lines come closer, and every other line ends wherever two would share a pixel.
+            # So on average at most 1.5 lines cross a pixel. In addition, each of four fans has up to two more lines at
+            # either end, for each of five spacings.
             assert visits <= 1.7 * pixels + 16 * border, (epipole, area)
 
 

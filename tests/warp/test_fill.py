@@ -358,7 +358,7 @@ def test_inpainting_continues_what_is_around(mask, dtype):
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_inpainting_asks_for_no_unit(projection):
-    """Metres or millimetres, bright or dark colours, and floats or bytes give the same picture in their unit."""
+    """Depth in metres or millimetres, and colours bright or dark, in floats or bytes, give the same picture."""
     color, depth, valid = images((131, 101), "patches", np.uint8)
     bright = color.astype(np.float32) / np.float32(255)
     colors, depths = [], []

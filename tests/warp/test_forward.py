@@ -41,7 +41,7 @@ def test_forward_is_its_reference(scene, source, target, splat):
         both = found.valid & expected.valid
         close = both & np.isclose(found.depth, expected.depth, rtol=ROUNDING, atol=0)
         assert np.count_nonzero(both & ~close) <= 2 * splat, pose.name
-        # Two samples may have one depth in float64 but not in float32: then they may be visible in one picture each.
+        # Two samples of one depth in float64 may differ in float32: then the two pictures may show different samples.
         assert (found.color == expected.color).all(axis=-1)[close].mean() >= 0.97, pose.name
         drawn += np.count_nonzero(both)
     assert drawn > 300

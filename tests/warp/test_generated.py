@@ -1,4 +1,4 @@
-"""Random warps: the sweep against the search, and the search against its reference.
+"""Random warps: the default method, a sweep of epipolar lines, against the search, and the search against float64.
 
 Each seed gives a scene, two cameras and options. To try other seeds, run from the repository's root:
 

@@ -1,4 +1,4 @@
-"""The host's work for small pictures, in calls of functions and OpenCL commands, whose number no machine changes."""
+"""The host's work for small pictures: numbers of function calls and OpenCL commands, equal on all machines."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_a_fresh_warp_is_few_commands(moved, launches, lanes, monkeypatch: pytes
     depth[20:40, 20:40] = 1.0
     camera = view.camera.moved(*moved)
     prepares = ["find_noise", "prepare"]
-    if lanes == "one":  # without waits, these are separate launches; lines in segments need cleared pixels
+    if lanes == "one":  # for GPUs, `prepare` is four launches; segments of lines need cleared pixels
         prepares = ["find_noise", "to_nearness", "find_edges", "continue_border", "look_around"]
         launches = ["clear", *(name for name in launches if name != "clear")]
         launches.insert(1, "bound_surface")

@@ -312,7 +312,7 @@ def test_edges_are_cut_unless_they_are_to_be_connected(method):
 @pytest.mark.parametrize(("step", "torn"), [(0.31, False), (0.33, True)])
 @pytest.mark.parametrize("turned", [False, True])
 def test_orthographic_views_are_cut_by_the_longer_side_of_what_they_see(method, lifted, step, torn, turned):
-    """5 % of 6.4 scene units are 0.32, at any position of the camera along its axis."""
+    """The ratio 1.05 cuts steps above 5 % of 6.4 scene units, 0.32, wherever the camera is on its axis."""
     size, focal = ((64, 40), 10.0) if not turned else ((40, 64), 10.0)
     camera = Camera(
         [[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]], size, projection="orthographic"

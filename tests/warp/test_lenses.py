@@ -1,4 +1,4 @@
-"""Lenses of sources and targets, compared with rays that OpenCV's lens models bend, cast at the samples' surface."""
+"""Lenses of sources and targets, compared with rays cast at the samples' surface; OpenCV computes the lenses."""
 
 from __future__ import annotations
 

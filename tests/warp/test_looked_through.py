@@ -72,7 +72,7 @@ BETWEEN = (0.05, 0.1, -2.0)
 
 
 def sticking_out(views, **options):
-    """Count pixels of a finer picture: drawn near the card's depth but outside of it, and holes on the card."""
+    """Count the pixels of a finer picture that show margins beside the card, and its holes on the card."""
     camera = camera_at(BETWEEN, TARGET)
     _, on_card = card_at(camera, np.inf)
     frame = ibr.warp(views, camera, **options)

@@ -1,4 +1,4 @@
-"""Many views in one picture: cost that grows with their number alone, and results that do not depend on their order."""
+"""Many views in one picture: cost is linear in the number of views, and results do not depend on their order."""
 
 from __future__ import annotations
 
@@ -286,7 +286,7 @@ def test_rubber_sheets_do_not_hide_what_another_view_saw(how):
 @pytest.mark.parametrize("size", [(7, 13), (61, 37), (1, 1), (33, 1)])
 @pytest.mark.parametrize("cut_ratio", [None, 1.05])
 def test_distances_to_edges_are_those_of_numpy(size, projection, cut_ratio):
-    """Samples beside a depth step get 0 if nothing is cut; if steps are cut, the surface ends there."""
+    """Distances to edges are 0 beside a depth step if nothing is cut; if steps are cut, the surface ends there."""
     width, height = size
     rng = np.random.default_rng(3)
     depth = np.full((height, width), 4.0, np.float32)

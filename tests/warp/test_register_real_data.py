@@ -46,7 +46,7 @@ def frame(number: int, aside: tuple[float, float] = ASIDE[1]) -> tuple[np.ndarra
 
 
 def steps(depth: np.ndarray) -> np.ndarray:
-    """Logarithm of the largest by the smallest depth around each pixel, at most 0.3, blurred like the photograph."""
+    """Logarithm of the largest depth around each pixel divided by the smallest, at most 0.3, blurred."""
     z = depth.astype(np.float32)
     far = np.maximum(cv2.dilate(z, np.ones((3, 3))), 1)  # 1: no depth
     near = np.minimum(cv2.erode(np.where(z > 0, z, np.float32(np.inf)), np.ones((3, 3))), far)

@@ -83,7 +83,7 @@ def test_moves_towards_a_sample_are_the_references(surroundings, projection, edg
     view = image(depth_around(surroundings), source)
     seen = search_reference(view, target, edges=edges)
     assert seen.valid.mean() > 0.2
-    # In the epipole's row, column and diagonal, rays see edges between samples amid holes. The reference does not.
+    # In the epipole's row, column and diagonal, rays see edges between samples amid holes, which the reference lacks.
     y, x = np.indices(seen.valid.shape) - np.array(AT)[::-1, None, None]
     on_samples = (y == 0) | (x == 0) | (x == -y) if by < 0.01 else np.zeros_like(seen.valid)
     open_to_the_reference = on_samples & ~seen.valid
@@ -93,7 +93,7 @@ def test_moves_towards_a_sample_are_the_references(surroundings, projection, edg
         wrong &= ~open_to_the_reference & ~at_epipole()
         if (
             wrong.mean() > SHARE
-        ):  # rounding may decide at more outlines of boxes: the reference 0.002 pixels aside then counts, too
+        ):  # rounding decides at more outlines of boxes: pixels may show what the reference shows 0.002 pixels aside
             beside = [
                 search_reference(view, scenes.moved_aside(target, *by), edges=edges).depth for by in np.eye(2) * 0.002
             ]
@@ -305,7 +305,7 @@ def test_turned_to_the_side_and_moved_along_the_turn(turn, edges):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("size", [(36, 28), (36, 1), (1, 28), (1, 1), (2, 2)])
 def test_a_frame_around_the_picture_is_empty(size, projection, method):
-    """With a border around the picture, also at twice the size: the surface ends at its outermost pixels' borders."""
+    """Targets with a border around the source's picture, also at twice its size, have nothing in that border."""
     w, h = size
     K, border = np.array([[40, 0, 17.5], [0, 40, 13.5], [0, 0, 1]]), 4
     view = image(np.full((h, w), 2.0), Camera(K, size, projection=projection))

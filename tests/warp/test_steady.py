@@ -16,7 +16,7 @@ PLAN = replace(QUICK, rgbd_steady={(640, 480): 10})
 
 @pytest.mark.thorough
 def test_views_are_as_steady_as_their_input():
-    """The target is turned by 34 degrees and moved by 0.7 m: there, noise in depth moves the colours most."""
+    """The target is turned by 34 degrees and moved by 0.7 m, so far that noise in depth changes colours much."""
     shared("rgbd_livingroom1")
     (case,) = (c for c in steady.cases(PLAN, scenes.LIVINGROOM) if c.parameters["motion"] == "50 to 0")
     records = list(case.prepare().read())
