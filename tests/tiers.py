@@ -15,11 +15,11 @@ COLLECTED = pytest.StashKey[dict[str, set[str]]]()
 
 
 def covering(places: Sequence[Set[Hashable]], first: Collection[int] = ()) -> set[int]:
-    """Choose sets, by index, that together contain every value of all sets; those in `first` are always chosen."""
+    """Choose sets, by index, that together contain every value of all sets; sets in `first` are always chosen."""
     chosen = set(first)
     missing = set[Hashable]().union(*places).difference(*(places[number] for number in chosen))
     while missing:
-        best = max(range(len(places)), key=lambda number: len(places[number] & missing))  # of equals, the first
+        best = max(range(len(places)), key=lambda number: len(places[number] & missing))  # the first among equals
         chosen.add(best)
         missing -= places[best]
     return chosen

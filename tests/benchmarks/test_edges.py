@@ -100,8 +100,8 @@ def test_flat_parts_lie_in_their_planes() -> None:
         hit = np.isfinite(found)
         point = rays.origin[hit] + found[hit][:, None] * rays.direction[hit]
         np.testing.assert_allclose((point - center) @ normal, 0, atol=1e-12)
-        # Of a plane through c with a normal n of length |n|, the sheet's unit of area, a pixel at depth z sees
-        # z^3 / (f^2 |c n|) units. Outlines add an error of at most 1 %.
+        # A plane passes through c and has a normal n, whose length is the sheet's unit of area. A pixel at depth z sees
+        # z^3 / (f^2 |c n|) units of it. Outlines add an error of at most 1 %.
         assert (found[hit] ** 3 / abs(center @ normal) / 470**2).sum() == pytest.approx(area, rel=0.01)
     squares = Squares(A, np.eye(3), 0.2).depth(rays_of(CAMERA))
     assert np.isfinite(squares).mean() == pytest.approx(0.5, abs=0.03)
@@ -198,7 +198,7 @@ def test_noise_is_what_its_name_says(noise: str) -> None:
 
 
 def test_counts_are_those_of_pairs_that_are_known() -> None:
-    """Of two plates, one is twice as far away: a ratio below 2 tears the edge, and a ratio above 2 bridges it."""
+    """One plate is twice as far away as the other: a ratio below 2 tears the edge, and a ratio above 2 bridges it."""
     things = [[box((-9, -9, 2), (0.01, 9, 2.1))], [box((-9, -9, 4), (9, 9, 4.1))]]
     depth, right, below = sampled(things, CAMERA)
     view = edges.view_of(depth, CAMERA, "two plates", "none")

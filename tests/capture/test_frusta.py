@@ -202,7 +202,7 @@ def test_resolution_is_pixels_by_area():
 
 
 def test_the_unseen_share_is_of_what_can_be_seen_from_outside():
-    """Of two balls, one inside the other, only the outer one can be seen from outside."""
+    """One ball is inside another, and only the outer ball can be seen from outside."""
     ball = models.donut(32, radius=1e-3, tube=0.5)
     corners = np.concatenate([ball.vertices, 0.6 * ball.vertices])
     surface = surface_of(ibr.Mesh(corners, np.concatenate([ball.faces, ball.faces + len(ball.vertices)])), count=4000)

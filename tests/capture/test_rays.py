@@ -32,7 +32,7 @@ def cast(mesh: ibr.Mesh, camera: ibr.Camera) -> np.ndarray:
 
 
 def differing(view: ibr.DepthImage, expected: np.ndarray) -> tuple[int, int]:
-    """Count pixels with depth in one picture only, or with depths over 1e-5 apart, relatively, and covered pixels."""
+    """Count pixels whose depth is in one picture only or differs by over 1e-5 of itself; and count covered pixels."""
     there = np.isfinite(expected)
     both = there & view.valid
     off = np.abs(view.depth[both] / expected[both] - 1) > 1e-5

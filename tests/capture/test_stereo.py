@@ -86,7 +86,7 @@ def test_layouts():
 
 
 def test_colours_of_dubois():
-    """Pure colours for one eye are multiplied by Dubois' matrices in linear light, by the sRGB curve written out."""
+    """Pure colours for one eye are multiplied by Dubois' matrices in linear light, with the sRGB curve."""
     black = np.zeros((1, 1, 3), np.uint8)
     for side, eye, light in (
         (0, (255, 0, 0), (0.437, 0, 0)),

@@ -190,7 +190,7 @@ def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
 
 @pytest.mark.parametrize("kind", ["disparity", "flight"])
 def test_at_rest_next_to_no_sample_changes_more_than_it_was_measured_to(kind):
-    """A wire is steady, too: missing samples break it into pieces, which frames cleaned alone lose as speckle."""
+    """Missing samples break a wire into pieces, which a frame cleaned alone loses as speckle; here it is steady, too."""
     truth = room()
     measured = np.stack([with_noise(truth, np.random.default_rng(number), kind) for number in range(30)])
     steady, single = (np.stack(sequence(30 * [truth], kind, steady)) for steady in (True, False))
@@ -236,7 +236,7 @@ def test_what_moves_is_not_smeared_over_its_shadow():
 )
 def test_what_drifts_is_behind_by_half_of_the_noise_at_most(step):
     """`step`: change of nearness from frame to frame, in standard deviations of the noise."""
-    deviation = np.hypot(0.3, 0.125 / np.sqrt(12)) / (FOCAL * BASELINE)  # of nearness, including quantisation
+    deviation = np.hypot(0.3, 0.125 / np.sqrt(12)) / (FOCAL * BASELINE)  # nearness, including quantisation
     truths = [np.full(SIZE, 1 / (0.5 + number * step * deviation), np.float32) for number in range(25)]
     behind = [(1 / d - 1 / t).mean() / deviation for d, t in zip(sequence(truths), truths, strict=True)]
     # The lag is 0.55 of the estimated noise, and single frames estimate noise to a tenth.
@@ -342,7 +342,7 @@ def test_wrong_arguments(arguments, message):
 @pytest.mark.thorough
 @pytest.mark.parametrize("motion", [(50, 0), (4, 0)])
 def test_most_of_what_noise_costs_a_new_view_comes_back(motion):
-    """Of the depth and PSNR that a new view loses by 0.3 pixels of disparity noise, over 60 % come back."""
+    """A new view regains over 60 % of the depth and PSNR that 0.3 pixels of disparity noise cost."""
     shared("rgbd_livingroom1")
     source, target = motion
     size = (640, 480)

@@ -21,7 +21,7 @@ def test_what_is_level_stays_to_the_bit():
 
 @pytest.mark.parametrize(("across", "down"), [(0.002, 0.0), (0.0005, 0.001), (-0.0015, 0.0003)])
 def test_a_plane_stays_a_plane(across, down):
-    """Planes change by at most a tenth of the least noise, 0.05 % of the depth, since the scale is curved."""
+    """Planes change by at most 0.005 % of the depth, a tenth of the least noise, since depth's scale is curved."""
     plane = nearness_plane((61, 97), across, down)
     np.testing.assert_allclose(ibr.clean_depth(plane).depth[8:-8, 8:-8], plane[8:-8, 8:-8], rtol=5e-5)
 

@@ -1,4 +1,4 @@
-"""Lens models of OpenCV, RealSense and COLMAP, both ways, the limits of what they see, and cameras with lenses."""
+"""Lens models of OpenCV, RealSense and COLMAP, both ways, the limits of their views, and cameras with lenses."""
 
 from __future__ import annotations
 

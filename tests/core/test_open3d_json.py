@@ -23,7 +23,7 @@ def o3d() -> Any:
 
 
 def parameters(o3d: Any, camera: ibr.Camera) -> Any:
-    """The camera as Open3D's class."""
+    """The camera as an object of Open3D's class."""
     (fx, _, cx), (_, fy, cy), _ = camera.K
     made = o3d.camera.PinholeCameraParameters()
     made.intrinsic = o3d.camera.PinholeCameraIntrinsic(*camera.size, fx, fy, cx, cy)

@@ -75,7 +75,8 @@ def test_a_noisy_room():
     )
     view = view_of(noisy)
     mesh = ibr.DepthMesh(view)
-    # The true noise is larger than the estimate: 77 % of the samples are within the allowed error. The mesh is better.
+    # The true noise is larger than the estimate, so that the allowed error holds for only 77 % of the samples. It holds
+    # for more of the mesh.
     found = np.polyval(view.noise, clean)
     _, off = off_by(mesh, clean, found)
     samples = (np.abs(view.depth - clean) / (clean / 525 + 2 * found))[view.valid & (clean > 0)]

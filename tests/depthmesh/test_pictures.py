@@ -72,7 +72,7 @@ def test_frames_of_something_else_come_last():
 
 
 def test_a_lit_surface_does_not_shade_itself():
-    """At no tolerance are there false shadows, although light and camera choose different triangles."""
+    """There are no false shadows at any tolerance, although light and camera choose different triangles."""
     y, x = np.mgrid[:192, :192]
     depth = (4 + 0.15 * np.sin(x / 11) + 0.15 * np.cos(y / 9)).astype(np.float32)
     camera = Camera([[192, 0, 95.5], [0, 192, 95.5], [0, 0, 1]], (192, 192))

@@ -110,7 +110,7 @@ def same(a: ibr.Frame, b: ibr.Frame) -> bool:
 
 @pytest.mark.parametrize("blended", [False, True])
 def test_triangles_are_drawn_again_while_the_tolerance_holds(blended):
-    """With `reuse`, the selection is made for a finer tolerance: the first picture has the bits of that tolerance."""
+    """With `reuse`, the selection is made for a finer tolerance; the first picture is the finer one, to the bit."""
     view = rough(np.random.default_rng(4), (90, 70), "perspective")
     views = [view, ibr.DepthImage(view.color, view.depth, view.camera.moved(0.1, 0, 0))]
     camera = view.camera.moved(0, 0, -4.0)  # the whole surface is in view

@@ -39,7 +39,7 @@ def test_planes_take_two_triangles_and_lose_no_pixel(size, projection):
         whole = ibr.render(ibr.DepthMesh(view, tolerance=0, segmentation=WHOLE), view.camera)
         coarse = ibr.render(ibr.DepthMesh(view, tolerance=16, segmentation=WHOLE), view.camera)
         assert coarse.valid.all() and whole.valid.all()
-        # Corners are extrapolated by half a pixel from samples one pixel apart, which multiplies rounding by 2^-24.
+        # Corners are extrapolated by half a pixel from samples one pixel apart, which amplifies roundings of 2^-24.
         np.testing.assert_allclose(coarse.depth, whole.depth, rtol=2**-16)
 
 

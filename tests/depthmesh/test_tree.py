@@ -206,7 +206,7 @@ def test_the_normals_of_planes_are_theirs():
 
 @pytest.mark.parametrize("degrees", [45, 70, 80])
 def test_steep_surfaces_have_their_normals(degrees):
-    """Neighbouring samples of a steep surface differ much in depth, but their normals are those of the surface."""
+    """Neighbouring samples of a steep surface differ much in depth, but have the surface's normals."""
     n = 64
     tangent = np.tan(np.radians(degrees))
     across = (np.arange(n) - 31.5) / n

@@ -85,7 +85,7 @@ def test_mip_mapping():
 
 
 def test_a_texture_far_away_is_its_mean():
-    """It is, too, if its size is odd, so that levels do not halve evenly, and for floats."""
+    """The mean is also right for floats, and for textures of odd size, whose levels do not halve evenly."""
     rng = np.random.default_rng(0)
     for dtype, size in ((np.uint8, (37, 53)), (np.uint8, (1, 7)), (np.float32, (64, 16))):
         texture = rng.random((*size, 3))
@@ -99,7 +99,7 @@ def test_a_texture_far_away_is_its_mean():
 
 
 def test_a_checkered_floor_blurs_towards_the_horizon():
-    """Near the camera it is black and white; where a pixel sees many squares, it is even grey."""
+    """Near the camera the floor is black and white; where a pixel sees many squares, it is an even grey."""
     board = np.kron([[0, 1], [1, 0]], np.ones((64, 64)))[..., None].repeat(3, 2).astype(np.float32)
     floor = ibr.Mesh(
         [[-400, 1, -400], [400, 1, -400], [400, 1, 400], [-400, 1, 400]], FACES, uv=UV * 800, texture=board
@@ -194,7 +194,7 @@ def moved_to(center: tuple[float, float, float]) -> np.ndarray:
 
 
 def test_a_light_shades_textures_and_greys_too():
-    """Light perpendicular to the surface shows its full colour, parallel light only the ambient part.
+    """Light perpendicular to the surface shows its full colour; parallel light leaves only the ambient part.
 
     Meshes without colours have the grey 0.8.
     """

@@ -172,7 +172,7 @@ def below(camera: Camera, mesh: ibr.Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def floor_of(cells: int, sides: tuple[float, float], jitter: tuple[float, float], rng: np.random.Generator) -> ibr.Mesh:
-    """A grid of cells x cells cells in the plane y = 1, around x = z = 0, with corners moved at random.
+    """A grid of `cells` x `cells` squares in the plane y = 1, around x = z = 0, with corners moved at random.
 
     sides: the cells' extent along x and z. jitter: largest move along x and z, as fractions of `sides`.
     """

@@ -27,7 +27,7 @@ _REACH = 3  # distance, in pixels, of the samples on both sides that give a slop
 _NOISE_MIN = 5e-4  # least noise that is assumed, as a fraction of the depth
 _APART, _LEAST_APART = 5.0, 0.02  # least step between surfaces: deviations of noise, and fraction of the depth
 _GAP = 2  # pixels within which the next valid sample in a direction is sought
-_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # limits, in four rounds, on colour differences (sums over channels) that depth crosses
+_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # largest colour differences, summed over channels, that depth crosses: four rounds
 _ALIKE = 0.1  # largest difference of colours, summed over channels, on one surface
 _SPECKLE = 40  # pixels: smaller islands, apart from their surroundings, are removed
 _STEPS = 4096  # entries of the scale's table
@@ -203,7 +203,7 @@ def _grow(cv2: Any, grown: Depth, there: Mask, area: Mask, tint: Float32, most: 
     """Give samples the depth of the neighbour with the most similar colour, if the difference is at most `most`."""
     height, width = there.shape
     steps = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
-    steps.sort(key=lambda step: abs(step[0]) + abs(step[1]))  # of equally similar neighbours, the first wins
+    steps.sort(key=lambda step: abs(step[0]) + abs(step[1]))  # among equally similar neighbours, the first wins
     changed = there
     while True:
         near: NDArray[np.uint8] = cv2.dilate(changed.astype(np.uint8), np.ones((3, 3), np.uint8))

@@ -72,7 +72,7 @@ class Rays:
         if distance == "approximate":
             return np.where(at_bottom, bottom, out), at_bottom
         depth = getattr(self, distance)
-        # Of 64 steps up to the end by equation 7, find the first below the bottom, then halve its interval.
+        # Take 64 steps up to the end by equation 7, find the first below the bottom, then halve its interval.
         far = np.where(K < 0, out, 4 * np.where(at_bottom, bottom, 0))
         after, reaches = far.copy(), np.zeros(len(far), bool)
         for i in range(1, 65):

@@ -19,7 +19,7 @@ OUTSIDE = ibr.Camera.look_at((3, -2.4, 2.1), (0, 0, 0), (0, 0, 1), (160, 120), f
 @pytest.mark.parametrize("light", [None, ibr.Light(direction=(-0.6, 0.5, -0.7), ambient=0.2)])
 @pytest.mark.parametrize("make", [box, lambda: facets(box())], ids=["shared corners", "corners of their own"])
 def test_a_box_without_normals_is_one_with_its_sides_normals(make, light):
-    """Normals shared across the box's edges would bend its sides like a bubble's, with holes."""
+    """Normals shared across the box's edges would give it round sides, like a bubble, and holes."""
     frames = [
         ibr.render(ibr.ReliefSurface(base, bricks(), WHITE, 0.1), OUTSIDE, light)
         for base in (make(), facets(box(), with_normals=True))
@@ -37,8 +37,8 @@ def test_a_box_without_normals_is_one_with_its_sides_normals(make, light):
 def test_no_side_of_a_box_shades_another(normals, scale, silhouette, light):
     """A relief of constant height carved into a box is a smaller box, on which no shadow falls.
 
-    The shadow map holds light that enters at one side and passes below the edge of another side. With the map alone,
-    up to 15 % of the box would be dark.
+    In the shadow map, light enters at one side and passes below the edge of another side. With the map alone, up to
+    15 % of the box would be dark.
     """
     base = facets(box(), with_normals=True) if normals else box()
     relief = ibr.ReliefSurface(base, np.zeros((4, 4), np.float32), WHITE, scale, silhouette=silhouette)

@@ -179,7 +179,7 @@ def test_places_are_on_parallel_surfaces(name):
 
 
 def test_nearest_points_of_triangles():
-    """Of many points on each triangle, none is nearer than the point found."""
+    """No other point on the triangle, out of many, is nearer than the point found."""
     rng = np.random.default_rng(5)
     corners, point = rng.normal(size=(50, 3, 3)), rng.normal(size=3)
     weights = nearest_weights(corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), point)

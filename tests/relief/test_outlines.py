@@ -1,4 +1,4 @@
-"""Outlines of distant reliefs, whose pixels are large enough for coarser levels of the heights, against cast rays."""
+"""Outlines of reliefs, compared with cast rays; they are so distant that pixels use coarser levels of the heights."""
 
 from __future__ import annotations
 

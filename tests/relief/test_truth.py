@@ -108,7 +108,7 @@ def test_even_steps_miss_thin_features_and_safe_ones_do_not():
 @pytest.mark.parametrize("side", [0, 1, 2, 3])
 @pytest.mark.parametrize("n", [64, 48])
 def test_rays_along_an_axis_of_the_map(n, side, distance_):
-    """Each of the parallel rays stays in one row or column of texels, or between two: against 4096 even steps."""
+    """Parallel rays, each in one row or column of texels or between two, are compared with 4096 even steps."""
     e, d = np.radians(12), np.radians(90 * side)
     away = np.array([np.cos(e) * np.cos(d), np.cos(e) * np.sin(d), np.sin(e)])
     camera = Camera.look_at(

@@ -1,4 +1,4 @@
-"""Outlines of reliefs of constant height, on coarse meshes with creases, saddles and poles, against cast rays."""
+"""Outlines of reliefs of constant height on coarse meshes with creases, saddles and poles, compared with cast rays."""
 
 from __future__ import annotations
 

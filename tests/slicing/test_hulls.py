@@ -19,7 +19,7 @@ from tests.data import shared
 from tests.reference.slicing import first_depth, visual_hull
 
 SLICES = 256
-GIVEN, LEFT_OUT = 0.975, 0.95  # least mean IoU of hull and silhouette: views of the hull, and views left out of it
+GIVEN, LEFT_OUT = 0.975, 0.95  # least mean IoU of hull and silhouette: in views used for the hull, and in others
 
 
 def disk_views(size: int = 200, radius: float = 1.0) -> list[ibr.Silhouette]:

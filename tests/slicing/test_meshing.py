@@ -50,7 +50,7 @@ def test_a_box_has_its_volume(resolution):
     scene = MeshScene(*cuboid((-1, -1, -0.4), (1, 1, 0.4)))
     mesh = ibr.DepthObject(object_views(scene, 101)).to_mesh(resolution)
     check_closed(mesh)
-    if resolution == 40:  # the mesh cuts edges off: 1/8 of a cell's side, twice where cuts are slanted
+    if resolution == 40:  # the mesh cuts edges off: 1/8 of a cell's area, and twice as much where cuts are slanted
         lost = 0.25 * (2 / resolution) ** 2 * (8 * 2 + 4 * 0.8)
         assert 3.2 - lost <= volume(mesh) <= 3.2 * 1.02  # the box is a hundred samples wide
 

@@ -195,7 +195,7 @@ def test_the_hull_contains_the_object(kind):
         ibr.render(ibr.DepthObject(views, slices=128), camera),
         ibr.render(ibr.VisualHull(views, slices=128), camera),
     )
-    # A silhouette ends half-way to the background's samples, an object there or up to a sample farther out.
+    # A silhouette ends half-way to the background's samples. An object ends there, or up to a sample farther out.
     both = frame.valid & hull.valid
     assert both.sum() >= 0.98 * frame.valid.sum()
     nearer = hull.depth[both] <= frame.depth[both] + 2 * spacing(ibr.VisualHull(views, slices=128))
@@ -429,7 +429,7 @@ def test_rays_end_in_boxes_that_float32_does_not_hold(focal, edge, slicing):
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_one_slice_alone_is_the_object_cut_open(slicing, projection):
-    """Figure 16: of a slice through the object, exactly the points that pass the tests of all views are drawn."""
+    """Figure 16: a slice through the object shows exactly the points that pass the tests of all views."""
     views, camera = views_of_torus("orthographic"), looking(torus(), FRONT, (110, 90), projection)
     y, x = np.mgrid[:90, :110]
     pixels = np.stack([x.ravel(), y.ravel()], axis=-1)

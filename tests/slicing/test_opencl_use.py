@@ -64,7 +64,7 @@ def test_a_work_item_is_a_pixel_in_one_lane_and_a_bin_or_a_block_in_sixteen():
 
     if device.current().profile.lanes == 16:
         wide = items()
-        assert (wide["draw_surface"], wide["draw_object"]) == (4 * 3, 26 * 20)  # of 32 x 32 and of 4 x 4 pixels
+        assert (wide["draw_surface"], wide["draw_object"]) == (4 * 3, 26 * 20)  # tiles of 32 x 32 and of 4 x 4 pixels
     with one_lane():
         one = items()
     assert one["draw_surface"] == one["draw_object"] == 101 * 77

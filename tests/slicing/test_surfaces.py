@@ -19,7 +19,7 @@ from tests.relief.solids import torus as ring
 SCALE = 0.25
 SIZE = (200, 150)
 FINE = 8  # cells of the true mesh per texel, along each axis: a bilinear patch is off its cells by 1/64 of its twist
-ELEVATIONS = (90, 60, 35, 15, 5)  # of cameras above the square, in degrees
+ELEVATIONS = (90, 60, 35, 15, 5)  # cameras' elevations above the square, in degrees
 DIRECTIONS = (10, 100, 190, 280, 55)
 
 
@@ -216,7 +216,7 @@ def test_a_bands_thickness_decides_what_is_apart(slicing):
 
 
 def test_a_band_thinner_than_a_slice_leaves_gaps():
-    """From above, each slice shows the part of a slope that is in its band: all, half or a quarter of the distance."""
+    """Bands that are as thick as a slice, half or a quarter of it cover that share of a slope, seen from above."""
     slope = np.tile((np.arange(64) + 0.5) / 64, (64, 1)).astype(np.float32)
     cam = Camera.look_at((0.5, 0.5, 40), (0.5, 0.5, 0), (0, 1, 0), (301, 301), fov_y=1.3)
     inner = (np.abs(ground(cam)[..., :2] - 0.5) < 0.4).all(axis=-1)
@@ -273,7 +273,7 @@ def test_other_heights_without_rebuilding():
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_a_donut_of_constant_height_is_a_fatter_donut(slicing):
-    """Depth matches the mesh moved outwards by 0.1: for half of the pixels to one slice, for 90 % to three slices.
+    """Depth is near the mesh moved outwards by 0.1: half of the pixels are within one slice, and 90 % within three.
 
     There are no gaps between the prisms on neighbouring polygons.
     """

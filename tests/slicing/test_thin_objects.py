@@ -100,12 +100,12 @@ def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
             covered.append((share, compared(ibr.render(plain, camera), truth, zoom)[0]))
         assert np.mean(covered, axis=0)[0] >= least, covered
         assert np.mean(covered, axis=0)[1] >= plain_least, covered
-        # `thin` adds ribbons as wide as samples. They reduce what is covered by no more than rounding does.
+        # `thin` adds ribbons as wide as samples. They may reduce the covered share by rounding errors only.
         assert np.mean(covered, axis=0)[0] >= np.mean(covered, axis=0)[1] - 1e-3, covered
 
 
 def test_images_of_perspective_cameras():
-    """The rod is as wide as samples of a perspective view at its middle: 5/4 of those of an orthographic view."""
+    """The rod is as wide as a perspective view's samples at its middle: 5/4 of an orthographic view's samples."""
     scene = scene_of(rod((-0.5, 0.3, 0.45), (0.5, -0.35, -0.4), 1.25 * SAMPLE))
     thing = ibr.DepthObject(object_views(scene, SIZE, projection="perspective"), slices=512, thin=True)
     for direction in DIRECTIONS:

@@ -63,7 +63,7 @@ def source(projection: Projection, unobserved: bool = True) -> ibr.DepthImage:
 
 
 def expected(view: ibr.DepthImage, target: Camera) -> NDArray[np.uint8]:
-    """Classes by projecting the point of the scene that each target pixel shows to the source."""
+    """Classes of target pixels, found by projecting each pixel's point of the scene to the source."""
     y, x = np.indices((target.height, target.width))
     points = target.unproject(np.column_stack([x.ravel(), y.ravel()]).astype(float), cast(target).ravel())
     pixel, z = view.camera.project(points)

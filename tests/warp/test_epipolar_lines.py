@@ -152,7 +152,7 @@ def test_epipoles_all_but_at_infinity(size):
 
 
 def test_lines_near_the_epipole_are_thinned():
-    """Of the 1024 lines that end at the border of a 256 x 256 image, only a few reach the epipole in its middle."""
+    """1024 lines end at the border of a 256 x 256 image, but only a few reach the epipole in its middle."""
     epipole = np.array([127.3, 120.8, 1.0])
     area = Rectangle(0, 256, 0, 256)
     _, visits = check(epipole, area)

@@ -20,7 +20,7 @@ from tests.warp.test_special_positions import beside_border
 pytest.importorskip("open3d")
 
 PROJECTIONS: tuple[Projection, ...] = ("perspective", "orthographic")
-WITH_EPIPOLES: list[tuple[Projection, Projection]] = [  # source and target; not both orthographic, as epipoles are then at infinity
+WITH_EPIPOLES: list[tuple[Projection, Projection]] = [  # (two orthographic cameras have epipoles at infinity)
     ("perspective", "perspective"),
     ("perspective", "orthographic"),
     ("orthographic", "perspective"),

@@ -202,7 +202,7 @@ def test_memory_does_not_grow_with_the_views(monkeypatch):
 
 
 def test_views_that_cannot_show_are_not_drawn():
-    """Views far to the side of the target's view, views of what lies behind the target, and all of these together."""
+    """Such views lie far to the side or look away from what the target sees; they are tested alone and together."""
     here = scenes.flat(SIZE)
     camera = here.camera
     aside = ibr.DepthImage(here.color, here.depth, camera.moved(50, 0, 0))

@@ -93,7 +93,7 @@ def test_filled_holes_hold_the_background(source, target):
 def filled_error(view: ibr.DepthImage, camera: Camera, truth: np.ndarray) -> tuple[float, float]:
     """Mean colour errors in holes inside the source's view: with fill="background", and with OpenCV's inpainting.
 
-    OpenCV inpaints with two radii, of which the better one counts.
+    OpenCV inpaints with two radii, and the better result counts.
     """
     bare, filled = ibr.warp(view, camera, classes=True), ibr.warp(view, camera, fill="background")
     between = ~bare.valid & (bare.classes != ibr.PixelClass.OUTSIDE)

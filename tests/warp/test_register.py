@@ -70,7 +70,7 @@ def test_depth_in_the_colour_camera(cameras, dtype):
     sure = cv2.erode(sees.astype(np.uint8), np.ones((5, 5))).astype(bool) & ~within(box, 2)
     assert sure.mean() > 0.6
     assert np.isfinite(found[sure]).all(), "no gaps where a surface is visible"
-    # The tolerance is a thousandth of the depth. Depth in 16 bits has steps of 1e-4, half of which is added.
+    # The tolerance is a thousandth of the depth. Depth in 16 bits has steps of 1e-4, and half a step is added.
     assert (np.abs(found - truth) < 1e-3 * truth + (5e-5 if dtype == np.uint16 else 0))[sure].all()
 
 

@@ -142,7 +142,7 @@ def silhouettes(depth: np.ndarray, pixels: int) -> np.ndarray:
 
 @cache
 def seen_in_color(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The colour camera's true depth, the pixels that the depth camera saw, too, and those of them that are certain.
+    """The colour camera's true depth, the pixels that the depth camera saw, too, and the certain ones among them.
 
     Certain pixels are more than two pixels of the coarser camera away from silhouettes and from unseen pixels.
     """
@@ -184,7 +184,7 @@ def test_noise_tears_no_surface(rig, noise, dropped):
 
 @pytest.mark.parametrize("rig", FEW)
 def test_thin_things_are_there(rig):
-    """Bars one to five samples wide: of the pixels that both cameras see, at least as many are right as with OpenCV."""
+    """On bars one to five samples wide, at least as many pixels seen by both cameras are right as with OpenCV."""
     cameras = NARROW[rig]
     truth, seen, _ = seen_in_color(*cameras)
     behind = scene(thin=False).pictures.capture(cameras[1]).depth
