@@ -190,7 +190,7 @@ def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
 
 @pytest.mark.parametrize("kind", ["disparity", "flight"])
 def test_at_rest_next_to_no_sample_changes_more_than_it_was_measured_to(kind):
-    """Missing samples break a wire into pieces, which a frame cleaned alone loses as speckle; here it is steady, too."""
+    """Missing samples break a wire into pieces, which a frame cleaned alone loses as speckle. The wire is steady."""
     truth = room()
     measured = np.stack([with_noise(truth, np.random.default_rng(number), kind) for number in range(30)])
     steady, single = (np.stack(sequence(30 * [truth], kind, steady)) for steady in (True, False))
