@@ -308,7 +308,7 @@ def render():
     probe._tested.clear()
     assert probe.probe(found_devices()[current().device.index]).works
     with keeping_binaries():
-        frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2), fill="background")
+        frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2))
     return frame.color.tobytes() + frame.depth.tobytes() + frame.valid.tobytes()
 
 written = []
