@@ -51,15 +51,8 @@ def build_ahead(file: str, name: str, *, compiled: bool = False, **defines: int)
     """Build or load one of pyibr's programs in a thread, before the first picture needs it.
 
     The thread handles programs in the order of the requests. If there is a builder process (`builder`), the thread
-    waits for its builds.
-
-    Parameters
-    ----------
-    file, name, **defines
-        As in `kernel`.
-    compiled : bool
-        Whether the builder process also compiles this kernel for launches. Use it for kernels that take long to compile
-        and are launched after others.
+    waits for its builds. With `compiled`, the builder process also compiles this kernel for launches: use it for a
+    kernel that takes long to compile and is launched after others. Other arguments: as in `kernel`.
     """
     if watches:
         return

@@ -32,34 +32,20 @@ importlib.import_module(sys.argv[1]).main(*sys.argv[3:count])
 
 
 class Apart:
-    """A process that runs a module's `main`. A thread reads its output and waits for its end.
-
-    Attributes
-    ----------
-    lines : list of str
-        Lines that it has printed so far.
-    status : int or None
-        Its exit status; None until it has ended.
-    """
+    """A process that runs a module's `main`. A thread reads its output and waits for its end."""
 
     def __init__(self, command: list[str], environment: dict[str, str]) -> None:
         import subprocess  # imported late: most processes need no subprocess
 
-        self.lines: list[str] = []
+        self.lines: list[str] = []  # printed so far
         self._messages: list[str] = []
         self._changed = threading.Condition()
-        self.status: int | None = None
+        self.status: int | None = None  # its exit status; None until it has ended
         self._timeout = timeout()
-        pipe = subprocess.PIPE
+        folder, pipe = Path(sys.executable).anchor, subprocess.PIPE
         # Unbuffered: a buffer has a lock, which a thread must not hold when Python exits.
         self._process = subprocess.Popen(
-            command,
-            cwd=Path(sys.executable).anchor,
-            env=environment,
-            stdin=pipe,
-            stdout=pipe,
-            stderr=pipe,
-            bufsize=0,
+            command, cwd=folder, env=environment, stdin=pipe, stdout=pipe, stderr=pipe, bufsize=0
         )
         self._thread = threading.Thread(target=self._read, name="pyibr apart", daemon=True)
         self._thread.start()
@@ -110,16 +96,8 @@ class Apart:
 
 
 def start_apart(module: str, *arguments: str) -> Apart | None:
-    """Start a module's `main` in a separate process; None if Python cannot be started.
-
-    Parameters
-    ----------
-    module : str
-        Full name of the module.
-    *arguments : str
-        Arguments of `main`.
-    """
-    if not _may_start_python():
+    """Start the `main` of a module, given by its full name, in a process; None if Python cannot be started."""
+    if not sys.executable or getattr(sys, "frozen", False):  # in a frozen application, it is the application
         return None
     command = [sys.executable, "-I", "-c", _CODE, module, str(len(arguments)), *arguments, *_folders()]
     # The process starts in the root folder, so relative paths are made absolute.
@@ -140,11 +118,6 @@ def timeout() -> float:
         return positive("", float(given))
     except ValueError:
         raise ArgumentError(f"${VARIABLE}", "seconds > 0", repr(given)) from None
-
-
-def _may_start_python() -> bool:
-    """Tell whether ``sys.executable`` is Python; in a frozen application, it is the application."""
-    return bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
 def _folders() -> list[str]:

@@ -21,16 +21,10 @@ BUILT = "built"
 
 
 class Builder:
-    """Handle of a builder process.
-
-    Attributes
-    ----------
-    key : str
-        Key of the device for which it builds.
-    """
+    """Handle of a builder process."""
 
     def __init__(self, process: Apart, key: str) -> None:
-        self.key = key
+        self.key = key  # of the device for which it builds
         self._process = process
         self._lines: dict[tuple[str, str], str] = {}  # lines expected for finished programs and kernels
         self._of_program: dict[str, set[str]] = {}

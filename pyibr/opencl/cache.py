@@ -27,30 +27,19 @@ _SHA256 = 32  # bytes
 _BYTES_MAX = 1 << 28  # bytes per folder: some hundred programs for CPUs, whose binaries are the largest
 _DAY = 86400.0  # seconds
 _TEMPORARY = ".part-"  # prefix of files that are being written
-_OPEN_FLAGS = sum(
-    getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY")
-)  # rejects links, and does not block on pipes
+# Rejects links, and does not block on pipes.
+_OPEN_FLAGS = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 
 _warned: set[Path] = set()
 
 
 def cache_folder() -> Path:
-    """Return the folder of pyibr's cache: ``$PYIBR_CACHE``, or else the platform's folder for caches.
-
-    Returns
-    -------
-    Path
-        The folder; it may not exist yet.
+    """Return the folder of pyibr's cache: ``$PYIBR_CACHE``, or else the platform's folder for caches. It may not exist.
 
     Raises
     ------
     ArgumentError
         ``$PYIBR_CACHE`` is not a folder's path.
-
-    Examples
-    --------
-    >>> cache_folder().is_absolute()
-    True
     """
     if chosen := os.environ.get(_VARIABLE):
         try:
@@ -87,21 +76,11 @@ def cache_fault() -> tuple[str, str] | None:
 
 @dataclass(frozen=True)
 class Entry:
-    """A file of the cache.
+    """A file of the cache."""
 
-    Attributes
-    ----------
-    room : {"devices", "programs"}
-        The file's folder.
-    name : str
-        Start of the file name, for people.
-    identity : str
-        Text with everything that the content depends on.
-    """
-
-    room: Literal["devices", "programs"]
-    name: str
-    identity: str
+    room: Literal["devices", "programs"]  # the file's folder
+    name: str  # start of the file name, for people
+    identity: str  # text with everything that the content depends on
 
     def read(self) -> bytes | None:
         """Return the content; None if there is none, or it cannot be trusted."""

@@ -78,24 +78,26 @@ def choose(found: Sequence[Found], examine: Examine) -> Device:
     DeviceError
         No device works.
     """
+    device, broken = _first_that_works(sorted(found, key=preference), examine)
+    if device is None:
+        raise DeviceError(_nothing_works(sorted(broken, key=lambda d: d.index)))
+    return device
+
+
+def _first_that_works(found: Sequence[Found], examine: Examine) -> tuple[Device | None, list[Device]]:
+    """Return the first device that works, and the broken devices before it."""
     broken: list[Device] = []
-    for entry in sorted(found, key=preference):
+    for entry in found:
         device = describe(entry, examine(entry))
         if device.works:
-            return device
+            return device, broken
         broken.append(device)
-    raise DeviceError(_nothing_works(sorted(broken, key=lambda d: d.index)))
+    return None, broken
 
 
 def select(found: Sequence[Found], examine: Examine, selector: int | str, argument: str) -> Device:
     """Return the device that a user's selector names.
 
-    Parameters
-    ----------
-    found : sequence of Found
-        The listed devices.
-    examine : callable
-        Returns the outcome of a device's test.
     selector : int or str
         An index or a part of a name. Platform names have priority, since "intel" also occurs in the processor's name on
         other runtimes. If several devices match, the first that works is used, and the logger "pyibr" reports it.
@@ -120,16 +122,13 @@ def select(found: Sequence[Found], examine: Examine, selector: int | str, argume
     if not matches:
         names = "; ".join(f"{f.index} = {f.platform}: {f.name}" for f in found)
         raise ArgumentError(argument, f"an index or a part of the name of one of [{names}]", repr(selector))
-    broken: list[Device] = []
-    for match in matches:
-        device = describe(match, examine(match))
-        if device.works:
-            others = "; ".join(f"{f.index} = {f.platform}: {f.name}" for f in matches if f is not match)
-            if others:
-                _log.info("%s=%r is %d = %s; it also matches %s", argument, selector, device.index, device, others)
-            return device
-        broken.append(device)
-    raise DeviceError(f"the device requested by {argument}={selector!r} does not work.\n{explain_broken(broken)}")
+    device, broken = _first_that_works(matches, examine)
+    if device is None:
+        raise DeviceError(f"the device requested by {argument}={selector!r} does not work.\n{explain_broken(broken)}")
+    others = "; ".join(f"{f.index} = {f.platform}: {f.name}" for f in matches if f.index != device.index)
+    if others:
+        _log.info("%s=%r is %d = %s; it also matches %s", argument, selector, device.index, device, others)
+    return device
 
 
 def explain_broken(broken: Sequence[Device]) -> str:

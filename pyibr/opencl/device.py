@@ -36,7 +36,6 @@ from pyibr.opencl.watch import watches
 if TYPE_CHECKING:
     import pyopencl as cl
 
-
 __all__ = ["Device", "Session", "cache_folder", "current", "devices", "explain", "one_call", "use_device"]
 
 VARIABLE = "PYIBR_DEVICE"
@@ -44,47 +43,25 @@ VARIABLE = "PYIBR_DEVICE"
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """A device opened in this process.
-
-    Attributes
-    ----------
-    device : Device
-        The open device.
-    context : pyopencl.Context
-        The device's context.
-    queue : pyopencl.CommandQueue
-        The device's queue, shared by all threads; commands run in order.
-    profile : DeviceProfile
-        Parameters for this kind of device.
-    kernels : dict
-        Kernels that `kernel` has built.
-    memory_pool : MemoryPool
-        Free device memory, which `empty` reuses.
-    pinned_pool : MemoryPool
-        Free pinned memory on the host.
-    pinned : Room
-        Limit of pinned memory for frames, which the system cannot move.
-    building : dict of threading.RLock
-        A lock for each program, held while it is built or loaded; calls that need other programs continue.
-    ahead : set
-        Programs requested by `build_ahead`.
-    calls : Calls
-        Calls in progress.
-    flights : dict of int to InFlight
-        Launches in flight, by thread.
-    """
+    """A device opened in this process."""
 
     device: Device
     context: cl.Context
-    queue: cl.CommandQueue
+    queue: cl.CommandQueue  # shared by all threads; commands run in order
     profile: DeviceProfile
+    # Kernels that `kernel` has built
     kernels: dict[Hashable, Any] = field(default_factory=dict["Hashable", Any], repr=False)
+    # Free device memory, which `empty` reuses, and free pinned memory on the host
     memory_pool: MemoryPool = field(default_factory=MemoryPool, repr=False)
     pinned_pool: MemoryPool = field(default_factory=MemoryPool, repr=False)
+    # Limit of pinned memory for frames, which the system cannot move
     pinned: Room = field(default_factory=lambda: Room(1 << 29), repr=False)
+    # A lock for each program, held while it is built or loaded; calls that need other programs continue
     building: dict[Hashable, threading.RLock] = field(default_factory=dict["Hashable", threading.RLock], repr=False)
+    # Programs requested by `build_ahead`
     ahead: set[Hashable] = field(default_factory=set["Hashable"], repr=False)
-    calls: Calls = field(default_factory=Calls, repr=False)
+    calls: Calls = field(default_factory=Calls, repr=False)  # calls in progress
+    # Launches in flight, by thread
     flights: defaultdict[int, InFlight] = field(default_factory=lambda: defaultdict(InFlight), repr=False)
 
     @property

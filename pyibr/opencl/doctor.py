@@ -22,31 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Report:
-    """Result of `report`.
+    """Result of `report`."""
 
-    Attributes
-    ----------
-    versions : dict of str to str
-        Versions of pyibr, Python and the main packages.
-    cache : Path
-        Folder of test outcomes and program binaries.
-    devices : list of Device
-        All devices, freshly tested.
-    problems : list of Problem
-        Runtimes that are installed but cannot be loaded, packages that have overwritten each other, and a cache that
-        cannot be used.
-    chosen : Device or None
-        The device that a call would use.
-    why : str
-        Reason for the choice; without a device, instructions to get one.
-    """
-
-    versions: dict[str, str]
-    cache: Path
-    devices: list[Device]
-    problems: list[Problem]
-    chosen: Device | None
-    why: str
+    versions: dict[str, str]  # of pyibr, Python and the main packages
+    cache: Path  # folder of test outcomes and program binaries
+    devices: list[Device]  # all devices, freshly tested
+    problems: list[Problem]  # runtimes that cannot be loaded, packages that overwrote each other, an unusable cache
+    chosen: Device | None  # the device that a call would use
+    why: str  # reason for the choice; without a device, instructions to get one
 
 
 def report() -> Report:
@@ -71,18 +54,7 @@ def report() -> Report:
 
 
 def print_report(console: Console | None = None) -> bool:
-    """Print the report.
-
-    Parameters
-    ----------
-    console : rich.console.Console, optional
-        Output console; standard output by default.
-
-    Returns
-    -------
-    bool
-        Whether a device works.
-    """
+    """Print the report to a console, by default on standard output; return whether a device works."""
     from rich.console import Console
     from rich.text import Text
 

@@ -22,15 +22,9 @@ _UNEXPECTED = 4  # launches that take this multiple of the expected time update 
 
 @dataclass(eq=False)
 class KernelCost:
-    """Cost of a kernel's launches so far.
+    """Cost of a kernel's launches so far."""
 
-    Attributes
-    ----------
-    seconds_per_item : float
-        Mean seconds per work-item in the slowest recent launch; infinite while unknown.
-    """
-
-    seconds_per_item: float = math.inf
+    seconds_per_item: float = math.inf  # mean seconds in the slowest recent launch; infinite while unknown
 
     def add(self, seconds_per_item: float) -> None:
         """Add the cost of a launch. The estimate is the maximum of this cost and of earlier costs, which decay."""
@@ -51,19 +45,11 @@ class KernelCost:
 
 
 class InFlight:
-    """A thread's launches in flight.
-
-    Attributes
-    ----------
-    used : list
-        Buffers that the launches use, kept alive until they finish.
-    seconds : float
-        Expected time of the launches.
-    """
+    """A thread's launches in flight."""
 
     def __init__(self) -> None:
-        self.used: list[object] = []
-        self.seconds = 0.0
+        self.used: list[object] = []  # buffers that the launches use, kept alive until they finish
+        self.seconds = 0.0  # expected time of the launches
         self._launches: list[tuple[KernelCost, int, cl.Event]] = []
 
     def add(self, cost: KernelCost, items: int, event: cl.Event) -> None:

@@ -140,13 +140,7 @@ def telling_shortage(device: object) -> Generator[None, None, None]:
 def tell_shortage(error: Exception, device: object, needed: str | None = None) -> None:
     """Raise OutOfMemoryError if an error from NumPy, the system or OpenCL means a lack of memory.
 
-    Parameters
-    ----------
-    error : Exception
-    device : object
-        The device to name in the message.
-    needed : str, optional
-        Purpose of the memory, for the message; by default, the message quotes the error.
+    device: to be named in the message. needed: purpose of the memory; by default, the message quotes the error.
     """
     if not isinstance(error, Error) and is_shortage(error):
         what = f" for {needed}" if needed else f": {error}" if str(error) else ""

@@ -25,14 +25,7 @@ _tested: dict[str, Outcome] = {}  # outcomes of this process, by device key
 def probe(found: Found, measure: bool = False, doubted: Doubted = "nothing") -> Outcome:
     """Return whether a device works, from the cache if it was tested before.
 
-    Parameters
-    ----------
-    found : Found
-        The device.
-    measure : bool
-        Also measure its speed.
-    doubted : {"nothing", "broken", "all"}
-        Outcomes on disk that are not trusted; "all" also ignores earlier outcomes of this process.
+    measure: also measure its speed. doubted: "all" also ignores earlier outcomes of this process.
     """
     known = None if doubted == "all" else _tested.get(found.key) or _kept(found, doubted)
     if known is not None and (known.speed is not None or not measure or not known.works):

@@ -9,34 +9,34 @@ from pyibr.opencl.runtimes import Kind
 
 @dataclass(frozen=True)
 class DeviceProfile:
-    """Parameters of builds, launches and memory for a kind of device."""
+    """Parameters of builds, launches and memory for a kind of device. The defaults are for CPUs."""
 
-    lanes: int
+    lanes: int = 16
     """Neighbours that a work-item computes together (``LANES``): CPU compilers do not vectorize code with branches."""
-    in_place: bool
+    in_place: bool = True
     """Whether kernels work in the host's memory: on a CPU it is the same memory, on a GPU the device's is faster."""
-    group: tuple[int, int, int]
+    group: tuple[int, int, int] = (1, 1, 1)
     """Work-items of a work-group along x, y and z; 1 on CPUs, whose work-items are large."""
-    bin: int
+    bin: int = 32
     """Side of a bin of the rasteriser in pixels: primitives are set up once per bin on CPUs, once per pixel on GPUs."""
-    chunks: int
+    chunks: int = 32
     """Work-items that bin primitives: a GPU needs many, but each takes a row of counts."""
-    drawers: int
+    drawers: int = 64
     """Work-items that draw depth meshes, each one region of pixels after the other. Each needs memory for every mesh,
     which should fit in a CPU's caches."""
-    segment: int
+    segment: int = 0
     """Pixels of an epipolar line per work-item of the sweep; 0 for the whole line."""
-    strip: int
+    strip: int = 32
     """Packets of a row per work-item: STRIP of kernels/lib/lanes.h, which follows from LANES."""
-    run: int
+    run: int = 64
     """Pixels of a row that a work-item fills: on a CPU, starting a work-item takes longer than most pixels."""
-    piece: int
+    piece: int = 0
     """Samples of a row per work-item of the kernels that find surfaces, a multiple of `lanes`; 0 for the whole row."""
-    band: int
+    band: int = 32
     """Rows of a band for which a work-item finds the surface in one launch; 0 for several launches over pieces."""
-    share: int
+    share: int = 1 << 11
     """Elements of an array that a work-item sets or converts: larger on CPUs, as for `run`."""
-    block: int
+    block: int = 4
     """Side of the square of pixels that the lanes cover in a bin: BLOCK of kernels/raster/region.h, from LANES."""
 
     def packets(self, width: int, height: int, strip: int = 1) -> tuple[int, int]:
@@ -57,21 +57,7 @@ class DeviceProfile:
         return pixels if self.lanes == 1 else bins
 
 
-CPU = DeviceProfile(
-    lanes=16,
-    in_place=True,
-    group=(1, 1, 1),
-    bin=32,
-    chunks=32,
-    drawers=64,
-    segment=0,
-    strip=32,
-    run=64,
-    piece=0,
-    band=32,
-    share=1 << 11,
-    block=4,
-)
+CPU = DeviceProfile()
 GPU = DeviceProfile(
     lanes=1,
     in_place=False,

@@ -377,5 +377,5 @@ _INTEL = Runtime(
 )
 _OTHER = Runtime("another runtime", "")
 RUNTIMES = (_INTEL, _POCL_WHEEL, _POCL, _OTHER)
-"""Runtimes for CPUs, fastest first by ``python -m benchmarks runtimes``, except that PoCL's wheel precedes PoCL: a device
-belongs to the first that matches. Every device matches the last."""
+"""Runtimes for CPUs, fastest first by ``python -m benchmarks runtimes``, except that PoCL's wheel precedes PoCL: a
+device belongs to the first that matches. Every device matches the last."""

@@ -92,11 +92,7 @@ class Outcome:
         try:
             raw = cast("dict[str, object]", json.loads(text))
             speed = cast("dict[str, float] | None", raw["speed"])
-            return Outcome(
-                works=raw["works"] is True,
-                reason=str(raw["reason"]),
-                speed=None if speed is None else Speed(**speed),
-            )
+            return Outcome(raw["works"] is True, str(raw["reason"]), None if speed is None else Speed(**speed))
         except (ValueError, TypeError, KeyError):
             return None
 
@@ -104,14 +100,8 @@ class Outcome:
 def test(device: cl.Device, measure: bool, context: cl.Context | None = None) -> Outcome:
     """Build and run the kernels here, in this process.
 
-    Parameters
-    ----------
-    device : pyopencl.Device
-        The device.
-    measure : bool
-        Also measure its speed, in under a second.
-    context : pyopencl.Context, optional
-        The device's context, if it is open: in another context, PoCL's compiler would start again.
+    measure: also measure the device's speed, in under a second. context: the device's context, if it is open: in
+    another context, PoCL's compiler would start again.
     """
     import pyopencl as cl
 
