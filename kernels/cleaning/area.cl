@@ -38,10 +38,7 @@ kernel void column_distances(global const uchar *marks, int bits, int wanted, gl
 
 kernel void within_disc(global const int *distances, global uchar *near, ImagePlane plane, int strip, int reach)
 {
-    const int row = get_global_id(1);
-    if (row >= plane.height + 2 * ABOVE)
-        return;
-    EACH_PACKET(plane, x)
+    EACH_PACKET(plane, x, row)
     {
         const size_t at = (size_t)row * plane.pitch + x;
         intl found = 0;

@@ -35,10 +35,7 @@
 kernel void begin_growth(global uchar *marks, global const uchar *near, global const uint *tint, int has_color,
                          global int *costs, global int *steps, ImagePlane plane, int strip)
 {
-    const int row = get_global_id(1);
-    if (row >= plane.height + 2 * ABOVE)
-        return;
-    EACH_PACKET(plane, x)
+    EACH_PACKET(plane, x, row)
     {
         const int at = row * plane.pitch + x;
         intl cost = OUTSIDE, step = 0;
@@ -116,10 +113,7 @@ kernel void relax(global const int *steps, global int *costs, global int *stamps
 kernel void find_parents(global const int *costs, global const uint *tint, int has_color, global uchar *parents,
                          ImagePlane plane, int strip)
 {
-    const int row = get_global_id(1);
-    if (row >= plane.height + 2 * ABOVE)
-        return;
-    EACH_PACKET(plane, x)
+    EACH_PACKET(plane, x, row)
     {
         const int at = row * plane.pitch + x;
         intl parent = STAY;
@@ -147,10 +141,7 @@ kernel void grow(global const uchar *marks, global const int *costs, global cons
                  global const float *measured, global const float *before, global float *grown, ImagePlane plane,
                  int strip)
 {
-    const int row = get_global_id(1);
-    if (row >= plane.height + 2 * ABOVE)
-        return;
-    EACH_PACKET(plane, x)
+    EACH_PACKET(plane, x, row)
     {
         const int at = row * plane.pitch + x;
         floatl depth = 0.0f;

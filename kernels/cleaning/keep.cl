@@ -51,10 +51,7 @@ INLINED intl is_flying_along(global const float *at, int step, floatl value)
 
 kernel void keep(global const float *values, global uchar *marks, ImagePlane plane, int strip)
 {
-    const int row = get_global_id(1);
-    if (row >= plane.height + 2 * ABOVE)
-        return;
-    EACH_PACKET(plane, x)
+    EACH_PACKET(plane, x, row)
     {
         const size_t at = (size_t)row * plane.pitch + x;
         intl mark = 0;
@@ -76,10 +73,7 @@ kernel void keep(global const float *values, global uchar *marks, ImagePlane pla
 kernel void hold(global const float *values, global const float *known, global const uint *tint, int has_color,
                  global const uchar *marks, global uchar *held, ImagePlane plane, int strip)
 {
-    const int row = get_global_id(1);
-    if (row >= plane.height + 2 * ABOVE)
-        return;
-    EACH_PACKET(plane, x)
+    EACH_PACKET(plane, x, row)
     {
         const int at = row * plane.pitch + x;
         intl mark = load_bytes(marks + at);

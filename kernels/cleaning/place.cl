@@ -21,11 +21,7 @@ kernel void place_depth(global const float *depth, global float *placed, global 
         floatl d = 0.0f;
         if (IS_PACKET_OF_IMAGE(plane, x, row)) {
             global const float *from = depth + (size_t)(row - ABOVE) * plane.width + x - ASIDE;
-            if (x + LANES <= ASIDE + plane.width)
-                d = load_lanes(from);
-            else
-                for (int lane = 0; lane < ASIDE + plane.width - x; lane++)
-                    set_float_lane(d, lane, from[lane]);
+            d = load_first(from, ASIDE + plane.width - x, 0.0f);
         }
         const intl is_valid = (d > NEAREST) & (d < 1.0f / NEAREST);
         low = min_lanes(select_lanes(is_valid, d, low), low);
@@ -39,10 +35,7 @@ kernel void place_depth(global const float *depth, global float *placed, global 
 kernel void to_scale(global const float *placed, global float *values, global const float *table, Scale scale,
                      ImagePlane plane, int strip)
 {
-    const int row = get_global_id(1);
-    if (row >= plane.height + 2 * ABOVE)
-        return;
-    EACH_PACKET(plane, x)
+    EACH_PACKET(plane, x, row)
     {
         const size_t at = (size_t)row * plane.pitch + x;
         store_lanes(value_of_depth(table, scale, load_lanes(placed + at)), values + at);
@@ -50,10 +43,7 @@ kernel void to_scale(global const float *placed, global float *values, global co
 }
 
 #define PLACE_COLORS(scaled)                                                                                   \
-    const int row = get_global_id(1);                                                                          \
-    if (row >= plane.height + 2 * ABOVE)                                                                       \
-        return;                                                                                                \
-    EACH_PACKET(plane, x)                                                                                      \
+    EACH_PACKET(plane, x, row)                                                                                 \
     {                                                                                                          \
         uintl packed = 0;                                                                                      \
         if (IS_PACKET_OF_IMAGE(plane, x, row)) {                                                               \

@@ -21,9 +21,10 @@ typedef struct {
 /* Mask of the lanes of a packet that are pixels of the image, in a row of the image */
 #define IN_IMAGE(plane, x) ((x) + lane_index < (intl)(ASIDE + (plane).width))
 
-/* Loops over a work-item's packets of a row of a plane, `strip` of them: x is the first lane's column. */
-#define EACH_PACKET(plane, x)                                                                                  \
-    for (int x = get_global_id(0) * strip * LANES, end_ = min(x + strip * LANES, (plane).pitch); x < end_; x += LANES)
+/* Loops over a work-item's packets of a row of a plane, `strip` of them; x is the first lane's column. Declares `row`. */
+#define EACH_PACKET(plane, x, row)                                                                             \
+    const int row = get_global_id(1), end_ = row < (plane).height + 2 * ABOVE ? (plane).pitch : 0;             \
+    for (int x = get_global_id(0) * strip * LANES, last_ = min(x + strip * LANES, end_); x < last_; x += LANES)
 
 /* Bits of a pixel's mark */
 #define KEPT 1    /* measured and kept */

@@ -30,7 +30,7 @@ INLINED intl steps_inside(ImagePlane plane, int x, int row, int dx, int dy)
     if (dx != 0)
         inside = min(inside, dx > 0 ? plane.width - 1 - column : column);
     if (dy != 0)
-        inside = min(inside, (intl)(dy > 0 ? plane.height - 1 - row : row));
+        inside = min(inside, (intl)(dy > 0 ? plane.height - 1 + ABOVE - row : row - ABOVE));
     return max(inside, 0);
 }
 
@@ -74,7 +74,7 @@ INLINED floatl continued(global const float *values, int at, int step, intl end,
 INLINED void sharpen_along(global const float *values, ImagePlane plane, int x, int row, int dx, int dy, floatl *found,
                            floatl *steepest)
 {
-    const int at = (row + ABOVE) * plane.pitch + x, step = dy * plane.pitch + dx;
+    const int at = row * plane.pitch + x, step = dy * plane.pitch + dx;
     const intl ahead = steps_inside(plane, x, row, dx, dy), behind = steps_inside(plane, x, row, -dx, -dy);
     const floatl own = load_lanes(values + at), next = load_lanes(values + at + step);
     const floatl before = load_lanes(values + at - step);
@@ -101,23 +101,15 @@ INLINED void sharpen_along(global const float *values, ImagePlane plane, int x, 
 
 kernel void sharpen(global const float *nearness, global float *sharp, ImagePlane plane, int strip)
 {
-    const int row = get_global_id(1);
-    if (row >= plane.height)
-        return;
-    EACH_PACKET(plane, x)
+    EACH_PACKET(plane, x, row)
     {
-        if (x < ASIDE || x >= ASIDE + plane.width)
+        if (!IS_PACKET_OF_IMAGE(plane, x, row))
             continue;
         floatl found = 0.0f, steepest = 0.0f;
         sharpen_along(nearness, plane, x, row, 1, 0, &found, &steepest);
         sharpen_along(nearness, plane, x, row, 0, 1, &found, &steepest);
         sharpen_along(nearness, plane, x, row, 1, 1, &found, &steepest);
         sharpen_along(nearness, plane, x, row, -1, 1, &found, &steepest);
-        const size_t to = (size_t)row * plane.width + x - ASIDE;
-        if (x + LANES <= ASIDE + plane.width)
-            store_lanes(found, sharp + to);
-        else
-            for (int lane = 0; lane < ASIDE + plane.width - x; lane++)
-                sharp[to + lane] = float_lane(found, lane);
+        store_first(found, sharp + (size_t)(row - ABOVE) * plane.width + x - ASIDE, ASIDE + plane.width - x);
     }
 }

@@ -59,10 +59,7 @@ INLINED floatl off_mean(global const float *values, int pitch, floatl across, fl
 
 kernel void roughen(global const float *values, global float *rough, ImagePlane plane, int strip, float strength)
 {
-    const int row = get_global_id(1);
-    if (row >= plane.height + 2 * ABOVE)
-        return;
-    EACH_PACKET(plane, x)
+    EACH_PACKET(plane, x, row)
     {
         const int at = row * plane.pitch + x;
         floatl value = MISSING;
@@ -105,13 +102,10 @@ kernel void smooth(global const float *values, global const float *rough, global
                    global const int *guide, Scale scale, ImagePlane plane, int strip, float strength,
                    global float *depth, global uchar *invented)
 {
-    const int row = get_global_id(1);
-    if (row >= plane.height)
-        return;
-    EACH_PACKET(plane, x)
+    EACH_PACKET(plane, x, row)
     {
-        const int at = (row + ABOVE) * plane.pitch + x;
-        if (x < ASIDE || x >= ASIDE + plane.width)
+        const int at = row * plane.pitch + x, count = ASIDE + plane.width - x;
+        if (!IS_PACKET_OF_IMAGE(plane, x, row))
             continue;
         floatl found = load_lanes(grown + at);
         const intl is_known = found > 0.0f;
@@ -121,14 +115,8 @@ kernel void smooth(global const float *values, global const float *rough, global
         }
         found = select_lanes(is_known, found, (floatl)NAN);
         const intl is_invented = select_lanes(is_known & ((load_bytes(marks + at) & KEPT) == 0), (intl)1, (intl)0);
-        const size_t to = (size_t)row * plane.width + x - ASIDE;
-        if (x + LANES <= ASIDE + plane.width) {
-            store_lanes(found, depth + to);
-            store_bytes(to_ucharl(is_invented), invented + to);
-        } else
-            for (int lane = 0; lane < ASIDE + plane.width - x; lane++) {
-                depth[to + lane] = float_lane(found, lane);
-                invented[to + lane] = int_lane(is_invented, lane);
-            }
+        const size_t to = (size_t)(row - ABOVE) * plane.width + x - ASIDE;
+        store_first(found, depth + to, count);
+        store_first_bytes(is_invented, invented + to, count);
     }
 }

@@ -174,6 +174,42 @@ typedef struct __attribute__((packed)) {
 #define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
 #endif
 
+/* Accesses to the first `count` lanes alone, at the end of a row. Other lanes are `beyond`. */
+INLINED floatl load_first(global const float *from, int count, float beyond)
+{
+    floatl v = beyond;
+    if (count >= LANES)
+        return load_lanes(from);
+    for (int lane = 0; lane < count; lane++)
+        set_float_lane(v, lane, from[lane]);
+    return v;
+}
+INLINED intl load_first_bytes(global const uchar *from, int count, int beyond)
+{
+    intl v = beyond;
+    if (count >= LANES)
+        return load_bytes(from);
+    for (int lane = 0; lane < count; lane++)
+        set_int_lane(v, lane, from[lane]);
+    return v;
+}
+INLINED void store_first(floatl v, global float *to, int count)
+{
+    if (count >= LANES)
+        store_lanes(v, to);
+    else
+        for (int lane = 0; lane < count; lane++)
+            to[lane] = float_lane(v, lane);
+}
+INLINED void store_first_bytes(intl v, global uchar *to, int count)
+{
+    if (count >= LANES)
+        store_bytes(to_ucharl(v), to);
+    else
+        for (int lane = 0; lane < count; lane++)
+            to[lane] = int_lane(v, lane);
+}
+
 /* Writes the lanes of a vector whose bits are set, one after the other. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__builtin_ia32_compresssf512_mask)

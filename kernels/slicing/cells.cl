@@ -94,15 +94,6 @@ INLINED CellSide side_beside(CellImage image, const CellSample *line)
     return side;
 }
 
-INLINED void store_first(floatl values, global float *to, int count)
-{
-    if (count >= LANES)
-        store_lanes(values, to);
-    else
-        for (int lane = 0; lane < count; lane++)
-            to[lane] = float_lane(values, lane);
-}
-
 INLINED floatl with_bits(floatl value, intl bits, int places)
 {
     return as_floatl((as_intl(value) & ~places) | bits);

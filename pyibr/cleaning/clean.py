@@ -1,4 +1,4 @@
-"""Cleaning of depth from cameras: flying pixels, speckle, small holes and noise."""
+"""Cleaning of depth from cameras (flying pixels, speckle, small holes, noise), and of soft edges from networks."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.cleaning.scale import Scale, scale_of
-from pyibr.cleaning.stages import Image, Placed
+from pyibr.cleaning.stages import Image, Placed, Scale, scale_of
 from pyibr.core.checks import Float64, checked_colors, integer_from, number_from
 from pyibr.images.depth_image import Color, Depth, checked_depth
 from pyibr.images.noise import DepthNoise, Noise, checked_noise
@@ -123,17 +122,62 @@ def clean_depth(
         placed, last = image.place(measured), None if known is None else image.place(known)
         image.place_colors(colors)
         told = told or DepthNoise(measured, cells=_CELLS).deviation
-        if placed.is_empty:
+        nearest, farthest = placed.range
+        if nearest > farthest:
             return CleanedDepth(np.full_like(measured, np.nan), np.zeros(measured.shape, np.bool_))
-        last = None if last is None or last.is_empty else last
-        seen = [placed] if last is None else [placed, last]
-        nearest, farthest = min(one.nearest for one in seen), max(one.farthest for one in seen)
+        near, far = (np.inf, -np.inf) if last is None else last.range
+        last = last if near <= far else None
+        nearest, farthest = min(nearest, near), max(farthest, far)
         at, deviations = _noise_at(told, nearest, farthest)
         apart = scale_of(nearest, farthest, at, _APART * deviations, _LEAST_APART)
         _settle(image, placed, last, apart, reach)
         alike = scale_of(nearest, farthest, at, deviations, _NOISE_MIN)
         cleaned, invented = image.smooth(last, alike, share)
         return CleanedDepth(cleaned, invented.view(np.bool_))
+
+
+def sharpen_depth(depth: Depth) -> Depth:
+    """Sharpen the edges of depth that was estimated by a network or enlarged with interpolation.
+
+    Such depth has ramps of several pixels between surfaces, and in new views surfaces smear along these ramps. Each
+    sample of a ramp of up to 24 pixels is moved to the closer of the two surfaces, which is extrapolated to the sample.
+    All other samples keep their depth to the bit. Depth of cameras is noisy and needs `clean_depth` instead.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        Planar z in scene units; NaN, infinite or <= 0 where there is no depth.
+
+    Returns
+    -------
+    (H, W) float32
+        Sharpened depth; NaN where there is no depth.
+
+    Raises
+    ------
+    ArgumentError
+        If shape or dtype do not fit, or there are more pixels than kernels can index.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> ramp = np.interp(np.arange(20), [7, 12], [0.5, 0.25])  # nearness: from a depth of 2 to one of 4
+    >>> soft = np.tile((1 / ramp).astype(np.float32), (15, 1))
+    >>> ibr.sharpen_depth(soft)[7, 7:13].tolist()
+    [2.0, 2.0, 2.0, 4.0, 4.0, 4.0]
+    """
+    given = checked_depth(depth, (None, None))
+    known = (given > 0) & (given < np.inf)
+    nearness = np.zeros(given.shape, np.float32)
+    with np.errstate(over="ignore"):  # samples whose nearness exceeds float32 stay unchanged
+        np.divide(1, given, out=nearness, where=known)
+    with one_call():
+        image = Image(given.shape[1], given.shape[0])
+        sharp = image.sharpen(image.place(nearness))
+    made = np.where(known, given, np.float32(np.nan))
+    np.divide(1, sharp, out=made, where=sharp > 0)
+    return made
 
 
 def _noise_at(noise: tuple[float, float, float], nearest: float, farthest: float) -> tuple[Float64, Float64]:

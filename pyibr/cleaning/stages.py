@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.cleaning.scale import Scale
-from pyibr.core.checks import check_pixels
+from pyibr.core.checks import Float64, check_pixels
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
@@ -19,11 +18,44 @@ from pyibr.opencl.memory import DeviceArray, empty, to_host, upload, zeros
 from pyibr.opencl.program import kernel
 
 _PASSES = 4  # passes of region growing between two checks for changes
+_VALUE_MIN = 1e-30  # least length of a scale: if the noise exceeds nearness by such a factor, one guide is enough
 
 
 def _of_planes(name: str) -> int:
     """Look up a constant of kernels/cleaning/plane.h."""
     return int(constant("cleaning/plane.h", name))
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A scale on the device: the kernel arguments `table`, `guide` and `record`."""
+
+    table: DeviceArray
+    guide: DeviceArray
+    record: Struct
+
+
+def scale_of(nearest: float, farthest: float, at: Float64, noise: Float64, least: float) -> Scale:
+    """Make a scale of nearness (1 / depth) on which noise is equal at every depth (kernels/cleaning/scale.h).
+
+    nearest, farthest: range of depths that the scale covers. at, noise: (k,) values of nearness, and the differences of
+    nearness that the scale maps to 1 there. least: smallest of these differences, as a fraction of the nearness.
+    """
+    shift = int(constant("cleaning/scale.h", "KNOT_SHIFT"))
+    first, last = (int(np.float32(1 / depth).view(np.int32)) >> shift for depth in (farthest, nearest))
+    knots = np.arange(first - 1, last + 3, dtype=np.int32)  # with a margin, as the device may round quotients otherwise
+    nearness = (knots << shift).view(np.float32).astype(np.float64)
+    found = least * nearness
+    if len(at):  # beyond `at`, noise grows with nearness, so that a single near outlier does not stretch the scale
+        found = np.maximum(found, np.interp(nearness, at, noise) * np.maximum(nearness / at[-1], 1))
+    values = np.append(0, np.cumsum(2 * np.diff(nearness) / (found[1:] + found[:-1]))).astype(np.float32)
+    guides = int(constant("cleaning/scale.h", "GUIDES"))
+    parts = np.linspace(0, values[-1], guides + 1, dtype=np.float32)
+    guide = np.clip(np.searchsorted(values, parts, side="right") - 1, 0, len(knots) - 2).astype(np.int32)
+    record = np.zeros((), struct("cleaning/scale.h", "Scale"))
+    record["first"], record["count"] = knots[0], len(knots)
+    record["cells_per_value"] = guides / max(float(values[-1]), _VALUE_MIN)
+    return Scale(upload(values), upload(guide), Struct("Scale", record))
 
 
 @dataclass(frozen=True)
@@ -34,24 +66,10 @@ class Placed:
     ranges: DeviceArray
 
     @cached_property
-    def _range(self) -> tuple[float, float]:
+    def range(self) -> tuple[float, float]:
+        """Least and greatest depth; (inf, -inf) if there is no depth at all."""
         ranges = self.ranges.to_host()
         return float(ranges[:, 0].min()), float(ranges[:, 1].max())
-
-    @property
-    def is_empty(self) -> bool:
-        """True if there is no depth at all."""
-        return self.nearest > self.farthest
-
-    @property
-    def nearest(self) -> float:
-        """Least depth."""
-        return self._range[0]
-
-    @property
-    def farthest(self) -> float:
-        """Greatest depth."""
-        return self._range[1]
 
 
 class Image:
@@ -90,20 +108,13 @@ class Image:
     def _launch_runs(self, name: str, **arguments: Any) -> None:
         """Launch a kernel over runs of the image's rows."""
         run, (width, height) = current().profile.run, self._size
-        grid = -(-width // run), height
-        launch(kernel("cleaning/clean.cl", name), grid, plane=self._plane, run=run, **arguments)
+        launch(kernel("cleaning/clean.cl", name), (-(-width // run), height), plane=self._plane, run=run, **arguments)
 
     def place(self, depth: NDArray[np.float32]) -> Placed:
         """Copy a depth image into a plane."""
         placed = Placed(self._new(np.float32), empty((self._shape[0], 2), np.float32))
-        launch(
-            kernel("cleaning/clean.cl", "place_depth"),
-            self._shape[:1],
-            depth=upload(np.ascontiguousarray(depth)),
-            placed=placed.depth,
-            ranges=placed.ranges,
-            plane=self._plane,
-        )
+        arguments = {"depth": upload(np.ascontiguousarray(depth)), "placed": placed.depth, "ranges": placed.ranges}
+        launch(kernel("cleaning/clean.cl", "place_depth"), self._shape[:1], plane=self._plane, **arguments)
         return placed
 
     def place_colors(self, color: NDArray[Any] | None) -> None:
@@ -132,18 +143,11 @@ class Image:
     def fill(self, measured: Placed, before: Placed | None, reach: int) -> None:
         """Grow depth from the seeds over the whole area, which is their closing by a disc of radius `reach`."""
         near, distances = self._new(np.uint8), self._new(np.int32)
+        columns, shared = current().profile.packets(self._shape[1], 1)[:1], {"distances": distances, "reach": reach}
         for marks, bits, wanted in ((self._marks, _of_planes("SEED"), 1), (near, 1, 0)):
-            launch(
-                kernel("cleaning/clean.cl", "column_distances"),
-                current().profile.packets(self._shape[1], 1)[:1],
-                marks=marks,
-                bits=bits,
-                wanted=wanted,
-                distances=distances,
-                plane=self._plane,
-                reach=reach,
-            )
-            self._launch("within_disc", distances=distances, near=near, reach=reach)
+            sought = {"marks": marks, "bits": bits, "wanted": wanted, "plane": self._plane}
+            launch(kernel("cleaning/clean.cl", "column_distances"), columns, **sought, **shared)
+            self._launch("within_disc", near=near, **shared)
         costs, steps, parents = distances, self._new(np.int32), near
         colors = {"tint": self._tint, "has_color": self._has_color}
         self._launch("begin_growth", marks=self._marks, near=near, costs=costs, steps=steps, **colors)
@@ -177,44 +181,22 @@ class Image:
 
     def sharpen(self, nearness: Placed) -> NDArray[np.float32]:
         """Sharpened nearness of the samples in soft edges; 0 for all other samples."""
-        profile, (width, height) = current().profile, self._size
-        sharp = empty((height, width), np.float32)
-        launch(
-            kernel("cleaning/clean.cl", "sharpen"),
-            profile.packets(self._shape[1], height, profile.strip),
-            nearness=nearness.depth,
-            sharp=sharp,
-            plane=self._plane,
-            strip=profile.strip,
-        )
+        sharp = empty(self._size[::-1], np.float32)
+        self._launch("sharpen", nearness=nearness.depth, sharp=sharp)
         return sharp.to_host()
 
     def smooth(
         self, before: Placed | None, scale: Scale, strength: float
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
         """Smooth the depth; return it with the mask of invented samples."""
-        profile, (width, height) = current().profile, self._size
-        table = {"table": scale.table, "guide": scale.guide, "scale": scale.record}
         values = rough = self.grown
         if strength > 0:
             values, rough = self.on_scale(self.grown, scale), self._new(np.float32)
             self._launch("roughen", values=values, rough=rough, strength=strength)
-        made = empty((height, width), np.float32), empty((height, width), np.uint8)
-        launch(
-            kernel("cleaning/clean.cl", "smooth"),
-            profile.packets(self._shape[1], height, profile.strip),
-            values=values,
-            rough=rough,
-            grown=self.grown,
-            before=self.grown if before is None else before.depth,
-            has_before=before is not None,
-            marks=self._marks,
-            plane=self._plane,
-            strip=profile.strip,
-            strength=strength,
-            depth=made[0],
-            invented=made[1],
-            **table,
-        )
-        depth, invented = to_host(made)
+        made = {"depth": empty(self._size[::-1], np.float32), "invented": empty(self._size[::-1], np.uint8)}
+        table = {"table": scale.table, "guide": scale.guide, "scale": scale.record}
+        last = {"before": self.grown if before is None else before.depth, "has_before": before is not None}
+        planes = {"values": values, "rough": rough, "grown": self.grown, "marks": self._marks}
+        self._launch("smooth", strength=strength, **planes, **last, **table, **made)
+        depth, invented = to_host(list(made.values()))
         return depth, invented
