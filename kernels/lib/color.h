@@ -139,4 +139,14 @@ INLINED void write_pixel(global float *image, float3 color)
     vstore3(color, 0, image);
 }
 #endif
+
+/* Writes the first `count` of LANES pixels. */
+INLINED void write_first(global channel *image, Color c, int count)
+{
+    if (count >= LANES)
+        write_color(image, c);
+    else
+        for (int lane = 0; lane < count; lane++)
+            write_pixel(image + CHANNELS * lane, rounded_channel(color_lane(c, lane)));
+}
 #endif

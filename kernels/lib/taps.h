@@ -62,6 +62,11 @@ INLINED void tap_weights(floatl fx, floatl fy, floatl *weights)
     weights[3] = fx * fy;
 }
 
+/* The value of the nearest of the four texels. */
+#define NEAREST_TAP(taps, values)                                                                              \
+    select_lanes((taps).fy >= 0.5f, select_lanes((taps).fx >= 0.5f, (values)[3], (values)[2]),                 \
+                 select_lanes((taps).fx >= 0.5f, (values)[1], (values)[0]))
+
 /* The weighted mean of the taps' values */
 INLINED floatl bilinear(Taps taps, floatl aa, floatl ab, floatl ba, floatl bb)
 {

@@ -84,19 +84,10 @@ void average_packet(global const float *sample_depth, global const channel *samp
     const float each = 1.0f / (side * side);
     const Color c = {sum.r * each, sum.g * each, sum.b * each};
     const size_t out = (size_t)y * width + x0;
-    if (x0 + LANES <= width) {
-        store_lanes(z, depth + out);
-        store_lanes(share, alpha + out);
-        store_bytes(to_ucharl(select_lanes(seen != 0, (intl)1, (intl)0)), valid + out);
-        write_color(color + CHANNELS * out, c);
-        return;
-    }
-    for (int lane = 0; lane < width - x0; lane++) {
-        depth[out + lane] = float_lane(z, lane);
-        alpha[out + lane] = float_lane(share, lane);
-        valid[out + lane] = int_lane(seen, lane) != 0;
-        write_pixel(color + CHANNELS * (out + lane), rounded_channel(color_lane(c, lane)));
-    }
+    store_first(z, depth + out, width - x0);
+    store_first(share, alpha + out, width - x0);
+    store_first_bytes(select_lanes(seen != 0, (intl)1, (intl)0), valid + out, width - x0);
+    write_first(color + CHANNELS * out, c, width - x0);
 }
 
 #if GUESSES

@@ -241,11 +241,7 @@ INLINED void store_marked(floatl here, intl bits, global float *row, int x, int 
     const intl of_missing = ((intl)as_int(NO_SURFACE) & ~TORN_ALL) | bits;
     const floatl marked =
         as_floatl(select_lanes(here > NO_SURFACE, NEAREST_WITH_BITS(as_intl(here), bits), of_missing));
-    if (x + LANES <= width)
-        store_lanes(marked, row + x);
-    else /* keeps the ring's sample, which another work-item may have written */
-        for (int lane = 0; lane < width - x; lane++)
-            row[x + lane] = float_lane(marked, lane);
+    store_first(marked, row + x, width - x); /* another work-item may have written the ring's sample */
 }
 
 /* Writes the surface's samples `first` to `end` - 1 of a row. */

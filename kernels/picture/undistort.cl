@@ -41,9 +41,7 @@ kernel void undistort(global const float *places, global const float *lens_depth
         between += weights[i] * q;
     }
     const intl whole = inside & !IS_OPEN(cut, high, low);
-    const intl right = taps.fx >= 0.5f, below = taps.fy >= 0.5f;
-    const intl nearest = select_lanes(below, select_lanes(right, taps.at[3], taps.at[2]),
-                                      select_lanes(right, taps.at[1], taps.at[0]));
+    const intl nearest = NEAREST_TAP(taps, taps.at);
     const floatl z_nearest = (floatl)(gather(lens_depth, nearest));
     const floatl z = select_lanes(inside, select_lanes(whole, 1.0f / between, z_nearest), (floatl)NAN);
 
@@ -58,13 +56,6 @@ kernel void undistort(global const float *places, global const float *lens_depth
         c = select_color(mixes, mixed, c);
     }
     const size_t at = (size_t)y * width + x0;
-    if (x0 + LANES <= width) {
-        store_lanes(z, undistorted_depth + at);
-        write_color(undistorted_color + CHANNELS * at, c);
-        return;
-    }
-    for (int lane = 0; lane < width - x0; lane++) {
-        undistorted_depth[at + lane] = float_lane(z, lane);
-        write_pixel(undistorted_color + CHANNELS * (at + lane), rounded_channel(color_lane(c, lane)));
-    }
+    store_first(z, undistorted_depth + at, width - x0);
+    write_first(undistorted_color + CHANNELS * at, c, width - x0);
 }

@@ -101,17 +101,6 @@ INLINED intl class_in_place(Grid grid, Rays rays, floatl near)
     return select_lanes(inside, select_lanes(missing, (intl)CLASS_UNOBSERVED, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
 }
 
-/* Packets at the ends of rows are read and written value by value. */
-INLINED intl classes_at(global const uchar *classes, int count)
-{
-    if (count >= LANES)
-        return load_bytes(classes);
-    intl some = CLASS_SEEN;
-    for (int lane = 0; lane < count; lane++)
-        set_int_lane(some, lane, classes[lane]);
-    return some;
-}
-
 kernel void classify(global const float *surface, global const float *told, global const uchar *valid,
                      global uchar *classes, PixelMap map)
 {
@@ -126,7 +115,8 @@ kernel void classify(global const float *surface, global const float *told, glob
     const int below = y + 1 < map.dst_height ? map.dst_pitch : 0;
     for (int x = low_x; x < high_x; x += LANES) {
         const int count = min(LANES, high_x - x);
-        const intl known = select_lanes(classes_at(valid + x, count) != 0, (intl)CLASS_SEEN, classes_at(classes + x, count));
+        const intl known = select_lanes(load_first_bytes(valid + x, count, 0) != 0, (intl)CLASS_SEEN,
+                                        load_first_bytes(classes + x, count, CLASS_SEEN));
         intl class_ = known;
         if (any_lane(known > CLASS_HIDDEN)) {
             const intl own = as_intl(load_lanes(told + x)), right = as_intl(load_lanes(told + x + 1));
@@ -137,10 +127,6 @@ kernel void classify(global const float *surface, global const float *told, glob
                 class_ = select_lanes(placed, class_in_place(grid, rays_of(map, to_floatl(x + lane_index), (floatl)y), as_floatl(class_)), class_);
             class_ = min(class_, known);
         }
-        if (count >= LANES)
-            store_bytes(to_ucharl(class_), classes + x);
-        else
-            for (int lane = 0; lane < count; lane++)
-                classes[x + lane] = int_lane(class_, lane);
+        store_first_bytes(class_, classes + x, count);
     }
 }

@@ -1,19 +1,17 @@
 /* The forward warp: each sample of the source is carried to the target and drawn as a square of pixels; the nearest one
  * wins (Schaufler & Priglinger 1999, section 3, with a depth test instead of an order).
  *
- * Three launches. The first finds each pixel's greatest nearness; the second, the least index among the samples of this
- * nearness. The third writes the pixels. keys: (dst_height, dst_width) nearness as an ordered uint, 0 where nothing
- * landed; indices: the same shape, the winning sample. Work-item: a sample, in the third launch a pixel. Cost:
- * O(samples * splat^2).
+ * Three launches. The first finds each pixel's greatest nearness; the second, `by_index`, the least index among the
+ * samples of this nearness. The third writes the pixels. keys, indices: (dst_height, dst_width), warp/keys.h. Work-item:
+ * a sample, in the third launch a pixel. Cost: O(samples * splat^2).
  * Determinism: maximum and minimum do not depend on the order of work-items.
  */
-#include "lib/pixelspace.h"
-
 #include "lib/channel.h"
 #include "lib/gbuffer.h"
+#include "lib/pixelspace.h"
 #include "warp/keys.h"
 
-/* The first two launches must find the same nearness to the last bit. */
+/* Both launches of splat_samples must find the same nearness to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
 typedef struct {
@@ -41,7 +39,8 @@ Splat splat_of(global const float *nearness, PixelMap map, int x, int y, float s
     return splat;
 }
 
-kernel void splat_nearness(global const float *nearness, global uint *keys, PixelMap map, float size)
+kernel void splat_samples(global const float *nearness, global uint *keys, global uint *indices, int by_index,
+                          PixelMap map, float size)
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= map.src_width || y >= map.src_height)
@@ -49,20 +48,7 @@ kernel void splat_nearness(global const float *nearness, global uint *keys, Pixe
     const Splat splat = splat_of(nearness, map, x, y, size);
     for (int row = splat.low_y; row <= splat.high_y; row++)
         for (int column = splat.low_x; column <= splat.high_x; column++)
-            atomic_max(keys + row * map.dst_width + column, key_of(splat.nearness));
-}
-
-kernel void splat_index(global const float *nearness, global const uint *keys, global uint *indices, PixelMap map,
-                        float size)
-{
-    const int x = get_global_id(0), y = get_global_id(1);
-    if (x >= map.src_width || y >= map.src_height)
-        return;
-    const Splat splat = splat_of(nearness, map, x, y, size);
-    for (int row = splat.low_y; row <= splat.high_y; row++)
-        for (int column = splat.low_x; column <= splat.high_x; column++)
-            if (keys[row * map.dst_width + column] == key_of(splat.nearness))
-                atomic_min(indices + row * map.dst_width + column, (uint)(y * map.src_width + x));
+            enter_key(keys, indices, by_index, row * map.dst_width + column, key_of(splat.nearness), y * map.src_width + x);
 }
 
 kernel void splat_pixels(global const uint *keys, global const uint *indices, global const channel *src_color,

@@ -1,6 +1,7 @@
 #ifndef WARP_KEYS_H
 #define WARP_KEYS_H
-/* Nearness as an ordered uint, for atomic maxima: 0 is below all values. */
+/* The nearest of several objects at each pixel. keys: its nearness as an ordered uint, initially 0, which is below all
+ * values. indices: the least number of an object of this nearness, initially the greatest uint. */
 uint key_of(float nearness)
 {
     const uint bits = as_uint(nearness);
@@ -10,5 +11,14 @@ uint key_of(float nearness)
 float nearness_of_key(uint key)
 {
     return as_float(key & 0x80000000u ? key & 0x7fffffffu : ~key);
+}
+
+/* Enters an object at pixel `at` into the keys; `by_index`, after all keys, into the indices. */
+void enter_key(global uint *keys, global uint *indices, int by_index, int at, uint key, uint number)
+{
+    if (!by_index)
+        atomic_max(keys + at, key);
+    else if (keys[at] == key)
+        atomic_min(indices + at, number);
 }
 #endif

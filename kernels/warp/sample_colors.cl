@@ -53,9 +53,7 @@ INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut c
         high = max_lanes(n[i], high);
         low = min_lanes(n[i], low);
     }
-    const intl right = taps.fx >= 0.5f, below = taps.fy >= 0.5f;
-    const floatl nearest = select_lanes(below, select_lanes(right, n[3], n[2]), select_lanes(right, n[1], n[0]));
-    return select_lanes(IS_OPEN(cut, high, low), nearest, bilinear(taps, n[0], n[1], n[2], n[3]));
+    return select_lanes(IS_OPEN(cut, high, low), NEAREST_TAP(taps, n), bilinear(taps, n[0], n[1], n[2], n[3]));
 }
 
 /* Does another surface hide the sample? front: the point shown by its pixel, in the source's pixel space */
@@ -121,9 +119,8 @@ kernel void color_samples(global const float *places, global const float *depth,
     const float *D = map.dst_from_src, *S = map.src_from_dst;
     const intl x = x0 + lane_index;
     const size_t at = (size_t)y * width + x0;
-    const int whole = x0 + LANES <= width;
-    const floatl z = whole ? load_lanes(depth + at) : (floatl)(gather(depth, y * width + min(x, (intl)(width - 1))));
-    intl active = (x < width) & (z > NEAREST) & (z < far);
+    const floatl z = load_first(depth + at, width - x0, 0.0f);
+    intl active = (z > NEAREST) & (z < far);
 #if HAS_PLACES
     global const float *place = places + (size_t)y * pitch + x0;
     Point sample = {load_lanes(place), load_lanes(place + (size_t)height * pitch), 0.0f};
@@ -160,12 +157,9 @@ kernel void color_samples(global const float *places, global const float *depth,
         total += weights[i];
         farthest = max_lanes(around[i], farthest);
     }
-    const intl right = taps.fx >= 0.5f, below = taps.fy >= 0.5f;
-    const intl nearest = select_lanes(below, select_lanes(right, taps.at[3], taps.at[2]), select_lanes(right, taps.at[1], taps.at[0]));
-    const floatl z_there = select_lanes(below, select_lanes(right, around[3], around[2]), select_lanes(right, around[1], around[0]));
-    const intl none = active & !(z_there == z_there);
+    const floatl z_there = NEAREST_TAP(taps, around);
+    const intl none = active & !(z_there == z_there), torn_there = NEAREST_TAP(taps, torn);
     /* Is the shown surface nearer than the sample, and not a slope on which the sample lies? */
-    const intl torn_there = select_lanes(below, select_lanes(right, torn[3], torn[2]), select_lanes(right, torn[1], torn[0]));
     const floatl nearer_by = RELATIVE_TOLERANCE * fabs(own_z);
     const intl before = active & (own_z - z_there > nearer_by) & (torn_there | (own_z - farthest > nearer_by));
     intl is_seen = active;
@@ -186,16 +180,9 @@ kernel void color_samples(global const float *places, global const float *depth,
         add_color(&c, weights[i] * per_total, read_color(color, taps.at[i], pixels));
     const intl mixes = total > 1e-6f;
     if (any_lane(is_seen & !mixes))
-        c = select_color(mixes, c, read_color(color, nearest, pixels));
+        c = select_color(mixes, c, read_color(color, NEAREST_TAP(taps, taps.at), pixels));
     const Color black = {0.0f, 0.0f, 0.0f};
     c = select_color(is_seen, c, black);
-    if (whole) {
-        write_color(sample_color + CHANNELS * at, c);
-        store_bytes(to_ucharl(is_seen & 1), seen + at);
-        return;
-    }
-    for (int lane = 0; lane < width - x0; lane++) {
-        write_pixel(sample_color + CHANNELS * (at + lane), rounded_channel(color_lane(c, lane)));
-        seen[at + lane] = int_lane(is_seen, lane) & 1;
-    }
+    write_first(sample_color + CHANNELS * at, c, width - x0);
+    store_first_bytes(is_seen & 1, seen + at, width - x0);
 }

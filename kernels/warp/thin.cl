@@ -3,10 +3,9 @@
  *
  * Three launches, as in forward.cl. The first finds each pixel's greatest nearness of a ribbon; the second, the least
  * number among the ribbons of this nearness. The third writes the pixels where a ribbon is nearer than the picture or
- * the picture is empty. A side of the surface that is not shown hides no ribbon behind it. keys: (dst_height,
- * dst_width) nearness as ordered by warp/keys.h, 0 without a ribbon; indices: the same shape, the ribbon's number.
- * ribbons: (count,) numbers of the view's ribbons (picture/ribbons.cl).
- * source, source_view: as in resolve.cl.
+ * the picture is empty. A side of the surface that is not shown hides no ribbon behind it. keys, indices: (dst_height,
+ * dst_width), warp/keys.h. ribbons: (count,) numbers of the view's ribbons (picture/ribbons.cl). source, source_view:
+ * as in resolve.cl.
  * Work-item: a ribbon; STRIP * LANES pixels of a row. Cost: O(pixels + pixels of ribbons). Determinism: maximum and
  * minimum do not depend on the order of work-items.
  * Not in the paper, where all samples are connected.
@@ -60,8 +59,9 @@ float intersect_ribbon(Ribbon ribbon, PixelMap map, int sides, int column, int r
     return is_on && shows && IS_BEFORE(map.dst_perspective, met) ? met : EMPTY;
 }
 
-/* Enters a ribbon's nearness into `keys`; with `indices`, enters its number where the keys hold its nearness. */
-void draw_ribbon(Ribbon ribbon, PixelMap map, int sides, uint number, global uint *keys, global uint *indices)
+/* Enters a ribbon's nearness into the keys, or its number into the indices. */
+void draw_ribbon(Ribbon ribbon, PixelMap map, int sides, uint number, global uint *keys, global uint *indices,
+                 int by_index)
 {
     const float *D = map.dst_from_src;
     float low_u = INFINITY, low_v = INFINITY, high_u = -INFINITY, high_v = -INFINITY;
@@ -88,34 +88,18 @@ void draw_ribbon(Ribbon ribbon, PixelMap map, int sides, uint number, global uin
             const float met = intersect_ribbon(ribbon, map, sides, column, row, &part);
             if (!IS_HIT(met))
                 continue;
-            const int at = row * map.dst_width + column;
-            const uint key = key_of(met) - (part < 0.0f || part > 1.0f ? END_BIAS : 0u);
-            if (!indices)
-                atomic_max(keys + at, key);
-            else if (keys[at] == key)
-                atomic_min(indices + at, number);
+            enter_key(keys, indices, by_index, row * map.dst_width + column,
+                      key_of(met) - (part < 0.0f || part > 1.0f ? END_BIAS : 0u), number);
         }
 }
 
-void draw_numbered(global const float *surface, global const uint *ribbons, int count, global uint *keys,
-                   global uint *indices, PixelMap map, Cut cut, int sides)
+kernel void draw_ribbons(global const float *surface, global const uint *ribbons, int count, global uint *keys,
+                         global uint *indices, int by_index, PixelMap map, Cut cut, int sides)
 {
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, cut);
     const int i = get_global_id(0);
     if (i < count)
-        draw_ribbon(numbered_ribbon(grid, ribbons[i]), map, sides, ribbons[i], keys, indices);
-}
-
-kernel void thin_nearness(global const float *surface, global const uint *ribbons, int count, global uint *keys,
-                          PixelMap map, Cut cut, int sides)
-{
-    draw_numbered(surface, ribbons, count, keys, 0, map, cut, sides);
-}
-
-kernel void thin_index(global const float *surface, global const uint *ribbons, int count, global uint *keys,
-                       global uint *indices, PixelMap map, Cut cut, int sides)
-{
-    draw_numbered(surface, ribbons, count, keys, indices, map, cut, sides);
+        draw_ribbon(numbered_ribbon(grid, ribbons[i]), map, sides, ribbons[i], keys, indices, by_index);
 }
 
 void mix_colors(global const channel *src_color, int a, int b, float part, global channel *color)

@@ -34,18 +34,10 @@ INLINED void show_pixels(global channel *color, global const float *depth, globa
 {
     const float *m = map->src_from_dst;
     const size_t pixel = (size_t)y * map->dst_width + x;
-    floatl z = 1.0f;
-    intl holes = 0;
-    if (x + LANES <= map->dst_width) {
-        holes = load_bytes(valid + pixel) == 0;
-        if (!any_lane(holes))
-            return;
-        z = load_lanes(depth + pixel);
-    } else
-        for (int i = 0; x + i < map->dst_width; i++) {
-            set_float_lane(z, i, depth[pixel + i]);
-            set_int_lane(holes, i, -(valid[pixel + i] == 0));
-        }
+    const intl holes = load_first_bytes(valid + pixel, map->dst_width - x, 1) == 0;
+    if (!any_lane(holes))
+        return;
+    const floatl z = load_first(depth + pixel, map->dst_width - x, 1.0f);
     const floatl n = DEPTH_OF(map->dst_perspective, z), px = to_floatl(x + lane_index);
     const floatl w = MAP_ROW(m, 2, px, y, n);
     const floatl u = MAP_ROW(m, 0, px, y, n) / w, v = MAP_ROW(m, 1, px, y, n) / w;

@@ -27,29 +27,17 @@ def cube_face_cameras(camera: Camera) -> list[Camera]:
 
 
 def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = None) -> Target:
-    """Return a camera's picture from the targets of its `cube_face_cameras`.
-
-    Parameters
-    ----------
-    targets : sequence of Target
-    camera : Camera
-    out : Frame, optional
-        Frame whose arrays are written.
-    """
+    """Return a camera's picture from the targets of its `cube_face_cameras`; `out`: a frame that is overwritten."""
     if camera.lens is None:
         return targets[0]
     like = targets[0].color
     profile = current().profile
-    whole = Target(
-        camera,
-        like.dtype,
-        out=out,
-        origins=targets[0].source is not None,
-        classes=targets[0].classes is not None,
-        channels=like.shape[2],
-    )
+    asked = {"origins": targets[0].source is not None, "classes": targets[0].classes is not None}
+    whole = Target(camera, like.dtype, out=out, channels=like.shape[2], **asked)
     whole.filled = any(target.filled for target in targets)
     guesses = any(target.guesses is not None for target in targets)
+    defines = {"ORIGINS": int(whole.source is not None), "CLASSES": int(whole.classes is not None)}
+    defines["GUESSES"] = int(guesses)
     for number, (face, target) in enumerate(zip(cube_faces(camera), targets, strict=True)):
         told: dict[str, Any] = {**whole.origins, **{f"face_{name}": array for name, array in target.origins.items()}}
         if whole.classes is not None:
@@ -57,14 +45,7 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
         if guesses:
             told |= {"face_guesses": target.made_guesses(), "guesses": whole.made_guesses()}
         launch(
-            kernel(
-                "picture/cube_faces.cl",
-                "join_faces",
-                ORIGINS=int(whole.source is not None),
-                CLASSES=int(whole.classes is not None),
-                GUESSES=int(guesses),
-                **target.color_defines,
-            ),
+            kernel("picture/cube_faces.cl", "join_faces", **defines, **target.color_defines),
             profile.packets(*camera.size, profile.strip),
             places=positions_on_device(face),
             face_depth=target.depth,

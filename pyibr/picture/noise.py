@@ -17,19 +17,14 @@ _FILE = "picture/noise.cl"
 
 
 class NoiseOnDevice:
-    """The noise of a depth image.
+    """The noise of a depth image: float32 (a, b, c) of the deviation a z^2 + b z + c at depth z.
 
-    Attributes
-    ----------
-    array : DeviceArray float32
-        (a, b, c) of the deviation a z^2 + b z + c at depth z. If estimated, (a, b, c) of the quantization steps follow.
-    values : float32, or None
-        The same on the host, after a wait for the launch.
+    If it is estimated, (a, b, c) of the quantization steps follow.
     """
 
     def __init__(self, array: DeviceArray) -> None:
         self.array = array
-        self.values: NDArray[np.float32] | None = None
+        self.values: NDArray[np.float32] | None = None  # the same on the host, after a wait for the launch
 
 
 def noise_on_device(noise: DepthNoise, depth: DeviceArray | None = None) -> NoiseOnDevice:

@@ -25,9 +25,7 @@ _CUT_RATIO = 1.05  # the default in pictures
 NEIGHBOUR_OFFSET_MAX = 64  # pixels between the depths from which normals are computed
 _DEVIATIONS = 3.0  # shadow bias in standard deviations of the noise
 _MOST_OF = 0.9  # the noise is evaluated at this quantile of the depths
-_SLOPE_ERROR_MAX = (
-    0.1  # highest standard deviation of slopes due to noise: 6 degrees for a surface that faces the camera
-)
+_SLOPE_ERROR_MAX = 0.1  # standard deviation of slopes due to noise: 6 degrees for a surface that faces the camera
 
 
 def normals_of(view: DepthImage) -> NDArray[np.float32]:
@@ -110,22 +108,10 @@ def _found(view: DepthImage) -> NDArray[np.float32]:
 
 
 def noise_bias(views: Sequence[DepthImage], camera: Camera, middle: Float64) -> tuple[float, int]:
-    """Return the shadow bias that keeps noisy surfaces of images from shadowing themselves.
+    """Return the shadow bias that keeps noisy surfaces made from views from shadowing themselves.
 
-    Parameters
-    ----------
-    views : sequence of DepthImage
-        The views from which the surface is made.
-    camera : Camera
-        Camera of the picture.
-    middle : (3,) float64
-        A point in the middle of the surface, in the world.
-
-    Returns
-    -------
-    float, int
-        `bias` and `apart` of `pyibr.picture.deferred.entry_for`: the bias in scene units, and the distance, in pixels
-        of the picture, between the depths from which slopes are computed. The distance is 1 without noise.
+    camera: camera of the picture. middle: (3,) a point in the middle of the surface, in the world. Returns `bias` and
+    `apart` of `pyibr.picture.deferred.entry_for`; without noise, `apart` is 1.
     """
     pixel, bias, apart = pixel_size(camera, middle), 0.0, 1
     for view in views:

@@ -11,13 +11,18 @@ from typing import Any
 import numpy as np
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import check_pixels
+from pyibr.core.checks import check_pixels, integer_from
+from pyibr.core.errors import ArgumentError
 from pyibr.images.frame import Frame
-from pyibr.opencl.memory import DeviceArray
+from pyibr.opencl.device import current
+from pyibr.opencl.launch import launch
+from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.memory_pool import telling_shortage
-from pyibr.picture.antialiasing import averaged, checked_side, finer
+from pyibr.opencl.program import kernel
 from pyibr.picture.cube_faces import cube_face_cameras, joined_faces
 from pyibr.picture.target import Target
+
+_SIDES = {side * side: side for side in range(1, 9)}  # samples along each side of a pixel, by their number
 
 
 class PictureParts:
@@ -33,57 +38,72 @@ class PictureParts:
     Raises
     ------
     ArgumentError
-        If `samples` is not one of its choices, or a part has too many pixels.
+        If `samples` is not a square number from 1 to 64, or a part has too many pixels.
     OutOfMemoryError
         If the rays of a lens do not fit in the machine's memory.
     """
 
     def __init__(self, camera: Camera, samples: int) -> None:
-        self._camera, self._side = camera, checked_side(samples)
+        self._camera, self._side = camera, _checked_side(samples)
         check_pixels("camera", camera.size)
-        self._fine = finer(camera, self._side)
+        self._fine = camera
+        if self._side > 1:  # a camera whose pixels are the samples
+            size = self._side * camera.width, self._side * camera.height
+            check_pixels("samples", size)
+            self._fine = camera.resized(size)
         with telling_shortage("this machine"):
             self._cameras = cube_face_cameras(self._fine)
         for part in self._cameras:
             check_pixels("camera", part.size)
 
-    def drawn(
-        self,
-        draw: Callable[[Target], None],
-        dtype: np.dtype[Any],
-        *,
-        channels: int = 3,
-        origins: bool = False,
-        classes: bool = False,
-        anisotropy: int = 1,
-        out: Frame | None = None,
-        pool: dict[tuple[int, int], DeviceArray] | None = None,
-    ) -> Target:
-        """Draw each part, and combine the parts to the camera's picture.
+    def drawn(self, draw: Callable[[Target], None], *, out: Frame | None = None, **kind: Any) -> Target:
+        """Draw each part by a call of `draw`, and combine the parts to the camera's picture.
 
-        Parameters
-        ----------
-        draw : callable
-            Draws the scene into a target.
-        dtype, channels, origins, classes, anisotropy, pool
-            As in `Target`.
-        out : Frame, optional
-            Frame whose arrays are written, instead of new ones.
+        out: a frame whose arrays are written, instead of new ones. kind: further arguments of `Target`.
         """
         whole = out if self._side == 1 else None
         own = whole if self._fine.lens is None else None
         parts: list[Target] = []
         for camera in self._cameras:
-            part = Target(
-                camera,
-                dtype,
-                out=own,
-                origins=origins,
-                classes=classes,
-                pool=pool,
-                channels=channels,
-                anisotropy=anisotropy,
-            )
-            draw(part)
-            parts.append(part)
-        return averaged(joined_faces(parts, self._fine, whole), self._camera, self._side, out)
+            parts.append(Target(camera, out=own, **kind))
+            draw(parts[-1])
+        joined = joined_faces(parts, self._fine, whole)
+        return joined if self._side == 1 else _averaged(joined, self._camera, self._side, out)
+
+
+def _checked_side(samples: int) -> int:
+    """Return the number of samples along each side of a pixel, or raise ArgumentError."""
+    if samples.__class__ is int and samples in _SIDES:
+        return _SIDES[samples]
+    expected = f"{', '.join(map(str, _SIDES))} samples per pixel"
+    count = integer_from("samples", samples, 1, max(_SIDES), expected)
+    if count not in _SIDES:
+        raise ArgumentError("samples", expected, str(count))
+    return _SIDES[count]
+
+
+def _averaged(fine: Target, camera: Camera, side: int, out: Frame | None) -> Target:
+    """Return a camera's picture from a picture of its samples."""
+    target = Target(camera, fine.color.dtype, out=out, channels=fine.color.shape[-1])
+    target.alpha = empty((camera.height, camera.width), np.float32)
+    told: dict[str, DeviceArray] = {}
+    if fine.guesses is not None:
+        target.guesses = empty(target.depth.shape, np.float32)
+        told = {"sample_guesses": fine.guesses, "guesses": target.guesses}
+    profile = current().profile
+    launch(
+        kernel("picture/average.cl", "average", GUESSES=int(bool(told)), **fine.color_defines),
+        profile.packets(*camera.size, profile.strip),
+        sample_depth=fine.depth,
+        sample_color=fine.color,
+        sample_valid=fine.valid,
+        side=side,
+        width=camera.width,
+        height=camera.height,
+        perspective=camera.projection == "perspective",
+        **target.outputs(),
+        alpha=target.alpha,
+        **told,
+    )
+    target.blank, target.filled = False, fine.filled
+    return target

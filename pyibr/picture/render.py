@@ -113,7 +113,7 @@ def render(
                 if hasattr(drawable, "finish"):  # `isinstance` takes twenty times as long
                     cast("Finishing", drawable).finish(target)
 
-        drawn = parts.drawn(draw_all, dtype, anisotropy=readings)
+        drawn = parts.drawn(draw_all, dtype=dtype, anisotropy=readings)
         frame = drawn.frame()
     if around.any():
         _put_over(frame, around, drawn.filled)

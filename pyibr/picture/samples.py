@@ -28,25 +28,12 @@ _LARGEST = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True)
 class Samples:
-    """A depth image on the device.
+    """A depth image on the device."""
 
-    Attributes
-    ----------
-    nearness : DeviceArray (H, pitch) float32
-        1/z (perspective) or -z (orthographic); NO_SURFACE where invalid.
-    color : DeviceArray (H, W, 3)
-    ranges : DeviceArray (pieces, 2) float32
-        Least and greatest nearness of each piece of a row, (inf, -inf) if it has no samples.
-    perspective : bool
-        Whether nearness is 1/z.
-    noise : NoiseOnDevice
-        Noise of the depth.
-    """
-
-    nearness: DeviceArray
-    color: DeviceArray
-    ranges: DeviceArray
-    perspective: bool
+    nearness: DeviceArray  # (H, pitch) float32: 1/z (perspective) or -z (orthographic); NO_SURFACE where invalid
+    color: DeviceArray  # (H, W, 3)
+    ranges: DeviceArray  # (pieces, 2) float32: least and greatest nearness in a piece of a row, (inf, -inf) if empty
+    perspective: bool  # whether nearness is 1/z
     noise: NoiseOnDevice
 
     @property
@@ -78,14 +65,9 @@ class Samples:
 def cut_of(camera: Camera, ratio: float | None, noise: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.void]:
     """Return a record of the kernels' struct Cut, which decides where neighbours in a depth image are torn apart.
 
-    Parameters
-    ----------
-    camera : Camera
-    ratio : float or None
-        Ratio of depths that tears neighbours apart. For an orthographic camera, it is 1 plus their difference in units
-        of the image's longer side. With None, all neighbours are one surface.
-    noise : (float, float)
-        Tolerance for noise: a fraction of the nearness, and a constant nearness to add.
+    ratio: ratio of depths that tears neighbours apart; for an orthographic camera, 1 plus their difference in units of
+    the image's longer side. With None, all neighbours are one surface. noise: tolerance for noise, a fraction of the
+    nearness and a constant nearness to add.
     """
     values = np.zeros((), struct("lib/surface.h", "Cut"))
     if ratio is None:

@@ -21,9 +21,7 @@ from pyibr.picture.target import Target
 
 Bounds = tuple[NDArray[Any], NDArray[Any]]
 
-_ANGLE_MAX = (
-    120.0  # degrees that one perspective map may cover; for wider angles, texels at its edge get too large: six maps
-)
+_ANGLE_MAX = 120.0  # degrees that one perspective map may cover: for wider angles, texels at its edge get too large
 _MARGIN = 4  # texels left free around a map: points are moved by up to 2 texels, and reads reach 1 texel farther
 _THIN = 1e-6  # least extent of a map, relative to the longer side
 _ANGLE_MIN = 1e-3  # degrees
@@ -108,19 +106,11 @@ def lighting(
 ) -> Lighting:
     """Return the lighting of a scene; draw its shadow maps, if the light casts shadows.
 
-    A light keeps the maps of its last scene: pictures from other cameras reuse them as long as no thing changes.
+    A light keeps the maps of its last scene: pictures from other cameras reuse them as long as no thing changes. Maps
+    are kept only if all things are `Immutable`; others may change unnoticed.
 
-    Parameters
-    ----------
-    light : Light
-    things : sequence
-        The scene. Maps are kept only if all things are `Immutable`; others may change unnoticed.
-    bounds : sequence of (low, high)
-        Bounds of each thing, in the world.
-    draw : callable
-        Draws all shadow casters into a target.
-    dtype : dtype
-        Type of the picture's colours, which `draw` expects.
+    bounds: (low, high) of each thing, in the world. draw: draws all shadow casters into a target whose colours have the
+    `dtype` of the picture.
     """
     if not light.shadow_size:
         return Lighting(light)

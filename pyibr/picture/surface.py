@@ -30,47 +30,24 @@ _STEEP = 0.025  # limit relative to the nearness: in small images, _STEEPEST alo
 
 @dataclass(frozen=True)
 class Margins:
-    """The margins of a surface on the device.
+    """The margins of a surface on the device."""
 
-    Attributes
-    ----------
-    quarters : DeviceArray (MARGIN_PLANES, capacity) float32
-        See kernels/lib/margins.h.
-    count : int
-        Number of margins.
-    """
-
-    quarters: DeviceArray
+    quarters: DeviceArray  # (MARGIN_PLANES, capacity) float32: see kernels/lib/margins.h
     count: int
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A depth image's surface on the device. Its launches may still be running.
-
-    Attributes
-    ----------
-    nearness : DeviceArray (H + 2, pitch) float32
-        The image's samples and a ring of samples around them, with the bits of kernels/picture/edges.cl.
-    color : DeviceArray (H, W, 3)
-        Colours. An image of one pixel has a second pixel here.
-    size : (W, H)
-        Size of the image.
-    test : EdgeTest
-        The test that found the edges.
-    prominence : DeviceArray (H, ceil(W / 16), 2) float32
-        Maximum prominence in nearness over blocks of 16 samples, seen from the front and from the back: inf if a sample
-        is torn off, -inf if noise explains the differences.
-    wait : callable
-        Waits for the launches on the first call, and returns the least and the greatest nearness, and the margins.
-    """
+    """A depth image's surface on the device. Its launches may still be running."""
 
     nearness: DeviceArray
-    color: DeviceArray
-    size: tuple[int, int]
-    test: EdgeTest
-    prominence: DeviceArray
+    """(H + 2, pitch) float32: the image's samples and a ring around them, with the bits of kernels/picture/edges.cl."""
+    color: DeviceArray  # (H, W, 3); an image of one pixel has a second pixel here
+    size: tuple[int, int]  # (W, H)
+    test: EdgeTest  # the test that found the edges
+    prominence: DeviceArray  # (H, ceil(W / 16), 2) float32: see kernels/picture/small_parts.cl
     wait: Callable[[], tuple[float, float, Margins]]
+    """Waits for the launches on the first call, and returns the least and the greatest nearness, and the margins."""
 
     @property
     def low(self) -> float:
@@ -128,32 +105,17 @@ class Surface:
 
 @dataclass(frozen=True)
 class EdgeTest:
-    """Test that decides which neighbours in a depth image are torn apart.
+    """Test that decides which neighbours in a depth image are torn apart, as the kernels' structs Cut and EdgeTest."""
 
-    Attributes
-    ----------
-    cut : record
-        The kernels' struct Cut, a test of depths alone. With `straight`, it tests only pairs that `straight` cannot.
-    straight : record
-        The kernels' struct EdgeTest.
-    """
-
-    cut: NDArray[np.void]
+    cut: NDArray[np.void]  # a test of depths alone; if `straight` is in use, only for pairs that it cannot test
     straight: NDArray[np.void]
 
 
 def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = False) -> Surface:
-    """Return the view's surface on the current device; cached for each edge test.
+    """Return the surface of a view without a lens on the current device; cached for each edge test.
 
-    Parameters
-    ----------
-    view : DepthImage
-        A view without a lens.
-    cut_ratio : float or None
-        Ratio of depths that tears neighbours apart, as in `cut_of`. With None, neighbours are torn where the surface
-        does not continue straight, unless noise explains it.
-    connected : bool
-        Whether all neighbours are one surface.
+    cut_ratio: ratio of depths that tears neighbours apart, as in `cut_of`. With None, neighbours are torn where the
+    surface does not continue straight, unless noise explains it. connected: all neighbours are one surface.
     """
 
     def made() -> Surface:
@@ -225,15 +187,15 @@ def make_surface(
     if profile.band and tear is None:
         grid = (-(-height // profile.band),)
         of_depth = depth or {"depth": samples.nearness, "ranges": samples.ranges, "far": 0.0}
-        steps = border | edges | around | margins.arguments | of_depth
+        steps = border | edges | around | margins | of_depth
         launch(_kernel("prepare"), grid, band=profile.band, converts=bool(depth), **steps)
     else:
         launch(_kernel("find_edges"), (pieces, height), piece=piece, **edges, **shared)
         if tear is not None:
             tear(surface)
         launch(_kernel("continue_border"), (ring.shape[1],), **border, **shared)
-        launch(_kernel("look_around"), (pieces, height), piece=piece, **around, **margins.arguments)
-    values, done = begin_to_host([samples.ranges, ring, margins.count, samples.noise.array]), surface.session.mark()
+        launch(_kernel("look_around"), (pieces, height), piece=piece, **around, **margins)
+    values, done = begin_to_host([samples.ranges, ring, margins["count"], samples.noise.array]), surface.session.mark()
 
     @functools.cache
     def wait() -> tuple[float, float, Margins]:
@@ -242,10 +204,10 @@ def make_surface(
         count, room = int(found[0]), margins
         if count > capacity:
             room = _room_for_margins(count)
-            launch(_kernel("look_around"), (pieces, height), piece=piece, **around, **room.arguments)
+            launch(_kernel("look_around"), (pieces, height), piece=piece, **around, **room)
         low, high = samples.low_and_high(ranges)
         low, high = min(low, float(nearest_and_farthest[0].min())), max(high, float(nearest_and_farthest[1].max()))
-        return low, high, Margins(room.quarters, count)
+        return low, high, Margins(room["margins"], count)
 
     return Surface(surface, samples.color, size, test, prominence, wait)
 
@@ -254,19 +216,8 @@ def _kernel(name: str) -> Kernel:
     return kernel("picture/begin.cl", name)
 
 
-@dataclass(frozen=True)
-class _Room:
-    """Buffer for margins, and their count, before they are found."""
-
-    quarters: DeviceArray
-    count: DeviceArray
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        return {"margins": self.quarters, "count": self.count, "capacity": self.quarters.shape[1]}
-
-
-def _room_for_margins(capacity: int) -> _Room:
+def _room_for_margins(capacity: int) -> dict[str, Any]:
+    """Arguments of kernels that find margins: a buffer for them, and their count."""
     # The last packet reads beyond the last margin.
-    planes = int(constant("lib/margins.h", "MARGIN_PLANES"))
-    return _Room(empty((planes, capacity + current().profile.lanes), np.float32), zeros((1,), np.int32))
+    columns, planes = capacity + current().profile.lanes, int(constant("lib/margins.h", "MARGIN_PLANES"))
+    return {"margins": empty((planes, columns), np.float32), "count": zeros((1,), np.int32), "capacity": columns}

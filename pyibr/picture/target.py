@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -12,18 +13,28 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import check_lengths, check_pixels
 from pyibr.images import Frame
+from pyibr.opencl.device import current
 from pyibr.opencl.headers import struct
+from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, begin_to_host, empty, output
 from pyibr.opencl.memory_pool import rounded
+from pyibr.opencl.program import kernel
 
 _NEAR = 1e-5  # near plane, relative to the distance of the farthest point that is drawn
-
 _NEAREST = 1e-30  # scene units: near plane for a point at the camera's centre
 
 
 def color_defines(dtype: np.dtype[Any], channels: int) -> dict[str, int]:
     """Return the defines for a colour's type and channels (kernels/lib/channel.h)."""
     return {"COLOR_BYTES": dtype.itemsize, "CHANNELS": channels}
+
+
+def clear(array: DeviceArray, value: float) -> None:
+    """Set all elements of a float32 or uint32 array to one value, on all processors."""
+    count, profile = math.prod(array.shape), current().profile
+    name = "clear_uints" if array.dtype == np.uint32 else "clear"
+    arguments = {"values": array, "count": count, "share": profile.share, "value": value}
+    launch(kernel("picture/begin.cl", name), profile.shares(count), **arguments)
 
 
 class GBuffer:
@@ -113,11 +124,8 @@ class Target:
         self.out = out
         self._pool: dict[tuple[int, int], DeviceArray] = {} if pool is None else pool
         if out is None:
-            self.color, self.depth, self.valid = (
-                empty((*shape, channels), dtype),
-                empty(shape, np.float32),
-                empty(shape, np.uint8),
-            )
+            self.color = empty((*shape, channels), dtype)
+            self.depth, self.valid = empty(shape, np.float32), empty(shape, np.uint8)
         else:
             self.color, self.depth, self.valid = output(out.color), output(out.depth), output(out.valid.view(np.uint8))
         self.source = empty((*shape, 2), np.float32) if origins else None

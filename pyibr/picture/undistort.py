@@ -73,8 +73,6 @@ def undistorted(
     if cut_ratio is not None:
         cut_ratio_from(cut_ratio)
     one_of("interpolation", interpolation, Interpolation)
-    if view.camera.lens is None:
-        return view
     return undistorted_view(view, cut_of(view.camera, cut_ratio), interpolation == "linear")
 
 

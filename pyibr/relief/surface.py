@@ -23,9 +23,8 @@ from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.clear import clear
 from pyibr.picture.shadow import Lighting
-from pyibr.picture.target import Target
+from pyibr.picture.target import Target, clear
 from pyibr.raster.bins import bin_defines, bin_primitives, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments, wrap_defines
 from pyibr.relief.interior import Interior, InteriorPoint

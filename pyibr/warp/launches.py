@@ -21,11 +21,10 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.clear import clear
 from pyibr.picture.deferred import NO_ENTRY, Entry
 from pyibr.picture.samples import Samples
 from pyibr.picture.surface import Surface
-from pyibr.picture.target import Target
+from pyibr.picture.target import Target, clear
 from pyibr.warp.lines import line_groups
 
 _NEIGHBOUR_OFFSET_MAX = 16
@@ -35,24 +34,12 @@ _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of 
 
 @dataclass(frozen=True)
 class Options:
-    """Options for drawing views.
+    """Options for drawing views."""
 
-    Attributes
-    ----------
-    search : bool
-        Search for each pixel separately instead of sweeping whole lines.
-    linear : bool
-        Interpolate between the samples instead of taking the nearest.
-    connected : bool
-        Treat all neighbours as one surface.
-    side : str
-        Side of the surface that is shown: one of `Side`.
-    """
-
-    search: bool = False
-    linear: bool = True
-    connected: bool = False
-    side: Side = "front"
+    search: bool = False  # search for each pixel separately instead of sweeping whole lines
+    linear: bool = True  # interpolate between the samples instead of taking the nearest
+    connected: bool = False  # treat all neighbours as one surface
+    side: Side = "front"  # side of the surface that is shown
 
     def from_both_sides(self) -> Options:
         """Options for a light's map: the exact surface, from both sides."""
@@ -72,27 +59,14 @@ def map_of(pair: CameraPair) -> Struct:
 
 @dataclass(frozen=True)
 class Pass:
-    """One view's surface on its way into a target; the methods launch the kernels.
-
-    Attributes
-    ----------
-    surface : Surface
-    pixel_map : PixelMap
-        From the view to the target.
-    target : Target
-    options : Options
-    view : int
-        Index of the view.
-    entry : Entry
-        Entry of a picture in a light, with the samples' normals if it draws them.
-    """
+    """One view's surface on its way into a target; the methods launch the kernels."""
 
     surface: Surface
-    pixel_map: PixelMap
+    pixel_map: PixelMap  # from the view to the target
     target: Target
     options: Options
-    view: int = 0
-    entry: Entry = NO_ENTRY
+    view: int = 0  # index of the view
+    entry: Entry = NO_ENTRY  # entry of a picture in a light, with the samples' normals if it draws them
 
     @cached_property
     def _source(self) -> dict[str, Any]:
@@ -240,17 +214,14 @@ class Pass:
         ribbons, target = self.surface.ribbons, self.target
         if not ribbons.shape[0]:
             return
-        profile, (width, height) = current().profile, target.camera.size
-        keys, indices = empty((height, width), np.uint32), empty((height, width), np.uint32)
-        clear(keys, 0)
-        clear(indices, 0xFFFFFFFF)
+        profile, camera = current().profile, target.camera
         defines = {**target.color_defines, **self.entry.defines, "ORIGINS": int(target.source is not None)}
-        shared = {"keys": keys, "cut": Struct("Cut", self.surface.test.cut), **self._source}
+        shared = {"cut": Struct("Cut", self.surface.test.cut), **_nothing_entered(camera), **self._source}
         listed = {"ribbons": ribbons, "count": ribbons.shape[0], **shared}
-        for name, more in (("thin_nearness", {}), ("thin_index", {"indices": indices})):
-            launch(kernel("warp/thin.cl", name, **defines), ribbons.shape, **listed, **more)
-        grid = profile.packets(width, height, profile.strip)
-        launch(kernel("warp/thin.cl", "thin_pixels", **defines), grid, indices=indices, **shared, **self._picture)
+        for by_index in (False, True):
+            launch(kernel("warp/thin.cl", "draw_ribbons", **defines), ribbons.shape, by_index=by_index, **listed)
+        grid = profile.packets(*camera.size, profile.strip)
+        launch(kernel("warp/thin.cl", "thin_pixels", **defines), grid, **shared, **self._picture)
 
     def classify(self) -> None:
         """Lower the classes of the holes for which this view knows a more specific class."""
@@ -316,30 +287,19 @@ def build_ahead_of_warp(pair: CameraPair, options: Options, defines: dict[str, i
 
 def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: float, entry: Entry = NO_ENTRY) -> None:
     """Carry each sample over to a square of `size` pixels."""
-    shape = (target.camera.height, target.camera.width)
-    keys, indices = empty(shape, np.uint32), empty(shape, np.uint32)
+    defines = {**target.color_defines, **entry.defines}
+    shared = {"map": map_of(pixel_map.pair), **_nothing_entered(target.camera)}
+    for by_index in (False, True):
+        splatted = {"nearness": samples.nearness, "size": size, "by_index": by_index, **shared}
+        launch(kernel("warp/forward.cl", "splat_samples", **defines), pixel_map.pair.src.size, **splatted)
+    picture = {"src_color": samples.color, "merge": not target.blank, **target.outputs(), **entry.arguments}
+    launch(kernel("warp/forward.cl", "splat_pixels", **defines), target.camera.size, **picture, **shared)
+    target.blank = False
+
+
+def _nothing_entered(camera: Camera) -> dict[str, DeviceArray]:
+    """Initial `keys` and `indices` of kernels/warp/keys.h for a camera's picture."""
+    keys, indices = (empty((camera.height, camera.width), np.uint32) for _ in range(2))
     clear(keys, 0)
     clear(indices, 0xFFFFFFFF)
-    the_map, defines = map_of(pixel_map.pair), {**target.color_defines, **entry.defines}
-    for name, more in (("splat_nearness", {}), ("splat_index", {"indices": indices})):
-        launch(
-            kernel("warp/forward.cl", name, **defines),
-            pixel_map.pair.src.size,
-            nearness=samples.nearness,
-            keys=keys,
-            map=the_map,
-            size=size,
-            **more,
-        )
-    launch(
-        kernel("warp/forward.cl", "splat_pixels", **defines),
-        target.camera.size,
-        keys=keys,
-        indices=indices,
-        src_color=samples.color,
-        map=the_map,
-        merge=not target.blank,
-        **target.outputs(),
-        **entry.arguments,
-    )
-    target.blank = False
+    return {"keys": keys, "indices": indices}

@@ -17,7 +17,7 @@ from pyibr.core.checks import Immutable
 from pyibr.opencl import memory
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.memory_pool import rounded, when_gone
-from pyibr.picture.clear import clear
+from pyibr.picture.target import clear
 from tests.one_lane import one_lane
 from tests.opencl.everything import calls
 
