@@ -33,29 +33,14 @@ NOISE_MAX = 1e18  # scene units: products of greater noise and depths may exceed
 
 @dataclass(frozen=True)
 class Layer:
-    """One view in a picture of several views.
+    """One view in a picture of several views."""
 
-    Attributes
-    ----------
-    number : int
-        The view's index.
-    view : DepthImage
-    pixel_map : PixelMap
-        From the view to the picture.
-    area : Rectangle
-        The pixels of the picture that drawing the layer writes.
-    surface : Surface
-        The view's surface, with its edges.
-    gains : (3,) float64
-        Factors of the view's colours.
-    """
-
-    number: int
+    number: int  # the view's index
     view: DepthImage
-    pixel_map: PixelMap
-    area: Rectangle
-    surface: Surface
-    gains: Float64
+    pixel_map: PixelMap  # from the view to the picture
+    area: Rectangle  # the pixels of the picture that drawing the layer writes
+    surface: Surface  # the view's surface, with its edges
+    gains: Float64  # (3,) factors of the view's colours
 
 
 def blend(
@@ -65,19 +50,10 @@ def blend(
     own: Target,
     entry: Entry = NO_ENTRY,
 ) -> None:
-    """Draw the blended picture of some layers.
+    """Draw the blended picture of some layers, which are added in their order.
 
-    Parameters
-    ----------
-    layers : sequence of Layer
-        In the order in which they are added.
-    target : Target
-    draw : callable
-        Draws a layer alone into a target.
-    own : Target
-        Receives one layer after the other; with normals, if `entry` draws them.
-    entry : Entry
-        Entry of a picture in a light.
+    draw: draws a layer alone into a target. own: receives one layer after the other; with normals, if `entry` draws
+    them. entry: the entry of a picture in a light.
     """
     making = _Blending(target, own, draw, entry, len(layers))
     held, *others = (layers[at : at + making.held] for at in range(0, len(layers), making.held))
@@ -145,12 +121,8 @@ class _Blending:
 
     def find_nearest(self, layers: Sequence[Layer], *, first: bool) -> None:
         """Find the nearest surface of the kept layers and the earlier ones."""
-        launch(
-            kernel("warp/blend.cl", "nearest_layers", **self._defines),
-            self._grid,
-            first=first,
-            **self._held(layers),
-        )
+        nearest_layers = kernel("warp/blend.cl", "nearest_layers", **self._defines)
+        launch(nearest_layers, self._grid, first=first, **self._held(layers))
 
     def _held(self, layers: Sequence[Layer]) -> dict[str, Any]:
         """Arguments of the kernels that read the kept layers."""
@@ -206,26 +178,13 @@ def _found_edges(view: DepthImage, surface: Surface) -> DeviceArray:
     size = {"width": camera.width, "height": camera.height, "mark_pitch": mark_pitch}
     marks, in_row = (empty((camera.height, mark_pitch), np.float32) for _ in range(2))
     edges = empty((camera.height * camera.width + 1,), np.uint16)  # the kernel reads one value beyond each position
-    launch(
-        kernel("warp/view_edges.cl", "mark_edges"),
-        profile.packets(camera.width + margins, camera.height),
-        surface=surface.nearness,
-        marks=marks,
-        view=edge_view(view),
-        mark_pitch=mark_pitch,
-    )
+    grid = profile.packets(camera.width + margins, camera.height)
+    shared = {"marks": marks, "mark_pitch": mark_pitch}
+    launch(kernel("warp/view_edges.cl", "mark_edges"), grid, surface=surface.nearness, view=edge_view(view), **shared)
     grid = profile.packets(*camera.size)
     launch(kernel("warp/view_edges.cl", "row_distances"), grid, marks=marks, in_row=in_row, **size)
-    launch(
-        kernel("warp/view_edges.cl", "edge_distances"),
-        grid,
-        marks=marks,
-        in_row=in_row,
-        surface=surface.nearness,
-        edges=edges,
-        pitch=surface.nearness.shape[1],
-        **size,
-    )
+    found = {"surface": surface.nearness, "edges": edges, "pitch": surface.nearness.shape[1]}
+    launch(kernel("warp/view_edges.cl", "edge_distances"), grid, marks=marks, in_row=in_row, **found, **size)
     return edges
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast, overload
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +29,10 @@ from pyibr.picture.target import Target
 from pyibr.picture.undistort import positions_on_device, undistorted_view
 from pyibr.warp.launches import Options, Pass, map_of
 
-AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
+AnyDepth = TypeVar("AnyDepth", NDArray[np.float32], NDArray[np.uint16])
 
 _CUT_RATIO = 1.05  # ratio of depths of different surfaces, where only two depths are known
-_DEVIATIONS = 3 * 2**0.5
-"""As in `pyibr.warp.filling`."""
-
+_DEVIATIONS = 3 * 2**0.5  # as in `pyibr.warp.filling`
 _STRIDE, _RANGE = 7, (0.02, 0.98)  # every 7th sample of every 7th row; quantiles that bound the range of depth
 _LENSES = {  # LENS of kernels/lib/lens.h
     "brown_conrady": 1,
@@ -66,26 +64,6 @@ class RegisteredColor(NamedTuple):
     seen: NDArray[np.bool_]
 
 
-@overload
-def register(
-    depth: NDArray[np.float32],
-    depth_camera: Camera,
-    color_camera: Camera,
-    *,
-    depth_scale: None = ...,
-    cut_ratio: float | None = ...,
-    noise: Noise | None = ...,
-) -> NDArray[np.float32]: ...
-@overload
-def register(
-    depth: NDArray[np.uint16],
-    depth_camera: Camera,
-    color_camera: Camera,
-    *,
-    depth_scale: float,
-    cut_ratio: float | None = ...,
-    noise: Noise | None = ...,
-) -> NDArray[np.uint16]: ...
 def register(
     depth: AnyDepth,
     depth_camera: Camera,
@@ -139,16 +117,18 @@ def register(
     >>> registered.dtype, int(registered[24, 32])
     (dtype('uint16'), 1500)
     """
-    _check_cameras(depth_camera, color_camera)
-    stored, units = _checked(depth, depth_camera, depth_scale)
-    ratio = None if cut_ratio is None else cut_ratio_from(cut_ratio)
+    stored, units, ratio = _checked(depth, depth_camera, color_camera, depth_scale, cut_ratio)
     with one_call():
         registered = _drawn(_view_of(stored, units, depth_camera, noise), color_camera, ratio).picture.depth
-        return (_in_raw_units(registered, units) if units else registered).to_host()
+        if units:
+            counts = empty(registered.shape, np.uint16)
+            _convert("to_raw_depth", counts, raw=counts, depth=registered, scale=units)
+            registered = counts
+        return cast("AnyDepth", registered.to_host())
 
 
 def register_color(
-    depth: AnyDepth,
+    depth: NDArray[np.float32] | NDArray[np.uint16],
     depth_camera: Camera,
     color_camera: Camera,
     color: Color,
@@ -187,33 +167,39 @@ def register_color(
     >>> ibr.register_color(depth, camera, camera.moved(0.025, 0, 0), color).color[24, 32].tolist()
     [90, 90, 90]
     """
-    _check_cameras(depth_camera, color_camera)
-    stored, units = _checked(depth, depth_camera, depth_scale)
-    ratio = None if cut_ratio is None else cut_ratio_from(cut_ratio)
+    stored, units, ratio = _checked(depth, depth_camera, color_camera, depth_scale, cut_ratio)
     given = checked_colors("color", color, (color_camera.height, color_camera.width, 3))
     with one_call():
         view = _view_of(stored, units, depth_camera, noise)
         return _colors_for(view, color_camera, given, _drawn(view, color_camera, ratio))
 
 
-def _check_cameras(depth_camera: Camera, color_camera: Camera) -> None:
-    """Raise ArgumentError for arguments that are not cameras, or for cameras with too large images."""
-    for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
-        check_pixels(name, instance_of(name, camera, Camera, "a pyibr.Camera").size)
-
-
 def _view_of(stored: Any, units: float, camera: Camera, noise: Noise | None) -> DepthImage:
     """Return an image of depth alone, in scene units, from the results of `_checked`. The session is held."""
-    return DepthImage(None, _in_scene_units(stored, units) if units else stored, camera, noise=noise)
+    depth = stored
+    if units:
+        converted = empty(stored.shape, np.float32)
+        _convert("to_depth", converted, raw=upload(stored), depth=converted, scale=units)
+        depth = converted.to_host()
+    return DepthImage(None, depth, camera, noise=noise)
 
 
-def _checked(depth: AnyDepth, camera: Camera, depth_scale: float | None) -> tuple[Any, float]:
-    """Return the depth, and its stored units per scene unit; 0 for float32."""
-    shape = camera.height, camera.width
+def _checked(
+    depth: NDArray[np.float32] | NDArray[np.uint16],
+    depth_camera: Camera,
+    color_camera: Camera,
+    depth_scale: float | None,
+    cut_ratio: float | None,
+) -> tuple[Any, float, float | None]:
+    """Return the depth, its stored units per scene unit (0 for float32), and the ratio that cuts."""
+    for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
+        check_pixels(name, instance_of(name, camera, Camera, "a pyibr.Camera").size)
+    shape = depth_camera.height, depth_camera.width
+    ratio = None if cut_ratio is None else cut_ratio_from(cut_ratio)
     if not isinstance(depth, np.ndarray) or depth.dtype.name != "uint16":  # pyright: ignore[reportUnnecessaryIsInstance]
         if depth_scale is not None:
             raise ArgumentError("depth_scale", "none for float32 depth, which is in scene units", repr(depth_scale))
-        return checked_depth(cast("NDArray[np.float32]", depth), shape), 0.0
+        return checked_depth(cast("NDArray[np.float32]", depth), shape), 0.0, ratio
     if depth.shape != shape:
         raise ArgumentError("depth", f"float32 or uint16 of shape {shape}", describe(depth))
     if depth_scale is None:
@@ -221,21 +207,7 @@ def _checked(depth: AnyDepth, camera: Camera, depth_scale: float | None) -> tupl
             "depth_scale", "stored units per scene unit for uint16 depth (1000: millimetres to metres)", "none"
         )
     counts = np.ascontiguousarray(plain_array("depth", depth, "integers", 0), np.uint16)  # masked: no depth
-    return counts, positive("depth_scale", depth_scale)
-
-
-def _in_scene_units(counts: NDArray[np.uint16], scale: float) -> NDArray[np.float32]:
-    """Convert counts to depth. The session is held."""
-    depth = empty(counts.shape, np.float32)
-    _convert("to_depth", depth, raw=upload(counts), depth=depth, scale=scale)
-    return depth.to_host()
-
-
-def _in_raw_units(depth: DeviceArray, scale: float) -> DeviceArray:
-    """Convert depth to counts. The session is held."""
-    counts = empty(depth.shape, np.uint16)
-    _convert("to_raw_depth", counts, raw=counts, depth=depth, scale=scale)
-    return counts
+    return counts, positive("depth_scale", depth_scale), ratio
 
 
 def _convert(name: str, made: DeviceArray, **arguments: Any) -> None:
@@ -245,23 +217,12 @@ def _convert(name: str, made: DeviceArray, **arguments: Any) -> None:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """A depth image drawn as a picture of depth.
+    """A depth image drawn as a picture of depth."""
 
-    Attributes
-    ----------
-    source : DepthImage
-        The image, undistorted.
-    cut, cut_there : record
-        The kernels' struct Cut for the image, and for the picture.
-    samples : Samples
-        The image's samples, with single missing ones bridged amid a surface.
-    picture : Target
-    """
-
-    source: DepthImage
-    cut: NDArray[np.void]
-    cut_there: NDArray[np.void]
-    samples: Samples
+    source: DepthImage  # the image, undistorted
+    cut: NDArray[np.void]  # the kernels' struct Cut for the image,
+    cut_there: NDArray[np.void]  # and for the picture
+    samples: Samples  # the image's samples, with single missing ones bridged amid a surface
     picture: Target
 
 

@@ -7,7 +7,7 @@ import inspect
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast
+from typing import Any, Literal, TypedDict, cast
 
 import numpy as np
 
@@ -34,9 +34,6 @@ from pyibr.warp.blending import Blend, Layer, blend
 from pyibr.warp.filling import Fill, fill_holes
 from pyibr.warp.launches import Options, Pass, build_ahead_of_warp, defines_of, forward_warp
 from pyibr.warp.looked_through import surfaces_of
-
-if TYPE_CHECKING:
-    pass
 
 Method = Literal["epipolar", "search", "forward"]
 Edges = Literal["connect", "cut"]
