@@ -74,18 +74,16 @@ class DepthReading(TypedDict, total=False):
 
 
 _PathLike = str | PathLike[str]
-_COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}
-_MASK_MODULES = {".npy": "npy"}
-_DEPTH_MODULES = _COLOR_MODULES | {
-    ".png": "image",
-    ".tif": "image",
-    ".tiff": "image",
-    ".bin": "colmap_bin",
-    ".pgm": "image",
-    ".dpt": "dpt",
-    ".hdf5": "hdf5",
+_COLOR_MODULES = {".npy": "arrays", ".npz": "arrays", ".pfm": "floats", ".exr": "exr"}
+_MASK_MODULES = {".npy": "arrays"}
+_DEPTH_MODULES = {
+    **dict.fromkeys((".png", ".tif", ".tiff"), "image"),
+    **_COLOR_MODULES,
+    **{".bin": "floats", ".pgm": "image", ".dpt": "floats", ".hdf5": "arrays"},
 }
-
+COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", *_COLOR_MODULES)
+DEPTH_SUFFIXES = tuple(_DEPTH_MODULES)
+"""Suffixes of pictures and of depth in recordings; if a frame has several files of depth, the first suffix counts."""
 
 _CHOICES = {"channel": (".exr", ".npz"), "part": (".exr",)}
 

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from os import PathLike
+from pathlib import Path
 from typing import cast
+
+import numpy as np
 
 from pyibr.core.calibrations import cameras_in, chosen, is_matrix, making, read_calibration
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import open3d_cameras
+from pyibr.core.checks import checked_size
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import checked_path
+from pyibr.core.files import checked_path, read_text, reading
+from pyibr.io import gltf
 from pyibr.io.colmap_model import read_model
 from pyibr.io.folders import files_in
-from pyibr.io.gltf_cameras import SUFFIXES, read_gltf_cameras
-from pyibr.io.multiview import are_parameters, read_parameters
 
 _SET = "frusta.json"  # written by `pyibr.save` and `pyibr place`
+_NUMBERS = 21  # 9 of K, 9 of R and 3 of t for each picture of Middlebury's multi-view sets; x_camera = R x_world + t
 
 
 def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = None) -> dict[str, Camera]:
@@ -66,10 +70,10 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
         if not files:
             raise FileFormatError(f"{source}: no cameras in it: expected JSON files, or COLMAP's cameras and images")
         return {file.stem: Camera.load(file) for file in files}
-    if source.suffix.lower() in SUFFIXES:
-        return read_gltf_cameras(source, size)
-    if are_parameters(source):
-        return read_parameters(source, size)
+    if source.suffix.lower() in gltf.SUFFIXES:
+        return gltf.read_cameras(source, size)
+    if _are_parameters(source):
+        return _read_parameters(source, size)
     file, name, tree = read_calibration(source)
     data = _listed(tree)
     if isinstance(data, list) and not is_matrix(cast("object", data)):
@@ -96,3 +100,26 @@ def _listed(data: object) -> object:
         return views
     entries = cast("list[object]", views)
     return [cast("dict[str, object]", one).get("camera") if isinstance(one, dict) else one for one in entries]
+
+
+def _are_parameters(path: Path) -> bool:
+    """Tell whether a text file begins with a count, and a line of a name and 21 numbers."""
+    try:
+        first, second = (line.split() for line in read_text(path).splitlines()[:2])
+    except (OSError, ValueError):
+        return False
+    return len(first) == 1 and first[0].isdigit() and len(second) == 1 + _NUMBERS
+
+
+def _read_parameters(path: Path, size: tuple[int, int] | None) -> dict[str, Camera]:
+    """The cameras of a multi-view set by picture name, for pictures of this size."""
+    shown = checked_size(size)
+    with reading(path, "multi-view parameters") as source:
+        lines = [line.split() for line in read_text(source).splitlines()[1:] if line.strip()]
+        rows = {line[0]: np.array([float(word) for word in line[1:]]) for line in lines}
+        if any(len(row) != _NUMBERS for row in rows.values()):
+            raise ValueError("expected 9 numbers of K, 9 of R, 3 of t for each picture")
+        return {
+            name: Camera.from_opencv(row[:9].reshape(3, 3), row[9:18].reshape(3, 3), row[18:], shown)
+            for name, row in rows.items()
+        }

@@ -17,7 +17,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import one_of
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import check_unpacked, checked_path, reading
-from pyibr.io import DepthKind, DepthReading, depth_kinds, npy
+from pyibr.io import DepthKind, DepthReading, arrays, depth_kinds
 from pyibr.io.recordings import Recording, Stored, check_numbers
 from pyibr.io.video import SUFFIXES, Video
 
@@ -115,7 +115,7 @@ class _Array:
                 self._mapped, shape, self._dtype = mapped, mapped.shape, mapped.dtype
             else:
                 with ZipFile(source) as packed, self._opened(packed) as stream:
-                    shape, by_columns, self._dtype = npy.header_of(stream)
+                    shape, by_columns, self._dtype = arrays.header_of(stream)
                     if by_columns:
                         raise ValueError("its array is in Fortran order")
         lengths = [length for length in shape if length != 1]
@@ -136,7 +136,7 @@ class _Array:
         size = math.prod(self._shape[1:]) * self._dtype.itemsize
         check_unpacked(size)
         with reading(self._path, "NumPy") as source, ZipFile(source) as packed, self._opened(packed) as stream:
-            npy.header_of(stream)
+            arrays.header_of(stream)
             first = stream.tell()
             for number in numbers:
                 stream.seek(first + number * size)  # continues from its position
@@ -146,7 +146,7 @@ class _Array:
                 yield np.frombuffer(data, self._dtype).reshape(self._shape[1:])
 
     def _opened(self, packed: ZipFile) -> IO[bytes]:
-        return packed.open(npy.member_of(self._path, packed, "depth", self._channel))
+        return packed.open(arrays.member_of(self._path, packed, "depth", self._channel))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import check_unpacked, reading, write_atomically
 from pyibr.core.optional import openexr
-from pyibr.io.npy import CHOICE
+from pyibr.io.arrays import CHOICE
 
 _Path = str | PathLike[str]
 _DEPTH = re.compile(r"depth|^p?z$|^zbuffer$", re.IGNORECASE)

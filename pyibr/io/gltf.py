@@ -18,10 +18,16 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.files import check_unpacked
+from pyibr.core.camera import Camera
+from pyibr.core.checks import checked_size, positive
+from pyibr.core.conventions import CV_FROM_GL
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import check_unpacked, read_bytes, reading
 from pyibr.images.srgb import linear_from_srgb, srgb_from_linear
 from pyibr.io import image
 from pyibr.io.mesh_arrays import MeshArrays, beside, color_bytes, texture_beside, texture_from
+
+SUFFIXES = (".gltf", ".glb")
 
 _MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
 _KINDS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -37,11 +43,47 @@ _KNOWN = ("KHR_materials_", "KHR_lights_", "KHR_mesh_quantization", "KHR_texture
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     """Return the mesh in a file's bytes."""
-    scene, binary = chunks_of(data)
+    scene, binary = _chunks_of(data)
     required = [name for name in scene.get("extensionsRequired", []) if not name.startswith(_KNOWN)]
     if required or not str(scene["asset"]["version"]).startswith("2."):
         raise ValueError(f"expected glTF 2.0 without {required[0] if required else 'other versions'}")
     return _Scene(scene, binary, folder, max(_TIMES * len(data), _LITTLE)).mesh()
+
+
+def read_cameras(path: Path, size: tuple[int, int] | None) -> dict[str, Camera]:
+    """The scene's cameras by node name, or node number, for pictures of this size; pixels are square."""
+    width, height = checked_size(size)
+    with reading(path, "glTF") as source:
+        scene, _ = _chunks_of(read_bytes(source))
+        if not str(scene["asset"]["version"]).startswith("2."):
+            raise ValueError("expected glTF 2.0")
+        found: dict[str, Camera] = {}
+        for number, matrix in _node_matrices(scene).items():
+            node = _item_of(scene, "nodes", number)
+            if "camera" in node:
+                camera = _item_of(scene, "cameras", node["camera"])
+                fx, fy, projection = _scales(camera, width, height)
+                K = [[fx, 0, (width - 1) / 2], [0, fy, (height - 1) / 2], [0, 0, 1]]
+                made = Camera(K, (width, height), _unscaled(matrix) @ CV_FROM_GL, projection=projection)
+                found[str(node.get("name", number))] = made
+    if not found:
+        raise FileFormatError(f"{path}: no camera in its scene")
+    return found
+
+
+def _scales(camera: dict[str, Any], width: int, height: int) -> tuple[float, float, Any]:
+    if camera["type"] == "perspective":
+        focal = height / 2 / np.tan(positive("yfov", camera["perspective"]["yfov"]) / 2)
+        return focal, focal, "perspective"
+    half = [positive(name, camera["orthographic"][name]) for name in ("xmag", "ymag")]
+    return width / 2 / half[0], height / 2 / half[1], "orthographic"
+
+
+def _unscaled(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A node's position and orientation, without its scale."""
+    pose = matrix.copy()
+    pose[:3, :3] /= np.linalg.norm(pose[:3, :3], axis=0)
+    return pose
 
 
 def mesh_bytes(mesh: MeshArrays, double_sided: bool) -> bytes:
@@ -113,7 +155,7 @@ class _Scene:
 
     def mesh(self) -> MeshArrays:
         """All triangles of the scene as one mesh."""
-        matrices, lost = node_matrices(self._scene), dict[str, None]()
+        matrices, lost = _node_matrices(self._scene), dict[str, None]()
         drawn = list(self._drawn(matrices, lost))
         if not drawn:
             raise ValueError("no triangles in the scene")
@@ -148,10 +190,10 @@ class _Scene:
     def _drawn(self, numbers: Iterable[int], lost: dict[str, None]) -> Iterator[tuple[int, dict[str, Any]]]:
         """Primitives of triangles, with their nodes' indices; `lost` collects other primitives and morph targets."""
         for number in numbers:
-            node = item_of(self._scene, "nodes", number)
+            node = _item_of(self._scene, "nodes", number)
             if "mesh" not in node:
                 continue
-            mesh = item_of(self._scene, "meshes", node["mesh"])
+            mesh = _item_of(self._scene, "meshes", node["mesh"])
             if any(node.get("weights", mesh.get("weights", []))):
                 lost["morph targets"] = None
             for primitive in mesh["primitives"]:
@@ -164,10 +206,10 @@ class _Scene:
         self, number: int, primitive: dict[str, Any], matrices: dict[int, NDArray[np.float64]]
     ) -> NDArray[np.float64]:
         """(4, 4) transform from a node's primitive to the scene; (N, 4, 4), one for each vertex, with a skin."""
-        node, attributes = item_of(self._scene, "nodes", number), primitive["attributes"]
+        node, attributes = _item_of(self._scene, "nodes", number), primitive["attributes"]
         if "skin" not in node or "JOINTS_0" not in attributes:
             return matrices[number]
-        skin = item_of(self._scene, "skins", node["skin"])
+        skin = _item_of(self._scene, "skins", node["skin"])
         joints = np.stack([matrices[joint] for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:
             joints = joints @ self._array(skin["inverseBindMatrices"], 16).reshape(-1, 4, 4).swapaxes(1, 2)
@@ -222,12 +264,12 @@ class _Scene:
         return self._material(primitive).get("pbrMetallicRoughness", {})
 
     def _material(self, primitive: dict[str, Any]) -> dict[str, Any]:
-        return item_of(self._scene, "materials", primitive["material"]) if "material" in primitive else {}
+        return _item_of(self._scene, "materials", primitive["material"]) if "material" in primitive else {}
 
     def _texture(self, number: Any) -> NDArray[np.uint8] | None:
-        texture = item_of(self._scene, "textures", number)
+        texture = _item_of(self._scene, "textures", number)
         webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
-        return self._image(item_of(self._scene, "images", webp.get("source", texture.get("source"))))
+        return self._image(_item_of(self._scene, "images", webp.get("source", texture.get("source"))))
 
     def _image(self, described: dict[str, Any]) -> NDArray[np.uint8] | None:
         if "bufferView" in described:
@@ -238,7 +280,7 @@ class _Scene:
     def _array(self, number: int, width: int | None) -> NDArray[Any]:
         """An accessor's (N, width) numbers; normalised integers become floats."""
         if number not in self._arrays:
-            self._arrays[number] = self._accessor(item_of(self._scene, "accessors", number))
+            self._arrays[number] = self._accessor(_item_of(self._scene, "accessors", number))
         array = self._arrays[number]
         if width is not None and array.shape[1] != width:
             raise ValueError(f"expected an accessor of width {width}, got {array.shape[1]}")
@@ -274,7 +316,7 @@ class _Scene:
 
     def _view(self, number: int) -> tuple[bytes, int]:
         """A view's bytes, and its stride, 0 for tightly packed entries."""
-        view = item_of(self._scene, "bufferViews", number)
+        view = _item_of(self._scene, "bufferViews", number)
         buffer = self._buffers[int(view["buffer"])]
         start, length = view.get("byteOffset", 0), view["byteLength"]
         if min(start, length) < 0 or start + length > len(buffer):
@@ -292,11 +334,11 @@ class _Scene:
         return data
 
 
-def node_matrices(scene: dict[str, Any]) -> dict[int, NDArray[np.float64]]:
+def _node_matrices(scene: dict[str, Any]) -> dict[int, NDArray[np.float64]]:
     """Transforms from the nodes of the default scene to the scene, by node index."""
     nodes = scene.get("nodes", [])
     if "scenes" in scene:
-        roots = item_of(scene, "scenes", scene.get("scene", 0)).get("nodes", [])
+        roots = _item_of(scene, "scenes", scene.get("scene", 0)).get("nodes", [])
     else:
         below = {child for node in nodes for child in node.get("children", [])}
         roots = [number for number in range(len(nodes)) if number not in below]
@@ -305,20 +347,20 @@ def node_matrices(scene: dict[str, Any]) -> dict[int, NDArray[np.float64]]:
         number, above = waiting.pop()
         if number in found:
             raise ValueError(f"node {number} occurs twice in the scene")
-        node = item_of(scene, "nodes", number)
+        node = _item_of(scene, "nodes", number)
         found[number] = above @ _matrix_of(node)
         waiting += [(child, found[number]) for child in reversed(node.get("children", []))]
     return found
 
 
-def item_of(scene: dict[str, Any], kind: str, number: Any) -> dict[str, Any]:
+def _item_of(scene: dict[str, Any], kind: str, number: Any) -> dict[str, Any]:
     """Return the entry of a list of the scene, by index."""
     if not isinstance(number, int) or not 0 <= number < len(scene.get(kind, [])):
         raise ValueError(f"{kind}[{number!r}] is missing")
     return scene[kind][number]
 
 
-def chunks_of(data: bytes) -> tuple[dict[str, Any], bytes | None]:
+def _chunks_of(data: bytes) -> tuple[dict[str, Any], bytes | None]:
     """The JSON object, and the binary chunk of a GLB file."""
     if data[:4] != _MAGIC:
         return cast("dict[str, Any]", json.loads(data.decode("utf-8"))), None

@@ -1,25 +1,40 @@
-"""PNG, JPEG, TIFF, BMP and other images, through Pillow."""
+"""PNG, JPEG, TIFF, BMP and other images, read through Pillow, and the focal length in their EXIF data."""
 
 from __future__ import annotations
 
 import io
+import math
+import struct
 import warnings
+import zlib
+from importlib import import_module
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.camera_geometry import FILM_DIAGONAL
 from pyibr.core.checks import describe
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import checked_path, reading, write_atomically
-from pyibr.io import png, tiff
+from pyibr.io import tiff
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+try:
+    _deflate: Any = import_module("isal.isal_zlib")
+except ImportError:  # some processors have no wheels of it
+    _deflate = zlib
+
 _OTHER_COLORS = ("CMYK", "YCbCr", "LAB", "HSV")
 _WRITABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm")
+_TO_THE_LEFT = 1  # filter of a PNG's row: differences to the left neighbour
+_PNG_COLORS = {3: 2, 4: 6}  # a PNG's kinds of colour by channels
+_EXIF, _FOCAL, _FOCAL_35MM = 0x8769, 0x920A, 0xA405
+_PLANE_RESOLUTION, _PLANE_UNIT, _WIDTH = 0xA20E, 0xA210, 0xA002
+_UNITS = {2: 25.4, 3: 10.0, 4: 1.0}  # in millimetres
 
 
 def read_color(path: str | PathLike[str]) -> NDArray[Any]:
@@ -97,13 +112,31 @@ def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
 def encoded(image: NDArray[Any], suffix: str) -> bytes:
     """The bytes of a file. Libraries that write files themselves may not report a full disk."""
     if suffix == ".png":
-        return png.encoded(image)
+        return _png(image)
     from PIL import Image
 
     options = {"quality": 95} if suffix in (".jpg", ".jpeg", ".webp") else {}
     written = io.BytesIO()
     Image.fromarray(image).save(written, Image.registered_extensions()[suffix], **options)
     return written.getvalue()
+
+
+def _png(image: NDArray[Any]) -> bytes:
+    """A file for an (H, W) or (H, W, 3 or 4) image in uint8 or uint16; isal deflates it in one call, if installed."""
+    height, width = image.shape[:2]
+    stored = np.ascontiguousarray(image, image.dtype.newbyteorder(">")).view(np.uint8).reshape(height, -1)
+    pixel = stored.shape[1] // width
+    rows = np.empty((height, 1 + stored.shape[1]), np.uint8)
+    rows[:, 0], rows[:, 1 : 1 + pixel] = _TO_THE_LEFT, stored[:, :pixel]
+    np.subtract(stored[:, pixel:], stored[:, :-pixel], out=rows[:, 1 + pixel :])
+    kind = 0 if image.ndim == 2 else _PNG_COLORS[image.shape[2]]
+    head = struct.pack(">IIBBBBB", width, height, 8 * image.itemsize, kind, 0, 0, 0)
+    chunks = _chunk(b"IHDR", head), _chunk(b"IDAT", _deflate.compress(rows.data, 1)), _chunk(b"IEND", b"")
+    return b"".join((b"\x89PNG\r\n\x1a\n", *chunks))
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(data, zlib.crc32(kind)))
 
 
 def check_output(path: str | PathLike[str]) -> None:
@@ -129,3 +162,28 @@ def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
     """Write (H, W): uint16 as PNG, float32 as TIFF."""
     check_output(path)
     write_atomically(path, encoded(depth, checked_path(path).suffix.lower()))
+
+
+def focal_35mm_of(path: str | PathLike[str], size: tuple[int, int]) -> float | None:
+    """Return the focal length's 35 mm equivalent, in millimetres; None if the data lack it.
+
+    It is stored directly, or follows from the focal length and the sensor's resolution. size: (width, height).
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    with reading(path, "image") as source:
+        try:
+            with Image.open(source) as picture:
+                tags = picture.getexif().get_ifd(_EXIF)
+        except UnidentifiedImageError:
+            return None  # other formats have no EXIF
+        told = float(tags.get(_FOCAL_35MM) or 0)
+        if told > 0:
+            return told
+        focal, density = (float(tags.get(tag) or 0) for tag in (_FOCAL, _PLANE_RESOLUTION))
+        unit = _UNITS.get(int(tags.get(_PLANE_UNIT) or 2), 0.0)
+        taken = float(tags.get(_WIDTH) or size[0])
+    if not (focal > 0 and density > 0 and unit > 0 and taken > 0):
+        return None
+    pixels = focal * density / unit * max(size) / max(taken, 1.0)
+    return pixels / math.hypot(*size) * FILM_DIAGONAL

@@ -17,16 +17,22 @@ from pyibr.core.checks import Float64
 from pyibr.core.conventions import mirrored
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import decoding
-from pyibr.io import DepthKind, DepthReading, depth_kinds, read_cameras, read_color, read_depth
+from pyibr.io import (
+    COLOR_SUFFIXES,
+    DEPTH_SUFFIXES,
+    DepthKind,
+    DepthReading,
+    depth_kinds,
+    read_cameras,
+    read_color,
+    read_depth,
+)
 from pyibr.io.folders import at_one_time, files_in, least_apart, number_of, time_of
 from pyibr.io.poses import read_trajectory
 from pyibr.io.video import SUFFIXES, first_frame
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".npy", ".npz", ".pfm", ".exr")
-DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin", ".pgm", ".dpt", ".hdf5")
 
 _SIZELESS = (".txt", ".npy", ".csv", ".yaml", ".yml", ".xml", ".gltf", ".glb")  # these may lack the pictures' size
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
 import pyibr as ibr
+from pyibr.io import image
 from tests.io.arrays import SIZES, color_of, depth_of
 
 EXACT_SUFFIXES = [".png", ".tif", ".bmp", ".npy", ".npz", ".ppm"]
@@ -178,3 +180,14 @@ def test_floats_of_any_size_are_written(tmp_path: Path):
     for dtype in (np.float16, np.float32, np.float64):
         ibr.write_color(tmp_path / "c.png", color.astype(dtype))
         assert (ibr.read_color(tmp_path / "c.png") == 128).all()
+
+
+@pytest.mark.parametrize("deflate", ["isal.isal_zlib", "zlib"])
+@pytest.mark.parametrize("shape", [(1, 1), (37, 61), (37, 61, 3), (37, 61, 4)])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_png_is_what_others_read(monkeypatch: pytest.MonkeyPatch, deflate, shape, dtype):
+    monkeypatch.setattr(image, "_deflate", pytest.importorskip(deflate))
+    pixels = np.random.default_rng(5).integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)
+    theirs = cv2.imdecode(np.frombuffer(image.encoded(pixels, ".png"), np.uint8), cv2.IMREAD_UNCHANGED)
+    channels = [0] if len(shape) == 2 else [2, 1, 0, 3][: shape[2]]
+    np.testing.assert_array_equal(theirs.reshape(*shape[:2], -1)[..., channels], pixels.reshape(*shape[:2], -1))

@@ -14,7 +14,7 @@ from pyibr.core.calibrations import listed
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.io import read_cameras, read_color, read_depth
-from pyibr.io.exif import focal_35mm_of
+from pyibr.io.image import focal_35mm_of
 from pyibr.io.layouts import recording_in
 from pyibr.io.recordings import PLAIN, Stored, size_of
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-import io
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,11 +12,10 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import check_unpacked, read_at_most, reading
 from pyibr.io import image
+from pyibr.io.arrays import names_in, read_array
 from pyibr.io.folders import files_in
 from pyibr.io.layouts.parts import camera_of, inverted, matrix, object_in
-from pyibr.io.npy import array_of
 from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, size_of
 
 _NAMES = {
@@ -72,14 +69,14 @@ def find_depth_pro(folder: Path) -> Recording | None:
     """Find NPZ files of depth and focal length in pixels, each beside the picture of the same stem."""
     pictures = {picture.stem: picture for picture in files_in(folder, COLOR_SUFFIXES) if picture.suffix != ".npz"}
     files = [file for file in files_in(folder, (".npz",)) if file.stem.removesuffix("_depth") in pictures]
-    focal = {file: name for file in files for name in _FOCAL if "depth" in (keys := _arrays(file)) and name in keys}
+    focal = {file: name for file in files for name in _FOCAL if "depth" in (keys := names_in(file)) and name in keys}
     if not focal:
         return None
     colors = [pictures[file.stem.removesuffix("_depth")] for file in focal]
 
     def camera(file: Path, color: Path) -> Camera:
         width, height = size_of(color)
-        f = float(_array(file, focal[file]).ravel()[0])
+        f = float(read_array(file, focal[file]).ravel()[0])
         return camera_of(file, matrix(f, (width - 1) / 2, (height - 1) / 2), (width, height))
 
     return Recording(
@@ -91,11 +88,11 @@ def find_depth_pro(folder: Path) -> Recording | None:
 
 
 def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
-    depths = _layers(_array(file, names["depth"]), file)
+    depths = _layers(read_array(file, names["depth"]), file)
     count, height, width = depths.shape
-    K = _array(file, names["intrinsics"]).reshape(-1, 3, 3)
+    K = read_array(file, names["intrinsics"]).reshape(-1, 3, 3)
     extrinsics = np.tile(np.eye(4), (count, 1, 1))
-    told = _array(file, names["extrinsics"])
+    told = read_array(file, names["extrinsics"])
     if (
         told.reshape(-1, *told.shape[-2:]).shape[0] != count
         or len(K) != count
@@ -103,7 +100,7 @@ def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
     ):
         raise FileFormatError(f"{file}: expected extrinsics and intrinsics of {count} frames, got {told.shape}")
     extrinsics[:, :3] = told.reshape(count, *told.shape[-2:])[:, :3]
-    sure = _layers(_array(file, names["confidence"]), file) if "confidence" in names else None
+    sure = _layers(read_array(file, names["confidence"]), file) if "confidence" in names else None
     if "color" in names:
         colors, read = [file] * count, _pictures(file, names["color"])
     else:
@@ -144,7 +141,7 @@ def _resized(size: tuple[int, int], path: Path) -> NDArray[Any]:
 
 def _pictures(file: Path, name: str) -> Callable[[int], NDArray[Any]]:
     """A reader of a stack's pictures by index; the stack is read once."""
-    stack = functools.cache(lambda: _array(file, name))
+    stack = functools.cache(lambda: read_array(file, name))
 
     def picture(k: int) -> NDArray[Any]:
         one = stack().reshape(-1, *stack().shape[-3:])[k]
@@ -168,22 +165,9 @@ def _layers(stack: NDArray[Any], file: Path) -> NDArray[np.float32]:
 def _keys(file: Path, is_alone: bool) -> dict[str, str]:
     """Name of the array for each kind of content. An unreadable file gives {}, or raises if it is the only file."""
     try:
-        there = _arrays(file)
+        there = names_in(file)
     except FileFormatError:
         if is_alone:
             raise
         return {}
     return {what: name for what, names in _NAMES.items() for name in names if name in there}
-
-
-def _arrays(file: Path) -> list[str]:
-    with reading(file, "NumPy") as source, zipfile.ZipFile(source) as packed:
-        return [name.removesuffix(".npy") for name in packed.namelist()]
-
-
-def _array(file: Path, name: str) -> NDArray[Any]:
-    with reading(file, "NumPy") as source, zipfile.ZipFile(io.BytesIO(source.read_bytes())) as packed:
-        member = packed.getinfo(f"{name}.npy")
-        check_unpacked(member.file_size)
-        with packed.open(member) as stream:
-            return array_of(read_at_most(stream))

@@ -13,9 +13,9 @@ from pyibr.core.checks import Float64
 from pyibr.core.conventions import CV_FROM_GL
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import read_text, reading
-from pyibr.io.dpt import read_camera
+from pyibr.io.arrays import read_hdf5
+from pyibr.io.floats import read_camera
 from pyibr.io.folders import files_in
-from pyibr.io.hdf5 import read_array
 from pyibr.io.layouts.parts import by_number, camera_of, inverted, joined, matrix, object_in, own_camera
 from pyibr.io.poses import rigid_or_none
 from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, paired_files, size_of
@@ -89,7 +89,7 @@ def find_hypersim(folder: Path) -> Recording | None:
         pictures = by_number(images.with_name(f"{images.name}_final_preview"), COLOR_SUFFIXES, "tonemap")
         distances = by_number(images.with_name(f"{images.name}_geometry_hdf5"), (".hdf5",), "depth_meters")
         keys = [detail / f"camera_keyframe_{name}.hdf5" for name in ("frame_indices", "orientations", "positions")]
-        indices, turns, places = (read_array(key) for key in keys)
+        indices, turns, places = (read_hdf5(key) for key in keys)
         for index, turn, place in zip(indices.ravel(), turns, places, strict=True):
             if int(index) not in pictures or int(index) not in distances:
                 continue
