@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,8 @@ from pyibr.core.errors import ArgumentError
 
 ANGLE_MAX = 75.0
 """Largest angle from the axis in an undistorted image, in degrees; farther out, many pixels would show little."""
+
+_Made = TypeVar("_Made")
 
 _MARGIN = 2  # pixels around the seen part: neighbours that distinguish edges from slopes
 _BORDER = 0.75  # pixels outside the image that still show its border: half an oblique undistorted pixel
@@ -32,17 +36,48 @@ _FACES = (  # right, down and forward axes of a cube's faces in the camera's fra
 )
 
 
+def _cached(count: int) -> Callable[[Callable[[Camera], _Made]], Callable[[Camera], _Made]]:
+    """Cache `count` results of a function of a camera's lens and pixels; it gets the camera at the origin."""
+
+    def decorated(function: Callable[[Camera], _Made]) -> Callable[[Camera], _Made]:
+        known = functools.lru_cache(maxsize=count)(function)
+        return functools.wraps(function)(lambda camera: known(_unposed(camera)))
+
+    return decorated
+
+
+def _unposed(camera: Camera) -> Camera:
+    return Camera(camera.K, camera.size, lens=camera.lens)
+
+
 def rays_of(camera: Camera) -> Float64:
     """(H, W, 2) points of the pixels' rays on the plane z = 1 of the camera's frame; NaN outside the lens's view."""
-    return _rays_through(_unposed(camera)) if camera.lens else _rays(camera)
+    return _rays_through(camera) if camera.lens else _rays(camera)
+
+
+@_cached(4)
+def _rays_through(camera: Camera) -> Float64:
+    return read_only(_rays(camera))
+
+
+def _rays(camera: Camera) -> Float64:
+    pixels = np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2)
+    return camera.ideal_positions(pixels).reshape(camera.height, camera.width, 2)
 
 
 def undistorted_camera(camera: Camera) -> Camera:
     """The pinhole camera of the undistorted image, which reaches up to `ANGLE_MAX` degrees from the axis."""
     if camera.lens is None:
         return camera
-    unposed = _undistorted(_unposed(camera))
+    unposed = _undistorted(camera)
     return Camera(unposed.K, unposed.size, camera.world_from_camera)
+
+
+@_cached(32)
+def _undistorted(camera: Camera) -> Camera:
+    rays = rays_of(camera)
+    own = np.isfinite(rays[..., 0]) & ~sees_too_far(camera)
+    return _camera_around(camera, rays, own)
 
 
 def covering_camera(argument: str, camera: Camera) -> Camera:
@@ -74,9 +109,10 @@ def origins_in_lens(camera: Camera, pixels: Float64) -> Float64:
     return unposed.project(points)[0]
 
 
+@_cached(4)
 def sees_too_far(camera: Camera) -> NDArray[np.bool_]:
     """(H, W) bool, the pixels of a lens's image that see more than `ANGLE_MAX` degrees from the axis."""
-    return _sees_too_far(_unposed(camera))
+    return locked(np.hypot(*np.moveaxis(rays_of(camera), 2, 0)) > math.tan(math.radians(ANGLE_MAX)))
 
 
 class PixelPositions(Immutable):
@@ -92,9 +128,24 @@ class PixelPositions(Immutable):
         self.places = places
 
 
+@_cached(8)
 def positions_in_lens(camera: Camera) -> PixelPositions:
     """Positions of the undistorted image's pixels; pixels up to half a pixel outside go to the lens's border."""
-    return _positions_in_lens(_unposed(camera))
+    pinhole = _undistorted(camera)
+    pixels = np.stack(np.meshgrid(*map(np.arange, pinhole.size)), -1).reshape(-1, 2)
+    at = distorted_pixels(camera, pixels.astype(np.float64)).reshape(pinhole.height, pinhole.width, 2)
+    last = np.array(camera.size) - 1
+    inside = np.asarray(((at >= -_BORDER) & (at <= last + _BORDER)).all(axis=2), np.bool_)
+    at = np.clip(np.where(inside[..., None], at, 0), 0, last)
+    unseen = np.isnan(rays_of(camera)[..., 0])
+    if unseen.any():  # next to samples that the lens does not see, the nearest sample is used alone
+        x, y = np.moveaxis(at.astype(np.intp), 2, 0)
+        beside, below = np.minimum(x + 1, last[0]), np.minimum(y + 1, last[1])
+        some = unseen[y, x] | unseen[y, beside] | unseen[below, x] | unseen[below, beside]
+        at = np.where(some[..., None], np.floor(at + 0.5), at)
+        x, y = np.moveaxis(at.astype(np.intp), 2, 0)
+        inside &= ~(some & unseen[y, x])
+    return PixelPositions(np.where(inside, np.moveaxis(at, 2, 0), np.nan).astype(np.float32))
 
 
 class CubeFace(Immutable):
@@ -114,41 +165,32 @@ class CubeFace(Immutable):
         self.places = places
 
 
+@_cached(8)
 def undistorted_face(camera: Camera) -> CubeFace:
     """The undistorted image as a face, with the positions of the lens's samples in it, NaN beyond `ANGLE_MAX`."""
-    return _undistorted_face(_unposed(camera))
+    rays = rays_of(camera)
+    within = np.isfinite(rays[..., 0]) & ~sees_too_far(camera)
+    return _face(_undistorted(camera), np.where(within[..., None], rays, np.nan), np.ones(within.shape))
 
 
+@_cached(8)
 def cube_faces(camera: Camera) -> tuple[CubeFace, ...]:
     """The faces that a target with a lens is drawn as, with poses relative to it: one, or up to five of a wide lens."""
-    return _cube_faces(_unposed(camera))
-
-
-def _unposed(camera: Camera) -> Camera:
-    """The camera at the origin, as a cache key for all cameras with the same lens."""
-    return Camera(camera.K, camera.size, lens=camera.lens)
-
-
-def _rays(camera: Camera) -> Float64:
-    pixels = np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2)
-    return camera.ideal_positions(pixels).reshape(camera.height, camera.width, 2)
-
-
-@functools.lru_cache(maxsize=4)
-def _rays_through(camera: Camera) -> Float64:
-    return read_only(_rays(camera))
-
-
-@functools.lru_cache(maxsize=4)
-def _sees_too_far(camera: Camera) -> NDArray[np.bool_]:
-    return locked(np.hypot(*np.moveaxis(rays_of(camera), 2, 0)) > math.tan(math.radians(ANGLE_MAX)))
-
-
-@functools.lru_cache(maxsize=32)
-def _undistorted(camera: Camera) -> Camera:
     rays = rays_of(camera)
-    own = np.isfinite(rays[..., 0]) & ~sees_too_far(camera)
-    return _camera_around(camera, rays, own)
+    seen = np.isfinite(rays[..., 0])
+    if not (seen & sees_too_far(camera)).any():
+        return (undistorted_face(camera),)
+    directions = np.concatenate([rays, np.ones((*seen.shape, 1))], axis=2)
+    turned = [directions @ np.array(face, np.float64).T for face in _FACES]
+    nearest = np.where(seen, np.argmax([there[..., 2] for there in turned], axis=0), -1)
+    faces: list[CubeFace] = []
+    for number, there in enumerate(turned):
+        own = nearest == number
+        if own.any():
+            ahead = np.where(own, there[..., 2], np.nan)
+            onto = there[..., :2] / ahead[..., None]
+            faces.append(_face(_camera_around(camera, onto, own, np.array(_FACES[number]).T), onto, 1 / ahead))
+    return tuple(faces)
 
 
 def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: Float64 | None = None) -> Camera:
@@ -169,51 +211,6 @@ def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: 
     pose = np.eye(4)
     pose[:3, :3] = np.eye(3) if turn is None else turn
     return Camera(K, (int(size[0]), int(size[1])), pose)
-
-
-@functools.lru_cache(maxsize=8)
-def _positions_in_lens(camera: Camera) -> PixelPositions:
-    pinhole = _undistorted(camera)
-    pixels = np.stack(np.meshgrid(*map(np.arange, pinhole.size)), -1).reshape(-1, 2)
-    at = distorted_pixels(camera, pixels.astype(np.float64)).reshape(pinhole.height, pinhole.width, 2)
-    last = np.array(camera.size) - 1
-    inside = np.asarray(((at >= -_BORDER) & (at <= last + _BORDER)).all(axis=2), np.bool_)
-    at = np.clip(np.where(inside[..., None], at, 0), 0, last)
-    unseen = np.isnan(rays_of(camera)[..., 0])
-    if unseen.any():  # next to samples that the lens does not see, the nearest sample is used alone
-        x, y = np.moveaxis(at.astype(np.intp), 2, 0)
-        beside, below = np.minimum(x + 1, last[0]), np.minimum(y + 1, last[1])
-        some = unseen[y, x] | unseen[y, beside] | unseen[below, x] | unseen[below, beside]
-        at = np.where(some[..., None], np.floor(at + 0.5), at)
-        x, y = np.moveaxis(at.astype(np.intp), 2, 0)
-        inside &= ~(some & unseen[y, x])
-    return PixelPositions(np.where(inside, np.moveaxis(at, 2, 0), np.nan).astype(np.float32))
-
-
-@functools.lru_cache(maxsize=8)
-def _undistorted_face(camera: Camera) -> CubeFace:
-    rays = rays_of(camera)
-    within = np.isfinite(rays[..., 0]) & ~sees_too_far(camera)
-    return _face(_undistorted(camera), np.where(within[..., None], rays, np.nan), np.ones(within.shape))
-
-
-@functools.lru_cache(maxsize=8)
-def _cube_faces(camera: Camera) -> tuple[CubeFace, ...]:
-    rays = rays_of(camera)
-    seen = np.isfinite(rays[..., 0])
-    if not (seen & sees_too_far(camera)).any():
-        return (_undistorted_face(camera),)
-    directions = np.concatenate([rays, np.ones((*seen.shape, 1))], axis=2)
-    turned = [directions @ np.array(face, np.float64).T for face in _FACES]
-    nearest = np.where(seen, np.argmax([there[..., 2] for there in turned], axis=0), -1)
-    faces: list[CubeFace] = []
-    for number, there in enumerate(turned):
-        own = nearest == number
-        if own.any():
-            ahead = np.where(own, there[..., 2], np.nan)
-            onto = there[..., :2] / ahead[..., None]
-            faces.append(_face(_camera_around(camera, onto, own, np.array(_FACES[number]).T), onto, 1 / ahead))
-    return tuple(faces)
 
 
 def _face(pinhole: Camera, rays: Float64, depth: Float64) -> CubeFace:
