@@ -21,10 +21,9 @@ from pyibr.core.errors import (
     OutOfMemoryError,
 )
 from pyibr.core.lens import Lens
-from pyibr.images import (
-    DepthImage,
-    Frame,
-    PixelClass,
+from pyibr.images import DepthImage, Frame, PixelClass
+from pyibr.images import metrics as metrics
+from pyibr.images.converters import (
     depth_from_disparity,
     depth_from_euclidean,
     depth_from_mpeg,
@@ -32,13 +31,12 @@ from pyibr.images import (
     depth_from_uint16,
     depth_from_zbuffer,
     disparity_from_depth,
-    disparity_noise,
     euclidean_from_depth,
     mpeg_from_depth,
     uint16_from_depth,
     zbuffer_from_depth,
 )
-from pyibr.images import metrics as metrics
+from pyibr.images.noise import disparity_noise
 from pyibr.images.silhouette import Silhouette
 from pyibr.io import read_color, read_depth, write_color, write_depth, write_mask
 from pyibr.meshes.mesh import Mesh

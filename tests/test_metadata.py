@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pyibr.core.distributions import PYIBR, version_of
+from pyibr.core.optional import PYIBR, version_of
 
 pytest.importorskip("hatchling")
 ROOT = Path(__file__).resolve().parents[1]

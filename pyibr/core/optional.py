@@ -1,4 +1,4 @@
-"""Optional packages: imported where they are used; errors name the extra that installs them."""
+"""Packages: optional ones, imported where they are used, with errors that name their extra; installed distributions."""
 
 from __future__ import annotations
 
@@ -8,6 +8,14 @@ from importlib import import_module
 from typing import Any
 
 from pyibr.core.errors import MissingPackageError
+
+PYIBR = "pyibr-opencl"
+"""Name on package indexes, where another project is called pyibr."""
+
+_OWNERS = {  # distributions by the folder that they write into; the first is the one to keep
+    "pyibr": (PYIBR, "pyibr"),
+    "cv2": ("opencv-contrib-python", "opencv-python", "opencv-contrib-python-headless", "opencv-python-headless"),
+}
 
 
 def open3d() -> Any:
@@ -57,3 +65,36 @@ viser = _package("viser", "pages in the browser need viser", "view")
 distributed = _package("distributed", "batches need Dask", "batch")
 fsspec = _package("fsspec", "batches need fsspec", "batch")
 zarr = _package("zarr", "Zarr stores need zarr and Python 3.11 or later", "batch")
+
+
+def version_of(distribution: str) -> str | None:
+    """The version of an installed distribution, or None."""
+    from importlib import metadata
+
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def clashes() -> list[tuple[str, str]]:
+    """(problem, command that repairs it) for distributions that have overwritten each other's files."""
+    found: list[tuple[str, str]] = []
+    for folder, names in _OWNERS.items():
+        owners = [name for name in names if _writes_into(name, folder)]
+        if len(owners) > 1:
+            kept, *others = owners
+            what = f"{' and '.join(owners)} have both written into {folder}/: removing one breaks the other"
+            mend = f"pip install --force-reinstall --no-deps {kept}=={version_of(kept)}"
+            found.append((what, f"pip uninstall -y {' '.join(others)} && {mend}"))
+    return found
+
+
+def _writes_into(distribution: str, folder: str) -> bool:
+    from importlib import metadata
+
+    try:
+        files = metadata.files(distribution)
+    except metadata.PackageNotFoundError:
+        return False
+    return any(file.parts[0] == folder for file in files or ())

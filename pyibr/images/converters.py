@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,9 +20,7 @@ from pyibr.core.checks import (
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import rays_of
-from pyibr.images.depth_image import Color, Depth
-
-_ColorT = TypeVar("_ColorT", bound=Color)
+from pyibr.images.depth_image import Depth
 
 
 @np.errstate(all="ignore")

@@ -31,7 +31,7 @@ from pyibr.core.checks import describe, instance_of, one_of, plain_array
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_writable, checked_path
 from pyibr.core.shown import save_as
-from pyibr.images import depth_from_relative, depth_from_uint16
+from pyibr.images.converters import depth_from_relative, depth_from_uint16
 from pyibr.images.pictures import Pictured
 from pyibr.io import depth_kinds, image
 from pyibr.io.camera_files import CameraForm, write_cameras

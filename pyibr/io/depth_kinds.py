@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import numbers, positive
 from pyibr.core.errors import ArgumentError
-from pyibr.images import (
+from pyibr.images.converters import (
     depth_from_euclidean,
     depth_from_relative,
     depth_from_uint16,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from os import PathLike
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +26,6 @@ from pyibr.core.optional import open3d
 from pyibr.core.shown import Shown
 from pyibr.io.image import without_alpha
 from pyibr.io.mesh_arrays import MeshArrays
-from pyibr.meshes import trimesh_arrays
 from pyibr.meshes.files import Axes, read_mesh, write_mesh
 from pyibr.meshes.normals import areas, place_of, summed_at_corners, summed_at_places, unit_or_up
 
@@ -297,7 +296,7 @@ class Mesh(Immutable, Shown):
         >>> ibr.Mesh.from_trimesh(like_trimesh)
         <Mesh 3 vertices, 1 triangle>
         """
-        arrays = trimesh_arrays.arrays_of(mesh)
+        arrays = _arrays_of_trimesh(mesh)
         if texture is not None:
             arrays["texture"] = texture
         return cls(arrays.pop("vertices"), arrays.pop("faces"), **arrays)
@@ -320,6 +319,47 @@ def _texture_of(maps: Any) -> NDArray[Any] | None:
     if image.dtype == np.uint16:
         return (image >> 8).astype(np.uint8)
     return image if image.dtype == np.uint8 else np.clip(image, 0, 1).astype(np.float32)
+
+
+def _arrays_of_trimesh(mesh: Any) -> dict[str, Any]:
+    """Arguments of `Mesh`; the `visual` of a `trimesh.Trimesh` provides texture and uv, or colours."""
+    if not hasattr(mesh, "vertices") or not hasattr(mesh, "faces"):
+        raise ArgumentError(
+            "mesh", "a mesh with vertices and faces (for a trimesh.Scene, pass its to_mesh())", describe(mesh)
+        )
+    vertices = plain_array("mesh.vertices", mesh.vertices, "numbers of shape (N, 3)")
+    faces = plain_array("mesh.faces", mesh.faces, "integers of shape (M, 3)")
+    made = {"vertices": vertices, "faces": faces}
+    visual = cast("Any", getattr(mesh, "visual", None))
+    kind = getattr(visual, "kind", None)
+    if kind == "texture":
+        return made | _textured(visual, len(vertices))
+    if kind == "vertex":
+        return made | {"colors": _opaque(visual.vertex_colors)}
+    if kind == "face":  # each face gets its own corners
+        corners = np.arange(3 * len(faces)).reshape(-1, 3)
+        colors = np.repeat(_opaque(visual.face_colors), 3, axis=0)
+        return {"vertices": vertices[faces.ravel()], "faces": corners, "colors": colors}
+    return made
+
+
+def _textured(visual: Any, count: int) -> dict[str, Any]:
+    """Texture and uv of `count` vertices, whose v runs up; without a picture, the material's one colour."""
+    material = getattr(visual, "material", None)
+    picture = getattr(material, "image", None)
+    if picture is None:
+        picture = getattr(material, "baseColorTexture", None)
+    if picture is not None and visual.uv is not None:
+        uv = np.array(visual.uv, np.float64)
+        uv[:, 1] = 1 - uv[:, 1]
+        return {"uv": uv, "texture": without_alpha(np.array(picture.convert("RGBA")), "the texture")}
+    color = getattr(material, "main_color", None)
+    return {} if color is None else {"colors": _opaque(np.tile(color, (count, 1)))}
+
+
+def _opaque(values: Any) -> NDArray[Any]:
+    """Colours without alpha, with a warning unless all is opaque."""
+    return without_alpha(np.array(values), "the mesh")
 
 
 def _turned(uv: NDArray[Any]) -> Float32:

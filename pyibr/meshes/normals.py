@@ -1,4 +1,4 @@
-"""Computed normals for meshes without their own: smooth over the surface, except across hard edges."""
+"""Computed normals for meshes without their own, smooth except across hard edges; and gradients of uv."""
 
 from __future__ import annotations
 
@@ -64,19 +64,9 @@ def summed_at_corners(faces: NDArray[np.integer], vectors: Float64, count: int) 
 
 
 def summed_at_places(place: NDArray[np.int64], own: Float64) -> tuple[Float64, NDArray[np.bool_]]:
-    """For each vector, sum the vectors at its place that face the same way.
+    """(N, 3) sums, for each vector of `own`, of the vectors at its place that face the same way; all for a zero vector.
 
-    Parameters
-    ----------
-    place : (N,) int64
-    own : (N, 3) float64
-        Normals weighted by area. A zero vector gets the sum of all vectors at its place.
-
-    Returns
-    -------
-    sums : (N, 3) float64
-    at_edges : (N,) bool
-        Whether other vectors at the place face another way.
+    Also (N,) bool, whether other vectors at the place face another way. own: normals weighted by area.
     """
     sums, at_edges = own + 0.0, np.zeros(len(place), np.bool_)
     among = np.flatnonzero((np.bincount(place) > 1)[place])  # few in most meshes
@@ -117,3 +107,28 @@ def unit_or_up(vectors: Float64) -> Float64:
 def _unit(vectors: Float64) -> Float64:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(length > 0, vectors / np.where(length > 0, length, 1), 0.0)
+
+
+def unit(vectors: Float64, otherwise: Float64) -> Float64:
+    """Vectors (..., 3) at unit length; `otherwise` where they are zero."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.where(length > 1e-30, vectors / np.maximum(length, 1e-30), otherwise)
+
+
+def uv_gradients(corners: Float64, uv: Float64) -> tuple[Float64, NDArray[np.bool_]]:
+    """Gradients of u and v over triangles with `corners` (T, 3, 3) and `uv` (T, 3, 2).
+
+    (T, 2, 3) in the triangles' planes, per scene unit, zero where the triangle is degenerate; and (T,) False where the
+    triangle or its uv is degenerate.
+    """
+    sides, changes = corners[:, 1:] - corners[:, :1], uv[:, 1:] - uv[:, :1]
+    across = np.cross(sides[:, 0], sides[:, 1])
+    # A linear system for each triangle, with two sides and the normal as rows.
+    rows = np.concatenate([sides, unit(across, np.array([0.0, 0.0, 1.0]))[:, None]], axis=1)
+    good = np.abs(np.linalg.det(rows)) > 1e-30
+    rows[~good] = np.eye(3)
+    values = np.concatenate([changes, np.zeros((len(uv), 1, 2))], axis=1)
+    gradients: Float64 = np.linalg.solve(rows, values).transpose(0, 2, 1).astype(np.float64)
+    gradients[~good] = 0
+    area = changes[:, 0, 0] * changes[:, 1, 1] - changes[:, 0, 1] * changes[:, 1, 0]
+    return gradients, good & (np.abs(area) > 1e-12 * np.abs(changes).max(axis=(1, 2), initial=1e-30) ** 2)

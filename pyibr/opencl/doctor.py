@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from pyibr.core.distributions import PYIBR, clashes, version_of
 from pyibr.core.errors import Error
+from pyibr.core.optional import PYIBR, clashes, version_of
 from pyibr.opencl.cache import cache_fault, cache_folder
 from pyibr.opencl.choice import Device
 from pyibr.opencl.device import devices, explain

@@ -24,8 +24,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from pyibr.core.distributions import version_of
 from pyibr.core.errors import DeviceError
+from pyibr.core.optional import version_of
 from pyibr.opencl.cache import distrust
 from pyibr.opencl.unlisted import (
     LOADER_VARIABLES,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pyibr.core.camera import Camera
-from pyibr.meshes.height_mapped import HeightMapped
-from pyibr.meshes.heights import Wraps
+from pyibr.meshes.heights import HeightMapped, Wraps
 from pyibr.meshes.textures import normal_pyramid, texture_pyramid
 from pyibr.opencl.memory import DeviceArray, upload
 

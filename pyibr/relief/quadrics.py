@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 from pyibr.meshes.mesh import Mesh
-from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit_or_up
-from pyibr.meshes.tangents import unit, uv_gradients
+from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit, unit_or_up, uv_gradients
 from pyibr.relief.neighbours import place_and_way
 
 _SINGULAR = 1e-6  # values below this, relative to the largest value, are rounding errors

@@ -13,8 +13,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import instance_of, integer_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import check_no_lens
-from pyibr.meshes.height_mapped import HeightMapped
-from pyibr.meshes.heights import Float32, Wrap, Wraps, height_at
+from pyibr.meshes.heights import Float32, HeightMapped, Wrap, Wraps, height_at
 from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.ahead import build_ahead
 from pyibr.opencl.device import one_call

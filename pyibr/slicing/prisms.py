@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 from pyibr.meshes.mesh import Mesh
-from pyibr.meshes.normals import place_of
-from pyibr.meshes.tangents import unit, uv_gradients
+from pyibr.meshes.normals import place_of, unit, uv_gradients
 
 Float32 = NDArray[np.float32]
 

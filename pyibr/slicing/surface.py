@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import check_tiled, checked_bool, one_of, positive
 from pyibr.core.pixelspace import pixel_size
-from pyibr.meshes.height_mapped import HeightMapped, Heights
-from pyibr.meshes.heights import Wrap, Wraps, checked_height, height_pairs
+from pyibr.meshes.heights import HeightMapped, Heights, Wrap, Wraps, checked_height, height_pairs
 from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.ahead import build_ahead
 from pyibr.opencl.device_cache import cached_on_device

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pyibr.core.distributions import clashes, version_of
+from pyibr.core.optional import clashes, version_of
 
 
 @pytest.fixture

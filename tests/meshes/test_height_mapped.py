@@ -9,7 +9,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.errors import ArgumentError
-from pyibr.meshes.height_mapped import HeightMapped
+from pyibr.meshes.heights import HeightMapped
 from tests.displaced import square
 
 HEIGHT, COLOR = np.full((4, 3), 0.5, np.float32), np.zeros((2, 2, 3), np.uint8)

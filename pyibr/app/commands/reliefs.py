@@ -17,7 +17,7 @@ from pyibr.app.commands.turntable import Turntable, TurntableOptions
 from pyibr.app.options import DeviceName, ExposureOption, device_of
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
-from pyibr.meshes.height_mapped import HeightMapped
+from pyibr.meshes.heights import HeightMapped
 from pyibr.meshes.mesh import Mesh
 from pyibr.picture.light import Light
 from pyibr.relief import ReliefSurface

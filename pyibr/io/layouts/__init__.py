@@ -10,9 +10,7 @@ from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import decoding
 from pyibr.io.layouts import (
     colmap,
-    driving,
     networks,
-    nyu,
     phones,
     plain,
     ros,
@@ -73,9 +71,9 @@ LAYOUTS: tuple[Layout, ...] = (
     Layout("Replica, NICE-SLAM", "results and traj.txt", "6553.5 a metre, or scale", _CV, synthetic.find_replica),
     Layout("MPI Sintel", "depth and camdata_left", "as stored", _INVERSE, synthetic.find_sintel),
     Layout("Hypersim", "images and _detail", "distance in metres", _GL, synthetic.find_hypersim),
-    Layout("KITTI selection", "image, groundtruth_depth, intrinsics", "256 a metre", "none", driving.find_selection),
-    Layout("KITTI drive", "proj_depth, image_02, calib_cam_to_cam.txt", "256 a metre", "none", driving.find_drive),
-    Layout("NYU Depth raw", "r-*.ppm and d-*.pgm", "the sensor's counts", "none", nyu.find_raw),
+    Layout("KITTI selection", "image, groundtruth_depth, intrinsics", "256 a metre", "none", stereo.find_selection),
+    Layout("KITTI drive", "proj_depth, image_02, calib_cam_to_cam.txt", "256 a metre", "none", stereo.find_drive),
+    Layout("NYU Depth raw", "r-*.ppm and d-*.pgm", "the sensor's counts", "none", scans.find_nyu),
     Layout(".sens, unpacked", "frame-* beside _info.txt", "m_depthShift", _CV, scans.find_sens),
     Layout("7-Scenes", "frame-*.pose.txt", "mm; 65535 is invalid", _CV, scans.find_seven_scenes),
     Layout("ScanNet", "intrinsic_color.txt, or intrinsic.txt", "mm", _CV, scans.find_scannet),

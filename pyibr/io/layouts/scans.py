@@ -1,17 +1,21 @@
-"""Scanned rooms: 7-Scenes, ScanNet and its exporters, unpacked .sens recordings; and BOP's scenes."""
+"""Scanned rooms: 7-Scenes, ScanNet and its exporters, unpacked .sens, NYU Depth's raw recordings; and BOP's scenes."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.errors import FileFormatError
-from pyibr.io import read_depth
+from pyibr.core.lens import Lens
+from pyibr.io import image, read_depth
+from pyibr.io.folders import files_in
 from pyibr.io.layouts import plain
 from pyibr.io.layouts.parts import (
     beside,
@@ -27,19 +31,34 @@ from pyibr.io.layouts.parts import (
     without,
 )
 from pyibr.io.poses import rigid_or_none
-from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, paired_files, size_of
+from pyibr.io.recordings import COLOR_SUFFIXES, Recording, Stored, paired_by_time, paired_files, size_of
 
+_SIZE = (640, 480)
 _SEVEN_SCENES = matrix(585.0, 320.0, 240.0)
 _INTRINSICS = ("intrinsic/intrinsic_{}.txt", "intrinsic_{}.txt", "intrinsics_{}.txt", "intrinsics/intrinsics_{}.txt")
 _MILLIMETRES = Stored(1000)
 _INFO = ("_info.txt", "info.txt")
+# NYU Depth's, from the data set's toolbox, which counts pixels from 1
+_NYU_COLOR = matrix(518.857901175, 324.582449411, 252.737616633, 519.469611121)
+_NYU_COLOR_LENS = Lens("brown_conrady", [0.207966153, -0.586138252, 0.000722314, 0.001047963, 0.498569867])
+_NYU_DEPTH = matrix(582.624481677, 312.044758708, 237.443896264, 582.691032710)
+_NYU_DEPTH_LENS = Lens("brown_conrady", [-0.099897237, 0.390653246, 0.001929059, -0.001942202, -0.510317251])
+_NYU_ROTATION = np.array(
+    [
+        [0.999977988, -0.005035992, -0.004319662],
+        [0.005051842, 0.999980519, 0.003666237],
+        [0.004301115, -0.003687978, 0.999983949],
+    ]
+)
+_NYU_TRANSLATION = -np.array([0.025031876, 0.000662387, -0.000293423])
+_NYU_FAR = 10.0  # metres; the toolbox treats farther depth as invalid
 
 
 def find_seven_scenes(folder: Path) -> Recording | None:
     """Find files frame-000000.color.png, .depth.png (65535: none) and .pose.txt."""
     if not any(folder.glob("frame-*.pose.txt")) or (found := plain.find_names(folder)) is None:
         return None
-    known = own_camera("7-Scenes", _SEVEN_SCENES, (640, 480), found.colors)
+    known = own_camera("7-Scenes", _SEVEN_SCENES, _SIZE, found.colors)
     stored = Stored(1000, depth=without(65535))
     return found._replace(known=known, stored=[stored] * len(found.colors))
 
@@ -137,3 +156,35 @@ def _pose_in(file: Path | None) -> Float64 | None:
         return None if file is None else rigid_or_none(numbers_in(file))
     except FileFormatError:
         return None
+
+
+def find_nyu(folder: Path) -> Recording | None:
+    """Find pictures r-TIME-COUNT.ppm and depth d-TIME-COUNT.pgm."""
+    colors = [file for file in files_in(folder, (".ppm",), "r-") if file.name.startswith("r-")]
+    depths = [file for file in files_in(folder, (".pgm",), "d-") if file.name.startswith("d-")]
+    if not colors or not depths:
+        return None
+    found = paired_by_time(colors, [_time(file) for file in colors], depths, [_time(file) for file in depths])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = _NYU_ROTATION, _NYU_TRANSLATION
+    of_depth = Camera(_NYU_DEPTH, _SIZE, pose, lens=_NYU_DEPTH_LENS)
+    return found._replace(
+        known=lambda: [Camera(_NYU_COLOR, _SIZE, lens=_NYU_COLOR_LENS)],
+        depth_cameras=lambda: [of_depth] * len(found.colors),
+        stored=[Stored(depth=_metres)] * len(found.colors),
+    )
+
+
+def _time(file: Path) -> float:
+    found = re.match(r"[rd]-(\d+\.\d+)", file.name)
+    if found is None:
+        raise FileFormatError(f"{file}: expected a time in its name, such as r-1294886360.208451-2996770081.ppm")
+    return float(found[1])
+
+
+def _metres(path: Path) -> NDArray[np.float32]:
+    """Depth in metres from the sensor's counts, whose bytes are swapped in these files."""
+    counts = image.read_depth(path).astype(np.uint16).byteswap().astype(np.float64)
+    with np.errstate(divide="ignore"):
+        metres = 351.3 / (1092.5 - counts)
+    return np.where((metres > 0) & (metres < _NYU_FAR), metres, np.nan).astype(np.float32)
