@@ -21,11 +21,11 @@ from pyibr.core import conventions
 from pyibr.core.calibration_text import read_tree
 from pyibr.core.camera_json import camera_arguments, is_own
 from pyibr.core.checks import Float64, checked_pose, checked_size, numbers
+from pyibr.core.conventions import Arguments
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import checked_path
 from pyibr.core.lens import Lens
 
-Arguments = dict[str, Any]
 Size = tuple[int, int] | None
 Cameras = dict[str, Callable[[], Arguments]]
 _Tree = Mapping[str, Any]
@@ -192,11 +192,6 @@ def _is_normalized(K: Float64, size: tuple[int, int]) -> bool:
     return bool((np.abs(K[:2, 2] - 0.5) < 0.5).all() and min(size) > 2 and max(K[0, 0], K[1, 1]) < min(size))
 
 
-def _given(K: Float64, size: tuple[int, int], lens: Lens, pose: Float64 | None = None) -> Arguments:
-    """Arguments of a camera from a converter's results."""
-    return {"K": K, "size": size, "lens": lens, "world_from_camera": pose}
-
-
 def _size_in(tree: _Tree) -> Size:
     """The pictures' size in a mapping, or in the entry that ROS's INI files name "image"."""
     named = {str(key).lower(): value for key, value in tree.items()}
@@ -209,31 +204,25 @@ def _size_in(tree: _Tree) -> Size:
     return _size_in(tree["image"]) if isinstance(tree.get("image"), dict) else None
 
 
-def _realsense(tree: _Tree, _: Size) -> Cameras | None:
-    if "ppx" not in tree:
+def _lone(tree: _Tree, _: Size) -> Cameras | None:
+    """RealSense's, Kalibr's or ROS's camera."""
+    if "ppx" in tree:
+        convert = conventions.camera_from_realsense
+    elif "camera_model" in tree and isinstance(tree.get("intrinsics"), list):
+        convert = conventions.camera_from_kalibr
+    elif "distortion_model" in tree and {"k", "K", "camera_matrix"} & tree.keys() and _size_in(tree) is not None:
+        convert = conventions.camera_from_ros
+    else:
         return None
-    return {"": lambda: _given(*conventions.camera_from_realsense(tree))}
-
-
-def _kalibr(tree: _Tree, _: Size) -> Cameras | None:
-    if "camera_model" not in tree or not isinstance(tree.get("intrinsics"), list):
-        return None
-    return {"": lambda: _given(*conventions.camera_from_kalibr(tree))}
-
-
-def _ros(tree: _Tree, _: Size) -> Cameras | None:
-    if "distortion_model" not in tree or not ({"k", "K", "camera_matrix"} & tree.keys()) or _size_in(tree) is None:
-        return None
-    return {"": lambda: _given(*conventions.camera_from_ros(tree))}
+    return {"": partial(convert, tree)}
 
 
 def _azure_kinect(tree: _Tree, _: Size) -> Cameras | None:
     if "CalibrationInformation" not in tree:
         return None
-    made = conventions.camera_from_azure_kinect
     there = [entry.get("Location") for entry in tree["CalibrationInformation"].get("Cameras", ())]
     modes = [mode for mode in conventions.KINECT_MODES if conventions.kinect_location(mode) in there]
-    return {mode: lambda mode=mode: _given(*made(tree, mode)) for mode in modes}
+    return {mode: partial(conventions.camera_from_azure_kinect, tree, mode) for mode in modes}
 
 
 def _opencv(tree: _Tree, size: Size) -> Cameras | None:
@@ -279,8 +268,8 @@ def _plain(tree: _Tree, size: Size) -> Cameras | None:
 
 
 def _of_numbers(tree: _Tree, size: Size, distortion: _Tree | None = None, pose: Float64 | None = None) -> Arguments:
-    fx, fy, cx, cy = numbers("fx, fy, cx, cy", [tree.get(key) for key in ("fx", "fy", "cx", "cy")], (4,))
-    return _arguments([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], size, _lens_of(distortion or tree), pose)
+    intrinsics = numbers("fx, fy, cx, cy", [tree.get(key) for key in ("fx", "fy", "cx", "cy")], (4,))
+    return _arguments(intrinsics, size, _lens_of(distortion or tree), pose)
 
 
 def _lens_of(tree: _Tree, fisheye: bool = False) -> Lens:
@@ -363,9 +352,8 @@ def _of_frame(tree: _Tree, size: Size) -> Arguments:
     center = [float(tree.get(key, side / 2)) - 0.5 for key, side in (("cx", size[0]), ("cy", size[1]))]
     pose = numbers("transform_matrix", tree["transform_matrix"], (None, 4))
     pose = np.vstack([pose[:3], (0, 0, 0, 1)]) @ conventions.CV_FROM_GL
-    return _given(
-        np.array([[fx, 0, center[0]], [0, fy, center[1]], [0, 0, 1]]), size, _lens_of(tree, _is_fisheye(tree)), pose
-    )
+    K = np.array([[fx, 0, center[0]], [0, fy, center[1]], [0, 0, 1]])
+    return {"K": K, "size": size, "lens": _lens_of(tree, _is_fisheye(tree)), "world_from_camera": pose}
 
 
 _KINDS: tuple[Callable[[_Tree, Size], Cameras | None], ...] = (
@@ -373,9 +361,7 @@ _KINDS: tuple[Callable[[_Tree, Size], Cameras | None], ...] = (
     _oak,
     _orbbec,
     _frames,
-    _realsense,
-    _kalibr,
-    _ros,
+    _lone,
     _opencv,
     _plain,
 )

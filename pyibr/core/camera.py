@@ -179,8 +179,7 @@ class Camera(CameraGeometry, Shown):
         >>> ibr.Camera.from_ros(info)
         <Camera perspective 640x480 fx=500 fy=500 cx=319.5 cy=239.5 brown_conrady at (0, 0, 0)>
         """
-        K, size, lens = conventions.camera_from_ros(info)
-        return cls(K, size, world_from_camera, lens=lens)
+        return cls(**conventions.camera_from_ros(info), world_from_camera=world_from_camera)
 
     def to_ros(self) -> conventions.RosCameraInfo:
         """Return the fields of ROS 2's `sensor_msgs/CameraInfo` that describe the raw image."""
@@ -206,8 +205,7 @@ class Camera(CameraGeometry, Shown):
         >>> ibr.Camera.from_realsense(intrinsics).lens
         <Lens inverse_brown_conrady -0.05 0.06 0 0 -0.02>
         """
-        K, size, lens = conventions.camera_from_realsense(intrinsics)
-        return cls(K, size, world_from_camera, lens=lens)
+        return cls(**conventions.camera_from_realsense(intrinsics), world_from_camera=world_from_camera)
 
     def to_realsense(self) -> conventions.RealSenseIntrinsics:
         """Return the attributes of `pyrealsense2.intrinsics`, with the model's name."""
@@ -227,8 +225,7 @@ class Camera(CameraGeometry, Shown):
         world_from_camera : array_like (4, 4), optional
             Kalibr's own transforms (`T_cn_cnm1`, `T_cam_imu`) are ignored: they do not lead to a world.
         """
-        K, size, lens = conventions.camera_from_kalibr(camera)
-        return cls(K, size, world_from_camera, lens=lens)
+        return cls(**conventions.camera_from_kalibr(camera), world_from_camera=world_from_camera)
 
     def to_kalibr(self) -> conventions.KalibrCamera:
         """Return an entry of Kalibr's `camchain.yaml`, the argument of `from_kalibr`."""
@@ -263,10 +260,12 @@ class Camera(CameraGeometry, Shown):
         >>> ibr.Camera.from_azure_kinect({"CalibrationInformation": {"Cameras": [entry]}}, "NFOV_UNBINNED")
         <Camera perspective 640x576 fx=501.76 fy=501.76 cx=329.74 cy=351.98 rational at (0, 0, 0)>
         """
-        K, size, lens, pose = conventions.camera_from_azure_kinect(calibration, mode)
+        made = conventions.camera_from_azure_kinect(calibration, mode)
         if world_from_depth_camera is not None:
-            pose = checked_pose(world_from_depth_camera, "world_from_depth_camera") @ pose
-        return cls(K, size, pose, lens=lens)
+            made["world_from_camera"] = (
+                checked_pose(world_from_depth_camera, "world_from_depth_camera") @ made["world_from_camera"]
+            )
+        return cls(**made)
 
     @classmethod
     def from_pytorch3d(
@@ -278,9 +277,7 @@ class Camera(CameraGeometry, Shown):
         size: tuple[int, int],
     ) -> Camera:
         """Make a camera from one PyTorch3D `PerspectiveCameras` in NDC; `size` is (width, height)."""
-        size = checked_size(size)
-        K, pose = conventions.camera_from_pytorch3d(R, T, focal_length, principal_point, size)
-        return cls(K, size, pose)
+        return cls(**conventions.camera_from_pytorch3d(R, T, focal_length, principal_point, checked_size(size)))
 
     def to_pytorch3d(self) -> conventions.PyTorch3DCamera:
         """Return the arguments of PyTorch3D's `PerspectiveCameras`, without the batch dimension."""

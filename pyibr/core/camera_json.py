@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any, cast
 
 from pyibr.core.checks import Float64, checked_pose, numbers
 from pyibr.core.conventions import pose_from_extrinsics
-from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.errors import FileFormatError
 from pyibr.core.files import read_text, reading, write_atomically
 from pyibr.core.lens import Lens
 
@@ -52,15 +53,9 @@ def camera_arguments(data: object, path: str | PathLike[str]) -> dict[str, Any]:
         if mixed:
             raise FileFormatError(f"{path}: has {mixed[0]!r}, which Open3D's cameras lack")
         return _open3d_arguments(entries, path)
-    unknown = sorted(entries.keys() - set(_KEYS))
-    if unknown:
-        raise FileFormatError(f"{path}: unknown key {unknown[0]!r} (a camera has {', '.join(_KEYS)})")
     if "K" in entries and not entries.keys().isdisjoint(_PARTS):
         raise FileFormatError(f"{path}: has both K and {', '.join(_PARTS)}")
-    missing = [key for key in ("width", "height") if key not in entries]
-    missing += [] if "K" in entries else [key for key in _PARTS if key not in entries]
-    if missing:
-        raise FileFormatError(f"{path}: has no {', '.join(missing)}")
+    _check_keys(entries, _KEYS, ("width", "height", *(("K",) if "K" in entries else _PARTS)), f"{path}:", "a camera")
     if "K" in entries:
         intrinsics = entries["K"]
     else:
@@ -81,16 +76,18 @@ def _read_lens(path: str | PathLike[str], entry: object) -> Lens | None:
     if not isinstance(entry, dict):
         raise FileFormatError(f"{path}: expected a lens with {', '.join(_LENS_KEYS)}, got {type(entry).__name__}")
     parts = cast("dict[str, Any]", entry)
-    unknown = sorted(parts.keys() - set(_LENS_KEYS))
+    _check_keys(parts, _LENS_KEYS, _LENS_KEYS[:2], f"{path}: its lens", "a lens")
+    return Lens(**parts)
+
+
+def _check_keys(entries: dict[str, Any], known: Sequence[str], needed: Sequence[str], place: str, kind: str) -> None:
+    """Raise FileFormatError if an object has unknown keys, or lacks needed ones."""
+    unknown = sorted(entries.keys() - set(known))
     if unknown:
-        raise FileFormatError(f"{path}: unknown key {unknown[0]!r} (a lens has {', '.join(_LENS_KEYS)})")
-    missing = [key for key in _LENS_KEYS[:2] if key not in parts]
+        raise FileFormatError(f"{place} unknown key {unknown[0]!r} ({kind} has {', '.join(known)})")
+    missing = [key for key in needed if key not in entries]
     if missing:
-        raise FileFormatError(f"{path}: its lens has no {', '.join(missing)}")
-    try:
-        return Lens(**parts)
-    except ArgumentError as error:
-        raise FileFormatError(f"{path}: {error}") from error
+        raise FileFormatError(f"{place} has no {', '.join(missing)}")
 
 
 def _is_open3d(entries: dict[str, Any]) -> bool:
@@ -114,15 +111,11 @@ def _open3d_arguments(entries: dict[str, Any], path: str | PathLike[str]) -> dic
     missing += [_EXTRINSIC] if intrinsic is not entries and _EXTRINSIC not in entries else []
     if missing:
         raise FileFormatError(f"{path}: has no {', '.join(missing)}")
-    try:
-        K = numbers(_MATRIX, known[_MATRIX], (9,)).reshape(3, 3).T
-        pose = None
-        if _EXTRINSIC in entries:
-            columns = numbers(_EXTRINSIC, entries[_EXTRINSIC], (16,)).reshape(4, 4)
-            camera_from_world = checked_pose(columns.T, _EXTRINSIC)
-            pose = pose_from_extrinsics(camera_from_world[:3, :3], camera_from_world[:3, 3])
-    except ArgumentError as error:
-        raise FileFormatError(f"{path}: {error}") from error
+    K, pose = numbers(_MATRIX, known[_MATRIX], (9,)).reshape(3, 3).T, None
+    if _EXTRINSIC in entries:
+        columns = numbers(_EXTRINSIC, entries[_EXTRINSIC], (16,)).reshape(4, 4)
+        camera_from_world = checked_pose(columns.T, _EXTRINSIC)
+        pose = pose_from_extrinsics(camera_from_world[:3, :3], camera_from_world[:3, 3])
     return {"K": K, "size": (known["width"], known["height"]), "world_from_camera": pose}
 
 

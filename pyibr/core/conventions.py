@@ -15,6 +15,9 @@ from pyibr.core.checks import Float64, describe, numbers, positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.lens import Lens, LensModel
 
+Arguments = dict[str, Any]
+"""Arguments of `Camera`: K, size and lens, maybe world_from_camera."""
+
 # Between y up, z backward (OpenGL, NeRF) and y down, z forward; its own inverse.
 CV_FROM_GL = np.diag([1.0, -1.0, -1.0, 1.0])
 # Between x left, y up (PyTorch3D) and x right, y down; its own inverse.
@@ -164,8 +167,8 @@ def colmap_from_intrinsics(K: Float64, lens: Lens | None) -> tuple[str, Float64]
     return "FULL_OPENCV", np.array([*linear, *values, *[0.0] * (8 - len(values))])
 
 
-def camera_from_ros(info: object) -> tuple[Float64, tuple[int, int], Lens]:
-    """Return K, size and lens of the raw image of a ROS `CameraInfo` (message or mapping), or of a calibration file."""
+def camera_from_ros(info: object) -> Arguments:
+    """Return the camera of the raw image of a ROS `CameraInfo` (message or mapping), or of a calibration file."""
     for name in ("binning_x", "binning_y"):
         if int(_part(info, "info", name, default=0)) > 1:
             raise ArgumentError("info", "an image of full resolution", f"{name} = {_part(info, 'info', name)}")
@@ -183,8 +186,10 @@ def camera_from_ros(info: object) -> tuple[Float64, tuple[int, int], Lens]:
     size = int(_part(info, "info", "width", "image_width")), int(_part(info, "info", "height", "image_height"))
     coefficients = np.ravel(np.asarray(values))  # an empty list means zeros
     if of_realsense is not None and coefficients.size:
-        return K, size, Lens(of_realsense, coefficients[:4] if of_realsense == "kannala_brandt" else coefficients)
-    return K, size, Lens.from_opencv(coefficients if coefficients.size else np.zeros(4), fisheye=model == "equidistant")
+        lens = Lens(of_realsense, coefficients[:4] if of_realsense == "kannala_brandt" else coefficients)
+    else:
+        lens = Lens.from_opencv(coefficients if coefficients.size else np.zeros(4), fisheye=model == "equidistant")
+    return {"K": K, "size": size, "lens": lens}
 
 
 def ros_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> RosCameraInfo:
@@ -195,8 +200,8 @@ def ros_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> Ros
     return {"width": width, "height": height, "distortion_model": model, "d": values.tolist(), "k": K.ravel().tolist()}
 
 
-def camera_from_realsense(intrinsics: object) -> tuple[Float64, tuple[int, int], Lens]:
-    """Return K, size and lens of `pyrealsense2.intrinsics`, or of a mapping of its attributes."""
+def camera_from_realsense(intrinsics: object) -> Arguments:
+    """Return the camera of `pyrealsense2.intrinsics`, or of a mapping of its attributes."""
     name = "intrinsics"
     fx, fy, cx, cy = (float(_part(intrinsics, name, each)) for each in ("fx", "fy", "ppx", "ppy"))
     given = _part(intrinsics, name, "model", default="none")
@@ -212,7 +217,7 @@ def camera_from_realsense(intrinsics: object) -> tuple[Float64, tuple[int, int],
     values = np.zeros(5) if model == "none" else np.asarray(_part(intrinsics, name, "coeffs", default=[0.0] * 5))
     lens = Lens(ours, values[:4] if ours == "kannala_brandt" else values)
     size = int(_part(intrinsics, name, "width")), int(_part(intrinsics, name, "height"))
-    return _matrix(fx, fy, cx, cy), size, lens
+    return {"K": _matrix(fx, fy, cx, cy), "size": size, "lens": lens}
 
 
 def realsense_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> RealSenseIntrinsics:
@@ -223,7 +228,7 @@ def realsense_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) 
         if lens.model not in names:
             raise ArgumentError("lens", f"a lens that RealSense supports: {', '.join(map(str, names))}", lens.model)
         model, values = names[lens.model], [*lens.coefficients, 0.0][:5]
-    made: RealSenseIntrinsics = {
+    return {
         "width": size[0],
         "height": size[1],
         "fx": float(K[0, 0]),
@@ -233,11 +238,10 @@ def realsense_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) 
         "model": model,
         "coeffs": values,
     }
-    return made
 
 
-def camera_from_kalibr(camera: object) -> tuple[Float64, tuple[int, int], Lens]:
-    """Return K, size and lens of one camera of Kalibr's `camchain.yaml`."""
+def camera_from_kalibr(camera: object) -> Arguments:
+    """Return one camera of Kalibr's `camchain.yaml`."""
     name = "camera"
     kind, model = str(_part(camera, name, "camera_model")), str(_part(camera, name, "distortion_model"))
     if kind != "pinhole":
@@ -245,9 +249,10 @@ def camera_from_kalibr(camera: object) -> tuple[Float64, tuple[int, int], Lens]:
     if model not in _KALIBR_MODELS:
         raise ArgumentError(name, f"a distortion_model of {', '.join(_KALIBR_MODELS)}", repr(model))
     fx, fy, cx, cy = numbers("intrinsics", _part(camera, name, "intrinsics"), (4,)).tolist()
-    width, height = (int(side) for side in _part(camera, name, "resolution"))
+    size = tuple(int(side) for side in _part(camera, name, "resolution"))
     values = np.zeros(4) if model == "none" else _part(camera, name, "distortion_coeffs")
-    return _matrix(fx, fy, cx, cy), (width, height), Lens.from_opencv(values, fisheye=model == "equidistant")
+    lens = Lens.from_opencv(values, fisheye=model == "equidistant")
+    return {"K": _matrix(fx, fy, cx, cy), "size": size, "lens": lens}
 
 
 def kalibr_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> KalibrCamera:
@@ -270,8 +275,8 @@ def kinect_location(mode: str) -> str:
     return f"CALIBRATION_CameraLocation{'D0' if mode in _KINECT_DEPTH else 'PV0'}"
 
 
-def camera_from_azure_kinect(calibration: object, mode: object) -> tuple[Float64, tuple[int, int], Lens, Float64]:
-    """Return K, size, lens and the pose in the depth camera's frame, in metres, of one camera of an Azure Kinect."""
+def camera_from_azure_kinect(calibration: object, mode: object) -> Arguments:
+    """Return one camera of an Azure Kinect, with its pose in the depth camera's frame, in metres."""
     name = "calibration"
     word = str(mode).upper()  # "720P", "K4A_COLOR_RESOLUTION_720P", "MJPG_720P"
     known = next((each for each in KINECT_MODES if f"_{word}".endswith(f"_{each}")), None)
@@ -303,7 +308,8 @@ def camera_from_azure_kinect(calibration: object, mode: object) -> tuple[Float64
     (radius,) = numbers(name, [_part(found[0], name, "MetricRadius")], (1,)).tolist()
     rotation = numbers(name, np.ravel(_part(motion, name, "Rotation")), (9,)).reshape(3, 3)
     pose = pose_from_extrinsics(rotation, numbers(name, _part(motion, name, "Translation"), (3,)))
-    return K, size, Lens("rational", [k1, k2, p1, p2, k3, k4, k5, k6], radius=radius or _KINECT_RADIUS), pose
+    lens = Lens("rational", [k1, k2, p1, p2, k3, k4, k5, k6], radius=radius or _KINECT_RADIUS)
+    return {"K": K, "size": size, "lens": lens, "world_from_camera": pose}
 
 
 def _matrix(fx: float, fy: float, cx: float, cy: float) -> Float64:
@@ -338,12 +344,12 @@ def pytorch3d_from_camera(K: Float64, size: tuple[int, int], camera_from_world: 
 
 def camera_from_pytorch3d(
     R: object, T: object, focal_length: object, principal_point: object, size: tuple[int, int]
-) -> tuple[Float64, Float64]:
-    """Return K and `world_from_camera` of one `PerspectiveCameras` in NDC."""
+) -> Arguments:
+    """Return the camera of one `PerspectiveCameras` in NDC."""
     half = min(size) / 2
     focal = numbers("focal_length", focal_length, (2,)) * half
     center = np.array(size) / 2 - numbers("principal_point", principal_point, (2,)) * half - 0.5
     rotation = CV_FROM_PYTORCH3D @ numbers("R", R, (3, 3)).T
     translation = CV_FROM_PYTORCH3D @ numbers("T", T, (3,))
-    K = np.array([[focal[0], 0, center[0]], [0, focal[1], center[1]], [0, 0, 1]])
-    return K, pose_from_extrinsics(rotation, translation)
+    pose = pose_from_extrinsics(rotation, translation)
+    return {"K": _matrix(*focal, *center), "size": size, "world_from_camera": pose}

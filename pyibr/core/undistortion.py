@@ -41,7 +41,12 @@ def _cached(count: int) -> Callable[[Callable[[Camera], _Made]], Callable[[Camer
 
     def decorated(function: Callable[[Camera], _Made]) -> Callable[[Camera], _Made]:
         known = functools.lru_cache(maxsize=count)(function)
-        return functools.wraps(function)(lambda camera: known(_unposed(camera)))
+
+        @functools.wraps(function)
+        def of_camera(camera: Camera) -> _Made:
+            return known(_unposed(camera))
+
+        return of_camera
 
     return decorated
 
