@@ -41,18 +41,8 @@ def shape_text(shape: tuple[int | None, ...]) -> str:
 def plain_array(argument: str, value: object, expected: str, masked: float | None = None) -> NDArray[Any]:
     """Return `value` as an array of NumPy's own class and native byte order, without a copy if possible.
 
-    Parameters
-    ----------
-    argument, value, expected
-        `expected` is for the error message.
-    masked : float, optional
-        Value that replaces masked elements. Without it, or if the dtype cannot hold it, masked elements are refused,
-        because their meaning is unknown.
-
-    Raises
-    ------
-    ArgumentError
-        If `value` does not convert to an array, or elements are masked.
+    expected: for the error message. masked: replaces masked elements; without it, or if the dtype cannot hold it, they
+    are refused, because their meaning is unknown.
     """
     if _is_masked(value):
         array = cast("np.ma.MaskedArray[Any, Any]", value)

@@ -9,7 +9,7 @@ import re
 import secrets
 import stat
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Protocol, cast
@@ -55,11 +55,8 @@ def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
     process may leave a file named ``.pyibr-...``, which may be deleted.
     """
     named, waiting = checked_path(path), _waiting.get()
-    if waiting is not None:
-        _stage(named, data, waiting)
-        return
-    with written_together() as alone:
-        _stage(named, data, alone)
+    with written_together() if waiting is None else nullcontext(waiting) as files, _staged(named, files) as stream:
+        stream.write(data)
 
 
 @contextmanager
@@ -97,11 +94,6 @@ def written_whole(path: str | os.PathLike[str]) -> Generator[BinaryIO, None, Non
     """Yield a stream for a file that is written in pieces; as in `write_atomically`, it is whole or absent."""
     with written_together() as alone, _staged(checked_path(path), alone) as stream:
         yield stream
-
-
-def _stage(named: Path, data: bytes, files: list[_Staged]) -> None:
-    with _staged(named, files) as stream:
-        stream.write(data)
 
 
 @contextmanager

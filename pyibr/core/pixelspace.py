@@ -73,16 +73,12 @@ def pixel_size(camera: Camera, point: Float64) -> float:
 
 @dataclass(frozen=True, eq=False)
 class CameraPair:
-    """The map between two cameras, without the parts that depend on the source's samples; from `camera_pair`.
-
-    Attributes
-    ----------
-    src, dst : Camera
-        The source, whose samples have depth, and the target.
-    """
+    """The map between two cameras, without the parts that depend on the source's samples; from `camera_pair`."""
 
     src: Camera
+    """The source, whose samples have depth."""
     dst: Camera
+    """The target."""
 
     @cached_property
     def dst_from_src(self) -> Float64:
@@ -148,14 +144,7 @@ class Ranged(Protocol):
 
 @dataclass(frozen=True)
 class PixelMap:
-    """The map between two cameras, for samples of a range of nearness.
-
-    Attributes
-    ----------
-    pair : CameraPair
-    samples : Ranged
-        The source's samples.
-    """
+    """The map between two cameras, for the source's samples of a range of nearness."""
 
     pair: CameraPair
     samples: Ranged

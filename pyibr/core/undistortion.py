@@ -123,10 +123,7 @@ def sees_too_far(camera: Camera) -> NDArray[np.bool_]:
 class PixelPositions(Immutable):
     """Positions of one image's pixels in another image.
 
-    Attributes
-    ----------
-    places : (2, H, W) float32
-        u and v in the other image; NaN for pixels outside it.
+    places: (2, H, W) float32, u and v in the other image; NaN for pixels outside it.
     """
 
     def __init__(self, places: NDArray[np.float32]) -> None:
@@ -154,15 +151,10 @@ def positions_in_lens(camera: Camera) -> PixelPositions:
 
 
 class CubeFace(Immutable):
-    """An undistorted image of a part of a lens's view.
+    """An undistorted image of a part of a lens's view, and its camera.
 
-    Attributes
-    ----------
-    camera : Camera
-        Camera of the undistorted image.
-    places : (3, H, W) float32
-        u and v of the lens's pixels in the undistorted image, NaN for pixels of other faces; and the ratio of depth
-        in the lens's frame to depth in the face's frame.
+    places: (3, H, W) float32, u and v of the lens's pixels in the undistorted image, NaN for pixels of other faces; and
+    the ratio of depth in the lens's frame to depth in the face's frame.
     """
 
     def __init__(self, camera: Camera, places: NDArray[np.float32]) -> None:

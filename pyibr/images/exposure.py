@@ -31,39 +31,22 @@ Colors = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Overlap:
-    """Relative exposure of two views where both show one surface.
-
-    Attributes
-    ----------
-    first, second : int
-        The views' indices.
-    ratio : (3,) float64
-        Logarithm of the first view's red, green and blue over the second view's.
-    count : int
-        Number of samples behind the ratio.
-    """
+    """Relative exposure of two views, given by their indices, where both show one surface."""
 
     first: int
     second: int
     ratio: Float64
+    """(3,) logarithm of the first view's red, green and blue over the second view's."""
     count: int
+    """Samples behind the ratio."""
 
 
 def exposure_gains(views: Sequence[DepthImage]) -> Float64:
     """Estimate gains for the colours of each view, so that views agree where they saw one surface.
 
     Some samples of each view are looked up in its nearest neighbours and in a few other views. The median ratio of
-    their colours gives the relative exposure of two views; all pairs together give a gain for each view.
-
-    Parameters
-    ----------
-    views : sequence of DepthImage
-        Their order does not affect the result.
-
-    Returns
-    -------
-    (N, 3) float64
-        Gains of red, green and blue for each view.
+    their colours gives the relative exposure of two views; all pairs together give (N, 3) gains of red, green and blue
+    for each view. The order of the views does not affect the gains.
     """
     order = order_of(views)
     ordered = [views[number] for number in order]

@@ -44,17 +44,10 @@ def estimated_by(estimate: Callable[[DepthNoise], Found]) -> Callable[[DepthNois
 
 
 class DepthNoise(Immutable):
-    """Noise of an image's depth, and the quantization steps of its scale. Both are estimated on first use.
+    """Noise of an image's depth, (H, W), and the quantization steps of its scale, estimated on first use.
 
-    Parameters
-    ----------
-    depth : (H, W) float32
-        Depths that are not finite, <= 0 or >= `far` are ignored.
-    far : float
-    given : (a, b, c), optional
-        The standard deviation, if known; it is then not estimated.
-    cells : int
-        Number of cells that are sampled. With 6,000, the estimate is accurate to a few percent.
+    Depths that are not finite, <= 0 or >= `far` are ignored. given: the standard deviation, which is then not
+    estimated. cells: number of sampled cells; with 6,000 the estimate is accurate to a few percent.
     """
 
     def __init__(self, depth: Depth, far: float = np.inf, given: Terms | None = None, cells: int = 6_000) -> None:

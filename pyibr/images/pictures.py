@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.shown import Shown, picture_of, save_as
+from pyibr.images.srgb import in_bytes
 
 Image = NDArray[np.uint8]
 
@@ -69,15 +70,6 @@ class Pictured(Shown):
         2.0
         """
         save_as(self, path)
-
-
-def in_bytes(color: NDArray[Any]) -> Image:
-    """(H, W, 3) colours as uint8; white for (H, W, 0), depth alone."""
-    if color.shape[2] == 0:
-        return np.full((*color.shape[:2], 3), 255, np.uint8)
-    if color.dtype == np.uint8:
-        return color
-    return np.rint(np.clip(np.nan_to_num(color), 0, 1) * np.float32(255)).astype(np.uint8)
 
 
 def depth_colors(of: Pictured, background: tuple[int, int, int] = (0, 0, 0)) -> Image:

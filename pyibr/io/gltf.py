@@ -23,9 +23,9 @@ from pyibr.core.checks import checked_size, positive
 from pyibr.core.conventions import CV_FROM_GL
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import check_unpacked, read_bytes, reading
-from pyibr.images.srgb import linear_from_srgb, srgb_from_linear
+from pyibr.images.srgb import in_bytes, linear_from_srgb, srgb_from_linear
 from pyibr.io import image
-from pyibr.io.mesh_arrays import MeshArrays, beside, color_bytes, texture_beside, texture_from
+from pyibr.io.mesh_arrays import MeshArrays, beside, texture_beside, texture_from
 
 SUFFIXES = (".gltf", ".glb")
 
@@ -182,7 +182,7 @@ class _Scene:
             np.concatenate([part.faces for part in parts]),
             _joined(parts, [part.uv for part in parts], 0),
             None if bare else _joined(parts, [part.normals for part in parts], 0),
-            None if colors is None else color_bytes(srgb_from_linear(colors.astype(np.float64))),
+            None if colors is None else in_bytes(srgb_from_linear(colors.astype(np.float64))),
             self._texture(textures[0]) if textures else None,
             tuple(lost),
         )

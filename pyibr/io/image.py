@@ -18,6 +18,7 @@ from pyibr.core.camera_geometry import FILM_DIAGONAL
 from pyibr.core.checks import describe
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import checked_path, reading, write_atomically
+from pyibr.images.srgb import in_bytes
 from pyibr.io import tiff
 
 if TYPE_CHECKING:
@@ -154,7 +155,7 @@ def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
     if color.dtype == np.bool_:
         color = color.astype(np.uint8) * np.uint8(255)
     if color.dtype.kind == "f":
-        color = np.rint(np.clip(np.nan_to_num(color), 0, 1) * 255).astype(np.uint8)
+        color = in_bytes(color)
     write_atomically(path, encoded(color, checked_path(path).suffix.lower()))
 
 

@@ -56,11 +56,6 @@ def count_of(text: str, maximum: int) -> int:
     return count
 
 
-def color_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
-    """Colours in [0, 1] as bytes."""
-    return np.rint(np.clip(np.nan_to_num(values), 0, 1) * 255).astype(np.uint8)
-
-
 def texture_from(data: bytes, name: str | None = None) -> NDArray[np.uint8]:
     """A picture's bytes as (h, w, 3) uint8; with `name`, a warning if it is not opaque."""
     stored = image.decoded(data)

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.files import utf8_of
+from pyibr.images.srgb import in_bytes
 from pyibr.io import image
-from pyibr.io.mesh_arrays import MeshArrays, beside, color_bytes, texture_beside, texture_from
+from pyibr.io.mesh_arrays import MeshArrays, beside, texture_beside, texture_from
 from pyibr.io.polygons import triangles
 
 _OWN = re.compile(r"# pyibr: (\d{1,12}) vertices, (\d{1,12}) triangles\n")
@@ -98,7 +99,7 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
         normals = directions[of_normal] if (of_normal >= 0).all() else None
         faces = rank[faces]
     if is_tinted:
-        painted = color_bytes(np.array([material.color or (1, 1, 1) for material in used]))
+        painted = in_bytes(np.array([material.color or (1, 1, 1) for material in used]))
         colors = painted[np.array([tint for _, tint in numbered])[order]]
     elif colors is not None:
         colors = colors[vertex]
@@ -168,7 +169,7 @@ def _of_points(points: NDArray[np.float64]) -> NDArray[np.uint8] | None:
     if points.shape[1] not in (6, 7):
         return None
     stored = points[:, 3:6]
-    return color_bytes(stored / (255 if stored.max(initial=0) > 1 else 1))
+    return in_bytes(stored / (255 if stored.max(initial=0) > 1 else 1))
 
 
 def _indices(corners: list[str], counts: tuple[int, int, int]) -> NDArray[np.int64]:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.io.mesh_arrays import MeshArrays, color_bytes, count_of
+from pyibr.images.srgb import in_bytes
+from pyibr.io.mesh_arrays import MeshArrays, count_of
 from pyibr.io.polygons import triangles
 
 _KEYWORD = re.compile(r"\s*(ST)?(C)?(N)?OFF(?![^\s\d])")
@@ -33,7 +34,7 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     if colored and rows.shape[1] >= before_color + 3:
         stored = rows[:, before_color : before_color + 3]
         words = chain.from_iterable(line[before_color : before_color + 3] for line in lines[1 : 1 + vertices])
-        colors = color_bytes(stored / 255 if all(word.isdigit() for word in words) else stored)
+        colors = in_bytes(stored / 255 if all(word.isdigit() for word in words) else stored)
     counts = np.array([int(line[0]) for line in lines[1 + vertices :]], np.int64)
     is_painted = any(len(line) > 1 + count for line, count in zip(lines[1 + vertices :], counts.tolist(), strict=True))
     lost = ("uv",) * bool(mapped) + ("colours of faces",) * is_painted

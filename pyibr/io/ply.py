@@ -12,7 +12,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.io.mesh_arrays import MeshArrays, color_bytes, count_of, texture_beside, texture_from, whole
+from pyibr.images.srgb import in_bytes
+from pyibr.io.mesh_arrays import MeshArrays, count_of, texture_beside, texture_from, whole
 from pyibr.io.polygons import triangles
 
 _KINDS = {
@@ -132,7 +133,7 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
             kind = next(item.kind for item in element.properties if item.name == names[0])
             stored = np.column_stack([vertex[name] for name in names])
             white = 1.0 if kind[0] == "f" else float(np.iinfo(kind).max)
-            colors = color_bytes(stored / white)
+            colors = in_bytes(stored / white)
     points = np.column_stack([vertex[name] for name in "xyz"])
     numbers = whole(corners)
     chosen = triangles(whole(counts), points[numbers])

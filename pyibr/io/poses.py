@@ -84,23 +84,12 @@ def read_poses(path: str | PathLike[str]) -> Poses:
 
 
 class Trajectory(NamedTuple):
-    """Poses as stored in a file or folder.
+    """Poses (4, 4) as stored in a file or folder."""
 
-    Attributes
-    ----------
-    poses : list of (4, 4) float64
-        None for an unusable pose, such as the infinite poses after a tracker lost track.
-    times : (N,) float64, or None
-    files : list of Path, or None
-        The file of each pose, if each has its own.
-    error : FileFormatError, or None
-        Error of the first unusable pose.
-    """
-
-    poses: list[Float64 | None]
+    poses: list[Float64 | None]  # None: unusable, such as the infinite poses after a tracker lost track
     times: Float64 | None
-    files: list[Path] | None
-    error: FileFormatError | None
+    files: list[Path] | None  # the file of each pose, if each has its own
+    error: FileFormatError | None  # of the first unusable pose
 
 
 def read_trajectory(source: Path) -> Trajectory:

@@ -153,15 +153,8 @@ def cameras_of(
 ) -> list[tuple[Camera, Float64 | None]]:
     """Camera and pose of each frame; the pose is None if none is known at the frame's time.
 
-    Parameters
-    ----------
-    recording : Recording
-    files : sequence of Path
-        Replace the recording's own cameras.
-    poses : Path, optional
-        Replaces the recording's own poses, which are used only if it has one camera.
-    shared : bool
-        Whether one camera may serve all frames even without poses.
+    files, poses: replace the recording's own cameras and poses; its own poses are used only if it has one camera.
+    shared: whether one camera may serve all frames even without poses.
     """
     read = list(files) or list(recording.cameras)
     path = poses or (recording.poses if len(read) <= 1 else None)

@@ -35,18 +35,7 @@ class Heights(Immutable):
 
 
 class HeightMapped(Immutable):
-    """A mesh with heights, colours and optional normals over its uv.
-
-    Parameters
-    ----------
-    base, height, color, scale, tiles, normal_map, wrap
-        As in `pyibr.SlicedSurface` and `pyibr.ReliefSurface`.
-
-    Raises
-    ------
-    ArgumentError
-        If an argument has a wrong shape, type or range, or the mesh has no uv.
-    """
+    """A mesh with heights, colours and optional normals over its uv, as `SlicedSurface` and `ReliefSurface` have."""
 
     def __init__(
         self,

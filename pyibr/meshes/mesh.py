@@ -24,6 +24,7 @@ from pyibr.core.checks import (
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.optional import open3d
 from pyibr.core.shown import Shown
+from pyibr.images.srgb import in_bytes
 from pyibr.io.image import without_alpha
 from pyibr.io.mesh_arrays import MeshArrays
 from pyibr.meshes.files import Axes, read_mesh, write_mesh
@@ -215,7 +216,7 @@ class Mesh(Immutable, Shown):
         FileFormatError
             If the file cannot be written.
         """
-        texture, colors = (None if image is None else _in_bytes(image) for image in (self.texture, self.colors))
+        texture, colors = (None if image is None else in_bytes(image) for image in (self.texture, self.colors))
         arrays = MeshArrays(self.vertices, self.faces, self.uv, self.normals, colors, texture)
         write_mesh(path, arrays, axes, double_sided=self.sides == "both")
 
@@ -235,7 +236,7 @@ class Mesh(Immutable, Shown):
         if self.texture is not None:
             mesh.material.set_default_properties()
             mesh.material.material_name = "defaultLit"
-            texture = np.ascontiguousarray(_in_bytes(self.texture))
+            texture = np.ascontiguousarray(in_bytes(self.texture))
             mesh.material.texture_maps["albedo"] = o3d.t.geometry.Image(o3d.core.Tensor(texture))
         return mesh
 
@@ -262,8 +263,7 @@ class Mesh(Immutable, Shown):
             texture = _texture_of(mesh.material.texture_maps)
         normals = _usable_normals(mesh.vertex["normals"].numpy()) if "normals" in mesh.vertex else None
         colors = mesh.vertex["colors"].numpy() if "colors" in mesh.vertex else None
-        if colors is not None and colors.dtype != np.uint8:  # most files hold 8-bit colours
-            colors = np.rint(np.clip(colors, 0, 1) * 255).astype(np.uint8)
+        colors = None if colors is None else in_bytes(colors)  # most files hold 8-bit colours
         points, faces = mesh.vertex["positions"].numpy(), mesh.triangle["indices"].numpy()
         others = {name: mesh.vertex[name].numpy() for name in mesh.vertex if name not in _OWN_PLACES}
         others = {name: values for name, values in others.items() if np.isfinite(values).all()}
@@ -370,10 +370,6 @@ def _turned(uv: NDArray[Any]) -> Float32:
 def _usable_normals(normals: NDArray[Any]) -> NDArray[Any] | None:
     """A file's normals, or None if any is zero or not finite."""
     return normals if np.isfinite(normals).all() and (np.linalg.norm(normals, axis=1) > 0).all() else None
-
-
-def _in_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
-    return image if image.dtype == np.uint8 else np.rint(image * np.float32(255)).astype(np.uint8)
 
 
 def _split(faces: NDArray[np.int32], uv: Float32) -> tuple[NDArray[np.int32], NDArray[np.intp], Float32]:

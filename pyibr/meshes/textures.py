@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.images.srgb import in_bytes
+
 
 def texture_pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
     """All levels of a texture as RGBA words, largest first; each is half as large as the last, rounded down."""
-    level = as_bytes(texture)
+    level = in_bytes(texture)
     words: list[NDArray[np.uint32]] = []
     while True:
         height, width = level.shape[:2]
@@ -49,13 +51,8 @@ def _halved_rows(image: NDArray[Any]) -> NDArray[np.float32]:
 def rgba_words(color: NDArray[Any], valid: NDArray[np.bool_] | None = None) -> NDArray[np.uint32]:
     """An image's pixels as a flat array of RGBA words, one read each. A is 255, or 0 where not valid."""
     rgba = np.empty((*color.shape[:2], 4), np.uint8)
-    color = as_bytes(color)
+    color = in_bytes(color)
     for channel in range(3):  # one by one takes a fifth of the time
         rgba[..., channel] = color[..., channel]
     rgba[..., 3] = 255 if valid is None else valid * np.uint8(255)
     return rgba.view(np.uint32).ravel()
-
-
-def as_bytes(color: NDArray[Any]) -> NDArray[np.uint8]:
-    """Colours with 8 bits per channel."""
-    return color if color.dtype == np.uint8 else np.rint(np.clip(color, 0, 1) * np.float32(255)).astype(np.uint8)

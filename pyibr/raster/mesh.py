@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.shown import picture_of
-from pyibr.images.pictures import camera_before, in_bytes
+from pyibr.images.pictures import camera_before
+from pyibr.images.srgb import in_bytes
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.normals import areas, pieces_of
 from pyibr.meshes.textures import texture_pyramid

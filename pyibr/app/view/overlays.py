@@ -8,7 +8,8 @@ import numpy as np
 
 from pyibr.app.view.style import Show
 from pyibr.images.frame import Frame, PixelClass
-from pyibr.images.pictures import Image, in_bytes
+from pyibr.images.pictures import Image
+from pyibr.images.srgb import in_bytes
 
 CLASS_COLORS = {
     PixelClass.HIDDEN: (255, 140, 0),

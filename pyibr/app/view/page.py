@@ -22,7 +22,7 @@ from pyibr.app.view.scene import Scene
 from pyibr.core.camera import Camera
 from pyibr.core.errors import Error
 from pyibr.images import DepthImage
-from pyibr.images.pictures import in_bytes
+from pyibr.images.srgb import in_bytes
 from pyibr.io.image import encoded
 from pyibr.opencl.program import telling_builds
 

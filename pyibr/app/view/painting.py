@@ -17,7 +17,8 @@ from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images.frame import Frame
 from pyibr.images.metrics import psnr
-from pyibr.images.pictures import Image, depth_colors, in_bytes
+from pyibr.images.pictures import Image, depth_colors
+from pyibr.images.srgb import in_bytes
 from pyibr.opencl.watch import LaunchTimes, watching
 
 _LINE = (128, 128, 128)  # between panes

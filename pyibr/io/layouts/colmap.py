@@ -9,6 +9,7 @@ import numpy as np
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import reading
 from pyibr.io.folders import in_order
+from pyibr.io.layouts.parts import joined
 from pyibr.io.recordings import COLOR_SUFFIXES, Depth, Recording, Stored, size_of
 
 _KINDS = ("geometric", "photometric")
@@ -27,9 +28,8 @@ def find_dense(folder: Path) -> Recording | None:
         name = next((f"{image.name}.{_KINDS[0]}.bin" for image in images), "image.geometric.bin")
         raise FileFormatError(f"{maps}: expected a depth map for an image, such as {name}")
     cameras = (folder / "sparse",) if (folder / "sparse").is_dir() else ()
-    left_out = [image for image in images if image not in there]
-    kept = [image in there for image in images]
-    return Recording(list(there), list(there.values()), cameras, None, left_out, kept=kept)
+    _, found = joined(maps, {image: image for image in images}, there)
+    return found._replace(cameras=cameras)
 
 
 def find_eth3d(folder: Path) -> Recording | None:
@@ -39,19 +39,14 @@ def find_eth3d(folder: Path) -> Recording | None:
     if not (pictures.is_dir() and truth.is_dir()) or model is None:
         return None
     depths = {pictures / file.relative_to(truth): file for file in _files(truth)}
-    images = _files(pictures)
-    there = [image for image in images if image in depths]
-    if not there:
-        raise FileFormatError(f"{truth}: no depth for any picture in {pictures}")
+    _, found = joined(truth, {image: image for image in _files(pictures)}, depths)
 
     def depth(path: Path) -> Depth:
         with reading(path, "depth") as source:
             width, height = size_of(pictures / path.relative_to(truth))
             return np.fromfile(source, "<f4").reshape(height, width)
 
-    lone = [image for image in images if image not in depths]
-    stored = [Stored(depth=depth)] * len(there)
-    return Recording(there, [depths[image] for image in there], (model,), None, lone, stored=stored)
+    return found._replace(cameras=(model,), stored=[Stored(depth=depth)] * len(found.colors))
 
 
 def _files(folder: Path) -> list[Path]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,8 @@ from pyibr.io import read_depth
 from pyibr.io.folders import files_in, number_of
 from pyibr.io.poses import rigid_or_none
 from pyibr.io.recordings import Recording, size_of
+
+_Key = TypeVar("_Key")
 
 _log = logging.getLogger("pyibr")
 
@@ -75,9 +77,9 @@ def by_number(folder: Path, suffixes: Sequence[str], word: str = "") -> dict[int
 
 
 def joined(
-    place: Path, colors: dict[int, Path], depths: dict[int, Path], *others: Container[int]
-) -> tuple[list[int], Recording]:
-    """The frame numbers that all mappings share, and the recording of their files; FileFormatError without any."""
+    place: Path, colors: Mapping[_Key, Path], depths: Mapping[_Key, Path], *others: Container[_Key]
+) -> tuple[list[_Key], Recording]:
+    """Keys, such as numbers, of the frames in all mappings, and the recording of their files; FileFormatError if none."""
     numbers = [number for number in colors if all(number in other for other in (depths, *others))]
     if not numbers:
         raise FileFormatError(f"{place}: no frame has all its files, among {len(colors)} pictures")

@@ -58,21 +58,14 @@ def find_selection(folder: Path) -> Recording | None:
     depths = {
         re.sub("_(groundtruth_depth|velodyne_raw)_", "_image_", file.name): file for file in files_in(depth, (".png",))
     }
-    colors = [file for file in files_in(images, COLOR_SUFFIXES)]
-    with_depth = [color for color in colors if color.name in depths]
-    files = [intrinsics / f"{color.stem}.txt" for color in with_depth]
-    if not files:
-        raise FileFormatError(f"{depth}: no depth with a picture's name")
-    return Recording(
-        with_depth,
-        [depths[color.name] for color in with_depth],
-        left_out=[color for color in colors if color.name not in depths],
-        kept=[color.name in depths for color in colors],
+    _, found = joined(depth, {file.name: file for file in files_in(images, COLOR_SUFFIXES)}, depths)
+    files = [intrinsics / f"{color.stem}.txt" for color in found.colors]
+    return found._replace(
         known=lambda: [
             camera_of(file, numbers_in(file).reshape(3, 3), size_of(color))
-            for file, color in zip(files, with_depth, strict=True)
+            for file, color in zip(files, found.colors, strict=True)
         ],
-        stored=[_KITTI] * len(with_depth),
+        stored=[_KITTI] * len(files),
     )
 
 
