@@ -181,7 +181,7 @@ class Camera(CameraGeometry, Shown):
         """
         return cls(**conventions.camera_from_ros(info), world_from_camera=world_from_camera)
 
-    def to_ros(self) -> conventions.RosCameraInfo:
+    def to_ros(self) -> dict[str, Any]:
         """Return the fields of ROS 2's `sensor_msgs/CameraInfo` that describe the raw image."""
         self._require_perspective("ROS")
         return conventions.ros_from_camera(self.K, self.size, self.lens)
@@ -207,7 +207,7 @@ class Camera(CameraGeometry, Shown):
         """
         return cls(**conventions.camera_from_realsense(intrinsics), world_from_camera=world_from_camera)
 
-    def to_realsense(self) -> conventions.RealSenseIntrinsics:
+    def to_realsense(self) -> dict[str, Any]:
         """Return the attributes of `pyrealsense2.intrinsics`, with the model's name."""
         self._require_perspective("RealSense", skew=False)
         return conventions.realsense_from_camera(self.K, self.size, self.lens)
@@ -227,7 +227,7 @@ class Camera(CameraGeometry, Shown):
         """
         return cls(**conventions.camera_from_kalibr(camera), world_from_camera=world_from_camera)
 
-    def to_kalibr(self) -> conventions.KalibrCamera:
+    def to_kalibr(self) -> dict[str, Any]:
         """Return an entry of Kalibr's `camchain.yaml`, the argument of `from_kalibr`."""
         self._require_perspective("Kalibr", skew=False)
         return conventions.kalibr_from_camera(self.K, self.size, self.lens)
@@ -279,7 +279,7 @@ class Camera(CameraGeometry, Shown):
         """Make a camera from one PyTorch3D `PerspectiveCameras` in NDC; `size` is (width, height)."""
         return cls(**conventions.camera_from_pytorch3d(R, T, focal_length, principal_point, checked_size(size)))
 
-    def to_pytorch3d(self) -> conventions.PyTorch3DCamera:
+    def to_pytorch3d(self) -> dict[str, Any]:
         """Return the arguments of PyTorch3D's `PerspectiveCameras`, without the batch dimension."""
         self._require_perspective("PyTorch3D", skew=False, lens=False)
         return conventions.pytorch3d_from_camera(self.K, self.size, self.camera_from_world)

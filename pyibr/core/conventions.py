@@ -7,7 +7,7 @@ vectors. Each function here converts from one other convention to this one, or b
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, TypedDict, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -70,50 +70,6 @@ _KINECT_COLOR: Mapping[str, tuple[int, int]] = {
 KINECT_MODES = (*_KINECT_DEPTH, *_KINECT_COLOR)
 _KINECT_MODEL = "CALIBRATION_LensDistortionModelBrownConrady"  # OpenCV's rational model
 _KINECT_RADIUS = 1.7  # the SDK's default for calibrations without a radius
-
-
-class RealSenseIntrinsics(TypedDict):
-    """The attributes of `pyrealsense2.intrinsics`, with the model's name."""
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    ppx: float
-    ppy: float
-    model: str
-    coeffs: list[float]
-
-
-class RosCameraInfo(TypedDict):
-    """The fields of ROS 2's `sensor_msgs/CameraInfo` that describe the raw image."""
-
-    width: int
-    height: int
-    distortion_model: str
-    d: list[float]
-    k: list[float]
-
-
-class KalibrCamera(TypedDict):
-    """Entries of a camera in Kalibr's `camchain.yaml`."""
-
-    camera_model: str
-    intrinsics: list[float]
-    distortion_model: str
-    distortion_coeffs: list[float]
-    resolution: list[int]
-
-
-class PyTorch3DCamera(TypedDict):
-    """Arguments of `pytorch3d.renderer.PerspectiveCameras`, without the batch dimension."""
-
-    R: Float64
-    T: Float64
-    focal_length: Float64
-    principal_point: Float64
-    image_size: tuple[int, int]
-    in_ndc: bool
 
 
 def with_principal_point_moved(K: Float64, by: float) -> Float64:
@@ -192,7 +148,7 @@ def camera_from_ros(info: object) -> Arguments:
     return {"K": K, "size": size, "lens": lens}
 
 
-def ros_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> RosCameraInfo:
+def ros_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> dict[str, Any]:
     """Return the fields of a ROS `CameraInfo` for the raw image."""
     values = np.zeros(5) if lens is None else lens.to_opencv()
     model = {4: "equidistant", 5: "plumb_bob", 8: "rational_polynomial"}[len(values)]
@@ -220,7 +176,7 @@ def camera_from_realsense(intrinsics: object) -> Arguments:
     return {"K": _matrix(fx, fy, cx, cy), "size": size, "lens": lens}
 
 
-def realsense_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> RealSenseIntrinsics:
+def realsense_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> dict[str, Any]:
     """Return the attributes of `pyrealsense2.intrinsics`."""
     model, values = "none", [0.0] * 5
     if lens is not None:
@@ -255,7 +211,7 @@ def camera_from_kalibr(camera: object) -> Arguments:
     return {"K": _matrix(fx, fy, cx, cy), "size": size, "lens": lens}
 
 
-def kalibr_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> KalibrCamera:
+def kalibr_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> dict[str, Any]:
     """Return the entries of a camera in Kalibr's `camchain.yaml`."""
     values = np.zeros(5) if lens is None else lens.to_opencv()
     fisheye = len(values) == 4
@@ -329,7 +285,7 @@ def _part(thing: object, argument: str, *names: str, default: Any = None) -> Any
     return default
 
 
-def pytorch3d_from_camera(K: Float64, size: tuple[int, int], camera_from_world: Float64) -> PyTorch3DCamera:
+def pytorch3d_from_camera(K: Float64, size: tuple[int, int], camera_from_world: Float64) -> dict[str, Any]:
     """Return the arguments of `PerspectiveCameras`: row vectors, x left, y up, NDC over the shorter side."""
     half = min(size) / 2
     return {

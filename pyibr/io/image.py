@@ -19,7 +19,6 @@ from pyibr.core.checks import describe
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import checked_path, reading, write_atomically
 from pyibr.images.srgb import in_bytes
-from pyibr.io import tiff
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -31,6 +30,12 @@ except ImportError:  # some processors have no wheels of it
 
 _OTHER_COLORS = ("CMYK", "YCbCr", "LAB", "HSV")
 _WRITABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm")
+# TIFF's byte orders, fields and kinds of numbers, and the kinds that Pillow does not read
+_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
+_COLUMNS, _BITS, _ORIENTATION, _SAMPLES, _TILE_COLUMNS, _KIND = 256, 258, 274, 277, 322, 339
+_CODES = {3: "H", 4: "I"}  # types of fields with one number
+_UNSIGNED, _SIGNED, _FLOAT = 1, 2, 3
+_UNKNOWN = {(_UNSIGNED, 32): "u4", (_FLOAT, 16): "f2", (_FLOAT, 64): "f8"}
 _TO_THE_LEFT = 1  # filter of a PNG's row: differences to the left neighbour
 _PNG_COLORS = {3: 2, 4: 6}  # a PNG's kinds of colour by channels
 _EXIF, _FOCAL, _FOCAL_35MM = 0x8769, 0x920A, 0xA405
@@ -63,7 +68,7 @@ def decoded(data: bytes) -> NDArray[Any]:
 
     Colours are unchanged, except that CMYK, YCbCr, L*a*b* and HSV become RGB.
     """
-    known, numbers = tiff.as_known(data)
+    known, numbers = _as_known(data)
     with opened(known) as picture:
         if picture.mode in _OTHER_COLORS:
             return np.array(picture.convert("RGB"))
@@ -73,7 +78,7 @@ def decoded(data: bytes) -> NDArray[Any]:
             return np.array(picture.convert(picture.palette.mode))
         if picture.mode == "I" and picture.format in ("PNG", "PPM"):  # 16 bits, widened by Pillow
             return np.array(picture.convert("I;16"))
-        return tiff.as_they_are(np.array(picture), numbers)
+        return _as_they_are(np.array(picture), numbers)
 
 
 def without_alpha(image: NDArray[Any], name: object = None) -> NDArray[Any]:
@@ -91,7 +96,7 @@ def opened(data: bytes) -> Image:
     """Pillow's picture of these bytes, as stored."""
     from PIL import Image
 
-    data, _ = tiff.as_known(data)
+    data, _ = _as_known(data)
     with Image.open(io.BytesIO(data)) as picture:
         if picture.format == "EPS":  # PostScript is a program, which Pillow would run
             raise ValueError("PostScript is no picture")
@@ -188,3 +193,44 @@ def focal_35mm_of(path: str | PathLike[str], size: tuple[int, int]) -> float | N
         return None
     pixels = focal * density / unit * max(size) / max(taken, 1.0)
     return pixels / math.hypot(*size) * FILM_DIAGONAL
+
+
+def _as_known(data: bytes) -> tuple[bytes, str]:
+    """Return a file that Pillow reads, and its numbers' type for `_as_they_are`; other formats stay unchanged."""
+    order = _ORDERS.get(data[:4])
+    if order is None:
+        return data, ""
+    changed, fields = bytearray(data), dict[int, tuple[int, str]]()
+    (first,) = struct.unpack_from(f"{order}I", data, 4)
+    (count,) = struct.unpack_from(f"{order}H", data, first)
+    for place in range(first + 2, first + 2 + 12 * count, 12):
+        tag, kind, numbers = struct.unpack_from(f"{order}HHI", data, place)
+        if numbers == 1 and kind in _CODES:
+            fields[tag] = place + 8, order + _CODES[kind]
+
+    def value(tag: int, otherwise: int) -> int:
+        return struct.unpack_from(fields[tag][1], data, fields[tag][0])[0] if tag in fields else otherwise
+
+    def put(tag: int, number: int) -> None:
+        if tag in fields:
+            struct.pack_into(fields[tag][1], changed, fields[tag][0], number)
+
+    put(_ORIENTATION, 1)
+    numbers = _UNKNOWN.get((value(_KIND, _UNSIGNED), value(_BITS, 1)), "") if value(_SAMPLES, 1) == 1 else ""
+    if numbers:
+        words = 2 if numbers == "f8" else 1
+        put(_KIND, _UNSIGNED if numbers == "f2" else _SIGNED)
+        put(_BITS, 16 if numbers == "f2" else 32)
+        for tag in (_COLUMNS, _TILE_COLUMNS):
+            put(tag, words * value(tag, 0))
+    return bytes(changed), numbers and order + numbers
+
+
+def _as_they_are(stored: NDArray[np.generic], numbers: str) -> NDArray[np.generic]:
+    """Return the integers from Pillow as numbers of the file's type, in native byte order."""
+    native = np.ascontiguousarray(stored, stored.dtype.newbyteorder("="))
+    if not numbers:
+        return native
+    if numbers == ">f8":  # its halves are in reverse order
+        native = np.ascontiguousarray(native.reshape(len(native), -1, 2)[..., ::-1]).reshape(native.shape)
+    return native.view(numbers[1:])

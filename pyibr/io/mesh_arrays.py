@@ -23,20 +23,13 @@ from pyibr.io import image
 class MeshArrays:
     """Triangles with their vertices' attributes, unchecked."""
 
-    vertices: NDArray[Any]
-    """(N, 3) floats."""
-    faces: NDArray[Any]
-    """(M, 3) integers."""
-    uv: NDArray[Any] | None = None
-    """(N, 2) floats, or (M, 3, 2) for the triangles' corners; v runs down the texture's rows."""
-    normals: NDArray[Any] | None = None
-    """(N, 3) floats."""
-    colors: NDArray[np.uint8] | None = None
-    """(N, 3)."""
-    texture: NDArray[np.uint8] | None = None
-    """(h, w, 3)."""
-    left_out: tuple[str, ...] = ()
-    """Contents of the file that these arrays cannot hold."""
+    vertices: NDArray[Any]  # (N, 3) floats
+    faces: NDArray[Any]  # (M, 3) integers
+    uv: NDArray[Any] | None = None  # (N, 2) floats, or (M, 3, 2) for the corners; v runs down the texture's rows
+    normals: NDArray[Any] | None = None  # (N, 3) floats
+    colors: NDArray[np.uint8] | None = None  # (N, 3)
+    texture: NDArray[np.uint8] | None = None  # (h, w, 3)
+    left_out: tuple[str, ...] = ()  # contents of the file that these arrays cannot hold
 
 
 def whole(values: NDArray[Any]) -> NDArray[np.int64]:

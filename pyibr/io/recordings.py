@@ -41,29 +41,15 @@ Depth = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Stored:
-    """Storage of a frame in a layout.
+    """Storage of a frame in a layout; readers of its files, for layouts where the files' format does not suffice."""
 
-    Attributes
-    ----------
-    scale : float, or None
-        Stored units of depth per scene unit; None if the files or the caller give the scale.
-    offset : float
-        Stored units to add before the division by the scale.
-    kind : {"z", "distance", "inverse"}
-    color, depth, confidence : callable, optional
-        Readers of the picture, of depth in stored units (NaN where there is none) and of each sample's confidence,
-        (h, w), for layouts where the file's format does not suffice. `color` and `depth` take the file's path.
-    least : float
-        Samples of a lower confidence are left out.
-    """
-
-    scale: float | None = None
+    scale: float | None = None  # stored units of depth per scene unit; None if the files or the caller give it
     kind: DepthKind = "z"
-    offset: float = 0.0
+    offset: float = 0.0  # stored units to add before the division by the scale
     color: Callable[[Path], NDArray[Any]] = read_color
-    depth: Callable[[Path], NDArray[Any]] | None = None
-    confidence: Callable[[], NDArray[Any]] | None = None
-    least: float = 0.0
+    depth: Callable[[Path], NDArray[Any]] | None = None  # in stored units, NaN where there is none
+    confidence: Callable[[], NDArray[Any]] | None = None  # (h, w), of each sample
+    least: float = 0.0  # samples of a lower confidence are left out
 
     def read_depth(self, path: Path, camera: Camera | None, how: DepthReading) -> Depth:
         """Planar depth as from `pyibr.read_depth`; `how` replaces the layout's options, except by "z" or 0."""
@@ -95,52 +81,26 @@ PLAIN = Stored()
 
 
 class Recording(NamedTuple):
-    """Files of a recording; entries with the same index belong together.
+    """Files of a recording; entries with the same index belong together."""
 
-    Attributes
-    ----------
-    colors, depths : list of Path
-        A video repeats the same file for each frame.
-    cameras : tuple of Path
-        Input of `read_cameras`: one file or folder, or a file for each frame; may be empty.
-    poses : Path or None
-        Input of `read_poses`, if there are poses.
-    left_out : sequence of Path
-        Colour images without a depth of the same time; if files are paired by number, also depths without colours.
-    times : list of float, or None
-        Times of the colours in seconds, if known.
-    kept : list of bool, or None
-        For each colour image originally found, whether it is in `colors`.
-    known : callable, or None
-        The cameras that the layout gives, one for all frames or one for each, for recordings without files in
-        `cameras`.
-    placed : list of (4, 4) arrays, or None
-        Poses that the layout gives, unless `poses` does; None for a frame without a usable pose.
-    depth_cameras : list of Camera, or None
-        Cameras of depth that does not share the pictures' cameras, in the same frame as `known`.
-    stored : list of Stored, or None
-    video : Path, or None
-        The video that the colours are frames of.
-    is_still : bool
-        Whether the recording is one picture, or several pictures of one moment.
-    points_up : bool
-        Whether y points up in the poses' frames: then poses and world are mirrored.
-    """
-
-    colors: list[Path]
+    colors: list[Path]  # a video repeats the same file for each frame
     depths: list[Path]
-    cameras: tuple[Path, ...] = ()
-    poses: Path | None = None
+    cameras: tuple[Path, ...] = ()  # input of `read_cameras`: one file or folder, or a file for each frame; or nothing
+    poses: Path | None = None  # input of `read_poses`
     left_out: Sequence[Path] = ()
-    times: list[float] | None = None
-    kept: list[bool] | None = None
+    """Colours without a depth of the same time; if files are paired by number, also depths without colours."""
+    times: list[float] | None = None  # of the colours, in seconds
+    kept: list[bool] | None = None  # for each colour image originally found, whether it is in `colors`
     known: Callable[[], Sequence[Camera]] | None = None
+    """Cameras that the layout gives, one for all frames or one for each, for recordings without files in `cameras`."""
     placed: Sequence[Float64 | None] | None = None
+    """Poses (4, 4) that the layout gives, unless `poses` does; None for a frame without a usable pose."""
     depth_cameras: Callable[[], Sequence[Camera | None]] | None = None
+    """Cameras of depth that does not share the pictures' cameras, in the same frame as `known`."""
     stored: Sequence[Stored] | None = None
-    video: Path | None = None
-    is_still: bool = False
-    points_up: bool = False
+    video: Path | None = None  # the video that the colours are frames of
+    is_still: bool = False  # one picture, or several pictures of one moment
+    points_up: bool = False  # y points up in the poses' frames: then poses and world are mirrored
 
     @property
     def size(self) -> tuple[int, int]:

@@ -33,13 +33,10 @@ class _Encoder:
     """FFmpeg's name of a codec, and its options: hardly visible loss, and fast enough for live recording."""
 
     name: str
-    pixels: dict[int, str]
-    """Formats by bits a channel."""
+    pixels: dict[int, str]  # formats by bits a channel
     options: dict[str, str] = field(default_factory=dict[str, str])
-    halves: bool = True
-    """Whether colours are kept for every second pixel only; then sizes are even."""
-    gray: dict[int, str] = field(default_factory=dict[int, str])
-    """Formats of gray by bits, if the codec has any."""
+    halves: bool = True  # colours are kept for every second pixel only, and sizes are even
+    gray: dict[int, str] = field(default_factory=dict[int, str])  # formats of gray by bits
 
     def of(self, frame: NDArray[Any]) -> _Encoder:
         """The encoder for gray if the frame is gray, else this one."""

@@ -24,29 +24,14 @@ from pyibr.io.recordings import Recording
 
 
 class Layout(NamedTuple):
-    """A layout of frames in folders.
-
-    Attributes
-    ----------
-    name : str
-    signs : str
-        Files or entries that identify the layout.
-    depth : str
-        Kind and unit of the stored depth.
-    poses : str
-        Axes and direction of the poses.
-    find : callable
-        Returns the recording in a folder; None if the folder has another layout.
-    suffix : str
-        Suffix of single files that hold such a recording.
-    """
+    """A layout of frames in folders."""
 
     name: str
-    signs: str
-    depth: str
-    poses: str
-    find: Callable[[Path], Recording | None]
-    suffix: str = ""
+    signs: str  # files or entries that identify the layout
+    depth: str  # kind and unit of the stored depth
+    poses: str  # axes and direction of the poses
+    find: Callable[[Path], Recording | None]  # the recording in a folder; None if the folder has another layout
+    suffix: str = ""  # of single files that hold such a recording
 
 
 _CV, _GL, _INVERSE = "camera to world, y down", "camera to world, y up", "world to camera, y down"

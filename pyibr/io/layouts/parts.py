@@ -79,7 +79,7 @@ def by_number(folder: Path, suffixes: Sequence[str], word: str = "") -> dict[int
 def joined(
     place: Path, colors: Mapping[_Key, Path], depths: Mapping[_Key, Path], *others: Container[_Key]
 ) -> tuple[list[_Key], Recording]:
-    """Keys, such as numbers, of the frames in all mappings, and the recording of their files; FileFormatError if none."""
+    """Keys, such as numbers, of frames in all mappings, and the recording of their files; FileFormatError if none."""
     numbers = [number for number in colors if all(number in other for other in (depths, *others))]
     if not numbers:
         raise FileFormatError(f"{place}: no frame has all its files, among {len(colors)} pictures")
