@@ -23,20 +23,21 @@ CV_FROM_GL = np.diag([1.0, -1.0, -1.0, 1.0])
 # Between x left, y up (PyTorch3D) and x right, y down; its own inverse.
 CV_FROM_PYTORCH3D = np.diag([-1.0, -1.0, 1.0])
 
-# Number of parameters before the distortion coefficients, and number of coefficients, in OpenCV's order k1 k2 p1 p2
-# k3 ...
-_COLMAP_MODELS: Mapping[str, tuple[int, int]] = {
+COLMAP_MODELS: Mapping[str, tuple[int, int]] = {
     "SIMPLE_PINHOLE": (3, 0),
     "PINHOLE": (4, 0),
     "SIMPLE_RADIAL": (3, 1),
     "RADIAL": (3, 2),
     "OPENCV": (4, 4),
+    "OPENCV_FISHEYE": (4, 4),
     "FULL_OPENCV": (4, 8),
+    "FOV": (4, 1),
     "SIMPLE_RADIAL_FISHEYE": (3, 1),
     "RADIAL_FISHEYE": (3, 2),
-    "OPENCV_FISHEYE": (4, 4),
+    "THIN_PRISM_FISHEYE": (4, 8),
 }
-_COLMAP_FISHEYES = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
+"""Parameters before the distortion, and coefficients of it (k1 k2 p1 p2 k3 ...), in the order of COLMAP's numbers."""
+_COLMAP_UNSUPPORTED = ("FOV", "THIN_PRISM_FISHEYE")
 
 _ROS_MODELS = ("plumb_bob", "rational_polynomial", "equidistant")
 _KALIBR_MODELS = ("radtan", "equidistant", "none")
@@ -100,14 +101,15 @@ def pose_from_extrinsics(rotation: Float64, translation: Float64) -> Float64:
 
 def intrinsics_from_colmap(model: str, params: object) -> tuple[Float64, Float64, bool]:
     """Return K (pixel centres at integers), OpenCV's coefficients, and whether the lens is a fisheye."""
-    if not isinstance(model, str) or model not in _COLMAP_MODELS:  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise ArgumentError("model", f"one of {', '.join(_COLMAP_MODELS)}", describe(model))
-    linear, distorted = _COLMAP_MODELS[model]
+    known = [name for name in COLMAP_MODELS if name not in _COLMAP_UNSUPPORTED]
+    if model not in known:
+        raise ArgumentError("model", f"one of {', '.join(known)}", describe(model))
+    linear, distorted = COLMAP_MODELS[model]
     values = numbers(f"params of {model}", params, (linear + distorted,))
     fx, fy, cx, cy = values[[0, 0, 1, 2]] if linear == 3 else values[:4]
     distortion = np.zeros(8 if distorted == 8 else 4)
     distortion[:distorted] = values[linear:]
-    return _matrix(fx, fy, cx - 0.5, cy - 0.5), distortion, model in _COLMAP_FISHEYES
+    return _matrix(fx, fy, cx - 0.5, cy - 0.5), distortion, model.endswith("FISHEYE")
 
 
 def colmap_from_intrinsics(K: Float64, lens: Lens | None) -> tuple[str, Float64]:

@@ -37,8 +37,8 @@ from pyibr.io import depth_kinds, image
 from pyibr.io.camera_files import CameraForm, write_cameras
 from pyibr.io.cameras import read_cameras
 from pyibr.io.depth_kinds import DepthKind
+from pyibr.io.ply import read_range_grid
 from pyibr.io.poses import Poses, read_poses
-from pyibr.io.range_grid import read_range_grid
 from pyibr.io.relief_map import read_relief_map, write_relief_map
 
 __all__ = [

@@ -15,7 +15,7 @@ from pyibr.core.checks import checked_size
 from pyibr.core.errors import FileFormatError
 from pyibr.core.files import checked_path, read_text, reading
 from pyibr.io import gltf
-from pyibr.io.colmap_model import read_model
+from pyibr.io.colmap_model import model_in, read_model
 from pyibr.io.folders import files_in
 
 _SET = "frusta.json"  # written by `pyibr.save` and `pyibr place`
@@ -63,9 +63,8 @@ def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = No
     if (source / _SET).is_file():
         source /= _SET
     if source.is_dir():
-        for folder in (source, source / "0"):
-            if any((folder / f"cameras{suffix}").is_file() for suffix in (".bin", ".txt")):
-                return read_model(folder)
+        if model := model_in(source):
+            return read_model(model)
         files = files_in(source, (".json",))
         if not files:
             raise FileFormatError(f"{source}: no cameras in it: expected JSON files, or COLMAP's cameras and images")

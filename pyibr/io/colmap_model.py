@@ -7,23 +7,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pyibr.core.camera import Camera
+from pyibr.core.conventions import COLMAP_MODELS
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import read_text, reading
 
-# In the order of COLMAP's numbers: names, and numbers of parameters
-_MODELS: tuple[tuple[str, int], ...] = (
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
-    ("FULL_OPENCV", 12),
-    ("FOV", 5),
-    ("SIMPLE_RADIAL_FISHEYE", 4),
-    ("RADIAL_FISHEYE", 5),
-    ("THIN_PRISM_FISHEYE", 12),
-)
 _POINT_BYTES = 24  # per point of an image in binary form: x, y, the point's number
 
 
@@ -38,6 +25,12 @@ class _Image(NamedTuple):
     camera: int
     qvec: list[float]
     tvec: list[float]
+
+
+def model_in(folder: Path) -> Path | None:
+    """The folder of a model: this one, or its subfolder 0."""
+    files = [place / f"cameras{suffix}" for place in (folder, folder / "0") for suffix in (".bin", ".txt")]
+    return next((file.parent for file in files if file.is_file()), None)
 
 
 def read_model(folder: Path) -> dict[str, Camera]:
@@ -109,10 +102,10 @@ def _binary_cameras(data: bytes) -> dict[int, _Intrinsics]:
     found: dict[int, _Intrinsics] = {}
     for _ in range(min(source.take("Q")[0], len(data))):
         number, kind, width, height = source.take("iiQQ")
-        if not 0 <= kind < len(_MODELS):
+        if not 0 <= kind < len(COLMAP_MODELS):
             raise ValueError(f"camera {number} has an unknown model {kind}")
-        name, count = _MODELS[int(kind)]
-        found[number] = _Intrinsics(name, (width, height), list(source.take(f"{count}d")))
+        name = list(COLMAP_MODELS)[int(kind)]
+        found[number] = _Intrinsics(name, (width, height), list(source.take(f"{sum(COLMAP_MODELS[name])}d")))
     return found
 
 

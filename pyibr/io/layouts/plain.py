@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pyibr.core.errors import FileFormatError
+from pyibr.io.colmap_model import model_in
 from pyibr.io.depth_frames import FRAME_SUFFIXES, DepthFrames, recorded
 from pyibr.io.folders import files_in
 from pyibr.io.recordings import COLOR_SUFFIXES, DEPTH_SUFFIXES, Recording, paired, paired_files
@@ -68,9 +69,5 @@ def _camera_files(folder: Path, colors: Sequence[Path]) -> tuple[Path, ...]:
         own = [place / f"{stem}.json" for stem in stems]
         if any(file.is_file() for file in own):
             return tuple(own)
-    models = [place for place in (folder / "sparse", folder) if _has_model(place) or _has_model(place / "0")]
+    models = [place for place in (folder / "sparse", folder) if model_in(place)]
     return next(((folder / name,) for name in _CAMERA_FILES if (folder / name).is_file()), tuple(models[:1]))
-
-
-def _has_model(folder: Path) -> bool:
-    return any((folder / f"cameras{suffix}").is_file() for suffix in (".bin", ".txt"))
