@@ -60,7 +60,7 @@ def test_without_an_address_links_are_words(clone):
     text = told["readme"]["text"]
     assert "urls" not in told
     assert "](" not in text and "![" not in text
-    assert "- docs: installing, conventions" in text
+    assert "- docs: the manual" in text
 
 
 def test_where_the_clone_came_from_is_told_by_source_packages_too(clone, tmp_path):
