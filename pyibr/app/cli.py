@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+import functools
+import logging
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Annotated, Any
@@ -14,70 +17,62 @@ import typer
 from typer.core import TyperGroup
 
 import pyibr as ibr
-from pyibr.app import live_commands
+from pyibr.app.batch.work import COMMANDS
 from pyibr.app.batch_command import batch
-from pyibr.app.commands.capture import capture
-from pyibr.app.commands.clean import clean
 from pyibr.app.commands.command import expanded
-from pyibr.app.commands.compare import compare
-from pyibr.app.commands.convert import convert
 from pyibr.app.commands.doctor import doctor
-from pyibr.app.commands.mesh import mesh
-from pyibr.app.commands.orbit import orbit
-from pyibr.app.commands.quilt import quilt
-from pyibr.app.commands.register import register
-from pyibr.app.commands.reliefs import relief, slices
-from pyibr.app.commands.solids import hull, object_
-from pyibr.app.commands.stereo import stereo
-from pyibr.app.commands.warp import warp
+from pyibr.app.live_commands import place, view
 from pyibr.app.options import printable_text
-from pyibr.app.telling import telling
 from pyibr.core.errors import ArgumentError, DeviceError, Error
 
-_OPTIONS = {
+_SAME = (
+    "camera depth_scale depth_offset cut_ratio thin near far focal_35mm layout divergence convergence "
+    "depth_range grid cone focus default_depth max_error count scale tiles wrap slices anisotropy samples "
+    "ambient resolution holes strength codec device size"
+)
+_OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "view": "DEPTH",
-    "camera": "--camera",
-    "depth_scale": "--depth-scale",
-    "depth_offset": "--depth-offset",
     "channel": "--depth-channel",
     "part": "--depth-channel",
-    "cut_ratio": "--cut-ratio",
-    "thin": "--thin",
-    "near": "--near",
-    "far": "--far",
     "fov_x": "--fov",
-    "focal_35mm": "--focal-35mm",
-    "layout": "--layout",
-    "divergence": "--divergence",
-    "convergence": "--convergence",
-    "depth_range": "--depth-range",
-    "grid": "--grid",
-    "cone": "--cone",
-    "focus": "--focus",
-    "default_depth": "--default-depth",
     "degrees": "--orbit",
-    "max_error": "--max-error",
-    "count": "--count",
-    "scale": "--scale",
-    "tiles": "--tiles",
-    "wrap": "--wrap",
-    "slices": "--slices",
-    "anisotropy": "--anisotropy",
-    "samples": "--samples",
-    "ambient": "--ambient",
     "direction": "--light",
     "position": "--lamp",
-    "resolution": "--resolution",
     "path": "--output",
-    "holes": "--holes",
-    "strength": "--strength",
-    "codec": "--codec",
-    "device": "--device",
-    "size": "--size",
     "valid": "--mask",
     "expected": "--mask",
 }
 """The command line's names of the library's arguments."""
+
+
+class _Teller(logging.Handler):
+    def __init__(self, tell: Callable[[str], object]) -> None:
+        super().__init__(logging.INFO)
+        self._tell = tell
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._tell(record.getMessage())
+
+
+def _tell_warning(tell: Callable[[str], object], message: Warning | str, *_: object, **__: object) -> None:
+    tell(str(message))
+
+
+@contextmanager
+def telling(tell: Callable[[str], object]) -> Generator[None, None, None]:
+    """Context in which `tell` is called with messages of the logger "pyibr" and with warnings."""
+    logger, teller = logging.getLogger("pyibr"), _Teller(tell)
+    level = logger.level
+    logger.addHandler(teller)
+    if logger.getEffectiveLevel() > logging.INFO:
+        logger.setLevel(logging.INFO)
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = functools.partial(_tell_warning, tell)
+            yield
+    finally:
+        logger.removeHandler(teller)
+        logger.setLevel(level)
 
 
 class _OneLineErrors(TyperGroup):
@@ -155,66 +150,67 @@ def _main(  # pyright: ignore[reportUnusedFunction]
 
 
 _MM = "--depth-scale 1000 --camera camera.json"
-_EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
-    warp: (
+_EXAMPLES: dict[str, tuple[str, ...]] = {
+    "warp": (
         f"color.png depth.png {_MM} --orbit 10 -o new.png",
         "a.png a_depth.npy b.png b_depth.npy --camera a.json --camera b.json --to new.json -o new.png",
         "rgbd_dataset_freiburg1_desk --clean --move 0.05 0 0 -o new.mp4",
         f"color.mp4 depth {_MM} --depth-camera depth.json --clean --fill background --orbit 5 -o new.mp4",
     ),
-    stereo: (
+    "stereo": (
         f"color.png depth.png {_MM} -o stereo.png",
         "color.mp4 depth --depth-scale 1000 --fov 70 --layout half-sbs --divergence 2.5 -o film_LR.mp4",
     ),
-    quilt: (f"color.png depth.png {_MM} --grid 8 6 --size 420 560 --cone 20 -o room_qs8x6a0.75.png",),
-    orbit: (
+    "quilt": (f"color.png depth.png {_MM} --grid 8 6 --size 420 560 --cone 20 -o room_qs8x6a0.75.png",),
+    "orbit": (
         "dragon.ply -o turn.mp4",
         f"color.png depth.png {_MM} --swing 10 -o swing.webp",
     ),
-    clean: (
+    "clean": (
         "depth.png --depth-scale 1000 --color color.png -o cleaned.png",
         "depth --depth-scale 1000 --holes 20 --invented-out invented.png -o cleaned",
         "rgbd_dataset_freiburg1_desk -o cleaned",
     ),
-    register: ("depth.png --depth-scale 1000 --depth-camera depth.json --color-camera color.json -o registered.png",),
-    mesh: (
+    "register": ("depth.png --depth-scale 1000 --depth-camera depth.json --color-camera color.json -o registered.png",),
+    "mesh": (
         f"color.png depth.png {_MM} --max-error 0.005 -o scene.glb",
         f"color.png depth.png {_MM} --count 3000 -o small.glb",
     ),
-    capture: (
+    "capture": (
         "dragon.ply -o dragon",
         "dragon.ply --frusta frusta.json --size 512 -o finer",
         "dragon.ply --camera cameras.json -o seen",
     ),
-    object_: (
+    "object": (
         "dragon --frames 36 -o turn.mp4",
         "room --depth-scale 1000 --missing unknown -o room.glb",
     ),
-    hull: ("pictures masks --camera cameras.json -o hull.ply",),
-    compare: (
+    "hull": ("pictures masks --camera cameras.json -o hull.ply",),
+    "compare": (
         "truth.png new.png -o errors.png",
         "truth.mp4 new.mp4 --metrics psnr,iv-psnr --json",
         "depth.mkv new_depth.mkv --depth --depth-scale 1000 -o errors.mp4",
     ),
-    convert: (
+    "convert": (
         "calibration.yaml -o camera.json",
         "depth.mkv --depth-scale 1000 --to-kind inverse -o disparity.exr",
         "rgbd_dataset_freiburg1_desk -o desk",
         "rgbd_dataset_freiburg1_desk --as colmap -o model",
     ),
-    relief: (
+    "relief": (
         "ball.glb bumps.png --color bricks.png --scale 0.1 --light 1 1 1 -o relief.png",
         "ball.glb bumps.png --scale 0.1 --tiles 4 2 --frames 72 -o relief.mp4",
     ),
-    slices: ("ball.glb bumps.png --color bricks.png --scale 0.1 --light 1 1 1 -o slices.png",),
-    live_commands.view: ("dragon.ply",),
-    live_commands.place: ("dragon.ply --auto 16 -o dragon",),
-    batch: ("job.toml", "job.toml --scheduler tcp://10.0.0.1:8786"),
-    doctor: ("", "--build"),
+    "slices": ("ball.glb bumps.png --color bricks.png --scale 0.1 --light 1 1 1 -o slices.png",),
+    "view": ("dragon.ply",),
+    "place": ("dragon.ply --auto 16 -o dragon",),
+    "batch": ("job.toml", "job.toml --scheduler tcp://10.0.0.1:8786"),
+    "doctor": ("", "--build"),
 }
-"""The commands, with examples of their use."""
+"""Examples of the use of each command, in the order of the help."""
 
-for _command, _uses in _EXAMPLES.items():
-    _name = _command.__name__.rstrip("_")
+_PAGES_AND_OTHERS: dict[str, Callable[..., None]] = {"view": view, "place": place, "batch": batch, "doctor": doctor}
+for _name, _uses in _EXAMPLES.items():
     _shown = [f"[bold]pyibr {_name} {_use}".rstrip() + "[/bold]" for _use in _uses]
-    app.command(_name, epilog="\n\n".join([f"Example: {_shown[0]}", *_shown[1:]]))(expanded(_command))
+    _command = expanded((COMMANDS | _PAGES_AND_OTHERS)[_name])
+    app.command(_name, epilog="\n\n".join([f"Example: {_shown[0]}", *_shown[1:]]))(_command)

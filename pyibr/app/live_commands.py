@@ -9,27 +9,11 @@ import numpy as np
 import typer
 
 import pyibr as ibr
-from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.heights import HEIGHT_HELP, MapOptions
-from pyibr.app.commands.things import StartCamera, ThingFiles, Things, UpOption, customary_up, direction_of
+from pyibr.app.commands.things import ImageOptions, StartCamera, ThingFiles, UpOption, customary_up, direction_of
 from pyibr.app.live.pages import Pages
-from pyibr.app.options import (
-    Baseline,
-    CameraFile,
-    Clean,
-    DefaultDepthText,
-    DeviceName,
-    ExposureOption,
-    Holes,
-    NoiseOption,
-    StoredDepth,
-    cleaning_of,
-    device_of,
-    given_of,
-    noise_of,
-    printable_text,
-)
+from pyibr.app.options import DeviceName, device_of, given_of, printable_text
 from pyibr.app.place import place as place_page
 from pyibr.app.place.captures import Captures
 from pyibr.app.place.model import Placement
@@ -49,16 +33,8 @@ _Open = Annotated[bool, typer.Option("--open", help="Open the page in the browse
 
 def view(
     things: ThingFiles,
-    camera: CameraFile = None,
     *,
-    lens: LensOptions,
-    stored: StoredDepth,
-    exposure: ExposureOption = 0.0,
-    default_depth: DefaultDepthText = "none",
-    clean: Clean = False,
-    holes: Holes = 8,
-    noise: NoiseOption = None,
-    baseline: Baseline = None,
+    options: ImageOptions,
     height: Annotated[Path | None, typer.Option(help=HEIGHT_HELP)] = None,
     maps: MapOptions,
     start: StartCamera = None,
@@ -69,10 +45,8 @@ def view(
 ) -> None:
     """Look around in a browser; pictures are drawn live. Only this machine can open the page."""
     with device_of(device):
-        exposed = Exposure(exposure)
-        how = cleaning_of(clean, holes), noise_of(noise, baseline)
-        views = Things(camera, lens, stored, default_depth, *how, exposed)
-        shown, of_meshes = views.read(things)
+        exposed = Exposure(options.exposure)
+        shown, customary = options.things(things, exposed)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]
         given: object = shown
         if height is not None:
@@ -83,10 +57,8 @@ def view(
         elif given_maps := given_of(maps):
             raise ArgumentError(given_maps[0], "--height with it", "none")
         exposed.tell()
-        direction = direction_of(up or ("y" if of_meshes else None))
         first = None if start is None else Camera.load(start)
-        pages = ibr.view(given, first, up=direction, port=port)
-        _serve(pages, open_page)
+        _serve(ibr.view(given, first, up=direction_of(up or customary), port=port), open_page)
 
 
 def place(

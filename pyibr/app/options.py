@@ -23,10 +23,6 @@ from pyibr.io.depth_frames import DepthFrames, frames_in
 from pyibr.io.recordings import Shot
 from pyibr.warp.filling import Fill
 
-Color = Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, TIFF, EXR, PFM, NPY ...")]
-Depth = Annotated[
-    Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG, TIFF, NPY, NPZ, PFM, EXR, COLMAP .bin")
-]
 DepthFiles = Annotated[
     Path,
     typer.Argument(
@@ -35,50 +31,11 @@ DepthFiles = Annotated[
     ),
 ]
 CameraFile = Annotated[Path | None, typer.Option(metavar="FILE[#NAME]", help="Its camera: a calibration of any kind")]
-Fov = Annotated[float | None, typer.Option(metavar="DEGREES", help="Without a camera: horizontal field of view")]
-Focal35mm = Annotated[
-    float | None,
-    typer.Option("--focal-35mm", metavar="MM", help="Without a camera: the focal length, on 35 mm film"),
-]
-Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")]
 Holes = Annotated[int, typer.Option(help="Pixels: cleaning fills gaps up to twice as wide; 0: none")]
-Strength = Annotated[float, typer.Option(help="Strength of the smoothing of noise, 0 to 10")]
-FarDepth = Annotated[
-    float, typer.Option(help="Samples at this depth or beyond hold no surface; relative depth: the farthest depth, 10")
-]
-NearDepth = Annotated[float, typer.Option(help="Relative depth: the nearest depth")]
-Sharpen = Annotated[
-    bool | None, typer.Option("--sharpen/--no-sharpen", help="Sharpen soft edges; default: only for relative depth")
-]
 DefaultDepthText = Annotated[
     str,
     typer.Option(
         metavar="DEPTH", help="Depth for samples without depth, such as sky; farthest: the farthest sample's; none"
-    ),
-]
-DepthScale = Annotated[
-    float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
-]
-DepthOffset = Annotated[
-    float, typer.Option(help="Stored units added before --depth-scale: Middlebury's doffs, for disparity in pixels")
-]
-DepthKindOption = Annotated[
-    DepthKind,
-    typer.Option(
-        "--depth-kind",
-        "--depth-is",
-        help="Stored quantity: z, distance along the rays, inverse (1/z; disparity by its scale), or relative: "
-        "inverse without a unit, as networks estimate it",
-    ),
-]
-MinConfidence = Annotated[
-    float | None,
-    typer.Option(help="Lowest confidence of samples, in its stored unit; default: by the layout"),
-]
-DepthChannel = Annotated[
-    str | None,
-    typer.Option(
-        metavar="[PART:]CHANNEL", help="Channel of depth in EXR, as ViewLayer.Depth.Z; in NPZ the array's name"
     ),
 ]
 ExposureOption = Annotated[
@@ -109,20 +66,62 @@ class Cleaning(NamedTuple):
     """Options of cleaning depth."""
 
     holes: Holes = 8
-    strength: Strength = 1.0
+    strength: Annotated[float, typer.Option(help="Strength of the smoothing of noise, 0 to 10")] = 1.0
+
+
+class CleaningOptions(NamedTuple):
+    """Options of cleaning, if asked for, and of the noise of measured depth."""
+
+    clean: Annotated[
+        bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")
+    ] = False
+    holes: Holes = 8
+    noise: NoiseOption = None
+    baseline: Baseline = None
+
+    def checked(self) -> tuple[Cleaning | None, tuple[float, float] | None]:
+        """Check the options; return the options of cleaning, None without --clean, and the result of `noise_of`."""
+        if not self.clean and self.holes != Cleaning().holes:
+            raise ArgumentError("--holes", "--clean with it", str(self.holes))
+        return Cleaning(self.holes) if self.clean else None, noise_of(self.noise, self.baseline)
 
 
 class StoredDepth(NamedTuple):
     """Options of the storage of depth, and of the samples to use."""
 
-    near: NearDepth = 1.0
-    far: FarDepth = math.inf
-    sharpen: Sharpen = None
-    depth_scale: DepthScale = None
-    depth_offset: DepthOffset = 0.0
-    depth_kind: DepthKindOption = "z"
-    min_confidence: MinConfidence = None
-    depth_channel: DepthChannel = None
+    near: Annotated[float, typer.Option(help="Relative depth: the nearest depth")] = 1.0
+    far: Annotated[
+        float,
+        typer.Option(help="Samples at this depth or beyond hold no surface; relative depth: the farthest depth, 10"),
+    ] = math.inf
+    sharpen: Annotated[
+        bool | None, typer.Option("--sharpen/--no-sharpen", help="Sharpen soft edges; default: only for relative depth")
+    ] = None
+    depth_scale: Annotated[
+        float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
+    ] = None
+    depth_offset: Annotated[
+        float, typer.Option(help="Stored units added before --depth-scale: Middlebury's doffs, for disparity in pixels")
+    ] = 0.0
+    depth_kind: Annotated[
+        DepthKind,
+        typer.Option(
+            "--depth-kind",
+            "--depth-is",
+            help="Stored quantity: z, distance along the rays, inverse (1/z; disparity by its scale), or relative: "
+            "inverse without a unit, as networks estimate it",
+        ),
+    ] = "z"
+    min_confidence: Annotated[
+        float | None,
+        typer.Option(help="Lowest confidence of samples, in its stored unit; default: by the layout"),
+    ] = None
+    depth_channel: Annotated[
+        str | None,
+        typer.Option(
+            metavar="[PART:]CHANNEL", help="Channel of depth in EXR, as ViewLayer.Depth.Z; in NPZ the array's name"
+        ),
+    ] = None
 
     @property
     def how(self) -> DepthReading:
@@ -192,13 +191,6 @@ def default_depth_of(text: str) -> float | DefaultDepth | None:
         return float(text)
     except ValueError:
         raise ArgumentError("--default-depth", "a depth > 0, farthest or none", text) from None
-
-
-def cleaning_of(clean: bool, holes: int) -> Cleaning | None:
-    """Check --clean and --holes; return the options of cleaning, None without --clean."""
-    if not clean and holes != Cleaning().holes:
-        raise ArgumentError("--holes", "--clean with it", str(holes))
-    return Cleaning(holes) if clean else None
 
 
 def fill_of(text: Literal["none", Fill]) -> Fill | None:

@@ -11,7 +11,6 @@ import pytest
 
 import pyibr as ibr
 from pyibr.app import cli
-from pyibr.app.commands.compare import compare
 from pyibr.images import metrics
 from tests.app.commands import places, run
 
@@ -182,7 +181,7 @@ def test_mistakes_are_told_in_one_line(pairs: Pairs, words, said):
     assert said in result.stderr.strip().splitlines()[-1] and "Traceback" not in result.stderr
 
 
-@pytest.mark.parametrize("example", cli._EXAMPLES[compare])
+@pytest.mark.parametrize("example", cli._EXAMPLES["compare"])
 def test_examples_of_the_help_run(pairs: Pairs, example: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(pairs.folder)
     for name, colors, depths in (("truth", pairs.colors, pairs.depths), ("new", pairs.others, pairs.wrong)):

@@ -10,7 +10,6 @@ import pytest
 
 import pyibr as ibr
 from pyibr.app import cli
-from pyibr.app.commands.convert import convert as command
 from pyibr.io import read_cameras
 from pyibr.io.depth_frames import DepthFrames
 from tests.app.commands import run
@@ -181,7 +180,7 @@ def test_mistakes_are_told_in_one_line(folder: Path, words, said):
     assert said in convert(folder, *words, status=2)
 
 
-@pytest.mark.parametrize("example", cli._EXAMPLES[command])
+@pytest.mark.parametrize("example", cli._EXAMPLES["convert"])
 def test_examples_of_the_help_run(folder: Path, example: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(folder)
     (folder / "calibration.yaml").write_text(

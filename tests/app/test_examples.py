@@ -29,7 +29,7 @@ OTHERS = (
     "orbit",
 )  # commands whose examples run in their own tests
 HELP = [
-    f"{command.__name__.rstrip('_')} {use}"
+    f"{command} {use}"
     for command, uses in cli._EXAMPLES.items()  # pyright: ignore[reportPrivateUsage]
     for use in uses
 ]
@@ -89,7 +89,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_each_command_that_writes_files_runs_in_batches():
-    names = {command.__name__.rstrip("_") for command in cli._EXAMPLES}  # pyright: ignore[reportPrivateUsage]
+    names = set(cli._EXAMPLES)  # pyright: ignore[reportPrivateUsage]
     assert names - {"batch", "doctor", *PAGES} == set(COMMANDS)
 
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pyibr.app.telling import telling
+from pyibr.app.cli import telling
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, BuildError
 from pyibr.opencl import program

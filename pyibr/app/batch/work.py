@@ -29,11 +29,10 @@ from pyibr.app.commands.compare import compare
 from pyibr.app.commands.convert import convert
 from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.orbit import orbit
-from pyibr.app.commands.quilt import quilt
 from pyibr.app.commands.register import register
 from pyibr.app.commands.reliefs import relief, slices
+from pyibr.app.commands.rigs import quilt, stereo
 from pyibr.app.commands.solids import hull, object_
-from pyibr.app.commands.stereo import stereo
 from pyibr.app.commands.warp import warp
 from pyibr.core.errors import Error
 from pyibr.core.optional import distributed, fsspec

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
+import typer
 from numpy.typing import NDArray
 
-from pyibr.app.options import Focal35mm, Fov, print_note, printable_text
+from pyibr.app.options import print_note, printable_text
 from pyibr.core.calibrations import listed
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
@@ -24,8 +25,13 @@ _FOV = 60.0  # degrees along the longer side, if nothing else is known
 class LensOptions(NamedTuple):
     """Options that describe a camera without a file."""
 
-    fov: Fov = None
-    focal_35mm: Focal35mm = None
+    fov: Annotated[float | None, typer.Option(metavar="DEGREES", help="Without a camera: horizontal field of view")] = (
+        None
+    )
+    focal_35mm: Annotated[
+        float | None,
+        typer.Option("--focal-35mm", metavar="MM", help="Without a camera: the focal length, on 35 mm film"),
+    ] = None
 
     def camera_of(self, picture: Path, file: Path | None, size: tuple[int, int] | None = None) -> Camera:
         """The picture's camera, from the file, these options, EXIF data, or a default, which is reported.

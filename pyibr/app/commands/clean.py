@@ -82,15 +82,13 @@ def clean(
     outputs.check({**source.files(), "--camera": [camera] if camera else []}, [depth, *([color] if color else [])])
     losses, seen = Losses(recorded=not is_still), DepthRange()
     reader = DepthReader(DepthOptions(stored, None, cleaning, told, not is_still, not is_still, seen), losses)
-    size = 0, 0
     with device_of(device), outputs, Exposure(exposure) as exposed:
         frames = read_ahead(_cleaned(source, reader, losses, exposed, stored.empty_from))
         for shot, made, invented in with_progress(frames, len(source.shots), "Cleaning"):
             share, of_depth = float(np.isfinite(made).mean()), shot.depth_camera or shot.camera
             outputs.write({"depth": made, "mask": invented}, shot.number, share, of_depth)
-            size = made.shape[1], made.shape[0]
-        losses.tell(some=size != (0, 0))
-    outputs.tell(size, "frames", "it has no depth", seen)
+        losses.tell(some=bool(outputs.written))
+    outputs.tell("frames", "it has no depth", seen)
 
 
 def _opened(options: InputOptions, color: Path | None, stored: StoredDepth, needed: str | None) -> tuple[Source, bool]:

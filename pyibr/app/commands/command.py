@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from inspect import Parameter, Signature, signature
@@ -72,31 +72,38 @@ def _reporting(as_json: bool) -> Generator[None, None, None]:
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command in the form that typer takes: named tuples of options become single options.
+    """Return the command in the form that typer takes: named tuples of options become single options, also
+    inside of other named tuples.
 
     Commands with a required output get --json, too.
     """
-    parameters, groups, known = list[Parameter](), dict[str, Any](), signature(command, eval_str=True).parameters
-    for own in known.values():
-        fields = getattr(own.annotation, "_field_defaults", None)
-        if fields is None:
-            parameters.append(own.replace(kind=Parameter.KEYWORD_ONLY))
-        else:
-            groups[own.name], hints = own.annotation, get_type_hints(own.annotation, include_extras=True)
-            single = [(name, hints[name], default) for name, default in fields.items()]
-            parameters += [Parameter(n, Parameter.KEYWORD_ONLY, default=d, annotation=kind) for n, kind, d in single]
-
+    known = signature(command, eval_str=True).parameters
+    parameters = [one for own in known.values() for one in _options_of(own.name, own.annotation, own.default)]
     tells = "output" in known and known["output"].default is Parameter.empty
     if tells:
         parameters.append(Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=_Json))
 
     @functools.wraps(command)
     def called(**given: Any) -> None:
-        as_json = tells and given.pop("as_json", False)
-        made = {name: group(*(given.pop(field) for field in group._fields)) for name, group in groups.items()}
-        with _reporting(as_json):
-            command(**given, **made)
+        with _reporting(tells and given.get("as_json", False)):
+            command(**{own.name: _value_of(own.name, own.annotation, given) for own in known.values()})
 
     called.__signature__ = Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
     called.__annotations__ = {one.name: one.annotation for one in parameters}
     return called
+
+
+def _options_of(name: str, kind: Any, default: object) -> list[Parameter]:
+    """The parameter of an option, or the parameters of a group of options."""
+    if not hasattr(kind, "_field_defaults"):
+        return [Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)]
+    hints = get_type_hints(kind, include_extras=True)
+    return [one for field, value in kind._field_defaults.items() for one in _options_of(field, hints[field], value)]
+
+
+def _value_of(name: str, kind: Any, given: Mapping[str, Any]) -> Any:
+    """The value of an option, or the group of the values of its options."""
+    if not hasattr(kind, "_field_defaults"):
+        return given[name]
+    hints = get_type_hints(kind, include_extras=True)
+    return kind(*(_value_of(field, hints[field], given) for field in kind._fields))

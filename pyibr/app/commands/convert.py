@@ -12,7 +12,6 @@ import typer
 
 import pyibr as ibr
 from pyibr.app.commands.beside import Behind, read_ahead
-from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
 from pyibr.app.commands.progress import with_progress
@@ -34,26 +33,23 @@ from pyibr.meshes.files import check_mesh_file, is_mesh_file
 _MILLIMETRES = 1000.0
 _OF_INTEGERS = (".png", ".mkv")
 
-_Sources = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="SOURCE",
-        help="Cameras of any kind; depth: an image, a folder, a video; a recording, also as COLOR DEPTH; or a mesh",
-    ),
-]
-_Output = Annotated[
-    Path,
-    typer.Option(
-        "--output",
-        "-o",
-        help="Cameras: .json, or a folder (COLMAP); depth by its suffix; a recording: a folder; a mesh",
-    ),
-]
-
 
 def convert(
-    sources: _Sources,
-    output: _Output,
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="SOURCE",
+            help="Cameras of any kind; depth: an image, a folder, a video; a recording, also as COLOR DEPTH; or a mesh",
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Cameras: .json, or a folder (COLMAP); depth by its suffix; a recording: a folder; a mesh",
+        ),
+    ],
     form: Annotated[
         CameraForm | None,
         typer.Option("--as", help="Form of the cameras; default: pyibr's JSON, or COLMAP's text for a folder"),
@@ -68,8 +64,6 @@ def convert(
     to_kind: Annotated[DepthKind, typer.Option(help="The kind of the written depth")] = "z",
     *,
     reading: Reading,
-    lens: LensOptions,
-    stored: StoredDepth,
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
@@ -82,13 +76,13 @@ def convert(
         _convert_mesh(source, output)
     elif form is None and is_recording and not suffix:
         with device_of(device):
-            _convert_recording(Inputs(sources, reading, lens, stored), sources, output, to_scale or _MILLIMETRES)
+            _convert_recording(Inputs(sources, reading), sources, output, to_scale or _MILLIMETRES)
     elif len(sources) > 1:
         raise ArgumentError("--output", "a folder, for a recording of COLOR and DEPTH", str(output))
     elif form is not None or suffix in ("", ".json"):
         _convert_cameras(source, output, form or _form_of(output), size)
     else:
-        of_integers = suffix in _OF_INTEGERS
+        stored, of_integers = reading.stored, suffix in _OF_INTEGERS
         scale = stored.depth_scale if to_scale is None and of_integers else to_scale
         if scale is None and of_integers:
             raise ArgumentError("--to-scale", f"stored units per scene unit, for the integers of {output}", "none")
@@ -145,14 +139,12 @@ def _convert_depth(
     video = video._replace(fps=video.fps or depths.fps) if output.suffix.lower() == ".mkv" else video
     outputs = Outputs({"--output": (output, "depth")}, written, None if depths.is_single else range(count), video, None)
     outputs.check({"SOURCE": depths.files, "--camera": [] if camera is None else [camera]})
-    shape = 0, 0
     with outputs:
         for number, depth in enumerate(with_progress(read_ahead(depths.read(range(count))), count, "Converting")):
             seen.add(depth)
             known = np.isfinite(depth) & (depth > 0) & (depth < stored.empty_from)
             outputs.write({"depth": np.where(known, depth, np.float32(np.nan))}, number, float(known.mean()), own)
-            shape = depth.shape
-    outputs.tell((shape[1], shape[0]), "frames", "it has no depth", seen)
+    outputs.tell("frames", "it has no depth", seen)
 
 
 def _convert_recording(inputs: Inputs, sources: Sequence[Path], output: Path, scale: float) -> None:

@@ -11,30 +11,11 @@ import numpy as np
 import typer
 from numpy.typing import ArrayLike
 
-from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
-from pyibr.app.commands.things import StartCamera, ThingFiles, Things, UpOption, direction_of
-from pyibr.app.options import (
-    Baseline,
-    CameraFile,
-    Clean,
-    DefaultDepthText,
-    DeviceName,
-    ExposureOption,
-    FillOption,
-    Holes,
-    NoiseOption,
-    Samples,
-    Size,
-    StoredDepth,
-    cleaning_of,
-    device_of,
-    fill_of,
-    noise_of,
-    printable_text,
-)
+from pyibr.app.commands.things import ImageOptions, StartCamera, ThingFiles, UpOption, direction_of
+from pyibr.app.options import DeviceName, FillOption, Samples, Size, device_of, fill_of, printable_text
 from pyibr.app.view.paths import CameraPath
 from pyibr.capture.rigs import RenderOptions, drawn, framed, gathered
 from pyibr.capture.turntable import turntable_cameras
@@ -45,27 +26,24 @@ from pyibr.meshes.mesh import Mesh
 from pyibr.picture.light import Light
 from pyibr.picture.render import Thing
 
-_Orbit = Annotated[
-    float | None,
-    typer.Option(metavar="DEGREES", help="Angle by which the camera turns to the right about them; default: 360"),
-]
-_Swing = Annotated[
-    float | None,
-    typer.Option(
-        metavar="DEGREES", help="Instead: swing to and fro, by this angle to either side; for single photographs"
-    ),
-]
-_Path = Annotated[
-    Path | None, typer.Option("--path", help="Instead: a smooth path through cameras, as `view` saves it, or as --to")
-]
-
 
 class Way(NamedTuple):
     """Options of the camera's path."""
 
-    orbit: _Orbit = None
-    swing: _Swing = None
-    path: _Path = None
+    orbit: Annotated[
+        float | None,
+        typer.Option(metavar="DEGREES", help="Angle by which the camera turns to the right about them; default: 360"),
+    ] = None
+    swing: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEGREES", help="Instead: swing to and fro, by this angle to either side; for single photographs"
+        ),
+    ] = None
+    path: Annotated[
+        Path | None,
+        typer.Option("--path", help="Instead: a smooth path through cameras, as `view` saves it, or as --to"),
+    ] = None
     start: StartCamera = None
     size: Size = None
 
@@ -101,28 +79,20 @@ def orbit(
     up: UpOption = None,
     fill: FillOption = "background",
     samples: Samples = 1,
-    camera: CameraFile = None,
-    lens: LensOptions,
-    stored: StoredDepth,
-    exposure: ExposureOption = 0.0,
-    default_depth: DefaultDepthText = "none",
-    clean: Clean = False,
-    holes: Holes = 8,
-    noise: NoiseOption = None,
-    baseline: Baseline = None,
+    options: ImageOptions,
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
     """Draw things from all round, in a swing to and fro, or along a path. Meshes without colours are lit."""
     way.check()
-    outputs = Outputs({"--output": (output, "color")}, stored, range(frames) if frames > 1 else None, video, None)
+    outputs = Outputs(
+        {"--output": (output, "color")}, options.stored, range(frames) if frames > 1 else None, video, None
+    )
     files = [file for thing in things for file in (thing.rglob("*") if thing.is_dir() else [thing])]
-    outputs.check({"THINGS": files, "--camera": [camera] if camera else []}, things)
-    with device_of(device), outputs, Exposure(exposure) as exposed:
-        reading = cleaning_of(clean, holes), noise_of(noise, baseline)
-        known, of_meshes = Things(camera, lens, stored, default_depth, *reading, exposed).read(things)
-        upward = direction_of(up or ("y" if of_meshes else None))
-        cameras = way.cameras(known, frames, upward)
+    outputs.check({"THINGS": files, "--camera": [options.camera] if options.camera else []}, things)
+    with device_of(device), outputs, Exposure(options.exposure) as exposed:
+        known, customary = options.things(things, exposed)
+        cameras = way.cameras(known, frames, direction_of(up or customary))
         is_plain = any(isinstance(one, Mesh) and one.colors is None and one.texture is None for one in known)
         shown = gathered(known, fill_of(fill))
         for number, one in enumerate(with_progress(cameras, frames, "Drawing")):
@@ -131,7 +101,7 @@ def orbit(
                 warnings.simplefilter("ignore", UserWarning)  # empty pictures are reported at the end
                 (frame,) = drawn(shown, [one], **how)
             outputs.write({"color": frame.color}, number, float(frame.valid.mean()), one)
-    outputs.tell(cameras[0].size, "pictures", f"{printable_text(things[0])} is out of view")
+    outputs.tell("pictures", f"{printable_text(things[0])} is out of view")
 
 
 def _light_of(camera: Camera) -> Light:

@@ -26,13 +26,6 @@ from pyibr.io.video_writing import CODECS, Codec, VideoWriter, check_video_outpu
 
 Kind = Literal["color", "depth", "mask"]
 
-Fps = Annotated[
-    float | None,
-    typer.Option(help="Frame rate of a video; default: the source's frame times and sound, or 30"),
-]
-VideoCodec = Annotated[
-    Codec | None, typer.Option(help="Codec of a video; default: H.264, VP9 in WebM, lossless FFV1 in MKV")
-]
 
 _FPS = 30.0  # for videos, if neither --fps nor the source sets it
 _DEPTH_FILM = ".mkv"  # for depth: FFV1, which is lossless
@@ -41,8 +34,13 @@ _DEPTH_FILM = ".mkv"  # for depth: FFV1, which is lossless
 class VideoOptions(NamedTuple):
     """Options of videos."""
 
-    fps: Fps = None
-    codec: VideoCodec = None
+    fps: Annotated[
+        float | None,
+        typer.Option(help="Frame rate of a video; default: the source's frame times and sound, or 30"),
+    ] = None
+    codec: Annotated[
+        Codec | None, typer.Option(help="Codec of a video; default: H.264, VP9 in WebM, lossless FFV1 in MKV")
+    ] = None
 
 
 class Outputs:
@@ -89,7 +87,7 @@ class Outputs:
         self._film = film if video.fps is None else None
         self._stack, self._behind = ExitStack(), Behind(in_order=bool(self._films))
         self._writers: dict[Path, VideoWriter] = {}
-        self._written: list[Path] = []
+        self.written: list[Path] = []
         self._shares: list[float] = []
 
     def check(self, inputs: Mapping[str, Sequence[Path]], recordings: Sequence[Path] = ()) -> None:
@@ -143,7 +141,8 @@ class Outputs:
         covered: fraction of covered pixels. camera: camera of the depth.
         """
         self._behind.add(lambda: self._store(images, number, camera))
-        self._written.append(self._main if self._main in self._films else self._name(self._main, number))
+        self._size = next(iter(images.values())).shape[1::-1]
+        self.written.append(self._main if self._main in self._films else self._name(self._main, number))
         self._shares.append(covered)
 
     def _store(self, images: Mapping[Kind, NDArray[Any]], number: int, camera: Camera | None) -> None:
@@ -186,21 +185,21 @@ class Outputs:
         assert self._film is not None and self._numbers is not None
         return self._film.times[number] - self._film.times[self._numbers[0]]
 
-    def tell(self, size: tuple[int, int], several: str, lacking: str, depths: object = "") -> None:
+    def tell(self, several: str, lacking: str, depths: object = "") -> None:
         """Report the written files.
 
         several: noun for the frames. lacking: reason for empty frames. depths: range of depth that was read.
         """
-        written, count = self._written, None if self._numbers is None else len(self._written)
+        written, count = self.written, None if self._numbers is None else len(self.written)
         empty = [file for file, share in zip(written, self._shares, strict=True) if share == 0]
         if empty:
             first = printable_text(empty[0])
             many = f"{len(empty)} of {count} {several} are empty, as {first}" if count else f"{first} is empty"
             print_note(f"{many}: {lacking}")
-        covered = float(np.mean(self._shares))
-        words = f"{size[0]}x{size[1]}, {covered:.1%} covered{f'; {depths}' if depths else ''}"
+        (width, height), covered = self._size, float(np.mean(self._shares))
+        words = f"{width}x{height}, {covered:.1%} covered{f'; {depths}' if depths else ''}"
         words = f"{count} {several}, {words}" if count else words
-        tell_written(list(dict.fromkeys(written)), words, frames=len(written), size=size, covered=covered)
+        tell_written(list(dict.fromkeys(written)), words, frames=len(written), size=self._size, covered=covered)
 
     def _names(self, path: Path) -> list[Path]:
         if path in self._films:

@@ -12,19 +12,7 @@ from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.sources import InputOptions, Losses, open_sources
 from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
-from pyibr.app.options import (
-    Baseline,
-    Clean,
-    DefaultDepthText,
-    ExposureOption,
-    Holes,
-    NoiseOption,
-    StoredDepth,
-    Take,
-    cleaning_of,
-    default_depth_of,
-    noise_of,
-)
+from pyibr.app.options import CleaningOptions, DefaultDepthText, ExposureOption, StoredDepth, Take, default_depth_of
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.io.video import Video
@@ -37,36 +25,33 @@ Sources = Annotated[
         "of depth; or one folder with both (TUM RGB-D, 7-Scenes, Redwood, COLMAP's dense workspace)",
     ),
 ]
-_Cameras = Annotated[
-    list[Path] | None,
-    typer.Option(
-        metavar="FILE[#NAME]",
-        help="The camera, or one for each pair: a calibration of any kind; a list, a folder of them, a COLMAP model",
-    ),
-]
-_DepthCameras = Annotated[
-    list[Path] | None,
-    typer.Option(metavar="FILE[#NAME]", help="The depth's camera, if it is not registered to the colours"),
-]
-_Poses = Annotated[
-    list[Path] | None,
-    typer.Option(help="The camera poses of the frames: TUM, KITTI, Redwood, 4 x 4 matrices, cameras as JSON"),
-]
 
 
 class Reading(NamedTuple):
-    """Options for reading, except the storage of depth (`StoredDepth`) and lenses (`LensOptions`)."""
+    """Options for reading."""
 
-    camera: _Cameras = None
+    camera: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE[#NAME]",
+            help="The camera, or one for each pair: a calibration of any kind; a list, a folder of them, "
+            "a COLMAP model",
+        ),
+    ] = None
     take: Take = None
-    poses: _Poses = None
-    depth_camera: _DepthCameras = None
-    clean: Clean = False
-    holes: Holes = 8
-    noise: NoiseOption = None
-    baseline: Baseline = None
+    poses: Annotated[
+        list[Path] | None,
+        typer.Option(help="The camera poses of the frames: TUM, KITTI, Redwood, 4 x 4 matrices, cameras as JSON"),
+    ] = None
+    depth_camera: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE[#NAME]", help="The depth's camera, if it is not registered to the colours"),
+    ] = None
+    cleaning: CleaningOptions = CleaningOptions()
     default_depth: DefaultDepthText = "none"
     exposure: ExposureOption = 0.0
+    lens: LensOptions = LensOptions()
+    stored: StoredDepth = StoredDepth()
 
 
 class Inputs:
@@ -76,8 +61,7 @@ class Inputs:
     ----------
     sources : list of Path
         The paths as users name them.
-    reading, lens, stored
-        Options for reading them.
+    reading : Reading
     together : bool
         Whether all frames of recordings show one scene.
 
@@ -99,11 +83,10 @@ class Inputs:
         Range of the depth that was read so far.
     """
 
-    def __init__(
-        self, sources: list[Path], reading: Reading, lens: LensOptions, stored: StoredDepth, together: bool = False
-    ) -> None:
+    def __init__(self, sources: list[Path], reading: Reading, together: bool = False) -> None:
         given = reading.camera or [], reading.depth_camera or [], reading.poses or []
-        self._options = InputOptions(sources, *given, reading.take, lens, stored.how.get("channel"))
+        stored = reading.stored
+        self._options = InputOptions(sources, *given, reading.take, reading.lens, stored.how.get("channel"))
         self._sources, are_stills = open_sources(self._options)
         if together and not all(source.is_placed for source in self._sources):
             got = f"{len(self._sources[0].shots)} without poses"
@@ -118,8 +101,7 @@ class Inputs:
         self._depth = DepthOptions(
             stored,
             default_depth_of(reading.default_depth),
-            cleaning_of(reading.clean, reading.holes),
-            noise_of(reading.noise, reading.baseline),
+            *reading.cleaning.checked(),
             steady=not self.is_scene,
             recorded=not are_stills,
             seen=self.seen,

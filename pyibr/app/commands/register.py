@@ -19,20 +19,7 @@ from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.sources import InputOptions, Losses, Source, open_depths
 from pyibr.app.commands.views import Depth, DepthOptions, DepthRange, DepthReader
-from pyibr.app.options import (
-    Baseline,
-    Clean,
-    DepthFiles,
-    DeviceName,
-    ExposureOption,
-    Holes,
-    NoiseOption,
-    StoredDepth,
-    Take,
-    cleaning_of,
-    device_of,
-    noise_of,
-)
+from pyibr.app.options import CleaningOptions, DepthFiles, DeviceName, ExposureOption, StoredDepth, Take, device_of
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.io.recordings import Shot
@@ -63,11 +50,8 @@ def register(
     ],
     color: _Pictures = None,
     take: Take = None,
-    clean: Clean = False,
-    holes: Holes = 8,
-    noise: NoiseOption = None,
-    baseline: Baseline = None,
     *,
+    cleaning: CleaningOptions,
     stored: StoredDepth,
     exposure: ExposureOption = 0.0,
     seen_out: Annotated[
@@ -91,11 +75,11 @@ def register(
     outputs.check(files_read, [depth] if color is None else [depth, color])
     losses = Losses(recorded=not is_still)
     seen = DepthRange()
-    reading = stored, None, cleaning_of(clean, holes), noise_of(noise, baseline)
-    depth_options = DepthOptions(*reading, steady=not is_still, recorded=not is_still, seen=seen)
+    depth_options = DepthOptions(
+        stored, None, *cleaning.checked(), steady=not is_still, recorded=not is_still, seen=seen
+    )
     depths = DepthReader(depth_options, losses)
     pictures = None if color is None else source.colors(losses)
-    size = 0, 0
     with device_of(device), outputs, Exposure(exposure) as exposed:
         frames = _read(source, depths, pictures, exposed, stored.empty_from)
         for shot, given, picture in with_progress(read_ahead(frames), len(source.shots), "Registering"):
@@ -103,9 +87,8 @@ def register(
             if made is not None:
                 images, covered = made
                 outputs.write(images, shot.number, float(covered.mean()), shot.camera)
-                size = covered.shape[1], covered.shape[0]
-        losses.tell(some=size != (0, 0))
-    outputs.tell(size, "frames", "their depth is out of view", seen)
+        losses.tell(some=bool(outputs.written))
+    outputs.tell("frames", "their depth is out of view", seen)
 
 
 def _read(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import typer
@@ -13,12 +13,20 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
-from pyibr.app.options import Cleaning, StoredDepth, default_depth_of, deviation_of, printable_text
+from pyibr.app.options import (
+    CameraFile,
+    CleaningOptions,
+    DefaultDepthText,
+    ExposureOption,
+    StoredDepth,
+    default_depth_of,
+    deviation_of,
+    printable_text,
+)
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_exists
 from pyibr.images import DepthImage
-from pyibr.images.depth_image import DefaultDepth
 from pyibr.io.layouts import may_be_recording
 from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.mesh import Mesh
@@ -35,57 +43,52 @@ UpOption = Annotated[
 ]
 
 
-class Things:
-    """Reads the things named on the command line."""
+class ImageOptions(NamedTuple):
+    """Options for reading images with depth."""
 
-    def __init__(
-        self,
-        camera: Path | None,
-        lens: LensOptions,
-        stored: StoredDepth,
-        default_depth: str,
-        cleaning: Cleaning | None,
-        noise: tuple[float, float] | None,
-        exposure: Exposure,
-    ) -> None:
-        self._exposure = exposure
-        self._camera, self._lens, self._stored, self._cleaning = camera, lens, stored, cleaning
-        self._noise = noise
-        self._default_depth: float | DefaultDepth | None = default_depth_of(default_depth)
+    camera: CameraFile = None
+    lens: LensOptions = LensOptions()
+    stored: StoredDepth = StoredDepth()
+    exposure: ExposureOption = 0.0
+    default_depth: DefaultDepthText = "none"
+    cleaning: CleaningOptions = CleaningOptions()
 
-    def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
-        """The things, and whether all are meshes whose files define no up direction, so that y is up by custom."""
-        things: list[DepthImage | Mesh] = []
-        customary = True
+    def things(self, names: Sequence[Path], exposure: Exposure) -> tuple[list[DepthImage | Mesh], Up | None]:
+        """The things of these names, and y if all are meshes whose files define no up direction."""
+        things = list[DepthImage | Mesh]()
         rest = list(names)
         while rest:
             name = rest.pop(0)
             check_exists(name)
             if may_be_recording(name):
-                for view in self._stored.load(name, self._lens.camera_of_folder(name, self._camera)):
-                    depth, told = self._cleaned(view.color, view.depth, view.camera)
-                    made = DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals, noise=told)
+                for view in self.stored.load(name, self.lens.camera_of_folder(name, self.camera)):
+                    depth, noise = self._cleaned(view.color, view.depth, view.camera)
+                    made = DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals, noise=noise)
                     things.append(made)
             elif is_mesh_file(name):
                 things.append(Mesh.load(name))
             elif not rest:
                 raise ArgumentError("THINGS", f"a depth file after the image {printable_text(name)}", "none")
             else:
-                color = self._exposure.read(name)
-                own, far = self._lens.camera_of(name, self._camera), self._stored.empty_from
-                depth, told = self._cleaned(color, self._stored.read(rest.pop(0), own), own)
-                things.append(DepthImage(color, depth, own, far=far, default_depth=self._default_depth, noise=told))
-            customary &= is_mesh_file(name) and customary_up(name) is not None
-        return things, customary
+                things.append(self.image(name, rest.pop(0), exposure))
+        return things, "y" if all(is_mesh_file(name) and customary_up(name) for name in names) else None
+
+    def image(self, color: Path, depth: Path, exposure: Exposure) -> DepthImage:
+        """An image with depth."""
+        camera = self.lens.camera_of(color, self.camera)
+        shown, far, behind = exposure.read(color), self.stored.empty_from, default_depth_of(self.default_depth)
+        depths, noise = self._cleaned(shown, self.stored.read(depth, camera), camera)
+        return DepthImage(shown, depths, camera, far=far, default_depth=behind, noise=noise)
 
     def _cleaned(
         self, color: NDArray[Any], depth: NDArray[np.float32], camera: Camera
     ) -> tuple[NDArray[np.float32], float | None]:
         """The depth, and its noise if given; None after cleaning: the remaining noise is estimated."""
-        how, told = self._cleaning, deviation_of(self._noise, camera)
-        return (
-            (depth, told) if how is None else (ibr.clean_depth(depth, color, noise=told, **how._asdict()).depth, None)
-        )
+        how, told = self.cleaning.checked()
+        noise = deviation_of(told, camera)
+        if how is None:
+            return depth, noise
+        return ibr.clean_depth(depth, color, noise=noise, **how._asdict()).depth, None
 
 
 def customary_up(mesh: Path) -> Up | None:

@@ -107,4 +107,4 @@ class Turntable:
             for number, camera in enumerate(with_progress(cameras, len(cameras), "Drawing")):
                 frame = ibr.render(thing, camera, light(camera), samples=turn.samples, anisotropy=anisotropy)
                 outputs.write({"color": frame.color}, number, float(frame.valid.mean()), camera)
-        outputs.tell(cameras[0].size, "views", "the thing is out of view")
+        outputs.tell("views", "the thing is out of view")
