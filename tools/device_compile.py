@@ -22,7 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import cast
 
-from pyibr.app.commands.pictures import PICTURES
+from pyibr.app.commands.doctor import PICTURES
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import expanded
 from tests.one_lane import one_lane

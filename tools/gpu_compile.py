@@ -27,7 +27,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from pyibr.app.commands.pictures import PICTURES
+from pyibr.app.commands.doctor import PICTURES
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import expanded
 from tests.one_lane import one_lane

@@ -13,7 +13,6 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.capture.shading import barycentric, bilinear, light_on, smooth_normals
 from pyibr.core.camera import Camera, Projection
 from pyibr.core.checks import (
     Float64,
@@ -30,10 +29,15 @@ from pyibr.core.checks import (
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh, checked_faces
+from pyibr.meshes.normals import areas, summed_at_corners
 from pyibr.raster.rays import triangles_met
 
 Layer = Literal["first", "last"]
 Int32 = NDArray[np.int32]
+
+_SUN: Float64 = np.array([1.0, 0.98, 0.92])
+_SHADOW: Float64 = np.array([0.30, 0.28, 0.34])
+_LIGHT: Float64 = np.array([-0.45, -0.8, -0.4]) / np.linalg.norm([0.45, 0.8, 0.4])
 
 
 class MeshScene:
@@ -120,7 +124,9 @@ class MeshScene:
 
     @cached_property
     def _smooth(self) -> Float64:
-        return smooth_normals(self.vertices, self.faces)
+        """Unit vertex normals (N, 3): sums of the faces' normals, weighted by area."""
+        total = summed_at_corners(self.faces, areas(self.vertices, self.faces), len(self.vertices))
+        return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(np.float64).tiny)
 
     def capture(
         self,
@@ -177,7 +183,7 @@ class MeshScene:
         hit, triangle, z = hit[seen], triangle[seen], z[seen]
         if not len(hit):
             raise ArgumentError("camera", "a camera that sees the mesh", "one whose rays all miss it")
-        weight = barycentric(corner[seen], normal[seen], origin[seen] + z[:, None] * direction[seen])
+        weight = _barycentric(corner[seen], normal[seen], origin[seen] + z[:, None] * direction[seen])
 
         shape = camera.height, camera.width
         depth = np.full(shape, np.inf, np.float32)
@@ -202,12 +208,12 @@ class MeshScene:
         """Interpolate colours (n, 3), 0 to 255, with weights (n, 3) in triangles (n,)."""
         corner = self.faces[triangle]
         if self._texture is not None and self._uv is not None:
-            return bilinear(self._texture, np.einsum("nk,nkc->nc", weight, self._uv[triangle]))
+            return _bilinear(self._texture, np.einsum("nk,nkc->nc", weight, self._uv[triangle]))
         if self._colors is not None:
             return np.einsum("nk,nkc->nc", weight, self._colors[corner])
         normal = np.einsum("nk,nkc->nc", weight, self._smooth[corner])
         normal /= np.maximum(np.sqrt(np.einsum("nc,nc->n", normal, normal)), 1e-12)[:, None]
-        return self._base_color * light_on(normal)
+        return self._base_color * _light_on(normal)
 
 
 def capture(
@@ -394,3 +400,31 @@ def _checked_uv(uv: ArrayLike, faces: Int32, count: int) -> Float64:
     if array.shape == (len(faces), 3, 2):
         return numbers("uv", array, (None, 3, 2))
     raise ArgumentError("uv", f"shape ({count}, 2) or ({len(faces)}, 3, 2)", describe(array))
+
+
+def _light_on(normal: Float64) -> Float64:
+    """Return the colours (n, 3) of sunlight from above on surfaces with unit normals (n, 3)."""
+    lambert = normal @ _LIGHT
+    light = 0.15 + 0.85 * np.maximum(lambert, 0) + 0.15 * np.minimum(lambert, 0)
+    return _SHADOW + (_SUN - _SHADOW) * light[:, None]
+
+
+def _barycentric(corner: Float64, normal: Float64, point: Float64) -> Float64:
+    """Barycentric weights (n, 3) of points on triangles (n, 3, 3), clamped to the triangles."""
+    squared = np.maximum(np.sum(normal * normal, 1), np.finfo(np.float64).tiny)
+    following, last = np.roll(corner, -1, axis=1), np.roll(corner, -2, axis=1)
+    opposite = np.cross(last - following, point[:, None] - following)
+    weight = np.clip(np.einsum("nkc,nc->nk", opposite, normal) / squared[:, None], 0, 1)
+    total = weight.sum(axis=1, keepdims=True)
+    return np.where(total > 0, weight / np.maximum(total, 1e-12), 1 / 3)
+
+
+def _bilinear(image: NDArray[np.uint8], uv: Float64) -> Float64:
+    """Bilinear colours (n, 3) of a repeating image at uv (n, 2)."""
+    size = np.array([image.shape[1], image.shape[0]])
+    at = (uv - np.floor(uv)) * size - 0.5
+    low = np.floor(at)
+    (fx, fy), (x, y) = (at - low).T[..., None], low.astype(np.int64).T % size[:, None]
+    right, down = (x + 1) % size[0], (y + 1) % size[1]
+    top = (1 - fx) * image[y, x] + fx * image[y, right]
+    return (1 - fy) * top + fy * ((1 - fx) * image[down, x] + fx * image[down, right])

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app.cli import app
-from pyibr.app.commands import doctor, pictures
+from pyibr.app.commands import doctor
 from pyibr.opencl.device import current, devices
 from pyibr.opencl.doctor import print_report, report
 from tests.processes import with_path
@@ -53,22 +53,22 @@ def refuse(self, context, *rest):
     assert len(rest) == 2, 'built from source'
     make(self, context, *rest)
 cl.Program.__init__ = refuse
-from pyibr.app.commands import pictures
-print(pictures.PICTURES[0]().valid.sum())
+from pyibr.app.commands import doctor
+print(doctor.PICTURES[0]().valid.sum())
 """
 
 
 def test_doctor_builds_beforehand(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(doctor, "PICTURES", pictures.PICTURES[:1])
+    monkeypatch.setattr(doctor, "PICTURES", doctor.PICTURES[:1])
     monkeypatch.setattr(doctor, "print_report", lambda: True)
     current().kernels.clear()
-    pictures._view.cache_clear()
+    doctor._view.cache_clear()
     result = CliRunner().invoke(app, ["doctor", "--build"])
     assert result.exit_code == 0 and "kernels of 1 kinds of pictures are built" in result.output, result.output
     done = subprocess.run([sys.executable, "-c", BUILDS_NOTHING], env=with_path(), capture_output=True, text=True)
     assert done.returncode == 0 and int(done.stdout), done.stderr
 
 
-@pytest.mark.parametrize("draw", pictures.PICTURES)
+@pytest.mark.parametrize("draw", doctor.PICTURES)
 def test_what_doctor_draws_can_be_drawn(draw):
     assert isinstance(draw(), ibr.Frame | ibr.CleanedDepth)

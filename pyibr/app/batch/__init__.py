@@ -10,8 +10,7 @@ from typing import Any
 
 from pyibr.app.batch.job import Job, Task
 from pyibr.app.batch.manifest import Manifest
-from pyibr.app.batch.rows import numbered
-from pyibr.app.batch.work import COMMANDS, run_task, working_gpus
+from pyibr.app.batch.work import COMMANDS, numbered, run_task, working_gpus
 from pyibr.core.checks import integer_from
 from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.core.optional import distributed

@@ -1,10 +1,14 @@
-"""The work of a batch's workers."""
+"""The work of a batch's workers: commands, and the rows of a Zarr store that their NPY files become.
+
+Arrays of the store have one row and one chunk a task.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import io
+import json
 import os
 import re
 import shutil
@@ -15,13 +19,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import typer
 from typer.main import get_command
 
 import pyibr as ibr
 from pyibr.app.batch.job import Task
 from pyibr.app.batch.manifest import PART, Entry, checksum
-from pyibr.app.batch.rows import METADATA, STORE, agree, to_chunks
 from pyibr.app.commands.capture import capture
 from pyibr.app.commands.clean import clean
 from pyibr.app.commands.command import expanded
@@ -35,8 +39,11 @@ from pyibr.app.commands.rigs import quilt, stereo
 from pyibr.app.commands.solids import hull, object_
 from pyibr.app.commands.warp import warp
 from pyibr.core.errors import Error
-from pyibr.core.optional import distributed, fsspec
+from pyibr.core.optional import distributed, fsspec, zarr
 from pyibr.opencl.device import VARIABLE
+
+_STORE = "frames.zarr"  # in the output
+_METADATA = "zarr.json"
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "warp": warp,
@@ -73,11 +80,11 @@ def run_task(template: Sequence[str], output: str, task: Task) -> Entry:
 
     try:
         known = {name: _local(url, place / name) for name, url in task.inputs.items()}
-        run_command([word.format(**known, out=out, zarr=out / STORE, name=task.name) for word in template])
+        run_command([word.format(**known, out=out, zarr=out / _STORE, name=task.name) for word in template])
         if task.rows:
-            to_chunks(out / STORE, task)
-            for path in sorted(out.glob(f"{STORE}/*/{METADATA}")):
-                agree(files, path, f"{root}/{path.relative_to(out).as_posix()}", move)
+            _to_chunks(out / _STORE, task)
+            for path in sorted(out.glob(f"{_STORE}/*/{_METADATA}")):
+                _agree(files, path, f"{root}/{path.relative_to(out).as_posix()}", move)
         entry: Entry = {"name": task.name, "key": task.key, "files": {}}
         made = sorted(path for path in out.rglob("*") if path.is_file())
         if not made:
@@ -131,3 +138,46 @@ def _take_device() -> None:
 def working_gpus() -> list[ibr.Device]:
     """The GPUs of this machine that work."""
     return [device for device in ibr.devices() if device.works and device.kind == "gpu"]
+
+
+def numbered(output: str, tasks: Sequence[Task]) -> list[Task]:
+    """Return the tasks with their rows: rows that the store has, then new rows, for which it is enlarged."""
+    store = zarr().open_group(f"{output}/{_STORE}", mode="a")
+    names = list(dict.fromkeys([*store.attrs.get("names", ()), *(task.name for task in tasks)]))
+    store.attrs["names"] = names
+    for _, array in store.arrays():
+        array.resize((len(names), *array.shape[1:]))
+    rows = {name: row for row, name in enumerate(names)}
+    return [task._replace(row=rows[task.name], rows=len(rows)) for task in tasks]
+
+
+def _to_chunks(folder: Path, task: Task) -> None:
+    """Turn a folder's NPY files into arrays of the same names that hold only the task's row."""
+    for path in sorted(folder.glob("*")):
+        if path.suffix != ".npy":
+            raise Error(f"expected NPY files in {{zarr}}, got {path.name}")
+        image = np.load(path)
+        array = zarr().create_array(
+            path.with_suffix(""),
+            shape=(task.rows, *image.shape),
+            chunks=(1, *image.shape),
+            dtype=image.dtype,
+            chunk_key_encoding={"name": "v2", "separator": "."},  # one file a row, without nested folders
+            config={"write_empty_chunks": True},  # else an earlier run's chunk would stay
+        )
+        array[task.row] = image
+        path.unlink()
+
+
+def _agree(files: Any, mine: Path, target: str, move: Callable[[Path, str], object]) -> None:
+    """Move the first task's metadata of an array to the store; raise Error if another task's differ."""
+    own = json.loads(mine.read_bytes())
+    if not files.exists(target):
+        with distributed().Lock(target):
+            if not files.exists(target):
+                move(mine, target)
+    mine.unlink(missing_ok=True)
+    first = json.loads(files.cat_file(target))
+    if first != own:
+        expected, got = (f"{one['data_type']} of shape {tuple(one['shape'][1:])}" for one in (first, own))
+        raise Error(f"{mine.parent.name}: expected {expected} as in the store, got {got}")
