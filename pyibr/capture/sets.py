@@ -195,23 +195,13 @@ def save(views: DepthImage | Iterable[DepthImage], folder: str | PathLike[str]) 
 
 @dataclass(frozen=True)
 class SetEntry:
-    """A view of a set, as listed in the set's file.
-
-    Attributes
-    ----------
-    camera : Camera
-    far : float
-    color, depth : str
-        Names of files in the folder; empty if not saved.
-    more : dict
-        Other fields of the entry, for the program that wrote them.
-    """
+    """A view of a set, as listed in the set's file."""
 
     camera: Camera
     far: float
-    color: str
+    color: str  # name of a file in the folder; empty if not saved
     depth: str
-    more: dict[str, Any]
+    more: dict[str, Any]  # other fields of the entry, for the program that wrote them
 
     def read(self, folder: Path) -> DepthImage:
         """Read the view."""

@@ -22,23 +22,12 @@ _INNER = (2.0, 98.0)  # percentiles of these samples: a few far outliers are ign
 
 
 class Standpoint(NamedTuple):
-    """A viewpoint to start from.
-
-    Attributes
-    ----------
-    camera : Camera
-    pivot : (3,)
-        Centre of rotation, in the world.
-    up : (3,)
-        Unit vector in the world.
-    low, high : (3,)
-        Box around most of the scene, in the world.
-    """
+    """A viewpoint to start from."""
 
     camera: Camera
-    pivot: Float64
-    up: Float64
-    low: Float64
+    pivot: Float64  # (3,), centre of rotation, in the world
+    up: Float64  # (3,), unit vector in the world
+    low: Float64  # (3,), corner of a box around most of the scene, in the world
     high: Float64
 
 

@@ -20,25 +20,13 @@ from pyibr.io.video import SUFFIXES, Video
 
 
 class Series(NamedTuple):
-    """Frames of one path.
+    """Frames of one path."""
 
-    Attributes
-    ----------
-    names : list of str
-        Names of the files without suffix, or numbers of the frames.
-    files : list of Path
-    read : callable
-        Returns the frames with given numbers, in ascending order.
-    fps : float, or None
-    is_single : bool
-        Whether the path is a single image.
-    """
-
-    names: list[str]
+    names: list[str]  # of the files without suffix, or numbers of the frames
     files: list[Path]
-    read: Callable[[Iterable[int]], Iterator[NDArray[Any]]]
+    read: Callable[[Iterable[int]], Iterator[NDArray[Any]]]  # returns the frames with given numbers, in ascending order
     fps: float | None = None
-    is_single: bool = False
+    is_single: bool = False  # whether the path is a single image
 
 
 def pictures_in(path: Path, exposure: Exposure) -> Series:

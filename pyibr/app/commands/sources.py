@@ -76,22 +76,12 @@ class Losses:
 
 @dataclass(frozen=True)
 class Source:
-    """Frames; frames of a video keep its frame numbers.
-
-    Attributes
-    ----------
-    shots : list of Shot
-    video : Video, or None
-    cameras : sequence of Path
-        Camera files of the recording, if it is one.
-    is_placed : bool
-        Whether the frames' poses are known.
-    """
+    """Frames; frames of a video keep its frame numbers."""
 
     shots: list[Shot]
     video: Video | None
-    cameras: Sequence[Path] = ()
-    is_placed: bool = False
+    cameras: Sequence[Path] = ()  # files of the recording, if it is one
+    is_placed: bool = False  # whether the frames' poses are known
 
     def colors(self, losses: Losses, skipped: Collection[int] = ()) -> Iterator[NDArray[Any] | None]:
         """Yield the pictures, None if one is lost or its number skipped; nothing for depth without pictures."""

@@ -15,24 +15,12 @@ _Result = TypeVar("_Result")
 
 @dataclass
 class _Client(Generic[_Request]):
-    """Pending requests of a client.
+    """Pending requests of a client."""
 
-    Attributes
-    ----------
-    newest : request or None
-        Request to draw as soon as it is this client's turn.
-    rested : request or None
-        Last request, to draw in full if no newer request comes for a while.
-    due : float
-        Time of the full drawing, by `time.monotonic`.
-    used : float
-        Seconds of device time used; the client with the least comes next.
-    """
-
-    newest: _Request | None = None
-    rested: _Request | None = None
-    due: float = 0.0
-    used: float = 0.0
+    newest: _Request | None = None  # request to draw as soon as it is this client's turn
+    rested: _Request | None = None  # last request, to draw in full if no newer request comes for a while
+    due: float = 0.0  # time of the full drawing, by `time.monotonic`
+    used: float = 0.0  # seconds of device time used; the client with the least comes next
 
 
 class Renderer(Generic[_Request, _Result]):

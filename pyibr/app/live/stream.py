@@ -29,43 +29,22 @@ _EMPTY = 167.0  # units of the page: depth of empty pixels, the largest that pag
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture for a page, with its depth and camera.
+    """A picture for a page, with its depth and camera."""
 
-    Attributes
-    ----------
-    color : (H, W, 3) uint8
-    depth : (H, W) float32, or None
-        Planar z in the camera, NaN for empty pixels; None if the picture shall not occlude the page's own objects.
-    camera : Camera
-    stages : dict
-        Seconds by stage.
-    note : str
-        Further text; may be empty.
-    """
-
-    color: NDArray[np.uint8]
-    depth: NDArray[np.float32] | None
+    color: NDArray[np.uint8]  # (H, W, 3)
+    depth: NDArray[np.float32] | None  # (H, W), planar z, NaN if empty; None: occludes none of the page's own objects
     camera: Camera
-    stages: dict[str, float] = field(default_factory=dict[str, float])
-    note: str = ""
+    stages: dict[str, float] = field(default_factory=dict[str, float])  # seconds by stage
+    note: str = ""  # further text
 
 
 @dataclass(frozen=True)
 class SentPicture:
-    """A picture that was sent to a page.
-
-    Attributes
-    ----------
-    picture : Picture
-    full : bool
-        Whether it has full resolution and no loss; else it was drawn for a moving camera.
-    seconds : float
-        Time from the start of drawing to the end of sending.
-    """
+    """A picture that was sent to a page."""
 
     picture: Picture
-    full: bool
-    seconds: float
+    full: bool  # whether it has full resolution and no loss; else it was drawn for a moving camera
+    seconds: float  # time from the start of drawing to the end of sending
 
 
 class Stream:

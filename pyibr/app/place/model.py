@@ -22,20 +22,11 @@ _COUNT_MAX = 256  # frusta
 
 @dataclass(frozen=True)
 class State:
-    """A state that undo restores.
-
-    Attributes
-    ----------
-    frusta : tuple of Frustum
-    chosen : int or None
-        Index of the frustum that is edited.
-    side : {"front", "back", "both"}
-        Side of the surface that the frusta's images show.
-    """
+    """A state that undo restores."""
 
     frusta: tuple[Frustum, ...] = ()
-    chosen: int | None = None
-    side: Side = "front"
+    chosen: int | None = None  # index of the frustum that is edited
+    side: Side = "front"  # side of the surface that the frusta's images show
 
     @property
     def current(self) -> Frustum | None:

@@ -21,9 +21,8 @@ from pyibr.app.place.captures import Captures
 from pyibr.app.place.gizmos import Gizmos
 from pyibr.app.place.inset import Kind, draw_inset, own_picture
 from pyibr.app.place.model import Placement
-from pyibr.app.view.methods import RenderMethod
+from pyibr.app.view.methods import Layout, RenderMethod, Style
 from pyibr.app.view.painting import paint
-from pyibr.app.view.style import Layout, Style
 from pyibr.capture.frusta import Frustum, frusta_of
 from pyibr.capture.proposal import propose_frusta
 from pyibr.capture.sets import parse_set

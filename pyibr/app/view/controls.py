@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 import numpy as np
 
 from pyibr.app.live.panel import Panel
+from pyibr.app.view.methods import Layout, Show, Style
 from pyibr.app.view.parameters import Parameter, Value
 from pyibr.app.view.scene import Scene
-from pyibr.app.view.style import Layout, Show, Style
 from pyibr.core.checks import Float64
 from pyibr.core.errors import Error
 from pyibr.picture.light import Light

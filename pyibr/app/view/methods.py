@@ -10,47 +10,57 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
-from pyibr.app.view.parameters import Parameter, parameters_of, with_parameters
-from pyibr.app.view.style import Style
+from pyibr.app.view.parameters import Parameter, Value, parameters_of, with_parameters
 from pyibr.core.camera import Camera
 from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError
 from pyibr.depthmesh import DepthMeshObject
 from pyibr.images import DepthImage, Frame
 from pyibr.picture.drawable import as_drawable, color_dtype_of
+from pyibr.picture.light import Light
 from pyibr.picture.render import Thing, render
 from pyibr.slicing import DepthObject, VisualHull
 from pyibr.warp.view import Method, WarpedView
 from pyibr.warp.warp import warp
 
-Draw = Callable[[Sequence[Any], Camera, Style], Frame]
+Layout = Literal["one", "swipe", "side by side", "difference"]
+Show = Literal["color", "depth", "classes", "view"]
 
 _CACHED_MAX = 4  # sets of parameter values whose things stay on the device
 
 
 @dataclass(frozen=True)
+class Style:
+    """Settings of a page's controls, except its camera, for drawing and showing pictures."""
+
+    method: str  # name of a `RenderMethod`
+    other: str | None = None  # name of the method to compare with
+    layout: Layout = "one"  # swipe: `other` right of a line; side by side: the middles of both, and their difference
+    swipe: float = 0.5  # position of the line, 0 to 1
+    gain: float = 4.0  # factor of the differences
+    show: Show = "color"  # classes: of holes (`pyibr.PixelClass`); view: the source view of each pixel
+    light: Light | None = None
+    background: tuple[int, int, int] = (0, 0, 0)  # 0 to 255
+    parameters: tuple[tuple[str, Value], ...] = ()  # changed ones of the things, by name
+    samples: int = 1  # and anisotropy: as for `pyibr.render`
+    anisotropy: int = 1
+
+
+Draw = Callable[[Sequence[Any], Camera, Style], Frame]
+
+
+@dataclass(frozen=True)
 class RenderMethod:
-    """A method for drawing a scene.
+    """A method for drawing a scene."""
 
-    Attributes
-    ----------
-    make : callable -> sequence of things
-        Makes the things to draw, on first use.
-    how : callable (things, camera, style) -> Frame
-    explains : bool
-        Whether its frames hold the class and the source view of each pixel.
-    fixed : tuple of str
-        Options of the things that define this method and are therefore not parameters.
-    """
-
-    make: Callable[[], Sequence[Any]]
+    make: Callable[[], Sequence[Any]]  # makes the things to draw, on first use
     how: Draw
-    explains: bool = False
-    fixed: tuple[str, ...] = ()
+    explains: bool = False  # whether its frames hold the class and the source view of each pixel
+    fixed: tuple[str, ...] = ()  # options of the things that define this method and are therefore not parameters
 
     @cached_property
     def things(self) -> Sequence[Any]:

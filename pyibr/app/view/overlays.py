@@ -6,7 +6,7 @@ import colorsys
 
 import numpy as np
 
-from pyibr.app.view.style import Show
+from pyibr.app.view.methods import Show
 from pyibr.images.frame import Frame, PixelClass
 from pyibr.images.pictures import Image
 from pyibr.images.srgb import in_bytes

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pyibr.app.live.stream import Picture
-from pyibr.app.view.methods import RenderMethod
+from pyibr.app.view.methods import RenderMethod, Style
 from pyibr.app.view.overlays import class_colors, difference, view_colors
-from pyibr.app.view.style import Style
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images.frame import Frame

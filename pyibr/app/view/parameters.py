@@ -19,27 +19,13 @@ Value = bool | int | float | str | None
 
 @dataclass(frozen=True)
 class Parameter:
-    """An argument of a thing's class that a page can offer.
+    """An argument of a thing's class that a page can offer."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the argument and the attribute; ``a.b`` for a part of an argument.
-    kind : type
-        bool, int, float, or str: one of `choices`, or without choices a typed number or word.
-    value : bool, int, float, str or None
-        Current value.
-    choices : tuple of str or None
-        Allowed words; None is among them if the argument may be None.
-    may_be_none : bool
-        Whether the number is None at first; the page shows 0 for it.
-    """
-
-    name: str
-    kind: type
+    name: str  # of the argument and the attribute; a.b for a part of an argument
+    kind: type  # bool, int, float, or str: one of `choices`, or without choices a typed number or word
     value: Value
-    choices: tuple[str | None, ...] = ()
-    may_be_none: bool = False
+    choices: tuple[str | None, ...] = ()  # allowed words; None is among them if the argument may be None
+    may_be_none: bool = False  # whether the number is None at first; the page shows 0 for it
 
     def may_be(self, value: Value) -> bool:
         """Tell whether a value is one of the choices, if there are any."""

@@ -19,31 +19,14 @@ from pyibr.meshes.mesh import Mesh
 
 @dataclass(frozen=True)
 class Scene:
-    """Things to look at.
+    """Things to look at."""
 
-    Attributes
-    ----------
-    methods : dict
-        Methods for drawing them, by name; see `pyibr.app.view.methods`.
-    sources : list of DepthImage
-        The depth images among the things.
-    up : (3,)
-        Up direction of the world, of length 1.
-    start : Camera
-        Initial camera; its size is not used.
-    pivot : (3,)
-        Point of the world that the view turns about.
-    plain : bool
-        Whether there is a mesh without colours, whose shape needs a light to be visible.
-    page_space : PageSpace
-    """
-
-    methods: dict[str, RenderMethod]
-    sources: list[DepthImage]
-    up: Float64
-    start: Camera
-    pivot: Float64
-    plain: bool
+    methods: dict[str, RenderMethod]  # for drawing them, by name
+    sources: list[DepthImage]  # the depth images among them
+    up: Float64  # (3,), of length 1, in the world
+    start: Camera  # its size is not used
+    pivot: Float64  # (3,), in the world; the view turns about it
+    plain: bool  # whether there is a mesh without colours, whose shape needs a light to be visible
     page_space: PageSpace
 
 

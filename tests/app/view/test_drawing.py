@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.app.view.methods import methods_of
+from pyibr.app.view.methods import Style, methods_of
 from pyibr.app.view.overlays import CLASS_COLORS, class_colors, difference, legend, view_color, view_colors
 from pyibr.app.view.painting import kernel_seconds, paint
 from pyibr.app.view.parameters import parameters_of, with_parameters
 from pyibr.app.view.scene import scene_of
-from pyibr.app.view.style import Style
 from pyibr.capture import models, object_views
 from pyibr.depthmesh import Segmentation
 from pyibr.warp.view import OPTIONS
