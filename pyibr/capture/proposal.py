@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pyibr.capture.coverage import Mask, Surface, surface_of
 from pyibr.capture.frusta import Frustum
 from pyibr.capture.raycast import spread_directions
-from pyibr.core.checks import Float64, integer_from
+from pyibr.core.checks import Float64, instance_of, integer_from
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import Side
 from pyibr.meshes.mesh import Mesh
@@ -86,8 +86,7 @@ def propose_frusta(
     """
     integer_from("count", count, 1, 1024)
     integer_from("size", size, 2, 1 << 14)
-    if not isinstance(mesh, Mesh):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise ArgumentError("mesh", "a pyibr.Mesh", type(mesh).__name__)
+    instance_of("mesh", mesh, Mesh, "a pyibr.Mesh")
     search = _Search(surface or surface_of(mesh), count, size, side)
     for frustum in known:
         search.take(search.candidate(frustum))
@@ -141,15 +140,12 @@ class _Search:
         """Add candidates in front of points that are unseen, or seen worst."""
         places = np.flatnonzero(self._best <= max(np.quantile(self._best[self._outer], _WORST), 0))
         for place in self._random.choice(places, min(_ANCHORS, len(places)), replace=False):
-            point, normal = self._surface.points[place], self._outwards(place)
+            point, normal = self._surface.points[place], self._surface.normals[place]
+            normal = -normal if self._side == "back" else normal
             for distance, angle in zip(_DISTANCES, _APERTURES, strict=True):
                 aside = 0.35 * self._random.normal(size=3)  # the view straight onto a point may be occluded
                 way = normal + aside - (aside @ normal) * normal
                 self._add(point + distance * self._radius * way / np.linalg.norm(way), point, angle)
-
-    def _outwards(self, place: int) -> Float64:
-        normal = self._surface.normals[place]
-        return -normal if self._side == "back" else normal
 
     def _add(self, eye: Float64, target: Float64, angle: float) -> None:
         up = np.eye(3)[np.abs(target - eye).argmin()]

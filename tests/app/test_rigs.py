@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from pathlib import Path
 
@@ -104,7 +105,7 @@ def test_a_turntable_is_that_of_the_library(scene: Scene):
 def test_a_path_goes_through_its_cameras(scene: Scene):
     """A path of the viewer, or a list; from the second camera, the plane is half as large as the picture."""
     ends = [scene.camera, scene.camera.moved(0, 0, -2)]
-    CameraPath(ends).save(scene.folder / "path.json")
+    (scene.folder / "path.json").write_text(json.dumps(CameraPath(ends).to_json()))
     words = ("--path", scene.folder / "path.json", "--frames", 2, "--fill", "none", "--size", 30, 18)
     result = scene.run(*words, "-o", scene.folder / "a.png", command="orbit")
     assert result.exit_code == 0, result.output

@@ -78,7 +78,7 @@ def clean(
         "--output": (output, "depth"),
         "--invented-out": (invented_out, "mask"),
     }
-    outputs = Outputs(files, written, numbers, VideoOptions(), None, own)
+    outputs = Outputs(files, written, numbers, VideoOptions(), own=own)
     outputs.check({**source.files(), "--camera": [camera] if camera else []}, [depth, *([color] if color else [])])
     losses, seen = Losses(recorded=not is_still), DepthRange()
     reader = DepthReader(DepthOptions(stored, None, cleaning, told, not is_still, not is_still, seen), losses)

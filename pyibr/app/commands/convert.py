@@ -137,7 +137,7 @@ def _convert_depth(
     depths = depths_in(source, stored, own)
     count, seen = len(depths.names), DepthRange()
     video = video._replace(fps=video.fps or depths.fps) if output.suffix.lower() == ".mkv" else video
-    outputs = Outputs({"--output": (output, "depth")}, written, None if depths.is_single else range(count), video, None)
+    outputs = Outputs({"--output": (output, "depth")}, written, None if depths.is_single else range(count), video)
     outputs.check({"SOURCE": depths.files, "--camera": [] if camera is None else [camera]})
     with outputs:
         for number, depth in enumerate(with_progress(read_ahead(depths.read(range(count))), count, "Converting")):

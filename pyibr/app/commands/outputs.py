@@ -56,7 +56,7 @@ class Outputs:
         Numbers of the frames; None for a single frame without a number.
     video : VideoOptions
         Without --fps, frames keep their times in `film`, and its sound is copied.
-    film : Video, or None
+    film : Video, optional
         The source, if it is a video.
     own : dict of int to str, optional
         File names of the frames by number, if --output is a folder.
@@ -68,12 +68,10 @@ class Outputs:
         stored: StoredDepth,
         numbers: Sequence[int] | None,
         video: VideoOptions,
-        film: Video | None,
+        film: Video | None = None,
         own: Mapping[int, str] | None = None,
     ) -> None:
-        self._files: dict[str, tuple[Path, Kind]] = {
-            option: (path, kind) for option, (path, kind) in files.items() if path is not None
-        }
+        self._files = {option: (path, kind) for option, (path, kind) in files.items() if path is not None}
         self._main, _ = next(iter(self._files.values()))
         self._stored, self._numbers, self._own = stored, numbers, own
         self._films = {path for path, kind in self._files.values() if numbers is not None and _is_film(path, kind)}

@@ -57,30 +57,7 @@ class Reading(NamedTuple):
 class Inputs:
     """Images with depth: all of one scene, or a sequence of frames.
 
-    Parameters
-    ----------
-    sources : list of Path
-        The paths as users name them.
-    reading : Reading
-    together : bool
-        Whether all frames of recordings show one scene.
-
-    Attributes
-    ----------
-    name : Path
-        Path of the first source.
-    size : (width, height)
-        Size of its pictures.
-    is_scene : bool
-        Whether all images show one scene.
-    numbers : list of int, or None
-        Numbers of the frames; None for one scene.
-    count : int
-        Number of frames.
-    film : Video, or None
-        The video that the frames come from.
-    seen : DepthRange
-        Range of the depth that was read so far.
+    together: whether all frames of recordings show one scene.
     """
 
     def __init__(self, sources: list[Path], reading: Reading, together: bool = False) -> None:
@@ -91,10 +68,11 @@ class Inputs:
         if together and not all(source.is_placed for source in self._sources):
             got = f"{len(self._sources[0].shots)} without poses"
             raise ArgumentError("--together", "frames with known poses, as by --poses", got)
-        self.name, self.size = sources[0], self._sources[0].shots[0].camera.size
+        first = self._sources[0]
+        self.name, self.size = sources[0], first.shots[0].camera.size
         self.is_scene = are_stills or together
-        self.numbers = None if self.is_scene else [shot.number for shot in self._sources[0].shots]
-        self.film: Video | None = None if self.is_scene else self._sources[0].video
+        self.numbers = None if self.is_scene else [shot.number for shot in first.shots]
+        self.film: Video | None = None if self.is_scene else first.video
         self.seen = DepthRange()
         self.count = 1 if self.numbers is None else len(self.numbers)
         self._exposure = Exposure(reading.exposure)

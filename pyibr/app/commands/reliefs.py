@@ -59,12 +59,22 @@ class ShadingOptions(NamedTuple):
         )
 
 
+class DrawingOptions(NamedTuple):
+    """Options of pictures of a mesh with a height map."""
+
+    maps: MapOptions = MapOptions()
+    turn: TurntableOptions = TurntableOptions()
+    shading: ShadingOptions = ShadingOptions()
+    exposure: ExposureOption = 0.0
+    video: VideoOptions = VideoOptions()
+    device: DeviceName = None
+
+
 def relief(
     mesh: _MeshFile,
     height: _HeightFile,
     output: _Output,
     *,
-    maps: MapOptions,
     silhouette: Annotated[
         Silhouette, typer.Option(help="Outline of the relief; none: the whole mesh is covered")
     ] = "quadric",
@@ -72,18 +82,13 @@ def relief(
         "exact"
     ),
     shadow: Annotated[Shadow, typer.Option(help="Shadows by a shadow map, or by a search of the relief")] = "map",
-    turn: TurntableOptions,
-    shading: ShadingOptions,
-    exposure: ExposureOption = 0.0,
-    video: VideoOptions,
-    device: DeviceName = None,
+    drawing: DrawingOptions,
 ) -> None:
     """Carve a height map into a mesh of few triangles, white at its surface and black below, and draw it."""
     how = {"silhouette": silhouette, "distance": distance, "shadow": shadow}
     if distance == "perpendicular":
         how["search"] = "linear"
-    with device_of(device):
-        _draw(ReliefSurface, how, (mesh, height, output), maps, turn, shading, exposure, video)
+    _draw(ReliefSurface, how, mesh, height, output, drawing)
 
 
 def slices(
@@ -91,42 +96,35 @@ def slices(
     height: _HeightFile,
     output: _Output,
     *,
-    maps: MapOptions,
     slices: Annotated[
         str, typer.Option(metavar="N", help="Number of slices; view: as many as each picture needs, exact between them")
     ] = "view",
     slicing: Annotated[Slicing, typer.Option(help="Orientation of the slices")] = "orthogonal",
-    turn: TurntableOptions,
-    shading: ShadingOptions,
-    exposure: ExposureOption = 0.0,
-    video: VideoOptions,
-    device: DeviceName = None,
+    drawing: DrawingOptions,
 ) -> None:
     """Raise a mesh by a height map, black at its surface and white above, and draw it by slices."""
     if slices != "view" and not slices.isdecimal():
         raise ArgumentError("--slices", "a whole number, or view", slices)
     how = {"slices": int(slices) if slices.isdecimal() else slices, "slicing": slicing}
-    with device_of(device):
-        _draw(SlicedSurface, how, (mesh, height, output), maps, turn, shading, exposure, video)
+    _draw(SlicedSurface, how, mesh, height, output, drawing)
 
 
 def _draw(
     kind: Callable[..., HeightMapped],
     how: dict[str, Any],
-    files: tuple[Path, Path, Path],
-    maps: MapOptions,
-    turn: TurntableOptions,
-    shading: ShadingOptions,
-    exposure: float,
-    video: VideoOptions,
+    mesh: Path,
+    height: Path,
+    output: Path,
+    options: DrawingOptions,
 ) -> None:
-    mesh, height, output = files
+    maps, shading = options.maps, options.shading
     read = {"MESH": [mesh], "HEIGHT": [height], "--color": [maps.color] if maps.color else []}
-    table = Turntable(output, turn, video, read)
-    base = Mesh.load(mesh)
-    with Exposure(exposure) as exposed:
-        surface = maps.displace(base, height, exposed)(kind, **how)
-    points = base.vertices.astype(np.float64)
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    ball = middle, float(np.linalg.norm(points - middle, axis=1).max()) + surface.scale
-    table.draw(surface, ball, up=customary_up(mesh), light=shading.light_before, anisotropy=shading.anisotropy)
+    with device_of(options.device):
+        table = Turntable(output, options.turn, options.video, read)
+        base = Mesh.load(mesh)
+        with Exposure(options.exposure) as exposed:
+            surface = maps.displace(base, height, exposed)(kind, **how)
+        points = base.vertices.astype(np.float64)
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        ball = middle, float(np.linalg.norm(points - middle, axis=1).max()) + surface.scale
+        table.draw(surface, ball, up=customary_up(mesh), light=shading.light_before, anisotropy=shading.anisotropy)

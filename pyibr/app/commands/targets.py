@@ -28,14 +28,8 @@ class Job(NamedTuple):
 class Targets:
     """The new cameras, given by exactly one option.
 
-    Parameters
-    ----------
-    to : path, or None
-        A file or folder with cameras.
-    move, orbit
-        Steps and degrees from the camera of the (first) source.
-    frames : int
-        Number of views along the path.
+    to: a file or folder with cameras. move, orbit: steps and degrees from the camera of the (first) source. frames:
+    number of views along the path.
     """
 
     def __init__(self, to: Path | None, move: Move | None, orbit: float | None, frames: int) -> None:

@@ -45,14 +45,7 @@ class TurntableOptions(NamedTuple):
 class Turntable:
     """A picture, numbered pictures or a video of a thing; options are checked before any work.
 
-    Parameters
-    ----------
-    output : path
-        Path of the picture, of numbered pictures, or of a video.
-    turn : TurntableOptions
-    video : VideoOptions
-    inputs : mapping
-        Files that are read, by option.
+    inputs: files that are read, by option.
     """
 
     def __init__(
@@ -63,7 +56,7 @@ class Turntable:
             raise ArgumentError("--frames", f"1 with the {len(self._cameras)} cameras of --to", str(turn.frames))
         self._turn, count = turn, max(turn.frames, len(self._cameras))
         numbers = range(count) if count > 1 else None
-        self._outputs = Outputs({"--output": (output, "color")}, StoredDepth(), numbers, video, None)
+        self._outputs = Outputs({"--output": (output, "color")}, StoredDepth(), numbers, video)
         self._outputs.check({**inputs, "--to": [] if turn.to is None else [turn.to]})
 
     def draw(
@@ -83,11 +76,10 @@ class Turntable:
         thing : thing
         ball : (3,), float
             Middle and radius of a ball that contains the thing; the turntable turns about the middle.
-        start : Camera, optional
-            The first camera, unless options set it; by default a camera that sees the ball obliquely from above.
-        up : str, optional
-            Up in the world, unless options set it; by default the first camera's up direction.
-        light : callable, optional
+        start, up
+            The first camera, and up in the world, unless options set them; by default a camera that sees the ball
+            obliquely from above, and the first camera's up direction.
+        light : callable
             Returns the light for a camera.
         anisotropy : int
             As for `pyibr.render`.

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from pyibr.app.live.page_space import PageSpace, fov_of
 from pyibr.app.live.panel import set_theme
+from pyibr.app.live.renderer import Renderer
 from pyibr.app.live.server import start_server, stop_server, url_of
-from pyibr.app.live.stream import Picture, SentPicture, Stream, stream_renderer
+from pyibr.app.live.stream import Picture, Request
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.opencl.program import telling_builds
@@ -66,7 +67,11 @@ class Pages:
         self._closed = threading.Event()
         self._context = contextvars.copy_context()  # `use_device` applies to the thread that calls it
         self.server = start_server(port, title)
-        self._renderer = stream_renderer()
+        self.renderer = Renderer[Request, Picture](
+            lambda request, full: request.stream.draw(request.camera, full),
+            lambda request, full, picture: request.stream.deliver(full, picture),
+            lambda request, error: request.stream.failed(error),
+        )
         self.url = url_of(self.server)
         first = self.server.initial_camera
         set_theme(self.server.gui)
@@ -101,7 +106,7 @@ class Pages:
     @property
     def waiting(self) -> int:
         """Number of pictures waiting to be drawn: at most one for each page."""
-        return self._renderer.waiting
+        return self.renderer.waiting
 
     def wait(self) -> None:
         """Wait until the server is closed, or Ctrl-C ends it."""
@@ -118,7 +123,7 @@ class Pages:
             for page in list(self.open.values()):
                 page.leave()
             stop_server(self.server)
-            self._renderer.close()
+            self.renderer.close()
 
     def call(self, function: Callable[[], _Made], say: Callable[[str], object]) -> _Made:
         """Call a function on the device of the pages' pictures, from any thread; `say` is called with kernel builds."""
@@ -128,17 +133,6 @@ class Pages:
                 return function()
 
         return self._context.copy().run(told)
-
-    def stream(
-        self,
-        client: ClientHandle,
-        page_space: PageSpace,
-        paint: Callable[[Camera], Picture],
-        shown: Callable[[SentPicture], None],
-        failed: Callable[[Exception], None],
-    ) -> Stream:
-        """The stream of a page's pictures."""
-        return Stream(client, self._renderer, page_space, paint, shown, failed)
 
     def _opened(self, client: ClientHandle) -> None:
         page = self._make(client, self)

@@ -50,18 +50,8 @@ class SentPicture:
 class Stream:
     """Draws the view of a client's camera as the background of the page.
 
-    Parameters
-    ----------
-    client : ClientHandle
-    renderer : Renderer
-        Made by `stream_renderer`.
-    page_space : PageSpace
-    paint : callable camera -> Picture
-        Called on the renderer's thread.
-    shown : callable (SentPicture)
-        Called after each picture, on the same thread.
-    failed : callable (exception)
-        Called instead if drawing fails.
+    `paint` makes the picture of a camera. `shown` is called after each picture, `failed` instead if drawing fails. All
+    are called on the renderer's thread.
     """
 
     def __init__(
@@ -153,13 +143,3 @@ class Request:
 
     stream: Stream
     camera: Camera
-
-
-def stream_renderer(rest: float = 0.2) -> Renderer[Request, Picture]:
-    """A renderer for the streams of a server's pages; a camera rests after `rest` seconds without a move."""
-    return Renderer(
-        lambda request, full: request.stream.draw(request.camera, full),
-        lambda request, full, picture: request.stream.deliver(full, picture),
-        lambda request, error: request.stream.failed(error),
-        rest,
-    )

@@ -14,7 +14,7 @@ from pyibr.app.live.page_space import page_space_around
 from pyibr.app.live.pages import Pages
 from pyibr.app.place.captures import Captures
 from pyibr.app.place.model import Placement
-from pyibr.app.place.page import PlacePage
+from pyibr.app.place.page import BrowserPage, PlacePage
 from pyibr.capture.coverage import surface_of
 from pyibr.capture.frusta import Frustum, load_frusta, part_of
 from pyibr.core.checks import instance_of, numbers, one_of
@@ -104,7 +104,7 @@ def place(
     around, captures = page_space_around(low, high), Captures(surface, light_for(mesh, upward))
     shared: list[PlacePage] = []
     return Pages(
-        lambda client, _: shared[0].page(client),
+        lambda client, _: BrowserPage(shared[0], client),
         around,
         camera_before(low, high, upward),
         0.5 * (low + high),

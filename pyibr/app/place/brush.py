@@ -22,15 +22,8 @@ SHEET = 0.02
 class Brush:
     """The sheet of one browser, which follows its camera.
 
-    Parameters
-    ----------
-    client : ClientHandle
-    stream : Stream
-        Stream of this browser's pictures.
-    paints : callable
-        Returns whether a drag over the corner paints now.
-    paint_at : callable
-        Called with the brush's position, in widths and heights of the corner's picture, and its gesture.
+    `paints` returns whether a drag over the corner paints now. `paint_at` is called with the brush's position, in
+    widths and heights of the corner's picture, and its gesture.
     """
 
     def __init__(

@@ -16,15 +16,7 @@ from pyibr.picture.light import Light
 
 
 class Captures:
-    """Depth images of a mesh, captured from frusta.
-
-    Parameters
-    ----------
-    surface : Surface
-        Surface of the mesh.
-    light : Light or None
-        Light for the images' colours.
-    """
+    """Depth images of a surface's mesh, captured from frusta, with a light for their colours."""
 
     def __init__(self, surface: Surface, light: Light | None) -> None:
         self.surface, self.light = surface, light

@@ -26,18 +26,10 @@ _CHOSEN = (255, 255, 255)
 
 
 class Gizmos:
-    """The frusta of a placement in a scene that all pages share.
+    """The frusta of a placement in the server's scene, which all pages share.
 
-    Parameters
-    ----------
-    scene : SceneApi
-        Scene of the server.
-    placement : Placement
-    page_space : PageSpace
-    nearest : callable
-        Returns the depth at which the surface begins in a frustum, if it is known.
-    choose : callable
-        Chooses a frustum by its number.
+    `nearest` returns the depth at which the surface begins in a frustum, if it is known; `choose` chooses a frustum by
+    its number.
     """
 
     def __init__(

@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 from numpy.typing import ArrayLike
 
-from pyibr.capture.frusta import Frustum, Stroke, load_frusta, save_frusta, save_set
+from pyibr.capture.frusta import Frustum, Stroke, load_frusta, save_set
 from pyibr.core.checks import Float64, integer_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
@@ -169,10 +169,6 @@ class Placement:
     def save(self, folder: str | PathLike[str], views: Sequence[DepthImage]) -> None:
         """Write the set with the images of its frusta; `pyibr.load` and `load` read it."""
         save_set(folder, self.state.frusta, views, **self.about)
-
-    def save_frusta(self, path: str | PathLike[str]) -> None:
-        """Write only the frusta."""
-        save_frusta(path, self.state.frusta, **self.about)
 
     def load(self, path: str | PathLike[str]) -> None:
         """Replace all frusta by a set's folder or JSON file; this can be undone.

@@ -15,7 +15,7 @@ import numpy as np
 from pyibr.app.live.page_space import PageSpace
 from pyibr.app.live.pages import Pages
 from pyibr.app.live.panel import Panel, told, uploaded
-from pyibr.app.live.stream import Picture, SentPicture
+from pyibr.app.live.stream import Picture, SentPicture, Stream
 from pyibr.app.place.brush import SHEET, Brush
 from pyibr.app.place.captures import Captures
 from pyibr.app.place.gizmos import Gizmos
@@ -55,17 +55,7 @@ _NONE = "none"
 
 
 class PlacePage:
-    """The shared part of all browsers that place frusta on one mesh.
-
-    Parameters
-    ----------
-    pages : Pages
-        Pages with the server.
-    placement : Placement
-    captures : Captures
-    folder : Path
-        Initial folder for saving sets.
-    """
+    """The shared part of all browsers that place frusta on one mesh; `folder` is the initial folder for saving sets."""
 
     def __init__(
         self, pages: Pages, placement: Placement, captures: Captures, page_space: PageSpace, folder: Path
@@ -73,7 +63,7 @@ class PlacePage:
         self.pages, self.placement, self.captures, self.page_space = pages, placement, captures, page_space
         self._proposing = threading.Event()
         self._measured: tuple[object, float] | None = None
-        self._browsers: set[BrowserPage] = set()
+        self.browsers: set[BrowserPage] = set()
         self._quiet = False
         mesh = captures.surface.mesh
         self._methods: Mapping[str, RenderMethod] = {
@@ -93,14 +83,6 @@ class PlacePage:
         self._changed()
 
     # ---- pictures
-
-    def page(self, client: ClientHandle) -> BrowserPage:
-        """Make the page of a browser that opens it."""
-        return BrowserPage(self, client)
-
-    def join(self, browser: BrowserPage, joins: bool) -> None:
-        """Add a browser's page to the pages that follow changes, or remove it."""
-        (self._browsers.add if joins else self._browsers.discard)(browser)
 
     def picture(self, camera: Camera, full: tuple[int, int]) -> Picture:
         """Draw the picture of a page with a canvas of `full` pixels, from a camera."""
@@ -174,7 +156,7 @@ class PlacePage:
         self._redraw()
 
     def _redraw(self) -> None:
-        for browser in list(self._browsers):
+        for browser in list(self.browsers):
             browser.refresh()
 
     # ---- controls
@@ -217,7 +199,7 @@ class PlacePage:
 
     def add_at(self, client: ClientHandle | None) -> None:
         """Add a frustum in front of the surface in the middle of a browser's page."""
-        cameras = [one.stream.camera for one in self._browsers if client is not None and one.stream.client == client]
+        cameras = [one.stream.camera for one in self.browsers if client is not None and one.stream.client == client]
         if cameras and cameras[0] is not None:
             camera = cameras[0]
             self.panel.attempt(
@@ -357,11 +339,13 @@ class BrowserPage:
 
     def __init__(self, shared: PlacePage, client: ClientHandle) -> None:
         self._shared = shared
-        self.stream = shared.pages.stream(client, shared.page_space, self._paint, shared.tell, shared.tell_error)
+        self.stream = Stream(
+            client, shared.pages.renderer, shared.page_space, self._paint, shared.tell, shared.tell_error
+        )
         self._brush = Brush(client, self.stream, lambda: shared.paints, shared.paint_at)
         self.stream.with_depth = True
         self.stream.moved = self._brush.move
-        shared.join(self, True)
+        shared.browsers.add(self)
         self.stream.follow()
 
     def refresh(self) -> None:
@@ -371,7 +355,7 @@ class BrowserPage:
 
     def leave(self) -> None:
         """Stop drawing, because the page is closed."""
-        self._shared.join(self, False)
+        self._shared.browsers.discard(self)
         self.stream.leave()
 
     def _paint(self, camera: Camera) -> Picture:

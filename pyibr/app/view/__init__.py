@@ -65,7 +65,7 @@ def view(things: object, camera: Camera | None = None, *, up: ArrayLike | None =
     device = explain()[0]
     name = f"{device.name} ({device.platform})"
     return Pages(
-        lambda client, pages: ViewPage(client, scene, pages.stream, name, pages.call),
+        lambda client, pages: ViewPage(client, pages, scene, name),
         scene.page_space,
         scene.start,
         scene.pivot,

@@ -34,15 +34,7 @@ LABELS: dict[Show, str] = {
 
 
 class Controls:
-    """A page's controls.
-
-    Parameters
-    ----------
-    panel : Panel
-    scene : Scene
-    changed : callable
-        Called when a control has changed.
-    """
+    """A page's controls; `changed` is called when a control has changed."""
 
     def __init__(self, panel: Panel, scene: Scene, changed: Callable[[], None]) -> None:
         self._panel, self._gui, self._scene, self._changed = panel, panel.gui, scene, changed

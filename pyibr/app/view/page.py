@@ -6,12 +6,12 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pyibr.app.live.page_space import fov_of
+from pyibr.app.live.pages import Pages
 from pyibr.app.live.panel import Panel, told, uploaded
 from pyibr.app.live.stream import Picture, SentPicture, Stream
 from pyibr.app.view.controls import LABELS, Controls
@@ -36,29 +36,10 @@ _PLAYED = 1 / 30  # seconds between two cameras of a path
 
 
 class ViewPage:
-    """One browser's page.
+    """One browser's page; `device` is the name of the device that draws."""
 
-    Parameters
-    ----------
-    client : ClientHandle
-    scene : Scene
-    stream_for : callable
-        Makes the page's `Stream` from (client, page_space, paint, shown, failed).
-    device : str
-        Name of the device that draws.
-    call : callable
-        Calls a function on the device of the page's pictures, from any thread; see `Pages.call`.
-    """
-
-    def __init__(
-        self,
-        client: ClientHandle,
-        scene: Scene,
-        stream_for: Callable[..., Stream],
-        device: str,
-        call: Callable[[Callable[[], Any], Callable[[str], object]], Any],
-    ) -> None:
-        self.client, self.scene, self._device, self._call = client, scene, device, call
+    def __init__(self, client: ClientHandle, pages: Pages, scene: Scene, device: str) -> None:
+        self.client, self.scene, self._pages, self._device = client, scene, pages, device
         self._told = 0.0
         self._playing = threading.Event()
         self._stops = threading.Event()
@@ -69,7 +50,7 @@ class ViewPage:
         with self.panel.controls:
             self._add_camera_controls()
             self._add_path_controls()
-        self.stream = stream_for(client, scene.page_space, self._paint, self._tell, self._tell_error)
+        self.stream = Stream(client, pages.renderer, scene.page_space, self._paint, self._tell, self._tell_error)
         self._show_frusta()
         self.stream.follow()
 
@@ -205,7 +186,7 @@ class ViewPage:
     def screenshot(self) -> bytes:
         """A PNG file of the picture at full resolution."""
         camera, style = self._camera(), self.controls.style()
-        picture = self._call(lambda: paint(self.scene.methods, camera, style), self.panel.say)
+        picture = self._pages.call(lambda: paint(self.scene.methods, camera, style), self.panel.say)
         return encoded(picture.color, ".png")
 
     def _send(self, name: str, content: bytes) -> None:

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike
 from typing import Any, cast
 
 import numpy as np
 
 from pyibr.core.camera import Camera
-from pyibr.core.camera_json import read_json, write_json
 from pyibr.core.checks import Float64, number_from
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.rotations import quaternion_from_rotation, rotation_from_quaternion
@@ -76,22 +74,13 @@ class CameraPath:
         K[:2, :2] *= zoom
         return Camera(K, start.size, pose)
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write JSON with `seconds` and `cameras`, each as `Camera.save` writes it."""
-        write_json(path, self.to_json())
-
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON that `save` writes."""
+        """Return an object for JSON with `seconds` and `cameras`, each as `Camera.save` writes it."""
         return {"seconds": self.seconds, "cameras": [camera.to_json() for camera in self.cameras]}
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> CameraPath:
-        """Read a file of `save`; raise FileFormatError, which names the file, for any other."""
-        return cls.from_json(read_json(path, "camera path JSON"), path)
-
-    @classmethod
-    def from_json(cls, data: object, path: str | PathLike[str] = "path") -> CameraPath:
-        """Make a path from the object of a JSON file; the argument `path` is for error messages."""
+    def from_json(cls, data: object, path: str) -> CameraPath:
+        """Make a path from the object of a JSON file; raise FileFormatError, which names `path`, for any other."""
         if not isinstance(data, dict) or not {"seconds", "cameras"} >= data.keys() >= {"cameras"}:
             raise FileFormatError(f"{path}: expected a JSON object with cameras and seconds")
         entries = cast("dict[str, Any]", data)

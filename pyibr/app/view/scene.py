@@ -39,14 +39,10 @@ def scene_of(things: object, camera: Camera | None = None, up: ArrayLike | None 
         If nothing can be drawn, or an argument has a wrong type or value.
     """
     methods = methods_of(things)
-    given = [thing for some in _groups(things) for thing in some]
+    groups = list(cast("Mapping[str, Any]", things).values()) if isinstance(things, Mapping) else [things]
+    given = [one for some in groups for one in (cast("Sequence[Any]", some) if isinstance(some, Sequence) else [some])]
     sources = [thing for thing in given if isinstance(thing, DepthImage)]
     at = standpoint(given, camera, up)
     page_space = page_space_around(at.low, at.high)
     plain = any(isinstance(one, Mesh) and one.colors is None and one.texture is None for one in given)
     return Scene(methods, sources, at.up, at.camera, at.pivot, plain, page_space)
-
-
-def _groups(things: object) -> Sequence[Sequence[Any]]:
-    groups = list(cast("Mapping[str, object]", things).values()) if isinstance(things, Mapping) else [things]
-    return [list(cast("Sequence[object]", some)) if isinstance(some, Sequence) else [some] for some in groups]

@@ -13,7 +13,7 @@ from pyibr.app.place.inset import draw_inset, inset_box, inset_position, own_pic
 from pyibr.app.place.model import Placement, State
 from pyibr.capture import models
 from pyibr.capture.coverage import surface_of, unseen_share
-from pyibr.capture.frusta import Frustum, Stroke, load_frusta, part_of
+from pyibr.capture.frusta import Frustum, Stroke, load_frusta, part_of, save_frusta
 
 SIZE = 64
 
@@ -157,7 +157,7 @@ def test_a_set_is_saved_and_opened_again(tmp_path):
     captures = Captures(surface_of(models.donut(), count=500), None)
     views = captures.views(placement.state.frusta)
     placement.save(tmp_path / "set", views)
-    placement.save_frusta(tmp_path / "frusta.json")
+    save_frusta(tmp_path / "frusta.json", placement.state.frusta, **placement.about)
     for name in ("set", "frusta.json"):
         again = Placement(SIZE)
         again.load(tmp_path / name)
@@ -177,7 +177,7 @@ def test_a_set_says_which_part_it_covers(tmp_path):
     box = np.array([[0.0, -2.0, -2.0], [2.0, 2.0, 2.0]])
     placement = Placement(SIZE, box)
     placement.add(frustum())
-    placement.save_frusta(tmp_path / "part.json")
+    save_frusta(tmp_path / "part.json", placement.state.frusta, **placement.about)
     frusta, about = load_frusta(tmp_path / "part.json")
     assert frusta == [frustum()]
     assert about == placement.about == {"side": "front", "within": box.tolist()}

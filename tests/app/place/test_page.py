@@ -79,7 +79,7 @@ def work(browser, mesh, tmp_path_factory):
             yield Work(pages, tab, page._shared, page)
             assert tab.complaints == []
         until(lambda: not pages.open)
-        assert pages._renderer.clients == []
+        assert pages.renderer.clients == []
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("pyibr-")]
 
 

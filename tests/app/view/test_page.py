@@ -72,7 +72,7 @@ def opened_look(browser, views):
             yield Look(pages, tab, page_of(pages))
             assert tab.complaints == []
         until(lambda: not pages.open)
-        assert pages._renderer.clients == []
+        assert pages.renderer.clients == []
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("pyibr-")]
 
 
@@ -172,7 +172,7 @@ def test_a_slow_thing_keeps_one_request_and_shows_its_latest(browser):
         tab.page.mouse.down()
         for step in range(30):
             tab.page.mouse.move(100 + 3 * step, 100 + step)
-            most = max(most, pages._renderer.waiting)
+            most = max(most, pages.renderer.waiting)
             time.sleep(0.02)
         tab.page.mouse.up()
         assert most <= 1
