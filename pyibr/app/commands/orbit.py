@@ -85,9 +85,7 @@ def orbit(
 ) -> None:
     """Draw things from all round, in a swing to and fro, or along a path. Meshes without colours are lit."""
     way.check()
-    outputs = Outputs(
-        {"--output": (output, "color")}, options.stored, range(frames) if frames > 1 else None, video, None
-    )
+    outputs = Outputs({"--output": (output, "color")}, options.stored, range(frames) if frames > 1 else None, video)
     files = [file for thing in things for file in (thing.rglob("*") if thing.is_dir() else [thing])]
     outputs.check({"THINGS": files, "--camera": [options.camera] if options.camera else []}, things)
     with device_of(device), outputs, Exposure(options.exposure) as exposed:

@@ -55,8 +55,9 @@ class ImageOptions(NamedTuple):
 
     def things(self, names: Sequence[Path], exposure: Exposure) -> tuple[list[DepthImage | Mesh], Up | None]:
         """The things of these names, and y if all are meshes whose files define no up direction."""
-        things = list[DepthImage | Mesh]()
-        rest = list(names)
+        self.cleaning.checked()  # wrong options are errors for meshes, too
+        default_depth_of(self.default_depth)
+        things, rest = list[DepthImage | Mesh](), list(names)
         while rest:
             name = rest.pop(0)
             check_exists(name)

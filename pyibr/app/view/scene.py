@@ -40,7 +40,9 @@ def scene_of(things: object, camera: Camera | None = None, up: ArrayLike | None 
     """
     methods = methods_of(things)
     groups = list(cast("Mapping[str, Any]", things).values()) if isinstance(things, Mapping) else [things]
-    given = [one for some in groups for one in (cast("Sequence[Any]", some) if isinstance(some, Sequence) else [some])]
+    given = list[Any]()
+    for some in groups:
+        given += cast("Sequence[Any]", some) if isinstance(some, Sequence) else [some]
     sources = [thing for thing in given if isinstance(thing, DepthImage)]
     at = standpoint(given, camera, up)
     page_space = page_space_around(at.low, at.high)
