@@ -59,7 +59,7 @@ class ShadingOptions(NamedTuple):
         )
 
 
-class DrawingOptions(NamedTuple):
+class SurfaceOptions(NamedTuple):
     """Options of pictures of a mesh with a height map."""
 
     maps: MapOptions = MapOptions()
@@ -82,13 +82,13 @@ def relief(
         "exact"
     ),
     shadow: Annotated[Shadow, typer.Option(help="Shadows by a shadow map, or by a search of the relief")] = "map",
-    drawing: DrawingOptions,
+    options: SurfaceOptions,
 ) -> None:
     """Carve a height map into a mesh of few triangles, white at its surface and black below, and draw it."""
     how = {"silhouette": silhouette, "distance": distance, "shadow": shadow}
     if distance == "perpendicular":
         how["search"] = "linear"
-    _draw(ReliefSurface, how, mesh, height, output, drawing)
+    _draw(ReliefSurface, how, mesh, height, output, options)
 
 
 def slices(
@@ -100,13 +100,13 @@ def slices(
         str, typer.Option(metavar="N", help="Number of slices; view: as many as each picture needs, exact between them")
     ] = "view",
     slicing: Annotated[Slicing, typer.Option(help="Orientation of the slices")] = "orthogonal",
-    drawing: DrawingOptions,
+    options: SurfaceOptions,
 ) -> None:
     """Raise a mesh by a height map, black at its surface and white above, and draw it by slices."""
     if slices != "view" and not slices.isdecimal():
         raise ArgumentError("--slices", "a whole number, or view", slices)
     how = {"slices": int(slices) if slices.isdecimal() else slices, "slicing": slicing}
-    _draw(SlicedSurface, how, mesh, height, output, drawing)
+    _draw(SlicedSurface, how, mesh, height, output, options)
 
 
 def _draw(
@@ -115,7 +115,7 @@ def _draw(
     mesh: Path,
     height: Path,
     output: Path,
-    options: DrawingOptions,
+    options: SurfaceOptions,
 ) -> None:
     maps, shading = options.maps, options.shading
     read = {"MESH": [mesh], "HEIGHT": [height], "--color": [maps.color] if maps.color else []}
