@@ -45,15 +45,17 @@ _MORE_IS_WORSE = ("flip", "rmse", "median_error", "relative_error")
 
 _WHITE, _WHITE_DEPTH = 0.25, 0.05  # errors shown as white, relative to the peak and to the depth
 _NOT_COUNTED, _IN_ONE = (30, 30, 60), (60, 60, 160)
+_A = Annotated[
+    Path, typer.Argument(metavar="A", help="An image, a folder of images, or a video; with --depth also NPY, NPZ")
+]
+_B = Annotated[
+    Path, typer.Argument(metavar="B", help="The same; files in folders are paired by name, or else in order")
+]
 
 
 def compare(
-    a: Annotated[
-        Path, typer.Argument(metavar="A", help="An image, a folder of images, or a video; with --depth also NPY, NPZ")
-    ],
-    b: Annotated[
-        Path, typer.Argument(metavar="B", help="The same; files in folders are paired by name, or else in order")
-    ],
+    a: _A,
+    b: _B,
     depth: Annotated[bool, typer.Option("--depth", help="A, the truth, and B hold depth")] = False,
     mask: Annotated[Path | None, typer.Option(help="An image, black for ignored pixels")] = None,
     measures: Annotated[

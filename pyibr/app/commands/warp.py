@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
@@ -25,27 +25,33 @@ from pyibr.warp.blending import Blend
 from pyibr.warp.view import Edges, Interpolation, Method, WarpOptions
 
 
-def warp(
-    sources: Sources,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The new view; several: OUT_0000, ... or a video")],
-    *,
-    reading: Reading,
-    to: Annotated[Path | None, typer.Option(help="The new view's camera, or several: as --camera")] = None,
+class TargetOptions(NamedTuple):
+    """Options of the new cameras, for `Targets`."""
+
+    to: Annotated[Path | None, typer.Option(help="The new view's camera, or several: as --camera")] = None
     move: Annotated[
         Move | None, typer.Option(metavar="X Y Z", help="Move the camera right, down and forward, in scene units")
-    ] = None,
+    ] = None
     orbit: Annotated[
         float | None,
         typer.Option(
             metavar="DEGREES", help="Turn to the right about the point at the median depth on the optical axis"
         ),
-    ] = None,
+    ] = None
     frames: Annotated[
         int,
         typer.Option(
             min=1, max=100_000, help="Views along --move or --orbit, starting at the source: OUT_0000, ... or a video"
         ),
-    ] = 1,
+    ] = 1
+
+
+def warp(
+    sources: Sources,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The new view; several: OUT_0000, ... or a video")],
+    *,
+    reading: Reading,
+    target: TargetOptions,
     together: Annotated[bool, typer.Option("--together", help="All frames of a recording show one scene")] = False,
     method: Annotated[Method, typer.Option(help="How surfaces are found")] = "epipolar",
     interpolation: Annotated[Interpolation, typer.Option(help="Interpolation of depth and colour")] = "linear",
@@ -71,7 +77,7 @@ def warp(
 
     Give the new camera by exactly one of --to, --move and --orbit.
     """
-    targets = Targets(to, move, orbit, frames)
+    targets = Targets(*target)
     inputs = Inputs(sources, reading, together)
     count = targets.count(None if inputs.is_scene else inputs.count)
     numbers = inputs.numbers or (None if count is None else range(count))
@@ -81,16 +87,16 @@ def warp(
         "--valid-out": (valid_out, "mask"),
     }
     outputs = Outputs(files, reading.stored, numbers, video, inputs.film)
-    outputs.check({**inputs.files, "--to": [] if to is None else [to]}, sources)
+    outputs.check({**inputs.files, "--to": [] if target.to is None else [target.to]}, sources)
     done = _done(outputs, count, output) if skip_existing else set[int]()
     how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}
     how |= {"side": side, "fill": fill_of(fill), "thin": thin, "blend": blend}
     with device_of(device), outputs:
         jobs = read_ahead(_jobs(inputs, targets, count, done))
-        for views, target, number in with_progress(jobs, count or 1, "Warping"):
-            (frame,) = drawn_views(views, [target], samples, how)
+        for views, camera, number in with_progress(jobs, count or 1, "Warping"):
+            (frame,) = drawn_views(views, [camera], samples, how)
             images: dict[Kind, NDArray[Any]] = {"color": frame.color, "depth": frame.depth, "mask": frame.valid}
-            outputs.write(images, number, float(frame.valid.mean()), target)
+            outputs.write(images, number, float(frame.valid.mean()), camera)
     outputs.tell("views", f"{printable_text(sources[0])} is out of view", inputs.seen)
 
 
