@@ -71,7 +71,9 @@ class Outputs:
         film: Video | None = None,
         own: Mapping[int, str] | None = None,
     ) -> None:
-        self._files = {option: (path, kind) for option, (path, kind) in files.items() if path is not None}
+        self._files: dict[str, tuple[Path, Kind]] = {
+            option: (path, kind) for option, (path, kind) in files.items() if path is not None
+        }
         self._main, _ = next(iter(self._files.values()))
         self._stored, self._numbers, self._own = stored, numbers, own
         self._films = {path for path, kind in self._files.values() if numbers is not None and _is_film(path, kind)}
