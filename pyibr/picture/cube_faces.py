@@ -32,8 +32,8 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
         return targets[0]
     like = targets[0].color
     profile = current().profile
-    asked = {"origins": targets[0].source is not None, "classes": targets[0].classes is not None}
-    whole = Target(camera, like.dtype, out=out, channels=like.shape[2], **asked)
+    origins, classes = targets[0].source is not None, targets[0].classes is not None
+    whole = Target(camera, like.dtype, out=out, channels=like.shape[2], origins=origins, classes=classes)
     whole.filled = any(target.filled for target in targets)
     guesses = any(target.guesses is not None for target in targets)
     defines = {"ORIGINS": int(whole.source is not None), "CLASSES": int(whole.classes is not None)}
