@@ -43,9 +43,11 @@ def main(
     quick: Annotated[bool, typer.Option(help="Tiny sizes, to see that everything runs.")] = False,
     python: Annotated[
         list[Path] | None,
-        typer.Option(help="Another Python whose CPU runtimes are measured, too; may belong to a system in a folder."),
+        typer.Option(help="Another Python, possibly in a Debian in a folder; its OpenCL runtimes are measured, too."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Default: benchmarks/results/VERSION, or build/benchmarks.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Default: benchmarks/results/VERSION, quick: build/benchmarks.")
+    ] = None,
 ) -> None:
     """Measure pyibr against the papers' figures and its peers. Run nothing else meanwhile."""
     import pyibr as ibr

@@ -16,10 +16,13 @@ EVERY_REGION: tuple[Position, ...] = tuple((region, MOTIONS[i % 2]) for i, regio
 
 @dataclass(frozen=True)
 class Plan:
-    """Sizes are sides of square images, or (width, height). Mappings from sizes give the number of timed turns."""
+    """Sizes are sides of square images, or (width, height), in pixels.
+
+    In each turn, every subject of a case is timed once. Numbers in mappings are numbers of turns, unless noted.
+    """
 
     complexity_positions: tuple[Position, ...]
-    complexity: Mapping[str, Mapping[int, int]]  # turns by subject and size
+    complexity: Mapping[str, Mapping[int, int]]  # by subject and size
     table2: Mapping[int, int]
     dragon_mesh: str
     peers_positions: tuple[Position, ...]
@@ -28,7 +31,7 @@ class Plan:
     raster: Mapping[tuple[str, int], int]  # turns by mesh and side
     slicing: Mapping[tuple[int, int], int]  # turns by side and number of slices
     donut: int  # turns
-    elevations: tuple[int, ...]  # degrees above the surface, for the views that compare directions of slicing
+    elevations: tuple[int, ...]  # of cameras, in degrees above the surface, to compare directions of slicing
     direction_slices: tuple[int, ...]
     relief_plane: int  # turns
     relief_scenes: Mapping[str, int]  # turns by scene
@@ -37,7 +40,7 @@ class Plan:
     depthmesh_side: int  # side of the depth images and the pictures
     depthmesh_models: Mapping[str, int]  # turns by model
     depthmesh_tolerances: tuple[float, ...]  # pixels
-    depthmesh_quality: tuple[str, int]  # model and number of unseen cameras
+    depthmesh_quality: tuple[str, int]  # model, and number of cameras in random directions
     depthmesh_warp: int  # turns
     depthmesh_moving: int  # turns
     simplification: Mapping[str, int]  # turns by surface
@@ -45,8 +48,8 @@ class Plan:
     rgbd_scene: str
     rgbd: Mapping[Size, int]
     rgbd_noise: tuple[float, ...]  # pixels of disparity
-    rgbd_connected: tuple[Size, ...]  # sizes at which connected surfaces are warped, too
-    rgbd_threads: Mapping[tuple[Size, float], int]  # processes per number of threads, by size and noise
+    rgbd_connected: tuple[Size, ...]  # sizes at which a warp without cuts at depth edges is timed, too
+    rgbd_threads: Mapping[tuple[Size, float], int]  # number of processes for each number of threads, by size and noise
     rgbd_white: Mapping[Size, int]
     rgbd_stereo: Mapping[tuple[Size, float], int]  # turns by size and noise
     rgbd_light_field: Mapping[tuple[int, int], int]  # turns by side and number of views
@@ -62,15 +65,15 @@ class Plan:
     runtimes: Mapping[Size, int]
     pages_size: Size
     pages_rounds: int
-    pages_seconds: float  # time that the camera moves in each round
+    pages_seconds: float  # how long the camera moves in each round
     pages_chromium: bool
-    gpu: Mapping[tuple[str, Size], Size | None]  # size at which instructions are counted, by call and size
+    gpu: Mapping[tuple[str, Size], Size | None]  # by call and its size: a smaller size, to count instructions
     card: str  # kind of device
     card_tests: tuple[str, ...]
     startup_repeats: int
-    startup_empty_cache: bool  # start with nothing built, so that a first process shows the cost of building
+    startup_empty_cache: bool  # whether the first process has to build the kernels
     memory: tuple[int, ...]
-    pythons: tuple[Path, ...] = ()  # Pythons whose runtimes are measured
+    pythons: tuple[Path, ...] = ()  # interpreters whose OpenCL runtimes are measured
 
 
 FULL = Plan(

@@ -6,7 +6,7 @@ import time
 
 START = time.perf_counter()
 
-import json  # noqa: E402 - this file's own imports should count as little as possible
+import json  # noqa: E402 - the clock starts before the imports
 import sys  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
@@ -19,7 +19,7 @@ def elapsed(start: float) -> float:
 
 
 def measure_frame() -> dict[str, Any]:
-    """Draw a small picture, so that mainly the time before it counts."""
+    """Measure the time from the process's start to a first, small picture."""
     from benchmarks import scenes
     from benchmarks.launches import build_times
 
@@ -32,7 +32,7 @@ def measure_frame() -> dict[str, Any]:
 
 
 def measure_memory(n: int) -> dict[str, Any]:
-    """Measure peak memory, minus the memory of the process before the inputs were made."""
+    """Measure the peak memory of a warp, in all and beyond the memory before its inputs were made."""
     import pyibr as ibr
     from benchmarks import scenes
 
@@ -52,7 +52,7 @@ def measure_memory(n: int) -> dict[str, Any]:
 
 
 def measure_kernels(scene: str, width: int, height: int, noise: float) -> dict[str, Any]:
-    """Time a warp's kernels, after a warm-up run, on as many threads as the environment allows."""
+    """Time a warp's kernels, after a warm-up run, on as many threads as environment variables allow."""
     from benchmarks.launches import kernel_times
     from benchmarks.warp.rgbd import kernel_work
     from pyibr.opencl.device import current
@@ -67,7 +67,7 @@ def measure_kernels(scene: str, width: int, height: int, noise: float) -> dict[s
 
 
 def memory(name: str) -> int:
-    """Bytes of this process's memory, by the name of the entry in /proc."""
+    """Read an entry of /proc/self/status, such as VmRSS, in bytes."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(1024 * int(line.split()[1]) for line in lines if line.startswith(name + ":"))
 

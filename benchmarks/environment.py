@@ -28,11 +28,11 @@ PACKAGES = {
 }
 
 
-_SOURCES = (":(top)", ":(top,exclude)benchmarks/results")  # a run writes its results one by one
+_SOURCES = (":(top)", ":(top,exclude)benchmarks/results")  # a run itself writes results
 
 
 def environment() -> dict[str, Any]:
-    """Device, driver, versions, processor, commit, and load of the machine."""
+    """Return the device and its driver, the versions of packages, the processor, the commit, and the machine's load."""
     import pyibr as ibr
     from pyibr.opencl.device import explain
 
@@ -66,7 +66,7 @@ def cpu_model() -> str:
 
 
 def commit() -> str | None:
-    """Commit of the checkout that holds this file, with "+" if files differ from it; None outside of git."""
+    """Return the commit that is checked out, with "+" if tracked files outside the results differ; None without git."""
     here = Path(__file__).parent
 
     def git(*arguments: str) -> str:

@@ -1,4 +1,4 @@
-"""Costs of single launches of a warp, and the samples that they visit."""
+"""Times of kernels, launch by launch, and counts of the samples that a warp visits."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ COUNTED = ("epipolar_sweep", "search", "resolve")
 
 @dataclass(frozen=True)
 class Visited:
-    """Samples and pixels that launches of a kernel visited.
+    """Counts of the samples and pixels that a kernel visited, over all its launches.
 
     Attributes
     ----------
     samples : int
-        Steps along epipolar lines in the source: samples or cells. A packet of lanes takes as many as its slowest lane.
+        Steps along epipolar lines in the source. A packet of lanes counts the steps of its slowest lane.
     pixels : int
-        Target pixels that the sweep settles, or that `resolve` traces once more; none for a search.
+        Target pixels that the sweep writes, or that `resolve` traces again; 0 for a search.
     """
 
     samples: int = 0
@@ -35,7 +35,7 @@ class Visited:
 
 @contextmanager
 def kernel_times() -> Iterator[dict[str, list[float]]]:
-    """Yields milliseconds by kernel, one value per launch; the queue is awaited before and after each launch."""
+    """Yield each kernel's times in milliseconds, one per launch, from an empty queue to the launch's end."""
     times: dict[str, list[float]] = {}
     with watching(LaunchTimes()) as seen:
         yield times
@@ -56,7 +56,7 @@ class _BuildTimes(Watch):
 
 @contextmanager
 def build_times() -> Iterator[dict[str, float]]:
-    """Yields milliseconds until each kernel is ready, built or loaded, at its first call."""
+    """Yield the milliseconds that each kernel's first call takes to build it or to load it."""
     times = _BuildTimes()
     with watching(times):
         yield times.of
@@ -93,7 +93,7 @@ class _Counts(Watch):
 
 @contextmanager
 def counted_samples() -> Iterator[dict[str, Visited]]:
-    """Yields the visits of a whole call by kernel: the sweep or the search, and `resolve`."""
+    """Yield the visits of a call, separately for the sweep (or the search) and for `resolve`."""
     counts = _Counts()
     with watching(counts):
         yield counts.of

@@ -1,4 +1,4 @@
-"""Mesa's software OpenGL as a peer: the same triangles, and the same slices as alpha-tested quadrilaterals."""
+"""Mesa's software OpenGL (llvmpipe) draws the same meshes, slices and reliefs as pyibr, for comparison."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ out vec3 world;
 out vec2 uv;
 void main() { gl_Position = clip * vec4(position, 1.0); world = position; uv = place; }
 """
-# Relief mapping of a plane z = 0 whose uv is (x, y) times `per_unit`: even steps, then halvings.
+# Draws a relief on the plane z = 0, where uv is (x, y) times `per_unit`. Each ray takes equal steps, then bisects.
 _RELIEF_FRAGMENT = """
 #version 330
 uniform vec3 eye;
@@ -117,7 +117,7 @@ void main() {
 
 @functools.cache
 def context() -> Any:
-    """The only context, or the reason why there is none."""
+    """Return the only OpenGL context, or a text that says why there is none."""
     os.environ |= {"LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "llvmpipe"}
     try:
         moderngl: Any = import_module("moderngl")
@@ -132,7 +132,7 @@ def context() -> Any:
 
 
 def clip_matrix(camera: ibr.Camera, near: float, far: float) -> Array:
-    """World to OpenGL's clip space, (4, 4); row y of the picture is row y of the framebuffer, so it is not flipped."""
+    """Return the (4, 4) matrix from the world to OpenGL's clip space, with picture row y in buffer row y."""
     width, height = camera.size
     U, V, W, _ = camera.pixel_matrix @ camera.camera_from_world
     z = camera.camera_from_world[2]
@@ -146,7 +146,7 @@ def clip_matrix(camera: ibr.Camera, near: float, far: float) -> Array:
 
 @dataclass
 class Picture:
-    """A prepared picture that draws itself."""
+    """A picture whose buffers and shaders are ready to draw."""
 
     program: Any
     vertices: Any
@@ -154,10 +154,10 @@ class Picture:
     camera: ibr.Camera
     near: float
     far: float
-    textures: dict[int, Any] = field(default_factory=dict[int, Any])  # by their units
+    textures: dict[int, Any] = field(default_factory=dict[int, Any])  # by texture unit
 
     def draw(self) -> None:
-        """Draw, and wait until it is done."""
+        """Draw, and wait for the end."""
         gl = context()
         self._start(gl)
         gl.finish()
@@ -171,7 +171,7 @@ class Picture:
         self.vertices.render()
 
     def picture(self) -> tuple[Array, Array]:
-        """Colour (H, W, 3) uint8 and planar depth (H, W) float32, infinite where nothing is drawn."""
+        """Draw; return colour (H, W, 3) uint8 and planar depth (H, W) float32, infinite where nothing is drawn."""
         self._start(context())
         height, width = self.camera.height, self.camera.width
         color = np.frombuffer(self.framebuffer.read(components=3, alignment=1), np.uint8).reshape(height, width, 3)
@@ -185,7 +185,7 @@ class Picture:
 
 
 def triangles(camera: ibr.Camera, mesh: ibr.Mesh, colors: Array, near: float, far: float) -> Picture:
-    """A mesh with vertex colours (N, 3) in [0, 1]."""
+    """Prepare a mesh with vertex colours (N, 3) in [0, 1]."""
     gl = context()
     program = gl.program(vertex_shader=_MESH_VERTEX, fragment_shader=_MESH_FRAGMENT)
     program["clip"].write(clip_matrix(camera, near, far).T.astype("f4").tobytes())
@@ -196,7 +196,7 @@ def triangles(camera: ibr.Camera, mesh: ibr.Mesh, colors: Array, near: float, fa
 
 
 def _maps_of(thing: ibr.DepthObject | ibr.VisualHull) -> list[Any]:
-    """Nearness of the views' samples, or their masks, as the kernels read them."""
+    """Return each view's map as kernels read it: nearness (1/depth) for a depth object, the mask for a visual hull."""
     sizes = [view.valid.size for view in thing.views]
     starts = np.cumsum([0, *sizes]) * (1 if isinstance(thing, ibr.VisualHull) else 2)
     with one_call():
@@ -205,7 +205,7 @@ def _maps_of(thing: ibr.DepthObject | ibr.VisualHull) -> list[Any]:
 
 
 def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: float, far: float) -> Picture:
-    """An object's orthogonal slices, front to back: as many as pyibr's, along the same edge of its box."""
+    """Prepare an object's slices, to be drawn front to back: as many as pyibr's, across the same edge of its box."""
     gl = context()
     hull = isinstance(thing, ibr.VisualHull)
     axis = slices_axis(thing, camera)
@@ -245,7 +245,7 @@ def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: fl
     quads[:, :, axis] = (np.arange(count)[:, None] + 0.5) / count
     for corner, (a, b) in enumerate(((0, 0), (1, 0), (1, 1), (0, 0), (1, 1), (0, 1))):
         quads[:, corner, others[0]], quads[:, corner, others[1]] = a, b
-    points = (box.low + quads * box.edges) @ box.axes  # 6 corners per slice
+    points = (box.low + quads * box.edges) @ box.axes  # 6 per slice: two triangles
     depth = points[:, 0] @ camera.camera_from_world[2, :3]
     points = points[np.argsort(depth)]
     buffer = gl.buffer(points.astype("f4").tobytes())
@@ -254,7 +254,7 @@ def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: fl
 
 
 def relief(camera: ibr.Camera, surface: ibr.ReliefSurface, near: float, far: float, in_float: bool = False) -> Picture:
-    """A relief on a base of z = 0 with uv proportional to x and y, by the linear search; heights in 8 bits or float."""
+    """Prepare a relief on the plane z = 0 for the linear search; `in_float` keeps its heights in float, not 8 bits."""
     gl = context()
     base = surface.base
     program = gl.program(vertex_shader=_RELIEF_VERTEX, fragment_shader=_RELIEF_FRAGMENT)

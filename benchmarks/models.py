@@ -1,7 +1,7 @@
-"""The papers' models as depth images: a globe, a torus and the head of a scanned dragon.
+"""The warping paper's models as depth images: a globe, a torus and the head of a scanned dragon.
 
-After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), section 7. The world axes are
-a camera's axes: x right, y down, z forward, so that up is -y. The scanned dragon has +y up and is turned over.
+The models follow section 7 of Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999). In
+the world, x points right, y down and z forward. The scan of the dragon has +y up, and is turned about the x axis.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ def torus(size: int) -> list[ibr.DepthImage]:
 def dragon_head(mesh_path: Path, size: int) -> list[ibr.DepthImage]:
     """Sixteen depth images that cover the head of the Stanford dragon, lit from above, as in the figures 11 to 13.
 
-    `pyibr place --auto 16 --within ...` proposed the frusta; other parts of the dragon in their images were painted
-    empty by hand.
+    `pyibr place --auto 16 --within ...` proposed the frusta. In their images, the dragon's other parts were erased by
+    hand.
     """
     scanned = ibr.Mesh.load(mesh_path)
     light, turned = light_for(scanned, (0, 1, 0)), np.diag([1.0, -1.0, -1.0, 1.0])
@@ -49,7 +49,7 @@ def dragon_head(mesh_path: Path, size: int) -> list[ibr.DepthImage]:
 
 
 def dragon_scene(mesh_path: Path) -> MeshScene:
-    """The dragon's surface, turned over like the images of `dragon_head`."""
+    """The dragon's surface in the axes of `dragon_head`'s images, for ray casting."""
     scanned = ibr.Mesh.load(mesh_path)
     return MeshScene(scanned.vertices * np.array([1.0, -1.0, -1.0]), scanned.faces)
 
@@ -57,7 +57,7 @@ def dragon_scene(mesh_path: Path) -> MeshScene:
 def globe(
     size: int, elevation: NDArray[np.float32] | None = None, color: Uint8 | None = None, *, relief: float = 0.08
 ) -> list[ibr.DepthImage]:
-    """Six depth images of a globe of radius 1, displaced outwards from its centre, the origin, where they are taken.
+    """Six depth images of a globe of radius 1 with displaced terrain, taken from its centre, which is the origin.
 
     A viewer outside sees the back of the surface: draw the images with `side="back"`, and with `edges="connect"`, as
     the surface is connected even where it is steep. Depth is exact at the samples: no ray is cast.
@@ -67,12 +67,12 @@ def globe(
     size : int
         Width and height of each image in pixels.
     elevation : (h, w) float32 in [0, 1], optional
-        Equirectangular: longitude -180 to 180 degrees along the rows, latitude 90 to -90 down the columns.
-        Read bilinearly. Default: continents from noise with a fixed seed.
+        Equirectangular: longitude -180 to 180 degrees from left to right, latitude 90 to -90 degrees downwards.
+        Interpolated bilinearly. Default: continents from noise with a fixed seed.
     color : (h', w', 3) uint8, optional
         Equirectangular. Default: a colour scale of the elevation.
     relief : float
-        Displacement at elevation 1, in radii.
+        Outward displacement at elevation 1, in radii.
     """
     views: list[ibr.DepthImage] = []
     y, x = np.mgrid[:size, :size]
@@ -98,12 +98,12 @@ def load_earth(folder: Path) -> tuple[NDArray[np.float32], Uint8]:
 
 
 def _in_bytes(values: Float64) -> Uint8:
-    """Colours from 0 to 255 as bytes, rounded."""
+    """Round colours from 0 to 255 to bytes."""
     return np.clip(np.floor(values + 0.5), 0, 255).astype(np.uint8)
 
 
 def _on_sphere(image: NDArray[Any], direction: Float64) -> Float64:
-    """Bilinear samples (n, C) of an equirectangular image (h, w, C) in directions (n, 3)."""
+    """Interpolate an equirectangular image (h, w, C) bilinearly in directions (n, 3); returns (n, C)."""
     height, width = image.shape[:2]
     x, y, z = direction.T
     u = (np.arctan2(x, -z) / (2 * np.pi) + 0.5) * width - 0.5
@@ -128,7 +128,7 @@ def _noise(direction: Float64) -> Float64:
 
 
 def _hypsometric(height: Float64) -> Float64:
-    """Colours (n, 3), 0 to 255, from the sea over beaches, plains and rock to snow."""
+    """Colours (n, 3) from 0 to 255 for elevations: sea, beach, plain, rock and snow."""
     stops = [0.0, 0.004, 0.03, 0.2, 0.45, 0.7]
     colors = np.array([[22, 60, 120], [205, 190, 130], [70, 130, 60], [110, 120, 60], [130, 105, 85], [245, 245, 250]])
     return np.stack([np.interp(height, stops, colors[:, channel]) for channel in range(3)], axis=1)

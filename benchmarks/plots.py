@@ -14,7 +14,7 @@ Series = Mapping[int, float]  # by size
 
 
 def complexity(series: Mapping[tuple[str, str], Series], path: Path) -> None:
-    """Visited samples and time over the side, logarithmic, with fitted lines."""
+    """Plot visited samples and times against the image's side, with logarithmic axes and fitted lines."""
     figure, panels = _panels(2)
     labels = {"visited": "samples visited", "end to end": "time [ms]"}
     subjects = list(dict.fromkeys(subject for subject, _ in series))
@@ -33,7 +33,7 @@ def complexity(series: Mapping[tuple[str, str], Series], path: Path) -> None:
 
 
 def table2(series: Mapping[str, Series], paper: Mapping[str, Series], path: Path) -> None:
-    """Our times as solid lines and the paper's times as dashed lines, with one colour per model."""
+    """Plot our times as solid lines and the paper's times as dashed lines, with one colour per model."""
     figure, (panel,) = _panels(1)
     for index, (model, values) in enumerate(series.items()):
         panel.plot(list(values), list(values.values()), "o-", color=f"C{index}", label=f"{model}, here")
@@ -49,7 +49,7 @@ def peers(
     bars: Mapping[tuple[str, int], float],
     path: Path,
 ) -> None:
-    """Left: times by size. Right: ratios to the base; a dot is a position, the line shows medians."""
+    """Plot times (left) and their ratios to the base (right) by size: a dot for each position, a line of medians."""
     figure, (left, right) = _panels(2)
     subjects = list(dict.fromkeys(subject for subject, _ in ratios))
     for index, subject in enumerate(subjects):
@@ -82,7 +82,7 @@ def rgbd(
     base: str,
     path: Path,
 ) -> None:
-    """Ratios to the base over noise: a panel per kind of motion, a line of means per size, and a dot per motion."""
+    """Plot ratios to the base against noise: a panel per kind of motion, a line of means per size, a dot per motion."""
     kinds, sizes = (
         list(dict.fromkeys(kind for kind, _, _ in ratios)),
         list(dict.fromkeys(size for _, size, _ in ratios)),
@@ -114,7 +114,7 @@ def rgbd(
 def objects(
     by_size: Mapping[str, Series], by_slices: Mapping[str, Series], paper: Mapping[tuple[int, int], float], path: Path
 ) -> None:
-    """Figure 12 of Kautz and Seidel: frames per second by the picture's side, and by the number of slices."""
+    """Plot frames per second by the picture's side and by the number of slices, like figure 12 of Kautz and Seidel."""
     figure, panels = _panels(2)
     for panel, series, label in zip(
         panels, (by_size, by_slices), ("side of the picture [pixels]", "slices"), strict=True
@@ -132,7 +132,7 @@ def objects(
 
 
 def directions(error: Mapping[str, Mapping[int, Series]], through: Mapping[str, Series], path: Path) -> None:
-    """Figure 10 as numbers. Left: error over slices, a line per elevation. Right: fraction that is seen through."""
+    """Plot depth errors (left, by elevation) and fractions that rays pass through (right) by the number of slices."""
     figure, (left, right) = _panels(2)
     for index, (slicing, by_elevation) in enumerate(error.items()):
         for elevation, series in by_elevation.items():
@@ -146,7 +146,7 @@ def directions(error: Mapping[str, Mapping[int, Series]], through: Mapping[str, 
 
 
 def simplification(series: Mapping[str, Mapping[str, Sequence[tuple[float, float]]]], path: Path) -> None:
-    """Triangles over the measured error: a panel per surface, a line per subject."""
+    """Plot the number of triangles against the measured error: a panel for each surface, a line for each subject."""
     figure, panels = _panels(len(series))
     for panel, (surface, lines) in zip(panels, series.items(), strict=True):
         for subject, points in lines.items():
@@ -163,7 +163,7 @@ def simplification(series: Mapping[str, Mapping[str, Sequence[tuple[float, float
 
 
 def _panels(count: int) -> tuple[Any, list[Any]]:
-    # Without pyplot, no window system is searched for and nothing stays open.
+    # pyplot would search for a window system, and keep its figures open.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.5 * count, 4.4), layout="constrained")

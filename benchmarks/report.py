@@ -15,17 +15,17 @@ FILE = "report.md"
 HEAD = """# Benchmarks
 
 `python -m benchmarks` measures, and `python -m benchmarks.report` made this page from the JSON files beside it.
-Times are medians with quartiles in brackets, after one warm-up run (except for a search that takes seconds).
+Times are medians, with quartiles in brackets. A subject runs once before it is timed, except a search of seconds.
 """
 
 
 def write(folder: Path) -> Path:
-    """Make the report of all results in ``folder``; returns its path.
+    """Write the report of all results in ``folder``, and return its path.
 
     Raises
     ------
     FileNotFoundError
-        If there are none.
+        If the folder has no results.
     ValueError
         If a file is not a result.
     """

@@ -1,4 +1,4 @@
-"""Results of a benchmark as JSON: one flat list of records, each a list of raw values of one quantity."""
+"""Results of a benchmark, as JSON: a list of records, each with the raw values of one quantity."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Parameter = str | int | float
 
 @dataclass(frozen=True)
 class Record:
-    """Raw values of one quantity of one subject.
+    """Raw values of one quantity of one subject in one case.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Result:
     schema: int = SCHEMA
 
     def select(self, **wanted: Parameter) -> Iterator[Record]:
-        """Records whose subject, quantity, unit or parameters equal ``wanted``."""
+        """Yield the records whose subject, quantity, unit and parameters have all the values in ``wanted``."""
         for record in self.records:
             values = {**record.parameters, **{k: getattr(record, k) for k in ("subject", "quantity", "unit")}}
             if all(values.get(key) == value for key, value in wanted.items()):

@@ -1,4 +1,4 @@
-"""Runs cases: subjects in turns, then other measurements of a case."""
+"""Runs the cases of a benchmark: in each, times the subjects in turns, then makes the other measurements."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Work:
     timed : dict
         Subjects that run in turns (A B C A B C ...).
     repeats : int
-        Turns.
+        Number of turns.
     read : callable, optional
         Makes other measurements, after the turns.
     warm : bool
@@ -70,14 +70,14 @@ def run(benchmark: str, cases: Iterable[Case]) -> Result:
 
 
 def run_case(parameters: dict[str, Parameter], work: Work) -> list[Record]:
-    """Records of one case."""
+    """Run one case, and return its records."""
     times = in_turns(work.timed, work.repeats, work.warm)
     records = [Record(name, "end to end", "ms", parameters, values) for name, values in times.items()]
     return records + list(work.read() if work.read else [])
 
 
 def in_turns(subjects: dict[str, Subject], repeats: int, warm: bool = True) -> dict[str, list[float]]:
-    """Milliseconds of each subject, by turn; results are freed after the clock has stopped."""
+    """Time each subject once in each turn, in milliseconds; freeing a result is not timed."""
     for subject in subjects.values() if warm else ():
         subject()
     times: dict[str, list[float]] = {name: [] for name in subjects}

@@ -1,7 +1,7 @@
 """Scenes: a relief to warp, cameras with the epipole in each of the nine regions, scans, bumps, rooms.
 
-The regions are defined in the warping paper's table 1. The relief is fixed in normalised image coordinates, so that
-epipolar segments grow with the image's side.
+The regions are inside the image and around it, as in the warping paper's table 1. The relief has the same shape for
+images of all sizes, so the lengths of epipolar segments are proportional to the image's side.
 """
 
 from __future__ import annotations
@@ -20,32 +20,32 @@ from benchmarks.results import Skip
 Array = NDArray[Any]
 
 REGIONS = "ABCDEFGHI"  # row by row: A is above and left of the image, E inside the image, I below and right
-MOTIONS = ("forward", "backward")  # motion of the target camera: the epipole is an antipode, or a true epipole
-DISTANCE = 0.6  # scene units between the cameras; the relief lies 3 to 5 in front of the source
-_COLUMN, _ROW = (-0.3, 0.35, 1.3), (-0.3, 0.6, 1.3)  # positions of the epipole, in image sides
-_FUJI_SPACING = 62.4  # metres: tile 10/906/404 of 512 samples a side, at 35.3 degrees north
-LIVINGROOM, ROOM = "livingroom1", "synthetic room"  # scenes of a depth camera
+MOTIONS = ("forward", "backward")  # of the target camera: the source camera is then behind it (antipode) or in front
+DISTANCE = 0.6  # scene units between the cameras; the relief's depth in the source is 3 to 5
+_COLUMN, _ROW = (-0.3, 0.35, 1.3), (-0.3, 0.6, 1.3)  # x and y of the epipole by region, relative to the side
+_FUJI_SPACING = 62.4  # metres between samples of map tile 10/906/404 (512 a side, at 35.3 degrees north)
+LIVINGROOM, ROOM = "livingroom1", "synthetic room"  # names of the scenes of a depth camera
 _VGA, _FOCAL = (640, 480), 525.0  # size and focal length of the depth camera, in pixels
 _BASELINE = 0.075  # metres between a structured-light camera and its projector
 _DISPARITY_STEPS = 8  # steps per pixel
-_NO_DEPTH = 65535  # stored by a RealSense instead of millimetres
+_NO_DEPTH = 65535  # a RealSense stores millimetres, or this
 _SAME_SURFACE = 0.02  # neighbours whose nearness differs by a smaller fraction are interpolated
 _POSES = {
     0: ((0, 0, 0), (0, 0, 1)),
     4: ((0.005, -0.1, -0.007), (0.016, 0.05, 1)),
     50: ((-0.36, -0.53, 0.24), (0.49, 0.26, 0.83)),
 }
-"""Positions and directions of views of the synthetic room, similar to the frames of `LIVINGROOM`: metres, y down."""
+"""Camera positions (metres, y down) and directions in the synthetic room, close to the same frames of `LIVINGROOM`."""
 STEREO = {
     "cones": ("im2.png", "im6.png", "disp2.png"),
     "teddy": ("im2.png", "im6.png", "disp2.png"),
     "motorcycle": ("motorcycle_left.png", "motorcycle_right.png", "motorcycle_disp.npz"),
 }
-"""Middlebury pairs (Scharstein & Szeliski 2003, Scharstein et al. 2014): both photographs, and the left disparity."""
-_STORED_DISPARITY = 4.0  # units per pixel
+"""Middlebury pairs (Scharstein & Szeliski 2003, Scharstein et al. 2014): left and right photograph, left disparity."""
+_STORED_DISPARITY = 4.0  # stored units per pixel of disparity
 _CALIBRATED = {"motorcycle": (994.978, 0.193001, 311.193, 254.877, 31.086)}
-"""Focal length, baseline in metres, principal point, and distance between the principal points."""
-_CHUNK = 256  # rows made together, so that a large picture needs little memory
+"""Focal length, baseline (metres), left principal point, x distance of the principal points; others in pixels."""
+_CHUNK = 256  # rows that are computed at a time, to save memory
 
 
 def relief(n: int) -> tuple[Array, Array]:
@@ -72,7 +72,7 @@ def relief(n: int) -> tuple[Array, Array]:
 
 
 def white_noise(n: int) -> tuple[Array, Array]:
-    """Make the relief's colours with random depths in its range, independent of their neighbours.
+    """The relief's colours with a random depth in each pixel, from the relief's range of depth.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def scanned(name: str) -> ibr.Mesh | Skip:
 
 
 def bricks(n: int = 256) -> tuple[Array, Array]:
-    """Height (n, n) uint8 and colour (n, n, 3) uint8 of a brick wall: 8 rows of 4, tiled."""
+    """Height (n, n) uint8 and colour (n, n, 3) uint8 of a wall: 8 rows of 4 bricks, repeatable."""
     y, x = np.mgrid[:n, :n] * (256 / n)
     shifted = (x + 32 * (y // 32 % 2)) % 64
     joint = np.minimum(np.minimum(shifted, 63 - shifted), np.minimum(y % 32, 31 - y % 32))
@@ -117,7 +117,7 @@ def bricks(n: int = 256) -> tuple[Array, Array]:
 
 
 def terrain() -> tuple[Array, float] | Skip:
-    """Heights (513, 513) float32 and spacing, in metres: a tile of Mount Fuji, as used to time terrain meshers."""
+    """Heights (513, 513) float32 of Mount Fuji and their spacing, in metres: a tile used to time terrain meshers."""
     path = data_folder() / "heightfields/dem/fuji.png"
     if not path.is_file():
         return Skip("fuji", f"{path.name} is not in $PYIBR_DATA/heightfields/dem")
@@ -138,7 +138,7 @@ def bumps(n: int) -> Array:
 
 
 def source_camera(n: int) -> ibr.Camera:
-    """Camera whose image covers 80 degrees a side."""
+    """Camera with a field of view of 80 degrees in x and in y."""
     middle = (n - 1) / 2
     return ibr.Camera([[0.6 * n, 0, middle], [0, 0.6 * n, middle], [0, 0, 1]], (n, n))
 
@@ -155,7 +155,7 @@ def epipole(n: int, region: str) -> Array:
 
 
 def translation(n: int, region: str, motion: str) -> Array:
-    """Position of the source's centre in the target's frame, (3,); the cameras differ by nothing else."""
+    """Centre (3,) of the source camera in the target camera's axes; both cameras have the same directions."""
     toward = np.linalg.inv(source_camera(n).K) @ [*epipole(n, region), 1.0]
     return (1 if motion == "backward" else -1) * DISTANCE * toward / np.linalg.norm(toward)
 
@@ -172,14 +172,14 @@ def rgbd(scene: str, number: int, size: tuple[int, int], noise: float = 0.0) -> 
     Parameters
     ----------
     scene : str
-        `LIVINGROOM` of the data folder, 640 x 480 and without noise (Choi, Zhou & Koltun 2015), scaled to cover
-        ``size`` and cropped to its middle; or `ROOM`, ray cast at ``size``.
+        `LIVINGROOM`: frames without noise from the data folder (Choi, Zhou & Koltun 2015), 640 x 480 pixels, scaled
+        to cover ``size`` and cropped to the middle. `ROOM`: ray cast at ``size``.
     number : {0, 4, 50}
         Number of the frame.
     size : (width, height)
     noise : float
-        Standard deviation of the disparity, in pixels of this size. The disparity is then rounded to steps of 1/8
-        pixel, as from structured light with a baseline of 7.5 cm. With 0, depth is exact.
+        Standard deviation of the disparity's noise, in pixels at ``size``. Noisy disparity is rounded to 1/8 pixel,
+        like that of a structured-light camera with a baseline of 7.5 cm. With 0, depth is exact.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def rgbd(scene: str, number: int, size: tuple[int, int], noise: float = 0.0) -> 
 
 
 def shelf(number: int, size: tuple[int, int]) -> ibr.DepthImage | Skip:
-    """A raw frame of a RealSense, in metres: every n-th sample of 640 x 480; two thirds of them have no depth."""
+    """A raw RealSense frame in metres, thinned from 640 x 480 to ``size``; two thirds of its samples have no depth."""
     import cv2
 
     folder = data_folder() / "rgbd_realsense_shelf"
@@ -218,7 +218,7 @@ def standing_in(scene: str) -> tuple[str, Skip | None]:
 
 
 def with_disparity_noise(depth: Array, focal: float, noise: float, rng: np.random.Generator) -> Array:
-    """Depth as from structured light with a baseline of 7.5 cm, see `rgbd`."""
+    """Add noise to the disparity of depth, and round it, as `rgbd` describes."""
     disparity = ibr.disparity_from_depth(depth, focal, _BASELINE)
     disparity += rng.normal(0, noise, depth.shape)
     disparity = np.round(disparity * _DISPARITY_STEPS) / _DISPARITY_STEPS
@@ -228,7 +228,7 @@ def with_disparity_noise(depth: Array, focal: float, noise: float, rng: np.rando
 def stereo(name: str) -> tuple[ibr.DepthImage, ibr.Camera, Array] | Skip:
     """The left photograph of a Middlebury pair with its depth, the right camera, and its photograph (H, W, 3) uint8.
 
-    For pairs without known calibration, any focal length and baseline gives the same picture.
+    Cones and teddy have no known calibration; any assumed focal length and baseline give the same warped picture.
     """
     import cv2
 
@@ -249,7 +249,7 @@ def stereo(name: str) -> tuple[ibr.DepthImage, ibr.Camera, Array] | Skip:
 
 
 def shown(size: tuple[int, int]) -> str:
-    """Format a size as in results and reports."""
+    """Write a size as results and reports do."""
     return f"{size[0]} x {size[1]}"
 
 
@@ -270,7 +270,7 @@ def depth_camera(scene: str, number: int, size: tuple[int, int]) -> ibr.Camera:
 
 
 def _covering(size: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Size of 640 x 480 scaled to cover ``size``, and the crop at its left and top."""
+    """Size to which 640 x 480 is scaled to cover ``size``, and the columns and rows cropped at the left and top."""
     scale = max(size[0] / _VGA[0], size[1] / _VGA[1])
     width, height = round(scale * _VGA[0]), round(scale * _VGA[1])
     return (width, height), ((width - size[0]) // 2, (height - size[1]) // 2)
@@ -278,7 +278,7 @@ def _covering(size: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
 
 @functools.lru_cache(maxsize=2)
 def _living_room(number: int, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Colour and depth; nearness is interpolated within a surface, elsewhere the nearest sample is taken."""
+    """Colour and depth of a frame; depth is interpolated within a surface, and the nearest sample's at edges."""
     import cv2
 
     folder = data_folder() / "rgbd_livingroom1"
@@ -298,7 +298,7 @@ def _living_room(number: int, size: tuple[int, int]) -> tuple[Array, Array]:
 
 @functools.lru_cache(maxsize=2)
 def _room_seen_by(camera: ibr.Camera) -> tuple[Array, Array]:
-    """Colour and depth, computed some rows at a time because rays need much memory."""
+    """Ray cast colour and depth, some rows at a time because rays need much memory."""
     from pyibr.capture import MeshScene
 
     scene, parts = MeshScene.from_mesh(_room()), list[ibr.DepthImage]()
@@ -311,7 +311,7 @@ def _room_seen_by(camera: ibr.Camera) -> tuple[Array, Array]:
 
 @functools.cache
 def _room() -> ibr.Mesh:
-    """Walls all round, a cupboard, a table and its box, a column, and a ball. Metres, y down."""
+    """Four walls with a floor and a ceiling, a cupboard, a table with a box on it, a column, a ball; metres, y down."""
     boxes = [
         ((-1.6, -1.0, -0.8), (1.7, 0.9, 2.6)),
         ((-1.4, -0.4, 1.8), (-0.7, 0.9, 2.2)),
@@ -324,7 +324,7 @@ def _room() -> ibr.Mesh:
     of_box = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
     vertices = [np.array(low) + corners * (np.array(high) - np.array(low)) for low, high in boxes]
     faces = [of_box + 8 * box for box in range(len(boxes))]
-    n = 40  # segments of the ball, from pole to pole and half round it
+    n = 40  # segments of the ball from pole to pole, and as many around it
     down, around = (axis.ravel() for axis in np.meshgrid(*[np.arange(n + 1) * np.pi / n] * 2, indexing="ij"))
     ball = np.stack([np.sin(down) * np.cos(2 * around), -np.cos(down), np.sin(down) * np.sin(2 * around)], -1)
     first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel() + 8 * len(boxes)

@@ -24,50 +24,50 @@ from benchmarks.warp.rgbd_section import rgbd_section
 
 COMPLEXITY = """## Complexity
 
-Sums over {positions} positions of the epipole. *Visited* counts the steps of a whole call: steps along epipolar lines
-in the source, where a packet of lanes takes as many as its slowest lane, and pixels of the target, both in the sweep
-(or search) and where `resolve` traces a pixel once more. White noise has the relief's range of depth and is connected.
-Its visits have no bar, since these images are too small to show O(n^2) there (see the manual, theory/warp).
+Values are sums over {positions} positions of the epipole. *Visited* is the number of samples of the source and pixels
+of the target that a call steps through: in the sweep or search, and where `resolve` traces a pixel again. Lanes step
+in packets; each counts as many steps as its slowest lane. *White noise* is a surface without cuts and with random
+depths. Its steps have no bar: these images are too small to show O(n^2) (see the manual, theory/warp).
 
 ![Growth with the image's side](complexity.png)
 """
 
 TABLE2 = """## The paper's table 2
 
-Milliseconds per picture; reference images and picture have one size. The views stay prepared between pictures,
-except where they are fresh. Rays cast at the surface itself give the true depth. *Off* is the share of a picture's
-valid pixels whose depth is off by more than 2 %, *uncovered* the share of the surface's pixels that it does not show.
+Times are milliseconds per picture; views and picture have the same size. Views are prepared before the first picture;
+*fresh views* are prepared again for each. The true depth comes from rays cast at the model. *Off* is the share of a
+picture's valid pixels whose depth is off by more than 2 %; *uncovered* is the share of the model's pixels it lacks.
 
 ![Table 2](table2.png)
 """
 
 PEERS = """## Peers
 
-From NumPy arrays to NumPy arrays, with a fresh `DepthImage` each time, in turns in one process. Each cell is the
-median over {positions} positions in milliseconds, with the median of the ratios to {base} in brackets.
-cv2.registerDepth and Open3D deliver only depth. Open3D's rays are made beforehand, and cv2.remap (colour
-and depth) gets finished maps.
+Times run from NumPy arrays to NumPy arrays, with a new `DepthImage` for each call. All subjects are timed in turns in
+one process. A cell shows the median time over {positions} positions of the epipole, in milliseconds, and in brackets
+the median ratio to {base}. cv2.registerDepth and Open3D return only depth. Times leave out the making of Open3D's rays
+and of the maps by which cv2.remap moves colour and depth.
 
 ![Peers](peers.png)
 """
 
 COVERAGE = """{ours} covers {covered:.1%} of the target, {base} {base_covered:.1%} (medians over all
-cases); where both do, their depths differ by {difference:.2%} (median).
+cases); where both cover it, their depths differ by {difference:.2%} (median).
 """
 
 STARTUP = """## Start and memory
 
-Each measurement has its own processes. A whole process counts from its start to its end, including the interpreter.
-The second process finds its kernels built.
+Each measurement starts new processes. A *whole process* is timed from its start to its end, including the interpreter.
+The first process builds its kernels; the *second process* loads them from the cache.
 """
 
-MEMORY = """Memory in MiB. *Added* is the peak of the process's resident memory (VmHWM, reset just before) minus its
-memory after a tiny warp and before the inputs were made. It includes inputs, outputs and everything else.
+MEMORY = """Memory is in MiB. *Added* is the peak of the process's resident memory (VmHWM) during the warp, minus its
+memory after a tiny warp, before the inputs were made. It includes inputs and outputs.
 """
 
 
 def complexity_section(result: Result, folder: Path) -> list[str]:
-    """Exponents, totals over the positions, and the log-log plot."""
+    """Tables of exponents and of totals over the positions, and the log-log plot."""
     units = {"visited": "samples", "end to end": "ms"}
     subjects = complexity.SUBJECTS
     every = {(m, q): totals(result.select(subject=m, quantity=q)) for q in units for m in subjects}
@@ -95,7 +95,7 @@ def complexity_section(result: Result, folder: Path) -> list[str]:
 
 
 def table2_section(result: Result, folder: Path) -> list[str]:
-    """The paper's table next to our times."""
+    """Table of the paper's times and ours, and its plot."""
     subjects = [*table2.SUBJECTS, table2.FRESH]
     rows: list[list[str]] = []
     series: dict[str, dict[int, float]] = {}
@@ -136,7 +136,7 @@ def _rightness(result: Result, here: dict[str, Parameter]) -> list[str]:
 
 
 def peers_section(result: Result, folder: Path) -> list[str]:
-    """Ratios to the base by size, with their bars, then each position."""
+    """Tables of times and ratios by size, of the bars, and of each position."""
     subjects = list(dict.fromkeys(record.subject for record in result.select(quantity="end to end")))
     sizes = sizes_of(result.records)
     times = {
@@ -187,7 +187,7 @@ def peers_section(result: Result, folder: Path) -> list[str]:
 
 
 def _judged(found: list[float], bar: float) -> list[str]:
-    """The spread of ratios, the bar for their median, and whether it is met."""
+    """Cells with the quartiles of ratios, the bar for the median, and whether it is met."""
     spread = Quartiles.of(found)
     return [str(spread), f"at most {bar:g}", verdict(spread.median <= bar)]
 
@@ -206,7 +206,7 @@ def _coverage(result: Result) -> str:
 
 
 def startup_section(result: Result, folder: Path) -> list[str]:
-    """Import, first frame, and memory, with their bars."""
+    """Tables of times and memory, with their bars."""
     limits = {
         ("import pyibr", "import"): startup.BARS["import"],
         ("second process", "import to frame"): startup.BARS["first frame"],

@@ -18,10 +18,10 @@ from benchmarks.results import Record, Skip
 from benchmarks.runner import Case, Work
 
 BARS = {"import": 200.0, "first frame": 400.0, "peak memory": 3.0}
-"""Upper limits of the costs.
+"""Upper limits.
 
-Milliseconds of `import pyibr`; milliseconds from the import's start to a first frame, with kernels built before; and
-the memory that a warp at the largest size adds to the process, relative to its inputs and outputs, which are included.
+Milliseconds of `import pyibr`; milliseconds from a process's start to its first frame, if the kernels are in the cache;
+and memory that the largest warp adds to the process, inputs and outputs included, divided by inputs and outputs.
 """
 
 IMPORT = """
@@ -46,7 +46,7 @@ def cases(plan: Plan) -> Iterator[Case]:
 
 def _imports(repeats: int) -> Work:
     def read() -> Iterator[Record]:
-        python("-c", IMPORT)  # writes bytecode, and brings files into memory
+        python("-c", IMPORT)  # not timed: writes bytecode, and brings files into memory
         runs = [python("-c", IMPORT) for _ in range(repeats)]
         yield Record("import pyibr", "import", "ms", {}, [run["import_ms"] for run in runs])
         yield Record("import pyibr", "of that NumPy", "ms", {}, [run["numpy_ms"] for run in runs])
@@ -90,12 +90,12 @@ def _memory(n: int) -> Work | Skip:
 
 
 def child(*arguments: str, settings: dict[str, str] | None = None) -> dict[str, Any]:
-    """Report of ``python -m benchmarks.child``."""
+    """Run ``python -m benchmarks.child``, and return its report."""
     return python("-m", "benchmarks.child", *arguments, settings=settings)
 
 
 def python(*arguments: str, settings: dict[str, str] | None = None) -> dict[str, Any]:
-    """JSON that a process prints, and the time of the whole process, interpreter included."""
+    """Run Python; return the JSON that it prints, and the milliseconds of the whole process."""
     start = time.perf_counter()
     done = subprocess.run(
         [sys.executable, *arguments],

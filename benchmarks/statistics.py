@@ -34,7 +34,7 @@ def median(values: Iterable[float]) -> float:
 
 
 def exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
-    """Power of the size with which values grow, by a least-squares line through their logarithms.
+    """Fit the power of the size with which values grow, by a least-squares line through their logarithms.
 
     Examples
     --------
@@ -47,12 +47,12 @@ def exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
 
 
 def ratios(values: Mapping[Key, float], base: Mapping[Key, float]) -> list[float]:
-    """Ratios of values to the base's, for keys that both have."""
+    """Divide values by the base's values, for the keys that both have."""
     return [value / base[key] for key, value in values.items() if key in base]
 
 
 def number(value: float) -> str:
-    """Format with three digits."""
+    """Format with three significant digits."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))

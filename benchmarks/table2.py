@@ -1,8 +1,8 @@
-"""The paper's table 2: torus and globe from six depth images, the dragon's head from sixteen, on a 250 MHz R10000.
+"""Repeats table 2 of Schaufler and Priglinger (1999), who measured on a 250 MHz R10000.
 
-The paper shows neither the position of its torus nor the view of its globe. Here, frusta around the torus and the head
-see them, cut at depth edges; the globe is one connected surface about its centre. The correctness of each picture, by
-rays cast at the surfaces themselves, is listed beside its time.
+Torus and globe are drawn from six depth images, the dragon's head from sixteen. The paper does not say from where its
+torus and its globe are seen. Here, cameras around the torus and the head take their images, whose surfaces are cut at
+depth edges. The globe's images are taken at its centre, and its surface is not cut. Cast rays check each picture.
 """
 
 from __future__ import annotations
@@ -34,28 +34,28 @@ PAPER = {
     "globe": {128: 52.3, 256: 291.1, 512: 836.2},
     "dragon": {128: 84.2, 256: 321.8, 512: 1227.6},
 }
-"""Milliseconds a picture, by model and side of all images (Schaufler & Priglinger 1999)."""
+"""The paper's milliseconds per picture, by model and by the side of views and picture."""
 
 IMAGES = {"torus": 6, "globe": 6, "dragon": 16}
 
 SUBJECTS: dict[str, Literal["nearest", "linear"]] = {"nearest": "nearest", "linear": "linear"}
-"""The paper picks the closest sample."""
+"""Ways of interpolation; the paper's is nearest."""
 FRESH = "nearest, fresh views"  # DepthImages made anew, so that everything is prepared again
 
 OFF, UNCOVERED = "off", "uncovered"
 RIGHT = {OFF: 0.01, UNCOVERED: 0.02}
-"""Largest fractions of a picture of 96 x 96 or more that may be off, or not covered.
+"""Largest accepted fractions of pixels that are off or uncovered, in pictures of 96 x 96 or more.
 
-A depth image locates the end of a surface to a sample, and outlines are 6 to 21 % of these models' pixels at 96 x 96.
-Surfaces extend half a sample beyond their last samples, unless another view has looked through there.
+They are not 0, because a depth image shows the end of a surface only to within a sample, and 6 to 21 % of these models'
+pixels lie at outlines at 96 x 96. Surfaces extend half a sample past their end, unless rays of another view pass there.
 """
 _OFF = 0.02  # relative to the depth
-_GLOBE_FINEST = 640  # side of the images whose grids stand for the true globe; the elevation has 512 samples a side
+_GLOBE_FINEST = 640  # largest side of the images whose triangulated samples serve as the true globe
 
 
 @dataclass(frozen=True)
 class Model:
-    """Depth images, how they are drawn, and the picture that they should give.
+    """Depth images, the options that draw them, and the true picture.
 
     Attributes
     ----------
@@ -65,9 +65,9 @@ class Model:
     side, edges : str
         As for `ibr.warp`.
     truth : DepthImage
-        Hits of the rays of the picture's camera.
+        Depth by rays cast from the picture's camera at the true surface.
     covers : (H, W) bool
-        Pixels of the picture that show a part which the views should cover.
+        Pixels of the picture that the views should cover.
     """
 
     views: list[ibr.DepthImage]
@@ -114,7 +114,7 @@ def _prepare(name: str, n: int, repeats: int, mesh: str) -> Work | Skip:
 
 
 def rightness(frame: ibr.Frame, truth: ibr.DepthImage, covers: Mask) -> dict[str, float]:
-    """Correctness of a picture, compared with the hits of its camera's rays.
+    """Compare a picture with the hits of its camera's rays.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def rightness(frame: ibr.Frame, truth: ibr.DepthImage, covers: Mask) -> dict[str
 
 
 def made(name: str, n: int, mesh: str) -> Model | Skip:
-    """A model in images of n x n pixels; `mesh` is the dragon's file."""
+    """Make a model with images of n x n pixels; `mesh` is the name of the dragon's file."""
     makers: dict[str, Callable[[], Model | Skip]] = {
         "torus": functools.partial(_torus, n),
         "globe": functools.partial(_globe, n),
@@ -177,7 +177,7 @@ def _dragon(n: int, mesh: str) -> Model | Skip:
 
 
 def _grids(views: list[ibr.DepthImage]) -> MeshScene:
-    """Surface of images that have depth everywhere: triangles between their samples."""
+    """Join the samples of images that have depth everywhere to a triangle mesh."""
     vertices: list[Any] = []
     faces: list[Any] = []
     for view in views:

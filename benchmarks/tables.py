@@ -10,7 +10,7 @@ from benchmarks.statistics import median
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Format a table; empty without rows."""
+    """Format a table; an empty text without rows."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n" if len(lines) > 2 else ""
 
@@ -21,7 +21,7 @@ def verdict(met: bool) -> str:
 
 
 def skipped(skips: Iterable[Skip]) -> list[str]:
-    """Missing cases, and the reasons."""
+    """Say which subjects were left out, and why."""
     return [f"Left out: {skip.subject}, because {skip.reason}.\n" for skip in skips]
 
 
@@ -42,7 +42,7 @@ def origin(environment: dict[str, Any]) -> str:
 
 
 def totals(records: Iterable[Record]) -> dict[int, float]:
-    """Sums of the positions' medians, by size."""
+    """Add up the medians of all positions, for each size."""
     sums: dict[int, float] = {}
     for record in records:
         n = int(record.parameters["size"])
@@ -51,16 +51,16 @@ def totals(records: Iterable[Record]) -> dict[int, float]:
 
 
 def sizes_of(records: Iterable[Record]) -> list[int]:
-    """Sizes that occur."""
+    """The sizes in records, in order."""
     return sorted({int(record.parameters["size"]) for record in records if "size" in record.parameters})
 
 
 def position(record: Record) -> tuple[str, str]:
-    """Region and motion."""
+    """Region and motion of a record."""
     return str(record.parameters["region"]), str(record.parameters["motion"])
 
 
 def only(records: Iterable[Record]) -> list[float]:
-    """Values of the only record."""
+    """The values of the one record."""
     (record,) = records
     return record.values

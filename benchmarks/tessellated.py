@@ -1,4 +1,4 @@
-"""The alternative to reliefs and slices: the displaced donut as a mesh, which pyibr draws itself."""
+"""The displaced donut as a triangle mesh that pyibr draws: an alternative to reliefs and slices."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def tessellated(
 ) -> ibr.Mesh:
     """Displace `models.donut(sides)`, with each triangle cut into cut x cut triangles that follow the surface.
 
-    height: values of 0 lie rise[0] scene units above the surface, and values of 1 (or 255) lie rise[1] above it.
+    A height of 0 lies rise[0] scene units above the donut's surface, a height of 1 (255 in bytes) rise[1] above it.
     """
     fine = models.donut(sides * cut)
     assert fine.normals is not None and fine.uv is not None

@@ -1,6 +1,6 @@
-"""Batches: rate by workers, overhead per frame, and results after kills, a lost scheduler and a full disk.
+"""Times batches with one and two workers, and counts their results after killed processes and on a full disk.
 
-``python -m benchmarks.app.batch`` prints the rows; kernels use one core per worker. Dask's processes are started on
+``python -m benchmarks.app.batch`` prints the rows. Each worker's kernels use one core. Dask's processes are started on
 loopback and ended by their process ids.
 """
 
@@ -35,7 +35,7 @@ _ROWS = _COMMAND.replace(
 
 
 def write_scans(folder: Path) -> dict[str, str]:
-    """Write frames of moving waves; return them as inputs of the job."""
+    """Write frames of moving waves; return the patterns of their files as inputs of the job."""
     width, height = SIZE
     y, x = np.mgrid[:height, :width]
     camera = ibr.Camera([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], SIZE)
@@ -50,7 +50,7 @@ def write_scans(folder: Path) -> dict[str, str]:
 
 
 def timed(run: Callable[..., Batch]) -> tuple[float, float]:
-    """Seconds per frame, without the first twentieth of the frames, and seconds until the first frame."""
+    """Measure seconds per frame, after the first twentieth of the frames, and seconds until the first frame."""
     times = list[float]()
     start = time.perf_counter()
     run(progress=lambda *counts: times.append(time.perf_counter()))
@@ -64,7 +64,7 @@ def checksums(folder: Path) -> dict[str, str]:
 
 
 def alone(inputs: dict[str, str], output: Path) -> float:
-    """Seconds per frame of the command, repeated in one process without a batch."""
+    """Measure the command's seconds per frame, when one process repeats it without a batch."""
     job = Job(_COMMAND, inputs, str(output))
     runs = [
         [word.format(**task.inputs, out=output, name=task.name).removeprefix("file://") for word in job.template]
@@ -79,7 +79,7 @@ def alone(inputs: dict[str, str], output: Path) -> float:
 
 
 class Cluster:
-    """A scheduler and workers in processes of their own on loopback, which are killed and restarted."""
+    """Dask's scheduler and workers in separate processes on loopback, to be killed and restarted."""
 
     def __init__(self) -> None:
         with socket.socket() as free:
@@ -133,7 +133,7 @@ def disturbed(inputs: dict[str, str], output: Path) -> Batch:
 
 
 def on_full_disk(inputs: dict[str, str], output: Path, size: int) -> Batch | None:
-    """Run the job on a disk of `size` bytes, which needs root, and again on a larger disk."""
+    """Run the job on a disk of `size` bytes, and again once the disk is larger. Needs root."""
     output.mkdir()
     if subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(output)]).returncode:
         return None

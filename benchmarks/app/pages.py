@@ -1,7 +1,7 @@
-"""Pictures a second on a page, and the time until it rests, for a receive-only client and for Chromium.
+"""Measures a page's pictures per second while the camera moves, their width, and the time to the final picture.
 
-The client is a separate process that sends sixty cameras a second. Headless Chromium is driven by dragging the mouse.
-Both share the machine with the renderer. The reduced resolution while the camera moves is recorded.
+There are two clients, on the same machine as the renderer. One is a separate process that sends sixty cameras a second
+and only receives pictures; the other is headless Chromium, in which a mouse drag moves the camera.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ RATES = {"depth image": 30.0, "relief torus": 20.0, "depth object": 20.0}
 DRAWN_RATE = 12.0
 """Required pictures a second that Chromium draws on the same processor."""
 RESTS = {RECEIVES: 400.0, DRAWS: 800.0}
-"""Milliseconds from the last camera to the full resolution."""
+"""Most milliseconds from the last camera to the picture at full resolution, by client."""
 SLOW = "depth image, by the search"
-_ORBIT = 12.0  # degrees to either side
-_CAMERAS = 240  # cameras of one swing of four seconds
-_PATIENCE = 20.0  # seconds
+_ORBIT = 12.0  # degrees to the left and to the right
+_CAMERAS = 240  # cameras in one swing, which takes four seconds
+_PATIENCE = 20.0  # longest wait for a picture, in seconds
 
 Seen = list[dict[str, Any]]
 """Rounds in the format of `benchmarks.app.receiver`."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """Yield each thing for each client, and a slow case."""
+    """Yield a case for each thing and client, and a slow case."""
     for client in (RECEIVES, DRAWS) if plan.pages_chromium else (RECEIVES,):
         for thing in RATES:
             yield Case({"thing": thing, "client": client}, functools.partial(_prepare, thing, client, plan))
@@ -81,7 +81,7 @@ def _prepare(name: str, client: str, plan: Plan) -> Work | Skip:
 
 
 def _missing(client: str) -> str:
-    """Name of a missing package or program that a client needs."""
+    """Say which package or program a client lacks; empty if none."""
     if find_spec("viser") is None:
         return "viser is not installed"
     if client == RECEIVES:
@@ -105,7 +105,7 @@ def _thing(name: str, plan: Plan) -> Any:
 
 
 def _count(pages: Pages, waiting: list[int], ended: threading.Event, slow: bool) -> None:
-    """Count waiting requests repeatedly; set the method of the slow case's page as soon as the page is open."""
+    """Count waiting requests again and again; choose the slow method on the slow case's page once it is open."""
     while not ended.wait(0.002):
         waiting.append(pages.waiting)
         opened: list[Any] = list(pages.open.values()) if slow else []
@@ -161,7 +161,7 @@ def _received(pages: Pages, scene: Scene, plan: Plan) -> Seen:
     return json.loads(done.stdout)
 
 
-# A picture counts when Chromium begins a frame with it; only the last of several between two frames counts.
+# Records each picture when Chromium begins to draw it. If several come between two of its frames, only the last counts.
 _WATCH = """
 window.shown = [];
 let latest = null;

@@ -11,12 +11,12 @@ from benchmarks.tables import only, table, verdict
 
 PAGES = """## Pages in the browser
 
-Pictures of `pyibr view` at {width} x {height}, rendered, encoded and sent while the camera moves. One client is a
+While the camera moves, `pyibr view` renders, encodes and sends pictures of up to {width} x {height}. One client is a
 separate process, which sends sixty cameras a second and only receives pictures. The other is headless Chromium, which
 draws the pictures on the same processor. *Width* is the pictures' width during the move, as a share of full width.
 *Until full* is the time from the last camera to the lossless picture at full resolution; it includes a wait of 200 ms.
-*Waits* is the largest number of waiting requests. *Late* is the number of pictures for moving cameras that arrived
-after the last camera.
+*Waits* is the largest number of requests that waited at one time. *Late* is the number of pictures that arrived after
+the last camera, but before the lossless picture.
 """
 
 

@@ -1,9 +1,9 @@
 """``python -m benchmarks.app.receiver``: a client of a page that moves its camera, and only receives the pictures.
 
-It reads JSON from standard input: `url`, `cameras` (a list of wxyz and position, on the page), `fov`, `size`, `rounds`,
-`seconds` of each round's move, and `patience`, the longest wait for the resting picture in seconds. It writes a JSON
-list of rounds: `last`, the time of the last camera, and `pictures`, each as (time, kind, width, height). Times are in
-seconds of one clock.
+It reads a JSON object from standard input: `url`, `cameras` (pairs of a quaternion wxyz and a position, in the page's
+axes), `fov`, `size`, `rounds`, `seconds` (how long the camera moves in a round) and `patience` (the longest wait for a
+lossless picture, in seconds). It writes a JSON list with an object for each round: `last` (time of the last camera)
+and `pictures`, each as (time, kind, width, height). All times are in seconds by the same clock.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Picture = tuple[float, str, int, int]
 
 
 async def _receive(socket: Any, pictures: list[tuple[float, str, bytes]]) -> None:
-    """Keep the last picture of each window of messages, as a browser shows it."""
+    """Keep the last picture of each packet of messages: the one that a browser would show."""
     import msgspec
     import zstandard
 
@@ -61,7 +61,7 @@ async def _rounds(asked: dict[str, Any]) -> list[dict[str, Any]]:
             until = last + asked["patience"]
             while time.perf_counter() < until and not any(at > last and kind == "png" for at, kind, _ in pictures):
                 await asyncio.sleep(0.002)
-            await asyncio.sleep(0.3)  # any picture after this would be outdated
+            await asyncio.sleep(0.3)  # for outdated pictures, if any still arrive
             made.append({"last": last, "pictures": [_measured(*one) for one in pictures]})
         task.cancel()
     return made

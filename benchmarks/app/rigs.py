@@ -1,7 +1,7 @@
-"""Times of camera rigs and their parts: a film with depth for two eyes, and a photograph as a quilt.
+"""Times camera rigs step by step: a film with depth is drawn for two eyes, and a photograph as a quilt.
 
-``python -m benchmarks.app.rigs [FRAMES]`` prints the rows: wall time, and the total time of all cores. Two cores reach
-20 frames a second if a frame takes 100 ms of total time.
+``python -m benchmarks.app.rigs [FRAMES]`` prints wall times, and processor times added over all cores. Two cores reach
+20 frames per second if a frame takes 100 ms of processor time.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def write_film(folder: Path, count: int) -> None:
 
 
 def timed(what: str, call: Callable[[], object], parts: int) -> None:
-    """Print milliseconds of a call divided by `parts`: wall time, and total time of all cores."""
+    """Print a call's wall time and its processor time over all cores, in milliseconds divided by `parts`."""
     wall, cores = time.perf_counter(), time.process_time()
     call()
     wall, cores = time.perf_counter() - wall, time.process_time() - cores

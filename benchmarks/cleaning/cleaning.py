@@ -1,6 +1,6 @@
-"""Cleaned depth: its gain, and its time next to the NumPy twin of the tests and to a bilateral filter of OpenCV.
+"""Measures how much cleaning improves depth, and times it against the tests' NumPy twin and OpenCV's bilateral filter.
 
-Times are from NumPy arrays to NumPy arrays, measured in turns in one process.
+Times run from NumPy arrays to NumPy arrays, measured in turns in one process.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ CLEANED, STEADY = "ibr.clean_depth", "ibr.clean_depth, before"
 TWIN, BILATERAL = "NumPy twin", "cv2.bilateralFilter"
 
 BARS = {"640 x 480": 0.1, "1280 x 720": 0.1, "1920 x 1440": 0.1}
-"""At most this ratio of `CLEANED` to the twin, by size."""
+"""Largest ratio of the time of `CLEANED` to the twin's time, by size."""
 
 LOST = 0.05  # fraction of the samples that are removed
-HOLE = 16  # pixels: side of a square hole; each block of BLOCK x BLOCK squares has one
+HOLE = 16  # side of a square hole in pixels; BLOCK x BLOCK such squares contain one hole
 BLOCK = 8
 
 
@@ -47,7 +47,7 @@ def cases(plan: Plan) -> Iterator[Case]:
 
 
 def torn(depth: Depth) -> Depth:
-    """Depth without a twentieth of its samples, and with square holes."""
+    """Remove a twentieth of the samples, and square holes."""
     rng, holes = np.random.default_rng(depth.shape), depth.copy()
     y, x = (np.arange(side) // HOLE % BLOCK == BLOCK // 2 for side in depth.shape)
     holes[(rng.random(depth.shape) < LOST) | (y[:, None] & x)] = np.nan
@@ -80,7 +80,7 @@ def _prepare(parameters: dict[str, Parameter], scene: str, size: Size, noise: fl
 
 
 def _gain(found: Depth, depth: Depth, truth: Depth) -> float:
-    """Reduction of the mean error of nearness, in dB, over the pixels that had a sample."""
+    """Return by how many dB the mean error of nearness (1/depth) falls, over the pixels that had a sample."""
     both = np.isfinite(depth) & np.isfinite(found) & np.isfinite(truth)
     before, after = (np.abs(1 / d - 1 / truth)[both].mean() for d in (depth, found))
     return 20 * float(np.log10(before / after))

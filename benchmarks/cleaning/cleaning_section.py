@@ -11,17 +11,17 @@ from benchmarks.tables import table, verdict
 
 CLEANING = """## Cleaned depth
 
-Frame 0 of the scene of *Real RGB-D*, with disparity noise (in pixels, by row), {lost:.0%} of the samples removed, and
-holes of 16 pixels; colours guide the cleaning. Times are in milliseconds, from NumPy arrays to NumPy arrays, measured
-in turns in one process. The {twin} is the reference of the tests, in NumPy and OpenCV; {bilateral} is one filter of the
-same radius, without treatment of holes, edges or planes. *Gain* is the reduction of the mean error of nearness.
+Frame 0 of the scene of *Real RGB-D* gets noise (in pixels of disparity), and loses {lost:.0%} of its samples and
+squares of 16 x 16 pixels. Colours guide the cleaning. Times are in milliseconds, from NumPy arrays to NumPy arrays,
+measured in turns in one process. The {twin} is the tests' reference, in NumPy and OpenCV. {bilateral} is a filter of
+the same radius, which does not treat holes, edges or planes. *Gain* is the reduction of the mean error of 1/depth.
 """
 
 _SUBJECTS = (CLEANED, STEADY, TWIN, BILATERAL)
 
 
 def cleaning_section(result: Result, _: Path) -> list[str]:
-    """Make the table of times by size and noise, with ratios, their bars, and gains."""
+    """Make the table of times, ratios with their bars, and gains, by size and noise."""
     groups: dict[tuple[str, float], list[Record]] = {}
     for record in result.records:
         groups.setdefault((str(record.parameters["size"]), float(record.parameters["noise"])), []).append(record)

@@ -1,7 +1,7 @@
-"""Depth meshes compared with tables 1 and 2 of the paper, with the models themselves, and with the epipolar warp.
+"""Compares depth meshes with the paper's tables 1 and 2, with the true models, and with the epipolar warp.
 
 The paper (Pajarola, Sainz & Meng 2003) measured on a Pentium 4 of 2.2 GHz with a GeForce4 4600 Ti. The dragon is the
-same model; the paper's other models are not available, so other humans replace its "Male" and "Female".
+paper's model. Its "Male" and "Female" are not available, so other models of humans replace them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from pyibr.images import metrics
 
 @dataclass(frozen=True)
 class Construction:
-    """A row of the paper's table 1: milliseconds."""
+    """A row of the paper's table 1: number of triangles, and milliseconds."""
 
     triangles: int
     render: float
@@ -45,7 +45,7 @@ class Construction:
 
 @dataclass(frozen=True)
 class Rendering:
-    """A row of the paper's table 2: pixels of tolerance, milliseconds of the stages, frames per second."""
+    """A row of the paper's table 2: tolerance in pixels, triangles, milliseconds of each stage, frames per second."""
 
     tolerance: float
     triangles: int
@@ -67,7 +67,10 @@ PAPER_RENDERING = {
     "male": Rendering(4, 22_423, 11.4, 15.9, 16.2, 0.08, 21),
 }
 BARS = {"selection": 5.0, "rate": 60.0, "overlap": 0.97, "tolerance": 0.5}
-"""Bars for the dragon at tolerance 1: milliseconds; frames per second; IoU of the silhouettes; dB."""
+"""Bars for the dragon at a tolerance of 1 pixel.
+
+Most milliseconds, fewest frames per second, least IoU of silhouettes, most dB lost compared with the full grid.
+"""
 
 CAPTURE, HIERARCHY, FRESH = "capture", "hierarchy", "fresh view and hierarchy"
 FRAME, SELECTION = "frame", "selection"
@@ -84,7 +87,7 @@ STAGES = {
     ),
     "depth, colour and blend": ("draw_meshes",),
 }
-"""Kernels of a frame."""
+"""Kernels of a frame, by stage."""
 
 BLENDS: tuple[Blend, ...] = ("quality", "position", "nearest")
 FULL_GRID = "quality, full grid"
@@ -95,7 +98,7 @@ MOVING = {
     "reuse 0.1": 0.1,
     "reuse 0.2": 0.2,
 }
-"""Values of `reuse`: fractions of the tolerance by which triangles are finer, so that they can be drawn again."""
+"""Values of `reuse`: the share of the tolerance by which triangles are chosen finer, so that later frames use them."""
 MESH, MESH_FULL, WARP = "depth mesh, 1 px", "depth mesh, full grid", "epipolar warp"
 FRESH_MESH, FRESH_WARP = f"{MESH}, fresh view", f"{WARP}, fresh view"
 
@@ -105,7 +108,7 @@ _FILES = {
     "male": "human_male_makehuman.obj.gz",
     "spot": "spot/spot_triangulated.obj",
 }
-_FRONT = (0.4, 0.3, 1.0)  # direction from the object to the camera of frames
+_FRONT = (0.4, 0.3, 1.0)  # direction from the object to the camera
 _KERNEL_RUNS = 5
 _ORBIT = 30  # frames
 _STEPS = (0.1, 0.5, 2.0)  # degrees from frame to frame
@@ -113,7 +116,7 @@ _TURN = 15.0  # degrees between a warped view and its target
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """Tables 1 and 2, quality of the dragon, the epipolar warp, moving cameras; then simplification."""
+    """Yield the cases of tables 1 and 2, quality, the epipolar warp and moving cameras; then of simplification."""
     for name, repeats in plan.depthmesh_models.items():
         parameters: dict[str, Parameter] = {"case": "construction", "model": name}
         yield Case(parameters, functools.partial(_construction, name, repeats, plan))
@@ -147,7 +150,7 @@ def _scene(name: str, scan: str) -> MeshScene | Skip:
 
 @functools.cache
 def _meshes(name: str, scan: str, side: int, projection: Projection) -> list[ibr.DepthMesh] | Skip:
-    """Meshes of the six sides, as in the paper."""
+    """Depth meshes of the model from six sides, as in the paper."""
     scene = _scene(name, scan)
     return (
         scene
@@ -163,7 +166,7 @@ def _construction(name: str, repeats: int, plan: Plan) -> Work | Skip:
         return scene if isinstance(scene, Skip) else Skip(name, "it has no views")
     view = meshes[5].view
 
-    # Measured in separate turns: these subjects allocate and free much memory, which slows the subjects after them.
+    # In separate turns: these subjects allocate and free much memory, which would slow the next subject.
     others: dict[str, Subject] = {
         CAPTURE: functools.partial(scene.capture, view.camera),
         FRESH: lambda: simplification.hierarchy(ibr.DepthMesh(again(view)).tree),
@@ -179,7 +182,7 @@ def _construction(name: str, repeats: int, plan: Plan) -> Work | Skip:
 
 
 def again(view: ibr.DepthImage) -> ibr.DepthImage:
-    """Copy of a depth image without cached results."""
+    """Copy a depth image without its cached results."""
     return ibr.DepthImage(view.color, view.depth, view.camera, far=view.far)
 
 
@@ -215,7 +218,7 @@ def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work 
 
 
 def _moving(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
-    """An orbit, with triangles chosen for each frame, and with triangles drawn again."""
+    """Draw an orbit, with triangles chosen for each frame, and with triangles reused from earlier frames."""
     meshes = _meshes(str(parameters["model"]), plan.dragon_mesh, plan.depthmesh_side, "perspective")
     if isinstance(meshes, Skip):
         return meshes
@@ -244,7 +247,7 @@ def _moving(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
 
 
 def _filled(thing: ibr.DepthMeshObject, side: int) -> ibr.Camera:
-    """Camera in whose picture the object fills the frame."""
+    """Camera whose picture the object fills."""
     low, high = thing.bounds
     middle, edges = 0.5 * (low + high), high - low
     away = 2.2 * float(np.linalg.norm(edges))
@@ -254,7 +257,7 @@ def _filled(thing: ibr.DepthMeshObject, side: int) -> ibr.Camera:
 
 
 def _quality(parameters: dict[str, Parameter], count: int, plan: Plan) -> Work | Skip:
-    """Pictures of each way of blending from random directions, compared with the model itself."""
+    """Compare pictures from random directions with rays cast at the model, for each way of blending."""
     name, projection = str(parameters["model"]), parameters["projection"]
     scene = _scene(name, plan.dragon_mesh)
     meshes = _meshes(
@@ -294,14 +297,14 @@ def _quality(parameters: dict[str, Parameter], count: int, plan: Plan) -> Work |
 
 
 def structural_similarity(a: NDArray[Any], b: NDArray[Any], valid: NDArray[np.bool_]) -> float:
-    """Mean SSIM (uint8, Gaussian window of 11 pixels) over the valid pixels; the others are black in both."""
+    """Mean SSIM (uint8, Gaussian window of 11 pixels) over the valid pixels; other pixels are black in both images."""
     cv2 = opencv("SSIM", "quality")  # a contributed module of OpenCV
     _, every = cv2.quality.QualitySSIM_compute(*(np.where(valid[..., None], image, np.uint8(0)) for image in (a, b)))
     return float(every[valid].mean())
 
 
 def _warp(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
-    """One depth image, seen from 15 degrees to the side."""
+    """Compare mesh and warp of one depth image, seen from 15 degrees to its side."""
     scene = _scene(str(parameters["model"]), plan.dragon_mesh)
     meshes = _meshes(str(parameters["model"]), plan.dragon_mesh, plan.depthmesh_side, "perspective")
     if isinstance(scene, Skip) or isinstance(meshes, Skip):
@@ -339,12 +342,12 @@ def _warp(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
 
 
 def _aside(view: ibr.DepthImage, middle: NDArray[Any]) -> ibr.Camera:
-    """The view's camera turned about the object's middle."""
+    """The view's camera after a turn of 15 degrees about the object's middle."""
     return _turned(view.camera, middle, _TURN)
 
 
 def _turned(camera: ibr.Camera, middle: NDArray[Any], degrees: float) -> ibr.Camera:
-    """The camera turned about an upright axis through a point."""
+    """Turn a camera about the upright axis through a point."""
     angle = np.radians(degrees)
     turn = np.eye(4)
     turn[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]

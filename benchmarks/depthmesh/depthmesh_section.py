@@ -16,61 +16,64 @@ HEAD = "## Depth meshes\n"
 
 CONSTRUCTION = """### Construction
 
-Table 1 of the paper: milliseconds for one depth image of 512 x 512. *Capture* is ray casting (Open3D); in the paper it
-is rendering by OpenGL and reading the z-buffer. *Hierarchy* makes segmentation, normals, errors and spheres of a view
-that is on the device; *fresh view* starts from a new `DepthImage`. The paper's female and male are other models.
+As in table 1 of the paper, times are milliseconds for one depth image of 512 x 512. *Capture* makes the image: by ray
+casting (Open3D) here, by rendering with OpenGL and reading the z-buffer in the paper. *Hierarchy* segments a view that
+is on the device, and computes the normals, errors and bounding spheres of its quadtree. *Fresh view and hierarchy*
+starts from a new `DepthImage`. The paper's female and male are other models.
 """
 
 FRAMES = """### Frames
 
-Table 2 of the paper: three of six depth images of 512 x 512, blended, fill a picture of the same size. *Selection* and
-*frame* are times of whole calls, the other columns are kernel times; pyibr draws and blends depth and colours in one
-kernel.
+As in table 2 of the paper, three of six depth images of 512 x 512 are blended to a picture of the same size, which the
+object fills. *Selection* and *frame* are times of whole calls, the other columns times of kernels. One kernel of pyibr
+draws and blends depth and colours.
 """
 
 QUALITY = """### Quality
 
-Means, and minima in brackets, over {count} cameras in random directions, compared with the {model} itself. PSNR (dB)
-and SSIM are over the pixels that all pictures cover.
+Pictures from {count} random directions are compared with rays cast at the {model}. Cells show the mean, and the minimum
+in brackets. PSNR (dB) and SSIM are computed for the pixels that all pictures cover.
 """
 
 WARP = """### Comparison with the epipolar warp
 
-One depth image of the {model}, seen from 15 degrees to the side, compared with ray casting. Errors of colour and depth
-are over the pixels that all pictures cover; depth errors are relative to the largest extent. *Covered* and *beside it*
-are relative to the number of pixels that see the {model}.
+Mesh and warp draw one depth image of the {model} from 15 degrees to its side, and are compared with ray casting. Errors
+of colour and depth are computed for the pixels that all pictures cover; depth errors are relative to the {model}'s
+largest extent. *Covered* counts a picture's pixels inside the true outline, *beside it* its pixels outside. Both counts
+are relative to all pixels inside the true outline.
 """
 
 MOVING = """### While the camera moves
 
-{frames} frames around the {model}, some degrees apart: mean milliseconds per frame, and the number of frames for which
-triangles were chosen. With `reuse`, triangles are finer than the tolerance requires, and are drawn as long as they meet
-it.
+A camera moves around the {model} in {frames} frames. The table shows mean milliseconds per frame, and the number of
+frames for which triangles were chosen anew. With `reuse`, triangles are chosen finer than the tolerance requires, and
+are drawn again while they meet it.
 """
 
 SIMPLIFICATION = """### Simplification
 
-Number of triangles over the largest vertical error at the samples, measured by rays. The nominal error of pymartini is
-taken at the midpoints of its edges; for pyibr and pydelatin the nominal error is a bound for all samples.
+The plot shows the number of triangles against the measured error: the largest vertical distance from a sample to the
+mesh, by rays. The nominal error is the one that a library is given. pymartini's meshes keep it only at the midpoints of
+their edges, meshes of pyibr and pydelatin at all samples.
 
 ![Triangles by measured error](depthmesh-simplification.png)
 """
 
-TIMES = """Milliseconds, measured in turns, at 30 m on the Fuji tile. All but *triangles* and *simplify* start from a
-new `DepthImage`. *Triangles* are points and corner numbers, like the output of pymartini and pydelatin; *simplify*
-makes a `Mesh` of them, with normals and uv. *Hierarchy* includes normals, errors and spheres, which triangles do not
-need.
+TIMES = """Times are milliseconds, measured in turns; the nominal error is 30 m on the Fuji tile. All calls of pyibr except
+*triangles* and *simplify* start from a new `DepthImage`. *Triangles* returns points and indices, as pymartini and
+pydelatin do; *simplify* makes a `Mesh` of them, with normals and uv. *Hierarchy* also computes normals and bounding
+spheres, which the triangles do not need.
 """
 
 DECIMATION = """### Comparison with quadric decimation
 
-Open3D decimates the full grid to the same number of triangles. Errors are in depth at the samples; *missed* is the
-share of samples whose rays meet no triangle.
+Open3D decimates the full grid to pyibr's number of triangles. Errors are distances in depth from the samples to the
+mesh; *missed* is the share of samples whose rays meet no triangle.
 """
 
 
 def depthmesh_section(result: Result, folder: Path) -> list[str]:
-    """Make the section: the paper's two tables, quality, epipolar warp, moving cameras, simplification, decimation."""
+    """Make the parts of the section, from the paper's two tables to decimation."""
     parts = [
         HEAD,
         *_construction(result),
@@ -204,7 +207,7 @@ def _moving(result: Result) -> list[str]:
 
 
 def _point(result: Result, record: Record) -> tuple[float, float, float]:
-    """Largest error, rms error and number of triangles for a record of triangles."""
+    """Look up the largest and the rms error of the mesh whose number of triangles a record holds; returns all three."""
     largest, rms = (
         only(result.select(subject=record.subject, quantity=quantity, **record.parameters))[0]
         for quantity in ("largest error", "rms error")
@@ -263,14 +266,18 @@ def _bars(result: Result) -> list[list[str]]:
             found("errors", simplification.OURS, "triangles"),
         )
         worst = max(a / b for a, b in zip(same, their, strict=True))
-        judge("triangles / pymartini's, at its measured errors, at worst", worst, simplification.BARS["triangles"])
+        judge(
+            "largest ratio of triangles to pymartini's, at its measured errors", worst, simplification.BARS["triangles"]
+        )
         worst = max(a / b for a, b in zip(nominal, their, strict=True))
-        rows.append(["the same at pymartini's nominal errors, which its meshes exceed", f"{worst:.2f}", "", ""])
+        rows.append(["the same ratio at pymartini's nominal errors, which its meshes exceed", f"{worst:.2f}", "", ""])
     if run := found(simplification.DELATIN, simplification.DELATIN, "end to end"):
         (ours,) = found(simplification.DELATIN, simplification.BOTH, "end to end")
-        judge("depth image to triangles / pydelatin", ours / run[0], simplification.BARS["delatin"])
+        judge("time from depth image to triangles / pydelatin's time", ours / run[0], simplification.BARS["delatin"])
         (ours,) = found(simplification.DELATIN, simplification.WHOLE, "end to end")
-        rows.append(["the same to a `Mesh`, with normals and uv", f"{ours / run[0]:.2f}", "", ""])
+        rows.append(
+            ["time from depth image to `Mesh`, with normals and uv / pydelatin's time", f"{ours / run[0]:.2f}", "", ""]
+        )
     return rows
 
 

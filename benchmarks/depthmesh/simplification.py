@@ -1,7 +1,7 @@
-"""Simplified depth images compared with pymartini, pydelatin and Open3D's quadric decimation.
+"""Compares simplified depth images with the meshes of pymartini, pydelatin and Open3D's quadric decimation.
 
-Heights are depths of an orthographic view. For all libraries, rays measure the distances of the mesh from the samples:
-the nominal error of pymartini is neither an error of its mesh nor a bound.
+Terrain is seen from above by an orthographic camera. For all libraries, rays measure the distance from each sample to
+the mesh, because pymartini's nominal error is neither its mesh's error nor a bound of it.
 """
 
 from __future__ import annotations
@@ -33,15 +33,18 @@ HIERARCHY, TRIANGLES, BOTH = "pyibr, hierarchy", "pyibr, triangles", "pyibr, dep
 MESH, WHOLE = "pyibr, simplify", "pyibr, depth image to mesh"
 MARTINI_TILE, MARTINI_MESH, MARTINI_BOTH = "pymartini, tile", "pymartini, mesh", "pymartini, tile and mesh"
 BARS = {"hierarchy": 1.0, "triangles": 1.0, "delatin": 0.25}
-"""Largest allowed ratios on the Fuji tile: time of the hierarchy over pymartini's time for its tile; number of
-triangles over pymartini's at its measured error; time from depth image to triangles over pydelatin's whole run."""
+"""Largest ratios on the Fuji tile.
 
-_EXTENT = (0.0005, 0.001, 0.002, 0.004, 0.008)  # errors, relative to the largest extent
+Time of the hierarchy, to pymartini's time for its tile; number of triangles, to pymartini's at its measured error; time
+from depth image to triangles, to pydelatin's whole run.
+"""
+
+_EXTENT = (0.0005, 0.001, 0.002, 0.004, 0.008)  # nominal errors, relative to the largest extent
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Depth image to simplify, with the errors to try."""
+    """A depth image to simplify, with the nominal errors to try."""
 
     view: ibr.DepthImage
     segmentation: Segmentation
@@ -54,7 +57,7 @@ class Surface:
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """Each surface by itself and compared with each peer, then decimation."""
+    """Yield the cases of each surface, by itself and with each peer; then of decimation."""
     beside = {"errors": _ours, MARTINI: _martini, DELATIN: _delatin}
     for name, repeats in plan.simplification.items():
         for case, prepare in beside.items():
@@ -78,9 +81,9 @@ def _prepare(prepare: Any, parameters: dict[str, Parameter], repeats: int, plan:
 
 @functools.cache
 def _surface(name: str, side: int, scan: str) -> Surface | Skip:
-    """Return "fuji", "relief" (always available), "dragon" (with holes), or "dragon, filled" (by a plane behind it)."""
+    """Make "fuji", "relief" (always available), "dragon" (with holes), or "dragon, filled" (with a plane behind it)."""
     if name in ("fuji", "relief"):
-        # The size that suits the tree and pymartini is a power of two plus one sample.
+        # The quadtree and pymartini work best with a power of two plus one samples a side.
         heights = terrain() if name == "fuji" else (-relief(side + 1)[1], 2 / side)
         if isinstance(heights, Skip):
             return heights
@@ -114,9 +117,9 @@ def _from_above(heights: NDArray[np.float32], spacing: float) -> ibr.DepthImage:
 
 
 def departures(view: ibr.DepthImage, vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float32]:
-    """Distances in depth between the view's valid samples and triangles on their rays; infinite if a ray meets none.
+    """Distance in depth from each valid sample to the triangle on its ray; infinite if its ray meets none.
 
-    Additional rays, offset by a thousandth of a pixel, replace rays that slip through an edge or past the border.
+    A ray that slips through an edge or past the border is replaced by rays a thousandth of a pixel beside it.
     """
     o3d: Any = import_module("open3d")
     scene = o3d.t.geometry.RaycastingScene()
@@ -138,7 +141,7 @@ def departures(view: ibr.DepthImage, vertices: NDArray[Any], faces: NDArray[Any]
 def _errors(
     subject: str, surface: Surface, error: float, mesh: tuple[Any, Any], parameters: dict[str, Parameter]
 ) -> Iterator[Record]:
-    """Number of triangles, measured errors, and the fraction of samples without a triangle."""
+    """Record a mesh's number of triangles, its measured errors, and the fraction of samples whose rays meet none."""
     here = {**parameters, "error": error}
     yield Record(subject, "triangles", "count", here, [len(mesh[1])])
     off = departures(surface.view, *mesh)
@@ -161,13 +164,13 @@ def _fresh(surface: Surface) -> ibr.DepthMesh:
 
 
 def _triangles(tree: Tree, error: float) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Points and triangles, like the output of pymartini's `get_mesh`, without a `Mesh`."""
+    """Points and triangles, like the output of pymartini's `get_mesh`."""
     found = list_triangles([tree], [active_within(tree, error)])
     return found.points.to_host(), found.corners.to_host()
 
 
 def hierarchy(tree: Tree) -> Any:
-    """Compute a tree's normals, errors and spheres, which otherwise are computed on first use."""
+    """Compute a tree's normals, errors and spheres at once, instead of on first use."""
     _, known = tree.normals, tree.errors
     return known.errors.to_host()  # waits until all are computed
 
@@ -187,7 +190,7 @@ def _ours(surface: Surface, parameters: dict[str, Parameter], repeats: int, modu
 
 
 def _martini(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:
-    """Comparison with pymartini; its set-up for a tile size is not timed, since one set-up serves all tiles."""
+    """Compare with pymartini. Its set-up for a size of tile is not timed, since it serves all tiles of that size."""
     depth, error, mesh = surface.view.depth, surface.error, _fresh(surface)
     martini = module.Martini(surface.side)
     tile = martini.create_tile(depth)
@@ -239,7 +242,7 @@ def _delatin(surface: Surface, parameters: dict[str, Parameter], repeats: int, m
 
 
 def _open3d(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:
-    """Quadric decimation of the full grid to the same number of triangles."""
+    """Decimate the full grid by quadrics to pyibr's number of triangles."""
     mesh = _fresh(surface)
     grid, geometry, utility = mesh.triangulate(surface.view.camera, tolerance=0), module.geometry, module.utility
     corners = utility.Vector3dVector(grid.vertices.astype(np.float64)), utility.Vector3iVector(np.array(grid.faces))

@@ -1,1 +1,1 @@
-"""Counts of the work of GPUs, made without a GPU."""
+"""Benchmarks for GPUs: work counted without a GPU, and measurements on a real one."""

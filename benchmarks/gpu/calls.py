@@ -1,4 +1,4 @@
-"""Calls to count, by size; views are kept between frames, as for a second frame."""
+"""Calls whose work is counted, for any size. Views are kept, so that a second call works like a second frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Work = Callable[[], object]
 
 
 def _view(size: Size) -> ibr.DepthImage:
-    """A view of the relief, cropped to rows in its middle."""
+    """A view of the relief; its middle rows, if the size is not square."""
     width, height = size
     top = (width - height) // 2
     color, depth = (array[top : top + height].copy() for array in relief(width))
@@ -31,7 +31,7 @@ def _warp(size: Size, fill: Fill | None = None, step: tuple[float, float, float]
 
 
 def _blended(size: Size) -> Work:
-    """Four views of twice the picture's width."""
+    """Blend four views, each twice as wide as the picture."""
     width, height = size
     first = _view((2 * width, height))
     cameras = [first.camera.moved(x, y, 0) for x in (-0.2, 0.2) for y in (-0.1, 0.1)]
@@ -71,7 +71,7 @@ def _depth_mesh(size: Size) -> Work:
 
 
 def _dragon(size: Size) -> Work | Skip:
-    """A dragon of 871,414 or 47,794 triangles: as many triangles per pixel at 240 x 240 as at 1024 x 1024."""
+    """A dragon of 871,414 triangles, or 47,794 for small sizes: at 240 x 240, as many per pixel as at 1024 x 1024."""
     mesh = scanned("dragon_vrip.ply.gz" if size[0] > 500 else "dragon_vrip_res3.ply.gz")
     if isinstance(mesh, Skip):
         return mesh

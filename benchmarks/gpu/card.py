@@ -1,4 +1,4 @@
-"""A real GPU: the kernels' tests, pictures compared with a CPU's, and times compared with the counted bound.
+"""Runs the kernels' tests on a real GPU, compares its pictures with a CPU's, and times its calls.
 
 Without a GPU nothing is measured, and the report says so.
 """
@@ -31,13 +31,13 @@ from tests.processes import run_within
 TESTS_SECONDS = 300
 TURNS = 9
 SAME = 1e-5
-"""Relative difference of depths that other compilers may cause, as in the tests with one lane."""
+"""Relative difference of depths that another compiler may cause, as in the tests with one lane."""
 ALIKE = 0.999
-"""Fraction of the values that must be the same: at silhouettes, last bits decide."""
+"""Fraction of the values that must be the same. At silhouettes, rounding decides which surface a pixel shows."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """Cases of tests, then of pictures, then of times."""
+    """Yield cases of tests, then of pictures, then of times."""
     device = next((one for one in ibr.devices() if one.works and one.kind == plan.card), None)
     if device is None:
         missing = Skip("everything", f"there is no working device of the kind {plan.card}")
@@ -85,7 +85,7 @@ def _compared(device: ibr.Device, name: str) -> Work | Skip:
 
 
 def _private(device: ibr.Device) -> Work:
-    """Measure the private memory of the pictures' kernels, by the driver's own compiler."""
+    """Ask the driver how much private memory each kernel of the pictures uses."""
 
     def read() -> Iterator[Record]:
         with ibr.use_device(device):
@@ -100,7 +100,7 @@ def _private(device: ibr.Device) -> Work:
 
 
 def alike(found: NDArray[Any], expected: NDArray[Any], up_to: float = SAME) -> float:
-    """Fraction of the values that are the same, up to rounding; 0 if the arrays' shapes differ."""
+    """Return the fraction of values that are the same up to rounding; 0 if the arrays' shapes differ."""
     if found.shape != expected.shape:
         return 0.0
     if found.dtype.kind == "f":

@@ -1,6 +1,6 @@
-"""A call's launches under Oclgrind, which counts instructions; `benchmarks.gpu.gpu` runs this in its own process.
+"""Makes a call's launches under Oclgrind, which counts instructions. `benchmarks.gpu.gpu` starts this as a process.
 
-Each launch is split alternately into pieces of one and of several work-items, so that single work-items are counted.
+Each launch is split into pieces of 1 and of 61 work-items, in turns, so that some work-items are counted alone.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from pyibr.opencl.in_flight import KernelCost
 from pyibr.opencl.watch import Watch, watching
 
 LAUNCH, PIECE = "=== launch", "=== piece"
-_SOME = 61  # work-items between two that are counted alone: a prime, so that they lie in all columns of pictures
+_SOME = 61  # work-items between two that are counted alone; a prime, so that the latter lie in all columns of a picture
 
 
 def _say(*words: object) -> None:
-    """Print between the lines of Oclgrind, in the order of events."""
+    """Print after all that Oclgrind has printed so far."""
     ctypes.CDLL(None).fflush(None)
     print(*words, flush=True)
 

@@ -1,7 +1,7 @@
-"""Work of a GPU, counted without a GPU: launches and copies of each call, and instructions by kernel.
+"""Counts a GPU's work without a GPU: launches and copies of each call, and instructions of each kernel.
 
-The calls are second frames of kept views. Launches, waits, copies and work-items are counted in the GPU form on any
-device. Oclgrind counts instructions and bytes at a smaller size; the counts are scaled by the number of pixels.
+Each call draws the second frame of kept views. Launches, waits, copies and work-items are counted on any device that
+runs the kernels' GPU form. Oclgrind counts instructions and bytes at a smaller size, to be scaled by the pixels.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from tests.processes import run_within
 from tools import gpu_compile
 
 _SECONDS = 1200  # limit for a call under Oclgrind
-_LATENCY = 4  # cycles from an instruction to the next instruction that needs its result
+_LATENCY = 4  # cycles from an instruction to one that needs its result
 _NO_WORK = re.compile(
     r"(alloca|bitcast|br|getelementptr|phi|ret|sext|switch|trunc|unreachable|zext|\w+ private"
     r"|call llvm\.(lifetime|dbg|mem)\S*|call (?!_Z|llvm)\w+)\b"
 )
-"""Instructions that compilers remove: for memory that becomes registers, for addresses, for inlined calls."""
+"""Instructions that compilers remove: private memory becomes registers, addresses are folded, calls are inlined."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class Card:
     """A GPU, with its maker's published figures."""
 
     bytes_per_second: float
-    operations_per_second: float  # a multiplication with an addition is two
+    operations_per_second: float  # a multiplication with an addition counts as two
     clock: float  # Hz
 
     def seconds(self, cost: Cost) -> float:
-        """Bound of a kernel's time: by its bytes, by its instructions, and by its longest work-items."""
+        """Bound a kernel's time: the longest of the times for bytes, for instructions, and for its longest work-items."""
         return max(
             (cost.read + cost.written) / self.bytes_per_second,
             cost.instructions / (self.operations_per_second / 2),
@@ -68,7 +68,8 @@ class Cost:
     Attributes
     ----------
     chain : float
-        Instructions in sequence: the longest work-item of each launch, among the work-items that were counted alone.
+        Instructions in sequence: the most in one work-item of a launch, added over the launches. Only work-items that
+        were counted alone are compared.
     """
 
     items: float = 0
@@ -121,7 +122,7 @@ def _prepare(name: str, size: Size, small: Size | None, parameters: dict[str, Pa
 
 
 def _traffic_of(name: str, size: Size) -> tuple[Traffic, dict[str, dict[str, float]]]:
-    """Traffic of the call at its own size, and the compilers' figures for its kernels."""
+    """Count a call's launches and copies at its full size, and get the compilers' figures for its kernels."""
     with one_lane():
         work = CALLS[name](size)
         assert not isinstance(work, Skip)
@@ -132,7 +133,7 @@ def _traffic_of(name: str, size: Size) -> tuple[Traffic, dict[str, dict[str, flo
 
 
 def _registers(kernels: set[str]) -> dict[str, dict[str, float]]:
-    """Registers and private bytes by kernel, at the costliest defines; empty without compilers for GPUs."""
+    """Registers and private bytes of each kernel, for the defines that need most; empty without compilers for GPUs."""
     try:
         clang, ptxas = gpu_compile.compiler(), gpu_compile.assembler()
     except SystemExit:
@@ -153,7 +154,7 @@ def _registers(kernels: set[str]) -> dict[str, dict[str, float]]:
 
 
 def _counted(name: str, size: Size) -> list[_Counts]:
-    """Launches of the call under Oclgrind."""
+    """Run a call under Oclgrind, and return the counts of its launches."""
     command = ["oclgrind", "--inst-counts", "--build-options", "-cl-opt-disable -DINLINED=static", sys.executable]
     command += ["-m", "benchmarks.gpu.counted", name, *map(str, size)]
     done = run_within(_SECONDS, command, PYIBR_DEVICE="oclgrind")
@@ -163,7 +164,7 @@ def _counted(name: str, size: Size) -> list[_Counts]:
 
 
 def parsed(told: str) -> list[_Counts]:
-    """Parse launches from the output of `benchmarks.gpu.counted` and Oclgrind."""
+    """Parse the counts of launches in the output of `benchmarks.gpu.counted`, which Oclgrind's lines interleave."""
     launches: list[_Counts] = []
     alone, here = False, 0
     for line in told.splitlines():
@@ -187,7 +188,7 @@ def parsed(told: str) -> list[_Counts]:
 
 
 def _grown(small: list[_Counts], growth: float, traffic: Traffic) -> dict[str, Cost]:
-    """Scale costs to the call's own size by the growth in pixels; the number of work-items there is known."""
+    """Scale costs to the call's full size by the growth in pixels; only work-items are counted at the full size."""
     items, of = defaultdict[str, int](int), defaultdict[str, Cost](Cost)
     for kind, kernel, count in traffic.of:
         items[kernel] += count if kind == "launch" else 0
@@ -201,5 +202,5 @@ def _grown(small: list[_Counts], growth: float, traffic: Traffic) -> dict[str, C
         cost.chain += launch.cost.chain
     for kernel, cost in of.items():
         cost.items = items[kernel]
-        cost.chain *= growth * counted[kernel] / max(items[kernel], 1)  # grows like the mean work-item
+        cost.chain *= growth * counted[kernel] / max(items[kernel], 1)  # as the instructions of the mean work-item
     return dict(of)

@@ -1,4 +1,4 @@
-"""The report's section on GPUs: their work by counting, bounds for cards, and measurements where there is a GPU."""
+"""The report's sections on GPUs: counted work with bounds for cards, and measurements on a real GPU."""
 
 from __future__ import annotations
 
@@ -12,34 +12,35 @@ from benchmarks.tables import table, verdict
 
 GPU = """## On GPUs, by counting
 
-The calls are second frames of kept views. Launches, waits, copies and work-items are counted at the call's size.
-Oclgrind counts instructions and bytes at a smaller size, before a compiler removes any; they are multiplied by the
-pixels. Bytes are all that work-items request, as if there were no cache. The chain is the number of instructions that
-the longest work-items execute in sequence, summed over launches. The milliseconds are a bound from these counts, not a
-measurement. Each kernel adds the longest of three times: its bytes by the card's bandwidth, its instructions by the
-card's arithmetic, and its chain at four cycles per instruction, by the makers' published figures. The bound includes
-neither the savings of caches nor the costs of waiting for memory and of launches.{}
+Each call draws a second frame from views that are kept on the device. Launches, waits, copies and work-items are
+counted at the call's size. Oclgrind counts instructions and bytes at a smaller size, without a compiler's
+optimizations; these counts are scaled by the number of pixels. Bytes are all that work-items request, as if there were
+no cache. *Chain* is the number of instructions in the longest work-item of each launch, summed over launches. The
+milliseconds are not measured. They are a bound, computed from these counts and the makers' published figures: each
+kernel takes the longest of the time for its bytes (at the card's bandwidth), its instructions (at the card's peak rate)
+and its chain (at four cycles per instruction). Savings by caches and the costs of launches and of waiting for memory
+are left out.{}
 """
 BAR = ("four views", "NVIDIA A100 40 GB", 10.0)
-"""A call, a card of 1.5 TB/s, and the largest bound in milliseconds."""
-PEER = """ According to its program's notes, RVS-CUDA takes 130 ms for four views of 4096 x 2048 to 2048 x 2048 on
-an RTX A4500, according to its paper less than 33 ms."""
+"""A call, a card of 1.5 TB/s, and the largest accepted bound in milliseconds."""
+PEER = """ For four views of 4096 x 2048, drawn at 2048 x 2048 on an RTX A4500, RVS-CUDA takes 130 ms according to its
+program's notes, and less than 33 ms according to its paper."""
 CARD = """## On a GPU
 {}"""
 EMPTY = """
 No GPU has run these kernels yet. On a machine with a GPU, `make gpu` fills this section.
 """
 MEASURED = """
-The device is named below. Pictures are compared with a CPU's, value by value. The bar is that {:.1%} of the values are
-alike: depths within {:g} of themselves, colours within one step. Differences lie at silhouettes, where last bits
-decide. Times are for a second frame of kept views, including its copy to the host. Kernels' times include the wait for
-each kernel. Private memory is the driver's own figure; the list leaves out kernels without any ({:.0f} kernels in all).
+The device is named below. Pictures are compared with a CPU's, value by value. At least {:.1%} of the values must be
+alike: depths to a relative {:g}, colours to one step. Values differ at silhouettes, where rounding decides which
+surface a pixel shows. Each time is for a second frame of kept views, including its copy to the host. Kernels' times include the
+wait for each kernel. The driver reports private memory; only kernels that use some are listed ({:.0f} kernels in all).
 """
 _SHOWN = 0.01  # least fraction of a call's instructions for a kernel to be listed
 
 
 def gpu_section(result: Result, _: Path) -> list[str]:
-    """Calls with their bounds, then the kernels of each."""
+    """Tables of the calls with their bounds, and of each call's kernels."""
     calls = list(dict.fromkeys((r.parameters["call"], r.parameters["size"]) for r in result.records))
     rows: list[list[str]] = []
     kernels: list[list[str]] = []
@@ -82,7 +83,7 @@ def gpu_section(result: Result, _: Path) -> list[str]:
 
 
 def card_section(result: Result, _: Path) -> list[str]:
-    """Tests, pictures and times of a GPU, or a note that there was none."""
+    """Tables of tests, pictures and times on a GPU, or a note that there was none."""
     if not result.records:
         return [CARD.format(EMPTY)]
     tests = [[record.subject, f"{record.values[0]:.0f}"] for record in result.select(quantity="tests")]

@@ -1,4 +1,4 @@
-"""Triangle meshes compared with Mesa's llvmpipe: the same triangles, NumPy to NumPy, in turns."""
+"""Times triangle meshes against Mesa's llvmpipe, in turns: the same triangles, from NumPy arrays to NumPy arrays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BARS = {("dragon", 1024): 2.0, ("donut", 512): 1.0}
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """A scanned dragon, and a donut of 20,000 triangles."""
+    """Yield the cases: a scanned dragon, and a donut of 20,000 triangles."""
     for (name, n), repeats in plan.raster.items():
         yield Case({"mesh": name, "size": n}, functools.partial(_prepare, name, n, repeats, plan.dragon_mesh))
 

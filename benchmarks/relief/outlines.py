@@ -1,8 +1,8 @@
-"""``python -m benchmarks.relief.outlines [MESHES]``: outlines of even reliefs on real meshes, compared with cast rays.
+"""``python -m benchmarks.relief.outlines [MESHES]``: compares outlines of reliefs on real meshes with cast rays.
 
-An even relief moves the mesh's surface inwards, and so its outline. The truth is the mesh with each triangle cut into
-finer ones whose corners are moved along the normals, ray cast by Open3D (Embree). The truth is inside out at parts that
-are thinner than the relief is deep.
+An even relief has the same height everywhere: it moves the mesh's surface, and its outline, inwards by one distance.
+The truth is ray cast by Open3D (Embree): the mesh's triangles are cut into finer triangles, whose corners are moved
+along the normals. Where the mesh is thinner than the relief is deep, the truth is inside out.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ LIGHT: dict[str, Any] = {"direction": (0.4, -1.0, -0.7), "ambient": 0.2}
 
 
 def _file(name: str, axis: int | None = None, *, creased: bool = False) -> ibr.Mesh | Skip:
-    """A mesh of the data folder; axis: axis around which it gets uv; creased: without normals."""
+    """Load a mesh of the data folder. `axis`: the axis around which it gets uv; `creased`: without normals."""
     mesh = scanned(name)
     if isinstance(mesh, Skip) or axis is None:
         return mesh
@@ -62,22 +62,22 @@ MESHES: dict[str, Callable[[], ibr.Mesh | Skip]] = {
 
 @dataclass(frozen=True)
 class Outline:
-    """Figures of an even relief over all pictures.
+    """Figures of an even relief, over all pixels of all pictures.
 
     Attributes
     ----------
     carved : float
-        Distance by which the outline has moved inwards, divided by the true distance; 1 is right.
+        Number of pixels that the relief's outline uncovers from the bare mesh, divided by the true number.
     iou : float
-        Intersection over union with the truth.
+        Intersection over union of the relief's and the true pixels.
     bare_iou : float
-        Intersection over union of the bare mesh with the truth.
+        Intersection over union of the bare mesh's and the true pixels.
     holes, spurs : int
         Empty pixels at least two pixels inside the true outline, and covered pixels at least two pixels outside.
     inside_out : int
-        Holes where the truth is seen from behind, or is closer to the mesh than its displacement.
+        Holes whose rays hit the truth from behind, or at a point closer to the mesh than its displacement.
     false_shadow : float
-        Fraction of the pixels in shadow that are lit in the truth.
+        Fraction of the lit side's pixels that are in shadow, but lit in the truth.
     """
 
     carved: float
@@ -90,14 +90,14 @@ class Outline:
 
 
 def scene_of(vertices: NDArray[Any], faces: NDArray[Any]) -> Any:
-    """Triangles for ray casting."""
+    """Build Open3D's ray casting scene of triangles."""
     scene = import_module("open3d").t.geometry.RaycastingScene()
     scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
     return scene
 
 
 def carved_scene(relief: ibr.ReliefSurface) -> Any:
-    """The even relief's surface for ray casting."""
+    """Build the true surface of an even relief, for ray casting."""
     mesh, offsets = relief.drawn, relief.offsets
     parts = [(i, j) for i in range(CUTS + 1) for j in range(CUTS + 1 - i)]
     number = {part: k for k, part in enumerate(parts)}
@@ -124,12 +124,12 @@ def around(mesh: ibr.Mesh, turn: float, size: int = SIZE) -> ibr.Camera:
 
 
 def extent_of(mesh: ibr.Mesh) -> float:
-    """The diagonal of a mesh's box."""
+    """Length of the diagonal of a mesh's bounding box."""
     return float(np.linalg.norm(np.subtract(*mesh.bounds)))
 
 
 def even_relief(mesh: ibr.Mesh, depth: float, **options: Any) -> ibr.ReliefSurface:
-    """A relief with a depth relative to the mesh's extent, and its surface everywhere at half that depth."""
+    """A relief whose surface lies at half of its depth everywhere; `depth` is relative to the mesh's extent."""
     return ibr.ReliefSurface(mesh, np.full((4, 4), HEIGHT, np.float32), WHITE, depth * extent_of(mesh), **options)
 
 
@@ -163,7 +163,7 @@ def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, **options: Any) -> O
 
 
 def _rays(camera: ibr.Camera) -> Float64:
-    """(pixels, 6) origins and directions of planar depth 1."""
+    """(pixels, 6) origins and directions of rays; the directions have planar depth 1."""
     y, x = np.mgrid[: camera.height, : camera.width]
     ahead = camera.unproject(np.column_stack([x.ravel(), y.ravel()]), np.ones(x.size)) - camera.center
     return np.concatenate([np.broadcast_to(camera.center, ahead.shape), ahead], axis=1)
@@ -182,7 +182,7 @@ def _lit(scene: Any, rays: Float64, hits: Any, scale: float) -> Mask:
 
 
 def _inside_out(base: Any, rays: Float64, hits: Any, moved: float, holes: NDArray[np.intp]) -> int:
-    """Number of holes whose rays hit the truth from behind, or clearly closer to the mesh than its displacement."""
+    """Count holes whose rays hit the truth from behind, or at less than 0.9 of its displacement from the mesh."""
     t, ahead = hits["t_hit"].numpy()[holes, None].astype(np.float64), rays[holes, 3:]
     from_behind = (hits["primitive_normals"].numpy()[holes] * ahead).sum(axis=1) > 0
     points = (rays[holes, :3] + t * ahead).astype(np.float32)
@@ -190,13 +190,13 @@ def _inside_out(base: Any, rays: Float64, hits: Any, moved: float, holes: NDArra
 
 
 def _grown(mask: Mask) -> Mask:
-    """A mask and all pixels within two pixels of it."""
+    """Add all pixels within two pixels of a mask."""
     padded, (height, width) = np.pad(mask, 2), mask.shape
     return np.any([padded[y : y + height, x : x + width] for y in range(5) for x in range(5)], axis=0)
 
 
 def _shrunk(mask: Mask) -> Mask:
-    """A mask without the pixels within two pixels of its outline."""
+    """Remove the pixels within two pixels of a mask's outline."""
     return ~_grown(~mask)
 
 

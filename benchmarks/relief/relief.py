@@ -1,4 +1,4 @@
-"""Relief mapping compared with the paper's frame rate, Mesa's llvmpipe, and the displaced mesh, ray cast and drawn."""
+"""Compares relief mapping with the paper's frame rate, with Mesa's llvmpipe, and with displaced meshes."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ SIZE = (800, 600)
 PLANE, PLANE_SAFE = "linear, 32 + 6 steps", "safe"
 OURS, OURS_LINEAR = "pyibr", "pyibr, linear search"
 PEER, PEER_FLOAT = "llvmpipe, heights in 8 bits", "llvmpipe, heights in float"
-PAPER_RATE = 85.0  # frames per second, GeForce 6800 GT: the refresh rate of its monitor
+PAPER_RATE = 85.0  # frames per second on a GeForce 6800 GT; the monitor allows no more
 BARS = {"plane": 0.3, "same picture": 45.0}
 SCENE_BARS = {"torus": ("linear", PAPER_RATE), "teapot": ("linear", PAPER_RATE), "room": ("safe", 25.0)}
-"""Least frames per second for a scene, and the kind of search that must reach them."""
+"""By scene: the search, and the least frames per second that it must reach."""
 ROOMS = ("room", "room, the light moves")
 WAYS: dict[str, dict[str, Any]] = {
     "linear": {"search": "linear", "distance": "approximate"},
@@ -43,13 +43,13 @@ WAYS: dict[str, dict[str, Any]] = {
     "linear, equation 6": {"search": "linear", "distance": "perpendicular"},
     "flat (no silhouettes)": {"search": "linear", "silhouette": "none", "distance": "approximate"},
 }
-SAFE_STEPS = 0  # number of steps that denotes the safe search
+SAFE_STEPS = 0  # stands for the safe search in place of a number of steps
 MAPS = ("bricks", "thin")
-EQUAL = 2e-3  # fraction of pixels that may be a texel too far, as the tests allow for the safe search
+EQUAL = 2e-3  # fraction of pixels that may lie a texel too far, as the tests allow the safe search
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """The plane, the paper's kinds of scenes, numbers of steps, and ray casting."""
+    """Yield the cases of the plane, of the scenes, of numbers of steps, and of ray casting."""
     yield Case({"case": "plane"}, functools.partial(_plane, plan.relief_plane))
     for name, repeats in plan.relief_scenes.items():
         scenes = ROOMS if name == "room" else (name,)
@@ -67,7 +67,7 @@ def _square() -> ibr.Mesh:
 
 
 def _plane(repeats: int) -> Work:
-    """A relief that fills the picture, seen at some 40 degrees."""
+    """Time a relief that fills the picture, seen at some 40 degrees."""
     height, color = bricks()
     camera = ibr.Camera.look_at((0.5, 0.1, 0.35), (0.5, 0.5, 0), (0, 0, 1), SIZE, fov_y=30)
     linear, safe = (
@@ -93,7 +93,7 @@ def _plane(repeats: int) -> Work:
 
 
 def _base(name: str) -> tuple[ibr.Mesh, tuple[int, int], float] | Skip:
-    """A mesh with uv, its tiles, and the relief's depth relative to its size."""
+    """A mesh with uv, its tiles, and the relief's depth relative to the mesh's size."""
     if name == "torus":
         return models.donut(48), (10, 4), 0.02
     files = {"teapot": "teapot.obj.gz", "human": "human_male_makehuman.obj.gz", "spot": "spot/spot_triangulated.obj"}
@@ -129,7 +129,7 @@ def _scene(name: str, repeats: int) -> Work | Skip:
 
 
 def _room(name: str, repeats: int) -> Work:
-    """Walls, floor, columns and a torus, all of them reliefs, with a spot's shadows: the paper's figure 1.
+    """Time a scene like the paper's figure 1: walls, floor, columns and a torus, all reliefs, with a spot's shadows.
 
     A light at rest keeps its shadow map while the scene stays the same; a moving light needs a new map in each frame.
     """
@@ -182,7 +182,7 @@ def _column(sides: int, x: float, y: float) -> ibr.Mesh:
 
 
 def _steps(name: str, steps: tuple[int, ...]) -> Work:
-    """Bricks, or single texels that stand out, seen at 15 degrees: misses of even steps, and costs of both searches."""
+    """Count the misses of the linear search on a map seen at 15 degrees, and the steps and times of both searches."""
     height = bricks()[0]
     if name == "thin":
         height = np.full((256, 256), 40, np.uint8)
@@ -209,7 +209,7 @@ def _steps(name: str, steps: tuple[int, ...]) -> Work:
 
 
 def _mean_steps(thing: ibr.ReliefSurface, camera: ibr.Camera) -> float:
-    """Mean steps of a search; halvings count as steps, and the safe search takes one step within a cell."""
+    """Mean steps of a ray. Bisections count as steps; within a cell, the safe search takes one step."""
     counts = empty((camera.height, camera.width, 2), np.int32)
     counts.fill(0)
     with current().call():
@@ -219,7 +219,7 @@ def _mean_steps(thing: ibr.ReliefSurface, camera: ibr.Camera) -> float:
 
 
 def _embree(repeats: int) -> Work | Skip:
-    """The torus: its displaced mesh, two triangles a texel, built and cast by Open3D; and meshes drawn by pyibr."""
+    """Compare the torus with its displaced mesh (two triangles per texel, cast by Open3D) and with pyibr's meshes."""
     try:
         o3d: Any = import_module("open3d")
     except ImportError as error:
@@ -241,7 +241,7 @@ def _embree(repeats: int) -> Work | Skip:
     def build() -> Any:
         scene = o3d.t.geometry.RaycastingScene()
         scene.add_triangles(vertices, faces)
-        scene.cast_rays(packed[:1, :1])  # Open3D builds it at the first ray
+        scene.cast_rays(packed[:1, :1])  # Open3D builds its tree at the first ray
         return scene
 
     before = _resident()
@@ -291,7 +291,7 @@ def _embree(repeats: int) -> Work | Skip:
 
 
 def _resident() -> int:
-    """Bytes of this process in memory; 0 if the system does not report them."""
+    """Resident bytes of this process; 0 if the system does not report them."""
     told = Path("/proc/self/statm")
     return int(told.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if told.is_file() else 0
 

@@ -11,47 +11,49 @@ from benchmarks.tables import only, table, verdict
 
 RELIEF = """## Relief
 
-800 x 600 pixels, a map of 256 x 256 bricks, from NumPy arrays to NumPy arrays, in turns. The paper's scenes ran at
-{rate:.0f} frames per second on a GeForce 6800 GT, its monitor's rate.
+Pictures have 800 x 600 pixels; the map shows bricks, and has 256 x 256 texels. Times run from NumPy arrays to NumPy
+arrays, measured in turns. The paper reports {rate:.0f} frames per second on a GeForce 6800 GT: its monitor's rate.
 
 ### A plane that fills the picture
 
-llvmpipe runs the same search as a fragment shader in GLSL. It filters 8-bit textures in 8 bits: heights between two
-texels are rounded to 1/255, and rays meet the relief elsewhere. It filters float textures in float. The bar compares
-with float textures, which give the same picture.
+llvmpipe runs the linear search as a fragment shader. It filters 8-bit textures in 8 bits: interpolated heights are
+rounded to 1/255, so that rays meet the relief at other points. With float textures it filters in float, and its picture
+is the same as pyibr's; the bar is for these.
 
 """
 
 RELIEF_SCENES = """### Scenes
 
-Milliseconds, and frames per second in brackets. *Exact*, the default, measures below the mesh itself, the others along
-the normal (equation 7), or at right angles to the ray (equation 6). The factors compare exact with approximate
-distances, and equation 6 with equation 7 (the paper reports a factor of two). The room has several reliefs with a light
-and its shadows. The light keeps its map while only the camera moves; when the light moves, all reliefs are drawn twice.
-The other scenes have no light.
+Cells show milliseconds, and frames per second in brackets. With *exact* distances, the default, each ray is followed
+through the prisms below the mesh's triangles. The other ways approximate where a ray leaves the relief: by a distance
+along the normal (equation 7), or at right angles to the ray (equation 6). The factors compare the times of exact and
+approximate distances, and of equations 6 and 7 (the paper reports a factor of two). The room has several reliefs, lit
+with shadows. Its shadow map is kept while only the camera moves; when the light moves, all reliefs are drawn twice. The
+other scenes have no light.
 """
 
 RELIEF_STEPS = """### Steps
 
-A map of bricks, and a map of single texels that stand out, seen at 15 degrees: the share of pixels that are more than a
-texel too far, the steps of a ray with halvings, and the time.
+Two maps are seen at 15 degrees: *bricks*, and *thin*, in which single texels and rows stand out. *Missed* is the share
+of pixels whose depth is more than a texel too large. Steps include bisections.
 """
 
 RELIEF_EMBREE = """### Compared with the displaced mesh
 
-The torus, ray cast by Embree with two triangles a texel, and drawn by pyibr's own rasteriser with each triangle of the
-base cut into several. Memory counts vertices, triangles and maps, without colours; for the build, it is the growth of
-the process. IoU and the depth's error (the median, relative to the relief's depth) compare with Embree's picture.
+The displaced torus is ray cast by Embree, as a mesh with two triangles per texel. pyibr draws coarser meshes of it,
+too: each triangle of the base is cut into several. Memory is that of vertices, triangles and maps, without colours; in the
+row of the build, it is the growth of the process. IoU of the silhouettes and the depth error (the median, relative to
+the relief's depth) are measured against Embree's picture.
 
-A mesh is closer to the truth in depth and outline, but takes many times the memory: its cost grows with its triangles,
-a relief's with the picture's pixels. A coarse mesh costs less than exact distances, and more than the linear search. A
-relief needs no cutting, so other tiles, scales and maps are available immediately. Far away its maps are filtered,
-while a mesh's triangles become smaller than pixels.
+A mesh is closer to the truth in depth and outline, but takes many times the memory. A mesh's time grows with its
+triangles, a relief's with the picture's pixels. A coarse mesh takes less time than a relief with exact distances, and
+more than one with the linear search. A relief's tiles, scale and maps can be changed without making a mesh again. Far
+away, a relief's maps are filtered, while a mesh's triangles become smaller than pixels.
 """
 
 
 def relief_section(result: Result, folder: Path) -> list[str]:
-    """The plane, the scenes, thin features, and ray casting."""
+    """Make the parts on the plane, the scenes, numbers of steps, and the displaced mesh."""
     parts = [RELIEF.format(rate=relief.PAPER_RATE)]
     plane = {record.subject: record.values for record in result.select(case="plane", quantity="end to end")}
     same = {record.subject: record.values[0] for record in result.select(case="plane", unit="dB")}
@@ -106,7 +108,7 @@ def relief_section(result: Result, folder: Path) -> list[str]:
 
 
 def _relief_steps(result: Result) -> list[str]:
-    """Linear and safe steps on both maps, and where their errors are equal."""
+    """Table of both searches on both maps, and the steps from which the linear search misses as little as allowed."""
     rows: list[list[str]] = []
     notes: list[str] = []
     for name in relief.MAPS:
@@ -124,11 +126,11 @@ def _relief_steps(result: Result) -> list[str]:
         if equal:
             steps, time = (found[quantity][equal[0]] / found[quantity][safe] for quantity in ("steps", "end to end"))
             notes.append(
-                f"On *{name}* even steps miss no more than {relief.EQUAL:.1%} from {equal[0]} on: {steps:.1f} times "
-                f"the steps of the safe search, and {time:.1f} times its time.\n"
+                f"On *{name}*, the linear search misses at most {relief.EQUAL:.1%} with {equal[0]} steps or more. "
+                f"With {equal[0]}, it makes {steps:.1f} times the steps of the safe search, in {time:.1f} times its time.\n"
             )
         elif found["missed"]:
             notes.append(
-                f"On *{name}* none of the tested numbers of even steps misses as little as {relief.EQUAL:.1%}.\n"
+                f"On *{name}*, the linear search misses over {relief.EQUAL:.1%} with all tested numbers of steps.\n"
             )
     return [table(["map", "search", "missed", "steps a ray", "ms"], rows), *notes]

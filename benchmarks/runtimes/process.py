@@ -1,7 +1,7 @@
-"""A CPU runtime in a separate process, which draws a row of `rows.py` on request.
+"""Runs one CPU runtime in a separate process, which makes a call of `rows.py` on request.
 
-Its Python may belong to another environment, or to another system in a folder, such as debootstrap makes. That folder
-becomes the root, which only the root user may do, and the project is mounted at its `/mnt`.
+The process's Python may belong to another environment, or to a Debian that debootstrap has put into a folder. That
+folder then becomes the process's root directory (which needs the root user), and the project is mounted at its `/mnt`.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ class Runtime:
     name : str
         Name of the runtime, with its version.
     python : Path
-        The Python that finds it.
+        The Python whose pyopencl lists it.
     index : int
-        Index of the device, in that Python.
+        Index of the device in that list.
     """
 
     name: str
@@ -51,12 +51,12 @@ class Runtime:
 
 
 class Drawing:
-    """A row on a runtime, prepared and drawn once.
+    """A call of `rows.py` on a runtime, made once already.
 
     Attributes
     ----------
     fault : str
-        Reason why it cannot be drawn; otherwise empty.
+        Reason why the call fails; empty if it works.
     """
 
     def __init__(self, runtime: Runtime, row: str, size: Size) -> None:
@@ -66,7 +66,7 @@ class Drawing:
         self.fault = str(self._answer())
 
     def draw(self) -> float:
-        """Milliseconds from NumPy arrays to NumPy arrays."""
+        """Make the call; return its milliseconds, from NumPy arrays to NumPy arrays."""
         assert self._process.stdin
         self._process.stdin.write("\n")
         self._process.stdin.flush()
@@ -85,17 +85,17 @@ class Drawing:
 
 
 def first_time(runtime: Runtime) -> float:
-    """Milliseconds of a first picture, including the building of kernels, in a process with empty caches."""
+    """Milliseconds of the first picture in a process with empty caches, including the building of kernels."""
     return float(_printed(runtime.python, json.dumps([runtime.index])))
 
 
 def runtimes_of(python: Path) -> list[Runtime]:
-    """All runtimes that a Python finds."""
+    """List the runtimes that a Python finds."""
     return [Runtime(name, python, index) for name, index in json.loads(_printed(python))]
 
 
 def _printed(python: Path, *arguments: str) -> str:
-    """Last line that the process prints."""
+    """Run a process, and return the last line that it prints."""
     done = subprocess.run(_command(python, *arguments), cwd=_PROJECT, stdout=subprocess.PIPE, text=True, check=True)
     return done.stdout.splitlines()[-1]
 

@@ -77,7 +77,7 @@ SIZED: dict[str, Callable[[Size], Call | Skip]] = {
     "warp, filled": _filled,
     "cleaning": _cleaned,
 }
-"""Rows that depend on the image size."""
+"""Rows that are measured at several image sizes."""
 ROWS: dict[str, Callable[[Size], Call | Skip]] = {
     **SIZED,
     "relief": _relief,

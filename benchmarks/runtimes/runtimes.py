@@ -1,4 +1,4 @@
-"""The same calls on every CPU runtime of the machine, and of other systems in folders, in turns."""
+"""Times the same calls on every CPU runtime of this machine, and of Debians in folders, in turns."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from benchmarks.runtimes.process import Drawing, Runtime, first_time, runtimes_o
 from benchmarks.runtimes.rows import ROWS, SIZED
 
 BAR = 1.2
-"""Largest ratio of a runtime's time to the fastest one's, in each row."""
+"""Largest ratio of the slowest runtime's time to the fastest runtime's time, in each row."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:

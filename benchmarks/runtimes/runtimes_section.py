@@ -11,15 +11,15 @@ from benchmarks.tables import table, verdict
 
 RUNTIMES = """## CPU runtimes
 
-The same calls on each runtime, in turns, in milliseconds. Each runtime has its own process. The ratio compares the
-slowest runtime with the fastest.
+All runtimes make the same calls in turns, each in its own process. Times are milliseconds; the ratio is the slowest
+runtime's time divided by the fastest runtime's.
 """
 FIRST = "the first warp, filled, 640 x 480, including the building of kernels"
-EACH = "Each runtime compared with the fastest one of each row:\n"
+EACH = "Ratios of each runtime's time to the fastest runtime's time in the same row:\n"
 
 
 def runtimes_section(result: Result, folder: Path) -> list[str]:
-    """Times by row and runtime, the ratio of the slowest in each row, and the ratios of each runtime."""
+    """Tables of times by row and runtime with the largest ratio of each row, and of each runtime's ratios."""
     times: dict[str, dict[str, list[float]]] = {}
     for record in result.select(quantity="end to end"):
         times.setdefault(str(record.parameters["case"]), {})[record.subject] = record.values
