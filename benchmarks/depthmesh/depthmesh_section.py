@@ -59,8 +59,8 @@ their edges, meshes of pyibr and pydelatin at all samples.
 ![Triangles by measured error](depthmesh-simplification.png)
 """
 
-TIMES = """Times are milliseconds, measured in turns; the nominal error is 30 m on the Fuji tile. All calls of pyibr except
-*triangles* and *simplify* start from a new `DepthImage`. *Triangles* returns points and indices, as pymartini and
+TIMES = """Times are milliseconds, measured in turns; the nominal error is 30 m on the Fuji tile. All calls except *triangles*
+and *simplify* start from a new `DepthImage`. *Triangles* returns points and indices, as pymartini and
 pydelatin do; *simplify* makes a `Mesh` of them, with normals and uv. *Hierarchy* also computes normals and bounding
 spheres, which the triangles do not need.
 """

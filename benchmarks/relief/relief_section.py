@@ -41,8 +41,8 @@ of pixels whose depth is more than a texel too large. Steps include bisections.
 RELIEF_EMBREE = """### Compared with the displaced mesh
 
 The displaced torus is ray cast by Embree, as a mesh with two triangles per texel. pyibr draws coarser meshes of it,
-too: each triangle of the base is cut into several. Memory is that of vertices, triangles and maps, without colours; in the
-row of the build, it is the growth of the process. IoU of the silhouettes and the depth error (the median, relative to
+too: each triangle of the base is cut into several. Memory is that of vertices, triangles and maps, without colours; in
+the row of the build, it is the growth of the process. The silhouettes' IoU and the depth error (the median, relative to
 the relief's depth) are measured against Embree's picture.
 
 A mesh is closer to the truth in depth and outline, but takes many times the memory. A mesh's time grows with its
@@ -127,7 +127,7 @@ def _relief_steps(result: Result) -> list[str]:
             steps, time = (found[quantity][equal[0]] / found[quantity][safe] for quantity in ("steps", "end to end"))
             notes.append(
                 f"On *{name}*, the linear search misses at most {relief.EQUAL:.1%} with {equal[0]} steps or more. "
-                f"With {equal[0]}, it makes {steps:.1f} times the steps of the safe search, in {time:.1f} times its time.\n"
+                f"With {equal[0]}, it takes {steps:.1f} times the steps and {time:.1f} times the time of the safe search.\n"
             )
         elif found["missed"]:
             notes.append(

@@ -1,7 +1,7 @@
-"""Slices compared with the paper's figures and Mesa's llvmpipe: objects, the donut, and the directions of slicing.
+"""Compares objects and surfaces that are drawn by slices with the paper's figures, with Mesa's llvmpipe and with rays.
 
-The paper's figure 12 draws its creature at several sizes and numbers of slices on a GeForce 2 GTS; here the scanned
-dragon replaces it. llvmpipe draws the same slices as alpha-tested quadrilaterals, front to back.
+The paper's figure 12 shows a creature at several sizes and numbers of slices on a GeForce 2 GTS; here a scanned dragon
+replaces it. llvmpipe draws the slices as quadrilaterals, front to back, and discards fragments outside the object.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from pyibr.slicing import alpha_tests
 OBJECT, HULL = "depth object", "visual hull"
 PEER = {OBJECT: "depth object, llvmpipe", HULL: "visual hull, llvmpipe"}
 PAPER = {(150, 70): 24.0, (400, 150): 2.7}
-"""Frames per second of the depth object on a GeForce 2 GTS, by side in pixels and number of slices (section 6)."""
+"""The paper's frames per second on a GeForce 2 GTS, by the picture's side in pixels and number of slices (section 6)."""
 PAPER_DONUT = (35.0, 41.0)  # frames per second, 15 to 25 slices
 BARS = {"object": 0.6, "donut": 60.0}  # ratio to llvmpipe at 300 x 300 and 128 slices; frames per second
 BAR_AT = (300, 128)
 DONUT_SIZE, DONUT_SLICES = (640, 480), 20
 DIRECTIONS = ("surface", "orthogonal", "screen")
 UNCLIPPED = "screen, unclipped"
-SCALE = 0.2  # displacement over a unit square
+SCALE = 0.2  # of the displacement of a unit square, in scene units
 
-_SCALE = 0.15  # displacement of the donut's fur
+_SCALE = 0.15  # length of the donut's longest hairs, in scene units
 _IMAGES = 512  # pixels per side of the six images
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """Objects by size and slices, the donut, and the error of each direction of slicing."""
+    """Yield the cases of objects, of the donut, and of each direction of slicing."""
     for (n, slices), repeats in plan.slicing.items():
         parameters: dict[str, Parameter] = {"case": "object", "size": n, "slices": slices}
         yield Case(parameters, functools.partial(_objects, parameters, n, slices, repeats, plan.dragon_mesh))
@@ -90,7 +90,7 @@ def _objects(parameters: dict[str, Parameter], n: int, slices: int, repeats: int
 
 
 def _against_mesh(scan: str) -> Work | Skip:
-    """The object, its textures and its hull, compared with the mesh in its images, from three sides."""
+    """Compare the dragon's depth object, with either texture, and its hull with the scanned mesh, from three sides."""
     mesh, views = scanned(scan), _views(scan)
     if isinstance(mesh, Skip) or isinstance(views, Skip):
         return mesh if isinstance(mesh, Skip) else Skip("mesh", "it has no views")
@@ -128,7 +128,7 @@ def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
 
 
 def _donut(repeats: int) -> Work:
-    """Fur on the paper's donut, as surfaces and as meshes."""
+    """Time fur on the paper's donut, drawn by slices and as meshes."""
     rng = np.random.default_rng(1)
     fur = (rng.random((64, 64)) ** 3).astype(np.float32)
     color = np.repeat((60 + 190 * fur[..., None]).astype(np.uint8), 3, axis=2)
@@ -178,7 +178,7 @@ def _directions(parameters: dict[str, Parameter], elevation: int, slices: int) -
     def read() -> Iterator[Record]:
         for slicing in DIRECTIONS:
             color: NDArray[Any] = np.full((1, 1, 3), 200, np.uint8)
-            # "inside" would mask out the heights of 0 at the border.
+            # The test "inside" would discard the border, whose heights are 0.
             surface = ibr.SlicedSurface(
                 _square(), bumps(64), color, SCALE, slices=slices, slicing=slicing, test="at_least"
             )
@@ -198,7 +198,7 @@ def _square() -> ibr.Mesh:
 
 @functools.cache
 def _truth(elevation: int) -> tuple[ibr.Camera, NDArray[Any], NDArray[np.bool_]]:
-    """A view from this elevation (degrees), its true depth, and the pixels at least 3 away from depth edges."""
+    """A camera at an elevation in degrees, its true depth, and the mask of pixels at least 3 pixels from depth edges."""
     import cv2
 
     fine, height = 8, bumps(64)

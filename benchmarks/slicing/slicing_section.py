@@ -14,7 +14,8 @@ from benchmarks.tables import only, table, verdict
 
 RASTER = """## Triangles
 
-Vertex colours, from NumPy arrays to NumPy arrays, in turns in one process with {peer} (Mesa's software OpenGL).
+Meshes with vertex colours are drawn by pyibr and by {peer} (Mesa's software OpenGL), in turns in one process. Times run
+from NumPy arrays to NumPy arrays.
 
 """
 
@@ -22,40 +23,42 @@ SLICING = "## Slices\n"
 
 OBJECTS = """### Objects
 
-The paper's figure 12: the scanned dragon from six depth images of 512 x 512 fills the picture. A GeForce 2 GTS drew
-{paper}. llvmpipe draws the same number of slices along the same edge of the box, as alpha-tested quadrilaterals, front
-to back. *IoU* is the overlap of the two pictures; their slices lie half a spacing apart. Milliseconds from NumPy arrays
-to NumPy arrays, in turns.
+As in the paper's figure 12, an object fills the picture: here the scanned dragon, from six depth images of 512 x 512.
+The paper's GeForce 2 GTS drew {paper}. llvmpipe draws as many slices as pyibr, across the same edge of the box, as
+quadrilaterals from front to back; it discards fragments outside the object. *IoU* is the overlap of both pictures; it is
+below 1, because their slices lie half a spacing apart. Times are milliseconds from NumPy arrays to NumPy arrays, in turns.
 
 ![Frames per second by size and slices](slicing-objects.png)
 """
 
 AGAINST_MESH = """### The dragon compared with its mesh
 
-From three sides at 480 x 360, with 256 slices: the silhouettes' intersection over union, and the PSNR of the colours in
-their intersection, in dB. *Visible* and *naive* are the depth object's textures.
+Pictures of 480 x 360 with 256 slices, from three sides, are compared with rays cast at the mesh: by the silhouettes'
+intersection over union, and by the PSNR of colours in the intersection, in dB. *Visible* and *naive* are the depth
+object's kinds of texture.
 """
 
 DONUT = """### The donut
 
-625 polygons, {slices} slices, {width} x {height} pixels. The paper reports {low:.0f} to {high:.0f} frames per second on
-the GeForce 2 GTS. The same fur is also drawn as meshes, with each triangle of the base cut into several: coarse meshes
-are faster and lose hairs, fine meshes take more time and hundreds of times the memory. Memory counts vertices,
-triangles and heights, without colours.
+Fur on a donut of 625 polygons is drawn with {slices} slices, at {width} x {height}. The paper reports {low:.0f} to
+{high:.0f} frames per second on the GeForce 2 GTS. The same fur is also drawn as meshes, whose base triangles are cut
+into several. Coarse meshes are faster but lose hairs; fine meshes take more time, and hundreds of times the memory.
+Memory is that of vertices, triangles and heights, without colours.
 """
 
 DIRECTIONS = """### Directions of slicing
 
-The paper's figure 10 as numbers: a displaced polygon compared with rays cast at it, 3 pixels away from depth edges.
-Mean depth error in slice spacings, and the largest share of the surface that shows gaps. In oblique views, slices along
-the surface lie farther apart on a viewing ray; the other slices do not, and have no gaps.
+The paper's figure 10 shows a displaced polygon; here its pictures are compared with rays cast at it, at least 3 pixels
+from depth edges. The table gives the mean depth error, in slice spacings, and the largest share of the surface that
+shows gaps. *Surface* slices are parallel to the polygon: in oblique views they lie far apart on a viewing ray. Slices in
+the other directions do not, and have no gaps.
 
 ![Error and see-through by the number of slices](slicing-error.png)
 """
 
 
 def raster_section(result: Result, folder: Path) -> list[str]:
-    """Times and ratios of each mesh, and the agreement of the pictures."""
+    """Table of times, ratios, and the agreement of the pictures, for each mesh."""
     rows: list[list[str]] = []
     for record in result.select(subject=raster.OURS, quantity="end to end"):
         here = record.parameters
@@ -84,7 +87,7 @@ def raster_section(result: Result, folder: Path) -> list[str]:
 
 
 def slicing_section(result: Result, folder: Path) -> list[str]:
-    """Figure 12, the donut, and figure 10."""
+    """Make the parts on objects (figure 12), the donut, and directions of slicing (figure 10)."""
     parts = [SLICING]
     rows: list[list[str]] = []
     objects = [record for record in result.select(case="object", quantity="end to end")]

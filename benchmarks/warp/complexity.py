@@ -1,10 +1,10 @@
-"""Growth of time and visited samples with the image's side: O(n^3) for `search`, O(n^2) for `epipolar`.
+"""Measures how time and visited samples grow with the image's side n: by O(n^3) for `search`, O(n^2) for `epipolar`.
 
-The scene is fixed in normalised image coordinates: epipolar segments cover the same fraction of the image at any n, and
-so grow with n. White noise in the same range of depth is the other extreme: the hit of a pixel's line is almost
-unrelated to the pixel's own hit, and the traced windows come apart as n grows. The number of windows is bounded, but
-these images are too small to reach the bound. So the growth of visits on noise has no bar. Both scenes are drawn with
-`edges="connect"`, like the paper's displacement maps: one surface without holes, however steep its steps become.
+The smooth scene has the same shape at any n, so that epipolar segments grow in proportion to n. White noise in the same
+range of depth is the other extreme: the hit of a pixel's epipolar line says almost nothing about the pixel's own hit,
+so the pixel is traced again, in more windows as n grows. The number of windows is bounded, but these images are too
+small to reach the bound, so visits on noise have no bar. Both scenes are drawn with `edges="connect"`, like the paper's
+displacement maps: one surface without holes, however steep it is.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from benchmarks.launches import counted_samples, kernel_times
 from benchmarks.results import Parameter, Record
 from benchmarks.runner import Case, Work
 
-SLOW = 512  # from here on a search takes seconds: no warm-up turn
+SLOW = 512  # a search of this size or more takes seconds, and runs without a warm-up
 
 SMOOTH, NOISE, SEARCH = "epipolar", "epipolar, white noise", "search"
 SUBJECTS: dict[str, tuple[Any, Callable[[int], Any]]] = {
@@ -29,7 +29,7 @@ SUBJECTS: dict[str, tuple[Any, Callable[[int], Any]]] = {
     NOISE: ("epipolar", scenes.white_noise),
     SEARCH: ("search", scenes.relief),
 }
-"""Method and surface."""
+"""Method and surface, by subject."""
 
 BARS = {
     (SMOOTH, "visited"): (-math.inf, 2.1),
@@ -37,7 +37,7 @@ BARS = {
     (NOISE, "end to end"): (-math.inf, 2.25),
     (SEARCH, "visited"): (2.85, 3.15),
 }
-"""Least and greatest exponent, by subject and quantity. O(n^2) limits only the greatest."""
+"""Least and greatest exponent, by subject and quantity. O(n^2) is an upper bound, so it sets no least exponent."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:

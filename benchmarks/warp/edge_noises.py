@@ -1,4 +1,4 @@
-"""Noise of nine kinds on exact depth, like that of cameras, files and networks."""
+"""Adds noise of nine kinds to exact depth: as cameras, file formats and neural networks make it."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 FOCAL_BASELINE = 600 * 0.075  # pixels times metres: a typical depth camera of 640 x 480
-_LEVELS = 255  # steps of 8 bits from the farthest sample's nearness to the nearest one's
+_LEVELS = 255  # steps of 8 bits, from the smallest to the largest 1/depth
 _QUARTER = 0.25  # pixels of disparity
-_MILLIMETRES = 0.003  # metres
-_DISPARITY = 0.1  # pixels, like structured light
-_PROPORTION = 0.005  # relative to the depth
-_BLURRED, _SPREAD = 0.01, 8.0  # relative to the depth, and number of samples over which the noise changes
-_WHITE = 0.0005  # relative to the depth, independent in each sample
+_MILLIMETRES = 0.003  # standard deviation in metres
+_DISPARITY = 0.1  # standard deviation in pixels, as of structured light
+_PROPORTION = 0.005  # standard deviation relative to the depth
+_BLURRED, _SPREAD = 0.01, 8.0  # standard deviation relative to the depth; radius of the blur in samples
+_WHITE = 0.0005  # standard deviation relative to the depth, independent in each sample
 
 
 def _rounded(depth: Array, step: float) -> Array:
@@ -31,13 +31,13 @@ def _eight_bits(depth: Array, rng: np.random.Generator) -> Array:
 
 
 def _of_disparity(depth: Array, rng: np.random.Generator) -> Array:
-    """Noise of disparity. A quarter pixel of disparity always remains, so that no sample lies behind the camera."""
+    """Add noise to the disparity, and keep it at a quarter pixel or more, so that no sample lies behind the camera."""
     disparity = FOCAL_BASELINE / depth + rng.normal(0, _DISPARITY, depth.shape)
     return FOCAL_BASELINE / np.maximum(disparity, _QUARTER)
 
 
 def _blurred(depth: Array, rng: np.random.Generator) -> Array:
-    """A factor that changes slowly over the image, and a little white noise."""
+    """Multiply depth by a factor that changes slowly over the image, and add a little white noise."""
     spectrum = np.fft.rfft2(rng.normal(size=depth.shape))
     v, u = np.fft.fftfreq(depth.shape[0])[:, None], np.fft.rfftfreq(depth.shape[1])
     field = np.fft.irfft2(spectrum * np.exp(-2 * (np.pi * _SPREAD) ** 2 * (u * u + v * v)), depth.shape)
@@ -59,5 +59,5 @@ NOISES = tuple(_KINDS)
 
 
 def noisy(depth: Array, noise: str, seed: int) -> NDArray[np.float32]:
-    """Depth in metres with a kind of noise in `NOISES`."""
+    """Add one of the `NOISES` to depth in metres."""
     return _KINDS[noise](depth, np.random.default_rng(seed)).astype(np.float32)

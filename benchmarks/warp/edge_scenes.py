@@ -1,7 +1,7 @@
-"""Scenes with exact depth and exact edges, in metres: subjects of depth cameras, renderers and games.
+"""Scenes whose depth and depth edges are known exactly, like scenes before depth cameras, in renderers and in games.
 
-The world frame is the frame of the camera at rest: x right, y down, z forward. Seeds place the parts, so that each
-scene is always the same.
+Lengths are in metres; x points right, y down and z forward. Random numbers with fixed seeds place the parts, so that
+each scene is always the same.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from benchmarks.warp.solids import Ball, Cone, Polytope, Relief, Rod, Sheet, Squ
 Array = NDArray[Any]
 Things = list[Thing]
 
-_FOCAL = 0.9  # image widths: 58 degrees across
-_FEWEST_SAMPLES = 3.0  # least number of samples per pitch of a pattern; with fewer, images would show aliases
+_FOCAL = 0.9  # focal length in image widths: 58 degrees across
+_FEWEST_SAMPLES = 3.0  # least samples per pitch of a pattern, against aliasing
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class Scene:
     eye, target : (3,)
         Position of the camera, and a point that it looks at.
     across : float
-        Width of an orthographic camera's picture in metres; 0: a perspective camera.
+        Width of the picture of an orthographic camera in metres; 0 for a perspective camera.
     pitch : float
-        Distance x/z from one bar or square of the scene's pattern to the next; infinite without a pattern.
+        Distance (x/z in the camera) between neighbouring bars or squares of a pattern; infinite without one.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Scene:
     pitch: float = np.inf
 
     def camera(self, width: int, height: int) -> ibr.Camera:
-        """The camera for a size of image."""
+        """Make the camera of an image of this size."""
         focal = width / self.across if self.across else _FOCAL * width
         pose = ibr.Camera.look_at(self.eye, self.target, (0, -1, 0), (width, height), fov_y=50).world_from_camera
         K = [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
@@ -62,7 +62,7 @@ class Scene:
         return self.pitch * _FOCAL * width >= _FEWEST_SAMPLES
 
     def sampled(self, width: int, height: int) -> tuple[Array, Array, Array]:
-        """Exact depth, and the judgements of each sample's right and lower neighbour (`solids.sampled`)."""
+        """Exact depth, and whether each sample and its right or lower neighbour are one surface (`solids.sampled`)."""
         return solids.sampled(self.build(), self.camera(width, height))
 
 
@@ -86,7 +86,7 @@ def _turn(x: float, y: float, z: float = 0.0) -> Array:
 
 
 def _behind(point: ArrayLike, normal: ArrayLike) -> Polytope:
-    """Everything behind a plane whose normal points at the viewer."""
+    """A body that fills all space behind a plane, whose normal points towards the viewer."""
     normal = np.asarray(normal, float)
     return Polytope(normal[None], np.array([normal @ np.asarray(point, float)]))
 
@@ -100,7 +100,7 @@ def _floor(y: float) -> Thing:
 
 
 def _tube(points: Array, radius: float) -> Thing:
-    """Rods with round ends along a line: one body."""
+    """A body of rods with round ends that join the points in order."""
     return [Rod(a, b, radius, round_ends=True) for a, b in itertools.pairwise(points)]
 
 
@@ -116,13 +116,13 @@ def _rods(name: str, count: int, radius: float) -> Things:
 
 
 def _fence(pitch: float, width: float) -> Things:
-    """Pickets 2 m away, a wall at 4 m."""
+    """Upright slats 2 m away, in front of a wall at 4 m."""
     places = pitch * np.arange(-np.ceil(1.3 / pitch), np.ceil(1.3 / pitch) + 1)
     return [*([box((x - width / 2, -3, 2), (x + width / 2, 3, 2.02))] for x in places), _wall(4)]
 
 
 def _wires(pitch: float, radius: float, angles: tuple[float, ...]) -> Things:
-    """Crossed wires in an oblique plane some 2 m away, a wall at 4 m."""
+    """Crossed wires in an oblique plane some 2 m away, in front of a wall at 4 m."""
     wires: Things = []
     for angle in np.radians(angles):
         s, c = np.sin(angle), np.cos(angle)
@@ -134,20 +134,20 @@ def _wires(pitch: float, radius: float, angles: tuple[float, ...]) -> Things:
 
 
 def _chequer(side: float, near: float, far: float, turn: tuple[float, float] = (0, 0)) -> Things:
-    """Squares at depth `near` in front of a plane at depth `far`, turned about the middle point at depth `near`."""
+    """Squares at depth `near` in front of a plane at depth `far`; both are turned about the point (0, 0, near)."""
     frame, middle = _turn(*turn), _point(0, 0, near)
     return [[Squares(middle, frame.T, side)], [_behind(middle + (far - near) * frame[:, 2], -frame[:, 2])]]
 
 
 def _terraces(step: float) -> Things:
-    """Plates one behind the other, each farther by a fixed fraction of its depth."""
+    """Plates behind one another: each depth is (1 + step) times the depth before."""
     depths = 2 * (1 + step) ** np.arange(8)
     ends = zip(depths, np.linspace(-0.4, 0.4, len(depths)), strict=True)
     return [*([box((-9, -9, z), (x * z, 9, z + 0.001))] for z, x in ends), _wall(4)]
 
 
 def _stairs(tread: float) -> Thing:
-    """Ten stairs that go up and away, down to the floor y = 0, or as planks of thickness `tread`."""
+    """Ten stairs that go up and away: solid down to the floor y = 0, or planks of thickness `tread` if it is not 0."""
     return [box((-1, -0.18 * (n + 1), 1.5 + 0.28 * n), (1, tread - 0.18 * (n + 1) if tread else 0, 1.78 + 0.28 * n))
             for n in range(10)]  # fmt: skip
 
@@ -174,7 +174,7 @@ def _cylinders() -> Things:
 
 
 def _ridge(degrees: float, valley: bool) -> Things:
-    """Two planes that meet in a line, each turned by `degrees` from facing the camera."""
+    """Two planes that meet in a line, each turned away from the camera by `degrees`."""
     s, c = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     if valley:
         normals = np.array([[s, 0.1, c], [-s, 0.1, c]])
@@ -184,9 +184,9 @@ def _ridge(degrees: float, valley: bool) -> Things:
 
 
 def _waves(amplitude: float, across: float, down: float) -> Things:
-    """A surface whose logarithm of depth is a wave over the image.
+    """A surface whose depth is 3 times the exponential of a sine wave over the image.
 
-    The surface turns away from the camera by up to an angle whose tangent is the amplitude times |(across, down)|.
+    Its largest angle to a plane that faces the camera has the tangent amplitude * |(across, down)|.
     """
     return [[Relief(lambda x, y: 3 * np.exp(amplitude * np.sin(across * x + down * y)))]]
 
@@ -210,7 +210,7 @@ def _corridor(pillars: bool) -> Things:
 
 
 def _floor_with_box() -> Things:
-    """The floor y = 0 to a wall 8 m away, and a box on it."""
+    """A box on the floor y = 0, in front of a wall 8 m away."""
     return [_floor(0), _wall(8), [box((-0.25, -0.25, 1.9), (0.25, 0, 2.4), _turn(0, 30))]]
 
 
@@ -276,7 +276,7 @@ def _cones() -> Things:
 
 
 def _open_box() -> Things:
-    """A box without a lid, its five plates one body."""
+    """A box without a lid: one body of five plates."""
     frame, middle, half, thick = _turn(-40, 30, 10), _point(0, 0, 1.8), 0.5, 0.02
     plates: list[Polytope] = []
     for axis, sign in ((0, -1), (0, 1), (1, -1), (1, 1), (2, 1)):
@@ -299,7 +299,7 @@ def _house() -> Things:
 
 
 def _corrugated() -> Things:
-    """Rods side by side, half sunk into an oblique plate: each rod hides a part of the next."""
+    """Parallel rods, half sunk into an oblique plate; each rod hides a part of its neighbour."""
     turn, middle = _turn(0, 50), _point(0, 0, 2.5)
     rods = [
         Rod(middle + turn @ _point(x, -3, 0), middle + turn @ _point(x, 3, 0), 0.1) for x in np.arange(-2.4, 2.5, 0.25)
@@ -358,4 +358,4 @@ SCENES: tuple[Scene, ...] = (
     Scene("balls, orthographic", lambda: _balls(0.25), across=3),
     Scene("knot, orthographic", lambda: [_knot(), _wall(4)], across=2.6),
 )
-"""Wires and fences, steps, round objects, slopes, rooms and plants."""
+"""All scenes: wires and fences, steps, round objects, slopes, rooms and plants."""

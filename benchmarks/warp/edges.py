@@ -1,7 +1,7 @@
-"""Depth edges in scenes with known edges: torn samples of smooth surfaces, and sheets across empty space.
+"""Counts the errors of edge tests in scenes with known depth edges. Nothing is timed.
 
-The default test is compared with two ratios of depths, with noise of each kind, for full and small images. Nothing is
-timed.
+A sample is torn if the test cuts it off a neighbour on the same surface. It is part of a sheet if the test joins it to
+another surface. pyibr's default test is compared with two limits on the ratio of depths, for each kind of noise.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ WAYS: dict[str, float | None] = {AUTOMATIC: None, **{f"cut_ratio={ratio:g}": rat
 TORN, SHEETS = "torn", "sheets"
 BASE = "cut_ratio=1.05"
 BARS = {TORN: (0.3, 0), SHEETS: (1.1, 30)}
-"""Limits on the count in all scenes: a multiple of the count of `BASE`, plus a number of samples."""
-SEPARATOR = ", "  # between the names of noises: a record has one value per noise
-FEW = 100  # samples across; smaller images may have no more sheets than with `BASE`
+"""Limits for the default test's counts over all scenes: a multiple of the count of `BASE`, plus a number of samples."""
+SEPARATOR = ", "  # between the names of noises in a record, which has a value for each
+FEW = 100  # samples across: narrower images may have no more sheets than with `BASE`
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case per size and scene, with all noises and ways in it."""
+    """One case per size and scene, with all noises and edge tests."""
     for size in plan.edges:
         for scene in SCENES[:: plan.edge_scenes]:
             if scene.is_resolved(size[0]):
@@ -50,7 +50,7 @@ def cases(plan: Plan) -> Iterator[Case]:
 
 
 def torn_and_sheets(view: ibr.DepthImage, cut_ratio: float | None, right: Array, below: Array) -> tuple[int, int]:
-    """Count samples that a smooth surface loses, and samples that are bridged to another surface.
+    """Count samples that are torn off their own surface, and samples that are joined to another surface.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def torn_and_sheets(view: ibr.DepthImage, cut_ratio: float | None, right: Array,
     cut_ratio : float or None
         As in `WarpedView`.
     right, below : int8 (H, W - 1), (H - 1, W)
-        The true judgements, as returned by `solids.sampled`.
+        Truth about the right and lower neighbours, as `solids.sampled` returns it.
     """
     width, height = view.camera.size
     surface = to_host([surface_of(view, cut_ratio).nearness])[0][1 : height + 1, 1 : width + 1]
@@ -72,7 +72,7 @@ def torn_and_sheets(view: ibr.DepthImage, cut_ratio: float | None, right: Array,
 
 
 def view_of(depth: Array, camera: ibr.Camera, scene: str, noise: str) -> ibr.DepthImage:
-    """Depth image of exact depth with added noise, which is always the same for one scene, kind of noise and size."""
+    """Add noise to exact depth; the same scene, kind of noise and size always get the same values."""
     seed = zlib.crc32(f"{scene}, {noise}, {camera.size}".encode())
     return ibr.DepthImage(None, noisy(depth, noise, seed), camera)
 

@@ -10,21 +10,21 @@ from benchmarks.warp.edges import AUTOMATIC, BARS, BASE, FEW, SEPARATOR, SHEETS,
 
 EDGES = """## Depth edges
 
-{count} scenes with exact depth and exact edges, as images with noise of each kind. *Torn*: samples that a smooth
-surface loses, because the edge test tears them from a neighbour of the same surface. *Sheets*: samples that are bridged
-to another surface, across empty space. Each cell is *torn / sheets* in all scenes. Patterns of fewer than three samples
-are left out.
+Noise of each kind is added to images of {count} scenes whose depth and depth edges are known exactly. *Torn* samples are
+those that the edge test cuts off a neighbour on the same surface. *Sheets* are samples that it joins to another surface,
+across empty space. Each cell is *torn / sheets*, added over all scenes. Scenes are left out if their pattern repeats
+within fewer than three samples.
 
-Every edge counts, also a step of 1 % of the depth that the ratios cannot see, or a step that the noise hides. The bars:
-the default test tears at most {torn:g} times as many samples as {base}, and leaves at most {sheets:g} times as many
-sheets and {more} samples; in images of fewer than {few} samples across, no more sheets.
+Every edge counts, even a step of 1 % of the depth, which is below the ratios' limits, and a step that the noise hides.
+The bars: the default test tears at most {torn:g} times as many samples as {base}. It leaves at most {sheets:g} times as
+many sheets plus {more} samples, and no more than {base} in images less than {few} samples wide.
 """
 
 LOSSES = """### Where the ratio is better
 
-In {torn} of {rows} rows (a size, a noise and a scene) the default test tears more samples than {base}, in {sheets} it
-leaves more sheets. For each size and scene, the table shows the noise with the greatest loss; the worst {shown} of
-{count}.
+There is a row for each size, noise and scene: {rows} in all. In {torn} rows the default test tears more samples than
+{base}, in {sheets} it leaves more sheets. For each size and scene, the row with the greatest loss is taken; the table
+shows the worst {shown} of these {count}.
 """
 
 _SHOWN = 20
@@ -34,7 +34,7 @@ Counts = dict[str, tuple[int, int]]  # by way: torn, sheets
 
 
 def edges_section(result: Result, _: Path) -> list[str]:
-    """Totals by size and noise with their bars, then the scenes with a better ratio."""
+    """Tables of totals by size and noise with their bars, and of scenes in which the ratio is better."""
     rows = _rows(result)
     ways = [way for way in WAYS if any(way in counts for counts in rows.values())]
     lines: list[list[str]] = []
@@ -67,7 +67,7 @@ def _rows(result: Result) -> dict[Key, Counts]:
 
 
 def _losses(rows: dict[Key, Counts], ways: list[str]) -> list[str]:
-    """The scenes of each size in which the default test loses most."""
+    """Table of the scenes in which the default test loses most."""
     excess = {key: tuple(a - b for a, b in zip(c[AUTOMATIC], c[BASE], strict=True)) for key, c in rows.items()}
     worst: dict[tuple[str, str], tuple[int, Key]] = {}
     for key, more in excess.items():

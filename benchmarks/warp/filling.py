@@ -1,6 +1,7 @@
-"""Errors of filled holes compared with the hidden colours: each way to fill, and OpenCV's inpainting.
+"""Measures how far the colours of filled holes are from the true colours, for pyibr's fills and OpenCV's inpainting.
 
-Pairs are frames of a depth camera's scene, and photographs with known disparity. Nothing is timed.
+A case warps one picture of a pair to the camera of the other, which holds the true colours. Pairs are frames of a depth
+camera's scene, and stereo photographs with known disparity. Nothing is timed.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ Pair = tuple[ibr.DepthImage, ibr.Camera, Array]
 
 FILLS: tuple[Any, ...] = ("background", "smooth", "inpaint")
 TELEA = "cv2.inpaint"
-RADII = (3, 5)  # pixels; the better radius counts
+RADII = (3, 5)  # of the inpainting, in pixels; the smaller error counts
 BETWEEN, HIDDEN = "colour error between surfaces", "colour error where hidden"
 FRAMES = (0, 4, 50)
 

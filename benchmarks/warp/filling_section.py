@@ -10,15 +10,15 @@ from benchmarks.warp.filling import BETWEEN, FILLS, HIDDEN, RADII, TELEA
 
 FILLING = """## Filled holes
 
-Mean differences to the colours that the new camera saw, in levels of 255, in holes between surfaces: all holes except
-those beyond the source's frame. The *hidden* ones are the disocclusions; in the others, such as windows, the source has
-colours without depth. {telea} is the method of Telea (2004) on the unfilled picture, with the better radius of {radii}
-pixels.
+The filled colours are compared with the picture that the new camera took: cells show mean differences in levels of 255.
+They are taken over all holes except pixels outside the source's image, and over the *hidden* pixels alone, which the
+source did not see. Other holes are places, such as windows, where the source has colours without depth. {telea} fills the
+unfilled picture by the method of Telea (2004), with radius {radii} pixels, whichever is better.
 """
 
 
 def filling_section(result: Result, _: Path) -> list[str]:
-    """Errors by pair, for each way and for OpenCV's, with the bar for filling from behind."""
+    """Table of errors by pair and fill, with the bar for filling from behind."""
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in result.records:
         groups.setdefault((str(record.parameters["scene"]), str(record.parameters["motion"])), []).append(record)

@@ -1,4 +1,4 @@
-"""OpenCV's functions for the same warp, and the subjects of pyibr to compare them with."""
+"""Prepares OpenCV's functions for a warp, and compares pyibr's warps with them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from benchmarks.runner import Subject
 from pyibr.core.optional import opencv
 
 Array = NDArray[Any]
-Options = Mapping[str, Any]  # of ibr.warp
+Options = Mapping[str, Any]  # options of ibr.warp
 
 BASE, REGISTER, REMAP = "cv2.warpFrame", "cv2.registerDepth", "cv2.remap"
 KERNEL_RUNS = 3
@@ -25,7 +25,7 @@ KERNEL_RUNS = 3
 
 @dataclass(frozen=True)
 class Task:
-    """A warp between cameras of one K: the same arrays and cameras for all subjects.
+    """A warp between two cameras with the same K; all subjects get its arrays and cameras.
 
     Attributes
     ----------
@@ -44,22 +44,22 @@ class Task:
     finest: Options = field(default_factory=dict[str, Any])
 
     def ours(self, **options: Any) -> ibr.Frame:
-        """Warp a fresh `DepthImage`."""
+        """Warp a new `DepthImage`."""
         return ibr.warp(ibr.DepthImage(self.color, self.depth, self.source), self.target, **options)
 
     @functools.cached_property
     def target_from_source(self) -> Array:
-        """(4, 4) transform in OpenCV's form."""
+        """(4, 4) transform, as OpenCV takes it."""
         return self.target.camera_from_world @ self.source.world_from_camera
 
     @functools.cached_property
     def mask(self) -> Array:
-        """(H, W) uint8 mask of the samples that cv2.warpFrame carries over."""
+        """(H, W) uint8 mask of the samples that cv2.warpFrame is to warp."""
         return np.where(np.isfinite(self.depth), np.uint8(255), np.uint8(0))
 
 
 def subjects(task: Task) -> dict[str, Subject]:
-    """OpenCV's warps. cv2.remap is given finished maps: the least cost of a warp of colour and depth."""
+    """Make OpenCV's subjects. cv2.remap gets finished maps, so its time is the least for moving colour and depth."""
     cv2 = opencv("the benchmark of the warp", "warpFrame", "registerDepth")
     K, Rt, undistorted = task.source.K, task.target_from_source, np.zeros(5)
     across, down = source_positions(task)
@@ -75,7 +75,7 @@ def subjects(task: Task) -> dict[str, Subject]:
 
 
 def source_positions(task: Task) -> tuple[Array, Array]:
-    """float32 (H, W) x and y: the position in the source that each target pixel shows; -1 in holes."""
+    """Float32 (H, W) x and y of the source position that each target pixel shows; -1 in holes."""
     frame = task.ours(**task.finest)
     x, y = np.meshgrid(*(np.arange(size, dtype=np.float32) for size in task.target.size))
     z = np.where(frame.valid, frame.depth, 1.0).astype(np.float32)
@@ -86,14 +86,14 @@ def source_positions(task: Task) -> tuple[Array, Array]:
     seen = frame.valid & (w > 0)
     w = np.where(seen, w, np.float32(1))
     nowhere = np.float32(-1)
-    # Beyond the outermost samples, to the edges of their pixels, colours stay constant.
+    # In the outer half of border pixels, colours are constant.
     width, height = task.source.size
     across, down = np.clip(u / w, 0, width - 1), np.clip(v / w, 0, height - 1)
     return np.where(seen, across, nowhere), np.where(seen, down, nowhere)
 
 
 def kernels(task: Task, ours: Mapping[str, Options], parameters: dict[str, Parameter]) -> Iterator[Record]:
-    """Time of pyibr's kernels alone."""
+    """Measure the time of pyibr's kernels alone."""
     for name, options in ours.items():
         totals: list[float] = []
         for _ in range(KERNEL_RUNS):
@@ -104,7 +104,7 @@ def kernels(task: Task, ours: Mapping[str, Options], parameters: dict[str, Param
 
 
 def sameness(task: Task, name: str, options: Options, parameters: dict[str, Parameter]) -> Iterator[Record]:
-    """Fractions of the target that a pyibr subject and cv2.warpFrame cover, and a check that both warps agree."""
+    """Measure how much of the target pyibr and cv2.warpFrame cover, and the difference of their depths."""
     cv2 = opencv("the benchmark of the warp", "warpFrame")
     depth, _, seen = cv2.warpFrame(task.depth, task.color, task.mask, task.target_from_source, task.source.K)
     frame = task.ours(**options)

@@ -1,7 +1,7 @@
-"""pyibr compared with OpenCV and Open3D, from NumPy arrays to NumPy arrays, over the epipole's nine regions.
+"""Times warps of pyibr, OpenCV and Open3D from NumPy arrays to NumPy arrays, with the epipole in each of nine regions.
 
-The surface is open between the relief and the parts raised above it (`edges="cut"`), for Open3D's rays, too. OpenCV
-carries over samples alone.
+The surface is cut between the relief and the parts raised above it (`edges="cut"`), for Open3D's rays, too. OpenCV moves
+single samples.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from benchmarks.warp.opencv import Task
 
 Array = NDArray[Any]
 
-CUT_RATIO = 1.05  # neighbours whose depths have a greater ratio are not one surface
+CUT_RATIO = 1.05  # neighbours with a greater ratio of depths are cut apart
 NEAREST, LINEAR = "pyibr nearest", "pyibr linear"
 OURS: dict[str, opencv.Options] = {NEAREST: {"interpolation": "nearest"}, LINEAR: {"interpolation": "linear"}}
 OPEN3D_BUILD, OPEN3D_CAST = "Open3D build", "Open3D cast"
@@ -69,7 +69,7 @@ def _relief(n: int) -> tuple[Array, Array]:
 
 
 def _open3d(task: Task) -> dict[str, Subject]:
-    """Rays against the same surface, for depth only. Each turn builds the scene anew, but not the rays."""
+    """Make Open3D's subjects, which cast rays at the same surface, for depth only. Rays are made once, the scene each turn."""
     o3d: Any = import_module("open3d")
 
     height, width = task.depth.shape

@@ -1,6 +1,6 @@
-"""Registration compared with OpenCV: depth in the image of a colour camera, and colours for a depth camera's samples.
+"""Times registration against OpenCV: depth for the pixels of a colour camera, and colours for a depth camera's samples.
 
-From NumPy arrays to NumPy arrays, in turns in one process.
+Times run from NumPy arrays to NumPy arrays, in turns in one process.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Rig:
 
 
 RIGS = {"wide": Rig(0.95, 0.025, 0.5), "narrow": Rig(0.95 / 0.8, 0.05, 1.0)}
-"""Rigs whose colour camera sees more or less than the depth camera: most commercial rigs see less."""
+"""Rigs whose colour camera has a wider or a narrower view than the depth camera; most commercial rigs are narrow."""
 
 BARS = {
     ("wide", "640 x 480"): 1.0,
@@ -58,22 +58,22 @@ BARS = {
 }
 """Largest ratio of the time of `REGISTERED` to that of cv2.registerDepth, by rig and size."""
 
-SCALE = 1000.0  # counts of uint16 per metre
+SCALE = 1000.0  # steps of uint16 depth per metre
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a rig, size and noise."""
+    """One case per size, rig and noise."""
     scene, missing = scenes.standing_in(plan.rgbd_scene)
     if missing is not None:
         yield Case({"case": "registration"}, lambda: missing)
-    # All rigs of a size come before the next size: freed larger arrays would spare OpenCV fresh pages for smaller ones.
+    # Sizes grow: after larger arrays were freed, OpenCV would reuse their pages for smaller ones, and be faster.
     for (size, repeats), rig, noise in itertools.product(plan.registration.items(), RIGS, plan.rgbd_noise):
         parameters: dict[str, Parameter] = {"scene": scene, "rig": rig, "size": scenes.shown(size), "noise": noise}
         yield Case(parameters, functools.partial(_prepare, parameters, scene, RIGS[rig], size, noise, repeats))
 
 
 def color_camera(depth_camera: ibr.Camera, rig: Rig) -> ibr.Camera:
-    """The colour camera: next to the depth camera, and turned a little."""
+    """The rig's colour camera, beside the depth camera and turned a little."""
     turn = np.radians(rig.turn)
     pose = depth_camera.world_from_camera @ np.array(
         [[np.cos(turn), 0, np.sin(turn), rig.aside], [0, 1, 0, 0], [-np.sin(turn), 0, np.cos(turn), 0], [0, 0, 0, 1]]
@@ -92,7 +92,7 @@ def _prepare(
         return view
     here, there, depth = view.camera, color_camera(view.camera, rig), view.depth
     counts = ibr.uint16_from_depth(depth, SCALE)
-    color: Any = view.color  # any picture will do
+    color: Any = view.color  # its contents do not matter
     Rt, undistorted = there.camera_from_world @ here.world_from_camera, np.zeros(5)
 
     def peer(dilation: bool = False) -> NDArray[Any]:

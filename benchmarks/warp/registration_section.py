@@ -12,23 +12,23 @@ from benchmarks.warp.registration import BARS, COLORS, DILATED, MILLIMETRES, REG
 
 REGISTRATION = """## Registration
 
-Depth of a depth camera in the image of a colour camera next to it: frame 0 of the scene of *Real RGB-D*, without noise
-and with noise in pixels of disparity. Milliseconds from NumPy arrays to NumPy arrays, in turns in one process.
-*Covers*: the share of the colour image that gets depth. {register} moves samples to whole pixels and leaves gaps where
-they spread; dilated, it writes each sample to four pixels. It asks the system for fresh pages in each call; in a
-process that has freed larger arrays before, it reuses their pages and takes less than half as long. The colour camera
-is
+Each call gives depth to the pixels of a colour camera beside the depth camera. The depth is frame 0 of the scene of
+*Real RGB-D*; noise is in pixels of disparity. Times are milliseconds from NumPy arrays to NumPy arrays, in turns in one
+process. *Covers* is the share of the colour image that gets depth. {register} moves each sample to one pixel, which
+leaves gaps where samples spread apart; *dilated*, it writes each sample to four pixels. {register} also takes fresh
+memory pages from the system in each call. In a process that has freed larger arrays before, it reuses their pages, and
+takes less than half as long. There are two colour cameras:
 
 {rigs}
 """
 
-_RIG = "- *{name}*: {aside:g} cm aside, turned by {turn:g}°, its focal length {zoom:.2f} of the depth camera's."
+_RIG = "- *{name}*: {aside:g} cm aside, turned by {turn:g}°, with {zoom:.2f} times the depth camera's focal length."
 
 _SUBJECTS = (REGISTERED, MILLIMETRES, COLORS, REGISTER, DILATED)
 
 
 def registration_section(result: Result, _: Path) -> list[str]:
-    """Times by rig, size and noise, the ratio with its bar, and the covered share."""
+    """Table of times, the ratio with its bar, and the covered share, by rig, size and noise."""
     groups: dict[tuple[str, str, float], list[Record]] = {}
     for record in result.records:
         rig, size, noise = (record.parameters[name] for name in ("rig", "size", "noise"))

@@ -1,7 +1,7 @@
-"""The warp of depth cameras' frames, compared with OpenCV; then uses of such warps (`rgbd_uses`).
+"""Times warps of a depth camera's frames against OpenCV; then the uses of such warps in `rgbd_uses`.
 
-Times are from NumPy arrays to NumPy arrays, with a fresh `DepthImage` each time. The frames of a rendered living room
-have exact poses and no noise; noise like that of structured light is added (`scenes.rgbd`).
+Times run from NumPy arrays to NumPy arrays, with a new `DepthImage` for each call. The frames show a rendered living
+room, with exact poses; noise like a structured-light camera's is added (`scenes.rgbd`).
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ BARS = {
     (POSES, "1920 x 1440", 0.3): 1.1,
     **{(SIDEWAYS, size, noise): 0.6 for size in ("640 x 480", "1920 x 1440") for noise in (0.0, 0.1, 0.3)},
 }
-"""Greatest ratio of `LINEAR` to cv2.warpFrame, the mean over the motions, by their kind, size and noise."""
+"""Greatest ratio of the time of `LINEAR` to cv2.warpFrame's, as a mean over motions, by their kind, size and noise."""
 
 
 @dataclass(frozen=True)
 class Published:
-    """Published figure of another program, from another machine."""
+    """A figure that another program's authors published for their machine."""
 
     program: str
     task: str
@@ -82,7 +82,7 @@ PUBLISHED = (
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case per size, noise and motion; then the uses, and a camera at rest."""
+    """Yield a case per size, noise and motion; then the uses, and a camera at rest."""
     scene, missing = scenes.standing_in(plan.rgbd_scene)
     if missing is not None:
         yield Case({"case": "warp"}, lambda: missing)
@@ -130,6 +130,6 @@ def _task(scene: str, motion: tuple[int, int | None], size: Size, noise: float) 
 
 
 def kernel_work(scene: str, size: Size, noise: float) -> ibr.Frame | Skip:
-    """Warp whose kernels are timed by the number of threads."""
+    """Make the warp whose kernels are timed with one and two threads."""
     task = _task(scene, MOTIONS[POSES]["0 to 50"], size, noise)
     return task if isinstance(task, Skip) else task.ours(**OURS[LINEAR])

@@ -14,18 +14,19 @@ from benchmarks.warp.rgbd import LINEAR, MOTIONS, OURS
 
 RGBD = """## Real RGB-D
 
-Frames of the scene *{scenes}*, from a camera with a field of view of 63 by 49 degrees: from one frame to the camera of
-another (34 degrees and 0.7 m, or 3 degrees and 0.1 m, apart) and 7 cm sideways. Larger sizes are scaled from 640 x 480;
-sizes of 16:9 are the middle of a taller picture. Noise is that of structured light, in pixels of disparity (standard
-deviation) at a baseline of 7.5 cm, then rounded to 1/8 pixel.
+Frames of the scene *{scenes}* are warped; their camera has a field of view of 63 by 49 degrees. The target is another
+frame's camera (34 degrees and 0.7 m away, or 3 degrees and 0.1 m), or a camera 7 cm to the side. Larger sizes are scaled
+from 640 x 480, and cropped to the middle for 16:9. Noise is like a structured-light camera's with a baseline of 7.5 cm:
+its standard deviation is given in pixels of disparity, and noisy disparity is rounded to 1/8 pixel.
 
-Times are from NumPy arrays to NumPy arrays, with a fresh `DepthImage` each time, in turns in one process. Surfaces are
-cut, except for *connected*. {register} delivers depth alone; {remap} (colour and depth) is given the finished maps.
+Times run from NumPy arrays to NumPy arrays, with a new `DepthImage` for each call, in turns in one process. Surfaces are
+cut at depth edges, except in *connected*. {register} returns only depth; {remap} moves colour and depth by finished maps.
 
 ![Ratio to {base} by noise and size](rgbd.png)
 """
 
-RATIOS = """Ratios to {base}, means over the motions; the bars are for {linear}. Above 1, {base} is faster.
+RATIOS = """Cells show the ratio of a subject's time to {base}'s, as a mean over the motions; the bars are for {linear}. Where it is
+above 1, {base} is faster.
 """
 
 WORST = """The worst row of all: {subject}, {size}, {noise} pixels of noise, {kind}, {motion}: **{ratio:.2f} times** the
@@ -38,56 +39,62 @@ cover it, their depths differ by {difference:.2%} (median).
 
 THREADS = """### Threads
 
-Milliseconds of the kernels of *{linear}*, 0 to 50, in processes of one and of two threads, in turns.
+Times are milliseconds of the kernels of *{linear}* from frame 0 to frame 50, in processes of one and of two threads, in
+turns.
 """
 
 NOISE = """### White noise
 
-Milliseconds of the kernel `resolve`, which traces pixels again if their line's hit is not theirs: on a smooth surface
-and on white noise, in turns. Connected, the noise has the whole range of depth of the surface and replaces it; cut, a
-tenth of this range is added to the surface, so that both are covered.
+Times are milliseconds of the kernel `resolve`, on a smooth surface and on white noise, in turns. `resolve` traces a
+pixel again if the hit of its epipolar line is not the pixel's hit. With `connect`, the depths are white noise in the
+smooth surface's range. With `cut`, noise of a tenth of this range is added to the smooth surface, so that the surface is
+not cut everywhere.
 """
 
 STEREO = """### Stereo
 
-Both eyes, 3.2 cm to either side, from one fresh colour and depth image in one call, holes filled: milliseconds a pair.
+One call draws the pictures of both eyes, 3.2 cm to the left and right, from one new image with depth, and fills holes.
+Times are milliseconds per pair.
 """
 
 LIGHT_FIELD = """### A light field
 
-Views for a light field display, from cameras on a line of {width:g} cm: milliseconds for all views, in one call from
-a fresh view, compared with single warps from a fresh view each; then from a view that is kept.
+The pictures of a light field display are drawn for cameras on a line of {width:g} cm. Times are milliseconds for all
+pictures, in one call and in single warps. *Fresh*: each call gets a new view; *kept*: all calls use the same view.
 """
 
 TOGETHER = """### Several views in one picture
 
-Views {step:g} mm apart, blended: milliseconds for one picture of all views, compared with a picture of each. Fresh
-views are new to the device, and their exposures must be found; kept views need neither.
+Views whose cameras are {step:g} mm apart are blended to one picture; for comparison, each view is warped to a picture of
+its own. Times are milliseconds for all views. *Fresh* views must be copied to the device, and their exposures be
+matched; *kept* views need neither.
 """
 
 TOLD = """### Origins and classes of pixels
 
-Milliseconds of a plain warp, of a warp with the origins of its pixels in the source (`origins`), and of one with their
-classes, too (`classes`), in turns; from a fresh view each, and from a kept view. The relief is that of the other
-benchmarks, seen from the region F; the shelf is a raw RealSense's frame: two thirds of its samples are missing.
+Times are milliseconds of a plain warp, of a warp that also returns each pixel's position in the source (`origins`), and
+of a warp that also classifies the pixels (`classes`), in turns. *Fresh* warps get a new view, *kept* warps the same view.
+The relief is that of *Peers*, with the epipole in region F. The shelf is a raw RealSense frame, which lacks two thirds of
+its samples.
 """
 
 SMALL = """### Small images
 
-Milliseconds of a warp of an image so small that its kernels have next to nothing to do.
+Times are milliseconds of a warp of an image so small that its kernels take almost no time.
 """
 
 STEADY = """### Steady over time
 
-Standard deviations over {frames} frames of a camera at rest, means over the pixels that the noise-free view sees, and
-over its filled holes: depth in millimetres, colour in levels of 255. Each frame has noise of its own: {noise:g} pixels
-of disparity, {lost:.0%} of the samples missing, {color:g} levels of colour. The bar: no more than the deviations of the
-input.
+A camera at rest takes {frames} frames, each with different noise: {noise:g} pixels of disparity, {lost:.0%} of the samples
+missing, {color:g} levels of colour. All are warped. Cells show a pixel's standard deviation over the frames, in
+millimetres of depth and levels of 255 of colour: the mean over pixels that a warp without noise covers, and the mean
+over its filled holes. The bar: the warps deviate no more than the input.
 """
 
 PUBLISHED = """### Published figures of others
 
-**As published, on other machines, with other inputs: not measured here.** RVS merges its four views.
+**These figures were published by others, for other machines and inputs; they were not measured here.** RVS blends four
+views.
 """
 
 
@@ -95,7 +102,7 @@ _KINDS = (steady.DEPTH, steady.COLOR)
 
 
 def rgbd_section(result: Result, folder: Path) -> list[str]:
-    """Ratios with their bars, the worst ratio, the uses, and each row."""
+    """Make the tables of ratios with their bars, of the uses, and of all rows."""
     rows = _Rows(result)
     uses = [*_threads(result), *_noise(result), *_stereo(result), *_light_field(result)]
     uses += [*_together(result), *_told(result), *_small(result)]
@@ -137,7 +144,7 @@ class _Rows:
         return [median(row[subject]) / median(row[BASE]) for row in rows if subject in row]
 
     def summary(self) -> str:
-        """Means over the motions, with the bars."""
+        """Table of mean ratios over the motions, with the bars."""
         others = [subject for subject in (*OURS, REGISTER, REMAP) if subject != LINEAR]
         lines: list[list[str]] = []
         for group in self.groups:
@@ -151,7 +158,7 @@ class _Rows:
         return table(["motion", "size", "noise", LINEAR, "bar", "", *others], lines)
 
     def worst(self) -> str:
-        """The row of pyibr with the largest ratio, of any subject, size and noise."""
+        """Sentences on the largest ratio of any subject of pyibr, size, noise and motion."""
         ratios = {
             (subject, key): median(row[subject]) / median(row[BASE])
             for key, row in self.found.items()
@@ -172,7 +179,7 @@ class _Rows:
         )
 
     def details(self) -> list[str]:
-        """All rows, in one table per size."""
+        """Tables of all rows, one per size."""
         parts: list[str] = []
         for size in dict.fromkeys(size for _, size, _, _ in self.found):
             here = {key: row for key, row in self.found.items() if key[1] == size}
@@ -206,7 +213,7 @@ def _coverage(result: Result) -> str:
 
 
 def _by(result: Result, *names: str, **wanted: Parameter) -> dict[tuple[Parameter, ...], list[Record]]:
-    """Records by the values of some of their parameters, in measuring order."""
+    """Group records by the values of some of their parameters, in the order of measurement."""
     found: dict[tuple[Parameter, ...], list[Record]] = {}
     for record in result.select(**wanted):
         found.setdefault(tuple(record.parameters[name] for name in names), []).append(record)
@@ -341,5 +348,5 @@ def _steady(result: Result) -> list[str]:
 
 
 def _levels(deviations: list[float]) -> list[str]:
-    """Depth in millimetres, and colour in levels."""
+    """Format deviations of depth (scene units, as millimetres) and of colour (shares, as levels of 255)."""
     return [number(1000 * deviations[0]), number(255 * deviations[1])]

@@ -1,4 +1,4 @@
-"""Times of warping depth-camera frames: by threads, with white noise, as stereo pairs and rows of views."""
+"""Times uses of a warp: with more threads, on white noise, for stereo pairs and light fields, with classes, and others."""
 
 from __future__ import annotations
 
@@ -32,15 +32,18 @@ BARS = {
     "origins": 1.15,
     "classes": 1.5,
 }
-"""Least values: time of one thread over the time of two; stereo pairs per second. Largest values: time of `resolve` on
-white noise over its time on a smooth surface; one call over single calls; milliseconds of a fresh small image; several
-views in one picture over as many pictures of one view, once their gains are known; a warp with origins, or also with
-classes, over a plain warp."""
+"""Bars.
+
+Least values: the ratio of one thread's time to the time of two threads; stereo pairs per second. Largest values:
+milliseconds of a new small image; and ratios of times. The ratios are: `resolve` on white noise to a smooth surface, one
+call to single calls, several views in one picture to a picture of each (once their gains are known), and a warp with
+origins, or with origins and classes, to a plain warp.
+"""
 
 THREADS = (1, 2)
 SMOOTH, NOISE = "smooth surface", "white noise"
 AMPLITUDES = {"connect": 1.0, "cut": 0.1}
-"""Range of the noise relative to the range of the smooth surface, by `edges`: a cut surface must stay covered."""
+"""Range of the noise relative to the smooth surface's, by `edges`; with more noise, `cut` would cut everywhere."""
 
 EYES = 0.032  # metres from the middle to either eye
 STEREO = {"connected": "connect", "cut": "cut"}
@@ -60,7 +63,7 @@ _POCL = "Portable Computing Language"
 
 
 def cases(plan: Plan, scene: str) -> Iterator[Case]:
-    """Threads, white noise, stereo, a light field, several views in one picture, origins and classes, small images."""
+    """Yield the cases of each use."""
 
     def case(what: str, size: Size, **more: Parameter) -> dict[str, Parameter]:
         return {"case": what, "scene": scene, "size": scenes.shown(size), **more}
@@ -91,7 +94,7 @@ def cases(plan: Plan, scene: str) -> Iterator[Case]:
 
 
 def _threads(parameters: dict[str, Parameter], scene: str, size: Size, repeats: int) -> Work | Skip:
-    """Processes of one and of two threads in turns, each thread pinned to a processor as in pyibr."""
+    """Time kernels in processes of one and of two threads, in turns; each thread is pinned to a processor."""
     from pyibr.opencl.device import explain
 
     if (platform := explain()[0].platform) != _POCL:
@@ -120,7 +123,7 @@ def _threads(parameters: dict[str, Parameter], scene: str, size: Size, repeats: 
 
 
 def _white_noise(parameters: dict[str, Parameter], size: Size, repeats: int) -> Work:
-    """`resolve` where every line's hit differs from the pixel's hit, and where almost no hit does; in turns."""
+    """Time `resolve` where almost every line's hit differs from the pixel's hit, and where almost none does, in turns."""
     edges: Any = parameters["edges"]
     width, height = size
     color, depth = np.ascontiguousarray(scenes.relief(width)[0][:height]), _without_steps(width)[:height]
@@ -149,7 +152,7 @@ def _white_noise(parameters: dict[str, Parameter], size: Size, repeats: int) -> 
 
 
 def _without_steps(n: int) -> Any:
-    """(n, n) float32 depths of the relief without its box and its disc."""
+    """Depth (n, n) float32 of the relief without its box and its disc."""
     x = np.linspace(-1, 1, n, dtype=np.float32)
     a, b = x[None, :], x[:, None]
     return 4 + np.float32(0.6) * np.sin(2.3 * a + 0.5) * np.cos(2.9 * b)
@@ -188,7 +191,7 @@ def _light_field(scene: str, side: int, views: int, repeats: int, kind: str) -> 
 
 
 def _together(scene: str, size: Size, count: int, repeats: int, kind: str) -> Work | Skip:
-    """Neighbouring views in one picture, which matches their exposures, compared with a picture of each."""
+    """Time blending views to one picture, which matches their exposures, against a picture of each view."""
     found = scenes.rgbd(scene, 0, size)
     if isinstance(found, Skip):
         return found
@@ -211,7 +214,7 @@ def _together(scene: str, size: Size, count: int, repeats: int, kind: str) -> Wo
 
 
 def _told(scene: str, size: Size, repeats: int, motion: str, kind: str) -> Work | Skip:
-    """Warps with origins of pixels, and with classes, too, compared with a plain warp."""
+    """Time warps with the origins of pixels, and with origins and classes, against a plain warp."""
     if motion == RELIEF:
         width, height = size
         color, depth = (np.ascontiguousarray(part[:height]) for part in scenes.relief(width))

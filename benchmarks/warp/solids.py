@@ -1,6 +1,6 @@
-"""Convex solids, flat sheets and smooth reliefs with exact ray hits, and judgements of neighbouring samples.
+"""Solids, sheets and reliefs with exact ray hits, and the truth whether neighbouring samples are one surface.
 
-A ray is a position (N, 3) and a direction (N, 3) whose z is 1 in the camera's frame: its parameter is planar depth.
+A ray is origin + t * direction. The direction's z is 1 in the camera's axes, so that t is the planar depth.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import pyibr as ibr
 
 Array = NDArray[Any]
 
-NEAREST = 0.05  # metres: rays begin there
+NEAREST = 0.05  # metres: hits at a smaller depth do not count
 UNJUDGED, ONE_SURFACE, TWO_SURFACES = 0, 1, 2
-_SEAM = 1e-4  # relative to the depth: smaller jumps come from rounding and finite refinement at a seam
-_JUMP = 2e-3  # relative to the depth: jumps from _SEAM to _JUMP are not judged, since smooth surfaces bend as much
-_STEPS = 32  # between two pixels: parts thinner than a step may be missed
-_CHANGES = 4  # changes from part to part within a step
-_HALVINGS = 25  # halvings of a step: even at its limb, a ball of 1 m at 3 m falls by less than _SEAM there
+_SEAM = 1e-4  # relative to the depth: smaller jumps are rounding, or the step that is left after all halvings
+_JUMP = 2e-3  # relative to the depth: from _SEAM to here nothing is judged, since smooth surfaces bend as much
+_STEPS = 32  # steps between two pixels; parts thinner than a step may be missed
+_CHANGES = 4  # most changes from part to part within a step
+_HALVINGS = 25  # of a step; within the rest, the depth of a ball of 1 m at 3 m changes by less than _SEAM
 
 
 class Rays(NamedTuple):
@@ -46,7 +46,7 @@ class Rays(NamedTuple):
 
 
 class Part(Protocol):
-    """A body whose depth is continuous over the image wherever rays meet it."""
+    """A body whose depth changes continuously between neighbouring rays that hit it."""
 
     def depth(self, rays: Rays) -> Array:
         """Planar depth (N,), infinite for rays without a hit."""
@@ -54,12 +54,12 @@ class Part(Protocol):
 
 
 Thing = Sequence[Part]
-"""Parts that are one body."""
+"""An object: parts that form one body."""
 
 
 @dataclass(frozen=True)
 class Polytope:
-    """All points p with normals p <= offsets; or, if hollow, all others, seen from within."""
+    """The points p with normals @ p <= offsets; or, if hollow, a cavity of this shape, seen from inside."""
 
     normals: Array
     offsets: Array
@@ -115,7 +115,7 @@ class Rod:
         enter, leave = _roots(offset - along[:, None] * axis, rays.direction - rate[:, None] * axis, self.radius)
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = np.stack([-along / rate, (length - along) / rate])
-        level = np.where((along >= 0) & (along <= length), np.inf, -np.inf)  # rays across the axis
+        level = np.where((along >= 0) & (along <= length), np.inf, -np.inf)  # for rays at right angles to the axis
         first = np.where(rate == 0, -level, ends.min(0))
         last = np.where(rate == 0, level, ends.max(0))
         found = _first(np.maximum(enter, first), np.minimum(leave, last))
@@ -156,7 +156,7 @@ class Cone:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A flat ellipse with the half axes `along` and `across`; or a blade, whose tip lies `along` from its foot."""
+    """A flat ellipse with the half axes `along` and `across`; or a blade: a triangle from `center` to its tip at `along`."""
 
     center: Array
     along: Array
@@ -176,14 +176,14 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Squares:
-    """Every other square of a chequerboard in a plane. Pixels must be smaller than squares."""
+    """The squares of one colour of a plane chequerboard; the others are empty. Pixels must be smaller than squares."""
 
     center: Array
     axes: Array
     side: float
 
     def depth(self, rays: Rays) -> Array:
-        """As `Part.depth`; the rows of `axes` lie along the squares' sides, and on the plane's normal."""
+        """As `Part.depth`; the rows of `axes` are the directions of the squares' sides and of the plane's normal."""
         along, across, normal = self.axes
         with np.errstate(divide="ignore", invalid="ignore"):
             t = ((self.center - rays.origin) @ normal) / (rays.direction @ normal)
@@ -194,7 +194,7 @@ class Squares:
 
 @dataclass(frozen=True)
 class Relief:
-    """A smooth depth for each direction (x/z, y/z) of a perspective camera at rest."""
+    """A smooth surface, given by its depth in each direction (x/z, y/z) from a camera at the origin."""
 
     shape: Callable[[Array, Array], Array]
 
@@ -204,7 +204,7 @@ class Relief:
 
 
 def _passing(rays: Rays, center: Array, reach: float) -> Array:
-    """Find the rays that pass a point within a distance: a fast test that saves exact tests of the others."""
+    """Find the rays that pass `center` within `reach`; only these need the exact test."""
     offset = center - rays.origin
     along = np.einsum("ij,ij->i", offset, rays.direction) ** 2 / np.einsum("ij,ij->i", rays.direction, rays.direction)
     return np.einsum("ij,ij->i", offset, offset) - along <= reach * reach * (1 + 1e-9)
@@ -231,7 +231,7 @@ def box(low: ArrayLike, high: ArrayLike, turn: Array | None = None, hollow: bool
 
 
 def cast(things: Sequence[Thing], rays: Rays) -> tuple[Array, Array]:
-    """Depth (N,), infinite for rays without a hit, and the index of the part, counted over all things."""
+    """Depth (N,), infinite without a hit, and the index of the part that was hit among the parts of all things, or -1."""
     depth, part = np.full(len(rays.origin), np.inf), np.full(len(rays.origin), -1)
     for index, one in enumerate(one for thing in things for one in thing):
         found = one.depth(rays)
@@ -241,11 +241,12 @@ def cast(things: Sequence[Thing], rays: Rays) -> tuple[Array, Array]:
 
 
 def sampled(things: Sequence[Thing], camera: ibr.Camera) -> tuple[Array, Array, Array]:
-    """Exact depth (H, W), NaN without a hit, and judgements of each sample's right and lower neighbour.
+    """Cast a ray for each sample, and judge whether it and its right and lower neighbours are one surface.
 
     Returns
     -------
     depth : float64 (H, W)
+        NaN without a hit.
     right : int8 (H, W - 1)
         UNJUDGED, ONE_SURFACE or TWO_SURFACES.
     below : int8 (H - 1, W)
@@ -262,16 +263,16 @@ def sampled(things: Sequence[Thing], camera: ibr.Camera) -> tuple[Array, Array, 
         ends = np.stack([np.stack([u[at][differ], v[at][differ]], -1) for at in (first, second)])
         joined[differ] = _joined(things, camera, a[differ], b[differ], ends)
         near, far = np.minimum(depth[first], depth[second]), np.maximum(depth[first], depth[second])
-        # A gap narrower than a pixel between samples of one depth leaves no trace in the image.
+        # A gap narrower than a pixel, between samples of equal depth, cannot be seen in the image.
         joined[(joined == TWO_SURFACES) & (far < (1 + _JUMP) * near)] = UNJUDGED
         pairs.append(joined)
     return np.where(part < 0, np.nan, depth), pairs[0], pairs[1]
 
 
 def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, ends: Array) -> Array:
-    """Classify pairs of parts: one surface, two surfaces, or undecided.
+    """Classify pairs of samples on the parts a and b: one surface, two surfaces, or undecided.
 
-    Rays meet only the objects of the pair, so that no third object hides the seam.
+    Rays are cast at the pair's objects alone, so that no third object hides the place where they meet.
     """
     thing = np.repeat(np.arange(len(things)), [len(each) for each in things])
     joined = np.empty(len(a), np.int8)
@@ -286,8 +287,8 @@ def _joined(things: Sequence[Thing], camera: ibr.Camera, a: Array, b: Array, end
 def _largest_jump(things: Sequence[Thing], camera: ibr.Camera, ends: Array) -> Array:
     """Find the largest jump of the surface between two pixels (2, N, 2), relative to its depth.
 
-    The surface can jump only where rays pass from one part to another. Each such change is found by halving, up to
-    `_CHANGES` in a step.
+    The depth can jump only where rays pass from one part to another. Each such place is found by halving the step, up
+    to `_CHANGES` places in a step.
     """
     pixels = ends[0] + (ends[1] - ends[0]) * np.linspace(0, 1, _STEPS + 1)[:, None, None]
     depth, part = _cast_at(things, camera, pixels)
@@ -311,7 +312,7 @@ def _largest_jump(things: Sequence[Thing], camera: ibr.Camera, ends: Array) -> A
             right = np.where(same, right, at)
         with np.errstate(invalid="ignore"):
             jumps = np.abs(after - before) / np.minimum(after, before)
-        np.maximum.at(jump, pair, np.where(np.isfinite(jumps), jumps, np.inf))  # a gap is infinite
+        np.maximum.at(jump, pair, np.where(np.isfinite(jumps), jumps, np.inf))  # a gap counts as an infinite jump
         low, before, left = high, after, right
     return jump
 

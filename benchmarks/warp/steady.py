@@ -1,5 +1,6 @@
-"""Changes over time in warps of a noisy camera's frames of a scene at rest: with raw depth, with depth cleaned frame by
-frame, and with depth cleaned with the help of the frame before.
+"""Measures how much warps change over time if a noisy camera and its scene are at rest.
+
+Three depths are compared: raw depth, depth cleaned frame by frame, and depth cleaned with the help of the frame before.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ INPUT, RAW, SINGLE, STEADY = "input", "as it comes", "cleaned frame by frame", "
 SEEN, HOLES = "seen", "holes"
 DEPTH, COLOR = "depth deviation", "colour deviation"
 
-NOISE = 0.3  # pixels of disparity
+NOISE = 0.3  # standard deviation in pixels of disparity
 LOST = 0.05  # fraction of the samples that are missing
-COLOR_NOISE = 2.0  # levels of 255
+COLOR_NOISE = 2.0  # standard deviation in levels of 255
 
 MOTIONS: dict[str, tuple[tuple[int, ...], int | None]] = {
     "0 to 4": ((0,), 4),
@@ -36,14 +37,14 @@ MOTIONS: dict[str, tuple[tuple[int, ...], int | None]] = {
 }
 """By name: the frames that are warped, and the frame whose camera is the target."""
 
-ASIDE = 0.07  # metres
+ASIDE = 0.07  # metres sideways
 FILLS: tuple[Any, ...] = ("background", "smooth", "inpaint")
 
 Frame = tuple[NDArray[np.uint8], NDArray[np.float32]]
 
 
 def cases(plan: Plan, scene: str) -> Iterator[Case]:
-    """One case a motion."""
+    """One case per size and motion."""
     for size, frames in plan.rgbd_steady.items():
         for motion in MOTIONS:
             parameters: dict[str, Parameter] = {
@@ -85,13 +86,13 @@ def _prepare(parameters: dict[str, Parameter], size: Size, count: int) -> Work |
 def _frame(
     views: list[ibr.DepthImage], recorded: list[list[Frame]], found: list[list[NDArray[np.float32]]], k: int
 ) -> list[ibr.DepthImage]:
-    """The views' images at frame `k`: recorded colours, and the depths `found`."""
+    """The views' depth images at frame `k`, with recorded colours and the depths `found`."""
     of_each = zip(views, recorded, found, strict=True)
     return [ibr.DepthImage(frames[k][0], own[k], view.camera) for view, frames, own in of_each]
 
 
 def noisy(view: ibr.DepthImage, number: int) -> Frame:
-    """Colour and depth of a view as from a camera: with new noise in each frame, and lost samples."""
+    """Colour and depth of a view as from a real camera: with noise, different in each frame, and lost samples."""
     rng = np.random.default_rng([number, view.camera.width])
     depth = scenes.with_disparity_noise(view.depth, float(view.camera.K[0, 0]), NOISE, rng)
     depth[rng.random(depth.shape) < LOST] = np.nan
@@ -100,7 +101,7 @@ def noisy(view: ibr.DepthImage, number: int) -> Frame:
 
 
 def depths(frames: list[Frame], how: str) -> list[NDArray[np.float32]]:
-    """The depth of each frame: raw, or cleaned."""
+    """The depth of each frame, raw or cleaned as `how` says."""
     if how == RAW:
         return [depth for _, depth in frames]
     cleaned: list[NDArray[np.float32]] = []
@@ -122,7 +123,7 @@ def _input(frames: list[Frame]) -> Iterator[tuple[str, float]]:
 
 
 def _deviations(shown: list[ibr.Frame], part: NDArray[np.bool_]) -> Iterator[tuple[str, float]]:
-    """Standard deviations over time, as means over the pixels of a part."""
+    """Compute each pixel's standard deviation over time, and its mean over the pixels of a part."""
     if part.any():
         yield DEPTH, float(np.stack([frame.depth[part] for frame in shown]).std(axis=0).mean())
         colors = np.stack([frame.color[part] for frame in shown])
