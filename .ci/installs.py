@@ -1,13 +1,13 @@
-"""Install the wheel as users do, each time into a new environment, and use it from another directory.
+"""Install the wheel as users do, each time into a new environment, and use it from outside the clone.
 
     python .ci/installs.py dist/pyibr_opencl-0.1.0-py3-none-any.whl bare beside
     python .ci/installs.py dist/*.whl bare beside all --python python3.10 --python python3.13
 
-- bare: with nothing but pyibr's requirements
-- beside: next to opencv-python, whose files must stay as they are
+- bare: only with pyibr's requirements
+- beside: after opencv-python, whose files must not change
 - all: with all extras
 
-The environments use the OpenCL runtimes of this machine.
+All environments use this machine's OpenCL runtimes.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def try_install(python: str, kind: str, wheel: Path, place: Path) -> int:
-    """Install the wheel and use it; returns the size of the environment in bytes."""
+    """Install the wheel into a new environment and use it; returns the environment's size in bytes."""
     environment = place / "venv"
     run([python, "-m", "venv", str(environment)], place)
     packages = next(environment.glob("lib/python*/site-packages"))
@@ -64,7 +64,7 @@ def try_install(python: str, kind: str, wheel: Path, place: Path) -> int:
 
 
 def sums(folder: Path) -> dict[str, str]:
-    """Checksum of each file, except files that Python compiles."""
+    """Checksums of a folder's files, except the bytecode that Python writes."""
     files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix != ".pyc"]
     return {str(file): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
 

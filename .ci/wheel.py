@@ -1,7 +1,7 @@
-"""Checks of an installed wheel, in the environments of installs.py.
+"""Checks an installed wheel, in the environments that installs.py makes.
 
-"make" writes tiny inputs for `pyibr warp`, "check" judges the picture; "bare", "beside" and "all" test what else
-should work in these environments.
+"make" writes tiny inputs for `pyibr warp`, and "check" judges its picture. "bare", "beside" and "all" test the rest, in
+the environment of the same name.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from PIL import Image
 import pyibr as ibr
 
 WIDTH, HEIGHT = 40, 30
-SHIFT = 4  # pixels: the plane is at depth 2, the focal length 40 and the camera moves by 0.2
+SHIFT = 4  # pixels: focal length 40, times a camera motion of 0.2, divided by the plane's depth of 2
 K = [[40, 0, 19.5], [0, 40, 14.5], [0, 0, 1]]
 
 
@@ -46,7 +46,7 @@ def check() -> None:
 
 
 def bare() -> None:
-    """Captures meshes and proposes frusta; errors name missing packages."""
+    """Check that meshes are captured and frusta proposed, and that errors name missing packages."""
     capture()
     propose()
     for call, extra in ((inpaint, "opencv"), (to_open3d, "open3d"), (exr, "exr")):
@@ -56,11 +56,11 @@ def bare() -> None:
             if f"pip install 'pyibr-opencl[{extra}]'" in str(error):
                 continue
             sys.exit(f"the error does not name the extra {extra}: {error}")
-        sys.exit(f"{call.__name__} needs nothing of the extra {extra}")
+        sys.exit(f"{call.__name__} works without the extra {extra}")
 
 
 def beside() -> None:
-    """Uses the OpenCV that was there before, which still has its windows."""
+    """Check that pyibr uses the OpenCV that was installed before, which still has its windows."""
     import cv2
 
     inpaint()
@@ -73,7 +73,7 @@ def beside() -> None:
 
 
 def every() -> None:
-    """Uses every extra, and a CPU without a driver of the system."""
+    """Check every extra, and Intel's runtime for CPUs from PyPI."""
     inpaint()
     capture()
     to_open3d()

@@ -1,9 +1,9 @@
-"""Install the wheel on a Debian for ARM, draw a picture of each kind there, and compare them with this machine's.
+"""Install the wheel on a Debian for ARM, draw a picture of each kind there, and compare it with this machine's.
 
     make test-arm
 
-Debian for 64-bit ARM is put into a folder and emulated by qemu. Needs root on Debian or Ubuntu; missing parts of qemu
-and debootstrap are installed. The outcome is written to benchmarks/results/arm.json.
+Debian for 64-bit ARM is installed into a folder, and qemu emulates its processor. This needs root on Debian or Ubuntu;
+qemu and debootstrap are installed if they are missing. The outcome is written to benchmarks/results/arm.json.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from tools import debian, pictures
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "benchmarks/results/arm.json"
-SLOW = {"PYIBR_TIMEOUT": "1800", "POCL_WORK_GROUP_SPECIALIZATION": "0"}  # emulation takes twenty times as long
+SLOW = {"PYIBR_TIMEOUT": "1800", "POCL_WORK_GROUP_SPECIALIZATION": "0"}  # emulated, all takes twenty times as long
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--folder", type=Path, default=ROOT / "build/arm", help="folder for Debian, kept for the next run"
+        "--folder", type=Path, default=ROOT / "build/arm", help="folder for Debian, which later runs use again"
     )
     parser.add_argument(
-        "--suite", default="bookworm", help="Debian's suite; the default's PoCL is compared with this machine's"
+        "--suite", default="bookworm", help="Debian's suite, whose PoCL is compared with this machine's PoCL"
     )
     arguments = parser.parse_args()
     if not debian.is_possible():
@@ -53,7 +53,7 @@ def record(here: Path, there: Path, seconds: float) -> None:
     RECORD.write_text(json.dumps({**told, "seconds": round(seconds), "pictures": rows}, indent=1) + "\n")
     same = sum(not any(value for name, value in row.items() if name != "pixels") for row in rows.values())
     print(
-        f"test-arm: {same} of {len(rows)} pictures are the same to the bit; {RECORD.relative_to(ROOT)} has the others"
+        f"test-arm: {same} of {len(rows)} pictures have the same bits; {RECORD.relative_to(ROOT)} lists all differences"
     )
 
 

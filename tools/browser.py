@@ -1,4 +1,4 @@
-"""A Chromium without a window, to show, time or test pages."""
+"""Starts Chromium without a window, to photograph, time or test pages."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
-# Software rendering, so that a machine without a GPU draws.
+# Chromium draws in software, so that no GPU is needed.
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-sandbox"]
 
 PANEL = 304
-"""Width of the controls beside a page's picture, in pixels; in windows narrower than 576 they are closed."""
+"""Width in pixels of the controls beside a page's picture; windows narrower than 576 pixels hide them."""
 
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """A browser from playwright.
+    """Yield playwright's browser.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Another Debian in a folder, for this machine's processor, or for another one, emulated by qemu. Needs root."""
+"""Installs a Debian into a folder, for this machine's processor or for one that qemu emulates. Needs root."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def is_possible() -> bool:
 
 
 def make_system(system: Path, suite: str, packages: Sequence[str], architecture: str = "") -> None:
-    """Put Debian into a folder, unless it is there already."""
+    """Install Debian into a folder, unless it is there already; a named `architecture` is emulated."""
     needed = ["debootstrap", *(["qemu-user-static", "binfmt-support"] if architecture else [])]
     if missing := [name for name in needed if not _installed(name)]:
         subprocess.run(["apt-get", "update", "-qq"], check=True)
@@ -51,14 +51,14 @@ def _installed(package: str) -> bool:
 
 
 def _mirror() -> list[str]:
-    """Mirror from which this machine's packages come."""
+    """Find the mirror from which this machine's packages come."""
     lists = [Path("/etc/apt/sources.list"), *Path("/etc/apt/sources.list.d").glob("*")]
     found = [one for file in lists if file.is_file() for one in _MIRROR.findall(file.read_text(errors="replace"))]
     return found[:1]
 
 
 def install(system: Path, root: Path, *packages: str) -> Path:
-    """Install the wheel of the project in `root`, and further packages; returns the folder in which lines run."""
+    """Install the wheel of the project in `root`, and further packages; returns the folder in which `within` works."""
     home, built = system / _HOME, system.parent / "wheel"
     shutil.rmtree(built, ignore_errors=True)
     command = [sys.executable, "-m", "build", "--wheel", "--outdir", str(built), str(root)]
@@ -74,7 +74,7 @@ def install(system: Path, root: Path, *packages: str) -> Path:
 
 
 def within(system: Path, line: str, **variables: str) -> None:
-    """Run a line of shell in the system, with this system's processes and devices."""
+    """Run a shell command inside the installed Debian, which sees this machine's processes and devices."""
     mounts = "".join(f'mount --bind /{name} "{system}/{name}"; ' for name in ("proc", "dev", "sys"))
     known = {"HOME": "/root", "PATH": "/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin", "LANG": "C.UTF-8", **variables}
     words = " ".join(f"{name}={value}" for name, value in known.items())

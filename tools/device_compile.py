@@ -1,10 +1,10 @@
-"""Compile every kernel for devices that are not here: NVIDIA's, AMD's and Intel's, by their own compilers.
+"""Compile every kernel for GPUs of NVIDIA, AMD and Intel, which this machine need not have.
 
     python tools/device_compile.py [PART OF A FILE'S NAME ...]
 
-The programs are built by the tests' calls of all systems and by the usual pictures, with their defines, in the GPU
-form. NVIDIA's assembler makes the code of each of its cards from the same PTX. For Intel's devices, a translator makes
-SPIR-V, which their drivers accept.
+The tests' calls of all systems and the usual pictures decide which programs are compiled, and with which defines. All
+have the GPU form. For NVIDIA, clang makes PTX, and NVIDIA's assembler makes each card's code from it. For AMD, clang makes
+the code. For Intel, a translator makes SPIR-V, which Intel's drivers accept.
 
 Needs the same tools as `tools/gpu_compile.py`, and Debian's llvm-spirv of clang's version (`apt install
 llvm-spirv-15`).
@@ -31,7 +31,7 @@ from tools.gpu_compile import Program, assembler, compiled, compiler, ran
 
 NVIDIA = ("sm_75", "sm_90")
 AMD = ("gfx1100", "gfx90a")
-# Optimizers would make 31-bit integers, which SPIR-V does not have; drivers optimize SPIR-V later.
+# Not optimized: that could make 31-bit integers, which SPIR-V does not have. Drivers optimize SPIR-V later.
 SPIRV = ["-target", "spir64", "-x", "cl", "-cl-std=CL1.2", "-Xclang", "-disable-llvm-passes", "-w"]
 SPIRV += ["-Xclang", "-finclude-default-header"]
 VALIDATOR = "spirv-val"  # from Debian's spirv-tools, used if installed
@@ -39,7 +39,7 @@ VALIDATOR = "spirv-val"  # from Debian's spirv-tools, used if installed
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="*", help="parts of kernel files' names (default: all)")
+    parser.add_argument("files", nargs="*", help="parts of the names of kernel files (default: all files)")
     options = parser.parse_args()
     clang, ptxas = compiler(), assembler()
     wanted = [each for each in programs() if not options.files or any(part in each[0] for part in options.files)]
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def programs() -> list[Program]:
-    """Programs that calls of all systems need, for colours in bytes, in floats and without colours."""
+    """List the programs that calls of all systems need, for colours in bytes, colours in floats, and no colours."""
     with one_lane():
         for draw in (*PICTURES, *calls().values()):
             draw()
@@ -65,7 +65,7 @@ def programs() -> list[Program]:
 
 
 def faults_of(program: Program, clang: str, ptxas: Path) -> list[str]:
-    """Devices for which a program does not compile, each with its compiler's message."""
+    """List the devices for which a program does not compile, each with the compiler's message."""
     file, given = program
     defines, faults = {**dict(given), "LANES": 1}, list[str]()
     with tempfile.TemporaryDirectory() as place:
@@ -91,7 +91,7 @@ def faults_of(program: Program, clang: str, ptxas: Path) -> list[str]:
 
 
 def to_spirv(clang: str, source: Path, defines: dict[str, int]) -> None:
-    """Make SPIR-V from a program; a validator checks it, if there is one."""
+    """Make SPIR-V from a program, and check it if a validator is installed."""
     version = subprocess.run([clang, "-dumpversion"], capture_output=True, text=True).stdout.split(".")[0]
     bitcode, module = source.with_suffix(".bc"), source.with_suffix(".spv")
     given = [f"-D{name}={value}" for name, value in defines.items()]

@@ -1,11 +1,11 @@
-"""Compare several OpenCL implementations with PoCL, bit by bit: every kernel, launch by launch.
+"""Compare the results of every launch between PoCL and other OpenCL implementations, bit by bit.
 
     make test-devices
 
-PoCL and each other CPU runtime of this machine make calls of all systems in the CPU form. In the GPU form, they are
-made by PoCL and by Mesa's rusticl on llvmpipe, from a Debian 13 that is put into a folder (as root on Debian or
-Ubuntu). Each launch gets the same inputs as PoCL's launch: results of earlier launches are replaced by PoCL's results.
-The outcome is written to benchmarks/results/devices.json, and printed as the table of docs/machines.md.
+All runtimes make the same calls of all systems. PoCL and every other CPU runtime of this machine run the kernels' CPU
+form. PoCL and Mesa's rusticl on llvmpipe run the GPU form; rusticl comes from a Debian 13 that is installed into a
+folder (as root on Debian or Ubuntu). After each launch, its results are replaced by PoCL's, so that all launches get
+PoCL's inputs. The outcome is written to benchmarks/results/devices.json, and printed as the table of docs/machines.md.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from tools import debian
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "benchmarks/results/devices.json"
-TOLERANCE = 1e-5  # relative: rounding of other compilers, as in the tests with one lane
-SCRATCH = {"pool", "used"}  # parts of a stack, which work-items take in any order
+TOLERANCE = 1e-5  # relative difference that rounding by other compilers may cause, as in the tests with one lane
+SCRATCH = {"pool", "used"}  # arguments for a stack from which work-items take parts in any order
 RUSTICL = {"RUSTICL_ENABLE": "llvmpipe", "PYIBR_DEVICE": "rusticl", "PYIBR_BUILD_OPTIONS": "-DINLINED=static"}
-"""Rusticl's compiler loses copies of structs in loops (`pyibr.opencl.selftest`), and inlining makes more of them."""
+"""Rusticl's compiler loses some copies of structs in loops (`pyibr.opencl.selftest`); with less inlining, fewer."""
 
 
 class Launches(Watch):
-    """Keeps the results of each launch. If `first` has results of another device, further launches read these."""
+    """Keeps the results of each launch, then replaces them by another device's results if `first` has them."""
 
     def __init__(self, first: Mapping[str, NDArray[Any]]) -> None:
         self.call = ""
@@ -65,9 +65,9 @@ class Launches(Watch):
 
 
 def draw(out: Path, in_gpu_form: bool, first: Path | None) -> None:
-    """Draw all calls on the current device, with memory that starts as zeros, and keep the results of launches.
+    """Make all calls on the current device, with memory that starts as zeros, and keep the results of launches.
 
-    first: file with another device's results, from which these launches continue.
+    `first` is a file of another device's results; after each launch, they replace this device's results.
     """
     take = memory._take
 
@@ -79,7 +79,7 @@ def draw(out: Path, in_gpu_form: bool, first: Path | None) -> None:
         session.wait()
         return block
 
-    if in_gpu_form:  # tests of a CPU in its own form say nothing about the GPU form
+    if in_gpu_form:  # the device's own tests are skipped: they only examine the CPU form
         device._examine = device._examine_broken_again = lambda *_: Outcome(True)
     launches = Launches({} if first is None else np.load(first))
     with one_lane() if in_gpu_form else nullcontext(), watching(launches):
@@ -94,14 +94,14 @@ def draw(out: Path, in_gpu_form: bool, first: Path | None) -> None:
 
 @dataclass
 class Agreement:
-    """Agreement of a kernel's launches with PoCL's launches of equal inputs.
+    """Agreement of a kernel's launches with PoCL's launches on the same inputs.
 
     Attributes
     ----------
     launches, same : int
-        Number of launches, and how many of them give the same bits.
+        Number of launches, and number of launches with the same bits.
     off, far : float
-        Share of values that differ, and share of values that differ by more than `TOLERANCE`, relatively.
+        Share of values that differ at all, and that differ by a relative `TOLERANCE` or more.
     most : float
         Largest relative difference within `TOLERANCE`.
     """
@@ -115,7 +115,7 @@ class Agreement:
 
 
 def compare(base: Path, other: Path) -> dict[str, Agreement]:
-    """Agreements by kernel."""
+    """Compare two files of results; returns the agreement of each kernel."""
     found: dict[str, Agreement] = defaultdict(Agreement)
     with np.load(base) as one, np.load(other) as two:
         differs: dict[tuple[str, str], bool] = defaultdict(bool)
@@ -145,7 +145,7 @@ def _add(agreement: Agreement, a: NDArray[Any], b: NDArray[Any]) -> bool:
 
 
 def table(found: Mapping[str, Mapping[str, Agreement]]) -> str:
-    """Table of differences: the number of kernels with equal bits, and a row for each other kernel."""
+    """Make a Markdown table: the number of kernels without differences, and a row for each kernel with some."""
     lines = [f"| kernel | {' | '.join(found)} |", f"|---|{'---|' * len(found)}"]
     whole = [[one.same == one.launches for one in each.values()] for each in found.values()]
     lines.append(f"| all launches the same | {' | '.join(f'{sum(each)} of {len(each)}' for each in whole)} |")
@@ -166,10 +166,10 @@ def _told(one: Agreement | None) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draw", type=Path, help="only keep the launches of the current device, in this file")
-    parser.add_argument("--first", type=Path, help="file of another device's launches, from which these continue")
+    parser.add_argument("--draw", type=Path, help="only make the calls on the current device, into this file")
+    parser.add_argument("--first", type=Path, help="another device's results, to replace those of each launch")
     parser.add_argument("--gpu-form", action="store_true")
-    parser.add_argument("--folder", type=Path, default=ROOT / "build/devices", help="folder for Debian and files")
+    parser.add_argument("--folder", type=Path, default=ROOT / "build/devices", help="folder for Debian and results")
     given = parser.parse_args()
     if given.draw:
         draw(given.draw, given.gpu_form, given.first)

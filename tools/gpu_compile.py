@@ -1,11 +1,11 @@
-"""Costs of every kernel on GPUs, by their compilers, without a GPU: registers, private memory, occupancy.
+"""Ask GPU compilers, without a GPU, for each kernel's costs: registers, private memory, occupancy.
 
     python tools/gpu_compile.py [PART OF A FILE'S NAME ...] [--nvidia sm_80] [--amd gfx90a] [--json FILE]
 
-The programs are built with the same defines as by `pyibr doctor --build`, except LANES=1, the GPU form. Clang compiles
-them; NVIDIA's own assembler makes its code. Private memory is the number of bytes per work-item that a kernel keeps
-outside of registers, in the device's memory. Occupancy is the share of the groups of work-items that a multiprocessor
-can keep in flight for which the registers suffice, by the vendors' formulas.
+The programs get the defines of `pyibr doctor --build`, but with LANES=1, which is the GPU form. Clang compiles them,
+and NVIDIA's own assembler makes the code for NVIDIA. Private memory is the number of bytes per work-item that a kernel
+keeps in the device's memory instead of registers. A multiprocessor can keep a limited number of groups of work-items
+in flight; occupancy is the share of these for which there are enough registers, by the vendors' formulas.
 
 Needs Debian's clang and libclc (`apt install clang-15 libclc-15`), and PyPI's nvidia-cuda-nvcc-cu12, which is fetched
 into a cache folder once.
@@ -35,11 +35,11 @@ from tests.one_lane import one_lane
 ASSEMBLER = "nvidia-cuda-nvcc-cu12"
 LIBRARIES = Path("/usr/lib/clc")  # libclc: OpenCL's built-in functions
 TARGETS = {"nvidia": ("nvptx64-nvidia-nvcl", "nvptx64--nvidiacl.bc"), "amd": ("amdgcn-amd-amdhsa", "amdgcn--amdhsa.bc")}
-REGISTERS, WARP, WARPS = 65536, 32, 64  # on an NVIDIA multiprocessor; work-items of a warp; most warps in flight
-NOTES = r"; (?:NumVgprs|ScratchSize|Occupancy): (\d+)"  # AMD's notes on a kernel; other functions have no occupancy
+REGISTERS, WARP, WARPS = 65536, 32, 64  # of an NVIDIA multiprocessor; work-items per warp; most warps in flight
+NOTES = r"; (?:NumVgprs|ScratchSize|Occupancy): (\d+)"  # lines in AMD's assembly; only kernels have an occupancy
 WAVES = 8  # most waves that a unit of AMD's CDNA keeps in flight
 
-Program = tuple[str, tuple[tuple[str, int], ...]]  # its file and defines
+Program = tuple[str, tuple[tuple[str, int], ...]]  # the file, and the defines with their values
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class Row:
-    """A kernel at one set of defines."""
+    """Costs of a kernel for one set of defines."""
 
     file: str
     kernel: str
@@ -64,10 +64,10 @@ class Row:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="*", help="parts of kernel files' names (default: all)")
+    parser.add_argument("files", nargs="*", help="parts of the names of kernel files (default: all files)")
     parser.add_argument("--nvidia", default="sm_80", metavar="ARCHITECTURE")
     parser.add_argument("--amd", default="gfx90a", metavar="ARCHITECTURE")
-    parser.add_argument("--all", action="store_true", help="each set of defines, not only the costliest one")
+    parser.add_argument("--all", action="store_true", help="list all sets of defines, not only each kernel's costliest")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the table to this file")
     options = parser.parse_args()
     clang, ptxas = compiler(), assembler()
@@ -81,7 +81,7 @@ def main() -> None:
 
 
 def programs() -> list[Program]:
-    """Programs that the usual pictures need."""
+    """List the programs that the usual pictures need."""
     with one_lane():
         for draw in PICTURES:
             draw()
@@ -89,7 +89,7 @@ def programs() -> list[Program]:
 
 
 def compiler() -> str:
-    """Path of the newest clang; exits if clang or libclc is missing."""
+    """Find the newest clang; ends the process if clang or libclc is missing."""
     names = ["clang", *(f"clang-{version}" for version in range(30, 14, -1))]
     found = next((path for name in names if (path := shutil.which(name))), None)
     if found is None or not LIBRARIES.is_dir():
@@ -98,7 +98,7 @@ def compiler() -> str:
 
 
 def assembler() -> Path:
-    """NVIDIA's assembler, fetched if it is missing."""
+    """Find NVIDIA's assembler; downloads it if it is missing."""
     folder = Path(tempfile.gettempdir()) / ASSEMBLER
     ptxas = folder / "nvidia" / "cuda_nvcc" / "bin" / "ptxas"
     if not ptxas.exists():
@@ -111,7 +111,7 @@ def assembler() -> Path:
 
 
 def rows(program: Program, clang: str, ptxas: Path, nvidia: str, amd: str) -> list[Row]:
-    """Costs of a program's kernels."""
+    """Compile a program; returns the costs of its kernels."""
     file, given = program
     defines = {**dict(given), "LANES": 1}
     with tempfile.TemporaryDirectory() as place:
@@ -125,7 +125,7 @@ def rows(program: Program, clang: str, ptxas: Path, nvidia: str, amd: str) -> li
 
 
 def compiled(clang: str, source: Path, defines: dict[str, int], vendor: str, architecture: str) -> Path:
-    """Assembly of a program for a GPU."""
+    """Compile a program to a GPU's assembly."""
     target, library = TARGETS[vendor]
     language = ["-x", "cl", "-cl-std=CL1.2", "-cl-denorms-are-zero", "-O3", "-Xclang", "-finclude-default-header", "-w"]
     builtins = ["-Xclang", "-mlink-bitcode-file", "-Xclang", str(LIBRARIES / library), "-nogpulib"]
@@ -138,7 +138,7 @@ def compiled(clang: str, source: Path, defines: dict[str, int], vendor: str, arc
 
 
 def ran(command: list[str], file: str) -> str:
-    """Output of a command."""
+    """Run a command and return its output; ends the process if it fails."""
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         sys.exit(f"{file}: {done.stderr.strip()}")
@@ -146,7 +146,7 @@ def ran(command: list[str], file: str) -> str:
 
 
 def of_nvidia(told: str) -> dict[str, Cost]:
-    """Costs by kernel, from the assembler's output."""
+    """Parse the costs of kernels from the output of NVIDIA's assembler."""
     pattern = r"entry function '(\w+)'.*?(\d+) bytes stack frame.*?Used (\d+) registers"
     return {
         name: Cost(int(registers), int(stack), nvidia_occupancy(int(registers)))
@@ -155,13 +155,13 @@ def of_nvidia(told: str) -> dict[str, Cost]:
 
 
 def nvidia_occupancy(registers: int) -> float:
-    """Share of a multiprocessor's warps that have enough registers; a warp gets them in units of 256."""
+    """Share of a multiprocessor's warps for which there are registers; a warp gets them in units of 256."""
     warp = -(-registers * WARP // 256) * 256
     return min(REGISTERS // warp, WARPS) / WARPS
 
 
 def of_amd(code: str) -> dict[str, Cost]:
-    """Costs by kernel, from the compiler's notes in its assembly."""
+    """Parse the costs of kernels from the compiler's notes in AMD's assembly."""
     costs = dict[str, Cost]()
     for function in code.split("; -- Begin function ")[1:]:
         name, (registers, scratch, *waves) = function.split(maxsplit=1)[0], re.findall(NOTES, function)
@@ -171,7 +171,7 @@ def of_amd(code: str) -> dict[str, Cost]:
 
 
 def merged(found: Iterable[Row]) -> Iterable[Row]:
-    """Costliest row of each kernel."""
+    """Keep the costliest row of each kernel."""
     most = dict[tuple[str, str], Row]()
     for row in found:
         before = most.get((row.file, row.kernel))
@@ -185,7 +185,7 @@ def _weight(row: Row) -> tuple[int, int]:
 
 
 def table_of(found: list[Row], nvidia: str, amd: str) -> str:
-    """Table in Markdown."""
+    """Make a Markdown table of all rows."""
     lines = [
         f"| kernel | defines | {nvidia}: registers | private bytes | occupancy "
         f"| {amd}: registers | private bytes | occupancy |",

@@ -1,8 +1,8 @@
-"""Metadata of the package beyond pyproject.toml: its addresses, and the README with links to them.
+"""Adds metadata that is not in pyproject.toml: the project's web addresses, and the README with absolute links.
 
-The project's address is git's remote `origin` of the clone in which the package is built. Without a remote, or if its
-host is not public, a package has no address, links in its README are plain words, and pictures are left out. Hatchling
-runs this; a source package keeps the metadata with which it was made.
+Hatchling runs this when a package is built. The project's address is the clone's remote `origin`. Without a remote, or
+if its host is not public, the package has no addresses, and its README has words in place of links, and no pictures.
+A source package contains finished metadata.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from urllib.parse import urlsplit
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:)([^)]*)\)")  # except links that are absolute already
+LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:)([^)]*)\)")  # a link or a picture, unless it is absolute
 SCHEMES = ("https", "http", "ssh", "git")
-BETWEEN = re.compile(r"\n{3,}")  # empty lines that pictures leave behind
+BETWEEN = re.compile(r"\n{3,}")  # empty lines where pictures were removed
 
 
 class ProjectHook(MetadataHookInterface):
-    """Adds `urls` and `readme`."""
+    """Adds `urls` and `readme` to the metadata."""
 
     def update(self, metadata: dict[str, Any]) -> None:
         address = web_address(origin(Path(self.root)))
@@ -32,7 +32,7 @@ class ProjectHook(MetadataHookInterface):
 
 
 def origin(root: Path) -> str:
-    """Address that a clone came from; empty if there is none."""
+    """Address of a clone's remote `origin`; empty if there is none."""
     if not (root / ".git").exists():
         return ""
     try:
@@ -43,7 +43,7 @@ def origin(root: Path) -> str:
 
 
 def web_address(remote: str) -> str | None:
-    """Page of a remote repository, without user name or password; None if its host is not public."""
+    """Web page of a remote repository, without user name or password; None if its host is not public."""
     short = re.fullmatch(r"[\w.-]+@([\w.-]+):([\w./~-]+)", remote)  # git@host:owner/name.git
     parts = urlsplit(f"ssh://{short[1]}/{short[2]}" if short else remote)
     path = parts.path.strip("/").removesuffix(".git")
@@ -64,7 +64,7 @@ def urls(address: str) -> dict[str, str]:
 
 
 def linked(readme: str, address: str | None) -> str:
-    """The README for readers outside of the repository."""
+    """Make the README's links absolute, or remove them if there is no address."""
 
     def absolute(link: re.Match[str]) -> str:
         picture, words, path = link.groups()

@@ -18,14 +18,14 @@ import numpy as np
 import pyibr as ibr
 from pyibr.capture import MeshScene, models, object_views
 
-SIZE = (64, 48)  # more takes minutes on an emulated machine
+SIZE = (64, 48)  # larger pictures take minutes on an emulated machine
 CAMERA = ibr.Camera([[60, 0, 31.5], [0, 60, 23.5], [0, 0, 1]], SIZE)
 EYE = ibr.Camera.look_at((2.8, 1.3, 2.4), (0, 0, 0), (0, 0, 1), SIZE, fov_y=45)
 LIGHT = ibr.Light(direction=(-1, -0.3, -1))
 
 
 def room(step: float = 0.0) -> ibr.DepthImage:
-    """A ball in front of a hilly wall, with a little noise, seen from `step` units to the right."""
+    """A ball in front of a wavy wall, with a little noise; the camera stands `step` units to the right."""
     camera = CAMERA.moved(step, 0, 0)
     x, y = np.meshgrid(*(np.arange(size) for size in SIZE))
     rays = camera.unproject(np.stack([x, y], -1).reshape(-1, 2), np.ones(x.size)).reshape(*x.shape, 3) - camera.center
@@ -41,7 +41,7 @@ def room(step: float = 0.0) -> ibr.DepthImage:
 
 
 def heights() -> dict[str, Any]:
-    """Hills and their colours, for a torus."""
+    """Options of a relief on a torus: a map of hills, and its colours."""
     u, v = np.meshgrid(*2 * (np.linspace(0, 2 * np.pi, 64, endpoint=False),))
     height = (0.5 + 0.25 * np.sin(3 * u) + 0.25 * np.cos(2 * v)).astype(np.float32)
     color = (255 * np.stack([height, 1 - height, np.sin(u) ** 2], -1)).astype(np.uint8)
@@ -49,7 +49,7 @@ def heights() -> dict[str, Any]:
 
 
 def pictures() -> dict[str, Callable[[], Any]]:
-    """Calls by name; each returns a frame or an array."""
+    """All calls by name; each returns a frame or an array."""
     view, beyond, aside = room(), CAMERA.moved(0.15, 0.05, 0.2), CAMERA.moved(0.2, 0, 0)
     donut = models.donut(24)
     taken = object_views(MeshScene.from_mesh(donut), 32)
@@ -75,7 +75,7 @@ def pictures() -> dict[str, Callable[[], Any]]:
 
 
 def draw(out: Path) -> None:
-    """Draw all pictures; print their times, and store the device."""
+    """Draw all pictures into a file, with the device's name, and print their times."""
     arrays: dict[str, np.ndarray] = {}
     for name, call in pictures().items():
         start = time.perf_counter()
@@ -89,9 +89,10 @@ def draw(out: Path) -> None:
 
 
 def compare(here: Path, there: Path) -> dict[str, dict[str, Any]]:
-    """Differences by the pictures' names: the number of pixels that differ in any bit, and the largest difference.
+    """Compare two files: for each picture, count pixels that differ in any bit, and find the largest difference.
 
-    `color` is in levels of 255, `depth` relative; `covered` counts pixels that have depth in only one picture.
+    Differences of colour are in levels of 255, differences of depth relative to the depth. `covered` counts the pixels
+    that have depth in only one of two pictures.
     """
     rows: dict[str, dict[str, Any]] = {}
     with np.load(here) as one, np.load(there) as other:
@@ -109,7 +110,7 @@ def compare(here: Path, there: Path) -> dict[str, dict[str, Any]]:
 
 
 def told(file: Path) -> dict[str, str]:
-    """Device that drew the pictures of a file."""
+    """Read the name of the device that drew the pictures of a file."""
     with np.load(file) as pictures:
         return json.loads(str(pictures["told"]))
 

@@ -1,7 +1,7 @@
-"""Make this clone ready to use: system libraries through apt, a virtual environment, the Python packages.
+"""Make this clone ready: install system libraries through apt, a virtual environment, and Python packages.
 
-Only missing parts are installed; with ``--demo``, only parts that the demo needs. If it may not install, it names the
-packages and the command. Run by ``make``; it uses only the standard library.
+``make`` runs this file, which needs only the standard library. It installs missing parts; with ``--demo``, only parts
+that the demo needs. If it may not install system packages, it prints their names and the command.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 DEMO, EVERYTHING = "plot", "opencv,open3d,exr,hdf5,ros,r3d,plot,video,metrics,view,batch,dev"  # extras
-OLDEST, NEWEST = (3, 10), (3, 13)  # NEWEST: the last one with wheels of Open3D, which the tests need
+OLDEST, NEWEST = (3, 10), (3, 13)  # NEWEST: the last Python for which Open3D, which the tests need, has wheels
 
 LIBRARIES = {  # libraries that `import open3d` loads, and their Debian or Ubuntu packages
     "libEGL.so.1": "libegl1",
@@ -47,7 +47,7 @@ def check_python(for_demo: bool) -> None:
 
 
 def missing_packages(libraries: dict[str, str]) -> list[str]:
-    """Debian names of missing packages, including the packages of these libraries."""
+    """List missing packages by their Debian names; `libraries` are checked, too."""
     missing: list[str] = []
     if subprocess.run([sys.executable, "-c", "import ensurepip, venv"], capture_output=True).returncode:
         missing.append("python3-venv")

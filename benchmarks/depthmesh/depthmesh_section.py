@@ -59,9 +59,9 @@ their edges, meshes of pyibr and pydelatin at all samples.
 ![Triangles by measured error](depthmesh-simplification.png)
 """
 
-TIMES = """Times are milliseconds, measured in turns; the nominal error is 30 m on the Fuji tile. All calls except *triangles*
-and *simplify* start from a new `DepthImage`. *Triangles* returns points and indices, as pymartini and
-pydelatin do; *simplify* makes a `Mesh` of them, with normals and uv. *Hierarchy* also computes normals and bounding
+TIMES = """Times are milliseconds, measured in turns; the nominal error is 30 m on the Fuji tile. *Triangles* returns
+points and indices, as pymartini and pydelatin do; *simplify* makes a `Mesh` of them, with normals and uv. All other
+calls start from a new `DepthImage`. *Hierarchy* also computes normals and bounding
 spheres, which the triangles do not need.
 """
 

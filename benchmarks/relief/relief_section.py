@@ -126,8 +126,8 @@ def _relief_steps(result: Result) -> list[str]:
         if equal:
             steps, time = (found[quantity][equal[0]] / found[quantity][safe] for quantity in ("steps", "end to end"))
             notes.append(
-                f"On *{name}*, the linear search misses at most {relief.EQUAL:.1%} with {equal[0]} steps or more. "
-                f"With {equal[0]}, it takes {steps:.1f} times the steps and {time:.1f} times the time of the safe search.\n"
+                f"On *{name}*, the linear search misses at most {relief.EQUAL:.1%} with {equal[0]} steps. These are "
+                f"{steps:.1f} times the steps of the safe search, and take {time:.1f} times its time.\n"
             )
         elif found["missed"]:
             notes.append(

@@ -26,7 +26,7 @@ from pyibr.slicing import alpha_tests
 OBJECT, HULL = "depth object", "visual hull"
 PEER = {OBJECT: "depth object, llvmpipe", HULL: "visual hull, llvmpipe"}
 PAPER = {(150, 70): 24.0, (400, 150): 2.7}
-"""The paper's frames per second on a GeForce 2 GTS, by the picture's side in pixels and number of slices (section 6)."""
+"""The paper's frames per second on a GeForce 2 GTS, by the picture's side in pixels and by slices (section 6)."""
 PAPER_DONUT = (35.0, 41.0)  # frames per second, 15 to 25 slices
 BARS = {"object": 0.6, "donut": 60.0}  # ratio to llvmpipe at 300 x 300 and 128 slices; frames per second
 BAR_AT = (300, 128)
@@ -198,7 +198,7 @@ def _square() -> ibr.Mesh:
 
 @functools.cache
 def _truth(elevation: int) -> tuple[ibr.Camera, NDArray[Any], NDArray[np.bool_]]:
-    """A camera at an elevation in degrees, its true depth, and the mask of pixels at least 3 pixels from depth edges."""
+    """A camera at an elevation in degrees, its true depth, and the mask of pixels 3 or more away from depth edges."""
     import cv2
 
     fine, height = 8, bumps(64)

@@ -25,8 +25,9 @@ OBJECTS = """### Objects
 
 As in the paper's figure 12, an object fills the picture: here the scanned dragon, from six depth images of 512 x 512.
 The paper's GeForce 2 GTS drew {paper}. llvmpipe draws as many slices as pyibr, across the same edge of the box, as
-quadrilaterals from front to back; it discards fragments outside the object. *IoU* is the overlap of both pictures; it is
-below 1, because their slices lie half a spacing apart. Times are milliseconds from NumPy arrays to NumPy arrays, in turns.
+quadrilaterals from front to back; it discards fragments outside the object. *IoU* is the overlap of both pictures; it
+is below 1, because their slices lie half a spacing apart. Times are milliseconds from NumPy arrays to NumPy arrays, in
+turns.
 
 ![Frames per second by size and slices](slicing-objects.png)
 """
@@ -50,8 +51,8 @@ DIRECTIONS = """### Directions of slicing
 
 The paper's figure 10 shows a displaced polygon; here its pictures are compared with rays cast at it, at least 3 pixels
 from depth edges. The table gives the mean depth error, in slice spacings, and the largest share of the surface that
-shows gaps. *Surface* slices are parallel to the polygon: in oblique views they lie far apart on a viewing ray. Slices in
-the other directions do not, and have no gaps.
+shows gaps. *Surface* slices are parallel to the polygon: in oblique views they lie far apart on a viewing ray. Slices
+in the other directions do not, and have no gaps.
 
 ![Error and see-through by the number of slices](slicing-error.png)
 """

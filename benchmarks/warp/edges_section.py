@@ -10,10 +10,10 @@ from benchmarks.warp.edges import AUTOMATIC, BARS, BASE, FEW, SEPARATOR, SHEETS,
 
 EDGES = """## Depth edges
 
-Noise of each kind is added to images of {count} scenes whose depth and depth edges are known exactly. *Torn* samples are
-those that the edge test cuts off a neighbour on the same surface. *Sheets* are samples that it joins to another surface,
-across empty space. Each cell is *torn / sheets*, added over all scenes. Scenes are left out if their pattern repeats
-within fewer than three samples.
+Noise of each kind is added to images of {count} scenes whose depth and depth edges are known exactly. The
+edge test cuts *torn* samples off a neighbour on the same surface. It joins *sheets* (samples, too) to another surface,
+across empty space. Each cell is *torn / sheets*, added over all scenes. Scenes are left out if their pattern
+repeats within fewer than three samples.
 
 Every edge counts, even a step of 1 % of the depth, which is below the ratios' limits, and a step that the noise hides.
 The bars: the default test tears at most {torn:g} times as many samples as {base}. It leaves at most {sheets:g} times as

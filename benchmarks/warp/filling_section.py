@@ -12,8 +12,8 @@ FILLING = """## Filled holes
 
 The filled colours are compared with the picture that the new camera took: cells show mean differences in levels of 255.
 They are taken over all holes except pixels outside the source's image, and over the *hidden* pixels alone, which the
-source did not see. Other holes are places, such as windows, where the source has colours without depth. {telea} fills the
-unfilled picture by the method of Telea (2004), with radius {radii} pixels, whichever is better.
+source did not see. Other holes are places, such as windows, where the source has colours without depth. {telea} fills
+the unfilled picture by the method of Telea (2004), with radius {radii} pixels, whichever is better.
 """
 
 

@@ -1,7 +1,7 @@
 """Times warps of pyibr, OpenCV and Open3D from NumPy arrays to NumPy arrays, with the epipole in each of nine regions.
 
-The surface is cut between the relief and the parts raised above it (`edges="cut"`), for Open3D's rays, too. OpenCV moves
-single samples.
+The surface is cut between the relief and the parts raised above it (`edges="cut"`), for Open3D's rays, too. OpenCV
+moves single samples.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def _relief(n: int) -> tuple[Array, Array]:
 
 
 def _open3d(task: Task) -> dict[str, Subject]:
-    """Make Open3D's subjects, which cast rays at the same surface, for depth only. Rays are made once, the scene each turn."""
+    """Make Open3D's subjects: they build the same surface in each turn, and cast rays that were made before at it."""
     o3d: Any = import_module("open3d")
 
     height, width = task.depth.shape

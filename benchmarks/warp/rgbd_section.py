@@ -15,18 +15,19 @@ from benchmarks.warp.rgbd import LINEAR, MOTIONS, OURS
 RGBD = """## Real RGB-D
 
 Frames of the scene *{scenes}* are warped; their camera has a field of view of 63 by 49 degrees. The target is another
-frame's camera (34 degrees and 0.7 m away, or 3 degrees and 0.1 m), or a camera 7 cm to the side. Larger sizes are scaled
-from 640 x 480, and cropped to the middle for 16:9. Noise is like a structured-light camera's with a baseline of 7.5 cm:
-its standard deviation is given in pixels of disparity, and noisy disparity is rounded to 1/8 pixel.
+frame's camera (34 degrees and 0.7 m away, or 3 degrees and 0.1 m), or a camera 7 cm to the side. Larger sizes are
+scaled from 640 x 480, and cropped to the middle for 16:9. Noise is like a structured-light camera's with a baseline of
+7.5 cm: its standard deviation is given in pixels of disparity, and noisy disparity is rounded to 1/8 pixel.
 
-Times run from NumPy arrays to NumPy arrays, with a new `DepthImage` for each call, in turns in one process. Surfaces are
-cut at depth edges, except in *connected*. {register} returns only depth; {remap} moves colour and depth by finished maps.
+Times run from NumPy arrays to NumPy arrays, with a new `DepthImage` for each call, in turns in one process. Surfaces
+are cut at depth edges, except in *connected*. {register} returns only depth; {remap} moves colour and depth by finished
+maps.
 
 ![Ratio to {base} by noise and size](rgbd.png)
 """
 
-RATIOS = """Cells show the ratio of a subject's time to {base}'s, as a mean over the motions; the bars are for {linear}. Where it is
-above 1, {base} is faster.
+RATIOS = """Cells show the ratio of a subject's time to {base}'s time, as a mean over the motions. Where it is above 1,
+{base} is faster. The bars are for {linear}.
 """
 
 WORST = """The worst row of all: {subject}, {size}, {noise} pixels of noise, {kind}, {motion}: **{ratio:.2f} times** the
@@ -47,8 +48,8 @@ NOISE = """### White noise
 
 Times are milliseconds of the kernel `resolve`, on a smooth surface and on white noise, in turns. `resolve` traces a
 pixel again if the hit of its epipolar line is not the pixel's hit. With `connect`, the depths are white noise in the
-smooth surface's range. With `cut`, noise of a tenth of this range is added to the smooth surface, so that the surface is
-not cut everywhere.
+smooth surface's range. With `cut`, noise of a tenth of this range is added to the smooth surface, so that the surface
+is not cut everywhere.
 """
 
 STEREO = """### Stereo
@@ -65,17 +66,17 @@ pictures, in one call and in single warps. *Fresh*: each call gets a new view; *
 
 TOGETHER = """### Several views in one picture
 
-Views whose cameras are {step:g} mm apart are blended to one picture; for comparison, each view is warped to a picture of
-its own. Times are milliseconds for all views. *Fresh* views must be copied to the device, and their exposures be
+Views whose cameras are {step:g} mm apart are blended to one picture; for comparison, each view is warped to a picture
+of its own. Times are milliseconds for all views. *Fresh* views must be copied to the device, and their exposures be
 matched; *kept* views need neither.
 """
 
 TOLD = """### Origins and classes of pixels
 
 Times are milliseconds of a plain warp, of a warp that also returns each pixel's position in the source (`origins`), and
-of a warp that also classifies the pixels (`classes`), in turns. *Fresh* warps get a new view, *kept* warps the same view.
-The relief is that of *Peers*, with the epipole in region F. The shelf is a raw RealSense frame, which lacks two thirds of
-its samples.
+of a warp that also classifies the pixels (`classes`), in turns. *Fresh* warps get a new view, *kept* warps the same
+view. The relief is that of *Peers*, with the epipole in region F. The shelf is a raw RealSense frame, which lacks two
+thirds of its samples.
 """
 
 SMALL = """### Small images
@@ -85,8 +86,8 @@ Times are milliseconds of a warp of an image so small that its kernels take almo
 
 STEADY = """### Steady over time
 
-A camera at rest takes {frames} frames, each with different noise: {noise:g} pixels of disparity, {lost:.0%} of the samples
-missing, {color:g} levels of colour. All are warped. Cells show a pixel's standard deviation over the frames, in
+A camera at rest takes {frames} frames, each with different noise: {noise:g} pixels of disparity, {lost:.0%} of the
+samples missing, {color:g} levels of colour. All are warped. Cells show a pixel's standard deviation over the frames, in
 millimetres of depth and levels of 255 of colour: the mean over pixels that a warp without noise covers, and the mean
 over its filled holes. The bar: the warps deviate no more than the input.
 """

@@ -1,4 +1,4 @@
-"""Times uses of a warp: with more threads, on white noise, for stereo pairs and light fields, with classes, and others."""
+"""Times uses of a warp, such as stereo pairs, light fields and blending, and its growth with threads and noise."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ BARS = {
 """Bars.
 
 Least values: the ratio of one thread's time to the time of two threads; stereo pairs per second. Largest values:
-milliseconds of a new small image; and ratios of times. The ratios are: `resolve` on white noise to a smooth surface, one
-call to single calls, several views in one picture to a picture of each (once their gains are known), and a warp with
-origins, or with origins and classes, to a plain warp.
+milliseconds of a new small image; and ratios of times. The ratios are: `resolve` on white noise to a smooth surface,
+one call to single calls, several views in one picture to a picture of each (once their gains are known), and a warp
+with origins, or with origins and classes, to a plain warp.
 """
 
 THREADS = (1, 2)
@@ -123,7 +123,7 @@ def _threads(parameters: dict[str, Parameter], scene: str, size: Size, repeats: 
 
 
 def _white_noise(parameters: dict[str, Parameter], size: Size, repeats: int) -> Work:
-    """Time `resolve` where almost every line's hit differs from the pixel's hit, and where almost none does, in turns."""
+    """Time `resolve` where almost every line's hit differs from the pixel's hit, and where almost none does."""
     edges: Any = parameters["edges"]
     width, height = size
     color, depth = np.ascontiguousarray(scenes.relief(width)[0][:height]), _without_steps(width)[:height]

@@ -156,7 +156,7 @@ class Cone:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A flat ellipse with the half axes `along` and `across`; or a blade: a triangle from `center` to its tip at `along`."""
+    """A flat ellipse with the half axes `along` and `across`; or a blade, whose tip is at `along` from `center`."""
 
     center: Array
     along: Array
@@ -231,7 +231,7 @@ def box(low: ArrayLike, high: ArrayLike, turn: Array | None = None, hollow: bool
 
 
 def cast(things: Sequence[Thing], rays: Rays) -> tuple[Array, Array]:
-    """Depth (N,), infinite without a hit, and the index of the part that was hit among the parts of all things, or -1."""
+    """Depth (N,), infinite without a hit, and the index of the hit part among all parts of all things, or -1."""
     depth, part = np.full(len(rays.origin), np.inf), np.full(len(rays.origin), -1)
     for index, one in enumerate(one for thing in things for one in thing):
         found = one.depth(rays)

@@ -248,11 +248,11 @@ def test_section_judges_totals_and_shows_losses(tmp_path: Path) -> None:
             )
     result.save(tmp_path / "edges.json")
     text = report.write(tmp_path).read_text()
-    assert "2 scenes with exact depth" in text
+    assert "images of 2 scenes" in text
     assert "| 320 x 240 | none | 30 / 1,104 | 160 / 2 | 100 / 1,000 | met | met |" in text
     assert "| 320 x 240 | blurred | 10 / 0 | 180 / 2 | 14 / 6 | **not met** | met |" in text
     assert "| 60 x 45 | none | 30 / 1,104 | 160 / 2 | 100 / 1,000 | met | **not met** |" in text
-    assert "In 0 of 8 rows (a size, a noise and a scene) the default test tears more samples" in text
+    assert "8 in all. In 0 rows the default test tears more samples" in text
     assert "| 320 x 240 | b | none | 15 / 1,100 | 80 / 1 | 50 / 500 |" in text
     assert "| 320 x 240 | a | none |" not in text
 
