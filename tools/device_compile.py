@@ -3,8 +3,8 @@
     python tools/device_compile.py [PART OF A FILE'S NAME ...]
 
 The tests' calls of all systems and the usual pictures decide which programs are compiled, and with which defines. All
-have the GPU form. For NVIDIA, clang makes PTX, and NVIDIA's assembler makes each card's code from it. For AMD, clang makes
-the code. For Intel, a translator makes SPIR-V, which Intel's drivers accept.
+have the GPU form. For NVIDIA, clang makes PTX, and NVIDIA's assembler makes each card's code from it. For AMD, clang
+makes the code. For Intel, a translator makes SPIR-V, which Intel's drivers accept.
 
 Needs the same tools as `tools/gpu_compile.py`, and Debian's llvm-spirv of clang's version (`apt install
 llvm-spirv-15`).

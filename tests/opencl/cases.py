@@ -1,7 +1,7 @@
 """Calls that run every kernel on small images, maps and pictures, to test accesses at their borders.
 
-They are used by `fences` and with Oclgrind. Run as a program, with the name of a group of kernels, this module prints
-each case before its start, and a last line after all cases.
+`fences` and the test with Oclgrind use them. Run as a program with the name of a group of folders, this module prints
+each case before it starts, and a last line after all cases.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def _warps(setting: Setting) -> Cases:
 
 
 def _bridges(setting: Setting) -> Cases:
-    """Steep bridges that another view sees through."""
+    """A warp of steep surface through which rays of another view pass."""
     size = (33, 17)
     colored = setting.view(scenes.smooth, size, "perspective").has_color
     views = [
@@ -76,7 +76,7 @@ def _bridges(setting: Setting) -> Cases:
 
 
 def _warp_holding_one(views: list[DepthImage], camera: ibr.Camera) -> ibr.Frame:
-    """A picture in which only one layer is kept, and the others are drawn twice."""
+    """Warp with memory for only one view's layer, so that the other views are drawn twice."""
     with patch.multiple(blending, _HELD_BYTES=1, _HELD_MIN=1):
         return ibr.warp(views, camera)
 
@@ -97,7 +97,7 @@ def _lenses(setting: Setting) -> Cases:
 
 
 def _bounds(setting: Setting) -> Cases:
-    """Bounds of a surface's windows, which only GPUs use."""
+    """Bounds of nearness in windows of a surface, which only GPUs use."""
     for size in ((1, 1), (17, 33))[: setting.choose(1, 2, 2)]:
         view = setting.view(scenes.smooth, size, "perspective")
         yield f"bounds {size}", partial(_bounds_of, view)
@@ -149,20 +149,20 @@ def _targets(view: DepthImage, size: Size) -> Iterator[tuple[str, ibr.Camera]]:
 def _draw(
     setting: Setting, things: list[Any], camera: ibr.Camera, light: ibr.Light | None = None, anisotropy: int = 1
 ) -> object:
-    """Render things behind a depth image, whose colours set the kind of the picture's colours."""
+    """Render things and a depth image, whose colours decide the kind of the picture's colours."""
     view = setting.view(scenes.smooth, (2, 1), "perspective")
     return ibr.render([*things, view], camera, light, anisotropy=anisotropy)
 
 
 def _square() -> tuple[list[list[float]], list[list[int]], list[list[float]]]:
-    """Corners, faces and uv. The first face, which idle lanes read, has no area; another crosses the camera's plane."""
+    """Corners, faces and uv. The first face, which idle lanes read, has no area; another extends behind the camera."""
     corners = [[-1.0, -1, 2], [1, -1, 4], [1, 1, 4], [-1, 1, -2]]
     return corners, [[1, 1, 2], [0, 2, 1], [0, 3, 2]], [[-1.0, 0], [1, 0], [1, 2], [0, 3]]
 
 
 def _lights(setting: Setting) -> list[ibr.Light | None]:
     lit = [ibr.Light(position=(0, 0, 0), shadow_size=7, specular=0.5)]
-    lit.append(ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0, relight=True))  # lights the depth image behind
+    lit.append(ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0, relight=True))  # also lights the depth image
     return lit if not setting.thorough else [None, ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0), *lit]
 
 
@@ -187,7 +187,7 @@ def _meshes(setting: Setting) -> Cases:
 
 
 def _marked(setting: Setting) -> Cases:
-    """A triangle in front of another one, with marks on the parts that no image has seen."""
+    """Two triangles behind one another, with marks on the parts that no image has seen."""
     near, plain = (ibr.Mesh([[-s, -s, z], [s, -s, z], [0, s, z]], [[0, 1, 2]]) for s, z in ((1, 4), (9, 5)))
     for sizes in (((1, 1), (2, 2), (1, 5), (7, 1)), ((9, 7),) * 4)[: setting.choose(1, 2, 2)]:
         views = _views_around(setting, sizes)
@@ -198,7 +198,7 @@ def _marked(setting: Setting) -> Cases:
 
 
 def _height_maps(setting: Setting) -> Iterator[tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None]]:
-    """Heights, colours and normals of all critical shapes."""
+    """Maps of heights, colours and normals, of all sizes at which borders may fail."""
     rng = np.random.default_rng(0)
     for size in ((5, 3), (1, 1), (1, 5), (5, 1), (4, 8))[: setting.choose(1, 2, 5)]:
         height = rng.random(size[::-1], np.float32)
@@ -268,8 +268,8 @@ def _reliefs(setting: Setting) -> Cases:
         {"shadow": "search", "distance": "perpendicular", "search": "linear", "steps": 4},
     )
     for number, (height, color, normals) in enumerate(_height_maps(setting)):
-        # Each combination is a program that takes seconds to build. All ways run on float and byte heights, two ways on
-        # the other maps, and one way with float colours.
+        # Each combination of options is a program that takes seconds to build. So all combinations run on heights in
+        # floats and in bytes, but only two on the other maps, and one with colours in floats.
         first, second = (setting.kind == "uint8" and number == n for n in (0, 1))
         others = (ways[0], ways[1 + number % (len(ways) - 1)]) if setting.kind == "uint8" else ways[:1]
         for way in ways if first or second else others:
@@ -286,7 +286,7 @@ def _reliefs(setting: Setting) -> Cases:
 
 
 def _views_around(setting: Setting, sizes: tuple[Size, ...]) -> list[DepthImage]:
-    """Views of a block a third of the image's width, before a background. Every other view has normals."""
+    """Views of a block in front of a background, a third of the image wide; every second view has normals."""
     views = list[DepthImage]()
     for eye, size in zip(((3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2)), sizes, strict=True):
         camera = ibr.Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), size, fov_y=40)
@@ -406,9 +406,9 @@ _WITHOUT_COLORS = (_lenses, _warps, _bridges, _registrations, _cleanings)
 
 
 def run_all(setting: Setting, launches: Launches, group: str) -> Ran:
-    """Run all cases of a group, after printing each; return the kernels that ran."""
+    """Print and run each case of a group; return the kernels that ran."""
     warnings.simplefilter("ignore")  # some targets see nothing
-    # Results of poisoned launches are invalid arguments of later calls.
+    # Poisoned launches return values that later calls refuse.
     refused = suppress(ibr.ArgumentError) if isinstance(launches, Poisoned) else nullcontext()
     with watching(launches):
         for cases in GROUPS[group][1]:
@@ -421,7 +421,7 @@ def run_all(setting: Setting, launches: Launches, group: str) -> Ran:
 
 
 def check_all_ran(ran: Ran, group: str) -> None:
-    """End the process unless every kernel of the group has run."""
+    """End the process with an error unless every kernel of the group has run."""
     of_cpus = set[tuple[str, str]]() if current().profile.band else {("prepare", "")}
     missing = sorted(set().union(*map(kernels_of, GROUPS[group][0])) - of_cpus - ran)
     assert not missing, f"never ran: {missing}"

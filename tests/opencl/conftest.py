@@ -1,4 +1,4 @@
-"""Fixtures for several test files."""
+"""Fixtures that several test files use."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pyibr.opencl.program import keeping_binaries
 
 @pytest.fixture
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
-    """An empty cache, in a process without earlier messages or tests of devices. Its device is open by default."""
+    """An empty cache; earlier warnings and tests of devices are forgotten. The device is open, unless `nothing_open`."""
     if "nothing_open" not in request.fixturenames:
         current()
     monkeypatch.setattr(probe, "_tested", {})
@@ -33,7 +33,7 @@ def binaries() -> Iterator[None]:
 
 @pytest.fixture
 def nothing_open(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The state of a process that has not opened a device yet."""
+    """Reset the process to the state before it opens a device."""
     device._default_session.cache_clear()
     with monkeypatch.context() as patch:
         patch.setattr(device, "_sessions", {})

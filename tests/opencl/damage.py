@@ -1,4 +1,4 @@
-"""Kinds of damage to a cache. Each takes its folder and a random generator; kinds named unsafe cause a warning."""
+"""Ways to damage a cache. Each gets the cache's folder and a random generator; pyibr warns if the name has "unsafe"."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def another_version(folder: Path, random: random.Random) -> None:
 
 
 def as_earlier_versions_wrote(folder: Path, random: random.Random) -> None:
-    """The binary and its description in separate files."""
+    """Store a binary and its description in separate files."""
     path = _two(folder, random)[0]
     head, binary = path.read_bytes().split(b"\n", 2)[1:]
     path.with_suffix(".json").write_bytes(head[32:])

@@ -1,4 +1,4 @@
-"""Calls of all systems, which launch every kernel, for tests of launches in general."""
+"""Calls of all systems, which together launch every kernel, for tests of launches."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _arrays(frame: Frame) -> list[NDArray[Any]]:
 
 
 def _view(scene: Callable[[tuple[int, int]], ibr.DepthImage]) -> ibr.DepthImage:
-    """A copy of a view, without data on the device."""
+    """A new view with the same arrays, and no data on the device yet."""
     known = scene(SIZE)
     return ibr.DepthImage(known.color, known.depth, known.camera)
 
@@ -65,7 +65,7 @@ def _blended() -> list[NDArray[Any]]:
 
 
 def _blended_in_turns() -> list[NDArray[Any]]:
-    """Blend with only one layer kept; the others are drawn twice."""
+    """Blend with memory for only one view's layer, so that the other views are drawn twice."""
     with patch.multiple(blending, _HELD_BYTES=1, _HELD_MIN=1):
         return _blended()
 
@@ -94,7 +94,7 @@ def _registered() -> list[NDArray[Any]]:
     there = ibr.Camera(view.camera.K, SIZE, view.camera.moved(0.2, 0.1, 0.1).world_from_camera, lens=LENS)
     depth, color = np.where(view.valid, view.depth, np.float32(np.nan)), view.color
     seen = ibr.register_color(depth, view.camera, there, color)
-    tall = ibr.Camera(view.camera.K, (SIZE[0], 4 * SIZE[1]))  # more than one work-item's share
+    tall = ibr.Camera(view.camera.K, (SIZE[0], 4 * SIZE[1]))  # more rows than one work-item takes
     counts = np.tile(ibr.uint16_from_depth(depth, 100), (4, 1))
     in_counts = ibr.register(counts, tall, tall.moved(0.2, 0.1, 0.1), depth_scale=100)
     return [ibr.register(depth, view.camera, there), in_counts, seen.color, seen.seen]
@@ -131,7 +131,7 @@ def _from_noisy_depth() -> list[NDArray[Any]]:
 
 
 def calls() -> dict[str, Call]:
-    """Return the calls by name. Each creates new things and returns all resulting arrays."""
+    """Return the calls by name. Each call makes new things, and returns the arrays of all its results."""
     views, base = object_views(models.donut(20), 32), models.donut(12)
     heights = np.random.default_rng(1).random((16, 16), dtype=np.float32)
     colors = np.random.default_rng(2).integers(0, 255, (16, 16, 3)).astype(np.uint8)

@@ -1,13 +1,12 @@
-"""Arrays of kernels between protected pages, so that an access one byte outside ends the process.
+"""Puts kernels' arrays between protected pages (fences), so that an access one byte outside ends the process.
 
-An array starts or ends exactly at a protected page, since PoCL uses the host's memory in place, with any alignment.
-Uploaded arrays are also protected against writes. Kernels in one lane, which would otherwise use device memory, get
-such arrays, too.
+An array starts or ends exactly at a fence: PoCL uses the host's memory in place, at any address. Uploaded arrays are
+also protected against writes. Kernels in one lane, which would otherwise use device memory, get such arrays, too.
 
 Run as a program, with a group of kernels and 16 or 1 lanes, this module runs `cases` with fences at the start of
-arrays, then at the end. After each run, with the programs that are already built, it runs cases with poisoned numbers
-of cameras. Then results are arbitrary, but kernels must end and stay within their arrays. Programs are built without
-optimisation, in half the time: this also keeps reads whose values are not used.
+arrays, then with fences at their end. After each run it uses the same programs for cases whose structs are poisoned
+with invalid numbers: results are arbitrary, but kernels must end and stay within their arrays. Programs are built
+without optimisation: this takes half the time, and keeps reads whose values are not used.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from tests.opencl.setting import KINDS, Launches, Poisoned, Setting
 
 Where = Literal["start", "end"]
 
-_GUARD = 1 << 20  # protected bytes on each side: a wrong index may be far off
+_GUARD = 1 << 20  # bytes of a fence, because a wrong index may be far off
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _make_buffer = cl.Buffer
@@ -45,7 +44,7 @@ def _forbid(address: int, size: int, allowed: int = 0) -> None:
 
 
 def _fenced_bytes(size: int, where: Where) -> tuple[mmap.mmap, int]:
-    """Pages, and the start of `size` bytes in them that touch a fence."""
+    """Map pages with fences; returns them, and the offset of `size` bytes in them that touch a fence."""
     whole = -(-max(size, 1) // mmap.PAGESIZE) * mmap.PAGESIZE
     pages = mmap.mmap(-1, whole + 2 * _GUARD)
     address = np.frombuffer(pages, np.uint8).ctypes.data
@@ -55,7 +54,7 @@ def _fenced_bytes(size: int, where: Where) -> tuple[mmap.mmap, int]:
 
 
 def fenced(shape: tuple[int, ...], dtype: DTypeLike, where: Where) -> NDArray[Any]:
-    """An array that touches a fence."""
+    """Make an array that touches a fence at its start or end."""
     size = math.prod(shape) * np.dtype(dtype).itemsize
     pages, start = _fenced_bytes(size, where)
     return np.frombuffer(pages, np.uint8)[start : start + size].view(dtype).reshape(shape)
@@ -75,7 +74,7 @@ def raise_fences(where: Where) -> None:
     def make_buffer(context: cl.Context, flags: int, size: int = 0, hostbuf: NDArray[Any] | None = None) -> cl.Buffer:
         kinds = cl.mem_flags
         if flags & kinds.USE_HOST_PTR and not flags & kinds.READ_ONLY:
-            return _make_buffer(context, flags, hostbuf=hostbuf)  # the caller's memory
+            return _make_buffer(context, flags, hostbuf=hostbuf)  # memory that the caller reads
         kept = flags & (kinds.READ_ONLY | kinds.WRITE_ONLY | kinds.READ_WRITE) | kinds.USE_HOST_PTR
         if hostbuf is None:
             return _make_buffer(context, kept, hostbuf=fenced((max(size, 1),), np.uint8, where))
@@ -86,7 +85,7 @@ def raise_fences(where: Where) -> None:
             _forbid(first, copy.ctypes.data + copy.nbytes - first, mmap.PROT_READ)
         return _make_buffer(context, kept, hostbuf=copy)
 
-    bins._UNASKED = 0  # lists have no spare room
+    bins._UNASKED = 0  # lists get no spare room, so that an overrun is noticed
     memory._take = take
     memory._give_back = lambda session, block: None
     cl.Buffer = make_buffer
@@ -94,9 +93,9 @@ def raise_fences(where: Where) -> None:
 
 if __name__ == "__main__":
     group, lanes = sys.argv[1:]
-    current()  # opened first, as the test of a device has other buffers
+    current()  # opened before the fences, because its test makes buffers, too
     program._OPTIONS.append("-cl-opt-disable")
-    kinds = KINDS if lanes == "16" else KINDS[:1]  # Oclgrind checks other colours in one lane
+    kinds = KINDS if lanes == "16" else KINDS[:1]  # in one lane, Oclgrind checks the other kinds of colours
     with one_lane() if lanes == "1" else nullcontext():
         for seed, where in enumerate(get_args(Where)):
             print("fences at the", where)

@@ -1,4 +1,4 @@
-"""Settings of cases: kinds of colours, sizes and poisoned numbers, and a record of the kernels that have run."""
+"""Settings of `cases`: kinds of colours, sizes and poisoned structs; and a record of the kernels that have run."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ KINDS: tuple[Kind, ...] = ("uint8", "float32", "depth alone")
 POISONS = (np.nan, np.inf, -np.inf, 0.0, 1e-38, 1e-20, 1e9, -1e9, 1e38, -1e38)
 _T = TypeVar("_T")
 Ran = set[tuple[str, str]]
-"""Names of kernels with the kind of colours on which they ran; "" for kernels without colours."""
+"""Pairs of a kernel's name and the kind of colours on which it ran; "" for kernels without colours."""
 
 
 class Launches(Watch):
-    """A record of the kernels that run, and their kinds of colours."""
+    """Records the kernels that run, with their kinds of colours."""
 
     def __init__(self) -> None:
         self.ran: Ran = set()
@@ -41,7 +41,7 @@ class Launches(Watch):
 
 
 class Poisoned(Launches):
-    """Launches in which half of the structs get invalid numbers; equal structs get equal numbers."""
+    """Replaces numbers in half of the launches' structs by invalid ones; equal structs get the same numbers."""
 
     def __init__(self, seed: int) -> None:
         super().__init__()
@@ -64,14 +64,14 @@ class Poisoned(Launches):
 
 @cache
 def signatures(folder: str = "*", suffix: str = ".cl") -> dict[str, str]:
-    """Parameters of each kernel of `kernels/`, or of a folder there, by name. Kernels in headers are for GPUs only."""
+    """Parameters of each kernel in `kernels/` or one of its folders, by name. Kernels in headers run only on GPUs."""
     texts = [path.read_text() for path in sorted(kernels_folder().glob(f"{folder}/*{suffix}"))]
     found = [pair for text in texts for pair in re.findall(r"^kernel void (\w+)\((.*?)\)\n\{", text, re.M | re.S)]
     return dict(found)
 
 
 def knows_colors(name: str) -> bool:
-    """Tell whether a kernel reads or writes colours, so that it is built for each kind."""
+    """Tell whether a kernel reads or writes colours, and so is built for each kind of them."""
     return re.search(r"\bchannel \*", signatures(suffix=".*")[name]) is not None
 
 
@@ -89,7 +89,7 @@ class Setting:
     kind : str
         Kind of the colours.
     thorough : bool
-        Whether to run all sizes, or only as many as run every kernel, for Oclgrind, which is slow.
+        Whether to run all sizes. If not, the fewest that run every kernel: Oclgrind is slow.
     empty : callable
         Creates arrays for a call's `out`.
     """
@@ -99,7 +99,7 @@ class Setting:
     empty: Callable[[tuple[int, ...], DTypeLike], NDArray[Any]] = field(default=np.empty)
 
     def choose(self, least: _T, some: _T, everything: _T) -> _T:
-        """Choose the sizes or maps of a case: fewer for other kinds than uint8, whose accesses are the same."""
+        """Choose sizes or maps of a case: the most for uint8, fewer for other kinds, whose accesses are the same."""
         return (least, some, everything)[self.thorough + (self.kind == "uint8")]
 
     def colors(self, image: NDArray[np.uint8]) -> NDArray[Any]:
@@ -111,7 +111,7 @@ class Setting:
         return self.colors(np.random.default_rng(1).integers(0, 256, (height, width, 3)).astype(np.uint8))
 
     def view(self, make: Callable[[Size, Projection], DepthImage], size: Size, projection: Projection) -> DepthImage:
-        """Return a depth image of `scenes` with its own buffers."""
+        """Return a new depth image of a scene, which shares no buffers with others."""
         kept = make(size, projection)
         color = None if self.kind == "depth alone" else self.colors(kept.color)
         return DepthImage(color, kept.depth, kept.camera, far=kept.far)

@@ -1,4 +1,4 @@
-"""Programs built ahead: the right ones, by a process that may die without harm."""
+"""A builder process builds the programs that a picture will need; it may die without harm."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ DRAWN: dict[str, Callable[[], ibr.Frame]] = {
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str, bool, dict[str, int]]]:
-    """All requests from now on, which are not carried out."""
+    """A list of all requests to build from now on; nothing is built."""
     found: list[tuple[str, str, bool, dict[str, int]]] = []
 
     class Noted:

@@ -94,7 +94,7 @@ def test_names_may_be_anything(own_cache: Path):
 
 
 def test_an_entry_stands_for_nothing_else(own_cache: Path):
-    """The checksum of an entry is only valid for its identity."""
+    """A file that is moved to another entry's name is not read: checksums include the identity."""
     ONE.write(b"one")
     TWO.write(b"two")
     one, two = files(own_cache)
@@ -177,7 +177,7 @@ def test_entries_that_were_used_longest_ago_are_pruned(own_cache: Path, monkeypa
     for number, entry in enumerate(entries[:4]):
         entry.write(bytes(1000))
         os.utime(entry._path(own_cache / "programs"), (time.time() - 1e6 + number,) * 2)
-    (own_cache / "programs/old-0123.bin").write_bytes(bytes(500))  # a file of an earlier version
+    (own_cache / "programs/old-0123.bin").write_bytes(bytes(500))  # as an earlier version of pyibr named its files
     os.utime(own_cache / "programs/old-0123.bin", (1, 1))
     assert entries[0].read() is not None  # used today
     for entry in entries[4:]:
@@ -252,7 +252,7 @@ def test_what_is_said_to_mend_a_folder_does_no_harm(tmp_path: Path, monkeypatch:
     folder = tmp_path / "it's; touch x"
     monkeypatch.setenv("PYIBR_CACHE", str(folder))
     elsewhere = "set PYIBR_CACHE to a folder of your own"
-    for mode, remedy in ((0o777, None), (0o1777, elsewhere)):  # the user's own folder; a sticky one, such as /tmp
+    for mode, remedy in ((0o777, None), (0o1777, elsewhere)):  # without and with the sticky bit, which /tmp has
         folder.mkdir(exist_ok=True)
         folder.chmod(mode)
         fault = cache_fault()
@@ -336,12 +336,12 @@ for number, kind in enumerate(KINDS):
 
 @pytest.mark.thorough
 def test_no_damage_does_harm(own_cache: Path):
-    """Draw two frames after each kind of damage. After the first, a usable cache must be whole again."""
+    """Draw two frames after each kind of damage. The first must repair the cache, if it can be used at all."""
     import json
 
     command = [sys.executable, "-c", DAMAGED, str(Path(__file__).parent)]
     own_cache.mkdir(mode=0o700)
-    done = run_within(1800, command)  # slow compilers
+    done = run_within(1800, command)  # some compilers are slow
     told = [json.loads(line) for line in done.stdout.splitlines()]
     assert done.returncode == 0, f"{told}\n{done.stderr}"
     assert [kind for kind, *_ in told] == [kind.__name__ for kind in KINDS]

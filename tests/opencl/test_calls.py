@@ -1,4 +1,4 @@
-"""Interrupted calls, waiting calls and calls of several threads: all are right, and nothing is left behind."""
+"""Calls that are interrupted, that wait, or that several threads make: results are right, and no memory is lost."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tests.processes import with_path
 
 
 class _Interrupted(Watch):
-    """Observer that raises KeyboardInterrupt before or after one launch."""
+    """Raises KeyboardInterrupt before or after a certain launch."""
 
     def __init__(self, at: int, after: bool) -> None:
         self.left, self.after = at, after
@@ -48,7 +48,7 @@ class _Interrupted(Watch):
 
 
 def _in_order(call: Call, expected: list[Any]) -> None:
-    """Check that the next call gives the same bits and leaves nothing behind, and that no call is in progress."""
+    """Check that a further call gives the same bits and keeps no memory, and that no call is in progress afterwards."""
     session = current()
     assert same(call(), expected)
     assert not session.in_flight.used
@@ -56,7 +56,7 @@ def _in_order(call: Call, expected: list[Any]) -> None:
 
 
 def _seen_from_elsewhere(session: device.Session) -> list[object]:
-    """Calls in progress, seen from another thread."""
+    """List the calls in progress, as another thread sees them."""
     seen: list[list[object]] = []
     other = threading.Thread(target=lambda: seen.append(list(session.calls.others)))
     other.start()
@@ -258,7 +258,7 @@ def test_threads_share_the_device():
 
 
 def test_short_calls_go_between_the_pieces_of_a_long_one():
-    """A long call is stopped inside a launch until a short call ends; neither waits forever for the other."""
+    """A long call is held inside a launch until a short call ends, which must not wait for the long one."""
     view, small = scenes.stepped((160, 120)), scenes.smooth((31, 23))
     far, near = view.camera.moved(0.2, 0.1, 0.3), small.camera.moved(0.1, 0, 0)
     expected, expected_short = ibr.warp(view, far, method="search"), ibr.warp(small, near, method="search")
@@ -285,7 +285,7 @@ def test_short_calls_go_between_the_pieces_of_a_long_one():
 
 
 def test_a_call_that_began_later_goes_first_once():
-    """A call waits once, for a limited time, for a later call that uses the device; never for an earlier call."""
+    """A call waits once, for a limited time, for each call that began later and has work on the device."""
     ongoing, flying = device_calls.Calls(), in_flight.InFlight()
     begun, end, waited = threading.Event(), threading.Event(), list[object]()
 
@@ -308,7 +308,7 @@ def test_a_call_that_began_later_goes_first_once():
         assert not waited, "it has nothing in flight"
         flying.used.append("an array")
         for _ in range(3):
-            with ongoing.one(in_flight.InFlight(), not_awaited):  # a part of the same call
+            with ongoing.one(in_flight.InFlight(), not_awaited):  # a call inside the same call
                 ongoing.let_others()
         assert waited == [device_calls._AHEAD_SECONDS]
         end.set()
@@ -342,7 +342,7 @@ def test_threads_that_need_the_same_of_a_thing_make_it_once():
     view, made, barrier = scenes.smooth((31, 23)), list[object](), threading.Barrier(4)
 
     def make() -> object:
-        time.sleep(0.02)  # others ask meanwhile
+        time.sleep(0.02)  # so that other threads ask meanwhile
         made.append(object())
         return made[-1]
 

@@ -1,4 +1,4 @@
-"""Choice of a device by rule and by name, and the errors if none works."""
+"""Choice of a device, by rules and by name, and errors if no device works."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def found(index: int, name: str, kind: runtimes.Kind, version: str = "OpenCL 3.0
 
 
 class Examiner:
-    """Devices that work, except some, with a record of the devices that were asked for."""
+    """Stands in for the test of devices: all but the `broken` ones work. Records which devices were tested."""
 
     def __init__(self, *broken: str) -> None:
         self.broken = broken

@@ -1,4 +1,4 @@
-"""A device of this machine: opening, use in calls, blocks and threads, and the end of a process."""
+"""Opening a device, choosing it for calls, blocks and threads, and ending a process that uses it."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ print("both")
 @pytest.mark.thorough
 @pytest.mark.skipif("PoCL" not in current().device.version, reason="only PoCL lists this processor twice")
 def test_two_devices_are_in_use_at_the_same_time():
-    kind = current().device.name.partition("-")[0]  # PoCL's name for it, which depends on the version
+    kind = current().device.name.partition("-")[0]  # PoCL's name for the processor, which depends on PoCL's version
     done = run_within(120, [sys.executable, "-c", TWO_DEVICES], POCL_DEVICES=f"{kind} {kind}")
     assert done.stdout == "both\n", done.stderr
 
@@ -219,7 +219,7 @@ time.sleep({more})
 @pytest.mark.thorough
 @pytest.mark.parametrize("number", [0, 2, 4, 7])
 def test_a_process_ends_cleanly_while_daemon_threads_call(number: int):
-    """The process ends while the first call opens the device and builds kernels, or while a later call is in flight."""
+    """The main thread ends while other threads' first calls open the device and build kernels, or during later calls."""
     early = number < 3
     code = ENDING.format(
         threads=1 + number % 3, wait=0 if early else 60, more=0.1 * number if early else 0.003 * number

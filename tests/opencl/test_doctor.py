@@ -40,7 +40,7 @@ def test_the_report_where_nothing_is_found(capsys: pytest.CaptureFixture[str], m
     "encoding", ["ascii", *(pytest.param(e, marks=pytest.mark.thorough) for e in ("latin-1", "cp1252"))]
 )
 def test_the_report_may_go_where_not_all_characters_can(encoding: str):
-    """Encodings of files on Windows and of old terminals."""
+    """Files on Windows and old terminals have such encodings."""
     command = [sys.executable, "-c", "from pyibr.opencl.doctor import print_report; print_report()"]
     done = subprocess.run(command, env=with_path(PYTHONIOENCODING=encoding), capture_output=True)
     assert done.returncode == 0 and b"pyibr uses" in done.stdout, done.stderr.decode()

@@ -1,4 +1,4 @@
-"""Kernels on arrays between protected pages, in both forms: an access one byte outside ends the process."""
+"""Kernels, in both forms, on arrays between protected pages: an access one byte outside ends the process."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run(*command: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("where", ["start", "end"])
 @pytest.mark.parametrize("of", ["reads", "writes", "changes"])
 def test_a_byte_too_far_ends_the_process(where, of):
-    """Otherwise, the runtime does not use memory in place, and the next test proves nothing."""
+    """If it did not, the runtime would not use memory in place, and the next test would prove nothing."""
     done = run("-c", STEP, where, of)
     assert done.stdout == "through 0\n" and done.returncode == -signal.SIGSEGV, done.stderr
 
@@ -62,7 +62,7 @@ def test_a_byte_too_far_ends_the_process(where, of):
 @pytest.mark.parametrize("lanes", [16, 1])
 @pytest.mark.parametrize("group", GROUPS)
 def test_no_kernel_leaves_its_arrays(group, lanes):
-    """Kernels also end, for any numbers of cameras: first with valid numbers, then with poisoned ones."""
+    """Kernels stay within their arrays, and end, with valid numbers in their structs and with poisoned numbers."""
     done = run("-m", "tests.opencl.fences", group, str(lanes))
     last = done.stdout.splitlines()[-1:]
     assert done.returncode == 0, f"{done.returncode} in {last}, {done.stderr[-2000:]}"

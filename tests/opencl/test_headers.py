@@ -1,4 +1,4 @@
-"""Structs and constants that the host reads from the kernels' sources, and checks of launches against them."""
+"""The host reads structs and constants from the kernels' sources, and checks the arguments of launches by them."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def _structs_of(file: str) -> list[str]:
 
 
 def _readable(file: str) -> list[str]:
-    """Structs of a file that the host can fill, because they contain only numbers."""
+    """List the structs of a file that the host can fill, because they contain only numbers."""
     found: list[str] = []
     for name in _structs_of(file):
         try:

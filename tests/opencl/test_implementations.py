@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.mark.parametrize("name", ["sweep", "connected", "blended", "registered", "cleaned", "depth image", "relief"])
 def test_intels_pictures_are_pocls(name: str):
-    """Same bits with the releases that `make test-devices` was run with; other releases may round differently."""
+    """The bits are the same for the releases in `make test-devices`; other releases may round differently."""
     found = []
     for device in ("intel", "portable computing language"):
         with ibr.use_device(device):

@@ -1,4 +1,4 @@
-"""Long launches in pieces: the pictures stay the same, and costs are measured."""
+"""Long launches are split into pieces, by measured costs of kernels; the pictures stay the same."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ WIDE = {"prepare"}
 
 @contextmanager
 def pieces(items: int | None = None) -> Generator[Counter[str], None, None]:
-    """Yield the number of pieces started for each kernel; with `items`, limit all pieces to so many work-items."""
+    """Yield the number of pieces started for each kernel; `items` limits the work-items of each piece."""
     started: Counter[str] = Counter()
     start = launch._start
 
@@ -106,7 +106,7 @@ def test_short_launches_stay_whole():
     kept = [(kernel.cost, kernel.cost.seconds_per_item) for kernel in made]
     try:
         for cost, _ in kept:
-            cost.seconds_per_item = 0.0  # as on a very fast device
+            cost.seconds_per_item = 0.0  # as if the device were infinitely fast
         with pieces() as started, watching(Traffic()) as seen:
             ibr.warp(view, camera)
         launches = Counter(name for what, name, _ in seen.of if what == "launch")
@@ -125,14 +125,14 @@ def test_a_launch_of_nothing_tells_no_pace():
 
 
 class _Done:
-    """Profile of a finished event."""
+    """Stands in for an OpenCL event that has ended, with its start and end times."""
 
     def __init__(self, seconds: float) -> None:
         self.profile = SimpleNamespace(start=7, end=7 + round(1e9 * seconds))
 
 
 def test_what_takes_longer_than_expected_is_slower_from_then_on():
-    """A launch's own time counts, without other threads' launches in the queue."""
+    """A kernel's cost is measured without the time of other threads' launches in the queue."""
     quick, cost = KernelCost(1e-6), KernelCost(2e-6)
     flying = in_flight.InFlight()
 

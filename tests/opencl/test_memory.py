@@ -1,4 +1,4 @@
-"""Arrays on the device: ownership and lifetime of their memory."""
+"""Memory of arrays on the device: its owners, and when it is freed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pyibr.picture.target import clear
 from tests.one_lane import one_lane
 from tests.opencl.everything import calls
 
-SMALL, LARGE = (100, 100), (1500, 1001)  # below and above a huge page
+SMALL, LARGE = (100, 100), (1500, 1001)  # arrays smaller and larger than a huge page
 
 
 @pytest.mark.parametrize("shape", [SMALL, LARGE])
@@ -64,7 +64,7 @@ def test_copies_are_not_handed_out_while_a_view_of_them_lives(monkeypatch, room)
 
 
 def test_a_call_is_made_once_its_owner_is_gone():
-    """Owners may be equal, or arrays, which have no hash; each is tracked by itself."""
+    """Owners may be equal to one another, or arrays, which have no hash; each one's end is still noticed."""
     owners, gone = [np.zeros(3) for _ in range(5)], list[tuple[int, str]]()
     views = [owner[1:] for owner in owners]
     for number, owner in enumerate(owners):
@@ -141,7 +141,7 @@ def test_a_forked_child_does_not_write_into_its_parents_arrays(shape):
 
 
 def test_sizes_are_pythons_own_integers():
-    """Callers multiply sizes, and NumPy's integers would overflow."""
+    """Callers multiply the sizes; the product of NumPy's integers could overflow."""
     made = memory.empty((np.int32(70_000), np.int64(2)), np.uint8)
     assert [type(size) for size in made.shape] == [int, int]
 
@@ -191,7 +191,7 @@ def test_uploads_that_find_no_memory_say_how_much(monkeypatch):
     "error", [MemoryError("Unable to allocate 3.4 GiB for an array"), cl.MemoryError("no 3.4 GiB")]
 )
 def test_a_call_that_runs_out_of_memory_anywhere_says_so(error):
-    """NumPy may run out of memory on the host during a call, and OpenCL when it executes a launch."""
+    """During a call, NumPy may run out of the host's memory, and OpenCL of the device's."""
     with pytest.raises(ibr.OutOfMemoryError, match=r"not enough memory on .*3\.4 GiB"), one_call():
         raise error
     with pytest.raises(ValueError, match="another"), one_call():
@@ -213,10 +213,10 @@ def test_launches_that_find_no_memory_name_the_kernel(monkeypatch):
 
 @pytest.mark.thorough
 def test_things_go_with_their_last_use():
-    """Memory is freed without the garbage collector, which would leave a recording's frames on the device for long."""
+    """Memory is freed at once. The garbage collector would leave a recording's frames on the device for a long time."""
     made = calls()
     for call in made.values():
-        call()  # so that caches are filled
+        call()  # fills caches that stay
     gc.collect()
     gc.disable()
     try:

@@ -1,6 +1,6 @@
 """Kernels under Oclgrind, which detects accesses outside of arrays.
 
-Its check for uninitialized values is not used: it ends the process in some kernels, and reports converted numbers.
+Oclgrind's check for uninitialized values is not used: it crashes in some kernels, and reports converted numbers.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tests of devices, once and in separate processes, and the memory of their outcomes."""
+"""The test that each device passes once, in a separate process, and the cache of its outcomes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_a_probe_is_kept_and_forgotten(own_cache: Path, monkeypatch: pytest.Monk
 
     with monkeypatch.context() as patch:
         patch.setattr(probe_module, "_test_apart", never)
-        for told in ({entry.key: Outcome(True)}, {}):  # known from this process, and from the disk
+        for told in ({entry.key: Outcome(True)}, {}):  # the outcome is known in this process, or from the disk alone
             patch.setattr(probe_module, "_tested", told)
             assert probe(entry) == probe(entry, doubted="broken") == Outcome(True)
             with pytest.raises(AssertionError):
@@ -133,7 +133,7 @@ def test_a_device_that_was_broken_is_asked_again_but_once(
 
 
 def test_a_device_that_was_broken_is_left_alone_where_another_works(own_cache: Path):
-    """Testing it may take long."""
+    """Testing the broken device again may take long."""
     listed = [found(0, "bad", "gpu"), found_devices()[current().device.index]]
     probe_module._entry(listed[0]).write(Outcome(False, "as it was yesterday").to_json().encode())
     assert choose(listed, device_module._examine).works
@@ -157,7 +157,7 @@ def planted(tmp_path: Path) -> Path:
 
 
 def test_what_lies_in_the_working_directory_is_not_run(planted: Path, own_cache: Path):
-    """The parent's path begins with its script's folder, as for the command `pyibr`."""
+    """The parent runs a script, as the command `pyibr` does, so its module path begins with the script's folder."""
     script = planted.parent / "bin" / "script.py"
     script.parent.mkdir()
     script.write_text("import pyibr as ibr; print([device.works for device in ibr.devices(fresh=True)])")
@@ -168,7 +168,7 @@ def test_what_lies_in_the_working_directory_is_not_run(planted: Path, own_cache:
 
 @pytest.mark.parametrize("way", ["", "relative", pytest.param("absolute", marks=pytest.mark.thorough)])
 def test_the_test_runs_nothing_that_this_process_has_not_imported(planted: Path, own_cache: Path, way: str):
-    """In notebooks and with `python -c`, the path begins with the working directory."""
+    """In notebooks and with `python -c`, the module path begins with the working directory."""
     code = f"""
 import os, sys
 import numpy, platform, pyibr as ibr
@@ -185,7 +185,7 @@ print([device.works for device in ibr.devices(fresh=True)])
 
 @pytest.mark.skipif(os.name != "posix", reason="a folder that is in use cannot be removed here")
 def test_the_working_directory_may_be_gone(tmp_path: Path, own_cache: Path):
-    """A shell's folder may be removed and created again; the path begins with this folder."""
+    """A shell may stand in a folder that was removed, with which the module path begins."""
     (tmp_path / "gone").mkdir()
     code = "import os; os.rmdir('../gone')\nimport pyibr as ibr; print([d.works for d in ibr.devices(fresh=True)])"
     command = [sys.executable, "-c", code]
@@ -194,7 +194,7 @@ def test_the_working_directory_may_be_gone(tmp_path: Path, own_cache: Path):
 
 
 def test_the_test_finds_what_this_process_has_wherever_it_lies(tmp_path: Path, own_cache: Path):
-    """Packages lie in several folders, from the environment or added by the program, some with relative paths."""
+    """The module path has several folders, from variables or added by the program, some of them relative."""
     import numpy
     import pyopencl
 
@@ -226,7 +226,7 @@ print(apart._folders())
 
 
 def test_where_no_python_can_be_started_the_device_is_tested_here(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
-    """The executable of an application that embeds Python is not a Python interpreter."""
+    """In an application that embeds Python, `sys.executable` is no Python interpreter."""
     entry = found_devices()[current().device.index]
     for executable in ("/bin/false", "/no/such/python", ""):
         monkeypatch.setattr(sys, "executable", executable)

@@ -1,4 +1,4 @@
-"""Programs: their sources, errors of failed builds, and damaged binaries."""
+"""Programs: sources, errors of failed builds, and damaged binaries in the cache."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_launch_checks_names_and_types(folder):
 
 
 def test_kernels_of_the_cache_compute_as_fresh_ones_do(folder, binaries):
-    """The treatment of denormals is an option that binaries do not store."""
+    """Binaries do not store the option that sets denormals to zero."""
     (folder / "picture/nearness.cl").write_text(
         "kernel void halve(global float *a, float b) { a[0] = b * 0.5f; a[1] = a[0] * 4.0f; }"
     )
@@ -86,7 +86,7 @@ def own(tmp_path: Path, own_cache: Path, binaries: None) -> Path:
 
 
 def written_by(file: Path | str, value: int = 0) -> int:
-    """Value that the kernel `write` writes."""
+    """Launch the kernel `write`; returns the value that it writes."""
     kernel, out = program.kernel(file, "write", VALUE=value), empty((1,), np.int32)
     more = {} if len(kernel.arguments) == 1 else {"screen": Struct("Screen", Target(CAMERA, np.dtype("u1")).screen(1))}
     launch(kernel, (1,), out=out, **more)

@@ -1,4 +1,4 @@
-"""Discovery of runtimes from pip and conda, and the particulars of PoCL and Intel's runtime."""
+"""Finding runtimes that pip and conda installed, and special treatment of PoCL and Intel's runtime."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.processes import with_path
 
 @pytest.fixture
 def intel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder as installed by pip, with the build machine's path in the .icd file; returns the library."""
+    """Make a folder like pip's, whose .icd file holds a path of the build machine; returns the library."""
     (tmp_path / "etc/OpenCL/vendors").mkdir(parents=True)
     (tmp_path / "etc/OpenCL/vendors/intel-cpu.icd").write_text("/opt/placeholder/lib/libintelocl.so\n")
     (tmp_path / "etc/OpenCL/vendors/emulator.icd").write_text("/opt/placeholder/lib/libnothere.so\n")
@@ -44,7 +44,7 @@ def test_the_loader_sees_the_mended_path_and_the_systems_runtimes(intel: Path, m
 
 
 def environment_of(monkeypatch: pytest.MonkeyPatch, prefix: Path, text: str, library: str) -> Path:
-    """Create an environment with one runtime; return its library."""
+    """Make a conda environment with one runtime; returns the runtime's library."""
     monkeypatch.setattr(unlisted, "_prefixes", lambda: [prefix])
     monkeypatch.setattr(unlisted, "SYSTEM_ICDS", prefix / "none")
     monkeypatch.setattr(unlisted, "has_nvidias_library", lambda: False)
@@ -59,19 +59,19 @@ def environment_of(monkeypatch: pytest.MonkeyPatch, prefix: Path, text: str, lib
 def test_condas_runtimes_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, name: str):
     library = environment_of(monkeypatch, tmp_path, text.format(prefix=tmp_path, name=name) + "\n", f"lib/{name}")
     assert unlisted.unlisted_runtimes() == [unlisted.Unlisted("one.icd", library)]
-    # The environment's files may also be the system's.
+    # Not if the environment's folder of .icd files is also the system's.
     monkeypatch.setattr(unlisted, "SYSTEM_ICDS", tmp_path / "etc/OpenCL/vendors")
     assert unlisted.unlisted_runtimes() == []
 
 
 def test_intels_wheel_is_listed_on_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """On Windows, the .icd file is the Linux one, but the library has another name and folder."""
+    """On Windows, the .icd file names the library for Linux; the actual library has another name and folder."""
     text, library = "/opt/anaconda1anaconda2anaconda3/lib/libintelocl.so\n", "Library/bin/intelocl64.dll"
     here = environment_of(monkeypatch, tmp_path, text, library)
     found = unlisted.unlisted_runtimes()
     assert found == [unlisted.Unlisted("one.icd", here)]
     path = os.environ["PATH"]
-    monkeypatch.setenv("PATH", path)  # so that it is restored
+    monkeypatch.setenv("PATH", path)  # so that monkeypatch restores it later
     monkeypatch.setattr(unlisted.os, "name", "nt")
     with unlisted.seen_by_the_loader(found):
         seen = os.environ["OCL_ICD_FILENAMES"], os.environ["PATH"]
@@ -81,7 +81,7 @@ def test_intels_wheel_is_listed_on_windows(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_nvidias_library_without_its_file_is_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Containers get the library without its .icd file."""
+    """In containers, NVIDIA's library has no .icd file."""
     environment_of(monkeypatch, tmp_path, "libnothere.so", "nothing")
     monkeypatch.setattr(unlisted, "has_nvidias_library", lambda: True)
     assert unlisted.unlisted_runtimes() == [unlisted.Unlisted("nvidia.icd", Path(unlisted.NVIDIA))]
@@ -161,7 +161,7 @@ with runtimes._all_listed():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Intel's runtime from pip is for Linux")
 def test_intels_runtime_is_loaded_beside_an_older_library_of_the_same_name(intel: Path):
-    """Open3D, for example, loads an older library, which lacks symbols, and the linker would reuse it."""
+    """Open3D, for example, loads an older library of that name, which lacks symbols; the linker would use it again."""
     compiler = shutil.which("cc") or pytest.skip("there is no C compiler")
     older = intel.parent.parent / "open3d"
     older.mkdir()
@@ -308,7 +308,7 @@ ibr.render(relief, ibr.Camera.look_at((0, 0, 2), (0, 0, 0), (0, 1, 0), (32, 32),
     not any("intel" in found.platform.lower() for found in runtimes.found_devices()), reason="needs Intel's runtime"
 )
 def test_intels_compiler_leaves_lanes_alone(tmp_path: Path):
-    """Otherwise, it generates ten times as much code for a relief, which takes half a minute."""
+    """If it filled lanes, it would generate ten times as much code for a relief, in half a minute."""
     environment = os.environ | {"PYIBR_DEVICE": "intel", "PYIBR_CACHE": str(tmp_path / "cache")}
     environment.pop("CL_CONFIG_CPU_VECTORIZER_MODE", None)
     subprocess.run([sys.executable, "-c", RELIEF], env=environment, check=True, timeout=300)

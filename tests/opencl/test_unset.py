@@ -1,7 +1,7 @@
 """Kernels never read uninitialized variables.
 
-PoCL passes the part of an option after a tab to clang. With the option below, clang sets uninitialized variables to NaN
-or to a large negative number.
+PoCL passes everything after a tab in an option on to clang. By the option below, clang sets uninitialized variables to
+NaN or to a large negative number.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def test_clang_sets_what_is_unset(pocl):
 
 @contextmanager
 def built_with(session: device.Session, *options: str) -> Iterator[None]:
-    """Build all kernels again with these options. Without optimisation, it takes half the time."""
+    """Build all kernels again with these options, and without optimisation, which halves the time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(program, "_OPTIONS", [*program._OPTIONS, "-cl-opt-disable", *options])
         fresh = dataclasses.replace(session, kernels={}, memory_pool=MemoryPool(), flights=defaultdict(InFlight))
