@@ -1,4 +1,4 @@
-"""The manual is right: its Python runs, its links lead somewhere, its examples hold."""
+"""The manual's Python code and commands run, and its links lead to pages that exist."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def name_of(page: Path) -> str:
 
 
 def blocks_of(page: Path) -> list[tuple[int, str]]:
-    """(line, source) of each block of Python."""
+    """(line, source) of each block of Python on a page."""
     return [(line, source) for line, kind, source in all_blocks_of(page) if kind == "python"]
 
 
 def all_blocks_of(page: Path) -> list[tuple[int, str, str]]:
-    """(line, kind, source) of each block that runs: Python, and shell blocks after the first one of Python.
+    """(line, kind, source) of each block that is run: Python, and shell blocks after the first Python block.
 
-    Lines that need files which the page does not make are of the kind `console`, or stand above all Python.
+    Shell lines that need other files are in blocks of the kind `console`, or above the first Python block.
     """
     text = page.read_text(encoding="utf-8")
     found = [(text.count("\n", 0, m.start(2)), m.group(1), m.group(2)) for m in BLOCK.finditer(text)]
@@ -47,7 +47,7 @@ def all_blocks_of(page: Path) -> list[tuple[int, str, str]]:
 
 
 def run_lines(source: str) -> None:
-    """Run the lines of a shell that are commands of pyibr."""
+    """Run those lines of a shell block that call pyibr."""
     for line in source.replace("\\\n", " ").splitlines():
         program, *words = shlex.split(line, comments=True) or [""]
         if program == "pyibr":
@@ -56,7 +56,7 @@ def run_lines(source: str) -> None:
 
 
 def entries_of(text: str) -> list[str]:
-    """Pages in the tables of contents of a page."""
+    """List the pages in a page's tables of contents."""
     lines = [line.strip() for listing in TOCTREE.findall(text) for line in listing.splitlines()]
     return [line for line in lines if line and not line.startswith(":")]
 
@@ -72,7 +72,7 @@ def test_blocks_of_page_run(
         if kind == "sh":
             run_lines(source)
             continue
-        # Blank lines in front of the source make a traceback name the page's own line.
+        # With blank lines before the source, a traceback names the line of the page.
         exec(compile("\n" * line + source, str(page), "exec"), names)
 
 

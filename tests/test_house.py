@@ -17,7 +17,7 @@ from pyibr.opencl.headers import kernels_folder
 
 PACKAGE = Path(pyibr.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
-COMMANDS = tuple(  # they import typer
+COMMANDS = tuple(  # modules that may import typer
     f"pyibr.{name}" for name in ("__main__", "app.batch", "app.cli", "app.commands", "app.live_commands", "app.options")
 )
 ROOT = Path(__file__).parents[1]
@@ -88,7 +88,7 @@ def test_functions_are_short(path):
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_docstrings_open_with_what_a_thing_is_or_does(path):
-    """They open with a noun or a verb, not with a question that the reader must answer first."""
+    """Docstrings open with a noun or a verb, not with a question word."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, documented):
@@ -121,4 +121,4 @@ def test_few_things_lie_at_the_top_beside_the_systems():
     systems = {folder.name for folder in kernels_folder().iterdir() if folder.is_dir()}
     entries = {entry.name for entry in PACKAGE.iterdir()} - {"__pycache__", "kernels", "py.typed"}
     assert len(entries - systems) <= 10, sorted(entries - systems)
-    assert systems - {"lib"} <= entries  # each has its folder here, too
+    assert systems - {"lib"} <= entries  # each system has a folder in the package, too

@@ -1,4 +1,4 @@
-"""Metadata of the package: addresses, and a README with links to them."""
+"""The package's metadata: web addresses, and a README with absolute links."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_only_public_hosts_are_addresses():
 
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
-    """Copy of the files that make a package, with a git repository of its own."""
+    """Copy the files that are packaged into a new git repository."""
     made = tmp_path / "clone"
     shutil.copytree(ROOT / "pyibr", made / "pyibr", ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("kernels", "tools"):
@@ -80,7 +80,7 @@ def test_where_the_clone_came_from_is_told_by_source_packages_too(clone, tmp_pat
 
 
 def requirements(extras: bool) -> dict[str, str]:
-    """Least versions by name, from pyproject.toml; optionally with the extras for users."""
+    """Least versions of required packages in pyproject.toml; `extras`: of the extras for users, too."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     required, rest = text.split("dependencies = [", 1)[1].split("\n]", 1)
     optional = rest.split("[project.optional-dependencies]", 1)[1].split("\nbench = ", 1)[0]
@@ -98,7 +98,7 @@ def test_the_conda_recipe_asks_for_what_the_wheel_does():
 
 
 def test_the_dockerfile_asks_for_what_is_there():
-    """The image is not built here; its Python version, extras and commands are compared with the project's."""
+    """The Dockerfile's Python version, extras and commands exist in the project. The image is not built."""
     told, project = ((ROOT / name).read_text(encoding="utf-8") for name in ("Dockerfile", "pyproject.toml"))
     (python, extras) = re.search(r"FROM python:([\d.]+)-.*/src\[([\w,]+)\]", told, re.S).groups()
     assert f"Python :: {python}" in project

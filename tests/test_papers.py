@@ -1,4 +1,4 @@
-"""Pages of the manual on the four papers: each row names something that exists, and no figure is missing."""
+"""The manual's pages on the four papers name only code that exists, and list all figures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Row = dict[str, str]
 
 
 def tables_of(page: Path) -> list[list[Row]]:
-    """Rows of each table of a page, by the table's headings."""
+    """Read a page's tables: for each, its rows, with cells by heading."""
     tables: list[list[Row]] = []
     for section in page.read_text(encoding="utf-8").split("\n## ")[1:]:
         cells = [[cell.strip() for cell in row.split("|")] for row in ROW.findall(section)]
@@ -47,13 +47,13 @@ def figures(name: str) -> list[Row]:
 
 
 def anchors_of(page: Path) -> set[str]:
-    """Anchors of a page's headings, as links use them."""
+    """Anchors of a page's headings, by which links name them."""
     headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def missing_of(cell: str) -> list[str]:
-    """Names in a cell that do not resolve."""
+    """Names and links in a cell for which nothing exists."""
     missing: list[str] = []
     for link in LINK.findall(cell):
         path, _, anchor = link.partition("#")

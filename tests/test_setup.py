@@ -15,13 +15,13 @@ SETUP = (ROOT / "tools/setup.py").read_text()
 
 
 def commands(folder: Path, target: str) -> str:
-    """Commands that `make` would run in a folder."""
+    """List the commands that `make` would run in a folder for a target."""
     return subprocess.run(["make", "-n", target], cwd=folder, capture_output=True, text=True, check=True).stdout
 
 
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
-    """A clone without any set-up."""
+    """A new clone, which is not set up yet."""
     (tmp_path / "tools").mkdir()
     for name in ("Makefile", "pyproject.toml", "tools/setup.py"):
         shutil.copy(ROOT / name, tmp_path / name)
@@ -40,7 +40,7 @@ def test_the_demo_has_a_lighter_set_up_than_the_tests(clone: Path):
 
 
 def test_the_demo_needs_no_other_extra():
-    """Its scripts import only packages that come with pyibr or with the extra `plot`."""
+    """The demo's scripts import only packages that come with pyibr or with the extra `plot`."""
     assert 'DEMO, EVERYTHING = "plot", ' in SETUP
     paths = [ROOT / f"docs/gallery/{name}.py" for name in ("demo", "objects", "terrain")]
     trees = [node for path in paths for node in ast.walk(ast.parse(path.read_text()))]

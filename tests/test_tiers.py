@@ -1,4 +1,4 @@
-"""Every test belongs to a tier, and the quick tier covers every folder, every kernel and every value."""
+"""Tests are quick or thorough; the quick ones cover every folder, every kernel and every value of parameters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def command_of(target: str) -> str:
-    """Command that a target of the Makefile runs."""
+    """The command that a target of the Makefile runs."""
     text = (ROOT / "Makefile").read_text()
     (line,) = re.findall(rf"^{target}:.*\n\t@(.*TESTS.*)$", text, re.MULTILINE)
     return line.replace("$(TESTS)", re.findall(r"^TESTS := (.*)$", text, re.MULTILINE)[0])
@@ -31,7 +31,7 @@ def test_the_tiers_are_all_tests():
 
 
 def test_every_folder_has_quick_tests(pytestconfig: pytest.Config):
-    """Among the tests that this run has collected."""
+    """Each folder with collected tests has some that are not left out of the quick run."""
     folders = {Path(name.split("::")[0]).parent: False for name in pytestconfig.stash[COLLECTED]}
     for name, left in pytestconfig.stash[COLLECTED].items():
         folders[Path(name.split("::")[0]).parent] |= not left
@@ -39,7 +39,7 @@ def test_every_folder_has_quick_tests(pytestconfig: pytest.Config):
 
 
 def test_every_kernel_runs_in_the_quick_tier():
-    """The test that needs all kernels belongs to it."""
+    """The test that launches all kernels has no mark but `parametrize`, so it is quick."""
     marks = [*getattr(flight, "pytestmark", []), *flight.test_all_kernels_give_the_same_in_pieces.pytestmark]
     assert {mark.name for mark in marks} == {"parametrize"}
 
@@ -73,4 +73,4 @@ def test_of_a_product_few_tests_are_quick(pytestconfig: pytest.Config):
 @pytest.mark.parametrize(("b", "c"), [(1, 1), (2, 1), (3, 2)])
 @pytest.mark.parametrize("d", [pytest.param("thorough", marks=pytest.mark.thorough), "-", "a-b", "b"])
 def test_a_product(a: float, b: int, c: int, d: str):
-    """A test with nothing but parameters that multiply, for the test above."""
+    """A test whose parameters multiply, which the test above looks at."""

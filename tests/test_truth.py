@@ -1,4 +1,4 @@
-"""The truth and the references are right: they match closed forms, and each other."""
+"""The ray-cast truth and the NumPy references match closed forms and each other."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_band_holds_edges_and_nothing_of_a_slope():
     assert not truth.band(truth.raycast(slope, camera))[inside].any()
     shifted = Camera([[30, 0, 20.25], [0, 30, 15], [0, 0, 1]], (width, height))
     found = truth.band(truth.raycast(step, shifted), radius=3)[inside]
-    expected = (x >= 19 - 2) & (x <= 21 + 2)  # pixel 20 shows the step's slope: the edges are on both its sides
+    expected = (x >= 19 - 2) & (x <= 21 + 2)  # pixel 20 shows the step's slope, with an edge on each side
     np.testing.assert_array_equal(found, expected[inside])
 
 
@@ -109,7 +109,7 @@ def test_depth_change_over_a_source_pixel():
     target = Camera([[30, 0, 20.25], [0, 30, 15.5], [0, 0, 1]], (40, 30), projection="orthographic")
     seen = truth.raycast(ramp, target)
     change = truth.depth_change_one_pixel(seen, ramp, target)
-    # The hit lies 0.25 and 0.5 before a sample: the farthest of the four around it is 0.75 and 0.5 away.
+    # In x and y, the hit lies 0.25 and 0.5 before a sample. The farthest of its four samples is 0.75 and 0.5 away.
     np.testing.assert_allclose(change[5:-5, 5:-5], 0.1 * 0.75 + 0.01 * 0.5, rtol=1e-4)
 
 
@@ -139,7 +139,7 @@ def test_search_reference_is_the_truth(scene, source, target):
         same = seen.valid & found.valid
         agree = np.isclose(found.depth[same], seen.depth[same], rtol=1e-6)
         off = ~agree
-        for by in (1e-6, -1e-6) if np.count_nonzero(off) > 1 else ():  # half-way between two samples: either is right
+        for by in (1e-6, -1e-6) if np.count_nonzero(off) > 1 else ():  # half-way between two samples, either depth is right
             beside = search_reference(view, scenes.moved_aside(pose.camera, by, by), edges=edges, side=side)
             off &= ~np.isclose(beside.depth[same], seen.depth[same], rtol=1e-5)
         assert np.count_nonzero(off) <= 1, pose.name

@@ -1,4 +1,4 @@
-"""Pages in headless Chromium, and the pictures that they show."""
+"""Opens pages in headless Chromium, and reads the pictures that they show."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from PIL import Image
 from tools import browser
 from tools.browser import CHROMIUM, PANEL
 
-HARMLESS = "Unable to preventDefault inside passive event listener invocation."  # from viser, at each drag of an object
+HARMLESS = "Unable to preventDefault inside passive event listener invocation."  # viser's, at each drag
 
-PATIENCE = 90.0  # seconds, for busy machines
+PATIENCE = 90.0  # seconds to wait at most; long, for busy machines
 
-# Keeps the pictures that are loaded as the page's background; the page shows the last of them.
+# Keeps all pictures that become the page's background; the page shows the last one.
 WATCH = """
 window.shown = [];
 const make = URL.createObjectURL.bind(URL);
@@ -52,7 +52,7 @@ async (number) => {
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """A browser; tests that need one are skipped if Chromium is missing."""
+    """Yield a browser; skip the test if Chromium is missing."""
     if CHROMIUM is None:
         pytest.skip("needs Chromium: apt install chromium")
     pytest.importorskip("playwright.sync_api", reason="needs playwright, of the extra dev")
@@ -69,7 +69,7 @@ class Tab:
     ----------
     page : playwright.sync_api.Page
     complaints : list of str
-        Errors in the console.
+        Error messages in the page's console.
     """
 
     page: Any
@@ -81,12 +81,12 @@ class Tab:
             self.complaints.append(message.text)
 
     def canvas(self) -> NDArray[np.uint8]:
-        """(H, W, 3) pixels drawn by WebGL, without the panel."""
+        """(H, W, 3) pixels of the WebGL canvas, without the panel of controls."""
         data = self.page.evaluate("document.querySelector('canvas[data-engine]').toDataURL('image/png')")
         return decoded(data.split(",")[1])
 
     def kinds(self) -> list[str]:
-        """Types of all shown pictures in order: image/jpeg or image/png."""
+        """Types of all shown pictures, in order: image/jpeg (lossy) or image/png (lossless)."""
         return self.page.evaluate("window.shown.map((one) => one.kind)")
 
     def picture(self, number: int = -1) -> NDArray[np.uint8]:
@@ -94,7 +94,7 @@ class Tab:
         return decoded(self.page.evaluate(READ, number))
 
     def sizes_without_loss(self) -> set[tuple[int, ...]]:
-        """(width, height) of each shown PNG picture."""
+        """All (width, height) of the PNG pictures that were shown."""
         return {tuple(size) for size in self.page.evaluate(SIZES)}
 
     def drag(self, start: tuple[int, int], end: tuple[int, int], steps: int = 12, pause: float = 0.0) -> None:
@@ -110,7 +110,7 @@ class Tab:
 
 @contextmanager
 def opened(chrome: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterator[Tab]:
-    """A page in a context of its own, with a canvas of this size, after its server has shown a picture."""
+    """Yield a page in a new browser context, with a canvas of this size, once it has shown a picture."""
     context = chrome.new_context(viewport={"width": size[0] + PANEL, "height": size[1]}, accept_downloads=True)
     try:
         page = context.new_page()
@@ -122,9 +122,9 @@ def opened(chrome: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterato
         page.goto(f"{url}/?fixedDpr=1")
         # A warning about slow WebGL covers the canvas.
         page.add_style_tag(content=".mantine-Notifications-root { display: none }")
-        # The first picture may be drawn before the canvas has made room for the panel.
+        # The first picture may be drawn while the canvas still covers the panel's place.
         until(lambda: size in tab.sizes_without_loss())
-        # The sources' thumbnails, which are JPEG, may arrive later.
+        # Thumbnails of the sources, which are JPEG, may still arrive.
         stays(tab.kinds)
         page.evaluate("window.shown = window.shown.filter((one) => one.kind === 'image/png')")
         yield tab
@@ -133,7 +133,7 @@ def opened(chrome: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterato
 
 
 def until(happened: Callable[[], Any], seconds: float = PATIENCE) -> None:
-    """Wait for an event; fail if it does not happen."""
+    """Wait until `happened` returns true; fail after `seconds`."""
     end = time.monotonic() + seconds
     while not happened():
         assert time.monotonic() < end, "it did not happen"
@@ -154,11 +154,11 @@ def stays(value: Callable[[], Any], seconds: float = PATIENCE) -> bool:
 
 
 def rested(tab: Tab, seconds: float = PATIENCE) -> None:
-    """Wait until the page shows a lossless picture and no other for a while."""
+    """Wait until the page has shown the same lossless picture for a while."""
 
     def is_still() -> bool:
         kinds = tab.kinds()
-        time.sleep(0.3)  # longer than a camera needs to count as resting
+        time.sleep(0.3)  # a camera counts as resting earlier
         return kinds[-1] == "image/png" and tab.kinds() == kinds
 
     until(is_still, seconds)
@@ -169,8 +169,9 @@ def settles_on(
 ) -> None:
     """Wait until the page rests on a picture; fail with the difference if it does not.
 
-    Changes reach a page through its server's threads, so a resting page may not have begun to change. `truth` makes
-    the picture of the page's current camera; `number` is as in `Tab.picture`; `left_out` is a mask (H, W).
+    A page that rests may still be about to change, because changes reach it through its server's threads. `truth` draws
+    the expected picture for the page's current camera; `number` is as in `Tab.picture`; `left_out` masks (H, W) pixels
+    that are not compared.
     """
 
     def pictures() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -180,7 +181,7 @@ def settles_on(
         return shown[~left_out], wanted[~left_out]
 
     def is_right() -> bool:
-        rested(tab)  # before the comparison, because computing the truth takes longer than reading the page
+        rested(tab)  # first, because the page may change while the truth is drawn
         return np.array_equal(*pictures())
 
     with suppress(AssertionError):
@@ -190,5 +191,5 @@ def settles_on(
 
 
 def decoded(text: str) -> NDArray[np.uint8]:
-    """The picture in a base64 text."""
+    """Decode a picture from base64."""
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB"))

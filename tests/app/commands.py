@@ -1,4 +1,4 @@
-"""Commands run in this process, and their output."""
+"""Runs commands in this process, and checks their output."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def run(*words: object, **how: Any) -> Result:
 
 
 def places(folder: Path, words: Iterable[object]) -> list[str]:
-    """The words, with names of files in the folder replaced by their paths."""
+    """Replace words that name files in the folder by the files' paths."""
     return [str(folder / str(word)) if (folder / str(word)).exists() else str(word) for word in words]
 
 
@@ -26,7 +26,7 @@ def succeeded(result: Result) -> str:
 
 
 def assert_one_line(result: Result, *words: str, progress: str | None = None) -> None:
-    """Assert that an error is one line, below at most a progress bar of this name."""
+    """Assert that a command fails with one line on standard error, at most below a progress bar with this name."""
     assert result.exit_code == 2, result.output
     *above, line = result.stderr.strip().splitlines()
     assert line.startswith("pyibr: "), result.stderr

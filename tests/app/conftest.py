@@ -1,4 +1,4 @@
-"""Scenes in files, for tests of several commands."""
+"""Scenes in files, which tests of several commands use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plane in files, for tests of commands that draw it."""
+"""A picture with depth of a plane, in files, for tests of commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SIZE = (61, 37)
 
 
 class Scene:
-    """A plane at depth 2, in files."""
+    """Files with a picture, depth and camera of a plane at depth 2."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -1,4 +1,4 @@
-"""A recording of a few frames in files, for tests of commands."""
+"""A short recording in files, for tests of commands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SCALE = 1000
 
 
 class Recorded:
-    """Files of a wall with a box in front, seen by a camera that moves right by 2 cm a frame."""
+    """Files of a recording: a box before a wall, and a camera that moves right by 2 cm per frame."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -41,13 +41,13 @@ class Recorded:
         return [ibr.DepthImage(*frame) for frame in zip(self.colors, read, self.cameras, strict=True)]
 
     def views_but(self, lost: int) -> list[ibr.DepthImage]:
-        """The views of all frames except the lost one."""
+        """The views of all frames except number `lost`."""
         read = [number for number in range(COUNT) if number != lost]
         depths = [ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE) for number in read]
         return [ibr.DepthImage(self.colors[k], z, self.cameras[k]) for k, z in zip(read, depths, strict=True)]
 
     def run(self, *words: object, camera: object = "camera.json", output: object = "new.png"):
-        """Run a command; names of files in the folder become their paths."""
+        """Run `pyibr warp`; words that name files in the folder become their paths."""
         where = ["--camera", self.folder / str(camera)] if camera else []
         return run("warp", *places(self.folder, words), *where, "--depth-scale", SCALE, "-o", self.folder / str(output))
 

@@ -1,20 +1,20 @@
-"""Ports that a process listens on."""
+"""Finds the addresses on which a process listens."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 LOOPBACK = {"0100007F"}
-"""127.0.0.1 as `listeners` writes it."""
+"""127.0.0.1, in the format of `listeners`."""
 
 
 def listeners(pid: int | str = "self") -> set[str]:
-    """Addresses that a process listens on, as in /proc: hexadecimal, the last byte of IPv4 first."""
+    """Addresses on which a process listens, as /proc writes them: hexadecimal, with the last byte of IPv4 first."""
     own: set[str] = set()
     for link in Path(f"/proc/{pid}/fd").iterdir():
         try:
             own.add(str(link.readlink()))
-        except FileNotFoundError:  # the descriptor of the listing itself is already closed
+        except FileNotFoundError:  # the descriptor by which the folder was listed is closed by now
             continue
     found: set[str] = set()
     for table in ("tcp", "tcp6"):

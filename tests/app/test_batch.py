@@ -1,4 +1,4 @@
-"""Batches run every task once, also after kills, with missing inputs and with earlier results."""
+"""Batches run each task once, even if workers are killed, inputs are missing, or results exist already."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def cluster() -> Iterator[Any]:
 
 
 def scans(folder: Path, count: int = 3) -> dict[str, str]:
-    """Write small views into folders of their own; return the batch's inputs."""
+    """Write small views, each into its own folder; return the patterns of their files as inputs of a batch."""
     camera = ibr.Camera([[20, 0, 11.5], [0, 20, 7.5], [0, 0, 1]], SIZE)
     for number in range(count):
         place = folder / f"scan {number}"
@@ -49,7 +49,7 @@ def scans(folder: Path, count: int = 3) -> dict[str, str]:
 
 
 def test_each_task_is_done_once(cluster: Any, tmp_path: Path):
-    """Results equal the command's own; complete results of the same inputs are kept, all others are made again."""
+    """Results equal the results of the command alone. If complete and of the same inputs, they are not made again."""
     inputs, output, told = scans(tmp_path / "in"), tmp_path / "out", list[tuple[int, int]]()
 
     def run(command: str = WARP, **more: Any) -> Any:
@@ -105,7 +105,7 @@ def test_a_killed_worker_loses_nothing(cluster: Any, tmp_path: Path):
 
 
 def test_inputs_and_outputs_by_url(cluster: Any, tmp_path: Path):
-    """Files of remote file systems are copied; a crash leaves lines that are not JSON."""
+    """Files are copied from and to remote file systems. A line of the manifest that a crash has cut is skipped."""
     inputs, output = scans(tmp_path / "in"), tmp_path / "out"
     urls = {
         name: f"simplecache::file://{path}" if name == "camera" else f"file://{path}" for name, path in inputs.items()
@@ -191,7 +191,7 @@ def test_results_go_to_any_file_system(tmp_path: Path):
 
 
 def test_rows_of_a_zarr_store(cluster: Any, tmp_path: Path):
-    """Arrays equal the command's files; rows keep their numbers when frames are added, changed and lost."""
+    """A frame's row holds the arrays of the command's files. The row stays the same if frames come, change or go."""
     zarr = pytest.importorskip("zarr")
     inputs, output = scans(tmp_path / "in", 3), tmp_path / "out"
     (tmp_path / "in/scan 0").rename(tmp_path / "in/scan 9")
@@ -224,7 +224,7 @@ def test_rows_of_a_zarr_store(cluster: Any, tmp_path: Path):
 
 
 class Lost(list[Any]):
-    """Dask with a scheduler that is lost between the end of a task and the request for its result."""
+    """Stands in for Dask; the scheduler is lost after a task's end, before its result is fetched."""
 
     key, status, CancelledError = "one", "finished", RuntimeError
 

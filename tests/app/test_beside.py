@@ -1,4 +1,4 @@
-"""Work in parallel with the device keeps its order and limits, and raises errors in the caller."""
+"""Work that runs beside the device keeps its order and its limits; its errors are raised in the caller."""
 
 from __future__ import annotations
 

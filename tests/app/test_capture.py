@@ -1,4 +1,4 @@
-"""`pyibr capture`: depth images of a mesh in a folder that other commands read; errors in one line."""
+"""`pyibr capture` writes a mesh's depth images into a folder that other commands read; errors are one line."""
 
 from __future__ import annotations
 

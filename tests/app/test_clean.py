@@ -14,10 +14,10 @@ from tests.app.recorded import COUNT, SCALE, Recorded
 
 
 class Delivered(Recorded):
-    """A recording as a camera writes it."""
+    """A recording, for `pyibr clean`."""
 
     def clean(self, *words: object, output: object = "new.npy", scale: object = SCALE):
-        """Run `clean`; names of files in the folder become their paths."""
+        """Run `pyibr clean`; words that name files in the folder become their paths."""
         given = [*(["--depth-scale", scale] if scale else []), "-o", self.folder / str(output)]
         return run("clean", *places(self.folder, words), *given)
 
@@ -39,14 +39,14 @@ def test_one_frame_and_what_was_not_measured(delivered: Delivered):
     expected = ibr.clean_depth(delivered.stored(0), delivered.colors[0], holes=3, strength=0.5)
     np.testing.assert_allclose(
         delivered.written("new.npy"), expected.depth, rtol=1e-6
-    )  # multiplied by the scale and divided again
+    )  # which allows for the scale's rounding
     found = ibr.read_color(delivered.folder / "seen.png")[..., 0] == 255
     np.testing.assert_array_equal(found, expected.invented)
     assert f"new.npy: 62x38, {np.isfinite(expected.depth).mean():.1%} covered" in out
 
 
 def test_frames_of_a_folder_keep_their_names_and_know_the_last_one(delivered: Delivered):
-    """For depth without poses, the camera is assumed not to move."""
+    """Without poses, the camera is assumed to stand still, so the frame before helps to clean the next."""
     succeeded(delivered.clean("depth", "--take", "1:4", "--far", 1.5, output="cleaned"))
     before = None
     for number in range(1, COUNT):
@@ -106,7 +106,7 @@ def test_noise_of_disparity_is_told_by_pixels_and_baseline(delivered: Delivered)
 
 
 def test_disparity_stays_disparity_of_principal_points_apart(delivered: Delivered):
-    """As in Middlebury's data; also if a layout gives the offset."""
+    """Middlebury's disparity has an offset between principal points, given by an option or by the layout."""
     focal, baseline, doffs = 70.0, 0.1, 4.0
     disparity = ibr.disparity_from_depth(delivered.stored(0), focal, baseline, offset=doffs)
     ibr.write_depth(delivered.folder / "bury/disp0.pfm", np.where(np.isfinite(disparity), disparity, np.inf))

@@ -18,7 +18,7 @@ from tests.processes import run_within
 
 
 def shifted_by_five(scene: Scene) -> None:
-    """Assert the picture of a plane at depth 2 after a move of 0.2 right: focal length 50 gives a shift of 5 pixels."""
+    """Assert that the picture is shifted by 5 pixels: a focal length of 50, times a move of 0.2, by a depth of 2."""
     np.testing.assert_array_equal(ibr.read_color(scene.folder / "new.png")[:, :-6], scene.color[:, 5:-1])
 
 
@@ -40,7 +40,7 @@ def test_to_another_camera_with_depth_and_mask(scene: Scene):
     valid = ibr.read_color(scene.folder / "out" / "valid.png")[..., 0] == 255
     np.testing.assert_array_equal(np.isfinite(depth), valid)
     np.testing.assert_allclose(depth[valid], 3, rtol=1e-5)
-    assert 0.3 < valid.mean() < 0.6  # the plane fills two thirds of width and height
+    assert 0.3 < valid.mean() < 0.6  # of width and height, the plane fills two thirds each
 
 
 def test_orbit_keeps_the_point_at_the_median_depth_in_its_place(scene: Scene):
@@ -186,7 +186,7 @@ def test_frames_need_a_path(scene: Scene):
 
 @pytest.mark.parametrize("frames", [0, 10**9])
 def test_frames_out_of_range(scene: Scene, frames: int):
-    """Refused before any work, as listing so many file names would take minutes."""
+    """The numbers are refused at once; listing so many names of files would take minutes."""
     result = scene.run("--orbit", "5", "--frames", frames, "-o", scene.folder / "new.png")
     assert result.exit_code == 2
     assert "--frames" in result.output

@@ -1,4 +1,4 @@
-"""Commands with cameras of photos and files, and with depth of other kinds, sizes and scales."""
+"""Commands with cameras from photographs and files, and with depth of other kinds, sizes and scales."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.app.plane import SIZE, Scene
 @pytest.mark.thorough
 @pytest.mark.parametrize("clean", [(), ("--clean",)])
 def test_depth_of_another_size_wants_its_own_camera(scene: Scene, clean: tuple[str, ...]):
-    """As on phones: the depth has fewer samples than the picture has pixels, but the same view."""
+    """Phones store depth with fewer samples than the picture has pixels, for the same view."""
     ibr.write_depth(scene.folder / "small.npy", np.full((19, 31), 2, np.float32))
     words = ("--move", "0.2", "0", "0", "-o", scene.folder / "new.png", *clean)
     result = scene.run(*words, depth="small.npy", scale=None)
@@ -32,7 +32,7 @@ def test_depth_of_another_size_wants_its_own_camera(scene: Scene, clean: tuple[s
 
 @pytest.mark.parametrize("kind", ["distance", "inverse"])
 def test_depth_may_be_stored_in_other_kinds(scene: Scene, kind: str):
-    """The picture is the same, and the depth is written as it was read."""
+    """Any kind of depth gives the same picture; output has the kind of the input."""
     move, new, out = ("--move", "0.2", "0", "0.1"), scene.folder / "new.png", scene.folder / "out.npy"
     assert scene.run(*move, "-o", new, "--depth-out", out).exit_code == 0
     expected, depth = ibr.read_color(new), ibr.read_depth(out, depth_scale=1000)
@@ -98,7 +98,7 @@ def test_a_photo_without_a_camera_gets_one_that_is_told(scene, tmp_path):
         assert result.exit_code == 0, result.output
         assert told in result.stderr and (told or not result.stderr)
         expected = ibr.warp(ibr.DepthImage(None, scene.depth, camera), camera.moved(0.2, 0, 0)).depth
-        np.testing.assert_allclose(ibr.read_depth(new), expected, rtol=1e-5)  # float32's rounding of the focal length
+        np.testing.assert_allclose(ibr.read_depth(new), expected, rtol=1e-5)  # the focal length is rounded to float32
     result = scene.run("--fov", 50, "--move", 0, 0, 0, "-o", tmp_path / "new.png")
     assert_one_line(result, "--fov: expected none together with --camera")
 
@@ -115,7 +115,7 @@ def test_relative_depth_is_sharpened_and_lies_between_near_and_far(scene, tmp_pa
         assert result.exit_code == 0, result.output
         assert "depth from 2 to 8" in result.stdout
         depth = ibr.read_depth(new)
-        assert set(np.unique(depth.round(3))) == {2, 8}  # no ramps remain
+        assert set(np.unique(depth.round(3))) == {2, 8}  # no depths between the two surfaces remain
         result = scene.run(*line, "--no-sharpen", depth=file, scale=None)
         assert "depth from 2 to 10" in result.stdout and len(np.unique(ibr.read_depth(new).round(3))) > 4
 

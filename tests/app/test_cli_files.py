@@ -1,4 +1,4 @@
-"""Files that commands must not overwrite, file names, and interruptions."""
+"""Commands protect files that they must not overwrite, accept all names of files, and can be interrupted."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.app.plane import Scene
 
 
 def is_refused_before_the_work(scene: Scene, monkeypatch: pytest.MonkeyPatch, *arguments: object, **options) -> str:
-    """Run `warp` or `mesh`; return its error. It must not have begun the work, nor written anything."""
+    """Run `warp` or `mesh`; return its error. The command must not have drawn or written anything."""
 
     def work(*_: object, **__: object) -> None:
         raise AssertionError("at work")
@@ -55,7 +55,7 @@ def test_no_numbered_output_and_no_mesh_is_an_input(scene: Scene, monkeypatch: p
 
 
 def test_no_two_outputs_are_one(scene: Scene, monkeypatch: pytest.MonkeyPatch):
-    (scene.folder / "other.png").symlink_to("new.png")  # which does not exist yet
+    (scene.folder / "other.png").symlink_to("new.png")  # new.png does not exist yet
     for second in ("new.png", "other.png", "folder/../new.png"):
         arguments = ("--orbit", 5, "-o", scene.folder / "new.png", "--valid-out", scene.folder / second)
         assert "the same as --output" in is_refused_before_the_work(scene, monkeypatch, *arguments)
@@ -116,14 +116,14 @@ def test_names_that_are_no_text(scene: Scene):
     words = [sys.executable, "-c", "from pyibr.app.cli import app; app()", "warp", scene.folder / "\udcfe.png"]
     words += [scene.folder / "depth.npy", "--camera", scene.folder / "camera.json", "--orbit", "5", "-o", name]
     done = subprocess.run(words, capture_output=True, text=True)
-    # On a busy machine, even loading cached PoCL kernels is slow enough for a message.
+    # On a busy machine, loading kernels from PoCL's cache may be slow enough for a message.
     assert (done.returncode, re.sub("pyibr: kernels are being built .*\n", "", done.stderr)) == (0, "")
     assert "\ufffd.png: 61x37" in done.stdout
     assert name.exists()
 
 
 def test_names_do_not_steer_the_terminal(scene: Scene):
-    """A file may have any name, but a message stays on one line."""
+    """A file may have any name; its control characters do not reach the terminal."""
     name = scene.folder / "a\n\x1b[2J\x9b\u00e9.png"
     result = scene.run("--orbit", 5, "-o", name)
     assert result.exit_code == 0 and name.exists()

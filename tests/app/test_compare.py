@@ -1,4 +1,4 @@
-"""`pyibr compare`: the library's figures for pictures, folders, videos and depth; errors in one line."""
+"""`pyibr compare` prints the library's figures for pictures, folders, videos and depth; errors are one line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COUNT, HEIGHT, WIDTH = 3, 24, 32
 
 
 class Pairs:
-    """Pictures and depth, each also with errors."""
+    """Files of pictures and depth, and of the same with errors."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -120,7 +120,7 @@ def test_pictures_of_errors(pairs: Pairs):
     a, b = pairs.folder / "black.png", pairs.folder / "other.png"
     image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     ibr.write_color(a, image)
-    image[:, 8:16], image[:, 16:] = 64, 21  # white is a quarter of the peak, red is a third of that
+    image[:, 8:16], image[:, 16:] = 64, 21  # white means errors of a quarter of the peak, red a third of white's
     ibr.write_color(b, image)
     result = pairs.run(a, b, "--metrics", "psnr", "-o", pairs.folder / "errors.png", "--mask", "mask.png")
     assert result.exit_code == 0, result.output
@@ -136,7 +136,7 @@ def test_pictures_of_errors_of_depth(pairs: Pairs):
     assert pairs.run(*words, "-o", pairs.folder / "errors.mkv").exit_code == 0
     for errors in ibr.Video(pairs.folder / "errors.mkv"):
         assert (errors[:3] == (30, 30, 60)).all() and (errors[-6:] == (60, 60, 160)).all()
-        assert (errors[3:-6] == (153, 0, 0)).all()  # errors of 1 %; 5 % would be white
+        assert (errors[3:-6] == (153, 0, 0)).all()  # errors of 1 % are red here; 5 % would be white
 
 
 def test_figures_in_a_file(pairs: Pairs):

@@ -1,4 +1,4 @@
-"""`pyibr convert`: converted files read back equal; errors in one line."""
+"""`pyibr convert` writes files that read back equal; errors are one line."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def convert(folder: Path, *words: object, status: int = 0) -> str:
-    """Run `convert`; names of files in the folder, and the name after -o, become paths."""
+    """Run `pyibr convert`; names of files in the folder, and the name after -o, become paths in the folder."""
     named = [
         str(folder / str(word)) if (folder / str(word)).exists() or before == "-o" else str(word)
         for before, word in zip(("", *words), words, strict=False)
@@ -62,7 +62,7 @@ def test_a_calibration_becomes_json(folder: Path):
     ("form", "place"), [("colmap", "model"), ("open3d", "o.json"), ("nerfstudio", "transforms.json"), (None, "o.json")]
 )
 def test_cameras_of_a_recording(folder: Path, form, place):
-    """ScanNet's layout: each picture's camera with its pose, in each form."""
+    """The cameras of a recording in ScanNet's layout, one for each picture with its pose, are written in each form."""
     SPECIMENS["scannet"][0](folder / "scan")
     words = ("--as", form) if form else ()
     assert "2 cameras" in convert(folder, "scan", *words, "-o", place)

@@ -1,4 +1,4 @@
-"""All examples of `--help` and of the manual's page on the commands run on files of the same names."""
+"""All examples in `--help` and on the manual's page of commands run, on files with the names that they use."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ EXAMPLES = [use for use in HELP if use.split()[0] not in PAGES + OTHERS] + [use 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A wall with a box in front, seen by two cameras, and a ring, in all forms that the examples name."""
+    """Files of all names in the examples: a box before a wall, seen by two cameras, and a ring."""
     place = tmp_path_factory.mktemp("examples")
     camera = ibr.Camera([[50, 0, 23], [0, 50, 17], [0, 0, 1]], SIZE)
     depth = np.full(SIZE[::-1], 2, np.float32)

@@ -1,4 +1,4 @@
-"""Commands with OpenEXR: linear colours are shown as sRGB, and the depth channel is found by its name."""
+"""Commands convert OpenEXR's linear colours to sRGB, and find its depth channel by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ exr = pytest.importorskip("OpenEXR")
 
 SIZE = (13, 7)
 LIGHT = np.zeros((7, 13, 3), np.float32)
-LIGHT[1], LIGHT[2], LIGHT[3] = 0.5, 0.002, 1  # sRGB's 188; its straight part; white
+LIGHT[1], LIGHT[2], LIGHT[3] = 0.5, 0.002, 1  # in sRGB: level 188; in the linear part of its curve; white
 LIGHT[4, 5] = 4  # a highlight: one of 91 pixels
 
 
@@ -55,7 +55,7 @@ def test_loaded_recordings_show_light_as_srgb_too(tmp_path: Path):
 def test_exr_from_exr_is_light_again(run):
     done, new = run("n.exr", "--depth-channel", "far.Z", "--depth-out", str(Path(run("d.npy")[1])))
     assert done.exit_code == 0, done.output
-    np.testing.assert_allclose(ibr.read_color(new), np.minimum(LIGHT, 1), atol=1e-6)  # float32, there and back
+    np.testing.assert_allclose(ibr.read_color(new), np.minimum(LIGHT, 1), atol=1e-6)  # float32 rounds twice
     assert (ibr.read_depth(new.with_name("d.npy")) == 2).all()
 
 

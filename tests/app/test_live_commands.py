@@ -1,4 +1,4 @@
-"""`pyibr view` and `pyibr place`: their inputs, their errors, and sets without a page."""
+"""`pyibr view` and `pyibr place`: inputs, errors, and sets of views that are made without a page."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.io.layouts import SPECIMENS
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A mesh, one with uv, a height map, an image with depth, and a folder of frames."""
+    """A folder with meshes, with and without uv, a height map, an image with depth, and a folder of frames."""
     models.donut(24).save(tmp_path / "donut.glb")
     bare = models.donut(24)
     ibr.Mesh(bare.vertices, bare.faces).save(tmp_path / "donut.ply")
@@ -43,7 +43,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def seen(monkeypatch: pytest.MonkeyPatch) -> list:
-    """Arguments of all calls of `ibr.view`, whose pages are closed immediately."""
+    """A list of the arguments of all calls of `ibr.view`; each page is closed at once."""
     asked: list = []
     whole = ibr.view
 
@@ -69,7 +69,7 @@ def test_each_kind_of_thing_is_shown(folder, seen):
 
     things, start, up, _ = shown("donut.glb")
     assert [type(thing) for thing in things] == [ibr.Mesh]
-    assert (start, up) == (None, None)  # the axes are known: up is -y
+    assert (start, up) == (None, None)  # a GLB file's axes are known: up is -y here
     assert shown("donut.ply")[2] == (0.0, 1.0, 0.0)
     assert shown("donut.ply", "--up", "-z")[2] == (0.0, 0.0, -1.0)
     (photo,), *_ = shown("color.png", "depth.npy", "--fov", 90)
@@ -110,7 +110,7 @@ def test_each_kind_of_thing_is_shown(folder, seen):
 
 
 def test_heights_of_a_relief_map_are_its_alpha(folder, seen):
-    """Red is a normal's x, not a height. Constant alpha is ignored, and colours come from the mesh."""
+    """The map's red is the normal's x, not a height. A constant alpha has no heights. The mesh gives the colours."""
     rng = np.random.default_rng(1)
     normals, heights = rng.normal(0, 0.2, (8, 8, 3)) + np.array([0, 0, 1]), rng.integers(0, 256, (8, 8), dtype=np.uint8)
     own = rng.integers(0, 256, (4, 4, 3), dtype=np.uint8)
@@ -216,7 +216,7 @@ def test_in_a_notebook_pages_show_themselves():
 
 @pytest.fixture
 def shell():
-    """A shell that runs cells like a notebook."""
+    """Yield a shell that runs cells as a notebook does."""
     shells = pytest.importorskip("IPython.core.interactiveshell", reason="needs IPython")
     quiet = pytest.importorskip("traitlets.config").Config(HistoryManager={"enabled": False})
     made = shells.InteractiveShell.instance(config=quiet, user_ns={"ibr": ibr, "mesh": models.donut(6)})

@@ -1,4 +1,4 @@
-"""`pyibr mesh`: triangles of a depth image; errors in one line."""
+"""`pyibr mesh` writes the triangles of a depth image; errors are one line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def test_a_plane_becomes_few_triangles(scene: Scene, kind):
     made = ibr.Mesh.load(file)
     assert f"plane.{kind}: {len(made.faces)} triangles" in result.stdout
     assert len(made.faces) == 2
-    low, high = scene.camera.unproject([[-0.5, -0.5], [60.5, 36.5]], [2, 2])  # a sample covers its pixel
+    low, high = scene.camera.unproject([[-0.5, -0.5], [60.5, 36.5]], [2, 2])  # to the pixels' outer edges
     np.testing.assert_allclose(made.bounds, [low, high], atol=1e-6)
     assert (made.texture is None) == (kind == "ply")
     assert (made.colors is None) == (kind != "ply")
@@ -33,7 +33,7 @@ def test_a_step_becomes_a_number_of_triangles(scene: Scene):
         result = scene.run(*words, "-o", file, command="mesh", depth="step.npy", scale="")
         assert result.exit_code == 0, result.output
         made.append(len(ibr.Mesh.load(file).faces))
-    assert made[0] > 36 and made[1] <= 9 and made[2] <= 9  # the quadtree's triangles along the step; merged triangles
+    assert made[0] > 36 and made[1] <= 9 and made[2] <= 9  # the quadtree has many at the step
 
 
 def test_bad_meshes(scene: Scene):

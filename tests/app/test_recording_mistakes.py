@@ -1,4 +1,4 @@
-"""Incomplete or damaged recordings: frames that are left out, errors, and files that must not be lost."""
+"""Incomplete and damaged recordings: frames are left out, errors are named, and no input file is overwritten."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ assert_refused = partial(assert_one_line, progress="Warping")
 
 
 def test_frames_without_depth_or_pose_of_their_time_are_left_out_and_told(recorded: Recorded):
-    """As in the TUM data sets: lists with times, and a trajectory with other times."""
+    """TUM data sets have lists of pictures and depth with times, and a trajectory with other times."""
     listed = {"rgb": [f"{k}.00 rgb/{k}.png" for k in range(4)], "depth": [f"{k}.01 depth/{k}.png" for k in (0, 2, 3)]}
     for name, lines in listed.items():
         (recorded.folder / f"{name}.txt").write_text("# a list\n" + "\n".join(lines))
@@ -36,7 +36,7 @@ def test_frames_without_depth_or_pose_of_their_time_are_left_out_and_told(record
 
 @pytest.mark.parametrize("words", [["--camera", "cameras"], ["--camera", "camera.json", "--poses", "poses.txt"]])
 def test_lost_frames_are_left_out_and_told(recorded: Recorded, words):
-    """Cameras by the pictures' names, or poses in the order of all original frames."""
+    """The other frames still get the right cameras: by the pictures' names, or by poses in the order of all frames."""
     views = recorded.views()
     (recorded.folder / "depth/1.png").unlink()
     result = recorded.run("rgb", "depth", "--move", 0.1, 0, 0, *words, camera=None)
@@ -203,7 +203,7 @@ def write_model(folder: Path, names: list[str]) -> None:
 
 @pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
 def test_no_output_is_a_file_of_a_model_that_is_read(recorded: Recorded, name: str):
-    """A COLMAP model is named by its folder, or found in a recording; its files have the suffix of COLMAP's depth."""
+    """A COLMAP model is given by its folder, or found in a recording. Its files end in .bin, as COLMAP's depth does."""
     write_model(recorded.folder / "one", ["0.png"])
     write_model(recorded.folder / "work/sparse/0", [f"{number}.png" for number in range(COUNT)])
     for number in range(COUNT):

@@ -1,4 +1,4 @@
-"""`pyibr warp` of several sources, recordings and videos equals the library's calls; errors are one line."""
+"""`pyibr warp` draws several sources, recordings and videos as the library does; errors are one line."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_a_recording_gives_a_view_for_each_frame(recorded: Recorded, cameras):
 
 
 def test_a_recording_without_a_camera_gets_one_that_is_told(recorded: Recorded):
-    """Also for a folder with another camera, in `view` and in the library."""
+    """`warp`, `view` and the library take a given field of view, even if the folder has another camera."""
     wide = ibr.Camera.from_fov(SIZE, fov_x=90)
     succeeded(recorded.run("rgb", "depth", "--fov", 90, "--poses", "poses.txt", "--move", 0.1, 0, 0, camera=None))
     succeeded(recorded.run(recorded.folder, "--fov", 90, "--move", 0.1, 0, 0, camera=None, output="folder.png"))
@@ -100,7 +100,7 @@ def test_a_recording_without_a_camera_gets_one_that_is_told(recorded: Recorded):
 
 @pytest.mark.parametrize("kind", ["camera.json", "intrinsics.K.txt", "frame by frame"])
 def test_a_folder_that_has_all(recorded: Recorded, kind):
-    """Cameras and poses in the folder are found, also by the library."""
+    """The command and the library find the cameras and poses in a folder."""
     if kind != "camera.json":
         (recorded.folder / "camera.json").unlink()
     if kind == "intrinsics.K.txt":
@@ -169,7 +169,7 @@ def test_depth_of_another_camera_is_registered(recorded: Recorded):
     for number, view in enumerate(recorded.views()):
         depth = ibr.register(view.depth, beside, recorded.base)
         frame = ibr.warp(ibr.DepthImage(view.color, depth, view.camera), recorded.cameras[2])
-        # Moving the whole rig changes the registered depth only by rounding.
+        # The rig has moved; this changes registered depth only by rounding.
         assert np.abs(recorded.new(number).astype(int) - frame.color).mean() < 0.05
     succeeded(recorded.run("rgb/1.png", "depth/1.png", "--depth-camera", "beside.json", "--move", 0, 0, 0))
     view = recorded.views()[1]
@@ -202,7 +202,7 @@ def test_a_video_and_a_folder_of_depth_become_a_video(recorded: Recorded):
 @pytest.mark.parametrize("depth", ["depth.mkv", "depth.npy", "depth.npz"])
 @pytest.mark.parametrize("color", ["rgb", "color.mkv"])
 def test_depth_of_all_frames_in_one_file(recorded: Recorded, color, depth):
-    """Views equal the views from single files; drawn and registered depth is written as a video."""
+    """Views equal views from single files. Depth that is drawn or registered is written as a video."""
     stored = np.stack([ibr.uint16_from_depth(one, SCALE) for one in recorded.depths])
     path = recorded.folder / depth
     if depth == "depth.mkv":
@@ -232,7 +232,7 @@ def test_a_path_becomes_a_video(recorded: Recorded):
 
 
 def test_frames_keep_their_numbers(recorded: Recorded):
-    """Outputs keep the numbers in the frames' names; with --skip-existing, existing files stay unchanged."""
+    """Outputs are numbered like the frames' files; with --skip-existing, existing outputs stay unchanged."""
     for kind, number in (("rgb", 3), ("depth", 3)):
         (recorded.folder / f"{kind}/{number}.png").rename(recorded.folder / f"{kind}/17.png")
     (recorded.folder / "pose").mkdir()
@@ -274,7 +274,7 @@ def test_real_recordings(tmp_path: Path, name, focal, scale):
     shown += ["--move", 0, 0, 0]
     out = succeeded(run(*shown, "-o", tmp_path / "new.png"))
     assert float(out.split("480, ")[1].split("%")[0]) > 60
-    # The first frame's camera sees the first frame's picture, and the other frames' around its holes.
+    # The picture for the first camera is the first frame's, with other frames' colours in its holes.
     color = next(iter(sorted([*folder.glob("**/*color*.jpg"), *folder.glob("rgb/*"), *folder.glob("color/*")])))
     made = ibr.read_color(tmp_path / "new.png")
     seen = made.any(axis=2)
@@ -302,7 +302,7 @@ def test_a_real_colmap_workspace_needs_no_camera_file(tmp_path: Path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM")
 def test_a_film_that_is_ended_keeps_its_frames(recorded: Recorded):
-    """After SIGTERM, as after Ctrl-C; no temporary files remain."""
+    """SIGTERM ends a command as Ctrl-C does: the frames so far are a valid film, and no temporary files remain."""
     (recorded.folder / "temporary").mkdir()
     words = ["warp", "rgb/0.png", "depth/0.png", "--depth-scale", str(SCALE), "--camera", "camera.json"]
     words += ["--orbit", "10", "--frames", "100000", "-o", "long.mp4"]

@@ -1,4 +1,4 @@
-"""`pyibr register` of recordings equals the library's calls, frame by frame; errors are one line."""
+"""`pyibr register` registers each frame of a recording as the library does; errors are one line."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ COLORS = ibr.Camera([[60, 0, 34], [0, 60, 22], [0, 0, 1]], (72, 44)).moved(0.05,
 
 
 class Pair(Recorded):
-    """The depth of a recording, and pictures of another size beside it."""
+    """A recording whose pictures come from a second camera, of another size, beside the depth camera."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        (self.folder / "poses.txt").rename(self.folder / "path.txt")  # so that it is not the recording's own trajectory
+        (self.folder / "poses.txt").rename(self.folder / "path.txt")  # not found as a trajectory
         COLORS.save(folder / "colors.json")
         rng = np.random.default_rng(1)
         self.pictures = [rng.integers(0, 256, (44, 72, 3), dtype=np.uint8) for _ in range(COUNT)]
@@ -62,7 +62,7 @@ assert_refused = partial(assert_one_line, progress="Registering")
 
 @pytest.mark.parametrize("folder", ["depth", "."])
 def test_each_frame_of_depth_is_registered(pair: Pair, folder):
-    """A folder of depth, or one with both."""
+    """Depth comes from a folder of depth, or from a folder with pictures and depth."""
     out = succeeded(pair.register(pair.folder / folder))
     expected = [ibr.register(pair.depth(number), pair.base, COLORS) for number in range(COUNT)]
     for number, depth in enumerate(expected):
@@ -79,7 +79,7 @@ def test_each_frame_of_depth_is_registered(pair: Pair, folder):
 
 @pytest.mark.parametrize("words", [("depth", "--color", "rgb"), (".", "--color", "."), ("depth", "--color", "c.mkv")])
 def test_each_frame_gets_its_colours(pair: Pair, words):
-    """From a folder of pictures, a folder with both, or a video."""
+    """Colours come from a folder of pictures, a folder with pictures and depth, or a video."""
     with VideoWriter(pair.folder / "c.mkv", 12) as video:
         for picture in pair.pictures:
             video.add(picture)

@@ -15,7 +15,7 @@ CAMERA = ibr.Camera.look_at((0.5, -0.6, 1.4), (0.5, 0.5, 0), (0, 0, 1), (41, 33)
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A square with uv, a height map of two bumps, an image, and a camera before them."""
+    """A folder with a square with uv, a height map of two bumps, an image, and a camera."""
     corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
     ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv).save(tmp_path / "square.obj")
     ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]]).save(tmp_path / "bare.ply")
@@ -28,7 +28,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def run(folder: Path, command: str, *words: object, output: str = "new.png"):
-    """Run a command; names of files in the folder become their paths."""
+    """Run a command; words that name files in the folder become their paths."""
     return commands.run(command, *commands.places(folder, words), "-o", folder / output)
 
 
@@ -40,7 +40,7 @@ def run(folder: Path, command: str, *words: object, output: str = "new.png"):
     ],
 )
 def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how):
-    """Light and lamp are in the camera's axes; black is high with --deep."""
+    """--light and --lamp are in the camera's axes; with --deep, black is high."""
     light = "--light", 1, 1, 2, "--ambient", 0.1, "--anisotropy", 8
     maps = "--color", "paint.png", "--scale", 0.1, "--tiles", 2, 1, "--deep"
     result = run(folder, command, "square.obj", "bumps.png", *maps, *light, *words, "--to", "camera.json")
@@ -54,7 +54,7 @@ def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how)
 
 
 def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
-    """The turn is about the up axis; the light stays fixed to the camera, so that all sides are lit."""
+    """The camera turns about the up axis; the light turns with it, so that all sides are lit."""
     asked = "--scale", 0.1, "--up", "z", "--frames", 4, "--size", 60, 40, "--light", 0, 0, 1, "--lamp", 0, 0, 0
     result = run(folder, "relief", "square.obj", "bumps.png", *asked)
     assert result.exit_code == 0 and "4 views, 60x40" in result.stdout, result.output

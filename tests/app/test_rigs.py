@@ -1,4 +1,4 @@
-"""`pyibr stereo`, `quilt` and `orbit` equal the library's calls; names that displays recognise; films."""
+"""`pyibr stereo`, `quilt` and `orbit` draw what the library does, and name files so that displays recognise them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_names_tell_players_the_layout(scene: Scene, layout: str, name: str, siz
 
 
 def test_a_film_has_one_range_of_depth(tmp_path: Path):
-    """The range comes from the first frame with depth; frames without depth are black and reported."""
+    """The first frame with depth gives the range. Frames without depth become black, and are reported."""
     made = Recorded(tmp_path)
     ibr.write_depth(tmp_path / "depth/0.png", np.full(RECORDED[::-1], np.nan, np.float32), depth_scale=SCALE)
     words = [
@@ -103,7 +103,7 @@ def test_a_turntable_is_that_of_the_library(scene: Scene):
 
 
 def test_a_path_goes_through_its_cameras(scene: Scene):
-    """A path of the viewer, or a list; from the second camera, the plane is half as large as the picture."""
+    """A path is a file of the viewer or a list. From its second camera, the plane is half as large as the picture."""
     ends = [scene.camera, scene.camera.moved(0, 0, -2)]
     (scene.folder / "path.json").write_text(json.dumps(CameraPath(ends).to_json()))
     words = ("--path", scene.folder / "path.json", "--frames", 2, "--fill", "none", "--size", 30, 18)
@@ -116,7 +116,7 @@ def test_a_path_goes_through_its_cameras(scene: Scene):
 
 
 def test_a_mesh_without_colours_is_lit(tmp_path: Path):
-    """The light moves with the camera, so both sides of a roof are lighter than faces that point away."""
+    """The light moves with the camera, so either side of a roof is brighter than if it faced away from the light."""
     ridge = [[-1, 1, -1], [1, 1, -1], [-1, -1, 0], [1, -1, 0], [-1, 1, 1], [1, 1, 1]]
     ibr.Mesh(ridge, [[0, 1, 2], [3, 2, 1], [2, 3, 4], [5, 4, 3]]).save(tmp_path / "roof.ply")
     words = ["orbit", tmp_path / "roof.ply", "--frames", 2, "--size", 40, 30, "--up", "-y", "-o", tmp_path / "a.png"]

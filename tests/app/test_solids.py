@@ -1,4 +1,4 @@
-"""`pyibr object` and `pyibr hull`: pictures, turntables and meshes of solids, from folders of images."""
+"""`pyibr object` and `pyibr hull` make pictures, turntables and meshes of solids from folders of images."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def views() -> list[ibr.DepthImage]:
 
 @pytest.fixture(scope="module")
 def folder(views: list[ibr.DepthImage], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording with a camera for each picture."""
+    """A folder with pictures, depth, and a camera for each picture."""
     place = tmp_path_factory.mktemp("donut")
     for number, view in enumerate(views):
         ibr.write_color(place / f"{number}.color.png", view.color)
@@ -60,7 +60,7 @@ def test_a_mesh_is_the_objects(folder: Path, views: list[ibr.DepthImage], tmp_pa
 
 @pytest.mark.parametrize("up", ["y", "-y", "z", "-x"])
 def test_a_glb_stands_upright(folder: Path, views: list[ibr.DepthImage], tmp_path: Path, up: str):
-    """The up direction becomes glTF's y without mirroring; without --up, it is -y, as for cameras."""
+    """A rotation turns the up direction to glTF's y. Without --up, up is -y, as in cameras' axes."""
     result = run("hull", folder, "--up", up, "--resolution", 12, "-o", tmp_path / "it.glb")
     assert result.exit_code == 0, result.output
     expected, found = ibr.VisualHull(views).to_mesh(12), ibr.Mesh.load(tmp_path / "it.glb", axes="gltf")
@@ -93,7 +93,7 @@ def test_a_hull_of_depth_of_alpha_or_of_masks(form: str, folder: Path, views: li
 
 @pytest.mark.parametrize(("command", "solid"), [("object", ibr.DepthObject), ("hull", ibr.VisualHull)])
 def test_options_of_depth_are_those_of_warp(views: list[ibr.DepthImage], tmp_path: Path, command: str, solid: type):
-    """Here: the array in NPZ files, its unit, and the far depth."""
+    """Options for the array in NPZ files, its unit and the far depth are tested here."""
     for number, view in enumerate(views):
         ibr.write_color(tmp_path / f"room/{number}.color.png", view.color)
         depth = np.where(view.valid, 1000 * view.depth, np.float32(99_000))

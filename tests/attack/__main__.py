@@ -1,4 +1,4 @@
-"""Random calls against the law: `python -m tests.attack warp --first 0 --count 1000`."""
+"""Makes random calls and checks the law for all calls: `python -m tests.attack warp --first 0 --count 1000`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random arguments: right, borderline and wrong. Each seed gives one call."""
+"""Random arguments of calls: valid, extreme and wrong. Each seed gives one call."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STRANGE_DEPTHS = (math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 
 
 @dataclass
 class Call:
-    """A call to be made later; for `warp` and `render`, with its options and `out`."""
+    """A call to be made later; for `warp` and `render`, its options and `out` are known, too."""
 
     call: Callable[[], Any]
     options: dict[str, Any] = field(default_factory=dict)
@@ -42,7 +42,7 @@ class Call:
 
 
 class Chance:
-    """A random generator with short names for its draws."""
+    """A random generator with short names for common choices."""
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -60,7 +60,7 @@ class Chance:
         return self.one(SIZES), self.one(SIZES)
 
     def scale(self) -> float:
-        """Scale of a scene, mostly 1."""
+        """Factor by which a scene is scaled, mostly 1."""
         return self.one(SCALES) if self(0.15) else 1.0
 
     def mostly(self, right: Any) -> Any:
@@ -69,7 +69,7 @@ class Chance:
 
 
 def random_camera(chance: Chance, scale: float = 1.0, size: tuple[int, int] | None = None) -> ibr.Camera:
-    """A camera near the origin that looks along z, or a strange one: inside, behind or far away, with any K."""
+    """A camera near the origin that looks along z, or a strange one: inside the scene, behind it, far away, any K."""
     size = chance.size() if size is None else size
     longer, rng = max(size), chance.rng
     projection = "perspective" if chance(0.6) else "orthographic"
@@ -177,7 +177,7 @@ def random_look(chance: Chance) -> dict[str, Any]:
 
 
 def random_warp(seed: int) -> Call:
-    """A call of `warp` with random views, targets and options."""
+    """Make a call of `warp` with random views, targets and options."""
     chance = Chance(seed)
     scale, floats = chance.scale(), chance(0.3)
     colored = chance(0.95)
@@ -217,7 +217,7 @@ def random_out(chance: Chance, camera: ibr.Camera, dtype: Any) -> ibr.Frame:
 
 
 def random_mesh(chance: Chance, scale: float, uv: bool) -> ibr.Mesh:
-    """A wavy sheet at z = 3, or triangles anywhere."""
+    """A wavy sheet at z = 3; sometimes with triangles between any vertices."""
     rng, n = chance.rng, chance.up_to(4, 2)
     y, x = np.mgrid[:n, :n] / (n - 1)
     points = np.column_stack([2 * x.ravel() - 1, 2 * y.ravel() - 1, 3 + 0.2 * np.sin(9 * x * y).ravel()])
@@ -305,7 +305,7 @@ def random_relief(chance: Chance, scale: float) -> Any:
 
 
 def views_around(chance: Chance, scale: float, floats: bool, count: int) -> list[ibr.DepthImage]:
-    """Views of a ball at z = 3 from all sides; sometimes views of anything."""
+    """Views of a ball at z = 3 from all sides; sometimes unrelated random views."""
     if chance(0.2):
         return [random_view(chance, scale, floats) for _ in range(count)]
     views = []

@@ -1,4 +1,4 @@
-"""Growth of memory over many calls: `python -m tests.attack.flat`. 10,000 warps, and 2,000 calls of each other kind."""
+"""Checks that memory does not grow over 10,000 warps and 2,000 calls of each other kind: `-m tests.attack.flat`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pyibr.opencl.device import current
 from tests.opencl.everything import Call, calls
 
 MOST = 0.01
-"""Largest permitted growth of the process's memory, as a share, from a tenth of the calls on."""
+"""Largest permitted growth of the process's memory after a tenth of the calls, as a fraction."""
 
 
 def growth(call: Call, count: int) -> float:
-    """Growth of the process's resident memory, as a share, between a tenth of the calls and all of them."""
+    """Make the calls; returns by which fraction resident memory grows after a tenth of them."""
     for _ in range(count // 10):
         call()
     gc.collect()

@@ -1,4 +1,4 @@
-"""The law for all calls: a sound result or an error of pyibr's own, and the same outcome when repeated."""
+"""The law: each call returns a sound result or raises one of pyibr's errors, and does the same when repeated."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ import pyibr as ibr
 from tests.attack.arguments import MAKERS, Call
 
 HANGS = 120.0
-"""Seconds of processor time after which a call counts as endless; compiling its kernels takes a while."""
+"""Seconds of processor time, including compiling, after which a call counts as endless."""
 
 
 class BrokenLawError(AssertionError):
-    """A call that breaks a law."""
+    """A call has broken the law."""
 
 
 def judge(kind: str, seed: int) -> str:
-    """Make a call twice, with fresh arguments. Returns "sound" or the error's message, or raises BrokenLawError."""
+    """Make a call twice, with new arguments; returns "sound" or the error's message, or raises BrokenLawError."""
     done = threading.Event()
     threading.Thread(target=_watch, args=(kind, seed, done), daemon=True).start()
     try:
@@ -38,12 +38,12 @@ def judge(kind: str, seed: int) -> str:
 
 
 def reproduced_by(kind: str, seed: int) -> str:
-    """Command line that repeats the call."""
+    """The command that repeats a call."""
     return f"python -m tests.attack {kind} --first {seed} --count 1"
 
 
 def _watch(kind: str, seed: int, done: threading.Event) -> None:
-    """End the process if a call never ends: kernels cannot be interrupted."""
+    """End the process if a call is endless, because kernels cannot be interrupted."""
     start = time.process_time()
     while not done.wait(1.0):
         if time.process_time() - start > HANGS:
@@ -78,7 +78,7 @@ def _check_out(call: Call, made: Any, frames: list[ibr.Frame]) -> None:
 
 
 def checked_arrays(made: list[np.ndarray]) -> list[np.ndarray]:
-    """Check images of one size: masks, colours or whole numbers, and depth, which is NaN, or finite and above 0."""
+    """Check that arrays have one size and known dtypes, and that depth is NaN, or finite and above 0."""
     for array in made:
         if array.shape[:2] != made[0].shape[:2] or array.dtype not in (np.bool_, np.uint8, np.uint16, np.float32):
             raise BrokenLawError(f"{array.dtype} of shape {array.shape}")

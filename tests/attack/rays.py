@@ -1,4 +1,4 @@
-"""Random warps against float64 rays: each pixel shows the first hit of its ray.
+"""Compares random warps with rays cast in float64: each pixel must show the first hit of its ray.
 
 `python -m tests.attack rays --first 0 --count 1000` runs them.
 """
@@ -18,9 +18,9 @@ from tests.attack.law import BrokenLawError
 
 Array = NDArray[Any]
 
-HAIR = 2e-3  # target pixels: this close to an end of the surface, rounding decides what a ray sees
-DEPTH_OFF = 1e-3  # share of the depth: float32, a dozen operations, and steep surfaces that move by HAIR
-OFF = {"search": 0.002, "epipolar": 0.006}  # share of the pixels: lines miss some beside noise and thin structures
+HAIR = 2e-3  # target pixels: this close to an end of the surface, rounding decides whether a ray hits it
+DEPTH_OFF = 1e-3  # relative: float32 rounds a dozen operations, and steep surfaces may be shifted by HAIR
+OFF = {"search": 0.002, "epipolar": 0.006}  # of the pixels: lines miss some at noise and thin parts
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class RandomWarp:
 
 
 def random_case(seed: int) -> RandomWarp:
-    """Waves, boxes in front of them, holes, single samples and noise, seen from anywhere, rotated and zoomed."""
+    """A random case: waves, boxes before them, holes, single samples and noise; any target, rotated and zoomed."""
     rng = np.random.default_rng(seed)
     size = int(rng.integers(1, 60)), int(rng.integers(1, 48))
     own, there = (str(rng.choice(["perspective", "perspective", "orthographic"])) for _ in range(2))
@@ -82,14 +82,14 @@ def judge_rays(seed: int) -> str:
         K = case.camera.K + HAIR * np.array([[0, 0, dx], [0, 0, dy], [0, 0, 0]])
         beside = ibr.Camera(K, case.camera.size, case.camera.world_from_camera, projection=case.camera.projection)
         off &= _off(frame, surface.cast(beside, case.options["side"]))
-    allowed = 2 + OFF[case.options["method"]] * off.size  # 2: for pictures of few pixels
+    allowed = 2 + OFF[case.options["method"]] * off.size  # 2 more, for pictures of few pixels
     if off.sum() > allowed:
         raise BrokenLawError(f"{off.sum()} of {off.size} pixels differ from their rays' first hits ({case.options})")
     return "sound"
 
 
 def _off(frame: ibr.Frame, seen: truth.Truth) -> Array:
-    """Pixels, (H, W) bool, that differ from the rays."""
+    """(H, W) True where pixels differ from the hits of their rays."""
     with np.errstate(invalid="ignore"):
         same = np.abs(frame.depth - seen.depth) <= DEPTH_OFF * np.abs(seen.depth)
     return (frame.valid != seen.valid) | (frame.valid & seen.valid & ~same)

@@ -1,4 +1,4 @@
-"""Two thousand random calls; `make fuzz` makes many more.
+"""Random calls keep the law; `make fuzz` makes many more.
 
 They run in separate processes, so that a crash or an endless kernel is also reported with its seed.
 """
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
     ("kind", "first", "count"),
     [
         *(("warp", first, 500) for first in (0, 500)),
-        ("render", 0, 150),  # each call builds kernels that the other kinds do not use
+        ("render", 0, 150),  # few, because each call builds kernels that no other call uses
         ("register", 0, 500),
         ("clean", 0, 200),
         ("rays", 0, 300),

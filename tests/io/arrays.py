@@ -1,4 +1,4 @@
-"""Depth and colours for tests of files."""
+"""Arrays of depth and colours, for tests of files."""
 
 from __future__ import annotations
 

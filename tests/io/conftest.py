@@ -1,4 +1,4 @@
-"""Fixtures for packages that some formats need."""
+"""Skips tests whose formats need a missing package."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ import pytest
 
 @pytest.fixture
 def openexr_if_asked(request: pytest.FixtureRequest) -> None:
-    """Skip a test case whose parameters name EXR if OpenEXR is missing."""
+    """If OpenEXR is missing, skip test cases that name EXR in their parameters."""
     if "exr" in str(getattr(request.node, "callspec", None) and request.node.callspec.params):
         pytest.importorskip("OpenEXR")

@@ -1,7 +1,8 @@
-"""Two hundred damages of each specimen: each file is refused, or read correctly, or plausibly if undetectable.
+"""Damages each specimen in two hundred ways, and checks how it is read.
 
-Run as a program (for readers that could crash the interpreter), this module takes a folder and names of specimens, and
-prints the faults.
+A damaged file must be refused or read as if whole. If its format cannot detect damage, values must at least be valid.
+Some readers might crash the interpreter: for them, this module is run as a program, with a folder and names of
+specimens, and prints the faults.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ import pyibr as ibr
 from tests.io.specimens import CHECKED, OTHERS, WRITERS, reader, same
 
 COUNT = 200
-SLOW = 2.0  # limit in seconds for a file of some kilobytes
+SLOW = 2.0  # most seconds to read a file of some kilobytes
 
 
 def quick_folder() -> Path:
-    """Create a folder, in memory if possible."""
+    """Create a temporary folder, in memory if possible."""
     memory = Path("/dev/shm")
     return Path(tempfile.mkdtemp(dir=memory if memory.is_dir() else None))
 
@@ -47,7 +48,7 @@ def damaged(data: bytes, rng: random.Random, number: int) -> bytes:
 
 
 def wrongs(name: str, folder: Path) -> list[str]:
-    """Faults of the reader on damaged copies of the specimen with this name."""
+    """List the faults of a specimen's reader on damaged copies of the specimen."""
     path = folder / name
     (WRITERS | OTHERS)[name](path)
     read, whole, rng = reader(name), path.read_bytes(), random.Random(name)

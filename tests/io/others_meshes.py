@@ -1,4 +1,4 @@
-"""Mesh files in other programs' forms: materials, uv of corners, concave polygons, skins."""
+"""Writes mesh files as other programs do: with materials, uv of corners, concave polygons, skins."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def write_gltf(path: Path, arrays: list[np.ndarray], inline: bool = False, **sce
 
 
 def write_skinned(path: Path, **changes: object) -> None:
-    """A triangle with two joints: one moves by 5 along x, one turns x to y; the mesh's own node is elsewhere."""
+    """A triangle with two joints: one moves it by 5 along x, one turns x to y. The mesh's own node has another place."""
     used, weights = np.array([[0, 1, 0, 0]] * 3, np.uint8), np.zeros((3, 4), np.float32)
-    weights[:, :2] = [[1, 0], [0, 2], [0.5, 0.5]]  # one sum of weights is not 1
+    weights[:, :2] = [[1, 0], [0, 2], [0.5, 0.5]]  # the second vertex's weights add up to 2
     inverse, normals = np.array([np.eye(4), np.eye(4)], np.float32), np.float32([[1, 0, 0]] * 3)
-    inverse[0, 3, 1] = 2  # column order: up by 2 before the joint
+    inverse[0, 3, 1] = 2  # in column order: y grows by 2 before the joint moves it
     half = np.sqrt(0.5)
     arrays = [TRIANGLE, used, weights, inverse.reshape(2, 16), normals]
     scene = {
@@ -53,14 +53,14 @@ def write_skinned(path: Path, **changes: object) -> None:
 
 
 def write_painted_obj(path: Path) -> None:
-    """Two materials, described in a file beside it."""
+    """A square of two materials, which a file beside it describes."""
     path.with_suffix(".mtl").write_text("newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 0.5 0\n")
     corners = "".join(f"v {x} {y} {z}\n" for x, y, z in SQUARE)
     path.write_text(f"mtllib {path.stem}.mtl\n{corners}usemtl a\nf 1 2 3 # red\nusemtl b\nf 1 3 4\n")
 
 
 def write_wedges_ply(path: Path) -> None:
-    """uv of the corners, as in MeshLab's files; binary."""
+    """A binary file with uv for each face's corners, as MeshLab writes it."""
     head = (
         "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
     )
@@ -70,6 +70,6 @@ def write_wedges_ply(path: Path) -> None:
 
 
 def write_concave_off(path: Path) -> None:
-    """A U-shaped polygon, with the counts directly after the keyword."""
+    """A U-shaped polygon; the counts follow the keyword OFF without a space."""
     corners = [(0, 0), (4, 0), (4, 3), (3, 3), (3, 1), (1, 1), (1, 3), (0, 3)]
     path.write_text("OFF8 1 0\n" + "".join(f"{x} {y} 0\n" for x, y in corners) + "8 0 1 2 3 4 5 6 7 # all\n")

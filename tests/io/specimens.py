@@ -1,4 +1,4 @@
-"""A specimen of each file format that pyibr reads, with its reader and writer, for tests with damaged files."""
+"""A specimen of each file format that pyibr reads, with a function that writes it and one that reads it."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _open3d_trajectory(path: Path) -> None:
 
 
 def tiff(values: np.ndarray, orientation: int = 1) -> bytes:
-    """A handmade file with the array's byte order."""
+    """Make a TIFF file with the array's byte order, without a library."""
     order, kind = ">" if values.dtype.byteorder == ">" else "<", {"u": 1, "i": 2, "f": 3}[values.dtype.kind]
     height, width = values.shape
     fields = [(256, width), (257, height), (258, 8 * values.itemsize), (259, 1), (262, 1), (273, 146)]
@@ -103,7 +103,7 @@ def _tiff_of_doubles(path: Path) -> None:
 
 
 def _exr_of_parts(path: Path) -> None:
-    """Two parts; depth has its own data window."""
+    """Write an OpenEXR file of two parts; depth has another data window than colour."""
     import OpenEXR
 
     shown = (0, 0), (SIZE[0] + 4, SIZE[1] + 3)
@@ -169,14 +169,14 @@ OTHERS: dict[str, Write] = {  # formats that are read only
     **{f"cameras.{name}": partial(Path.write_text, data=text) for name, text in CALIBRATIONS.items()},
 }
 CHECKED = ("color.png", "depth.png", "relief.png", "color.npz", "depth.npz", "packed.ply.gz")
-"""Formats with checksums over all relevant bytes: damage is detected, or harmless."""
+"""Specimens whose formats have checksums over all relevant bytes: damage is detected or does no harm."""
 DECODED_ELSEWHERE = ["depth.png", "depth.tif", "depth.exr", "depth.doubles.tif", "depth.parts.exr", "depth.pgm"]
 DECODED_ELSEWHERE += [name for name in WRITERS if name.startswith(("color.", "relief."))]
-"""Specimens that C libraries decode, which might crash the interpreter."""
+"""Specimens that libraries in C decode, which might crash the interpreter."""
 
 
 def reader(name: str) -> Read:
-    """Reader of the specimen with this name."""
+    """Look up the function that reads a specimen."""
     if name == "grid.ply":
         return read_range_grid
     by_stem: dict[str, Read] = {"color": ibr.read_color, "depth": _read_depth, "relief": read_relief_map}
@@ -185,7 +185,7 @@ def reader(name: str) -> Read:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Tell whether two results of a reader are equal."""
+    """Tell whether two results of one reader are equal."""
     if isinstance(one, tuple):
         return all(same(a, b) for a, b in zip(one, other, strict=True))
     if isinstance(one, np.ndarray):

@@ -1,4 +1,4 @@
-"""Files with contents that contradict their names, and files that cannot be written."""
+"""Files whose contents contradict their names are refused, and files that cannot be written are named."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_unknown_suffixes(tmp_path: Path):
             read(tmp_path / name)
     with pytest.raises(ibr.FileFormatError, match=r"no image format \.xyz"):
         ibr.write_color(tmp_path / "c.xyz", color_of((7, 13)))
-    with pytest.raises(ibr.FileFormatError, match=r"no image format \.pgm"):  # it is read only
+    with pytest.raises(ibr.FileFormatError, match=r"no image format \.pgm"):  # a format that pyibr only reads
         ibr.write_depth(tmp_path / "d.pgm", depth_of((7, 13)))
 
 

@@ -1,4 +1,4 @@
-"""Headers with excessive counts, and small files that unpack to large ones: refused before they use memory."""
+"""Excessive counts in headers, and small files that unpack to large ones, are refused before they use memory."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pyibr.core import files
 from pyibr.io import read_range_grid, read_relief_map
 
 MOST = 1 << 20
-"""Limit on the content of packed files in these tests."""
+"""Limit in these tests on the unpacked size of files, in bytes."""
 
 
 @pytest.fixture(autouse=True)
@@ -168,7 +168,7 @@ def test_what_promises_more_than_it_holds_is_refused(tmp_path: Path, name):
 
 @pytest.mark.parametrize("name", ["m.off.gz", "m.obj.gz", "m.ply.gz", "m.stl.gz"])
 def test_packed_text_takes_no_more_memory_than_its_file_allows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name):
-    """Once parsed, the text takes many times its memory."""
+    """Packed text has a lower limit, because parsed text takes many times its size in memory."""
     monkeypatch.setattr(files, "UNPACKED_MAX", 1 << 30)
     (tmp_path / name).write_bytes(gzip.compress(b"v 0 0 0\n" * 5_000_000, 1))
     with pytest.raises(ibr.FileFormatError, match="unpacks to more than 16777216 bytes, more than 50 times"):

@@ -1,4 +1,4 @@
-"""Cameras of several images: lists and folders of JSON files, COLMAP's models."""
+"""Files of several images' cameras: lists and folders of JSON files, COLMAP's models, scenes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def same(one: ibr.Camera, other: ibr.Camera) -> None:
 
 
 def model(folder: Path, kind: str) -> None:
-    """A COLMAP model with one camera for each image, as text or binary."""
+    """Write a COLMAP model with one camera for each image, as text or binary."""
     folder.mkdir(parents=True)
     numbers = {"PINHOLE": 1, "OPENCV": 4}
     cameras, images = ["# cameras"], ["# images"]
@@ -76,7 +76,7 @@ def test_json_of_one_and_of_a_list(tmp_path: Path):
     for name, camera in CAMERAS.items():
         camera.save(tmp_path / name.replace(".jpg", ".json").replace(".png", ".json"))
     named = read_cameras(tmp_path)
-    assert list(named) == ["image_9", "image_10", "with space"]  # by number
+    assert list(named) == ["image_9", "image_10", "with space"]  # 9 before 10, by number
     for one, other in zip(named.values(), CAMERAS.values(), strict=True):
         assert one == other
     assert read_cameras(tmp_path / "image_9.json") == {"0": CAMERAS["image_9.jpg"]}
@@ -167,7 +167,7 @@ def test_damaged_binary_models(tmp_path: Path, name):
 
 
 def test_cameras_of_a_gltf_scene(tmp_path):
-    """A node rotated by 90 degrees about y looks along its parent's -x; the parent is moved, the node scaled."""
+    """A camera's node is rotated by 90 degrees about y, so that it looks along its parent's -x; the parent is moved."""
     lens = {"type": "perspective", "perspective": {"yfov": 2 * np.arctan(0.5), "znear": 0.1}}
     flat = {"type": "orthographic", "orthographic": {"xmag": 2, "ymag": 1, "znear": 0.1, "zfar": 9}}
     turned = {"name": "a", "camera": 0, "rotation": [0, np.sqrt(0.5), 0, np.sqrt(0.5)], "scale": [2, 2, 2]}
@@ -177,10 +177,10 @@ def test_cameras_of_a_gltf_scene(tmp_path):
     found = read_cameras(tmp_path / "scene.gltf", size=(64, 32))
     assert list(found) == ["a", "2"]
     np.testing.assert_allclose(found["a"].K, [[32, 0, 31.5], [0, 32, 15.5], [0, 0, 1]], atol=1e-12)
-    pixels, depth = found["a"].project([[3.0, 1.0, 0.0]])  # 2 in front of it, 1 above its axis
+    pixels, depth = found["a"].project([[3.0, 1.0, 0.0]])  # a point 2 units in front of the camera, 1 above its axis
     np.testing.assert_allclose(pixels, [[31.5, -0.5]], atol=1e-9)
     np.testing.assert_allclose(depth, [2], atol=1e-12)
-    pixels, _ = found["2"].project([[7.0, -1.0, -4.0]])  # at its right and lower borders
+    pixels, _ = found["2"].project([[7.0, -1.0, -4.0]])  # a point at the image's right and lower borders
     np.testing.assert_allclose(pixels, [[63.5, 31.5]], atol=1e-9)
     with pytest.raises(ibr.ArgumentError, match="size: expected"):
         read_cameras(tmp_path / "scene.gltf")
@@ -205,7 +205,7 @@ def test_what_is_written_is_read(tmp_path: Path, form):
     cameras = dict(CAMERAS) if form != "nerfstudio" else {"images/a.png": CAMERAS["image_9.jpg"], **CAMERAS}
     if form == "open3d":
         cameras = {name: camera for name, camera in CAMERAS.items() if camera.lens is None}
-    elif form != "nerfstudio":  # its frames are all perspective, or all fisheyes
+    elif form != "nerfstudio":  # Nerfstudio's frames are all perspective, or all fisheye
         cameras["fish.png"] = ibr.Camera(CAMERAS["image_9.jpg"].K, (61, 37), lens=BENT)
     path = tmp_path / ("model" if form == "colmap" else "transforms.json")
     write_cameras(path, cameras, form)

@@ -1,4 +1,4 @@
-"""Pictures in every format: round trips, and files of other programs."""
+"""Pictures in every format: written files read back equal, and files of other programs are read."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_transparency_is_told_once_a_folder_and_only_where_there_is_any(tmp_path
 
 
 def stored_as(mode: str) -> tuple[Image.Image, np.ndarray]:
-    """Pillow's picture in a mode, and the expected colour image."""
+    """A picture in one of Pillow's modes, and the colours that should be read from it."""
     color, gray = color_of((7, 13)), color_of((7, 13))[..., 0]
     if mode == "1":
         return Image.fromarray(gray > 100), np.dstack([(gray > 100) * np.uint8(255)] * 3)
@@ -105,7 +105,7 @@ def stored_as(mode: str) -> tuple[Image.Image, np.ndarray]:
         return few, np.asarray(few.convert("RGB"))
     if mode == "LA":
         return Image.fromarray(np.dstack([gray, 255 - gray])), np.dstack([gray] * 3)
-    printed = Image.fromarray(color).convert(mode)  # in another colour space
+    printed = Image.fromarray(color).convert(mode)  # colours in another colour space
     return printed, np.asarray(printed.convert("RGB"))
 
 
@@ -133,7 +133,7 @@ def test_of_several_images_the_first_is_read(tmp_path: Path, suffix):
 
 @pytest.mark.parametrize("suffix", ["jpg", "png"])
 def test_a_turned_picture_is_read_as_it_is_stored(tmp_path: Path, suffix):
-    """Camera matrices refer to stored pixels, however a viewer rotates them."""
+    """EXIF's rotation is ignored, because camera matrices refer to the pixels as stored."""
     turned = Image.Exif()
     turned[0x0112] = 6
     Image.fromarray(np.full((13, 7, 3), 100, np.uint8)).save(tmp_path / f"a.{suffix}", exif=turned)
@@ -152,7 +152,7 @@ def test_mask(tmp_path: Path):
 
 @pytest.mark.parametrize("mode", ["RGB", "RGBA", "P", "CMYK", "YCbCr", "LAB"])
 def test_colors_are_those_of_the_picture_however_they_are_stored(tmp_path: Path, mode):
-    """Inks of a printer, read as red, green and blue, would give a negative."""
+    """A printer's inks (CMYK), for example, would look like a negative if read as red, green and blue."""
     color = np.zeros((13, 7, 3), np.uint8)
     color[:6], color[6:, :3], color[6:, 3:] = (255, 128, 0), (255, 255, 255), (30, 60, 200)
     name = "c.png" if mode in ("RGB", "RGBA", "P") else "c.tif"
@@ -163,8 +163,8 @@ def test_colors_are_those_of_the_picture_however_they_are_stored(tmp_path: Path,
     else:
         picture = Image.fromarray(color)
         (picture.quantize(8) if mode == "P" else picture.convert(mode)).save(tmp_path / name)
-    # Files also round YCbCr and L*a*b*: YCbCr to 2 levels of a channel; a unit of a* or b* is up to 8 levels for
-    # orange.
+    # The files' values are rounded. In YCbCr this changes a channel by up to 2 levels; in L*a*b* a unit of a* or b*
+    # is up to 8 levels for orange.
     read = ibr.read_color(tmp_path / name).astype(int)
     assert np.abs(read - color).max() <= {"YCbCr": 3, "LAB": 8}.get(mode, 0)
 
@@ -172,7 +172,7 @@ def test_colors_are_those_of_the_picture_however_they_are_stored(tmp_path: Path,
 def test_a_printers_jpeg_is_no_negative(tmp_path: Path):
     color = np.full((16, 16, 3), (250, 200, 40), np.uint8)
     Image.fromarray(color).convert("CMYK").save(tmp_path / "c.jpg", quality=95)
-    assert np.abs(ibr.read_color(tmp_path / "c.jpg").astype(int) - color).max() <= 4  # levels, as for any JPEG
+    assert np.abs(ibr.read_color(tmp_path / "c.jpg").astype(int) - color).max() <= 4  # levels of 255, the error of JPEG
 
 
 def test_floats_of_any_size_are_written(tmp_path: Path):

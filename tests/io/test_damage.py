@@ -1,4 +1,4 @@
-"""Damaged files and failing writes: no crash, no hang, only pyibr's own errors, and no file is lost."""
+"""Damaged files and failing writes cause no crash, no hang and no loss, only pyibr's own errors."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_writes_that_fail_leave_what_was_there(folder: Path, monkeypatch: pytest
     old = b"what was there"
     (folder / name).write_bytes(old)
     for path in set(folder.iterdir()) - {folder / name}:
-        path.unlink()  # materials and textures, as if the old file had another texture
+        path.unlink()  # the old file shall have no materials and textures
     unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
 
     def full(*arguments: object) -> None:
@@ -125,4 +125,4 @@ def test_killed_writers_leave_whole_files(folder: Path):
     names = {path.name for path in folder.iterdir()}
     remains = {name for name in names if name.startswith(".")}
     assert all(name.startswith(".pyibr-") for name in remains)
-    assert len(names - remains) <= 3 + 4  # the two textures of the OBJ file, and their materials
+    assert len(names - remains) <= 3 + 4  # 4: the OBJ file's two textures and their two files of materials

@@ -1,4 +1,4 @@
-"""Depth of many frames in one file: each frame reads back exactly, in any order, and without the others."""
+"""Files with the depth of many frames: each frame reads back exactly, in any order, without reading the others."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ COUNT, HEIGHT, WIDTH = 5, 37, 61
 
 
 def counts(bits: int) -> np.ndarray:
-    """(N, H, W) numbers of so many bits, some of them 0."""
+    """Random numbers of `bits` bits, (N, H, W), some of them 0."""
     found = np.random.default_rng(bits).integers(0, 1 << bits, (COUNT, HEIGHT, WIDTH)).astype(np.uint16)
     found[:, 3] = 0
     return found
 
 
 def film(path: Path, stack: np.ndarray, codec: str, pixels: str) -> Path:
-    """Write a lossless film with these numbers as gray."""
+    """Write the numbers as levels of gray into a lossless video."""
     with av.open(str(path), "w") as container:
         options = {"x265-params": "lossless=1:log-level=none"} if codec == "libx265" else {}
         stream = container.add_stream(codec, rate=25, options=options)
@@ -73,7 +73,7 @@ def test_arrays_in_any_order(tmp_path: Path, suffix: str, shape: tuple[int, ...]
     save(path, stack.reshape(shape))
     frames = frames_in(path)
     assert frames is not None and len(frames) == COUNT and frames.fps is None
-    for number in (3, 4, 0, 2, 2):  # forwards, to the start, with a gap, repeated
+    for number in (3, 4, 0, 2, 2):  # in order, back to the start, past a gap, twice
         np.testing.assert_array_equal(frames.read_one(number, None, {}), stack[number])
     np.testing.assert_array_equal(list(frames.read([0, 2, 3])), stack[[0, 2, 3]])
 
@@ -103,7 +103,7 @@ def test_kinds_of_depth(tmp_path: Path):
 
 def test_what_holds_no_frames(tmp_path: Path):
     np.save(tmp_path / "one.npy", np.ones((HEIGHT, WIDTH)))
-    np.save(tmp_path / "network.npy", np.ones((1, HEIGHT, WIDTH)))  # a network's form of one image
+    np.save(tmp_path / "network.npy", np.ones((1, HEIGHT, WIDTH)))  # one image, with the first axis that networks add
     assert frames_in(tmp_path / "one.npy") is None and frames_in(tmp_path / "network.npy") is None
     assert frames_in(tmp_path / "depth.png") is None
     assert len(DepthFrames(tmp_path / "network.npy")) == 1
@@ -132,7 +132,7 @@ def test_one_frame_at_a_time_is_in_memory(tmp_path: Path, suffix: str):
         assert depth.shape == (100, 200)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert most < 1_000_000  # a few frames, and zipfile's buffers
+    assert most < 1_000_000  # bytes: a few frames, and zipfile's buffers
 
 
 def test_a_folder_of_two_films(tmp_path: Path):

@@ -1,4 +1,4 @@
-"""OpenEXR: choice of the depth channel and the picture's layer, in files of renderers and compositors."""
+"""In OpenEXR files of renderers and compositors, the channel of depth and the layer of colours are found."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ GRAY = {name: DEPTH for name in "RGB"}
         {"Z": DEPTH},
         {"Z": DEPTH, "Y": OTHER[0]},
         {"Y": DEPTH, "R": OTHER[0]},
-        {"Z": DEPTH, **RGB, **named("right", {"Z": OTHER[0]})},  # the other view of two
+        {"Z": DEPTH, **RGB, **named("right", {"Z": OTHER[0]})},  # the right view of a stereo file
         {**RGB, "depth": DEPTH},
         {**RGB, **named("Depth", {"V": DEPTH}), **named("Normal", XYZ)},  # Blender
         {

@@ -1,4 +1,4 @@
-"""Depth in every format: round trips, and exchange with other programs."""
+"""Depth in every format: written files read back equal, and are exchanged with other programs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_depth_round_trip(tmp_path: Path, suffix, size):
     assert again.dtype == np.float32
     assert again.flags.c_contiguous
     np.testing.assert_allclose(again, depth, rtol=0, atol=0.50001e-3 if suffix == ".png" else 0)
-    assert [f.name for f in tmp_path.iterdir()] == [file.name]  # nothing temporary is left
+    assert [f.name for f in tmp_path.iterdir()] == [file.name]  # no temporary file is left
 
 
 @pytest.mark.parametrize("suffix", DEPTH_SUFFIXES)
@@ -50,13 +50,13 @@ def test_other_kinds_of_depth_are_what_their_converters_make(tmp_path: Path, kin
     step = 0.5 / scale if suffix == ".png" else 0
     np.testing.assert_allclose(ibr.read_depth(file, depth_scale=scale), held, rtol=1e-6, atol=1.01 * step)
     again = ibr.read_depth(file, depth_scale=scale, depth_kind=kind, camera=camera)
-    slope = 9**2 if kind == "inverse" else 1  # change of depth per change of the stored value
+    slope = 9**2 if kind == "inverse" else 1  # most that depth changes per unit of the stored value
     np.testing.assert_allclose(again, depth, rtol=1e-6, atol=1.01 * step * slope)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".npy"])
 def test_disparity_between_principal_points_apart_has_an_offset(tmp_path: Path, suffix):
-    focal, baseline, doffs, units = 500.0, 0.1, 7.25, 256  # units: stored units per pixel
+    focal, baseline, doffs, units = 500.0, 0.1, 7.25, 256  # units: stored units per pixel of disparity
     disparity = np.array([[4.0, 31.5, 0.5, 12.0]])
     how: dict[str, Any] = {"depth_scale": units * focal * baseline, "depth_offset": units * doffs}
     how |= {"depth_kind": "inverse"}
@@ -64,10 +64,10 @@ def test_disparity_between_principal_points_apart_has_an_offset(tmp_path: Path, 
     depth[0, 3] = np.nan
     ibr.write_depth(file, depth, **how)
     stored = image.read_depth(file) if suffix == ".png" else np.load(file)
-    np.testing.assert_allclose(stored[0, :3], units * disparity[0, :3], atol=1e-3)  # float32 of 1 / z
+    np.testing.assert_allclose(stored[0, :3], units * disparity[0, :3], atol=1e-3)  # 1 / z is rounded to float32
     np.testing.assert_allclose(ibr.read_depth(file, **how), depth, rtol=1e-6)
     with pytest.raises(ibr.ArgumentError, match=r"^depth: expected values above depth_offset / depth_scale = 0.145"):
-        ibr.write_depth(tmp_path / "d.png", np.full((2, 2), 7.0, np.float32), **how)  # 0.11 pixels below 0
+        ibr.write_depth(tmp_path / "d.png", np.full((2, 2), 7.0, np.float32), **how)  # its disparity would be stored as -0.11 pixels
     with pytest.raises(ibr.ArgumentError, match=r"^depth_offset: "):
         ibr.read_depth(file, depth_offset=np.nan, depth_scale=1)
 
@@ -184,7 +184,7 @@ def test_gray_that_is_stored_as_colors_is_depth(tmp_path: Path):
 
 
 def test_depth_of_8_bits_has_a_scale_too(tmp_path: Path):
-    """Disparity of older stereo sets: four units a pixel, 0 for none."""
+    """Older stereo sets store disparity in 8 bits: four units per pixel, 0 where it is unknown."""
     Image.fromarray(np.array([[0, 4, 255]], np.uint8)).save(tmp_path / "d.png")
     np.testing.assert_allclose(ibr.read_depth(tmp_path / "d.png", depth_scale=4), [[np.nan, 1, 63.75]])
     np.testing.assert_allclose(
@@ -194,7 +194,7 @@ def test_depth_of_8_bits_has_a_scale_too(tmp_path: Path):
 
 @pytest.mark.parametrize("suffix", [".png", ".npy", ".tif"])
 def test_depth_of_16_bits_is_written_by_its_scale(tmp_path: Path, suffix):
-    """`register` keeps such depth: reading with the same scale returns the same depth."""
+    """uint16 depth, which `register` returns, is written and read with its scale, and stays the same."""
     stored = np.arange(0, 65536, 719, dtype=np.uint16).reshape(-1, 4)[:20]
     ibr.write_depth(tmp_path / f"d{suffix}", stored, depth_scale=1000)
     np.testing.assert_array_equal(

@@ -1,8 +1,8 @@
-"""Layouts of recordings: the samples of each specimen lie on the scene's surface, with its colours.
+"""Layouts of recordings are read by the right conventions, as specimens of a known scene show.
 
-A layout's K, pose, depth and scale place each sample at a point. The scene's colour at this point must be the sample's;
-and after a warp from one frame to the other, colours must agree. Neither holds if a neighbouring convention is used
-(y up, inverse poses, pixel centres half a pixel off, another scale).
+A layout's K, pose, depth and scale place each sample at a point. The point must lie on the scene's surface, and have
+the sample's colour; the two frames must agree on colours of the same points. This fails if a similar convention is
+taken instead: y up, inverse poses, pixel centres half a pixel off, another scale.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tests.io.damages import damaged, quick_folder
 from tests.io.layouts import SPECIMENS
 from tests.io.layouts.wall import GL, NORMAL, OFFSET
 
-PICTURES = (".png", ".jpg", ".ppm", ".pgm")  # other tests damage their readers
+PICTURES = (".png", ".jpg", ".ppm", ".pgm")  # other tests damage these files
 
 Frame = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -38,7 +38,7 @@ def folder() -> Iterator[Path]:
 
 
 def frames_of(folder: Path) -> list[Frame]:
-    """Colours, depth, K and pose of the usable frames; at the resolution of the depth if that is lower."""
+    """Colours, depth, K and pose of each usable frame; colours are reduced to the resolution of the depth."""
     recording = recording_in(folder)
     found = []
     for shot in shots_of(recording, cameras_of(recording)):
@@ -47,14 +47,14 @@ def frames_of(folder: Path) -> list[Frame]:
             camera = shot.depth_camera or shot.camera
             if color.dtype != np.uint8:
                 color = np.rint(255 * color)
-            step = color.shape[0] // depth.shape[0]  # pixels along the side of a coarse sample
+            step = color.shape[0] // depth.shape[0]  # pixels along a depth sample's side
             small = color.reshape(depth.shape[0], step, depth.shape[1], step, 3).mean((1, 3))
             found.append((small, depth.astype(np.float64), camera.K, camera.world_from_camera))
     return found
 
 
 def points_of(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 3) of the samples, and their colours (N, 3)."""
+    """A frame's samples as points (N, 3) in the world, with their colours (N, 3)."""
     color, depth, K, pose = frame
     y, x = np.nonzero(np.isfinite(depth) & (depth > 0))
     local = np.column_stack([x, y, np.ones(len(x))]) @ np.linalg.inv(K).T * depth[y, x, None]
@@ -67,13 +67,13 @@ def scene_colors(points: np.ndarray) -> np.ndarray:
 
 
 def off_scene(frames: list[Frame]) -> float:
-    """Median difference of the samples' colours from the scene's, in levels of 8 bits."""
+    """Median difference between samples' colours and the scene's colours at their points, in levels of 255."""
     each = [np.abs(scene_colors(points) - colors) for points, colors in map(points_of, frames)]
     return float(np.median(np.concatenate(each)))
 
 
 def off_other(frames: list[Frame]) -> float:
-    """Median difference of the first frame's colours from the second's, where that shows the same points."""
+    """Median difference between two frames' colours, where the second shows points of the first."""
     points, colors = points_of(frames[0])
     other, _, K, pose = frames[1]
     local = (points - pose[:3, 3]) @ pose[:3, :3]
@@ -89,7 +89,7 @@ def off_other(frames: list[Frame]) -> float:
 
 
 def neighbours(frames: list[Frame]) -> dict[str, list[Frame]]:
-    """The frames as read by neighbouring conventions."""
+    """The frames as they would be if read by similar, wrong conventions."""
     found = {f"half a pixel {by:+}": [(c, z, shifted(K, by), p) for c, z, K, p in frames] for by in (-0.5, 0.5)}
     found |= {f"{by} times as deep": [(c, z * by, K, p) for c, z, K, p in frames] for by in (0.97, 1.03)}
     if len({pose.tobytes() for *_, pose in frames}) > 1:
@@ -111,7 +111,7 @@ def test_a_specimen_beats_its_neighbours_in_convention(tmp_path: Path, name):
     frames = frames_of(tmp_path / "it")
     assert len(frames) == count
     points = np.concatenate([points_of(frame)[0] for frame in frames])
-    # Less than a stored unit, or a pixel of disparity in float32
+    # Less than a unit of stored depth, or than a pixel of disparity in float32.
     assert np.abs(points @ NORMAL - OFFSET).max() < 0.006
     right = off_scene(frames)
     assert right < 1.5
@@ -122,18 +122,18 @@ def test_a_specimen_beats_its_neighbours_in_convention(tmp_path: Path, name):
         assert right < 2
         turned = len({pose[:3, :3].tobytes() for *_, pose in frames}) > 1
         for convention, wrong in neighbours(frames).items():
-            if turned or convention.endswith(("deep", "camera")):  # for parallel cameras, the other errors cancel
+            if turned or convention.endswith(("deep", "camera")):  # with parallel cameras, other wrong conventions agree, too
                 assert off_other(wrong) > right, convention
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", SPECIMENS)
 def test_damaged_layouts(folder: Path, name):
-    """Damage to files of cameras, poses and names: the result is complete, or refused."""
+    """A recording with damaged files of cameras, poses or names is refused, or read completely."""
     SPECIMENS[name][0](folder / "it")
     told = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix not in PICTURES]
     whole, rng = {file: file.read_bytes() for file in told}, random.Random(name)
-    for number in range(40 if name.startswith("ros_") else 200):  # rosbags opens slowly
+    for number in range(40 if name.startswith("ros_") else 200):  # few, because rosbags opens files slowly
         file = rng.choice(told)
         file.write_bytes(damaged(whole[file], rng, number))
         try:
@@ -158,7 +158,7 @@ def test_what_no_layout_is_tells_which_were_looked_for(tmp_path: Path):
 
 
 def test_raw_kinect_counts_of_nyu(tmp_path: Path):
-    """Depth follows the toolbox's formula, with swapped bytes; its camera is 25 mm beside the colour camera."""
+    """Counts, with swapped bytes, become depth by the toolbox's formula. The depth camera is 25 mm beside the other."""
     Image.fromarray(np.zeros((480, 640, 3), np.uint8)).save(tmp_path / "r-1294886360.208451-2996770081.ppm")
     stored = np.full((480, 640), 917, ">u2")  # 351.3 / (1092.5 - 917) m
     stored[0] = 2047
@@ -174,7 +174,7 @@ def test_raw_kinect_counts_of_nyu(tmp_path: Path):
 
 
 def test_a_bag_of_realsenses_recorder(tmp_path: Path):
-    """Topics and lenses have the recorder's names; an option gives the unit of depth, and topics the streams' poses."""
+    """The recorder's names of topics and lenses are known. Topics give the unit of depth and the poses of streams."""
     pytest.importorskip("rosbags")
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
@@ -182,7 +182,7 @@ def test_a_bag_of_realsenses_recorder(tmp_path: Path):
     store = get_typestore(Stores.ROS1_NOETIC)
     types = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
     region = types["RegionOfInterest"](0, 0, 0, 0, False)
-    turn = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])  # for a quaternion with y = 0.1 ** 0.5
+    turn = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])  # the rotation of a quaternion with y = 0.1 ** 0.5
     messages = [("/device_0/sensor_0/option/Depth_Units/value", types["Float32"](0.0001))]
     streams = (("sensor_0/Depth_0", "mono16"), ("sensor_0/Infrared_1", "mono8"), ("sensor_1/Color_0", "rgb8"))
     for stream, encoding in streams:
@@ -190,7 +190,7 @@ def test_a_bag_of_realsenses_recorder(tmp_path: Path):
             types["Header"](0, store.types["builtin_interfaces/msg/Time"](5, 0), "0"),
             stream.endswith("Color_0"),
         )
-        x, y = (-0.015, 0.1**0.5) if is_color else (0.0, 0.0)  # from the first stream
+        x, y = (-0.015, 0.1**0.5) if is_color else (0.0, 0.0)  # relative to the first stream
         told = types["Transform"](types["Vector3"](x, 0.0, 0.0), types["Quaternion"](0.0, y, 0.0, (1 - y * y) ** 0.5))
         info = types["CameraInfo"](
             head, 3, 4, "Inverse Brown Conrady", np.full(5, 0.01 * is_color), np.array([5.0, 0, 1.5, 0, 5, 1, 0, 0, 1]),
@@ -216,7 +216,7 @@ def test_a_bag_of_realsenses_recorder(tmp_path: Path):
 
 
 def test_intrinsics_of_larger_pictures_are_refused(tmp_path: Path):
-    """Exporters resize pictures, but leave the intrinsics unchanged."""
+    """Some exporters make pictures smaller, but leave the intrinsics as they were."""
     SPECIMENS["scannet"][0](tmp_path)
     for picture in (tmp_path / "color").iterdir():
         with Image.open(picture) as image:
@@ -239,7 +239,7 @@ def test_a_file_may_be_a_recording(tmp_path: Path):
 
 
 def test_a_lens_that_is_not_known_is_named(tmp_path: Path):
-    """ETH3D's pictures have such a lens."""
+    """ETH3D's pictures have a lens that pyibr does not know; the error names it."""
     SPECIMENS["eth3d_views"][0](tmp_path)
     file = tmp_path / "dslr_calibration_jpg/cameras.txt"
     file.write_text("1 THIN_PRISM_FISHEYE 64 48 60 62 30.8 24.7 0.2 0.2 0 0 -0.1 0.4 0 0\n")
@@ -248,7 +248,7 @@ def test_a_lens_that_is_not_known_is_named(tmp_path: Path):
 
 
 def test_depth_of_fewer_samples_has_a_camera_of_its_own(tmp_path: Path):
-    """Phones' depth in transforms.json: each sample covers 2 x 2 pixels."""
+    """A phone's depth in transforms.json has fewer samples than pixels: one for each 2 x 2 pixels here."""
     SPECIMENS["nerfstudio"][0](tmp_path)
     for file in tmp_path.rglob("*depth*/*.png"):
         with Image.open(file) as image:
@@ -263,7 +263,7 @@ def test_depth_of_fewer_samples_has_a_camera_of_its_own(tmp_path: Path):
 
 
 def test_files_of_transforms_as_people_write_them(tmp_path: Path, caplog: pytest.LogCaptureFixture):
-    """Names with backslashes or without a suffix; NPY in millimetres and frames without depth, both logged."""
+    """Names may have backslashes or no suffix. NPY files in millimetres and frames without depth are read, and logged."""
     SPECIMENS["nerfstudio"][0](tmp_path)
     first, file = frames_of(tmp_path), tmp_path / "transforms.json"
     told = json.loads(file.read_text())
@@ -292,7 +292,7 @@ def test_frames_without_poses_are_at_no_known_place(tmp_path: Path):
 
 
 def test_unsure_samples_are_left_out(tmp_path: Path):
-    """The default threshold is ARKit's medium confidence: here it removes an eighth of the samples."""
+    """Samples below ARKit's medium confidence are left out by default: here, an eighth of them."""
     SPECIMENS["stray"][0](tmp_path)
     recording = recording_in(tmp_path)
     shot = shots_of(recording, cameras_of(recording))[0]

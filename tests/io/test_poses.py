@@ -24,7 +24,7 @@ def words(numbers: object) -> str:
 
 
 def tum(number: int) -> str:
-    w, x, y, z = CAMERAS[number].to_colmap()[2] * [1, -1, -1, -1]  # COLMAP's is camera from world
+    w, x, y, z = CAMERAS[number].to_colmap()[2] * [1, -1, -1, -1]  # COLMAP has the rotation from world to camera
     return words([TIMES[number], *MATRICES[number, :3, 3], x, y, z, w])
 
 
@@ -64,7 +64,7 @@ def test_a_folder_of_files_is_read_in_the_order_of_their_numbers(tmp_path: Path)
 
 
 def test_the_cameras_of_a_json_file_have_poses(tmp_path: Path):
-    """Open3D's view control writes such trajectories, in column order; the other file is a list of cameras."""
+    """One file is a trajectory as Open3D's view control writes it, in column order; the other is a list of cameras."""
     intrinsic = {"width": 7, "height": 5, "intrinsic_matrix": CAMERAS[0].K.T.ravel().tolist()}
     several = [{"extrinsic": one.camera_from_world.T.ravel().tolist(), "intrinsic": intrinsic} for one in CAMERAS]
     (tmp_path / "trajectory.json").write_text(

@@ -1,4 +1,4 @@
-"""Scans on a grid: points in their cells, and invalid files."""
+"""Scans on a grid: each point is in its cell, and invalid files are refused."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def grid(rows: int = 30, columns: int = 40) -> np.ndarray:
 def test_a_scan_as_a_depth_image():
     points = grid()
     points[12:15, 20:24] = np.nan  # a hole
-    points[:4, :5] = np.nan  # at the outline
+    points[:4, :5] = np.nan  # a corner is missing
     pose = np.eye(4)
     pose[:3, 3] = 4, 5, 6
     view = scan_view(points, pose)

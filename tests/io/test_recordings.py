@@ -1,4 +1,4 @@
-"""Recordings: pairing of files, in artificial folders and in real data sets."""
+"""Pairing of a recording's files, in artificial folders and in real data sets."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_cameras_of_a_folder(tmp_path: Path):
         assert recording_in(tmp_path).cameras == (tmp_path / name,)
     touch(tmp_path, "camera/a.json", "camera/b.json")
     assert recording_in(tmp_path).cameras == (tmp_path / "camera/a.json", tmp_path / "camera/b.json")
-    touch(tmp_path, "a.json")  # b.json is missing, which reading reports
+    touch(tmp_path, "a.json")  # reading would report that b.json is missing
     assert recording_in(tmp_path).cameras == (tmp_path / "a.json", tmp_path / "b.json")
     (tmp_path / "pose").mkdir()
     assert recording_in(tmp_path).poses is None
@@ -93,7 +93,7 @@ def test_names_that_are_times_go_by_time(tmp_path: Path):
 
 @pytest.mark.parametrize(("digits", "form"), [(3, "{}"), (6, "rgb_{}"), (9, "frame{}_a")])
 def test_names_that_count_parts_of_a_second_go_by_time(tmp_path: Path, digits, form):
-    """ROS stamps files like this: as many of each kind, but at different times."""
+    """ROS names files by time: there are as many pictures as depth files, but their times differ."""
     start = 1_700_000_000
 
     def name(milliseconds: int) -> str:
@@ -123,7 +123,7 @@ def test_other_numbers_are_a_mistake(tmp_path: Path):
     with pytest.raises(ibr.ArgumentError, match=r"colour and depth of the same numbers, got 1.png without depth"):
         paired(tmp_path / "rgb", tmp_path / "depth")
     touch(tmp_path, *(f"rgb2/{n}.png" for n in (0, 1, 2, 3)), *(f"depth2/{n}.png" for n in (1, 2, 3, 4)))
-    with pytest.raises(ibr.ArgumentError, match=r"got 0.png without depth"):  # counted from 0 and from 1
+    with pytest.raises(ibr.ArgumentError, match=r"got 0.png without depth"):  # pictures are counted from 0, depth files from 1
         paired(tmp_path / "rgb2", tmp_path / "depth2")
 
 
@@ -172,7 +172,7 @@ K = {"width": 4, "height": 3, "fx": 5, "fy": 5, "cx": 1.5, "cy": 1}
         ((0, 2, 3), (0, 1, 2, 3, 4), (0, 2, 3)),  # by number
         ((1, 2, 3), (0.0, 0.033, 0.067), (0, 1, 2)),  # in order: the times are no frame numbers
         (("5.00", "5.03", "5.06"), (5.031, 5.0, 5.5), (1, 0, None)),  # by time
-        (("5.00", "5.03"), (0.0, 1.0), (0, 1)),  # another clock
+        (("5.00", "5.03"), (0.0, 1.0), (0, 1)),  # in order: the times are another clock's
         ((0, 1, 7), (0, 1, 2, 3), (0, 1, None)),
         ((4, 5), (0, 1, 2), "a pose for each of 2 frames, got 3"),
     ],
@@ -194,7 +194,7 @@ def test_poses_go_by_time_or_number_or_in_order(tmp_path: Path, names, times, ex
 
 
 REAL = {
-    # folder: (focal length, scale, the least error in its README, in metres)
+    # by folder: focal length in pixels, depth units per metre, and the least error in its README, in metres
     "formats/tum_rgbd_fr1_rpy": (525.0, 5000, 0.0046),
     "formats/7scenes_tsdf_fusion": (585.0, 1000, 0.0051),
     "formats/redwood_open3d": (525.0, 1000, 0.0053),
@@ -217,7 +217,7 @@ def test_poses_and_frames_of_real_recordings_belong_together(name):
     frame = ibr.warp(ibr.DepthImage(None, depths[0], cameras[0]), cameras[1])
     both = frame.valid & np.isfinite(depths[1])
     assert both.mean() > 0.3
-    assert np.median(np.abs(frame.depth - depths[1])[both]) < 1.3 * least + 0.0005  # the README's rounding
+    assert np.median(np.abs(frame.depth - depths[1])[both]) < 1.3 * least + 0.0005  # 0.0005: the README's rounding
 
 
 def _place(color: Path, times: np.ndarray) -> int:

@@ -1,4 +1,4 @@
-"""Text in different encodings and line ends: the same content is read."""
+"""Text files read the same in different encodings and with different line ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Handmade TIFF files: numbers of every kind, in either byte order."""
+"""TIFF files, written without a library: numbers of every kind, in either byte order."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.io.specimens import tiff
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize("kind", ["u1", "u2", "i2", "u4", "i4", "f2", "f4", "f8"])
 def test_tiff_of_every_kind_and_byte_order_as_it_is_stored(tmp_path: Path, kind, order):
-    values = np.arange(1, 92).reshape(13, 7) * {"u1": 1, "u4": 40_000_000}.get(kind, 5)  # beyond i4's range
+    values = np.arange(1, 92).reshape(13, 7) * {"u1": 1, "u4": 40_000_000}.get(kind, 5)  # u4: beyond the range of i4
     (tmp_path / "d.tif").write_bytes(tiff(values.astype(order + kind), orientation=6))
     np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.tif", depth_scale=1), values.astype(np.float32))
     if kind in ("u1", "u2", "f2", "f4", "f8"):

@@ -1,4 +1,4 @@
-"""Videos: written files read back with times and sound, and invalid files give one quiet error."""
+"""Videos read back with their times and sound; invalid files give one error, and libraries print nothing."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def written(path: Path, frames: list[np.ndarray], fps: float = 12.5, **options: 
 
 
 def with_sound(path: Path, seconds: float = 2.0, turned: int = 0) -> Path:
-    """A film with a tone and 25 frames a second, at irregular times."""
+    """Write a film with a tone, at 25 frames per second, but irregular times."""
     with av.open(str(path), "w") as container:
         video, audio = container.add_stream("libx264", rate=25), container.add_stream("aac", rate=44100)
         video.width, video.height, video.pix_fmt = 62, 36, "yuv420p"
@@ -57,8 +57,8 @@ def test_frames_come_back(tmp_path: Path, suffix: str, codec: Any):
     codec = None if codec == "mjpeg" else codec
     video = Video(written(tmp_path / f"v{suffix}", FRAMES, codec=codec))
     assert len(video) == 7 and video.fps == pytest.approx(12.5)
-    np.testing.assert_allclose(video.times, np.arange(7) / 12.5, atol=2e-3)  # Matroska counts milliseconds
-    most = 0 if codec == "ffv1" else 5  # error of compression for a plain colour, in levels
+    np.testing.assert_allclose(video.times, np.arange(7) / 12.5, atol=2e-3)  # Matroska stores milliseconds
+    most = 0 if codec == "ffv1" else 5  # error of compression for a uniform colour, in levels of 255
     for numbers in (range(7), range(2, 7, 3), [6]):
         found = list(video.frames(numbers))
         assert len(found) == len(numbers)
@@ -67,7 +67,7 @@ def test_frames_come_back(tmp_path: Path, suffix: str, codec: Any):
 
 
 def test_colours_are_as_told_in_large_videos(tmp_path: Path):
-    """They use HDTV's standard: the two standards differ by 8 levels of green."""
+    """Large videos use HDTV's colour standard, which differs from the older one by 8 levels of green here."""
     frame = np.full((720, 64, 3), (40, 200, 90), np.uint8)
     (read,) = Video(written(tmp_path / "v.mp4", [frame]))
     np.testing.assert_allclose(read.astype(int), frame, atol=3)
@@ -89,7 +89,7 @@ def test_moving_pictures(tmp_path: Path, suffix: str):
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_short_films_whatever_memory_holds(tmp_path: Path, count: int):
     mallopt, perturb = ctypes.CDLL(None).mallopt, -6
-    mallopt(perturb, 90)  # glibc fills allocated memory with this byte's complement
+    mallopt(perturb, 90)  # from now on, glibc fills new memory with this byte's complement
     try:
         frames = [np.full((36, 64, 3), 40 * number, np.uint8) for number in range(count)]
         video = Video(written(tmp_path / "v.mkv", frames, codec="h265"))
@@ -104,7 +104,7 @@ def test_more_bits(tmp_path: Path, codec: Any, bits: int):
     video = Video(written(tmp_path / "v.mkv", [ramp], codec=codec, bits=bits))
     (numbers,) = video.gray([0])
     assert numbers.dtype == np.uint16
-    exact = {10: 4 * 4, 12: 2 * 16, 16: 1}[bits]  # error of compression for an 8-bit ramp, in these levels
+    exact = {10: 4 * 4, 12: 2 * 16, 16: 1}[bits]  # error of compression for an 8-bit ramp, in levels of `bits` bits
     np.testing.assert_allclose(numbers.astype(int), ramp[..., 0] * ((1 << bits) - 1), atol=exact)
 
 
@@ -134,7 +134,7 @@ def test_sound_and_times_are_carried_over(tmp_path: Path):
     made = Video(tmp_path / "v.mp4")
     np.testing.assert_allclose(made.times, np.array(source.times[10:40]) - source.times[10], atol=1e-4)
     whole, part = heard(source.path), heard(made.path)
-    assert len(part) / 44100 == pytest.approx(30 / 25, abs=0.05)  # AAC's blocks are 23 ms
+    assert len(part) / 44100 == pytest.approx(30 / 25, abs=0.05)  # AAC codes blocks of 23 ms
     assert np.sqrt(np.mean(part[4410:-4410] ** 2)) == pytest.approx(np.sqrt(np.mean(whole[4410:-4410] ** 2)), rel=0.01)
 
 
@@ -150,14 +150,14 @@ def test_frames_are_turned_as_players_turn_them(tmp_path: Path):
     data = path.read_bytes()
     matrix = data.index(b"tkhd") + 4 + 40
     assert data[matrix : matrix + 36] == turned(1, 0, 0, 1)
-    path.write_bytes(data[:matrix] + turned(0, 1, -1, 0) + data[matrix + 36 :])  # a quarter clockwise
+    path.write_bytes(data[:matrix] + turned(0, 1, -1, 0) + data[matrix + 36 :])  # a quarter turn clockwise
     (shown,) = Video(path)
     assert shown.shape == (62, 36, 3)
-    np.testing.assert_allclose(shown.astype(int), np.rot90(frame, -1), atol=40)  # ringing at edges
+    np.testing.assert_allclose(shown.astype(int), np.rot90(frame, -1), atol=40)  # compression blurs edges
 
 
 def turned(a: int, b: int, c: int, d: int) -> bytes:
-    """Matrix of an MP4 track: 16.16 numbers, the last column 2.30."""
+    """Bytes of an MP4 track's matrix: fixed-point numbers of 16.16 bits, of 2.30 bits in the last column."""
     words = (a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
     return b"".join(word.to_bytes(4, "big", signed=True) for word in words)
 
@@ -262,7 +262,7 @@ async () => {
 @pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".mp4", ".webm"])
 def test_chromium_plays_it(tmp_path: Path, suffix: str):
-    """Chromium plays it to the end, with the written size, length and colours, though no codec is named."""
+    """Chromium plays a written video to its end, with the right size, length and colours. No codec was chosen."""
     path = written(tmp_path / f"v{suffix}", FRAMES)
     with chromium() as browser:
         page = browser.new_page()

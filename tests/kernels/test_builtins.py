@@ -1,4 +1,4 @@
-"""Functions of kernels/lib/builtins.h: they give the bits of OpenCL's built-ins, and leave no calls in loops."""
+"""Functions of kernels/lib/builtins.h return the bits of OpenCL's built-in functions, and are inlined in loops."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TWO |= {"fmin, a number": "fmin(a, b.s0)", "clamp": "clamp(a, -fabs(b), fabs(b))
 
 
 def values_of(expression: str, type_: str, a: np.ndarray, b: np.ndarray, header: str) -> np.ndarray:
-    """Evaluate the expression with vectors of 16, by OpenCL's built-ins or by the header."""
+    """Evaluate an expression on vectors of 16: by OpenCL's built-in functions, or by those in `header`."""
     session = current()
     with session.call():
         source = f"""{header}
@@ -67,13 +67,13 @@ def test_floats_have_the_bits_of_the_built_ins(name):
     ours, own = by_both({**ONE, **TWO}[name], "float", a, b)
     np.testing.assert_array_equal(np.isnan(ours), np.isnan(own))
     there = ~np.isnan(own)
-    # OpenCL does not define the order of 0 and -0. They compare equal, so either is right.
+    # OpenCL leaves open whether min and max return 0 or -0, which compare equal, so either is right.
     bits = [np.where(v == 0, 0, v.view(np.int32)) for v in (ours, own)] if name in TWO else [ours, own]
     np.testing.assert_array_equal(bits[0][there], bits[1][there])
 
 
 def test_clamp_makes_the_least_of_nans():
-    """The result may become an index."""
+    """The result may become an index, so it must not be NaN."""
     a, b = pairs_of(FLOATS)
     ours, _ = by_both("clamp(a, -2.0f, 5.0f)", "float", a, b)
     np.testing.assert_array_equal(ours, np.where(np.isnan(a), -2, a.clip(-2, 5)))
@@ -117,9 +117,9 @@ HOT = {
     "epipolar_sweep", "resolve", "draw_relief", "draw_surface", "draw_object", "draw_mesh", "draw_meshes", "smooth",
     "roughen", "prepare", "behind_lines", "activate",
 }  # fmt: skip
-"""The kernels that take most of the time."""
+"""The kernels that take most of the time of calls."""
 LEFT = {"dot", "length", "fast_length", "exp2", "log2", "rint", "isfinite", "clz"}
-"""Calls outside of inner loops."""
+"""Built-in functions that may stay calls, because they are outside of inner loops."""
 
 
 LOADED = """
@@ -133,7 +133,7 @@ for call in calls().values():
 
 @pytest.mark.thorough
 def test_no_built_in_is_a_call_in_the_kernels_that_take_most_of_the_time():
-    """Check all machine code that a process has loaded."""
+    """Search all machine code that a process has loaded for calls."""
     used = current().device.platform
     if "Portable Computing Language" not in used or sys.platform != "linux" or shutil.which("objdump") is None:
         pytest.skip("needs PoCL, which keeps the machine code, Linux, which lists loaded files, and objdump")

@@ -1,4 +1,4 @@
-"""Headers shared by the kernels of several systems, each in a small kernel, against NumPy."""
+"""Functions of shared headers, called by small kernels and compared with NumPy."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ kernel void points(Screen screen, global const float *x, global const float *y, 
 
 @pytest.fixture(params=[1, 16])
 def driver(request: pytest.FixtureRequest):
-    """Function that runs a kernel of the driver with one width of lanes. The kernel's last argument is the result."""
+    """Function that runs a kernel of DRIVER in 16 lanes or 1; the kernel writes its last argument, the result."""
     session, lanes = current(), request.param
     skip_where_unused(lanes)
     headers = "".join(f'#include "lib/{name}.h"\n' for name in ("heights", "lanes", "screen", "taps"))
@@ -121,7 +121,7 @@ def test_pairs_are_neighbours(driver):
 def bilinear(
     map_: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.float64], tiled: bool
 ) -> NDArray[np.float64]:
-    """Bilinear values of a map at positions relative to the first texel's centre."""
+    """Interpolate a map bilinearly at x, y in texels, counted from the first texel's centre."""
     height, width = map_.shape
     if not tiled:
         x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
@@ -156,7 +156,7 @@ def test_taps_of_tiles_go_round(driver, shape):
 
 
 def test_no_texel_lies_beyond_a_tile(driver):
-    """Rays in a relief cross a thousand tiles, where float32 barely resolves texels; idle lanes have any value."""
+    """Positions may be a thousand tiles away, where float32 barely resolves texels; idle lanes hold any value."""
     size = 10007
     multiples = size * np.arange(1000 - COUNT // 2, 1000)
     far = np.concatenate([multiples, multiples - 1]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Rules for kernel files: each compiles alone, documents its defines, and has no long functions."""
+"""Rules for kernel files: they compile alone, document their defines, and have no long functions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def text_of(file: str) -> str:
 
 
 def included_by(file: str) -> set[str]:
-    """The file and all files that it includes."""
+    """Names of a file and of all files that it includes, directly or not."""
     found, open_ones = set(), [file]
     while open_ones:
         one = open_ones.pop()
@@ -81,7 +81,7 @@ def test_a_define_has_one_default_and_a_meaning(file):
     twice = [name for name, count in Counter(match.group(1) for match in defaults).items() if count > 1]
     assert not twice
     assert [match.group(1) for match in defaults if "/*" not in match.group(2)] == []
-    assert not [text for text in texts if re.search(r"^#ifdef (?!__)", text, re.MULTILINE)]  # 0 or 1, never absent
+    assert not [text for text in texts if re.search(r"^#ifdef (?!__)", text, re.MULTILINE)]  # defined as 0 or 1
     known = {match.group(1) for match in defaults}
     own = set(re.findall(r"^#define (\w+)", "\n".join(texts), re.MULTILINE))
     conditions = " ".join(re.findall(r"^#(?:if|elif) (.*)$", text_of(file), re.MULTILINE))
@@ -98,9 +98,9 @@ NAMED = re.compile(r"\s*#define (\w+)|\} (\w+);$|(?!typedef|return|else)(?:\w+ )
 
 
 def definitions(text: str) -> list[tuple[str, list[list[int]]]]:
-    """Macros, structs and functions that a file defines, except defaults (#ifndef), each with its enclosing branches.
+    """List the names that a file defines, except defaults (#ifndef), each with the #if branches around it.
 
-    A branch is the line of its #if in the file, and its number among the #if's branches.
+    Names are those of macros, structs and functions. A branch is a pair: the line of its #if, and its number there.
     """
     code = re.sub(r"/\*.*?\*/", lambda match: re.sub(r"[^\n]", " ", match.group()), text, flags=re.DOTALL)
     found: list[tuple[str, list[list[int]]]] = []
@@ -128,7 +128,7 @@ def exclude(a: list[list[int]], b: list[list[int]]) -> bool:
 
 
 def test_a_name_means_one_thing():
-    """No macro, struct or function is defined twice, except in branches of one #if or as a setting with a default."""
+    """No name is defined twice, except in different branches of one #if, or as a setting with a default."""
     settings = {match.group(1) for file in FILES for match in DEFAULT.finditer(text_of(file))}
     places: dict[str, list[tuple[str, list[list[int]]]]] = {}
     for file in FILES:
@@ -154,7 +154,7 @@ ONE_GROUP = "picture/noise.cl"  # launched as a single group, which is never spl
 
 @pytest.mark.parametrize("file", [file for file in FILES if file != ONE_GROUP])
 def test_a_kernel_knows_nothing_of_the_launch_but_its_place(file):
-    """Pieces of long launches have other groups. Kernels must also run with any limits of groups and local memory."""
+    """Kernels must not depend on groups: pieces of a launch have other groups, and devices other limits of groups."""
     assert not re.search(
         r"\bget_(?:global_size|local|num_groups|group|work)|\bbarrier\(|^ *(?:__)?local ", text_of(file), re.M
     )

@@ -15,7 +15,7 @@ from pyibr.opencl.program import keeping_binaries
 
 @pytest.fixture
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
-    """An empty cache; earlier warnings and tests of devices are forgotten. The device is open, unless `nothing_open`."""
+    """An empty cache; earlier warnings and tests of devices are forgotten. A device is open, unless `nothing_open`."""
     if "nothing_open" not in request.fixturenames:
         current()
     monkeypatch.setattr(probe, "_tested", {})

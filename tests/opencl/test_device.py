@@ -219,7 +219,7 @@ time.sleep({more})
 @pytest.mark.thorough
 @pytest.mark.parametrize("number", [0, 2, 4, 7])
 def test_a_process_ends_cleanly_while_daemon_threads_call(number: int):
-    """The main thread ends while other threads' first calls open the device and build kernels, or during later calls."""
+    """The main thread ends while daemon threads open the device and build kernels, or during later calls."""
     early = number < 3
     code = ENDING.format(
         threads=1 + number % 3, wait=0 if early else 60, more=0.1 * number if early else 0.003 * number

@@ -1,4 +1,4 @@
-"""Anisotropic filtering of meshes, sliced surfaces and reliefs, against pictures with 64 samples per pixel."""
+"""Anisotropic filtering of meshes, sliced surfaces and reliefs, compared with pictures of 64 samples per pixel."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LIGHT = ibr.Light(direction=(0.3, 0.4, -0.8), shadow_size=0)
 
 
 def noise(shape: tuple[int, int] = (256, 192)) -> np.ndarray:
-    """Noise as sharp as a photograph: a step takes about two texels."""
+    """Noise as sharp as a photograph: its edges are about two texels wide."""
     rough = np.pad(np.random.default_rng(0).random((*shape, 3)), ((8, 8), (8, 8), (0, 0)), mode="wrap")
     smooth = cv2.GaussianBlur(rough, (0, 0), 0.8)[8:-8, 8:-8]
     return np.clip(127 + 400 * (smooth - 0.5), 0, 255).astype(np.uint8)
@@ -30,7 +30,7 @@ def noise(shape: tuple[int, int] = (256, 192)) -> np.ndarray:
 
 @cache
 def bumps() -> np.ndarray:
-    """A tiled normal map (256, 256, 3) of smooth noise."""
+    """A repeatable normal map (256, 256, 3) of smooth noise."""
     rough = np.pad(np.random.default_rng(1).random((256, 256)), 16, mode="wrap")
     smooth = 6 * cv2.GaussianBlur(rough, (0, 0), 1.5)[16:-16, 16:-16]
     across, down = (np.roll(smooth, 1, axis) - np.roll(smooth, -1, axis) for axis in (1, 0))
@@ -39,14 +39,14 @@ def bumps() -> np.ndarray:
 
 
 def turned_square(turn: float) -> ibr.Mesh:
-    """The unit square, with uv rotated by degrees."""
+    """The unit square, with uv rotated by `turn` degrees."""
     base = square()
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     return ibr.Mesh(base.vertices, base.faces, uv=np.asarray(base.uv) @ [[c, s], [-s, c]])
 
 
 def even(kind: str, color: np.ndarray, turn: float = 0, normal_map: np.ndarray | None = None) -> Any:
-    """A plane with a texture."""
+    """A plane with a texture, as a thing of this kind."""
     base = turned_square(turn)
     if kind == "mesh":
         assert base.uv is not None
@@ -74,7 +74,7 @@ def psnr(frame: ibr.Frame, truth: ibr.Frame) -> float:
 
 
 def gain(thing: Any, camera: ibr.Camera, light: ibr.Light | None = None) -> float:
-    """PSNR gain in dB of 8 reads over 1 read, relative to 64 samples per pixel."""
+    """Gain of 8 texture reads per pixel over 1 read, in dB of PSNR against 64 samples per pixel."""
     truth = ibr.render(thing, camera, light, samples=64)
     once, often = (psnr(ibr.render(thing, camera, light, anisotropy=n), truth) for n in (1, 8))
     return often - once
@@ -84,14 +84,14 @@ def gain(thing: Any, camera: ibr.Camera, light: ibr.Light | None = None) -> floa
 @pytest.mark.parametrize("turn", [0, 45, 77])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_plane_seen_aslant(kind, turn, projection):
-    """Filtering gains 3 dB: half of the squared error."""
+    """Filtering gains 3 dB: it halves the squared error."""
     assert gain(even(kind, noise(), turn), over(10, projection)) >= 3
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_in_one_lane(kind):
-    """One lane gains 3 dB over sixteen lanes without filters."""
+    """With filtering, kernels in one lane gain 3 dB over kernels in sixteen lanes without."""
     thing, camera = even(kind, noise()), over(10, size=(130, 95))
     truth, once = ibr.render(thing, camera, samples=64), ibr.render(thing, camera)
     with one_lane():
@@ -106,7 +106,7 @@ def test_normal_maps(kind):
 
 
 def test_a_relief_with_heights():
-    """The footprint follows the relief's slopes; the base's slopes would be worse than no filter."""
+    """The filter's footprint follows the relief's slopes; the base's slopes would be worse than no filter."""
     height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
     thing = ibr.ReliefSurface(square(), height[::8, ::8].copy(), noise(), 0.01, tiles=TILES)
     assert gain(thing, over(10)) >= 3
@@ -114,7 +114,7 @@ def test_a_relief_with_heights():
 
 
 def test_slices_with_heights():
-    """Slopes over two texels, as for lighting, would give only 2.6 and 2.4 dB."""
+    """Slopes taken over two texels, as lighting takes them, would gain only 2.6 and 2.4 dB."""
     height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
     thing = ibr.SlicedSurface(square(), height[::8, ::8].copy(), noise(), 0.01, tiles=TILES, halvings=3)
     assert gain(thing, over(20)) >= 3
@@ -123,7 +123,7 @@ def test_slices_with_heights():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_seen_straight_on_it_is_read_once(kind):
-    """The same texels of the same level are read. A mesh's level is not a whole number, so its rounding may differ."""
+    """One read gets the same texels with or without filtering. A mesh reads between levels, and may round otherwise."""
     camera = ibr.Camera.look_at(
         (0.5, 0.5, 2), (0.5, 0.5, 0), (0, 1, 0), (130, 97), fov_y=24, projection="orthographic", height=0.7
     )

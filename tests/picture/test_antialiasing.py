@@ -19,7 +19,7 @@ def beside(size: tuple[int, int] = SIZE) -> ibr.Camera:
 
 
 def blocks(image: np.ndarray, side: int) -> np.ndarray:
-    """(H, W, samples, ...) samples of each pixel."""
+    """Group the pixels of a finer picture to (H, W, samples, ...)."""
     height, width = (length // side for length in image.shape[:2])
     rest = image.shape[2:]
     apart = image.reshape(height, side, width, side, *rest).swapaxes(1, 2)
@@ -29,7 +29,7 @@ def blocks(image: np.ndarray, side: int) -> np.ndarray:
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("samples", [4, 9])
 def test_a_pixel_is_the_mean_of_its_samples(samples, projection):
-    """Colour and alpha are means over a finer picture, whose pixels are the samples; depth lies in their range."""
+    """Samples are the pixels of a finer picture. Colour and alpha are their means; depth lies in their range."""
     camera = beside()
     if projection == "orthographic":
         camera = ibr.Camera(
@@ -42,7 +42,7 @@ def test_a_pixel_is_the_mean_of_its_samples(samples, projection):
     np.testing.assert_allclose(frame.alpha, blocks(fine.valid, side).mean(axis=2), atol=1e-6)
     assert 0 < ((frame.alpha > 0) & (frame.alpha < 1)).mean() < 0.5
     np.testing.assert_array_equal(frame.valid, frame.alpha > 0)
-    # Half a step for rounding, a hundredth for float32.
+    # 0.5 levels for rounding to bytes, 0.01 for float32.
     assert np.abs(frame.color - blocks(fine.color.astype(float), side).mean(axis=2)).max() <= 0.51
     seen = blocks(fine.depth, side)[frame.valid]
     depth = frame.depth[frame.valid]
@@ -77,7 +77,7 @@ def test_the_background_shows_by_what_is_not_covered(dtype):
 
 
 def test_silhouettes_are_smoother_by_more_than_their_samples_ask_for():
-    """Errors of coverage fall with the spacing of samples: to a half, or by 6 dB, with 4, to a quarter with 16."""
+    """Errors of coverage are proportional to the samples' spacing: 4 samples halve them (by 6 dB), 16 quarter them."""
     camera = beside((160, 120))
     frames = {n: ibr.render(models.donut(48), camera, None, BACKGROUND, samples=n) for n in (1, 4, 16, 64)}
     alpha = frames[64].alpha
@@ -119,7 +119,7 @@ def test_what_was_seen_stays_as_it_was_seen_where_holes_are_filled(samples, fill
         partly = bare.valid & ~whole
         assert partly.any()
         assert (~bare.valid).any()
-        # The rest of a partial pixel is filled, so its colour is the mean of all samples.
+        # Empty samples of a pixel are filled, too, so its colour is the mean of all samples.
         side = round(samples**0.5)
         fine = ibr.warp(view, camera.resized((side * SIZE[0], side * SIZE[1])), fill=fill)
         mean = blocks(fine.color.astype(float), side).mean(axis=2)

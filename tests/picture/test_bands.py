@@ -1,4 +1,4 @@
-"""Pictures that exceed the device's memory."""
+"""Pictures that need more memory than the device has are drawn in bands."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SIZE = (301, 207)
 
 @pytest.fixture
 def little() -> Iterator[Callable[[int], None]]:
-    """Function that limits the free bytes of the device during the test."""
+    """Yield a function that limits the device's free bytes until the test's end."""
     gc.collect()
     room = current().room
     whole = room.total
@@ -44,7 +44,7 @@ def test_pictures_without_the_memory_for_them_are_drawn_in_bands(little, monkeyp
     with pytest.raises(ibr.OutOfMemoryError, match=r"for \d+ MiB more: \d+ MiB of \d+ MiB are in use"):
         ibr.warp(view, targets, classes=classes)
     monkeypatch.setattr(bands, "_PIXELS_MIN", 1 << 12)
-    with pytest.raises(ibr.OutOfMemoryError):  # colours for a hole may lie in another band
+    with pytest.raises(ibr.OutOfMemoryError):  # filled pictures have no bands: a hole's colours may lie in another band
         ibr.warp(view, targets, classes=classes, fill="smooth")
     found = ibr.warp(view, targets, classes=classes, out=outs)
     for one, two, out in zip(found, expected, outs, strict=True):
@@ -52,7 +52,7 @@ def test_pictures_without_the_memory_for_them_are_drawn_in_bands(little, monkeyp
         np.testing.assert_array_equal(one.valid, two.valid)
         np.testing.assert_array_equal(one.color, two.color)
         np.testing.assert_array_equal(one.classes, two.classes)
-        # Rays are equal up to some tens of roundings.
+        # The bands' rays differ by some tens of roundings at most.
         np.testing.assert_allclose(one.depth, two.depth, rtol=32 * 2**-24)
 
 
@@ -74,7 +74,7 @@ except ibr.OutOfMemoryError as error:
 @pytest.mark.thorough
 @pytest.mark.skipif("pocl" not in current().device.version.lower(), reason="only PoCL's memory can be limited")
 def test_pictures_of_8192_pixels_a_side_need_2_gib():
-    """PoCL reports the limit as its device's memory, and allows a quarter of it per buffer."""
+    """PoCL reports the variable as its device's memory, and allows buffers of a quarter of it."""
     done = run_within(300, [sys.executable, "-c", PLANE], POCL_MEMORY_LIMIT="2")
     assert done.returncode == 0, done.stderr
     assert "of 2048 MiB are in use, one buffer has 512 MiB at most" in done.stdout

@@ -1,4 +1,4 @@
-"""Displaced surfaces stay closed at hard edges and at uv seams. The reference is the closed displaced mesh."""
+"""Displaced surfaces have no gaps at hard edges and uv seams, compared with a displaced mesh that has none."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tests.embree import embree
 from tests.shadowed import first_hits
 
 WHITE = np.full((1, 1, 3), 200, np.uint8)
-LEAST = 0.3  # least height in `rough`
+LEAST = 0.3  # least height in the map `rough`
 EYES = [(1, 0.7, 0.5), (-0.6, 0.3, -1), (0.2, 0.9, 0.9), (-1, -0.5, 0.3)]
 
 
 def rough(seed: int = 0) -> np.ndarray:
-    """Heights with different borders, so that uv seams are cliffs."""
+    """Random heights from LEAST to 1; opposite borders differ, so that uv seams become cliffs."""
     height = LEAST + (1 - LEAST) * np.random.default_rng(seed).random((16, 16))
     return np.rint(255 * height).astype(np.uint8)
 
@@ -40,7 +40,7 @@ def cube(n: int) -> ibr.Mesh:
 
 
 def displaced(mesh: ibr.Mesh, by: float) -> ibr.Mesh:
-    """The mesh displaced along the mean of all normals at each position."""
+    """Displace a mesh; at each position, along the mean of the normals of all vertices there."""
     place = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].ravel()
     normals = mesh.smooth_normals if mesh.normals is None else mesh.normals
     sums = np.zeros((place.max() + 1, 3))
@@ -63,16 +63,16 @@ def covered(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
 @pytest.mark.parametrize("n", [1, 8])
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_slices_on_a_cube_are_closed_at_its_edges(slicing, n):
-    """Slices displaced only along each side's own normals would leave wedges between the sides."""
+    """If slices were displaced only along the normals of their own side, wedges between the sides would stay empty."""
     mesh, scale = cube(n), 0.15
     level = np.full((2, 2), 0.8, np.float32)
     for eye in EYES:
         camera = around(mesh, eye)
         frame = ibr.render(ibr.SlicedSurface(mesh, rough(), WHITE, scale, slicing=slicing), camera)
         assert not (covered(displaced(mesh, LEAST * scale), camera) & ~frame.valid).any()
-        # With constant height, the truth is a mesh. On a wall's diagonal, the volume's height h is off by
-        # h (1 - h) |a - b| scale, where a and b are the normals at the wall's ends, at most 1.16 apart. Rays meet
-        # slices obliquely.
+        # With a constant height h, the truth is a mesh. On the diagonal of a prism's wall, the slices' height is off
+        # by h (1 - h) |a - b| scale; a and b are the normals at the wall's ends, and |a - b| is at most 1.16. Oblique
+        # rays enlarge the error.
         frame = ibr.render(ibr.SlicedSurface(mesh, level, WHITE, scale, slicing=slicing), camera)
         truth, _, _ = first_hits(embree(displaced(mesh, 0.8 * scale)), camera)
         assert (np.isfinite(truth) != frame.valid).sum() <= 400
@@ -88,24 +88,24 @@ def test_slices_on_a_cube_are_lit_by_its_own_normals():
     shades = [ibr.render(made, camera, light) for made in (thin, mesh)]
     both = shades[0].valid & shades[1].valid
     off = np.abs(shades[0].color.astype(int) - shades[1].color)[both].max(axis=1)
-    assert (off <= 1).mean() >= 0.99  # 0.001 farther out, pixels at edges see the next side
+    assert (off <= 1).mean() >= 0.99  # the surface lies 0.001 farther out, so pixels at edges see the next side
 
 
 def test_sheets_back_to_back_are_displaced_apart():
-    """The mean of their normals is zero."""
+    """The mean of two opposite normals is zero, so each sheet is displaced along its own normal."""
     corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
     faces = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]]
     mesh = ibr.Mesh(corners * 2, faces, uv=uv * 2, normals=[[0, 0, 1]] * 4 + [[0, 0, -1]] * 4)
     made = ibr.SlicedSurface(mesh, np.ones((2, 2), np.float32), WHITE, 0.2, test="at_least", slicing="surface")
     for side in (1, -1):
         camera = Camera.look_at((0.5, 0.5, 2 * side), (0.5, 0.5, 0), (0, 1, 0), (9, 9), fov_y=10)
-        np.testing.assert_allclose(ibr.render(made, camera).depth, 1.8, atol=0.2 / 64 + 1e-4)  # to a slice
+        np.testing.assert_allclose(ibr.render(made, camera).depth, 1.8, atol=0.2 / 64 + 1e-4)  # within a slice
 
 
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("n", [1, 8])
 def test_reliefs_on_a_cube_cover_all_that_rays_cannot_pass(n, distance):
-    """A quadric fitted across the cube's edges would bend along them."""
+    """No quadric is fitted across the cube's edges, because its surface would be round there."""
     mesh, scale = cube(n), 0.15
     relief = ibr.ReliefSurface(mesh, rough(), WHITE, scale, distance=distance)
     assert not relief.frames.quadrics.any()

@@ -1,4 +1,4 @@
-"""Drawing of all things from and to cameras with lenses, and functions that refuse lenses."""
+"""All things are drawn for cameras with lenses, and from images with lenses; some functions refuse lenses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def torus() -> MeshScene:
 
 
 def around(lens: ibr.Lens | None, angle: float, height: float = 1.2) -> ibr.Camera:
-    """A camera that sees the torus from one side, with a wide margin."""
+    """A camera that looks at the torus from `angle` degrees around it, with a wide margin."""
     eye = (3 * np.sin(np.radians(angle)), height, 3 * np.cos(np.radians(angle)))
     camera = ibr.Camera.look_at(eye, (0, 0, 0), (0, 1, 0), SIZE, fov_y=70)
     return ibr.Camera(camera.K, SIZE, camera.world_from_camera, lens=lens)
@@ -57,7 +57,7 @@ def test_meshes_are_drawn_as_rays_see_them(lens):
 
 
 def test_capture_casts_the_lens_rays():
-    """The rays of a lens meet a wall at the points that OpenCV computes."""
+    """Rays through a lens meet a wall at the points that OpenCV computes."""
     wall = MeshScene([[-9, -9, 2], [9, -9, 2], [-9, 9, 2], [9, 9, 2]], [[0, 1, 2], [3, 2, 1]])
     camera = ibr.Camera([[60, 0, 60], [0, 60, 48], [0, 0, 1]], SIZE, lens=BARREL)
     view = wall.capture(camera)
@@ -72,7 +72,7 @@ def test_capture_casts_the_lens_rays():
     half = wall.capture(
         ibr.Camera([[40, 0, 60], [0, 40, 48], [0, 0, 1]], SIZE, lens=ibr.Lens("brown_conrady", [-0.2] + [0] * 3))
     )
-    assert 0.3 < half.valid.mean() < 0.9  # the lens's image circle
+    assert 0.3 < half.valid.mean() < 0.9  # the rest is outside the lens's field of view
     assert np.isinf(half.depth[0, 0])
 
 
@@ -81,7 +81,7 @@ def test_depth_objects_from_lenses(lens):
     views = [seen_by_rays(around(LENSES[lens], angle, height)) for angle in range(0, 360, 60) for height in (2.5, -2.5)]
     camera = around(FISHEYE if lens == "barrel" else None, 30)
     expected = seen_by_rays(camera)
-    # With pinhole cameras, these few views hardly carve the ring's inside better: 0.025.
+    # Pinhole cameras would hardly do better with so few views: they leave 0.025, inside the ring.
     check(ibr.render(ibr.DepthObject(views, slices=128), camera), expected, 0.035, 60, 0.01)
     hull = ibr.render(ibr.VisualHull(views, slices=96), camera)
     assert (hull.valid & ~truth.dilate(expected.valid, 6)).mean() < 0.03
@@ -157,7 +157,7 @@ def test_what_refuses_lenses_says_so():
 
 @pytest.mark.parametrize("draw", [ibr.warp, ibr.render])
 def test_images_that_a_lens_tears_apart_are_refused(draw):
-    """The tangential part moves pixels by millions: 96 x 14 pixels would need 40 million."""
+    """The tangential distortion moves pixels by millions of pixels: 96 x 14 pixels would become 40 million."""
     lens = ibr.Lens("brown_conrady", [0, 0, 0.03, 0.01, 0])
     camera = ibr.Camera([[3.5e10, 0, 23.5], [0, 32, 3], [0, 0, 1]], (48, 7), lens=lens)
     view = ibr.DepthImage(

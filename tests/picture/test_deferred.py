@@ -1,4 +1,4 @@
-"""Deferred lighting of things made of images: independent of their order, and equal in a part of the picture."""
+"""Deferred lighting of things made of images: the order of things and the picture's frame change no colour."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def torus(turn: int, size: float = 0.7) -> ibr.Mesh:
 
 
 def crossing() -> list[Any]:
-    """Four kinds of things made of images, which intersect each other, and a mesh."""
+    """Four kinds of things made of images, and a mesh, all of which intersect."""
     eye = ibr.Camera.look_at((0.5, -2.6, 2.2), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=40)
     return [
         ibr.DepthObject(object_views(torus(0), 64), slices=48),
@@ -42,7 +42,7 @@ def crossing() -> list[Any]:
 
 
 def ties(things: list[Any], camera: ibr.Camera) -> np.ndarray:
-    """(H, W) True where the two nearest things have equal depth, and near such pixels."""
+    """(H, W) True within some pixels of places where the two nearest things have equal depth."""
     depths = np.sort([np.nan_to_num(ibr.render(thing, camera).depth, nan=np.inf) for thing in things], axis=0)
     tied = np.pad((depths[0] == depths[1]) & np.isfinite(depths[0]), 4)
     height, width = camera.height, camera.width
@@ -79,8 +79,8 @@ MAKERS: dict[str, Any] = {
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_a_part_of_the_picture_has_the_same_colours(name):
-    """The things' own normals are used. For shadow maps, points are moved by slopes of the picture's depths, which come
-    from one side only at its border."""
+    """Shading uses the things' own normals. Shadow maps use slopes of the picture's depths, which are one-sided at its
+    border."""
     left, top, width, height = 61, 43, 83, 59
     K = CAMERA.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
     part = ibr.Camera(K, (width, height), CAMERA.world_from_camera)
@@ -117,7 +117,7 @@ def test_what_is_drawn_in_front_later_is_lit_on_its_own():
 
 @pytest.mark.thorough
 def test_one_lane_lights_many_things_alike():
-    """Several things share one packet of pixels."""
+    """Some packets of 16 pixels show several things."""
     camera = ibr.Camera([[30, 0, 18], [0, 30, 12], [0, 0, 1]], (37, 25))
     depth = np.full((25, 37), 3, np.float32)
     views = []
@@ -138,7 +138,7 @@ def test_one_lane_lights_many_things_alike():
 @pytest.mark.parametrize("how", [{}, {"blend": "nearest"}, {"method": "search"}, {"method": "forward"}], ids=str)
 @pytest.mark.parametrize("relight", [False, True])
 def test_each_way_of_the_warp_is_lit(how, relight):
-    """Two views of a slanted wall, lit by Lambert's law, in a card's shadow."""
+    """Two views of a slanted wall are lit by Lambert's law; a card casts a shadow on it."""
     normal = np.array([0.28, 0, -0.96])
     camera = ibr.Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
     views = []
@@ -173,7 +173,7 @@ def test_each_way_of_the_warp_is_lit(how, relight):
 
 
 def test_normals_of_depths_are_those_of_the_thing_alone():
-    """A box as a hull of silhouettes, which have no normals, and a mesh that cuts it; at the cut, depths are equal."""
+    """A visual hull has no normals, so they come from its depths, even where a mesh cuts it at equal depth."""
     box = cuboid((-0.6, -0.5, -0.4), (0.6, 0.5, 0.4))
     views = object_views(MeshScene(*box, colors=np.full((8, 3), 200, np.uint8)), 96)
     outlines = [ibr.Silhouette(np.where(v.valid[..., None], v.color, np.uint8(200)), v.valid, v.camera) for v in views]

@@ -1,4 +1,4 @@
-"""The `Drawable` protocol, for every system and for a user's class."""
+"""All systems and a user's class follow the protocol `Drawable`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PAGE = ROOT / "docs/howto/own-system.md"
 
 
 def base() -> ibr.Mesh:
-    """A bent square around the origin, with normals along z; its colours differ from place to place."""
+    """A bent square around the origin, with normals along z and a different colour at each corner."""
     colors = np.array([(250, 20, 90), (10, 200, 30), (60, 80, 240), (220, 210, 40)], np.uint8)
     corners = [[-1, -1, 0.3], [1, -1, -0.2], [1, 1, 0.4], [-1, 1, -0.3]]
     return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), colors=colors)
@@ -30,7 +30,7 @@ def base() -> ibr.Mesh:
 
 @cache
 def systems() -> dict[str, object]:
-    """A thing of each system, within 1.5 of the origin."""
+    """A thing of each system, within a distance of 1.5 of the origin."""
     views, rng = object_views(models.donut(16), 48), np.random.default_rng(0)
     height, color = rng.random((9, 7)).astype(np.float32), rng.integers(0, 256, (5, 6, 3)).astype(np.uint8)
     return {
@@ -56,7 +56,7 @@ def camera(projection: str, side: str = "front", middle: tuple[float, ...] = (0,
 
 
 def drawn(things: list[object], camera: Camera, dtype: type = np.uint8, poison: bool = False) -> ibr.Frame:
-    """Picture of things drawn into one target; with `poison`, the target's buffers start with other values."""
+    """Draw things into one target; with `poison`, the target's buffers start with unusual values."""
     with one_call():
         target = Target(camera, np.dtype(dtype))
         if poison:
@@ -117,7 +117,7 @@ def test_who_draws_nothing_first_writes_every_pixel(name, projection):
 @pytest.mark.parametrize("name", NAMES)
 def test_who_draws_later_keeps_what_is_nearer(name, projection):
     thing, view = systems()[name], camera(projection)
-    sheet = wall(0.3, 2.5, slope=1.2)  # cuts the thing, near the middle
+    sheet = wall(0.3, 2.5, slope=1.2)  # cuts the thing near its middle
     a, b = drawn([thing], view), drawn([sheet], view)
     of_a, of_b = (np.where(frame.valid == 1, frame.depth, np.inf) for frame in (a, b))
     nearer, farther = of_a < of_b * (1 - 1e-6), of_b < of_a * (1 - 1e-6)
@@ -134,7 +134,7 @@ def test_who_draws_later_keeps_what_is_nearer(name, projection):
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_equally_far_stays(name, projection, lanes):
-    """If rounded nearness were compared instead of depth, 6 % of the pixels of slanted surfaces would be replaced."""
+    """Depths are compared; by rounded nearness (1/depth), 6 % of a slanted surface's pixels would be replaced."""
     drawable, view = as_drawable(systems()[name]), camera(projection)
 
     def again() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -216,7 +216,7 @@ def test_a_class_of_a_users_own_is_drawn_among_others():
 
 
 def test_of_equally_far_things_the_first_stays_a_users_too():
-    """Both have the same rounded depth."""
+    """A user's square and a mesh have the same rounded depth; the first in the list is shown."""
     red, mesh = Square(3, (255, 0, 0)), wall(3, 0.9)
     shared = ibr.render(red, FACING).valid & ibr.render(mesh, FACING).valid
     assert shared.sum() > 200
@@ -226,7 +226,7 @@ def test_of_equally_far_things_the_first_stays_a_users_too():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_users_class_shadows_every_system(name):
-    """The square is in front of the thing's left half, between it and the light behind the camera."""
+    """The light is behind the camera; the square stands before the thing's left half, and shadows it."""
     light, view = ibr.Light(direction=(0, 0, -1), ambient=0.25, shadow_size=256), camera("orthographic")
     square, thing = Square(2.0, (0, 255, 0)), systems()[name]
     without, lit = ibr.render(thing, view, light), ibr.render([thing, square], view, light)
@@ -234,7 +234,7 @@ def test_a_users_class_shadows_every_system(name):
     pixels = np.argwhere(on_thing)[:, ::-1]
     point = view.unproject(pixels, without.depth[on_thing])
     hidden = (point[:, 0] < -0.05) & (point[:, 0] > -0.95) & (np.abs(point[:, 1]) < 0.95)
-    # At a thing's edge, its surface in the shadow map also ends, and the other thing shifts the map's texels.
+    # Edges of a sliced surface are left out: the square shifts the shadow map's texels, in which the surface ends, too.
     open_ = (point[:, 0] > 0.05) & ((np.abs(point[:, 0] - 1) > 0.01) | (name != "SlicedSurface"))
     before, after = without.color[on_thing].astype(float), lit.color[on_thing]
     assert min(hidden.sum(), open_.sum()) > 60
@@ -324,7 +324,7 @@ def test_what_is_made_up_hides_nothing_that_another_image_sees():
         np.testing.assert_array_equal(filled.color[plain.valid], plain.color[plain.valid])
         together = ibr.warp(views, eye, fill="background").valid
         assert not (together & ~filled.valid).any()
-        assert (filled.valid & ~together).mean() < 0.002  # margins that the other view sees through
+        assert (filled.valid & ~together).mean() < 0.002  # margins through which rays of the other view pass
 
 
 USE = """
@@ -335,7 +335,7 @@ for order in (things, things[::-1]):
     frame = ibr.render(order, camera, ibr.Light(direction=(0, 0.2, 1), shadow_size=16))
     assert 20 < frame.valid.sum() < 200
 """
-"""The page's system next to a mesh."""
+"""A system of the manual's page, drawn with a mesh."""
 
 
 @pytest.mark.thorough

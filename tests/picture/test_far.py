@@ -15,7 +15,7 @@ from tests.displaced import square
 from tests.slicing.solids import looking, torus, views_of_torus
 
 PROJECTIONS = ["perspective", "orthographic"]
-AWAY = np.array([100_000.0, -70_000, 50_000])  # float32 has steps of 1/128 there
+AWAY = np.array([100_000.0, -70_000, 50_000])  # there, float32's steps are 1/128
 STEP = 1 / 128
 
 
@@ -40,7 +40,7 @@ def test_the_warp_is_the_same_anywhere(projection):
     target = view.camera.moved(0.2, 0.1, 0)
     here, there = ibr.warp(view, target), ibr.warp(moved_view(view), moved(target))
     np.testing.assert_array_equal(here.valid, there.valid)
-    np.testing.assert_allclose(here.depth, there.depth, rtol=1e-6)  # rounding of matrices
+    np.testing.assert_allclose(here.depth, there.depth, rtol=1e-6)  # the matrices are rounded
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
@@ -57,7 +57,7 @@ def test_objects_are_the_same_anywhere(make, slicing, projection):
 
 
 def donuts(off: np.ndarray) -> tuple[ibr.Mesh, ibr.Mesh]:
-    """A donut with vertices that float32 represents exactly even far away, and the same donut there."""
+    """A donut near the origin and one at `off`, both with vertices that float32 represents exactly."""
     base = models.donut()
     corners = np.rint(base.vertices.astype(np.float64) / STEP) * STEP
     here, there = (ibr.Mesh(corners + by, base.faces, uv=base.uv, normals=base.normals) for by in (0, off))
@@ -67,7 +67,7 @@ def donuts(off: np.ndarray) -> tuple[ibr.Mesh, ibr.Mesh]:
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_a_mesh_is_where_its_vertices_are(projection):
-    """Projection adds no error: vertices that float32 represents exactly are drawn as near the origin."""
+    """A mesh is drawn far away as near the origin, if float32 represents its vertices exactly at both places."""
     camera, (mesh, far_mesh) = over_donut(projection), donuts(AWAY)
     here, there = ibr.render(mesh, camera), ibr.render(far_mesh, moved(camera))
     assert (here.valid != there.valid).mean() <= 1e-4
@@ -76,13 +76,13 @@ def test_a_mesh_is_where_its_vertices_are(projection):
 
 
 def test_the_rounding_of_vertices_is_as_stated():
-    """As stated in docs/conventions.md: a 16 millionth of the distance to the origin along each axis."""
+    """The error is the one in docs/conventions.md: along each axis, a 16 millionth of the distance to the origin."""
     slope = ibr.Mesh([[-2, -2, 2.3], [2.1, -2, 2.9], [2, 2.2, 3.1], [-2, 2, 2.7]], [[0, 2, 1], [0, 3, 2]])
     there = ibr.Mesh(slope.vertices + AWAY, slope.faces)
     camera = Camera([[40, 0, 40], [0, 40, 30], [0, 0, 1]], (81, 61))
     off = np.abs(ibr.render(there, moved(camera)).depth - ibr.render(slope, camera).depth)
     rounding = np.abs(AWAY) / 2**24
-    assert 0.1 * rounding[2] < np.nanmax(off)  # nor is it much less
+    assert 0.1 * rounding[2] < np.nanmax(off)  # and it is not much less
     # Slopes of up to 1/4 turn sideways errors into depth errors; rays are at most 45 degrees off the axis.
     assert np.nanmax(off) <= 2 * (rounding[2] + 0.25 * (rounding[0] + rounding[1]))
 
@@ -99,12 +99,12 @@ def test_slices_of_a_surface_far_away(slicing, projection):
     )
     assert silhouette_iou(here.valid, there.valid) >= 0.98  # STEP is half a pixel here
     both = here.valid & there.valid
-    # Half a step of the vertices, and up to a slice where rays meet the donut obliquely
+    # Vertices are off by half a step; where rays meet the donut obliquely, depths by up to a slice.
     assert np.median(np.abs(here.depth - there.depth)[both]) <= max(STEP, 0.2 / 40)
 
 
 def from_afar(camera: Camera, away: float) -> Camera:
-    """A perspective camera so far away that its picture equals an orthographic one."""
+    """A perspective camera at distance `away`, so far that its picture equals the orthographic `camera`'s."""
     K = camera.K * [[away, 0, 1], [0, away, 1], [0, 0, 1]]
     pose = camera.world_from_camera.copy()
     pose[:3, 3] -= away * camera.forward
@@ -113,7 +113,7 @@ def from_afar(camera: Camera, away: float) -> Camera:
 
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_a_surface_from_afar(slicing):
-    """Slices parallel to the screen have numbers that float32 cannot resolve."""
+    """From afar, float32 cannot tell the depths of neighbouring slices apart."""
     height = np.random.default_rng(0).random((8, 8), np.float32)
     thing = ibr.SlicedSurface(square(), height, np.zeros((2, 2, 3), np.uint8), 0.05, slices=256, slicing=slicing)
     how = {"projection": "orthographic", "height": 1.3}
@@ -136,7 +136,7 @@ def test_an_object_from_afar(slicing):
 @pytest.mark.parametrize("light", ["sun", "lamp"])
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.DepthMeshObject])
 def test_shadows_on_images_are_the_same_anywhere(make, light):
-    """Things made of images have no vertices to round."""
+    """Things made of images have no vertices, so float32 rounds none."""
     views = views_of_torus("perspective")
     camera = looking(torus(), (0.5, 0.4, 1), (100, 80), "perspective")
     position = np.array([4.0, 3, 2])
@@ -152,5 +152,5 @@ def test_shadows_on_images_are_the_same_anywhere(make, light):
         both = frame.valid & frames[0].valid
         assert (frame.valid != frames[0].valid).mean() <= 1e-3
         differs = np.abs(frame.color.astype(int) - frames[0].color).max(axis=-1)[both]
-        # Pixels on the shadow's edge may be lit or dark.
+        # On the shadow's edge, rounding decides whether a pixel is lit.
         assert (differs > 2).mean() <= 0.01

@@ -1,4 +1,4 @@
-"""Reuse of a light's shadow maps for an unchanged scene, with the same pictures."""
+"""A light keeps its shadow maps while the scene is unchanged; pictures are the same as with new maps."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_what_changes_is_looked_at_again(looks):
     light, (camera, *_) = sun(), CAMERAS
     moved = ibr.Mesh(RING.vertices + np.float32(0.4), RING.faces)
     depth = np.full((30, 40), 2, np.float32)
-    depth[10:20, 15:25] = 1.5  # for edges that are cut or not
+    depth[10:20, 15:25] = 1.5  # an edge, which is cut or not
     view = ibr.DepthImage(None, depth, ibr.Camera([[40, 0, 19.5], [0, 40, 14.5], [0, 0, 1]], (40, 30)))
     scenes: list[list[Any]] = [[GROUND, RING], [GROUND, moved], [GROUND], [GROUND, RING]]
     scenes += [[view], [ibr.WarpedView(view, edges="connect")], [view, view]]

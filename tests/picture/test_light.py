@@ -1,4 +1,4 @@
-"""Lights: their arguments, and the structs for kernels."""
+"""Lights: their arguments, the structs that kernels get, and highlights."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_repr():
 
 @pytest.mark.parametrize("length", [1e-320, 1e-300, 1e200, 1e308])
 def test_directions_of_any_length(length):
-    """Squares of such lengths overflow or underflow."""
+    """Directions may be so long or short that the square of their length overflows or underflows."""
     one, other = (ibr.Light(direction=np.array([0, 0.6, 0.8]) * k, shadow_size=64) for k in (1.0, length))
     axes = [light.struct(np.zeros(3))["vector"] for light in (one, other)]
     np.testing.assert_allclose(axes[0], axes[1], atol=1e-3)
@@ -75,7 +75,7 @@ FLOOR = ibr.Mesh([[-4, -4, 0], [4, -4, 0], [4, 4, 0], [-4, 4, 0]], [[0, 1, 2], [
 
 
 def floor_seen(projection: str = "perspective") -> tuple[ibr.Camera, np.ndarray]:
-    """A camera above the floor, and the floor's points at its pixels."""
+    """A camera above the floor, and the point of the floor at each of its pixels."""
     how = {"height": 3.0, "projection": projection} if projection == "orthographic" else {}
     camera = ibr.Camera.look_at((0.3, -1, 2.5), (0, 0, 0), (0, 1, 0), (64, 48), fov_y=50, **how)
     frame = ibr.render(FLOOR, camera)

@@ -1,4 +1,4 @@
-"""Estimates of depth noise on the device, against the reference in NumPy."""
+"""The noise of depth, as the device estimates it, compared with the NumPy reference."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def room(size: tuple[int, int]) -> Array:
 
 
 def corridor(size: tuple[int, int], bits: int) -> Array:
-    """Depth of a corridor's walls, floor and end, from disparity of `bits` bits."""
+    """Depth of a corridor's walls, floor and end, rounded to disparities of `bits` bits."""
     x, y = np.meshgrid(np.linspace(-0.55, 0.55, size[0]), np.linspace(-0.4, 0.4, size[1]))
     nearness = np.maximum(np.maximum(np.abs(x) / 0.9, np.abs(y) / 1.2), 1 / 8)
     step = nearness.max() / (2**bits - 1)
@@ -37,7 +37,7 @@ def corridor(size: tuple[int, int], bits: int) -> Array:
 
 
 def made(rng: np.random.Generator) -> Iterator[tuple[str, Array]]:
-    """Depths with known noise, scale and holes, and some with very few samples."""
+    """Yield made-up depths with noise of each kind, at several scales, with holes, and some with very few samples."""
     for size in SIZES:
         z = room(size)
         for kind in KINDS:
@@ -65,7 +65,7 @@ def made(rng: np.random.Generator) -> Iterator[tuple[str, Array]]:
 
 
 def frames() -> Iterator[tuple[str, Array]]:
-    """Depths of recordings in the shared data next to the checkout."""
+    """Yield depths of recordings in the shared data beside the checkout."""
     names = ["rgbd_livingroom1/depth*/*.png", "rgbd_realsense_shelf/*.depth.png", "formats/*/*depth*.png"]
     for name in names:
         for path in sorted(DATA.glob(name))[:12]:
@@ -80,13 +80,13 @@ def frames() -> Iterator[tuple[str, Array]]:
 
 
 def found_noise(depth: Array, far: float = np.inf) -> Found:
-    """(a, b, c) of the deviation and of the steps, estimated on the device."""
+    """Estimate noise on the device; returns coefficients (a, b, c) of the deviation and of the steps."""
     noise = DepthNoise(np.ascontiguousarray(depth, np.float32), far)
     return noise.deviation, noise.steps
 
 
 def difference(depth: Array, one: tuple[float, ...], other: tuple[float, ...]) -> float:
-    """The greatest relative difference of two (a, b, c), evaluated at the depths of the image."""
+    """The greatest relative difference of two noises with coefficients (a, b, c), at the depths of the image."""
     known = depth[np.isfinite(depth) & (depth > 0)]
     if not len(known) or not (any(one) or any(other)):
         return 0.0 if one == other else 1.0
@@ -96,7 +96,7 @@ def difference(depth: Array, one: tuple[float, ...], other: tuple[float, ...]) -
 
 
 def test_the_kernel_finds_what_the_twin_finds():
-    """Results agree, except where two fits are equally close and rounding decides which terms are chosen."""
+    """Results agree, except where two fits are equally good, so that rounding decides between them."""
     wrong, count = list[tuple[Any, ...]](), 0
     for name, depth in itertools.chain(made(np.random.default_rng(0)), frames()):
         depth = np.ascontiguousarray(depth, np.float32)

@@ -1,4 +1,4 @@
-"""Normals of depth images: given ones, and estimates from depths."""
+"""Normals of depth images: as given, and as estimated from depths."""
 
 from __future__ import annotations
 
@@ -54,13 +54,14 @@ def test_they_are_those_of_the_reference(size, projection, lanes):
         found = normals_of(view)
     expected = fitted_normals(view, _radius(view))
     assert np.isfinite(found).all()
-    # REGULARIZATION reduces slopes by 1e-4 (1 + k), where k is the ratio of the samples' spreads: by 0.1 degrees at 30.
+    # REGULARIZATION reduces slopes by 1e-4 (1 + k), where k is the ratio of the spreads of samples along two axes: for
+    # k = 30, by 0.1 degrees.
     assert degrees(found, expected)[view.valid].max() < 0.1
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_of_planes_they_are_exact_up_to_their_edges(projection):
-    """A slanted board in front of a slanted wall: no sample's normal mixes the two."""
+    """A slanted board stands before a slanted wall; no normal is estimated from samples of both."""
     camera = camera_of((61, 47), projection)
     front, back = np.array([0.3, -0.2, -0.9]), np.array([-0.4, 0.1, -0.8])
     front, back = front / np.linalg.norm(front), back / np.linalg.norm(back)
@@ -69,18 +70,19 @@ def test_of_planes_they_are_exact_up_to_their_edges(projection):
     depth = np.where(on_board, plane_depth(camera, front, -2.0), plane_depth(camera, back, -4.0))
     found = normals_of(ibr.DepthImage(None, depth, camera))
     expected = np.where(on_board[..., None], front, back)
-    # REGULARIZATION reduces slopes by 1e-4 (1 + k), and k is 3 in a corner: at most half of 4e-4. float32 adds 1e-5.
+    # REGULARIZATION reduces slopes by 1e-4 (1 + k), and k is 3 in a corner; an angle changes by at most half of the
+    # slope's change, 4e-4. float32 adds 1e-5.
     assert degrees(found, expected).max() < np.degrees(2.2e-4)
 
 
 @pytest.mark.parametrize("noise", [3e-4, 1e-3, 5e-3])
 def test_noise_is_fitted_away(noise):
-    """The radius is chosen so that slopes have a standard deviation of at most 0.1."""
+    """The radius of the fit is chosen so that noise gives slopes a standard deviation of at most 0.1."""
     rng, camera = np.random.default_rng(0), Camera([[300, 0, 80], [0, 300, 60], [0, 0, 1]], (161, 121))
     clean = plane_depth(camera, np.array([0.0, 0.0, -1.0]), -2.0)
     view = ibr.DepthImage(None, (clean * (1 + noise * rng.normal(size=clean.shape))).astype(np.float32), camera)
     off = degrees(normals_of(view), np.array([0, 0, -1.0]))[8:-8, 8:-8]
-    # sqrt(2): along x and y; 0.74: for constant depth, only 0.74 of the noise is estimated (`DepthImage.noise`)
+    # sqrt(2): slopes along x and y; 0.74: at constant depth, only 0.74 of the noise is found (`DepthImage.noise`)
     assert np.sqrt((off**2).mean()) < np.degrees(0.1 * np.sqrt(2)) / 0.74
 
 
@@ -104,7 +106,7 @@ def test_given_ones_stay_and_unknown_ones_come_from_the_depths():
 
 
 def test_a_lens_bends_normals_as_it_bends_colours():
-    """Normals vary across the image; the undistorted image has the normals of the same points."""
+    """Normals vary across the image; undistorting it moves each normal with its point."""
     lens = ibr.Lens("brown_conrady", [-0.3, 0.05, 0, 0])
     camera = Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37), lens=lens)
     y, x = np.mgrid[:37, :61]

@@ -1,4 +1,4 @@
-"""Relit images, against meshes that are ray cast and shaded in float64."""
+"""Relit images, compared with ray-cast meshes that are shaded in float64."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MAKERS: dict[str, Callable[[list[ibr.DepthImage]], Any]] = {
 
 
 def scanned(name: str) -> ibr.Mesh:
-    """An upright scan whose longest side is 1.8."""
+    """Load a scan, turn it upright, and scale its longest side to 1.8."""
     made = ibr.Mesh.load(shared(f"meshes/{name}"))
     low, high = made.vertices.min(axis=0), made.vertices.max(axis=0)
     points = (made.vertices - 0.5 * (low + high)) * (1.8 / (high - low).max())
@@ -45,7 +45,7 @@ def scanned(name: str) -> ibr.Mesh:
 
 
 def colored(vertices: np.ndarray, faces: np.ndarray) -> ibr.Mesh:
-    """A mesh in waves of colours, which do not resemble shading."""
+    """Colour a mesh in waves, which are independent of its shading."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     waves = np.sin(18 * (vertices - low) / (high - low).max())
     return ibr.Mesh(vertices, faces, colors=np.rint(150 + 60 * waves).astype(np.uint8))
@@ -57,7 +57,7 @@ def donut() -> ibr.Mesh:
 
 
 def shaded(color: Any, normals: Any, points: Any, camera: Camera, light: ibr.Light, reached: Any = 1.0) -> np.ndarray:
-    """(H, W, 3) 0 to 255: Lambert's law with Blinn's highlights, in float64; `reached`: visibility of the light."""
+    """Shade by Lambert and Blinn; returns (H, W, 3), 0 to 255. `reached` is the share of the light that arrives."""
     way = light.position - points if light.position is not None else np.broadcast_to(-light.direction, points.shape)
     way = way / np.linalg.norm(way, axis=-1, keepdims=True)
     share = np.ones(points.shape[:2]) * reached
@@ -144,7 +144,7 @@ def scan(name: str) -> tuple[Truth, list[ibr.DepthImage]]:
 
 
 def scan_of(name: str, given: bool) -> tuple[Truth, list[ibr.DepthImage]]:
-    """`scan`, with normals if they are given."""
+    """`scan`, whose views have normals only if `given`."""
     truth, views = scan(name)
     return truth, views if given else [ibr.DepthImage(view.color, view.depth, view.camera) for view in views]
 
@@ -167,8 +167,8 @@ def test_a_scanned_bunny_is_relit(given):
     ("given", "least"), [(True, (30, 30, 30)), (False, (30, 27, 30))], ids=["given", "from depths"]
 )
 def test_a_scanned_dragon_is_relit_where_images_saw_it(given, least):
-    """The dragon has 871,414 triangles. Depths do not resolve the normals of its scales, which are smaller than a
-    sample; this shows in the lamp's highlights.
+    """The dragon has 871,414 triangles. Its scales are smaller than a sample, so estimated normals miss them, and the
+    lamp's highlights differ.
     """
     truth, views = scan_of("dragon_vrip.ply.gz", given)
     by_images = truth.seen_by(views)
@@ -184,7 +184,7 @@ def test_a_scanned_dragon_is_relit_where_images_saw_it(given, least):
 
 @pytest.mark.parametrize("name", ["depth object", "depth meshes", pytest.param("warp", marks=pytest.mark.thorough)])
 def test_in_shadow_too(name):
-    """A floor, and a card above the donut. Near shadow edges, errors come from the map's texels, not from normals."""
+    """A card above the donut casts a shadow. Its edges are left out: their errors come from the shadow map's texels."""
     mesh, card = donut(), plane(0.45, 1.1)
     floor = ibr.Mesh(0.5 * plane(4.0, -1.9).vertices, plane().faces, colors=np.full((4, 3), 200, np.uint8))
     scene, truth = embree(mesh, floor, card), Truth(mesh, PERSPECTIVE)
@@ -216,7 +216,7 @@ BENT = Camera(
 
 @cache
 def donuts() -> tuple[dict[Camera, Truth], list[ibr.DepthImage]]:
-    """The donut's truths, with a lens and without, and views of it with normals."""
+    """The donut's truth for a camera with a lens and one without, and views of it with normals."""
     return {camera: Truth(donut(), camera) for camera in (BENT, PERSPECTIVE)}, object_views(donut(), 192, normals=True)
 
 
@@ -224,7 +224,7 @@ def donuts() -> tuple[dict[Camera, Truth], list[ibr.DepthImage]]:
 @pytest.mark.parametrize("name", ["depth object", "depth meshes", "warp"])
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_through_a_lens_and_by_several_samples(name, dtype):
-    """Silhouettes are mixed with the background, so they are left out."""
+    """Silhouettes are left out: their colours are mixed with the background."""
     truths, views = donuts()
     if dtype == np.float32:
         views = [view.in_float for view in views]
@@ -234,7 +234,7 @@ def test_through_a_lens_and_by_several_samples(name, dtype):
             MAKERS[name](views), camera, ibr.Light(**light, shadow_size=0, relight=True), samples=samples
         )
         whole = np.ones(frame.valid.shape) if frame.alpha is None else frame.alpha
-        inner = truth.seen(frame) & ~edges(truth.depth) & (whole == 1)  # without the ends of images
+        inner = truth.seen(frame) & ~edges(truth.depth) & (whole == 1)  # without the ends of the images' surfaces
         color = frame.color if frame.color.dtype == np.uint8 else 255 * frame.color
         assert inner.sum() > 10000
         assert psnr(color, truth.lit(ibr.Light(**light)), inner) >= 36
@@ -254,7 +254,7 @@ def test_who_does_not_ask_gets_the_same_bits(name, shadow_size):
 @pytest.mark.parametrize("side", ["front", "back"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_a_slanted_wall_by_lamberts_law(side, projection):
-    """A wall seen from both sides, with a light on either side, shaded by the plane's normal or by a given one."""
+    """A wall is seen from either side, lit from either side, and shaded by its plane's normal or by a given normal."""
     f = 60 if projection == "perspective" else 15
     camera = Camera([[f, 0, 40], [0, f, 30], [0, 0, 1]], (81, 61), projection=projection)
     normal, bent = np.array([0.48, 0, -0.8]) / np.hypot(0.48, 0.8), np.array([0, 0.6, -0.8])
@@ -274,11 +274,11 @@ def test_a_slanted_wall_by_lamberts_law(side, projection):
             lambert = max(-shown @ np.array(way) / np.linalg.norm(way), 0)
             found = frame.color[frame.valid].astype(float)
             assert len(found) > 1000
-            assert abs(found - 200 * (0.25 + 0.75 * lambert)).max() < 0.6  # bytes, and 1e-4 of slopes
+            assert abs(found - 200 * (0.25 + 0.75 * lambert)).max() < 0.6  # bytes, and slopes that are off by 1e-4
 
 
 def test_of_what_has_no_normals_the_picture_tells_them():
-    """A box as a hull of silhouettes: its faces are shaded flat."""
+    """The faces of a box, drawn as a visual hull, are shaded flat."""
     corners, faces = cuboid((-0.6, -0.5, -0.4), (0.6, 0.5, 0.4))
     views = object_views(MeshScene(corners, faces, colors=np.full((8, 3), 200, np.uint8)), 96)
     outlines = [ibr.Silhouette(np.where(v.valid[..., None], v.color, np.uint8(200)), v.valid, v.camera) for v in views]
@@ -306,7 +306,7 @@ def test_in_one_lane_and_again():
         with one_lane():
             one = ibr.render(other, camera, light)
         assert (one.valid != wide.valid).mean() <= 2e-3
-        # Where rounding changes hits of slices and depth edges, normals from the picture change, too.
+        # Rounding changes hits of slices and depth edges, and so the normals that are estimated from the picture.
         assert (np.abs(one.color.astype(int) - wide.color).max(axis=2) <= 2).mean() >= 0.985
 
 

@@ -65,7 +65,7 @@ def test_one_depth_buffer_for_all_in_any_order():
 def test_a_depth_image_alone_is_the_warp(options, projection):
     source = scenes.stepped((64, 48), projection)
     target = source.camera.moved(0.5, 0.1, 0.1)
-    if projection == "orthographic":  # from the source's direction, steps would be invisible
+    if projection == "orthographic":  # parallel rays from the source's direction would show no steps
         target = source.camera.orbited(30, source.camera.center + 4 * source.camera.forward)
     if "side" in options:
         target = source.camera.orbited(160, source.camera.center + 4 * source.camera.forward)
@@ -156,7 +156,7 @@ def test_a_float_picture_is_the_byte_one_unrounded():
 
 
 def test_a_curved_depth_image_and_a_mesh_hide_each_other():
-    """Two surfaces intersect; each pixel shows the nearer one of the two separate pictures."""
+    """Two surfaces intersect; each pixel shows the surface that is nearer in the pictures of each surface alone."""
     source = scenes.smooth((96, 72))
     camera = source.camera.moved(0.3, -0.1, 0.2)
     corners = camera.unproject([[-10, -10], [110, -10], [110, 90], [-10, 90]], [3.2, 4.4, 4.4, 3.2])
@@ -204,7 +204,7 @@ def test_sizes_and_the_same_bits_again(size, projection):
 
 
 def test_copies_and_pickles_look_the_same():
-    """Copies do not include buffers on the device, before or after a picture; arrays stay locked."""
+    """Copies and pickles leave out buffers on the device, before and after a picture; their arrays stay read-only."""
     views = object_views(models.donut(20), 32)
     things = [
         models.donut(20),
@@ -228,7 +228,7 @@ def test_copies_and_pickles_look_the_same():
 
 
 def test_backgrounds_are_rounded():
-    """They are rounded equally in empty pixels and in partly covered pixels."""
+    """Background colours are rounded in the same way in empty and in partly covered pixels."""
     away = ibr.Camera(CAMERA.K, CAMERA.size, np.diag([-1.0, 1, -1, 1]))
     assert (ibr.render(wall(3, 0.5, (9, 9, 9)), away, background=(127.9, 0.9, 254.6)).color == (128, 1, 255)).all()
 

@@ -1,4 +1,4 @@
-"""Shadows against rays cast from the surface's true points to the light."""
+"""Shadows, compared with rays that are cast from true points of the surface to the light."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ def test_sliced_surfaces_shadow_themselves_and_others(shape, slicing):
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_reliefs_shadow_themselves_and_others(shape, shadow):
-    """The relief lies below the square, so the picture shows the solid moved down by the relief's scale."""
+    """The true solid is moved down by the relief's scale, because a relief lies below its square."""
     height, color, floor = hilly(), np.full((1, 1, 3), 255, np.uint8), plane(3.0, -0.26)
-    wide = ibr.Mesh(3 * square().vertices - (1, 1, 0), square().faces, uv=3 * square().uv)  # rays continue outside
+    wide = ibr.Mesh(3 * square().vertices - (1, 1, 0), square().faces, uv=3 * square().uv)  # rays leave the square
     surface = ibr.ReliefSurface(wide, height, color, 0.25, shadow=shadow)
     stone = box((0.5, 0.5, 0.17), (0.12, 0.07, 0.05))
     scene = embree(stone, floor)
@@ -74,7 +74,7 @@ def test_reliefs_shadow_themselves_and_others(shape, shadow):
 
 @cache
 def hilly_torus() -> Any:
-    """The scene for ray casting, with the floor below the torus."""
+    """The torus with hills and the floor below it, for ray casting."""
     floor = plane(3.0, -0.45)
     scene = Carved(torus, hilly(), 0.06, (10, 4)).scene
     scene.add_triangles(np.array(floor.vertices), floor.faces.astype(np.uint32))
@@ -86,7 +86,7 @@ def hilly_torus() -> Any:
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("shape", [{"direction": (0.6, 0.5, -0.9)}, LIGHTS["spot"], LIGHTS["point"]], ids=str)
 def test_curved_reliefs_shadow_themselves_and_others(shape, distance, shadow):
-    """A torus with hills, which must be visible in the outline of its shadow."""
+    """The outline of the torus's shadow must show its hills."""
     height, color, floor = hilly(), np.full((1, 1, 3), 255, np.uint8), plane(3.0, -0.45)
     relief = ibr.ReliefSurface(
         grid(torus, 96, 48), height, color, 0.06, tiles=(10, 4), distance=distance, shadow=shadow
@@ -103,7 +103,7 @@ FEW = [{"direction": (0.8, 0.9, -1.3)}, LIGHTS["spot"], {"position": (2, -2, 2.5
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 @pytest.mark.parametrize("edges", ["cut", "connect"])
 def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
-    """Shadows match the surface that is drawn."""
+    """The surface that the warp draws casts the shadows, whether its edges are cut or connected."""
     source = Camera.look_at((0.2, -3.4, 3.2), (0, 0, 0.2), (0, 0, 1), (400, 300), fov_y=50)
     view = capture(joined(SCENES["balls"]), source)
     color = np.full((300, 400, 3), 255 if dtype == np.uint8 else 1, dtype)
@@ -138,10 +138,10 @@ def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_light_passes_where_edges_are_cut(dtype):
-    """A card at 2, half a unit to each side, in front of a wall at 4, with light from the left at 45 degrees.
+    """A card at depth 2, x from -0.5 to 0.5, stands before a wall at depth 4; light comes from the left at 45 degrees.
 
-    The card's shadow is on the wall from 1.5 to 2.5. The rubber sheet around the card blocks the light from -1 to 1.5;
-    the source sees the part beyond 1.
+    The card's shadow covers x = 1.5 to 2.5 of the wall. If edges are connected, sheets around the card shadow the wall
+    from x = -1 to 1.5, too; the source sees only the part beyond x = 1.
     """
     camera = Camera([[60, 0, 60], [0, 60, 40], [0, 0, 1]], (121, 81))
     y, x = np.mgrid[:81, :121]
@@ -165,7 +165,7 @@ def test_light_passes_where_edges_are_cut(dtype):
 def test_objects_from_images_cast_and_receive(shape, make):
     """A ball from depth images, or a box as a hull of six silhouettes.
 
-    Before the shadow test, points are moved off the object by a slice, so points slightly beyond the horizon are lit:
+    The shadow test moves points off the object by a slice, so that points slightly beyond the light's horizon are lit:
     3 % of the ball's pixels.
     """
     solid = ball((0.2, 0.1, 0.75), 0.6) if make is ibr.DepthObject else box((0.2, 0.1, 0.6), (0.6, 0.4, 0.5))
@@ -176,7 +176,7 @@ def test_objects_from_images_cast_and_receive(shape, make):
 
 
 def every_thing() -> list[Any]:
-    """One thing of each kind, which shadow each other."""
+    """A thing of each kind; they cast shadows on each other."""
     source = Camera.look_at((0, -3, 3), (0, 0, 0), (0, 0, 1), (60, 45), fov_y=40)
     view = capture(joined([plane(1.5, -0.2), ball((0.5, 0.6, 0.1), 0.3)]), source)
     views = object_views(joined([ball((0, 0, 0), 0.3)]), 24)
@@ -207,7 +207,7 @@ def test_again_the_same_bits_and_in_any_order(kind):
     for one, other in ((frame.color, again.color), (frame.depth, again.depth), (frame.valid, again.valid)):
         assert one.tobytes() == other.tobytes()
     turned = ibr.render(things[::-1], SEES_ALL, light)
-    tied = np.abs(frame.depth - turned.depth) > 0  # the ball is there as object and as hull
+    tied = np.abs(frame.depth - turned.depth) > 0  # the ball is drawn twice: as object and as hull
     assert (np.abs(frame.color.astype(int) - turned.color).max(axis=2) > 1)[~tied].mean() <= 2e-3
 
 
@@ -224,7 +224,7 @@ def test_in_one_lane(kind):
 
 
 def test_without_shadows_nothing_is_shadowed():
-    """Depth images and objects keep their colours in any light; each mesh is lit as if alone."""
+    """Without shadow maps, a light leaves images and objects unchanged, and lights each mesh as if it were alone."""
     for shape in LIGHTS.values():
         light = ibr.Light(**shape, shadow_size=0)
         view, surface, solid, hull, _, slab = every_thing()
@@ -237,7 +237,7 @@ def test_without_shadows_nothing_is_shadowed():
 
 
 def test_a_light_from_behind():
-    """A wall that faces away from the light is dark, also as a depth image, and so are things in front of it."""
+    """A wall that faces away from the light is dark, as a mesh and as a depth image, and so are things before it."""
     camera = Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
     color, depth = np.full((61, 81, 3), 200, np.uint8), np.full((61, 81), 4, np.float32)
     card = ibr.Mesh([[-0.5, -0.5, 3], [0.5, -0.5, 3], [0.5, 0.5, 3], [-0.5, 0.5, 3]], [[0, 2, 1], [0, 3, 2]])
@@ -250,7 +250,7 @@ def test_a_light_from_behind():
 
 @pytest.mark.parametrize("shape", LIGHTS.values(), ids=LIGHTS)
 def test_maps_hold_all_that_is_lit(shape):
-    """Every point of the boxes that the light reaches lies on one of its maps, with a margin for the filter."""
+    """Each point of the things' boxes that the light reaches lies in one of its maps, with a margin for the filter."""
     light = ibr.Light(**shape, shadow_size=128)
     bounds = [thing.bounds for thing in SCENES["balls"]]
     cameras = light_cameras(light, bounds)
@@ -270,7 +270,7 @@ def test_maps_hold_all_that_is_lit(shape):
 
 
 def test_bounds_of_things():
-    """Reliefs are left out, since their rays continue below a base's open border."""
+    """Pixels lie within the bounds, which are not much too large. Reliefs, which continue outside, are left out."""
     for thing in every_thing():
         if isinstance(thing, ibr.ReliefSurface):
             continue
@@ -278,14 +278,14 @@ def test_bounds_of_things():
         frame = ibr.render(thing, SEES_ALL)
         y, x = np.nonzero(frame.valid)
         points = SEES_ALL.unproject(np.stack([x, y], axis=-1), frame.depth[y, x].astype(float))
-        slack = 1e-4 * np.linalg.norm(np.subtract(high, low))  # float32
+        slack = 1e-4 * np.linalg.norm(np.subtract(high, low))  # rounding of float32
         assert (points >= low - slack).all()
         assert (points <= high + slack).all()
         assert (np.ptp(points, axis=0) >= 0.4 * np.subtract(high, low)).any()  # the box is not much larger
 
 
 def test_a_thing_alone_and_one_of_no_extent():
-    """A dot or a line in front of any light is no error."""
+    """Things without area, a dot and a line, are no error in any light."""
     dot = ibr.Mesh([[0, 0, 0], [0, 0, 0], [0, 0, 0]], [[0, 1, 2]])
     line = ibr.Mesh([[0, 0, 0], [0, 0, 1], [0, 0, 0.5]], [[0, 1, 2]])
     for shape in (*LIGHTS.values(), {"position": (0, 0, 0)}, {"position": (0, 0, 0), "direction": (0, 0, 1)}):

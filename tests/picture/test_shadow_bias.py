@@ -1,4 +1,4 @@
-"""The bias of shadow maps: neither acne nor detached shadows."""
+"""The bias of shadow maps: lit surfaces have no dark spots (acne), and shadows begin at the things that cast them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def sun(elevation: float, turn: float) -> tuple[float, float, float]:
 @pytest.mark.parametrize("size", [64, 256, 1024])
 @pytest.mark.parametrize("elevation", [10, 20, 45, 70, 90])
 def test_a_lit_plane_has_no_acne(elevation, size):
-    """Depth images of a plane and lit sides of boxes have none, either, even with texels of many pixels."""
+    """Planes, depth images of a plane and lit sides of boxes have no dark spots, even with texels of many pixels."""
     turned = ibr.Mesh(plane().vertices @ rotation(0.3, 0.2), plane().faces)
     color, depth = np.full((60, 80, 3), 255, np.uint8), np.full((60, 80), 4, np.float32)
     for turn in (0, 33, 200):
@@ -51,7 +51,7 @@ def test_a_lit_plane_has_no_acne(elevation, size):
 @pytest.mark.parametrize("size", [(80, 60), (160, 120), (320, 240)], ids=str)
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_lit_nearest_samples_have_no_acne(projection, size):
-    """Depths of a slanted plane and of hills are steps; all surface faces the light."""
+    """With nearest samples, a slanted plane and hills are drawn as steps; all of the surface faces the light."""
     K = [[150, 0, 79.5], [0, 150, 59.5], [0, 0, 1]] if projection == "perspective" else np.diag([40.0, 40, 1])
     source = Camera(K, (160, 120), projection=projection)
     y, x = np.mgrid[:120, :160] / 80
@@ -63,14 +63,14 @@ def test_lit_nearest_samples_have_no_acne(projection, size):
                 picture = ibr.render(ibr.WarpedView(view, interpolation="nearest"), camera, light)
                 dark = picture.color[picture.valid] < 254
                 assert picture.valid.mean() > 0.5
-                assert dark.mean() <= 0.002, (direction, light.position)  # at the rims, where steps end
+                assert dark.mean() <= 0.002, (direction, light.position)  # dark pixels lie at the rims, where steps end
 
 
 @pytest.mark.parametrize("mapped", [False, True])
 @pytest.mark.parametrize("elevation", [50, 70, 90])
 @pytest.mark.parametrize("size", [128, 1024])
 def test_lit_reliefs_have_no_acne(size, elevation, mapped):
-    """Slopes of up to 40 degrees are all lit; a normal map with other slopes changes nothing."""
+    """All slopes of up to 40 degrees are lit, even if a normal map gives other slopes."""
     y, x = np.mgrid[:32, :32] * (2 * np.pi / 32)
     height = (0.5 + 0.25 * np.sin(x) + 0.25 * np.cos(2 * y)).astype(np.float32)
     level = np.broadcast_to(np.float32([0, 0, 1]), (4, 4, 3)) if mapped else None
@@ -87,7 +87,7 @@ def test_lit_reliefs_have_no_acne(size, elevation, mapped):
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 @pytest.mark.parametrize("slices", [8, 20, 64])
 def test_lit_slices_have_no_acne(slicing, slices):
-    """A block's top and visible sides face the light, for any number of slices."""
+    """A block's top and visible sides face the light, and are lit for any number of slices."""
     color, height = np.full((1, 1, 3), 255, np.uint8), np.full((8, 8), 0.48, np.float32)
     block = ibr.SlicedSurface(square(), height, color, 0.25, slices=slices, slicing=slicing)
     for eye in ((0.9, -1.2, 1.3), (0.9, -1.6, 0.5)):
@@ -108,7 +108,7 @@ def rotation(a: float, b: float) -> np.ndarray:
 @pytest.mark.parametrize("shape", [{"direction": (1, 0, -1)}, {"position": (-3, 0.3, 3)}], ids=str)
 @pytest.mark.parametrize("size", [256, 1024])
 def test_the_foot_of_a_box_is_in_its_shadow(shape, size):
-    """On the floor next to the box's dark side, all pixels are dark from the first one on."""
+    """The floor beside the box's dark side is dark from the first pixel on."""
     things = [plane(1.0), box((-0.2, 0, 0.2), (0.2, 0.3, 0.2))]
     camera = Camera.look_at((1.0, 0, 1.6), (0.2, 0, 0), (0, 0, 1), (301, 301), fov_y=40)
     _, points, _ = first_hits(embree(*things), camera)
@@ -121,7 +121,7 @@ def test_the_foot_of_a_box_is_in_its_shadow(shape, size):
 
 
 def test_a_card_that_stands_on_the_floor():
-    """The shadow of a thing without thickness begins within two texels of its foot."""
+    """A card has no thickness; its shadow begins at most two texels from its foot."""
     card = ibr.Mesh([[0, -0.5, 0], [0, 0.5, 0], [0, 0.5, 0.6], [0, -0.5, 0.6]], [[0, 1, 2], [0, 2, 3]])
     things, light = [plane(1.0), card], ibr.Light(direction=(1, 0.2, -1))
     camera = Camera.look_at((1.0, 0, 1.6), (0.2, 0, 0), (0, 0, 1), (301, 301), fov_y=40)
@@ -135,7 +135,7 @@ def test_a_card_that_stands_on_the_floor():
 
 
 def test_what_is_ten_texels_high_has_a_shadow():
-    """The shadow has at least two thirds of its length; beyond, points moved off the floor see over the edge."""
+    """At least two thirds of the shadow are drawn. Farther points are lit, because they are moved off the floor."""
     card = ibr.Mesh([[0, -0.5, 0], [0, 0.5, 0], [0, 0.5, 0.03], [0, -0.5, 0.03]], [[0, 1, 2], [0, 2, 3]])
     things, light = [plane(1.0), card], ibr.Light(direction=(1, 0.2, -1), shadow_size=512)
     texel = 1 / light_cameras(light, [thing.bounds for thing in things])[0].K[0, 0]
@@ -164,7 +164,7 @@ def room_with_a_card(noise: float, projection: str) -> tuple[ibr.DepthImage, Cam
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("noise", [0.004, 0.012])
 def test_noise_of_depth_casts_no_shadow(noise, projection, relight):
-    """The card's shadow is the same as without noise, except for a few pixels next to its edges."""
+    """The card's shadow is the same as without noise, except in a few pixels at the shadow's edges."""
     lamp = {"position": (1.2, -0.8, 0.2)} if projection == "perspective" else {"direction": (-0.3, 0.2, 1)}
     clean, camera = room_with_a_card(0, projection)
     rough, _ = room_with_a_card(noise, projection)

@@ -1,4 +1,4 @@
-"""No sheet spans empty space: for thin things without noise, limbs of round things, and small images."""
+"""No sheet spans empty space: beside thin things without noise, at outlines of round things, in small images."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def camera_of(width: int, height: int, focal: float = 0.9) -> ibr.Camera:
 
 
 def torn(view: ibr.DepthImage) -> tuple[Array, Array]:
-    """(H, W - 1) and (H - 1, W) bool: samples that are torn from their right neighbour, and from the one below."""
+    """(H, W - 1) and (H - 1, W) bool: samples that are torn from their right, and from their lower neighbour."""
     width, height = view.camera.size
     with one_call():
         bits = surface_of(view, None).nearness.to_host()[1 : height + 1, 1 : width + 1].copy().view(np.int32)
@@ -30,16 +30,16 @@ def torn(view: ibr.DepthImage) -> tuple[Array, Array]:
 
 
 def bridged(depth: Array, surface: Array, camera: ibr.Camera) -> int:
-    """Number of pairs of samples on different surfaces that are not torn apart; `surface`: numbers of the surfaces."""
+    """Count pairs of neighbours that are not torn apart although their numbers in `surface` differ."""
     right, below = torn(ibr.DepthImage(None, depth.astype(np.float32), camera))
     sheets = ~right & (surface[:, 1:] != surface[:, :-1])
     return int(sheets.sum() + (~below & (surface[1:] != surface[:-1])).sum())
 
 
 def grass(size: tuple[int, int], rng: np.random.Generator, widths: tuple[float, float]) -> tuple[Array, Array]:
-    """Leaning blades, each on its own plane, in front of a wall: depth, and the number of each pixel's surface.
+    """Depth of leaning blades before a wall, and the number of the surface that each pixel shows.
 
-    The blades do not overlap, so all of them have their full width.
+    Each blade lies in its own plane. Blades do not overlap, so all of them show their full width.
     """
     width, height = size
     y, x = np.mgrid[:height, :width].astype(float)
@@ -49,7 +49,7 @@ def grass(size: tuple[int, int], rng: np.random.Generator, widths: tuple[float, 
     for number in range(1, 9):
         at = width * (number + rng.uniform(0, 0.5)) / 9
         blade = np.abs(x - at - lean * (y - height / 2)) < 0.5 * rng.uniform(*widths)
-        near = 1.2 * 1.12**number * (1 + rng.uniform(-0.02, 0.02) * y / height)  # blades differ by more than 8 %
+        near = 1.2 * 1.12**number * (1 + rng.uniform(-0.02, 0.02) * y / height)  # neighbours differ by over 8 %
         nearer = blade & (near < depth)
         depth, surface = np.where(nearer, near, depth), np.where(nearer, number, surface)
     return depth, surface
@@ -80,7 +80,7 @@ def test_no_sheet_joins_a_box_to_its_wall_in_images_of_few_samples(size, gap):
 
 
 def ring(camera: ibr.Camera, radius: float = 0.18) -> tuple[Array, Array]:
-    """Spheres that touch, in a row away from the camera: each limb occludes a part of the next sphere."""
+    """Spheres that touch, in a row away from the camera: each outline occludes a part of the next sphere."""
     width, height = camera.size
     y, x = np.mgrid[:height, :width].astype(float)
     rays = np.stack([(x - camera.K[0, 2]) / camera.K[0, 0], (y - camera.K[1, 2]) / camera.K[1, 1], np.ones_like(x)], -1)
@@ -102,12 +102,13 @@ def test_limbs_are_torn_and_round_surfaces_are_whole(size, most):
     right, below = torn(ibr.DepthImage(None, depth.astype(np.float32), camera))
     lost = (right & (surface[:, 1:] == surface[:, :-1]) & (surface[:, 1:] > 0)).sum()
     lost += (below & (surface[1:] == surface[:-1]) & (surface[1:] > 0)).sum()
-    # With 14 samples on a sphere, the slope of the last pair at a limb next to a nearer sphere grows by more than half.
+    # With 14 samples across a sphere, the last pair of samples beside a nearer sphere is over 1.5 times as steep as the
+    # pair before it.
     assert lost <= most * (surface > 0).sum()
 
 
 def test_margins_at_limbs_stay_within_the_size_of_a_sample():
-    """Seen from the side, each pixel lies near the spheres, as margins do not continue a limb's slope."""
+    """Margins do not continue the steep slope of an outline: seen from the side, all pixels lie near the spheres."""
     camera = camera_of(181, 140)
     depth, _ = ring(camera)
     view = ibr.DepthImage(None, depth.astype(np.float32), camera)
@@ -118,5 +119,5 @@ def test_margins_at_limbs_stay_within_the_size_of_a_sample():
     centers = np.array([[0.22 * k - 0.9, 0.1 * np.sin(k), 1.2 + 0.3 * k] for k in range(1, 8)])
     off = np.abs(np.linalg.norm(points[:, None] - centers, axis=-1) - 0.18).min(axis=1)
     assert len(points) > 500
-    # Half a sample sideways at 83 degrees is 4 samples of depth, or 0.06 at the farthest sphere.
+    # On a slope of 83 degrees, half a sample sideways is 4 samples of depth, or 0.06 units at the farthest sphere.
     assert (off < 0.06).all()

@@ -1,4 +1,4 @@
-"""Torn samples and the ring beyond the border, against their reference and in pictures."""
+"""Torn samples, and the ring of samples beyond an image's border, compared with a reference and in pictures."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def image(depth: Array, camera: ibr.Camera = CAMERA, **options: Any) -> ibr.Dept
 
 
 def floor(height: float, turned: float = 0.0) -> Array:
-    """Depth of a floor at `height` below the camera, up to 200 m away."""
+    """Depth of a floor `height` below the camera, up to 200 m away; `turned`: the horizon's slope."""
     below = DOWN + turned * (np.arange(640) - 320)
     with np.errstate(divide="ignore"):
         depth = np.where(below > 0, height * F / np.maximum(below, 1e-9), np.nan)
@@ -57,7 +57,7 @@ def rough(size: tuple[int, int], projection: Projection) -> ibr.DepthImage:
 
 
 def surface_on_host(view: ibr.DepthImage, cut_ratio: float | None, connected: bool) -> tuple[Array, Array]:
-    """(H + 2, W + 2) nearness, and the bits of the samples."""
+    """(H + 2, W + 2) nearness (1/depth) with the ring, and the samples' bits for torn edges."""
     width, height = view.camera.size
     with one_call():
         made = surface_of(view, cut_ratio, connected).nearness.to_host()[: height + 2, : width + 2].copy()
@@ -79,7 +79,7 @@ def test_edges_and_ring_are_the_references(lanes, size, projection, edges, cut_r
     there = np.isfinite(expected)
     np.testing.assert_array_equal(near > -1e37, there)
     np.testing.assert_allclose(near[there], expected[there], rtol=KEPT_ULP * 2**-24)
-    # Pairs to the right of the ring's last column or below its last row are not edges of a cell.
+    # Bits of the ring's last column and row say nothing: no cell is to the right of them or below.
     for bit, found in ((1, torn.right), (2, torn.below), (4, torn.diagonal)):
         inside = there.copy()
         inside[-1, :] &= bit == 1
@@ -105,7 +105,7 @@ def test_bounds_are_those_of_the_samples_around_each_cell(lanes, size, projectio
     for y, x in np.ndindex(bounds.shape[:2]):
         samples = near[y * step : (y + 2) * step + 1, x * step : (x + 2) * step + 1]
         there, (low, high) = samples[samples > -1e37], bounds[y, x]
-        if there.size:  # 1e-6 for rounding of interpolated nearness
+        if there.size:  # 1.2e-6 allows for rounding of interpolated nearness
             assert there.min() * 1.0 - 1.2e-6 * np.abs(there).max() <= low <= there.min() <= there.max() <= high
             assert high <= there.max() + 1.2e-6 * np.abs(there).max()
         else:
@@ -132,7 +132,7 @@ def test_several_samples_a_pixel_leave_the_rim_as_bright():
 
 @pytest.mark.parametrize("method", ["epipolar", "search"])
 def test_tiles_of_one_picture_meet(method):
-    """Each tile has its own camera; a slope continues straight from tile to tile."""
+    """A picture is cut into tiles with their own cameras; warped together, they meet without gaps or bends."""
     view = image(
         1 / (0.3 + 0.002 * np.arange(60) + 0.001 * np.arange(48)[:, None]), ibr.Camera(np.diag([60.0, 60, 1]), (60, 48))
     )
@@ -150,7 +150,7 @@ def test_tiles_of_one_picture_meet(method):
     there = view.camera.moved(0.07, -0.04, 0.05)
     whole, joined = (ibr.warp(views, there, method=method, blend="nearest") for views in (view, tiles))
     np.testing.assert_array_equal(joined.valid, whole.valid)
-    # Each tile's border is extrapolated from its own samples, which are float32.
+    # Each tile is extended beyond its border from its own samples, which are float32.
     np.testing.assert_allclose(joined.depth[whole.valid], whole.depth[whole.valid], rtol=1e-5)
 
 
@@ -171,7 +171,7 @@ def test_six_images_of_a_cube_map_leave_no_line_between_them(method):
 
 
 def share_empty(view: ibr.DepthImage, truth: Array, far: float) -> float:
-    """Share of empty pixels on the floor, seen by a camera a little ahead."""
+    """Fraction of the floor's pixels that are empty in the picture of a camera a little ahead."""
     frame = ibr.warp(view, CAMERA.moved(0.1, 0, 0.3))
     inside = truth < far
     inside[:, :60] = inside[:, -60:] = inside[-60:] = False
@@ -183,21 +183,21 @@ def share_empty(view: ibr.DepthImage, truth: Array, far: float) -> float:
 @pytest.mark.parametrize("height", [0.3, 1.5])
 def test_a_floor_that_recedes_is_one_surface(height, turned):
     truth = floor(height, turned)
-    # The samples of a tilted floor end in a jagged line, a row or two beyond these pixels.
+    # A tilted floor's samples end in a jagged line; it is outside the counted pixels by a row or two.
     assert share_empty(image(truth), truth, 100.0) < 1e-3
 
 
 @pytest.mark.parametrize("pixels", [0.1, 0.3])
 @pytest.mark.parametrize(("given", "height", "turned"), [(True, 1.5, 0.1), (False, 1.5, 0.1), (False, 0.3, 0.0)])
 def test_noise_tears_no_floor(pixels, given, height, turned):
-    """Noise is tested up to an eighth of the disparity; the sky's noise is clipped where there is no depth."""
+    """Noise of up to an eighth of the disparity tears no floor. In the sky, disparities below 0 have no depth."""
     truth = floor(height, turned)
     deviation = ibr.disparity_noise(pixels, F, F_B / F)
     near = np.nan_to_num(1 / truth) + np.random.default_rng(0).normal(0, deviation, truth.shape)
     with np.errstate(divide="ignore"):
         depth = np.where(near > 0, 1 / near, np.nan)
     view = image(depth, noise=deviation) if given else image(depth)
-    # Predictions are noisy, too, so a few edges in ten thousand exceed four deviations of a difference.
+    # The test predicts depths from noisy samples: a few edges in ten thousand differ by over four deviations.
     assert share_empty(view, truth, F_B / (8 * pixels)) < 1e-3
 
 
@@ -211,7 +211,7 @@ def test_steps_of_a_scale_tear_no_floor(per_pixel, height, turned):
     with np.errstate(divide="ignore"):
         depth = np.where(steps > 0, per_pixel * F_B / steps, np.nan)
     view = image(depth)
-    if any(view.steps):  # otherwise they are estimated as noise, since most neighbours differ by a step
+    if any(view.steps):  # else steps count as noise, since most neighbours differ by a step
         assert view.steps == pytest.approx((1 / (per_pixel * F_B), 0, 0), rel=1e-3)
     assert share_empty(view, truth, 40.0 * 8 / max(per_pixel, 8)) == 0
 
@@ -225,14 +225,14 @@ def before_wall(distance: float, step: float) -> Array:
 @pytest.mark.parametrize(("distance", "step"), [(2, 0.1), (5, 0.3), (10, 0.3), (20, 0.5)])
 def test_a_box_before_a_wall_is_torn_off(distance, step):
     frame = ibr.warp(image(before_wall(distance, step)), CAMERA.moved(0.2 * distance, 0, 0))
-    moved = 0.2 * distance * F / (distance - step) - 0.2 * F  # shift of the box against the wall, in pixels
+    moved = 0.2 * distance * F / (distance - step) - 0.2 * F  # pixels by which the box moves against the wall
     empty = ~frame.valid[200:280, 60:380]
-    np.testing.assert_allclose(empty.sum(axis=1), moved, atol=1)  # whole pixels
+    np.testing.assert_allclose(empty.sum(axis=1), moved, atol=1)  # in whole pixels
 
 
 @pytest.mark.parametrize("height", [0.3, 1.5])
 def test_a_level_cameras_floor_is_no_coarse_scale(height):
-    """Each row has its own depth, but this must not join a box to the wall behind it."""
+    """Each row of the floor has one depth, as with coarse steps; still, the box is torn off the wall behind it."""
     depth = np.minimum(np.nan_to_num(floor(height), nan=np.inf), 10.0)
     depth[60:220, 240:400] = 9.7
     view = image(depth)
@@ -242,7 +242,7 @@ def test_a_level_cameras_floor_is_no_coarse_scale(height):
 
 @pytest.mark.parametrize("pixels", [0.1, 0.3])
 def test_steps_larger_than_noise_explains_are_torn(pixels):
-    """The step is twice the four deviations of a difference of neighbours, so noise joins only a few pairs."""
+    """The step is eight deviations of a difference of neighbours, twice the limit, so noise joins only a few pairs."""
     deviation = pixels / F_B
     distance = 3.0
     step = distance - 1 / (1 / distance + 2 * 4 * np.sqrt(2) * deviation)
@@ -254,7 +254,7 @@ def test_steps_larger_than_noise_explains_are_torn(pixels):
 
 
 def test_one_sample_between_two_surfaces_joins_at_most_one_of_them():
-    """A pixel that saw both surfaces has a depth between them; there must be an edge on at least one side of it."""
+    """A pixel that saw both surfaces has a depth between theirs; it must be torn off on at least one side."""
     for part in np.linspace(0.05, 0.95, 19):
         depth = np.where(np.arange(40) < 20, 2.0, 4.0) * np.ones((30, 1))
         depth[:, 20] = 1 / (0.5 + part * (0.25 - 0.5))
@@ -264,7 +264,7 @@ def test_one_sample_between_two_surfaces_joins_at_most_one_of_them():
 
 @pytest.mark.parametrize("radius", [40, 90])
 def test_a_ball_ends_where_it_does(radius):
-    """A ball bends away from the camera ever faster, but is whole except for its outermost samples."""
+    """A ball becomes ever steeper towards its outline, but only its outermost samples are torn."""
     size = (2 * radius + 41, 2 * radius + 21)
     x, y = (np.arange(n) - (n - 1) / 2 for n in size)
     inside = radius**2 - x**2 - y[:, None] ** 2
@@ -278,7 +278,7 @@ def test_a_ball_ends_where_it_does(radius):
 
 @pytest.mark.thorough
 def test_real_rooms_are_torn_at_their_depth_edges_alone():
-    """In clean and noisy frames of one room, torn samples are next to depth jumps that slopes do not explain."""
+    """In clean and noisy frames of a room, only some samples per row are torn, as depth edges are lines."""
     from PIL import Image
 
     folder = shared("rgbd_livingroom1")
@@ -289,13 +289,13 @@ def test_real_rooms_are_torn_at_their_depth_edges_alone():
             torn = edges_of(view)
             valid = view.valid[:, :-1] & view.valid[:, 1:]
             share = float((torn.right[:, :-1] & valid).sum() / valid.sum())
-            # Depth edges are lines: some samples per row.
+            # At most 2 % of the pairs, and not none.
             assert 5e-4 < share < 0.02, (kind, file.name, share)
 
 
 @pytest.mark.parametrize("lanes", LANES)
 def test_all_margins_are_found_where_every_sample_is_torn_off(lanes: str):
-    """There are more margins than the initial capacity: each quarter of each pixel once, except at the border."""
+    """The margins outgrow their first buffer: each quarter of each pixel is one, except at the border."""
     lanes_of: AbstractContextManager[Any] = LANES[lanes]()
     height, width = 40, 50
     depth = 3.0 + np.indices((height, width)).sum(axis=0) % 3
@@ -312,7 +312,7 @@ def test_all_margins_are_found_where_every_sample_is_torn_off(lanes: str):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("size", [(1, 1), (5, 3), (17, 33), (16, 100), (70, 131)])
 def test_bands_make_the_surface_that_its_steps_make_one_by_one(size, projection, monkeypatch: pytest.MonkeyPatch):
-    """Bands are 32 rows high. Their borders leave no trace, and no band needs results of another band."""
+    """The surface is computed in bands of 32 rows. Their borders do not show, and no band needs another's results."""
 
     def unset(shape: tuple[int, ...], dtype: Any) -> DeviceArray:
         array = empty(shape, dtype)
@@ -339,6 +339,6 @@ def test_bands_make_the_surface_that_its_steps_make_one_by_one(size, projection,
 
 
 def _sorted_margins(made: Any) -> Array:
-    """The margins in a fixed order, as they are found in any order."""
+    """Sort the margins, because kernels find them in any order."""
     rows = made.margins.quarters.to_host()[:, : made.margins.count].view(np.int32)
     return np.ascontiguousarray(rows[:, np.lexsort(rows)])

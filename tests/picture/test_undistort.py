@@ -1,4 +1,4 @@
-"""Undistorted images, against the slow reference, in both forms of the kernel."""
+"""Undistorted images, by both forms of the kernel, compared with the slow reference."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LENSES = {
 
 
 def noisy_view(size: tuple[int, int], lens: ibr.Lens, dtype: str = "uint8", far: float = np.inf) -> ibr.DepthImage:
-    """Two surfaces with noise that tears some neighbours, holes, and infinite samples."""
+    """A view of two surfaces, with holes, infinite samples, and noise by which some neighbours are torn apart."""
     width, height = size
     rng = np.random.default_rng(width)
     y, x = np.mgrid[:height, :width]
@@ -38,7 +38,7 @@ def check(view: ibr.DepthImage, cut_ratio: float | None, linear: bool) -> None:
     found = ibr.undistorted(view, cut_ratio=cut_ratio, interpolation="linear" if linear else "nearest")
     color, depth, sure = undistort.undistorted(view, found.camera, cut_ratio, linear)
     assert sure.mean() > 0.95
-    # Positions are rounded to single precision, up to 1e-5 pixels, which changes colours by at most 1 of 255.
+    # Positions are rounded to float32, by up to 1e-5 pixels, which changes colours by at most 1 level of 255.
     np.testing.assert_allclose(found.depth[sure], depth[sure], rtol=1e-5, equal_nan=True)
     if view.has_color:
         most = 1.0 if view.color.dtype == np.uint8 else 1 / 255
@@ -67,7 +67,7 @@ def test_background_stays_background():
     found = ibr.undistorted(view, cut_ratio=1.05)
     assert found.far == 2.0
     assert 0 < found.valid.mean() < 0.4
-    # Background is never mixed with nearer surface.
+    # No depth is interpolated between the background and a nearer surface.
     assert not ((found.depth > 1.7) & (found.depth < 2.3)).any()
 
 
@@ -80,7 +80,7 @@ def test_once_is_enough():
 
 
 def test_what_is_out_of_a_lens_sight_is_not_made_up():
-    """The field of view of barrel distortion ends; depth stored outside of it is not surface."""
+    """Barrel distortion limits the field of view; depth that is stored outside of it shows no surface."""
     lens = ibr.Lens("brown_conrady", [-0.45, 0, 0, 0])
     camera = ibr.Camera([[40, 0, 41], [0, 40, 30], [0, 0, 1]], (83, 61), lens=lens)
     depth = np.where(np.isnan(camera.ideal_positions(pixels_of(camera))[:, 0]), 9, 2).reshape(61, 83)

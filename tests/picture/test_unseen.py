@@ -1,4 +1,4 @@
-"""Marks on parts that no depth image has seen, against rays cast from the images' centres to true surface points."""
+"""Marks on parts that no depth image has seen, compared with rays from the images' cameras to the true surface."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def marked(views: list[ibr.DepthImage], camera: ibr.Camera = TARGET, **how: Any)
     frame = ibr.render(MarkedUnseen(as_drawable(scene()), views, **how), camera)
     np.testing.assert_array_equal(frame.depth, plain.depth)
     expected = np.rint(0.4 * plain.color.astype(float) + 0.6 * np.array(MARK))
-    is_marked = np.abs(frame.color - expected).max(axis=2) <= 1  # 0.6 and 0.4 are rounded in float32
+    is_marked = np.abs(frame.color - expected).max(axis=2) <= 1  # float32 rounds 0.6 and 0.4
     changed = (frame.color != plain.color).any(axis=2)
     assert not (changed & ~is_marked).any()
     assert not changed[~plain.valid].any()
@@ -49,7 +49,7 @@ def marked(views: list[ibr.DepthImage], camera: ibr.Camera = TARGET, **how: Any)
 
 
 def unseen_by_rays(views: list[ibr.DepthImage], points: np.ndarray, margin: float = 0.0) -> np.ndarray:
-    """(n,) True if no view sees the point: it is outside of each view's frame, or occluded."""
+    """(n,) True if each view misses the point: it lies outside the view's image, or is occluded."""
     rays = embree(scene())
     unseen = np.ones(len(points), bool)
     for view in views:
@@ -74,7 +74,7 @@ def test_only_the_part_in_a_box_is_marked():
     y, x = np.nonzero(whole)
     points = TARGET.unproject(np.column_stack([x, y]), depth[y, x])
     inside = ((points > box[0]) & (points < box[1])).all(axis=1)
-    near = (np.abs(points[:, None] - box) < 1e-4).any(axis=(1, 2))  # rounding: 3e-7 of the distance
+    near = (np.abs(points[:, None] - box) < 1e-4).any(axis=(1, 2))  # left out: rounding (3e-7 of the distance) decides
     assert 0.2 < inside.mean() < 0.8
     np.testing.assert_array_equal(part[y, x][~near], inside[~near])
     assert not part[~whole].any()
@@ -98,7 +98,7 @@ def test_what_is_marked_is_what_no_ray_reaches(name):
     truth = unseen_by_rays(views, points)
     assert 0.04 < truth.mean() < 0.95
     agree = found[y, x] == truth
-    # Silhouettes are accurate to one sample, which covers a large part of oblique surfaces.
+    # Silhouettes are off by up to a sample, and on oblique surfaces a sample covers much.
     steep = np.all([np.abs(slopes(view, points)) > 0.3 for view in views], axis=0)
     assert steep.sum() > 2000
     assert agree[steep].mean() > 0.995
@@ -119,12 +119,12 @@ def slopes(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
 
 def test_what_the_camera_itself_has_seen_is_not_marked():
     view = capture(scene(), TARGET)
-    assert marked([view])[view.valid].mean() < 0.01  # at silhouettes, a neighbour's depth
+    assert marked([view])[view.valid].mean() < 0.01  # pixels at silhouettes, which have a neighbour's depth
     np.testing.assert_array_equal(marked([]), ibr.render(scene(), TARGET).valid)
 
 
 def test_the_side_that_counts_is_asked_for():
-    """Views inside a ball see the back of the surface that is visible from outside."""
+    """Views inside a ball see the back of its surface: from outside it only counts as seen by `side="back"`."""
     middle = [capture(scene(), camera) for camera in _cube((0, 0, 0.3))]
     assert marked(middle).sum() > 0.99 * ibr.render(scene(), TARGET).valid.sum()
     back = marked(middle, side="back")
@@ -169,7 +169,7 @@ def test_other_things_stay_as_they_are_and_pictures_in_floats_are_marked_alike()
     assert on_wall.sum() > 500
     assert (after.color[on_wall] == 90).all()
     seen = alone.valid & ~on_wall
-    edge = (after.color != alone.color).any(axis=2) & seen  # normals next to the silhouette come from the wall
+    edge = (after.color != alone.color).any(axis=2) & seen  # beside the silhouette, normals come from the wall
     assert edge.sum() < 0.03 * seen.sum()
     dot = ibr.DepthImage(
         np.zeros((1, 1, 3), np.float32), np.full((1, 1), 50, np.float32), ibr.Camera(np.eye(3), (1, 1))

@@ -1,4 +1,4 @@
-"""Height maps that do not tile: heights, colours, normals and shadows at the border of a map and outside."""
+"""Maps that are not repeated: heights, colours, normals and shadows at a map's border and outside of it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SYSTEMS: dict[str, dict[str, Any]] = {
 
 
 def square(span: tuple[tuple[float, float], tuple[float, float]]) -> ibr.Mesh:
-    """A square at z = 0, with x and y from 0 to 1, and uv from the first to the second entry of `span`."""
+    """A square at z = 0 with x and y from 0 to 1; `span` has the uv of its first and of its third corner."""
     (u0, v0), (u1, v1) = span
     corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
     return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=[[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
@@ -48,7 +48,7 @@ def ramp(columns: int, rows: int, seed: int = 0) -> np.ndarray:
 
 @cache
 def in_bytes(columns: int, rows: int) -> np.ndarray:
-    """`ramp` in 8 bits."""
+    """`ramp` as bytes."""
     return np.rint(255 * ramp(columns, rows)).astype(np.uint8)
 
 
@@ -58,7 +58,7 @@ def thing(system: str, span: Any, height: np.ndarray, color: np.ndarray = WHITE,
 
 
 def scene(system: str, span: Any, height: np.ndarray, wrap: tuple[str, str] = ("clamp", "clamp")) -> Any:
-    """The triangulated surface over the square and 0.3 around it."""
+    """The true surface as triangles for ray casting, over the square and 0.3 beyond its sides."""
     heights = height / 255 if height.dtype == np.uint8 else height.astype(float)
     ticks = np.linspace(-0.3, 1.3, 481)
     x, y = (values.ravel() for values in np.meshgrid(ticks, ticks))
@@ -79,7 +79,7 @@ def above(elevation: float, projection: Any = "perspective", size: Any = SIZE, a
 
 
 def known(system: str, span: Any, camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Pixels where surface and truth agree outside of the base: above the base, or where rays enter through it."""
+    """(H, W) True where the truth holds: rays must meet a relief's base, or hit slices above the base."""
     if system.startswith("relief"):
         return ibr.render(square(span), camera).valid
     return ((points[..., :2] > 0.005) & (points[..., :2] < 0.995)).all(axis=-1)
@@ -87,7 +87,7 @@ def known(system: str, span: Any, camera: Camera, points: np.ndarray) -> np.ndar
 
 @cache
 def scene_of(kind: str, span: Any, name: str, wrap: tuple[str, str]) -> Any:
-    """`scene` of one of the maps, cached for all systems of a kind."""
+    """`scene` with the map of this name, cached for all systems of a kind."""
     return scene(kind, span, MAPS[name], wrap)
 
 
@@ -99,7 +99,7 @@ def share_right(
     true_wrap: tuple[str, str] = ("clamp", "clamp"),
     **more: Any,
 ) -> float:
-    """Share of known pixels away from edges whose depth is right, to a slice or half a texel."""
+    """Fraction of `known` pixels, away from depth edges, whose depth is right within two slices."""
     truth, points, _ = first_hits(scene_of(system.split()[0].rstrip(","), span, name, true_wrap), camera)
     frame = ibr.render(thing(system, span, MAPS[name], **more), camera)
     counted = known(system, span, camera, points) & away_from_edges(truth, 0.06)
@@ -129,8 +129,8 @@ def test_clamped_heights(name, span, system):
 @pytest.mark.parametrize("wrap", [("repeat", "clamp"), ("clamp", "repeat")])
 def test_heights_clamped_along_one_axis(wrap, system):
     for name in ("bytes, powers of two", "odd"):
-        # Cliffs where the map repeats are half a texel wide, of 33 or 15 texels, so more pixels are near them. In
-        # oblique views, cliffs from left to right occlude a part of the picture, and are sharper in the truth.
+        # Where the map repeats along one axis, heights jump within half a texel, and the truth's cliffs are sharper:
+        # more pixels are near them. Cliffs along x also occlude parts of oblique views, so only 70 degrees is tested.
         for elevation in (70, 35) if wrap[0] == "clamp" else (70,):
             assert share_right(system, BEYOND, name, above(elevation), wrap, wrap=wrap) >= 0.99
         assert share_right(system, BEYOND, name, above(70), wrap, wrap="clamp") < 0.9
@@ -138,7 +138,7 @@ def test_heights_clamped_along_one_axis(wrap, system):
 
 @pytest.mark.parametrize("system", ["slices", "relief"])
 def test_a_repeated_map_jumps_at_its_border(system):
-    """The tests of this file fail if the map repeats at the border."""
+    """With a map that is repeated, the checks of this file fail."""
     assert share_right(system, ON_MAP, "odd", above(70), wrap="repeat") < 0.97
     assert share_right(system, BEYOND, "odd", above(70), wrap="repeat") < 0.5
 
@@ -150,13 +150,13 @@ def test_one_lane_sees_the_same(system):
     frame = ibr.render(made, camera)
     with one_lane():
         alone = ibr.render(made, camera)
-    assert (frame.valid != alone.valid).mean() <= 1e-3  # rounding at outlines
+    assert (frame.valid != alone.valid).mean() <= 1e-3  # at outlines, rounding decides
     both = frame.valid & alone.valid
     assert (np.abs(frame.depth - alone.depth)[both] <= 1e-4).mean() >= 0.998
 
 
 def test_no_clamped_map_changes_what_lies_off_its_border():
-    """Rays that stay half a texel away from the border see the same surface, with or without repetition."""
+    """Rays that stay half a texel away from the border see the same surface, whether the map is repeated or clamped."""
     height, camera = ramp(24, 24), above(80)
     for system in ("slices", "relief"):
         found = [ibr.render(thing(system, ON_MAP, height, wrap=wrap), camera) for wrap in ("repeat", "clamp")]
@@ -168,7 +168,7 @@ def test_no_clamped_map_changes_what_lies_off_its_border():
 
 
 def straight_above(texels: float, of: int, projection: Any = "orthographic") -> Camera:
-    """A camera straight above the square, with pixels `texels` wide, if the square is `of` texels wide."""
+    """A camera straight above the square, whose pixels are `texels` wide if the square is `of` texels wide."""
     return Camera.look_at(
         (0.5, 0.5, 3), (0.5, 0.5, 0), (0, 1, 0.1), (29, 23), fov_y=1, projection=projection, height=23 * texels / of
     )
@@ -177,7 +177,7 @@ def straight_above(texels: float, of: int, projection: Any = "orthographic") -> 
 @pytest.mark.parametrize("size", [(64, 64), (90, 70)])
 @pytest.mark.parametrize("search", ["safe", "linear"])
 def test_levels_seen_from_afar(search, size):
-    """Pixels are 5.6 texels wide, so the third level is used, whose texels cover 4 x 4 texels of the map."""
+    """Pixels are 5.6 texels wide, so kernels read the third level, whose texels cover 4 x 4 texels of the map."""
     height, camera = ramp(*size), straight_above(5.6, 2 * size[0])
     truth, _, _ = first_hits(scene("relief", BEYOND, halved(halved(height))), camera)
     frame = ibr.render(thing("relief", BEYOND, height, search=search, steps=256), camera)
@@ -186,7 +186,7 @@ def test_levels_seen_from_afar(search, size):
 
 
 def uv_from_above(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Texture coordinates on the square's plane for each pixel of an orthographic camera above it, by BEYOND."""
+    """The uv on the square's plane, by the span BEYOND, of each pixel of an orthographic camera above it."""
     y, x = np.mgrid[: camera.height, : camera.width]
     places = camera.unproject(np.column_stack([x.ravel(), y.ravel()]), np.ones(x.size))[:, :2].reshape(*x.shape, 2)
     (u0, v0), (u1, v1) = BEYOND
@@ -199,7 +199,7 @@ def uv_from_above(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("size", [(20, 14), (33, 1), (1, 1)])
 @pytest.mark.parametrize("system", ["slices", "relief"])
 def test_clamped_colours(system, size, level, wrap):
-    """Colours of a level surface come from the level whose texels are as large as a pixel."""
+    """On a flat surface, colours come from the level of the map whose texels are as large as a pixel."""
     color = np.rint(255 * np.dstack([ramp(*size, seed) for seed in (1, 2, 3)])).astype(np.uint8)
     seen = np.floor(halved(color) + 0.5) if level else color.astype(float)
     camera = straight_above(0.7 if level == 0 else 2.8, max(2 * size[0], 1.8 * size[1], 40))
@@ -236,7 +236,7 @@ def test_clamped_normals(system, size):
     "system", ["slices", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("relief", "relief, exact"))]
 )
 def test_slopes_shade_and_cast_shadows_as_far_as_the_map_reaches(system):
-    """A disk on a slope that ends at the border: there is no cliff, and the surface is level outside."""
+    """A disk lies on a slope that ends at the map's border: no cliff is there, and the surface outside is flat."""
     y, x = np.mgrid[:24, :32] / 24
     height = (0.3 * (1.33 - x) + 0.55 * (np.hypot(x - 0.65, y - 0.45) < 0.25)).astype(np.float32)
     light, camera = ibr.Light(direction=(0.8, 0.5, -0.5), ambient=AMBIENT, shadow_size=2048), above(65, size=(320, 240))
@@ -249,7 +249,7 @@ def test_slopes_shade_and_cast_shadows_as_far_as_the_map_reaches(system):
     assert counted.sum() > 8000
     assert 0.02 < 1 - truth[counted].mean() < 0.5
     assert ((share > 0.5) == truth)[counted].mean() >= 0.995
-    # Away from kinks, shades match the truth's normals.
+    # Away from kinks, the shading has the truth's normals.
     plain = ibr.Light(direction=light.direction, ambient=AMBIENT, shadow_size=0)
     shade = ibr.render(thing(system, BEYOND, height), camera, plain).color[..., 0].astype(float)
     towards = -np.asarray(light.direction) / np.linalg.norm(light.direction)
