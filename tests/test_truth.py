@@ -139,7 +139,7 @@ def test_search_reference_is_the_truth(scene, source, target):
         same = seen.valid & found.valid
         agree = np.isclose(found.depth[same], seen.depth[same], rtol=1e-6)
         off = ~agree
-        for by in (1e-6, -1e-6) if np.count_nonzero(off) > 1 else ():  # half-way between two samples, either depth is right
+        for by in (1e-6, -1e-6) if np.count_nonzero(off) > 1 else ():  # half-way between samples, either is right
             beside = search_reference(view, scenes.moved_aside(pose.camera, by, by), edges=edges, side=side)
             off &= ~np.isclose(beside.depth[same], seen.depth[same], rtol=1e-5)
         assert np.count_nonzero(off) <= 1, pose.name

@@ -29,7 +29,7 @@ def write_gltf(path: Path, arrays: list[np.ndarray], inline: bool = False, **sce
 
 
 def write_skinned(path: Path, **changes: object) -> None:
-    """A triangle with two joints: one moves it by 5 along x, one turns x to y. The mesh's own node has another place."""
+    """A triangle with two joints: one moves it by 5 along x, one turns x to y. The mesh's own node is elsewhere."""
     used, weights = np.array([[0, 1, 0, 0]] * 3, np.uint8), np.zeros((3, 4), np.float32)
     weights[:, :2] = [[1, 0], [0, 2], [0.5, 0.5]]  # the second vertex's weights add up to 2
     inverse, normals = np.array([np.eye(4), np.eye(4)], np.float32), np.float32([[1, 0, 0]] * 3)

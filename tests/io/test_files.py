@@ -67,7 +67,7 @@ def test_disparity_between_principal_points_apart_has_an_offset(tmp_path: Path, 
     np.testing.assert_allclose(stored[0, :3], units * disparity[0, :3], atol=1e-3)  # 1 / z is rounded to float32
     np.testing.assert_allclose(ibr.read_depth(file, **how), depth, rtol=1e-6)
     with pytest.raises(ibr.ArgumentError, match=r"^depth: expected values above depth_offset / depth_scale = 0.145"):
-        ibr.write_depth(tmp_path / "d.png", np.full((2, 2), 7.0, np.float32), **how)  # its disparity would be stored as -0.11 pixels
+        ibr.write_depth(tmp_path / "d.png", np.full((2, 2), 7.0, np.float32), **how)  # 0.11 pixels below 0
     with pytest.raises(ibr.ArgumentError, match=r"^depth_offset: "):
         ibr.read_depth(file, depth_offset=np.nan, depth_scale=1)
 

@@ -122,7 +122,7 @@ def test_a_specimen_beats_its_neighbours_in_convention(tmp_path: Path, name):
         assert right < 2
         turned = len({pose[:3, :3].tobytes() for *_, pose in frames}) > 1
         for convention, wrong in neighbours(frames).items():
-            if turned or convention.endswith(("deep", "camera")):  # with parallel cameras, other wrong conventions agree, too
+            if turned or convention.endswith(("deep", "camera")):  # other errors cancel for parallel cameras
                 assert off_other(wrong) > right, convention
 
 
@@ -263,7 +263,7 @@ def test_depth_of_fewer_samples_has_a_camera_of_its_own(tmp_path: Path):
 
 
 def test_files_of_transforms_as_people_write_them(tmp_path: Path, caplog: pytest.LogCaptureFixture):
-    """Names may have backslashes or no suffix. NPY files in millimetres and frames without depth are read, and logged."""
+    """Names may have backslashes or no suffix. NPY files in millimetres and frames without depth are logged."""
     SPECIMENS["nerfstudio"][0](tmp_path)
     first, file = frames_of(tmp_path), tmp_path / "transforms.json"
     told = json.loads(file.read_text())

@@ -41,7 +41,7 @@ def test_concave_polygons_keep_their_area_from_any_corner_either_way_round(flat,
     assert found.shape == (len(flat) - 2, 3)
     assert area(points[found]) == pytest.approx(shoelace, rel=1e-9)
     across = np.cross(points[found[:, 1]] - points[found[:, 0]], points[found[:, 2]] - points[found[:, 0]])
-    assert ((across @ across[np.linalg.norm(across, axis=1).argmax()]) >= -1e-12).all()  # all triangles face the same way
+    assert ((across @ across[np.linalg.norm(across, axis=1).argmax()]) >= -1e-12).all()  # all face the same way
 
 
 def test_convex_polygons_are_fans_and_what_has_no_area_is_none():
@@ -49,4 +49,4 @@ def test_convex_polygons_are_fans_and_what_has_no_area_is_none():
     found = triangles(np.array([6, 2, 0, 3]), np.vstack([six, six[:2], six[:3]]))
     np.testing.assert_array_equal(found, [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5], [8, 9, 10]])
     assert triangles(np.array([5]), np.zeros((5, 3))).shape == (3, 3)
-    assert triangles(np.array([9]), np.random.default_rng(0).random((9, 3))).shape == (7, 3)  # this polygon crosses itself
+    assert triangles(np.array([9]), np.random.default_rng(0).random((9, 3))).shape == (7, 3)  # it crosses itself

@@ -123,7 +123,7 @@ def test_other_numbers_are_a_mistake(tmp_path: Path):
     with pytest.raises(ibr.ArgumentError, match=r"colour and depth of the same numbers, got 1.png without depth"):
         paired(tmp_path / "rgb", tmp_path / "depth")
     touch(tmp_path, *(f"rgb2/{n}.png" for n in (0, 1, 2, 3)), *(f"depth2/{n}.png" for n in (1, 2, 3, 4)))
-    with pytest.raises(ibr.ArgumentError, match=r"got 0.png without depth"):  # pictures are counted from 0, depth files from 1
+    with pytest.raises(ibr.ArgumentError, match=r"got 0.png without depth"):  # counted from 0 and from 1
         paired(tmp_path / "rgb2", tmp_path / "depth2")
 
 

@@ -25,7 +25,7 @@ def test_what_is_written_is_read(tmp_path, suffix, green):
     write_relief_map(tmp_path / f"map{suffix}", normals, height, green=green)
     read, same = read_relief_map(tmp_path / f"map{suffix}", green=green)
     np.testing.assert_array_equal(same, height)
-    assert np.abs(read - normals).max() <= 0.008  # each component is off by half of 1/127.5; then vectors are normalised
+    assert np.abs(read - normals).max() <= 0.008  # rounding by half of 1/127.5 in each component, then normalised
     other, _ = read_relief_map(tmp_path / f"map{suffix}", green="up" if green == "down" else "down")
     np.testing.assert_allclose(other[..., 1], -read[..., 1], atol=1e-6)
 
