@@ -33,10 +33,10 @@ BARS = {
     (LINEAR, 1024): 0.65,
     **{(subject, n): 0.35 for subject in OURS for n in (2048, 4096)},
 }
-"""Greatest ratio to the time of cv2.warpFrame, as the median over the positions, by subject and size."""
+"""Greatest ratio of a subject's time to cv2.warpFrame's (the median over the positions), by subject and size."""
 
 REMAP_BAR, REMAP_FROM = 1.7, 1024
-"""Greatest ratio to the time of cv2.remap, as the median over the positions, and the size from which it applies."""
+"""Greatest ratio to cv2.remap's time (the median over the positions), and the least size for which it is a bar."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:

@@ -100,7 +100,7 @@ NAMED = re.compile(r"\s*#define (\w+)|\} (\w+);$|(?!typedef|return|else)(?:\w+ )
 def definitions(text: str) -> list[tuple[str, list[list[int]]]]:
     """List the names that a file defines, except defaults (#ifndef), each with the #if branches around it.
 
-    Names are those of macros, structs and functions. A branch is a pair: the line of its #if, and its number there.
+    Macros, structs and functions have names. A branch is a pair: the line of its #if, and its number there.
     """
     code = re.sub(r"/\*.*?\*/", lambda match: re.sub(r"[^\n]", " ", match.group()), text, flags=re.DOTALL)
     found: list[tuple[str, list[list[int]]]] = []

@@ -1,4 +1,4 @@
-"""Only the latest request of each client is drawn, clients share the time, and no outdated picture is shown."""
+"""Each client's latest request is drawn, clients share the time, and no outdated picture is shown."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pyibr.opencl.device import current
 
 
 class Recorder:
-    """Draws by waiting, and keeps the deliveries: (request, full)."""
+    """Stands in for drawing: waits, and records what is delivered, as (request, full)."""
 
     def __init__(self, seconds: float = 0.0, rest: float = 0.05) -> None:
         self.seconds: dict[str, float] = {}
@@ -102,7 +102,7 @@ def test_clients_share_the_time_not_the_frames(recorder: Recorder):
         time.sleep(0.001)
     counts = {client: sum(request == client for request, _ in recorder.drawn) for client in "ab"}
     assert counts["a"] >= 5
-    assert counts["b"] > 3 * counts["a"]  # equal shares of frames would give 1, equal shares of time give about 10
+    assert counts["b"] > 3 * counts["a"]  # about 10 if clients get equal time, 1 if they got equal numbers of frames
 
 
 def test_who_comes_late_does_not_get_what_the_others_had_before(recorder: Recorder):

@@ -1,4 +1,4 @@
-"""The resolution falls as needed while the camera moves, and recovers."""
+"""While the camera moves, the resolution falls as far as necessary, and rises again."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pyibr.app.live.resolution import Resolution
 
 
 def settled(fixed: float, per_picture: float, allowed: float = 1 / 30, frames: int = 40) -> Resolution:
-    """Resolution after frames with a fixed time and a time for their pixels."""
+    """Resolution after frames that take the time `fixed`, and `per_picture` for all pixels at full resolution."""
     resolution = Resolution(allowed)
     for _ in range(frames):
         resolution.took(fixed + per_picture * resolution.scale**2)
@@ -24,7 +24,7 @@ def settled(fixed: float, per_picture: float, allowed: float = 1 / 30, frames: i
         (0, 0.5, 0.25),
         (0, 2.0, 0.125),
         (0.03, 0.001, 1.0),
-        (0.05, 0.019, 0.75),  # no resolution reaches 33 ms: it falls until pixels cost at most 0.3 of the fixed time
+        (0.05, 0.019, 0.75),  # no scale reaches 33 ms: it falls until pixels take at most 0.3 of the fixed time
         (0.2, 0.05, 0.75),
     ],
 )

@@ -24,12 +24,12 @@ PROTOCOL = f"viser-v{viser.__version__}"
     ("host", "origin", "own"),
     [
         ("127.0.0.1:8080", "http://127.0.0.1:8080", True),
-        ("localhost:9000", "http://localhost:9000", True),  # the end of a tunnel
-        ("127.0.0.1:8080", None, True),  # no browser
+        ("localhost:9000", "http://localhost:9000", True),  # the near end of a tunnel
+        ("127.0.0.1:8080", None, True),  # a program that is no browser
         ("127.0.0.1:8080", "http://evil.example", False),
         ("127.0.0.1:8080", "http://127.0.0.1:9999", False),  # another program's page on this machine
-        ("127.0.0.1:8080", "null", False),  # a file, or a page in a sandbox
-        ("evil.example:8080", "http://evil.example:8080", False),  # a name that resolves to this machine
+        ("127.0.0.1:8080", "null", False),  # a page from a file, or in a sandbox
+        ("evil.example:8080", "http://evil.example:8080", False),  # a name that resolves to this machine, for an attack
         ("evil.example:8080", None, False),
         ("", None, False),
     ],

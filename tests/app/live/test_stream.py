@@ -1,4 +1,4 @@
-"""A page's stream: its last request holds the page's current camera."""
+"""A page's last request for a picture always has the page's current camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page's controls without a browser: clicks faster than the page follows, and its folder for saving."""
+"""The page's controls, without a browser: clicks that come faster than the page follows, and the folder of a set."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ONE = Frustum.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0), 16)
 
 @pytest.fixture
 def page():
-    """A page with empty captures, so that no device draws."""
+    """A page whose captured images are constant, so that no device draws."""
     server = start_server(0, "test")
     camera = ONE.camera
     view = ibr.DepthImage(None, np.ones((camera.height, camera.width), np.float32), camera)
@@ -41,7 +41,7 @@ def page():
 
 @pytest.mark.filterwarnings("error")
 def test_clicks_at_once_leave_the_frusta_that_there_are(page):
-    """Clicks arrive on several server threads; viser refuses a handle that another thread has replaced."""
+    """Clicks arrive in several threads; a thread must not use a handle of viser that another has replaced."""
     placement, rng = page.placement, np.random.default_rng(0)
 
     def add() -> None:

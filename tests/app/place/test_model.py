@@ -1,4 +1,4 @@
-"""The edited set of frusta: changes, undo, captures; the corner and its brush."""
+"""The set of frusta that a page edits: changes, undo and captured images; the picture in the corner and its brush."""
 
 from __future__ import annotations
 
@@ -201,13 +201,13 @@ def test_images_are_made_once_and_as_long_as_they_are_wanted(monkeypatch: pytest
     assert len(made) == 2
     painted = one.painted(Stroke(((0.5, 0.2),), 0.2))
     view = captures.views([painted, other])[0]
-    assert len(made) == 2  # a stroke needs no new capture
+    assert len(made) == 2  # a painted stroke needs no new capture
     np.testing.assert_array_equal(view.depth, painted.capture(models.donut()).depth)
     assert captures.nearest(painted) == view.depth[view.valid].min()
     assert captures.nearest(one) is None
     captures.views([other])
     captures.views([one, other])
-    assert len(made) == 4  # one for the comparison above, and one for the dropped image
+    assert len(made) == 4  # one more by the comparison above, one for the image that was dropped
 
 
 def test_the_share_is_of_all_frusta():
@@ -229,7 +229,7 @@ def test_the_corner_is_within_the_page_and_its_places_are_told(size):
     for part in ((0.0, 0.0), (0.25, 0.75), (1.0, 1.0)):
         at = (left + part[0] * side) / size[0], (top + part[1] * side) / size[1]
         found = inset_position(size, at)
-        if found is not None:  # None only by rounding at its border
+        if found is not None:  # at its border, rounding may give None
             np.testing.assert_allclose(found, part, atol=1e-9)
     assert inset_position((640, 480), (0.9, 0.1)) is None
 

@@ -1,4 +1,4 @@
-"""Placing frusta in a real Chromium by buttons, gizmos and the brush; texts, pictures and files are correct."""
+"""Frusta are placed in a real Chromium by buttons, gizmos and the brush; texts, pictures and files are right."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.app.sockets import LOOPBACK, listeners
 pytestmark = pytest.mark.thorough
 
 SIZE = 64
-PICTURE = -2  # index into a page's pictures: the last one is the depth
+PICTURE = -2  # index of the colours among a page's pictures; the last picture is the depth
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def browser():
 
 @dataclass
 class Work:
-    """A server, the part that its pages share, and its page that is open in a browser."""
+    """A server with a page that is open in a browser."""
 
     pages: Any
     tab: Tab
@@ -52,7 +52,7 @@ class Work:
         self.tab.page.get_by_role("button", name=name, exact=True).click()
 
     def on_page(self, point: np.ndarray) -> tuple[float, float]:
-        """Position of a world point on the browser's page."""
+        """Position of a point in the world on the browser's page."""
         (pixel,), _ = self.page.stream.camera.project([point])
         return float(pixel[0] + 0.5), float(pixel[1] + 0.5)
 
@@ -84,7 +84,7 @@ def work(browser, mesh, tmp_path_factory):
 
 
 def inside_corner(shape: tuple[int, ...], frame: int = 3) -> np.ndarray:
-    """(H, W) mask of the corner's picture and its frame."""
+    """(H, W) mask of the picture in the corner, with its border of `frame` pixels."""
     left, top, side = inset_box((shape[1], shape[0]))
     made = np.zeros(shape[:2], bool)
     made[max(top - frame, 0) : top + side + frame, max(left - frame, 0) : left + side + frame] = True
@@ -92,27 +92,27 @@ def inside_corner(shape: tuple[int, ...], frame: int = 3) -> np.ndarray:
 
 
 def corner_of(work: Work) -> np.ndarray:
-    """(H, W) mask of the page's pixels that its corner covers."""
+    """(H, W) mask of the page's pixels that the picture in the corner covers; without frusta there is none."""
     width, height = work.page.stream.camera.size
     return inside_corner((height, width)) & bool(work.state.frusta)
 
 
 @cache
 def captured(frustum: Frustum, mesh: ibr.Mesh) -> tuple[ibr.DepthImage, Mask]:
-    """A frustum's image of the mesh, and the mask of surface points in it."""
+    """A frustum's image of the mesh, and the mask of the surface points that it sees."""
     view = frustum.capture(mesh, light_for(mesh, (0, 0, 1)))
     return view, surface().seen(view)
 
 
 def marked(work: Work, mesh: ibr.Mesh) -> np.ndarray:
-    """The expected picture of the page: the mesh with its unseen parts marked."""
+    """The picture that the page should show: the mesh with its unseen parts marked."""
     views = [captured(one, mesh)[0] for one in work.state.frusta]
     light = light_for(mesh, (0, 0, 1))
     return ibr.render(MarkedUnseen(as_drawable(mesh), views), work.page.stream.camera, light).color
 
 
 def assert_shown(work: Work, mesh: ibr.Mesh) -> None:
-    """Assert the page's picture outside the corner, and the unseen share in its text."""
+    """Assert that the page shows the right picture outside the corner, and the right unseen share in its text."""
     settles_on(work.tab, lambda: marked(work, mesh), PICTURE, corner_of(work))
     share = unseen_share(surface(), [captured(one, mesh)[1] for one in work.state.frusta])
     until(lambda: f"**{len(work.state.frusta)} frusta**, {share:.1%} of the surface unseen" in work.shared.panel.text)
@@ -120,12 +120,12 @@ def assert_shown(work: Work, mesh: ibr.Mesh) -> None:
 
 def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, mesh):
     tab, placement = work.tab, work.shared.placement
-    assert_shown(work, mesh)  # all unseen
+    assert_shown(work, mesh)  # all parts are unseen
     work.click("Add a frustum here")
     until(lambda: len(work.state.frusta) == 1)
     assert_shown(work, mesh)
     added = work.state.current
-    assert added.capture(mesh).valid.sum() > 500  # it sees the donut
+    assert added.capture(mesh).valid.sum() > 500  # the frustum sees the donut
 
     # The gizmo is at the frustum's eye; dragging its axis handles moves the frustum.
     start = work.on_page(added.camera.center)
@@ -148,11 +148,11 @@ def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, 
     assert np.linalg.norm(np.subtract(start, work.on_page(moved.camera.center))) > 10
     assert_shown(work, mesh)
     placement.undo()
-    assert work.state.current == added  # the whole drag in one step
+    assert work.state.current == added  # one step of undo takes back the whole drag
     placement.redo()
     assert work.state.current == moved
 
-    # Numbers resize it.
+    # Numbers in the panel resize the frustum.
     work.shared._across.value = 55.0
     until(lambda: abs(work.state.current.fov[0] - 55) < 1e-6)
 
@@ -177,7 +177,7 @@ def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, 
     assert work.state.current == sized
     placement.redo()
 
-    # After saving and opening, the warp draws the seen surface, but not its painted parts.
+    # The set is saved and opened again; the warp then draws the seen surface, except the painted parts.
     tab.page.get_by_text("Files").click()
     work.click("Save the set")
     folder = work.shared._folder.value
@@ -207,7 +207,7 @@ def test_frusta_are_proposed_and_the_set_is_compared_with_the_mesh(work, mesh):
     settles_on(work.tab, lambda: ibr.render(views, work.page.stream.camera).color, PICTURE, corner_of(work))
     truth, plain = (ibr.render(thing, work.page.stream.camera, light) for thing in (views, mesh))
     both = truth.valid & plain.valid
-    assert both.sum() > 0.9 * plain.valid.sum()  # covered parts look like the mesh
+    assert both.sum() > 0.9 * plain.valid.sum()  # parts that the images cover look like the mesh
     assert psnr(truth.color, plain.color, valid=both) > 25
     work.shared._shown.value = "difference"
     until(lambda: "dB in common pixels" in work.shared.panel.text)
@@ -227,7 +227,7 @@ def test_two_pages_work_on_one_set(work, mesh, browser):
 
 
 def test_the_corner_is_not_coloured_while_the_brush_is_over_it(browser, mesh):
-    """viser colours the back faces of clickable objects."""
+    """viser colours the backs of clickable objects under the mouse; the corner's picture is such an object."""
     frustum = Frustum.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0), 64)
     with (
         ibr.place(mesh, [frustum], size=64, up=(0, 0, 1), port=0) as pages,
@@ -238,7 +238,7 @@ def test_the_corner_is_not_coloured_while_the_brush_is_over_it(browser, mesh):
         inside = np.s_[top + 4 : top + side - 4, left + 4 : left + side - 4]
         for step in range(4):
             tab.page.mouse.move(left + side // 2 + step, top + side // 2)
-            time.sleep(0.5)  # for the browser to find the object and draw its colour
-        # A slow browser may lag behind, but a colour would stay. The last picture is the depth of the one before.
+            time.sleep(0.5)  # time in which the browser would find the object and colour it
+        # A slow browser may show an old picture for a while, but a colour would stay.
         until(lambda: time.sleep(0.5) or psnr(tab.picture(PICTURE)[inside], tab.canvas()[inside]) >= 35)
         assert tab.picture(PICTURE)[inside].std() > 20

@@ -1,4 +1,4 @@
-"""Controls of the page for looking around: each changes the setting of its name."""
+"""Each control of the page of `ibr.view` changes the setting of the same name."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_every_option_of_a_light_has_its_control(controls):
     assert set().union(*(changes for _, changes in turned.values())) == set(inspect.signature(ibr.Light).parameters)
     for handle, (value, changes) in turned.items():
         before = light_of(controls)
-        assert controls.style().light is controls.style().light  # so that it keeps its shadow maps
+        assert controls.style().light is controls.style().light  # the same light, so that its shadow maps are kept
         getattr(controls, handle).value = value
         after = light_of(controls)
         assert {name for name in after if not np.array_equal(before[name], after[name])} == changes, handle

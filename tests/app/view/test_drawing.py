@@ -1,4 +1,4 @@
-"""Pictures of the page's styles equal the library's own calls; overlays and comparisons are correct."""
+"""The page's styles draw the pictures of the library's calls; overlays and comparisons are right."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_light_shines_in_every_way():
 
 @pytest.mark.parametrize("name", ["warp", "render", "search"])
 def test_every_option_of_the_warp_is_a_control(name):
-    """A wire one sample wide, from close by: as wide as its samples, by call and by control."""
+    """From close by, a wire one sample wide is as wide as its samples with `thin`, by the control as by the call."""
     depth = np.full((48, 64), 4.0, np.float32)
     depth[20, 10:50] = 2.0
     wire = ibr.DepthImage(None, depth, ibr.Camera([[100, 0, 31.5], [0, 100, 23.5], [0, 0, 1]], (64, 48)))
@@ -129,12 +129,12 @@ def test_knobs_are_what_a_class_is_made_with():
     banded = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1, test="band", band=0.1)
     assert parameters_of([banded])["band"].value == 0.1
     typed = parameters_of([ibr.DepthObject(views(), slices="view")])["slices"]
-    assert (typed.kind, typed.value, typed.choices) == (str, "view", ())  # a typed word or number
+    assert (typed.kind, typed.value, typed.choices) == (str, "view", ())  # a word or a number is typed
     assert parameters_of([object(), 3, models.donut()]).keys() == {"sides"}
 
 
 def test_every_option_of_every_thing_has_its_control():
-    """All arguments of a class have controls, except its images, meshes and maps."""
+    """All arguments of a thing's class have controls, except images, meshes and maps."""
     height, color = relief().height, relief().color
     made_of = {
         ibr.WarpedView(views()): {"views"},
@@ -259,7 +259,7 @@ def test_a_comparison_is_of_the_two_pictures():
     width = (83 - 2) // 3
     first = (83 - width) // 2
     off = (beside.color[:, :width] != one[:, first : first + width]).any(axis=2)
-    assert off.mean() < 0.003  # rays that touch a silhouette, rounded differently
+    assert off.mean() < 0.003  # rays that touch a silhouette, where rounding decides
     assert beside.depth is None
     assert beside.color.shape == (61, 83, 3)
     same = paint(methods, CAMERA, Style("warp", "warp", "side by side", gain=30))

@@ -1,4 +1,4 @@
-"""Looking around in a real Chromium: the picture is correct, follows the camera, and is never outdated."""
+"""`ibr.view` in a real Chromium: the picture is right, follows the camera, and is never outdated."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tools.browser import PANEL
 
 pytestmark = pytest.mark.thorough
 
-LEAST = 35.0  # dB; the browser draws exact pixels, except for rounding where it scales
+LEAST = 35.0  # dB of PSNR; the browser shows exact pixels, rounded where it scales
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def browser():
 
 @pytest.fixture(scope="module")
 def views() -> list[ibr.DepthImage]:
-    """A bumpy wall with a ball in front, from two positions."""
+    """Views from two positions of a ball before a bumpy wall."""
     made = []
     for x in (0.0, 0.4):
         camera = ibr.Camera([[220, 0, 119.5], [0, 220, 89.5], [0, 0, 1]], (240, 180)).moved(x, 0, 0)
@@ -58,7 +58,7 @@ def views() -> list[ibr.DepthImage]:
 
 @dataclass
 class Look:
-    """A server, and its page that is open in a browser."""
+    """A server with a page that is open in a browser."""
 
     pages: Any
     tab: Tab
@@ -78,7 +78,7 @@ def opened_look(browser, views):
 
 @pytest.fixture
 def look(opened_look):
-    """A page as newly opened, but without the sources, which the browser draws."""
+    """Reset the page to its first state, but hide the source cameras, which the browser would draw."""
     page, controls = opened_look.page, opened_look.page.controls
     for handle, value in ((controls._frusta, False), (controls._method, "warp")):
         handle.value = value
@@ -90,24 +90,24 @@ def look(opened_look):
 
 
 def page_of(pages):
-    """The only open page."""
+    """The only page that is open."""
     until(lambda: len(pages.open) == 1)
     (page,) = pages.open.values()
     return page
 
 
 def expected(page) -> np.ndarray:
-    """Picture for the page's camera and controls, by the library's own calls."""
+    """The picture that the library draws for the page's camera and controls."""
     return paint(page.scene.methods, page.stream.camera, page.controls.style()).color
 
 
 def assert_right(tab: Tab, page, views) -> None:
-    """Assert that the page's picture equals `warp` of the same camera and size, and its canvas nearly does."""
+    """Assert that the page's picture equals the one by `warp` for its camera, and that its canvas nearly does."""
     settles_on(tab, lambda: ibr.warp(views, page.stream.camera).color)
     canvas, truth = tab.canvas(), ibr.warp(views, page.stream.camera).color
     assert canvas.shape == truth.shape == (page.stream.camera.height, page.stream.camera.width, 3)
     assert psnr(canvas, truth) >= LEAST
-    assert truth.std() > 20  # it is not empty
+    assert truth.std() > 20  # the picture is not empty
 
 
 def test_it_opens_follows_a_drag_and_rests_on_the_right_picture(look, views):
@@ -124,7 +124,7 @@ def test_it_opens_follows_a_drag_and_rests_on_the_right_picture(look, views):
     assert psnr(before, tab.canvas()) < 25
     kinds = tab.kinds()
     time.sleep(1.0)
-    assert tab.kinds() == kinds  # no outdated picture comes after the resting one
+    assert tab.kinds() == kinds  # no outdated picture comes after the final one
 
 
 def test_two_pages_at_once_have_cameras_and_controls_of_their_own(browser, look, views):
@@ -152,7 +152,7 @@ def test_two_pages_at_once_have_cameras_and_controls_of_their_own(browser, look,
 
 def test_a_slow_thing_keeps_one_request_and_shows_its_latest(browser):
     class Slow:
-        """Takes 0.25 s at any size, and shows the camera it was drawn for."""
+        """A thing that takes 0.25 s to draw at any size; its colour tells for which camera it was drawn."""
 
         bounds = np.zeros(3), np.ones(3)
         drawn = 0
@@ -179,7 +179,7 @@ def test_a_slow_thing_keeps_one_request_and_shows_its_latest(browser):
         assert stays(lambda: page.stream.camera)
         drawn, shown = Slow.drawn, len(tab.kinds())
         rested(tab)
-        assert Slow.drawn - drawn <= 3  # the current picture, the latest, and the latest in full
+        assert Slow.drawn - drawn <= 3  # the picture in progress, then the latest camera's, reduced and in full
         assert len(tab.kinds()) - shown <= 3
         assert (tab.picture() == int(abs(page.stream.camera.center).sum() * 1e4) % 251).all()
         assert tab.complaints == []
@@ -188,7 +188,7 @@ def test_a_slow_thing_keeps_one_request_and_shows_its_latest(browser):
 def test_controls_change_the_picture_and_say_what_is_wrong(look, views):
     tab, page = look.tab, look.page
     tab.page.get_by_text("Things").click()
-    tab.page.wait_for_timeout(800)  # until it has unfolded
+    tab.page.wait_for_timeout(800)  # the list unfolds slowly
     for label, choice in (("Fill", "background"), ("Blend", "nearest")):
         tab.page.get_by_label(label).click()
         tab.page.get_by_role("option", name=choice).click()
@@ -208,12 +208,12 @@ def test_controls_change_the_picture_and_say_what_is_wrong(look, views):
 def test_in_a_narrow_window_the_controls_are_closed_below_the_picture_until_they_are_wanted(look):
     tab, page = look.tab, look.page
     tab.page.set_viewport_size({"width": 390, "height": 600})
-    until(lambda: page.stream.camera.size == (390, 600))  # no panel is beside it
+    until(lambda: page.stream.camera.size == (390, 600))  # no panel is beside the picture
     opens, method = tab.page.get_by_text("Controls", exact=True), tab.page.get_by_label("Method", exact=True)
     opens.wait_for()
-    assert 600 - tab.page.get_by_text("pyibr view").bounding_box()["y"] < 130  # as high as three lines
+    assert 600 - tab.page.get_by_text("pyibr view").bounding_box()["y"] < 130  # folded, as high as three lines
     assert not method.is_visible()
-    tab.page.get_by_text("warp 390x600").first.wait_for()  # the first line of its text
+    tab.page.get_by_text("warp 390x600").first.wait_for()  # the first line of the panel's text
     opens.click()
     method.wait_for()
     tab.page.set_viewport_size({"width": 400 + PANEL, "height": 300})
@@ -280,13 +280,13 @@ def test_cameras_screenshots_and_paths(look, views, tmp_path):
 def test_the_sources_are_seen_and_lead_to_their_cameras(look, views):
     tab, page = look.tab, look.page
     page.controls._frusta.value = True
-    until(lambda: page._frusta[0].visible is False)  # the camera stands in it
+    until(lambda: page._frusta[0].visible is False)  # hidden, because the page's camera stands in it
     page.go_to(views[0].camera.moved(-0.3, -0.2, -2.5))
     until(lambda: [frustum.visible for frustum in page._frusta] == [True, True])
     rested(tab)
     plain = expected(page)
     changed = np.abs(tab.canvas().astype(int) - plain).max(axis=2) > 40
-    assert 100 < changed.sum() < 0.3 * changed.size  # only their lines and pictures are drawn over it
+    assert 100 < changed.sum() < 0.3 * changed.size  # the frusta change only their lines and pictures
     page._frusta[1]._impl.click_cb[0].callback(None)
     until(lambda: np.allclose(page.stream.camera.center, views[1].camera.center, atol=1e-5))
 
@@ -309,7 +309,7 @@ def test_the_command_listens_to_this_machine_alone_and_leaves_nothing_behind(bro
             assert listeners(command.pid) == LOOPBACK
             assert tab.picture().shape == (240, 320, 3)
             tab.drag((100, 100), (150, 120), 5)
-            tab.page.context.close()  # during a picture
+            tab.page.context.close()  # while a picture is drawn
     finally:
         command.send_signal(signal.SIGINT)
         status = command.wait(20)

@@ -1,4 +1,4 @@
-"""Paths pass smoothly through all their cameras, and files store them exactly."""
+"""Paths of cameras pass smoothly through all given cameras, and files store them exactly."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_it_has_no_corners_in_its_way():
 def test_it_turns_along_the_shortest_arc():
     start = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37))
     path = CameraPath([start.orbited(-100, (0, 0, 0)), start.orbited(100, (0, 0, 0))], 1.0)
-    np.testing.assert_allclose(path.at(0.5).forward, (0, 0, -1), atol=1e-12)  # 160 degrees over the back, not 200
+    np.testing.assert_allclose(path.at(0.5).forward, (0, 0, -1), atol=1e-12)  # by 160 degrees, not by 200
     one = CameraPath([start], 1.0)
     assert one.at(0.3) == start
 

@@ -1,4 +1,4 @@
-"""Specimens of layouts: two frames of a scene with known points, in the form of each data set, phone or network."""
+"""Specimens of layouts: folders with two frames of a known scene, as each data set, phone or network stores them."""
 
 from __future__ import annotations
 

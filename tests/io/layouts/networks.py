@@ -18,7 +18,7 @@ def depth_anything(
     sure = np.full(depth.shape, 5, np.float32)
     inverses = np.linalg.inv(np.array(scene.poses))[:, :3].astype(np.float32)
     arrays = [np.array(scene.colors), depth, sure, inverses, np.tile(K, (2, 1, 1)).astype(np.float32)]
-    if names[0] == "images":  # VGGT: channels first, depth with a last axis, a batch of one
+    if names[0] == "images":  # VGGT: colours with channels first, depth with one channel, all with a first axis of 1
         arrays[0] = np.moveaxis(arrays[0], -1, 1).astype(np.float32) / 255
         arrays = [one[None] for one in (arrays[0], depth[..., None], *arrays[2:])]
     folder.mkdir(exist_ok=True)
@@ -30,7 +30,7 @@ def vggt(folder: Path) -> None:
 
 
 def moge(folder: Path) -> None:
-    """One picture, with the principal point in its centre."""
+    """One picture, whose principal point is its centre."""
     scene = rendered(np.array([[60.0, 0, 31.5], [0, 62.0, 23.5], [0, 0, 1]]), [np.eye(4)])
     fov = [2 * np.degrees(np.arctan(n / 2 / f)) for n, f in ((64, 60.0), (48, 62.0))]
     png(folder / "image.png", scene.colors[0])

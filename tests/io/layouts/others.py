@@ -27,7 +27,7 @@ def bop(folder: Path) -> None:
 
 
 def middlebury(folder: Path) -> None:
-    """The second camera is to the right, with its principal point doffs farther right; disparity excludes doffs."""
+    """The right camera's principal point is doffs pixels farther right, which stored disparity leaves out."""
     focal, doffs, baseline = 60.0, 2.5, 0.16
     matrices = [np.array([[focal, 0, 30.3 + k * doffs], [0, focal, 24.2], [0, 0, 1]]) for k in (0, 1)]
     steps = [np.eye(4), np.eye(4)]
@@ -43,7 +43,7 @@ def middlebury(folder: Path) -> None:
 
 
 def kitti(folder: Path) -> None:
-    """Two frames of one camera position, since this data set has no poses."""
+    """Two frames from the same position, because this data set has no poses."""
     scene = rendered(poses=[np.eye(4), np.eye(4)])
     for number, (color, depth) in enumerate(zip(scene.colors, scene.depths, strict=True)):
         name = f"2011_09_26_drive_0002_sync_{{}}_{number:010d}_image_02"
@@ -74,7 +74,7 @@ def kitti_drive(folder: Path) -> None:
 
 
 def hypersim(folder: Path) -> None:
-    """A camera with a tilted image: K is skewed, and the camera looks along the image's normal."""
+    """A camera whose image plane is tilted: it looks along the plane's normal, with a skewed K."""
     h5py = pytest.importorskip("h5py")
     tilt = turned(0.08, -0.05, 0)
     aslant = np.eye(4)

@@ -15,7 +15,7 @@ from tests.io.layouts.wall import GL, POSES, SIZE, K, counts, png, rendered, tex
 
 
 def stray(folder: Path) -> None:
-    """Depth has a quarter of the samples; the first rows have low confidence, and wrong values."""
+    """Depth has a quarter as many samples as the picture has pixels; its first rows are wrong, with low confidence."""
     scene = rendered()
     small = rendered(ibr.Camera(K, SIZE).resized((32, 24)).K, size=(32, 24))
     text(folder / "camera_matrix.csv", "\n".join(", ".join(map(repr, row)) for row in K.tolist()))
@@ -37,7 +37,7 @@ def record3d(folder: Path) -> None:
     (folder / "depth").mkdir(parents=True, exist_ok=True)
     for number, one in enumerate(scene.poses):
         x, y, z, w = xyzw(one[:3, :3]).tolist()
-        rows.append([w, z, -y, -x, *one[:3, 3].tolist()])  # a half turn about x, then the pose
+        rows.append([w, z, -y, -x, *one[:3, 3].tolist()])  # the rotation after a half turn about x
         png(folder / f"rgb/{number}.png", scene.colors[number])
         np.save(folder / f"depth/{number}.npy", small.depths[number].astype(np.float32))
     told = {"K": K.T.ravel().tolist(), "w": 64, "h": 48, "dw": 32, "dh": 24, "fps": 60, "poses": rows}
@@ -45,7 +45,7 @@ def record3d(folder: Path) -> None:
 
 
 def polycam(folder: Path) -> None:
-    """Frames that the app has corrected; the first rows of depth have low confidence."""
+    """Frames with cameras that the app has corrected; the first rows of depth have low confidence."""
     stray(folder / "it")
     for number, one in enumerate(POSES):
         told = {"fx": 60, "fy": 62, "cx": 30.3, "cy": 24.2, "width": 64, "height": 48, "blur_score": 9.0}
@@ -59,7 +59,7 @@ def polycam(folder: Path) -> None:
 
 
 def scanner_app(folder: Path) -> None:
-    """Depth for all frames, pictures for some."""
+    """All frames have depth, but only some have pictures."""
     stray(folder / "it")
     for number, one in enumerate([POSES[0], np.eye(4), POSES[1]]):
         told = {
@@ -78,7 +78,7 @@ def scanner_app(folder: Path) -> None:
 
 
 def r3d(folder: Path) -> None:
-    """The app's packed .r3d form, with K for each frame."""
+    """A packed .r3d file, as the app writes it, with a K for each frame."""
     lzfse = pytest.importorskip("lzfse")
     record3d(folder)
     told = json.loads((folder / "metadata.json").read_text()) | {"K": np.eye(3).ravel().tolist()}

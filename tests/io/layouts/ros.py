@@ -15,7 +15,7 @@ from tests.io.layouts.wall import K, counts, rendered, xyzw
 
 
 def ros_bag(folder: Path, packed: bool = False) -> None:
-    """The camera moves between two transforms; its optical frame is rotated against the body's, as usual in ROS."""
+    """Each frame's pose lies between two transforms; the camera's axes differ from the body's, as usual in ROS."""
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
@@ -40,7 +40,7 @@ def ros_bag(folder: Path, packed: bool = False) -> None:
         return types["Image"](header(time, "optical"), 48, 64, encoding, 0, len(data) // 48, data)
 
     def packed_depth(time: float, depth: np.ndarray) -> Any:
-        """Default form of compressed_depth_image_transport: a / depth + b as 16 bits, up to 10 units of depth."""
+        """Pack depth as compressed_depth_image_transport does by default: a / depth + b in 16 bits, up to a depth of 10."""
         scale, stored = 100 * 101.0, io.BytesIO()
         least = 1 - scale / 10
         Image.fromarray((scale / depth + least).astype(np.uint16)).save(stored, "PNG")
@@ -62,7 +62,7 @@ def ros_bag(folder: Path, packed: bool = False) -> None:
         else:
             messages.append(("/cam/depth/image_raw", picture(time + 0.004, "16UC1", counts(depth, 1000)), time))
         body, aside = one @ np.linalg.inv(optical), np.eye(4)
-        for sign in (-1, 1):  # halfway between these, it is at its original position
+        for sign in (-1, 1):  # halfway between both, the body has the right pose
             aside[0, 3] = sign * 0.3
             messages.append(("/tf", transform(time + sign * 0.02, "map", "body", aside @ body), time))
     with Writer(folder, version=9) as writer:

@@ -36,23 +36,23 @@ def eth3d(folder: Path) -> None:
 
 
 def tum_known(folder: Path) -> None:
-    """The data set's recommended camera, at a tenth of its size."""
+    """The camera that the data set recommends, at a tenth of its size."""
     tum(folder, np.array([[52.5, 0, 31.5], [0, 52.5, 23.5], [0, 0, 1]]))
 
 
 def icl(folder: Path) -> None:
-    """ICL-NUIM's camera has fy < 0: y points up, and its poses are rigid in that mirrored frame."""
+    """ICL-NUIM's camera has fy < 0: its y axis points up, and poses use these mirrored axes."""
     mirror = np.diag([1.0, -1, 1, 1])
     scene = rendered(np.array([[48.12, 0, 31.5], [0, 48.0, 23.5], [0, 0, 1]]))
     lines = [tum_line(number, mirror @ pose @ mirror) for number, pose in enumerate(scene.poses, 1)]
     text(folder / "livingRoom2.gt.freiburg", "\n".join(lines))
-    for number in (0, 1, 2):  # the first has no pose
+    for number in (0, 1, 2):  # frame 0 has no pose
         png(folder / f"rgb/{number}.png", scene.colors[max(number - 1, 0)])
         png(folder / f"depth/{number}.png", counts(scene.depths[max(number - 1, 0)], 5000))
 
 
 def upward(folder: Path) -> None:
-    """Two folders of a camera with negative fy, and its poses."""
+    """Two folders of pictures and depth, with poses, from a camera whose fy is negative."""
     mirror, scene = np.diag([1.0, -1, 1, 1]), rendered()
     matrix(folder / "camera-intrinsics.txt", K @ mirror[:3, :3])
     matrix(folder / "poses.txt", np.array([(mirror @ one @ mirror).ravel() for one in scene.poses]))
@@ -134,7 +134,7 @@ def redwood(folder: Path) -> None:
 
 
 def colmap(folder: Path) -> None:
-    """A rig: each of its cameras has its own folder of pictures."""
+    """A rig of cameras, each with a folder of pictures."""
     scene, lines = rendered(), ""
     text(folder / "sparse/cameras.txt", "# a list\n1 PINHOLE 64 48 60 62 30.8 24.7\n")
     for number, (color, depth, one) in enumerate(zip(scene.colors, scene.depths, scene.poses, strict=True)):
@@ -149,7 +149,7 @@ def colmap(folder: Path) -> None:
 
 
 def eth3d_views(folder: Path) -> None:
-    """Depth files have the pictures' names; the model describes the original pictures."""
+    """Depth files are named as the pictures; the model has the cameras of the original pictures."""
     colmap(folder)
     (folder / "sparse").rename(folder / "dslr_calibration_jpg")
     maps = folder / "stereo/depth_maps"

@@ -1,4 +1,4 @@
-"""A slanted wall with a picture, whose depth and colour are known exactly for every ray; and its files."""
+"""A slanted wall with a picture on it: the depth and colour of every ray are known exactly. Also writes files."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from PIL import Image
 SIZE = (64, 48)
 K = np.array([[60.0, 0, 30.3], [0, 62.0, 24.2], [0, 0, 1]])
 GL = np.diag([1.0, -1, -1, 1])
-NORMAL, OFFSET = np.array([0.25, 0.15, -1.0]), -2.5  # points of the wall have NORMAL . x = OFFSET
+NORMAL, OFFSET = np.array([0.25, 0.15, -1.0]), -2.5  # the wall is the plane of points x with NORMAL . x = OFFSET
 
 
 def turned(x: float, y: float, z: float) -> np.ndarray:
-    """A rotation by small angles about the three axes."""
+    """A rotation by the angles x, y and z (radians) about the three axes."""
     a, b, c = (np.array([np.cos(t), np.sin(t)]) for t in (x, y, z))
     about_x = np.array([[1, 0, 0], [0, a[0], -a[1]], [0, a[1], a[0]]])
     about_y = np.array([[b[0], 0, b[1]], [0, 1, 0], [-b[1], 0, b[0]]])
@@ -32,7 +32,7 @@ POSES = [pose((0.1, -0.05, 0.05), (0.05, -0.08, 0.06)), pose((-0.25, 0.15, -0.1)
 
 
 class Scene(NamedTuple):
-    """Views from two cameras: (H, W) planar depth, distances, (H, W, 3) colours."""
+    """Two views: colours (H, W, 3), planar depth and distances along rays (H, W), and poses."""
 
     colors: list[np.ndarray]
     depths: list[np.ndarray]
@@ -41,7 +41,7 @@ class Scene(NamedTuple):
 
 
 def rendered(K: np.ndarray = K, poses: list[np.ndarray] | None = None, size: tuple[int, int] = SIZE) -> Scene:
-    """Pictures of the wall by cameras with OpenCV's axes and pixel centres at integers."""
+    """Render the wall for cameras with OpenCV's axes and pixel centres at integers."""
     scene = Scene([], [], [], POSES if poses is None else poses)
     y, x = np.mgrid[: size[1], : size[0]]
     local = np.dstack([x, y, np.ones_like(x)]) @ np.linalg.inv(K).T
