@@ -24,7 +24,7 @@ class Visited:
     Attributes
     ----------
     samples : int
-        Steps along epipolar lines in the source. A packet of lanes counts the steps of its slowest lane.
+        Steps along epipolar lines in the source. All lanes of a packet count the slowest one's steps.
     pixels : int
         Target pixels that the sweep writes, or that `resolve` traces again; 0 for a search.
     """

@@ -15,7 +15,7 @@ FILE = "report.md"
 HEAD = """# Benchmarks
 
 `python -m benchmarks` measures, and `python -m benchmarks.report` made this page from the JSON files beside it.
-Times are medians, with quartiles in brackets. A subject runs once before it is timed, except a search of seconds.
+Times are medians, with quartiles in brackets. Subjects run once before they are timed, except slow searches.
 """
 
 

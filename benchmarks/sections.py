@@ -26,7 +26,7 @@ COMPLEXITY = """## Complexity
 
 Values are sums over {positions} positions of the epipole. *Visited* is the number of samples of the source and pixels
 of the target that a call steps through: in the sweep or search, and where `resolve` traces a pixel again. Lanes step
-in packets; each counts as many steps as its slowest lane. *White noise* is a surface without cuts and with random
+in packets; all lanes of a packet count as many steps as the slowest. *White noise* is a surface without cuts and with random
 depths. Its steps have no bar: these images are too small to show O(n^2) (see the manual, theory/warp).
 
 ![Growth with the image's side](complexity.png)
@@ -36,7 +36,8 @@ TABLE2 = """## The paper's table 2
 
 Times are milliseconds per picture; views and picture have the same size. Views are prepared before the first picture;
 *fresh views* are prepared again for each. The true depth comes from rays cast at the model. *Off* is the share of a
-picture's valid pixels whose depth is off by more than 2 %; *uncovered* is the share of the model's pixels it lacks.
+picture's valid pixels whose depth is off by more than 2 %; *uncovered* is the share of the model's pixels that it
+does not show.
 
 ![Table 2](table2.png)
 """
@@ -45,7 +46,7 @@ PEERS = """## Peers
 
 Times run from NumPy arrays to NumPy arrays, with a new `DepthImage` for each call. All subjects are timed in turns in
 one process. A cell shows the median time over {positions} positions of the epipole, in milliseconds, and in brackets
-the median ratio to {base}. cv2.registerDepth and Open3D return only depth. Times leave out the making of Open3D's rays
+the median ratio to the time of {base}. cv2.registerDepth and Open3D return only depth. Times leave out the making of Open3D's rays
 and of the maps by which cv2.remap moves colour and depth.
 
 ![Peers](peers.png)
@@ -181,7 +182,7 @@ def peers_section(result: Result, folder: Path) -> list[str]:
         rows = [
             [*at, *(f"{Quartiles.of(times[s, n][at])} {medians[s, n][at] / base[at]:.2f}" for s in here)] for at in base
         ]
-        parts.append(f"### {n} x {n}, by region and motion\n\nMilliseconds, and the ratio to {BASE}.\n")
+        parts.append(f"### {n} x {n}, by region and motion\n\nCells show milliseconds, and the ratio to {BASE}.\n")
         parts.append(table(["region", "motion", *here], rows))
     return parts
 

@@ -16,10 +16,10 @@ Each call draws a second frame from views that are kept on the device. Launches,
 counted at the call's size. Oclgrind counts instructions and bytes at a smaller size, without a compiler's
 optimizations; these counts are scaled by the number of pixels. Bytes are all that work-items request, as if there were
 no cache. *Chain* is the number of instructions in the longest work-item of each launch, summed over launches. The
-milliseconds are not measured. They are a bound, computed from these counts and the makers' published figures: each
-kernel takes the longest of the time for its bytes (at the card's bandwidth), its instructions (at the card's peak rate)
-and its chain (at four cycles per instruction). Savings by caches and the costs of launches and of waiting for memory
-are left out.{}
+milliseconds are not measured. They are a bound, computed from these counts and the makers' published figures. A
+kernel's bound is the longest of three times: for its bytes at the card's bandwidth, for its instructions at the card's
+peak rate, and for its chain at four cycles per instruction. A call's bound is the sum over its kernels. It leaves out
+savings by caches, and the costs of launches and of waiting for memory.{}
 """
 BAR = ("four views", "NVIDIA A100 40 GB", 10.0)
 """A call, a card of 1.5 TB/s, and the largest accepted bound in milliseconds."""

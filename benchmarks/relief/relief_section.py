@@ -17,8 +17,8 @@ arrays, measured in turns. The paper reports {rate:.0f} frames per second on a G
 ### A plane that fills the picture
 
 llvmpipe runs the linear search as a fragment shader. It filters 8-bit textures in 8 bits: interpolated heights are
-rounded to 1/255, so that rays meet the relief at other points. With float textures it filters in float, and its picture
-is the same as pyibr's; the bar is for these.
+rounded to 1/255, so that rays meet the relief at other points. With float textures it filters in float, and draws the
+same picture as pyibr; the bar compares with this time.
 
 """
 

@@ -30,7 +30,7 @@ RATIOS = """Cells show the ratio of a subject's time to {base}'s time, as a mean
 {base} is faster. The bars are for {linear}.
 """
 
-WORST = """The worst row of all: {subject}, {size}, {noise} pixels of noise, {kind}, {motion}: **{ratio:.2f} times** the
+WORST = """The largest ratio is in the row {subject}, {size}, {noise} pixels of noise, {kind}, {motion}: **{ratio:.2f} times** the
 time of {base}. {slower} of {count} rows of pyibr are slower than {base}.
 """
 
@@ -186,7 +186,7 @@ class _Rows:
             here = {key: row for key, row in self.found.items() if key[1] == size}
             subjects = list(dict.fromkeys(subject for row in here.values() for subject in row))
             lines = [self._line(key, row, subjects) for key, row in here.items()]
-            parts.append(f"### Real RGB-D, {size}\n\nMilliseconds, and the ratio to {BASE}.\n")
+            parts.append(f"### Real RGB-D, {size}\n\nCells show milliseconds, and the ratio to {BASE}.\n")
             parts.append(table(["noise", "motion", *subjects, f"{LINEAR}, kernels alone"], lines))
         return parts
 

@@ -40,7 +40,7 @@ def ros_bag(folder: Path, packed: bool = False) -> None:
         return types["Image"](header(time, "optical"), 48, 64, encoding, 0, len(data) // 48, data)
 
     def packed_depth(time: float, depth: np.ndarray) -> Any:
-        """Pack depth as compressed_depth_image_transport does by default: a / depth + b in 16 bits, up to a depth of 10."""
+        """Pack depth as compressed_depth_image_transport does by default: a / depth + b in 16 bits, up to depth 10."""
         scale, stored = 100 * 101.0, io.BytesIO()
         least = 1 - scale / 10
         Image.fromarray((scale / depth + least).astype(np.uint16)).save(stored, "PNG")
