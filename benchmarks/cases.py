@@ -31,7 +31,7 @@ class Plan:
     raster: Mapping[tuple[str, int], int]  # turns by mesh and side
     slicing: Mapping[tuple[int, int], int]  # turns by side and number of slices
     donut: int  # turns
-    elevations: tuple[int, ...]  # of cameras, in degrees above the surface, to compare directions of slicing
+    elevations: tuple[int, ...]  # degrees of cameras above the surface, to compare directions of slicing
     direction_slices: tuple[int, ...]
     relief_plane: int  # turns
     relief_scenes: Mapping[str, int]  # turns by scene

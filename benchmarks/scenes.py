@@ -20,7 +20,7 @@ from benchmarks.results import Skip
 Array = NDArray[Any]
 
 REGIONS = "ABCDEFGHI"  # row by row: A is above and left of the image, E inside the image, I below and right
-MOTIONS = ("forward", "backward")  # of the target camera: the source camera is then behind it (antipode) or in front
+MOTIONS = ("forward", "backward")  # the target camera's: the source camera is then behind it (antipode) or in front
 DISTANCE = 0.6  # scene units between the cameras; the relief's depth in the source is 3 to 5
 _COLUMN, _ROW = (-0.3, 0.35, 1.3), (-0.3, 0.6, 1.3)  # x and y of the epipole by region, relative to the side
 _FUJI_SPACING = 62.4  # metres between samples of map tile 10/906/404 (512 a side, at 35.3 degrees north)

@@ -26,8 +26,8 @@ COMPLEXITY = """## Complexity
 
 Values are sums over {positions} positions of the epipole. *Visited* is the number of samples of the source and pixels
 of the target that a call steps through: in the sweep or search, and where `resolve` traces a pixel again. Lanes step
-in packets; all lanes of a packet count as many steps as the slowest. *White noise* is a surface without cuts and with random
-depths. Its steps have no bar: these images are too small to show O(n^2) (see the manual, theory/warp).
+in packets; all lanes of a packet count as many steps as the slowest. *White noise* is a surface without cuts and with
+random depths. Its steps have no bar: these images are too small to show O(n^2) (see the manual, theory/warp).
 
 ![Growth with the image's side](complexity.png)
 """
@@ -46,8 +46,8 @@ PEERS = """## Peers
 
 Times run from NumPy arrays to NumPy arrays, with a new `DepthImage` for each call. All subjects are timed in turns in
 one process. A cell shows the median time over {positions} positions of the epipole, in milliseconds, and in brackets
-the median ratio to the time of {base}. cv2.registerDepth and Open3D return only depth. Times leave out the making of Open3D's rays
-and of the maps by which cv2.remap moves colour and depth.
+the median ratio to the time of {base}. cv2.registerDepth and Open3D return only depth. Times leave out the making of
+Open3D's rays and of the maps by which cv2.remap moves colour and depth.
 
 ![Peers](peers.png)
 """

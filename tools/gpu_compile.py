@@ -35,7 +35,7 @@ from tests.one_lane import one_lane
 ASSEMBLER = "nvidia-cuda-nvcc-cu12"
 LIBRARIES = Path("/usr/lib/clc")  # libclc: OpenCL's built-in functions
 TARGETS = {"nvidia": ("nvptx64-nvidia-nvcl", "nvptx64--nvidiacl.bc"), "amd": ("amdgcn-amd-amdhsa", "amdgcn--amdhsa.bc")}
-REGISTERS, WARP, WARPS = 65536, 32, 64  # of an NVIDIA multiprocessor; work-items per warp; most warps in flight
+REGISTERS, WARP, WARPS = 65536, 32, 64  # in an NVIDIA multiprocessor; work-items per warp; most warps in flight
 NOTES = r"; (?:NumVgprs|ScratchSize|Occupancy): (\d+)"  # lines in AMD's assembly; only kernels have an occupancy
 WAVES = 8  # most waves that a unit of AMD's CDNA keeps in flight
 

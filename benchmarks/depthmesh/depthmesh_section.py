@@ -53,8 +53,8 @@ are drawn again while they meet it.
 SIMPLIFICATION = """### Simplification
 
 The plot shows the number of triangles against the measured error: the largest vertical distance from a sample to the
-mesh, found by casting rays. The nominal error is the argument that a library gets. pymartini's meshes keep it only at the midpoints of
-their edges, meshes of pyibr and pydelatin at all samples.
+mesh, found by casting rays. The nominal error is the argument that a library gets. pymartini's meshes keep it only at
+the midpoints of their edges, meshes of pyibr and pydelatin at all samples.
 
 ![Triangles by measured error](depthmesh-simplification.png)
 """

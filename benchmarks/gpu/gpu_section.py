@@ -34,8 +34,7 @@ MEASURED = """
 The device is named below. Pictures are compared with a CPU's, value by value. At least {:.1%} of the values must be
 alike: depths to a relative {:g}, colours to one step. Values differ at silhouettes, where rounding decides which
 surface a pixel shows. Each time is for a second frame of kept views, including its copy to the host. Kernels' times
-include the wait for each kernel. The driver reports private memory, for {:.0f} kernels; those without any are not
-listed.
+include the wait for each kernel. The driver reports private memory, for {:.0f} kernels; zeros are left out.
 """
 _SHOWN = 0.01  # least fraction of a call's instructions for a kernel to be listed
 

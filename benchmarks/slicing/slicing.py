@@ -33,7 +33,7 @@ BAR_AT = (300, 128)
 DONUT_SIZE, DONUT_SLICES = (640, 480), 20
 DIRECTIONS = ("surface", "orthogonal", "screen")
 UNCLIPPED = "screen, unclipped"
-SCALE = 0.2  # of the displacement of a unit square, in scene units
+SCALE = 0.2  # greatest displacement of a unit square, in scene units
 
 _SCALE = 0.15  # length of the donut's longest hairs, in scene units
 _IMAGES = 512  # pixels per side of the six images

@@ -26,7 +26,7 @@ Pair = tuple[ibr.DepthImage, ibr.Camera, Array]
 
 FILLS: tuple[Any, ...] = ("background", "smooth", "inpaint")
 TELEA = "cv2.inpaint"
-RADII = (3, 5)  # of the inpainting, in pixels; the smaller error counts
+RADII = (3, 5)  # pixels around a hole that inpainting reads; the smaller error counts
 BETWEEN, HIDDEN = "colour error between surfaces", "colour error where hidden"
 FRAMES = (0, 4, 50)
 

@@ -30,7 +30,7 @@ RATIOS = """Cells show the ratio of a subject's time to {base}'s time, as a mean
 {base} is faster. The bars are for {linear}.
 """
 
-WORST = """The largest ratio is in the row {subject}, {size}, {noise} pixels of noise, {kind}, {motion}: **{ratio:.2f} times** the
+WORST = """The largest ratio: {subject}, {size}, {noise} pixels of noise, {kind}, {motion}: **{ratio:.2f} times** the
 time of {base}. {slower} of {count} rows of pyibr are slower than {base}.
 """
 

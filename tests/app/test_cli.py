@@ -40,7 +40,7 @@ def test_to_another_camera_with_depth_and_mask(scene: Scene):
     valid = ibr.read_color(scene.folder / "out" / "valid.png")[..., 0] == 255
     np.testing.assert_array_equal(np.isfinite(depth), valid)
     np.testing.assert_allclose(depth[valid], 3, rtol=1e-5)
-    assert 0.3 < valid.mean() < 0.6  # of width and height, the plane fills two thirds each
+    assert 0.3 < valid.mean() < 0.6  # the plane fills two thirds of the width, and of the height
 
 
 def test_orbit_keeps_the_point_at_the_median_depth_in_its_place(scene: Scene):

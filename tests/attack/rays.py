@@ -20,7 +20,7 @@ Array = NDArray[Any]
 
 HAIR = 2e-3  # target pixels: this close to an end of the surface, rounding decides whether a ray hits it
 DEPTH_OFF = 1e-3  # relative: float32 rounds a dozen operations, and steep surfaces may be shifted by HAIR
-OFF = {"search": 0.002, "epipolar": 0.006}  # of the pixels: lines miss some at noise and thin parts
+OFF = {"search": 0.002, "epipolar": 0.006}  # share of pixels: lines miss some at thin parts and noise
 
 
 @dataclass(frozen=True)

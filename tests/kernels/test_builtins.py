@@ -26,7 +26,7 @@ TWO |= {"fmin, a number": "fmin(a, b.s0)", "clamp": "clamp(a, -fabs(b), fabs(b))
 
 
 def values_of(expression: str, type_: str, a: np.ndarray, b: np.ndarray, header: str) -> np.ndarray:
-    """Evaluate an expression on vectors of 16: by OpenCL's built-in functions, or by those in `header`."""
+    """Evaluate an expression on vectors of 16: by OpenCL's built-in functions, or by the functions in `header`."""
     session = current()
     with session.call():
         source = f"""{header}

@@ -113,7 +113,7 @@ def from_afar(camera: Camera, away: float) -> Camera:
 
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_a_surface_from_afar(slicing):
-    """From afar, float32 cannot tell the depths of neighbouring slices apart."""
+    """From afar, float32 gives neighbouring slices the same depth."""
     height = np.random.default_rng(0).random((8, 8), np.float32)
     thing = ibr.SlicedSurface(square(), height, np.zeros((2, 2, 3), np.uint8), 0.05, slices=256, slicing=slicing)
     how = {"projection": "orthographic", "height": 1.3}

@@ -13,7 +13,7 @@ from pyibr.opencl.device import current
 
 
 class Recorder:
-    """Stands in for drawing: waits, and records what is delivered, as (request, full)."""
+    """Stands in for drawing: waits, and records each delivery as (request, full)."""
 
     def __init__(self, seconds: float = 0.0, rest: float = 0.05) -> None:
         self.seconds: dict[str, float] = {}

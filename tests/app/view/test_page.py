@@ -152,7 +152,7 @@ def test_two_pages_at_once_have_cameras_and_controls_of_their_own(browser, look,
 
 def test_a_slow_thing_keeps_one_request_and_shows_its_latest(browser):
     class Slow:
-        """A thing that takes 0.25 s to draw at any size; its colour tells for which camera it was drawn."""
+        """A thing that takes 0.25 s to draw at any size; its colour depends on the camera for which it was drawn."""
 
         bounds = np.zeros(3), np.ones(3)
         drawn = 0
