@@ -1,65 +1,66 @@
-/* Finds the depth behind holes along epipolar lines. On such a line, a disocclusion lies between the edge of the
- * occluding surface and the background. So the farther of the valid pixels at its two ends gives the depth behind the
- * hole, and the nearer one is foreground.
+/* Finds the depth behind holes along epipolar lines. On such a line, a disocclusion (a run of hole pixels) lies between
+ * the edge of the occluding surface and the background. So of the two valid pixels at the ends of the run, the farther
+ * one gives the depth behind the hole, and the nearer one is foreground.
  *
- * But wide holes also show far sides of the occluding object, which look like its front. So the nearer end counts as
- * foreground if the hole is narrow in the picture, or if both surfaces are flat: continued into the hole, they would
- * not meet. In both cases the two depths must differ by more than depths of one surface. All of these transitions are
- * smooth, lest sequences flicker.
+ * But in a wide hole, the sides of the occluding object would also be seen, and they look like its front. So the nearer
+ * end only counts as foreground if the hole is narrow in the picture, or if both surfaces are flat: continued into the
+ * hole, they would not meet. In both cases the two depths must differ by more than two pixels of one surface may.
+ * Each of these conditions sets in gradually, so that sequences do not flicker.
  *
- * A line leaves a hole in steps of a pixel along its longer axis; each step takes the nearest pixel. If one line passes
- * through all of its pixels, along rows, columns or diagonals, the holes between two ends are written together
- * (behind_runs). Elsewhere each hole searches for its own ends (behind_lines), and crosses blocks of holes in large
- * steps. Only holes next to valid pixels do so, since fill.cl needs no others.
+ * The search for an end moves by one pixel at a time along the line's longer axis, and reads the nearest pixel. Lines
+ * along rows, columns or diagonals pass through the same pixels for each hole on them, so the holes between two ends
+ * are written together (behind_runs). For other directions, each hole pixel searches for its own two ends and crosses
+ * blocks of holes in large steps (behind_lines). Only holes next to valid pixels or at the border do so, since fill.cl
+ * needs no others.
  *
  * depth, valid: (height, width). behind: holes.h, written in holes alone. Its first plane is the depth behind the
- * holes; 0 if the line ends at the picture's border on both sides. The second plane is the falloff: times the
- * depth by which a pixel next to the hole is nearer, it gives the pixel's fraction of foreground. blocks: for each
- * SKIP_BLOCK x SKIP_BLOCK pixels, whether any is valid. epipole: the lines lead away from it; all 0: rows. dx, dy: -1,
- * 0 or 1, a step along all lines, down or, in rows, right. same: differences of depth between pixels of one surface.
- * Work-item: one block (behind_blocks); 64 * `strip` pixels of a row, and the holes of all lines that begin in them
- * (behind_runs); `run` pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + holes next
- * to valid pixels * hole's length), where a block counts as one pixel. Determinism: no pixel that is written is read.
+ * holes, 0 if neither direction of the line leads to a valid pixel. The second plane is the falloff, per unit of depth:
+ * a pixel next to the hole that is nearer than the depth behind the hole by d is foreground to the fraction falloff *
+ * d. blocks: a byte for each block of SKIP_BLOCK x SKIP_BLOCK pixels: 1 if any of them is valid. epipole: all lines
+ * lead away from it; if its components are all 0, lines are rows. dx, dy: -1, 0 or 1, the step along all lines: to the
+ * row below or, in rows, to the right. same: the depth by which pixels of one surface may differ. Work-item: one block
+ * (behind_blocks); 64 * `strip` pixels of a row, and the whole runs of holes that begin in them (behind_runs); `run`
+ * pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + holes next to valid pixels *
+ * hole's length), where a block counts as one pixel. Determinism: no kernel reads what it writes.
  */
 #include "lib/pixelspace.h"
 #include "warp/holes.h"
 
 #define SKIP_BLOCK 32
-#define LOOK_EVERY 8 /* steps: interval at which a line tests whether it is in a block of holes */
-#define SKIP_BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less the rounding of a step */
+#define LOOK_EVERY 8 /* after this many steps, a search tests whether it is in a block of holes */
+#define SKIP_BLOCK_EDGE 0.49f /* pixels from the centre of a block's outermost pixel to its edge, rounded down */
 #define NARROW_HOLE 0.02f /* fraction of the picture's longer side: shorter holes are narrow, */
 #define WIDE_HOLE 0.035f  /* and longer holes are wide */
-#define OUTWARD 8         /* slopes are measured over 1/8 of a hole's length beyond its ends */
-#define FLAT 0.05f        /* surfaces are flat if, continued into the gap, they close at most this fraction, */
-#define SLOPING 0.15f     /* and sloping if they close this fraction or more */
+#define OUTWARD 8         /* slopes are measured from a hole's ends outwards, over 1/8 of the hole's length */
+#define FLAT 0.05f    /* flat surfaces, continued across the hole, change by less than this part of the depth gap, */
+#define SLOPING 0.15f /* and sloping surfaces change by more than this part of it */
 
 /* The depth by which two pixels of one surface may differ: same_2 z^2 + same_1 z + same_0 at depth z */
 typedef struct {
     float same_2, same_1, same_0;
 } Same;
 
-/* The end of a hole's line: its depth, and its distance from the hole in steps; both 0 if it is outside of the
- * picture */
+/* The first valid pixel in one direction from a hole: its depth, and its distance in steps; both 0 if there is none */
 typedef struct {
     float depth;
     int steps;
 } End;
 
-/* A smooth step: 0 for values up to `from`, 1 for values from `to` on */
+/* Rises smoothly from 0, for values up to `from`, to 1, for values from `to` on. */
 float rising(float from, float to, float value)
 {
     const float part = clamp((value - from) / (to - from), 0.0f, 1.0f);
     return part * part * (3.0f - 2.0f * part);
 }
 
-/* The depth of the nearest pixel, or 0 */
+/* The depth of the pixel nearest to a place; 0 if it is invalid or outside of the picture */
 float depth_at(global const float *depth, global const uchar *valid, int width, int height, float2 place)
 {
     const int x = convert_int_rte(place.x), y = convert_int_rte(place.y);
     return x >= 0 && y >= 0 && x < width && y < height && valid[y * width + x] ? depth[y * width + x] : 0.0f;
 }
 
-/* The falloff of holes whose line ends at a and b with depths z_a and z_b, `length` steps apart */
+/* The falloff of the holes between valid pixels a and b, which have depths z_a and z_b and are `length` steps apart */
 float falloff_of(global const float *depth, global const uchar *valid, int width, int height, Same same,
                  int perspective, float2 a, float z_a, float2 b, float z_b, float2 step, int length)
 {
@@ -81,7 +82,7 @@ float falloff_of(global const float *depth, global const uchar *valid, int width
     return differ * sure / gap;
 }
 
-/* Writes the holes of the lines that begin in 64 pixels of a row. begins: the first hole of each line, as bits */
+/* Writes the runs of holes that begin in 64 pixels of a row. begins: a bit is set where a run begins. */
 void follow_runs(global const float *depth, global const uchar *valid, global float *behind, int width, int height,
                  int pitch, int perspective, Same same, int dx, int dy, int x0, int y0, ulong begins)
 {
@@ -135,7 +136,7 @@ kernel void behind_blocks(global const uchar *valid, global uchar *blocks, int w
     blocks[by * across + bx] = holes != columns;
 }
 
-/* Whether the hole is next to a valid pixel, or at the border */
+/* Is the hole (x, y) next to a valid pixel, or at the picture's border? */
 int is_edge(global const uchar *valid, int width, int height, int x, int y)
 {
     uchar any = x == 0 || y == 0 || x == width - 1 || y == height - 1;
@@ -145,7 +146,7 @@ int is_edge(global const uchar *valid, int width, int height, int x, int y)
     return any;
 }
 
-/* The first valid pixel from (x, y) along (dx, dy) */
+/* The first valid pixel from (x, y) on in the direction (dx, dy) */
 End end_along(global const float *depth, global const uchar *valid, global const uchar *blocks, int width, int height,
               int x, int y, float dx, float dy)
 {
@@ -160,7 +161,7 @@ End end_along(global const float *depth, global const uchar *valid, global const
             return (End){depth[py * width + px], step};
         step++;
         if (step % LOOK_EVERY == 0 && !blocks[(py / SKIP_BLOCK) * across + px / SKIP_BLOCK]) {
-            /* to the last step before the line leaves the block */
+            /* Go on at the last step before the line leaves the block. */
             const float to_x = fabs(px / SKIP_BLOCK * SKIP_BLOCK + edge_x - x) * steps_per_x;
             const float to_y = fabs(py / SKIP_BLOCK * SKIP_BLOCK + edge_y - y) * steps_per_y;
             step = max(step, (int)fmin(to_x, to_y));

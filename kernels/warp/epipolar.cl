@@ -1,33 +1,35 @@
 /* The epipolar sweep: the O(n^2) inverse warp (Schaufler & Priglinger 1999, sections 4 and 5).
  *
- * Epipolar planes cut both images in lines. Along a source line, walked from the epipole outwards (from its antipode
- * inwards), samples come in the order in which a ray of the target passes them, so the ray sees the first segment that
- * crosses it. The pixels that a connected run of samples has settled are one interval of the target line, and a step of
- * the walk extends the interval at either end. So steps add up to samples plus pixels, not to their product.
+ * An epipolar plane cuts each of the two images in a line. A line of the source is walked from the epipole outwards, or
+ * towards the epipole's antipode. In this order, a ray of the target passes the samples, so the ray sees the first
+ * segment (between two samples) that crosses it. The pixels that a connected run of samples has settled form one
+ * interval of the target line, and a step of the walk extends this interval at either end. So the number of steps is
+ * the sum of samples and pixels, not their product.
  *
  * The homogeneous epipoles b (target) and e (source) keep their signs, so that epipole, antipode, infinity and all four
- * walking orders are one case. With D = pixel * w - (u, v), the source is walked along +D; in the target, segments that
- * extend an interval along -D show their front.
+ * walking orders are one case. An epipole (u, v, w) and a pixel give the direction D = pixel * w - (u, v). The source
+ * is walked along +D. In the target, a segment that extends its interval along -D shows its front.
  *
- * Deviations from the paper: Lines are laid where needed, one per pixel of the farthest column (or row) and every
- * second line at each halving of the distance to the epipole, instead of one per border pixel. A pixel belongs to the
- * nearest line by arithmetic, not by a flag. The order of writing needs no depth test, even where the surface is cut.
- * The result is the nearness of the surface that the line's ray sees; resolve.cl finds the hit of the pixel's own ray
- * from it.
+ * Deviations from the paper: There is not a line for each border pixel, but one for each pixel of the column (or row)
+ * farthest from the epipole; where the distance to the epipole halves, every second line ends. A pixel belongs to the
+ * nearest line: this is computed, not marked by a flag. No depth test is needed, even where the surface is cut, as a
+ * pixel keeps its first hit. A hit belongs to a ray on the line, near the pixel; resolve.cl uses it to find the hit of
+ * the pixel's own ray.
  *
- * counters: (packet_count, 2) samples and pixels visited, with COUNTERS.
+ * counters: with COUNTERS, (packet_count, 2) the samples and the pixels that each packet visited.
  * Work-item: LANES lines of one group, or SEGMENT pixels of one line (segments.h). Cost: source samples + target pixels
- * a line; lines <= about 2 (width + height).
+ * for each line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
- * hits: (dst_height, dst_pitch), hits.h, filled with EMPTY at first, unless ALIGNED without SEGMENT. LANES more floats
- * for each work-item, from `spare` on, serve lanes with nothing to write. ALIGNED: all lines run along rows or columns
- * of both images (stereo, light fields) and pass through the pixels' centres, so that their hits are the pixels' own.
- * There is a line for each row (or column), and the first packet begins with the first one. A packet of whole lines
- * first writes EMPTY to its lines, and to the same lines of the margins' hits, `plane` floats further on (patches.cl;
- * 0: no margins). EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h): exact for the
- * line. Otherwise aligned lines run from sample to sample (walk_samples.h), and other lines are walked from column to
- * column (row to row, walk_columns.h), which leaves out the corners between, at about half the cost.
+ * hits: (dst_height, dst_pitch), hits.h. The host fills them with EMPTY, unless ALIGNED without SEGMENT. From index
+ * `spare` on, LANES more floats for each work-item take the values of lanes that have no pixel to write. ALIGNED: all
+ * lines run along rows or columns of both images (stereo, light fields) and pass through the pixels' centres, so their
+ * hits are the pixels' own. There is a line for each row (or column), in order, from the first packet on. A packet of
+ * whole lines first writes EMPTY to its lines in `hits`, and in the plane of hits on margins, which begins `plane`
+ * floats later (patches.cl; 0: no margins). EDGES: the surface is followed from edge to edge of its triangles
+ * (walk_edges.h), which is exact for the line. Without EDGES, aligned lines run from sample to sample (walk_samples.h);
+ * other lines run from column to column (or row to row, walk_columns.h), which costs about half as much, but leaves out
+ * the surface's corners between the columns.
  */
 #include "warp/interval.h"
 #if SEGMENT
@@ -45,7 +47,7 @@
 #endif
 
 #if ALIGNED && !SEGMENT
-/* Fills the rows (or columns) of a packet with EMPTY, from the `first` on. */
+/* Writes EMPTY to the rows (or columns) of a packet, which begin with number `first`. */
 INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 {
     const int rows = along ? map.dst_height : min(LANES, map.dst_height - first), columns = along ? 1 : map.dst_width;
@@ -56,7 +58,7 @@ INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 }
 #endif
 
-/* Walks a packet of a group's lines. Returns the numbers of samples and pixels visited. */
+/* Walks one packet of a group's lines. Returns the number of visited samples, and that of visited pixels. */
 OUTLINED uint2 sweep_packet(Grid grid, global float *hits, int plane, int spare, LineGroup group, int packet, PixelMap map, int sides, float nearest,
                             float farthest, global const float *bounds)
 {
@@ -94,8 +96,8 @@ kernel void epipolar_sweep(global const float *surface, global float *hits, glob
     const int id = get_global_id(0);
     if (id >= packet_count)
         return;
-    /* Runtimes give neighbouring items to one thread, and neighbouring lines take equally long. This order gives each
-     * thread all kinds of lines. */
+    /* Runtimes give neighbouring work-items to one thread, and neighbouring lines take equally long. This order gives
+     * each thread both long and short lines. */
     const int half_ = (packet_count + 1) / 2;
     const int packet = id < half_ ? 2 * id : 2 * (id - half_) + 1;
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);

@@ -1,19 +1,18 @@
 /* Fills holes from their surroundings by push and pull (Gortler, Grzeszczuk, Szeliski, Cohen: The Lumigraph, 1996,
- * section 3.4). Push averages the valid pixels next to holes into ever coarser cells of a pyramid (pyramid.h). Pull
- * fills the unknown part of each level from the coarser one. So narrow holes are filled from close by and wide holes
- * from all around.
+ * section 3.4). Push averages the valid pixels next to holes into ever coarser cells of a pyramid (pyramid.h). A cell
+ * whose weight is below 1 is partly unknown; pull fills this part from the next coarser level. So narrow holes are
+ * filled from close by and wide holes from all around.
  *
- * With HAS_BEHIND, pixels weigh less, the nearer they are than the depth behind the surrounding holes, and the greater
- * their fraction of foreground is next to holes that they touch (behind.cl). So a disocclusion is filled from the
- * background, not from the occluding surface. But no weight is 0: if no background is in reach, the foreground fills
- * the hole. And a hole next to foreground shows some of it, since silhouettes in pictures are mixed with their
- * background.
+ * With HAS_BEHIND, a pixel nearer than the depth behind the surrounding holes weighs less, and so does a pixel that
+ * touches a hole as foreground (behind.cl). So a disocclusion is filled from the background, not from the occluding
+ * surface. But no weight is 0: without background in reach, the foreground fills the hole. And a hole next to
+ * foreground shows some of it, since a camera's pixel on a silhouette mixes foreground and background.
  *
- * color, depth, valid: (height, width). behind: behind.cl. base, cells, inner: pyramid.h; the base of the lowest tiles
- * are the pixels. pull replaces the cells' colour and nearness by the filled values. Work-item: on CPUs a row of
- * `strip` tiles (pixels), or a tile (cells); on GPUs, where `strip` is 1, a cell of a tile's first level (push), a tile
- * (push_levels), or a pixel or cell (pull). Cost: O(pixels). Determinism: a pixel that is written is read by its own
- * work-item alone; sums run in a fixed order.
+ * color, depth, valid: (height, width). behind: behind.cl. base, cells, inner: pyramid.h; the base of the finest tiles
+ * are the pixels. pull_cells replaces colour and nearness of the base's cells by filled values. Work-item: on CPUs a
+ * row of `strip` tiles of pixels, or one tile of cells; on GPUs, where `strip` is 1, a cell of a tile's first level
+ * (push), a tile (push_levels), or a pixel or cell (pull). Cost: O(pixels). Determinism: only a pixel's own work-item
+ * reads what it writes to the pixel; sums run in a fixed order.
  */
 #include "warp/fill_cells.h"
 #include "warp/fill_tiles.h"

@@ -1,13 +1,13 @@
 #ifndef WARP_FILL_CELLS_H
 #define WARP_FILL_CELLS_H
-/* Push and pull (fill.cl) in the form for GPUs: a work-item computes one cell of a tile's first level, or one pixel or
- * cell of the base, and recomputes the other cells that it needs. Sums run in the order of fill_tiles.h, and equal its
- * sums. */
+/* Push and pull (fill.cl) for GPUs: a work-item computes one cell of a tile's first level (push), or one pixel or cell
+ * of the base (pull), and for this recomputes coarser cells that other work-items compute, too. Terms are added in the
+ * same order as in fill_tiles.h, so the sums are equal to the bit. */
 #include "warp/pixel_weights.h"
 
 #if LANES == 1
-/* Reduces four pixels or cells, given row by row and plane by plane, to one cell of `made`. plane: the stride between
- * its planes */
+/* Reduces 2 x 2 pixels or cells to one cell, and writes it to `made`. four: for each plane, their values row by row.
+ * plane: floats from one plane of `made` to the next */
 #define ROW_OF_FOUR(p, i) (i == 0 ? four[p].xy : four[p].zw)
 #define MADE_CELL(p) made[(size_t)(p) * plane]
 INLINED void put_cell(const float4 *four, int level, int perspective, global float *made, int plane)
@@ -16,7 +16,7 @@ INLINED void put_cell(const float4 *four, int level, int perspective, global flo
 }
 
 #if HAS_BEHIND
-/* The holes next to a valid pixel in row v of a tile and its halo, as bits. behind.cl may have skipped others. */
+/* The holes next to a valid pixel, as bits, in row v of a tile and its halo. behind.cl may have left out other holes. */
 INLINED uint edge_bits(global const uchar *valid, int width, int height, int tile_x, int tile_y, int v)
 {
     uint known = 0;
@@ -28,9 +28,9 @@ INLINED uint edge_bits(global const uchar *valid, int width, int height, int til
     return known & (uint)hole_bits(valid, width, height, tile_x - HALO, tile_y - HALO + v, HALO_TILE / 8);
 }
 
-/* The weights of 2 x 2 pixels of depths z, row by row, the first at (x, y). They depend on the farthest depth behind
- * the holes in the 12 x 12 pixels around the 4 x 4 block of these pixels, and on the holes that touch each pixel: their
- * steepest falloff, and the farthest depth of the holes with a falloff. */
+/* The weights of 2 x 2 pixels with depths z, row by row; the first is (x, y). All four depend on the farthest depth
+ * behind the holes in the 12 x 12 pixels around the block of 4 x 4 that contains them. Each also depends on the holes
+ * that touch it: on their greatest falloff, and on the farthest depth behind those of them with a falloff above 0. */
 INLINED float4 pixel_weights(global const uchar *valid, global const float *behind, int width, int height, int pitch,
                              int x, int y, float4 z)
 {
@@ -135,8 +135,8 @@ kernel void push_levels(int width, int height, int perspective, int level, globa
     }
 }
 
-/* 1 minus the weight of cell (x, y), and the cell's own value in plane p, in a level of `side` cells a tile; (1, 0)
- * beyond the picture */
+/* For cell (x, y) of a level with `side` x `side` cells a tile: 1 minus its weight, and the value that push stored in
+ * plane p; (1, 0) outside of the picture */
 INLINED float2 open_and_own(global const float *level, int across, int down, int side, int p, int x, int y)
 {
     const int column = x >= 0 ? x / side : -1, row = y >= 0 ? y / side : -1;
@@ -146,13 +146,14 @@ INLINED float2 open_and_own(global const float *level, int across, int down, int
     return (float2)(1.0f - cell[WEIGHT_PLANE * INNER_CELLS], cell[p * INNER_CELLS]);
 }
 
-/* 3 x 3 cells are enough to interpolate 3 x 3 cells of the level below. BEGIN_ABOVE: the first column (or row) of the
- * cells that pixel x needs n levels above. */
+/* 3 x 3 cells are interpolated from 3 x 3 cells of the next coarser level. BEGIN_ABOVE: the first column (or row) of
+ * the 3 x 3 cells, n levels coarser, that pixel x depends on. */
 #define BEGIN_ABOVE(x, n) ((((x) + 1) >> (n)) - 1)
 #define PART(x) ((x) & 1 ? 0.25f : 0.75f)
-#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* cell i lies between the last two of the three cells */
+#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* does cell i lie between the last two of the three cells? */
 
-/* Fills 3 x 3 cells of a level, the first at (x, y), from the 3 x 3 `cells` of the level above, and replaces these. */
+/* Fills 3 x 3 cells of a level, from (x, y) on, from 3 x 3 cells of the next coarser level. cells: at first the values
+ * of the coarser cells, then those of the filled cells */
 INLINED void pull_around(global const float *level, int across, int down, int side, int p, int x, int y, float *cells)
 {
     float filled[9];
@@ -175,7 +176,7 @@ INLINED void pull_around(global const float *level, int across, int down, int si
         cells[i] = filled[i];
 }
 
-/* Plane p of pixel or cell (x, y) of the base, filled */
+/* The value of pixel or cell (x, y) of the base in plane p, interpolated from the filled first level */
 INLINED float pulled_plane(global const float *inner, global const float *cells, int across, int down, int p, int x, int y)
 {
     const int tiles = across * down;
@@ -212,7 +213,7 @@ INLINED void pull_pixel(global channel *color, global float *depth, global const
     float4 own = 0.0f;
     for (int p = CHANNELS == 3 ? 0 : 3; p < WEIGHT_PLANE; p++)
         own = (float4)(own.yzw, pulled_plane(inner, cells, across, down, p, x, y));
-    if (isnan(own.w)) /* nothing is known in the whole picture */
+    if (isnan(own.w)) /* the whole picture has no valid pixel */
         return;
     depth[pixel] = DEPTH_OF(perspective, own.w);
 #if CHANNELS == 3

@@ -1,13 +1,13 @@
 #ifndef WARP_FILL_TILES_H
 #define WARP_FILL_TILES_H
-/* Push and pull (fill.cl) in the form for CPUs: a work-item processes whole tiles, row by row in vectors. */
+/* Push and pull (fill.cl) for CPUs: a work-item computes whole tiles; a vector holds a row of a tile. */
 #include "warp/pixel_rows.h"
 #include "warp/pixel_weights.h"
 
 #if LANES == 16
 #define ELEMENT(values, x) (((const float *)&(values))[x]) /* element x of 16 values */
 
-/* A tile's levels: row by row, plane by plane, in the order of `inner` */
+/* The values of a tile's four levels in each plane; the elements of a vector are the cells of a row. */
 typedef struct {
     float8 eight[PLANES][8];
     float4 four[PLANES][4];
@@ -24,7 +24,7 @@ typedef struct {
 #define TWO(p) levels->two[p][y]
 #define ONE(p) levels->one[p]
 
-/* Computes a tile's levels above its first one, and writes all of them. */
+/* Computes a tile's coarser levels from its first one, and writes all of its levels. */
 INLINED void write_levels(Levels *levels, int level, int perspective, int tile, int tiles, global float *inner,
                           global float *cells)
 {
@@ -51,15 +51,15 @@ void clear_tile(int tile, int tiles, global float *cells)
         cells[p * tiles + tile] = 0.0f;
 }
 
-/* Clears the extra tile after the last one. pull reads it in place of tiles without a weight and tiles outside of the
- * picture. */
+/* Sets the extra tile after the last one to 0. pull reads it instead of a tile outside of the picture or without a
+ * weight. */
 void clear_last(int tiles, global float *inner)
 {
     for (int i = 0; i < PLANES * INNER_CELLS; i++)
         inner[(size_t)tiles * PLANES * INNER_CELLS + i] = 0.0f;
 }
 #if HAS_BEHIND
-/* Whether all values are zero. any() compiles to a branch per lane. */
+/* Are all values zero? (any() compiles to a branch for each lane.) */
 INLINED int is_zero(float16 values)
 {
     const uint8 half_ = as_uint16(values).lo | as_uint16(values).hi;
@@ -67,10 +67,10 @@ INLINED int is_zero(float16 values)
     return (quarter.x | quarter.y | quarter.z | quarter.w) == 0;
 }
 
-/* around: for each 4 x 4 pixels of a tile, the farthest depth behind the holes in the surrounding 12 x 12 pixels, as
- * four rows. falloffs, touching: for each pixel, the steepest falloff of the holes that touch it, and the farthest
- * depth behind the holes with a falloff. Only holes next to a valid pixel of the tile and its halo count: behind.cl may
- * have skipped other holes. */
+/* Reads `behind` for the pixels of a tile. around[i]: in rows 4 i to 4 i + 3, the farthest depth behind the holes in
+ * the 12 x 12 pixels around each pixel's block of 4 x 4. falloffs, touching: for each pixel, the greatest falloff of
+ * the holes that touch it, and the farthest depth behind those of them with a falloff above 0. Holes count only if they
+ * are next to a valid pixel of the tile or its halo: behind.cl may have left out others. */
 INLINED void read_behind(global const float *behind, size_t plane, int pitch, const uint *bits, float16 *around,
                          float16 *touching, float16 *falloffs)
 {
@@ -207,13 +207,13 @@ INLINED void push_base_tile(global const float *base, int width, int height, int
 #define PARTS_8 PARTS_4, PARTS_4
 #define PARTS_16 PARTS_8, PARTS_8
 
-/* Row y of a level lies between two rows of the level above; row 0 is the row before the tile. */
+/* Interpolates row y of a level between the two nearest rows of the next coarser level; row 0 is above the tile. */
 #define ROW_BETWEEN(above, y) mix((above)[(y) / 2], (above)[(y) / 2 + 1], (y) & 1 ? 0.75f : 0.25f)
-/* The cells of such a row lie between the interpolated cells to their `left` and to their `right`. */
+/* Interpolates the cells of this row between the coarser cells: `left` and `right` select each cell's two neighbours. */
 #define CELLS_BETWEEN(type, row, left, right, ...) mix((row).left, (row).right, (type)(__VA_ARGS__))
 
-/* A level's own values in row y of plane p, with one more cell on either side of the tile. tiles: three tiles, left to
- * right */
+/* The values that push stored for row y of a level, in plane p, and for one more cell on either side of the tile.
+ * tiles: the left neighbour, the tile and the right neighbour */
 #define PLANE_OF(tile, p) inner + ((size_t)(tile) * PLANES + (p)) * INNER_CELLS
 INLINED float4 own_two(global const float *inner, const int *tiles, int p, int y)
 {
@@ -231,7 +231,8 @@ INLINED float16 own_eight(global const float *inner, const int *tiles, int p, in
     return (float16)(left[8 * y + 7], vload8(y, here), (PLANE_OF(tiles[2], p))[8 * y], (float4)0.0f, 0.0f, 0.0f);
 }
 
-/* The rows of a level that are needed to interpolate the `needed` rows of the level below. */
+/* The rows of a level from which the `needed` rows of the next finer level are interpolated, as bits. count: the number
+ * of rows of the finer level */
 uint rows_around(uint needed, int count)
 {
     uint around = 0;
@@ -240,7 +241,8 @@ uint rows_around(uint needed, int count)
     return around;
 }
 
-/* Fills the needed rows of a level of `side` cells, and one more cell beyond each side. */
+/* Fills the needed rows of a level of `side` x `side` cells a tile, and one more row or column on each of the four
+ * sides. */
 #define PULL_LEVEL(type, side, filled, own, above_type, above, left, right, ...)                               \
     for (int y = 0; y < side + 2; y++) {                                                                       \
         if (!(needed_##filled >> y & 1u))                                                                      \
@@ -256,7 +258,7 @@ uint rows_around(uint needed, int count)
         }                                                                                                      \
     }
 
-/* Fills a tile's first level. needed: bits of the base's rows to fill; the lowest bit is the row above the tile. */
+/* Fills a tile's first level. needed: a bit for each row of pixels (or cells) to fill; bit 0 is the row above the tile. */
 INLINED void pull_first(uint needed, int column, int row, int across, int down, global const float *inner,
                         global const float *cells, float16 filled[WEIGHT_PLANE][10])
 {
@@ -282,7 +284,7 @@ INLINED void pull_first(uint needed, int column, int row, int across, int down, 
     PULL_LEVEL(float16, 8, filled, own_eight, float8, four, s0011223344556677, s1122334455667777, PARTS_16)
 }
 
-/* Row y of the base, filled */
+/* Row y of the tile's pixels (or cells), interpolated from the filled first level */
 INLINED float16 pulled(float16 *filled, int y)
 {
     const float16 row = ROW_BETWEEN(filled, y + 1);
@@ -308,7 +310,7 @@ INLINED void pull_tile(global channel *color, global float *depth, global const 
                        int width, int height, int pitch, int perspective, int column, int row, int across, int down,
                        global const float *inner, global const float *cells)
 {
-    uint bits[TILE + 2], needed = 0; /* with one more pixel on every side; bit 0 is the left one */
+    uint bits[TILE + 2], needed = 0; /* holes of the tile and of one more pixel on every side; bit 0 is the leftmost */
     for (int y = 0; y < TILE + 2; y++)
         bits[y] = hole_bits(valid, width, height, column * TILE - 1, row * TILE + y - 1, 3);
     for (int y = 0; y < TILE; y++)
@@ -327,7 +329,7 @@ INLINED void pull_tile(global channel *color, global float *depth, global const 
         const float16 red = pulled(filled[0], y), green = pulled(filled[1], y), blue = pulled(filled[2], y);
         const channel16 r = to_channel16(red), g = to_channel16(green), b = to_channel16(blue);
 #endif
-        if (isnan(ELEMENT(nearness, 0))) /* nothing is known in the whole picture */
+        if (isnan(ELEMENT(nearness, 0))) /* the whole picture has no valid pixel */
             return;
         if (holes == 0xffffu) {
 #if CHANNELS == 3

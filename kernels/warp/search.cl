@@ -1,14 +1,15 @@
-/* The O(n^3) inverse warp: every pixel of the target searches its own epipolar segment, from the epipole (or where the
- * line enters the image) to the projection of the ray's point at infinity (Schaufler & Priglinger 1999, section 4).
+/* The O(n^3) inverse warp: every pixel of the target searches its own segment of an epipolar line. The segment leads
+ * from the epipole, or from the image's border, to the projection of the point at infinity of the pixel's ray
+ * (Schaufler & Priglinger 1999, section 4).
  *
- * hits: (dst_height, dst_pitch), hits.h. counters: (dst_height, packets a row) cells visited by the slowest lane, times
- * LANES, with COUNTERS. Work-item: LANES pixels of a row. Cost: O(source width) a pixel. Determinism: each pixel on its
- * own.
+ * hits: (dst_height, dst_pitch), hits.h. counters: with COUNTERS, (dst_height, packets in a row) the number of cells
+ * that the packet's slowest lane visits, times LANES. Work-item: LANES pixels of a row. Cost: O(source width) for each
+ * pixel. Determinism: pixels are independent.
  */
 #include "warp/hits.h"
 #include "warp/trace.h"
 
-/* The hits of the rays of LANES pixels at (x, y). cells: number visited by the slowest lane */
+/* The hits of the rays of LANES pixels of row y, from x on. Adds to `cells` the number that the slowest lane visits. */
 OUTLINED floatl search_packet(Grid grid, PixelMap map, int sides, int x, int y, int high_x, uint *cells)
 {
     const Rays rays = rays_of(map, to_floatl(x + lane_index), (floatl)y);
