@@ -1,23 +1,24 @@
-/* The surface of a depth image: its samples, the edges between them, and half a pixel more at the border.
+/* Finds the surface of a depth image: its samples, the edges between them, and half a pixel more at the border.
  *
- * Two neighbours are one surface if the surface faces the camera (their difference of nearness is too small for a
- * steep slope), or if it continues: the slope on one side predicts the rise between them. The predicted slope may
- * grow by a tenth. It may grow more if the other side is steep in the same direction, or has no sample: a surface
- * that bends away is steep on both sides or ends, but a step from its limb to another surface is steep on one side
- * only. A mixed sample between two surfaces continues neither surface, because the three nearest samples agree only on
- * half of the sample's rise. Noise and the steps of a quantized scale are not edges; the mean slope of three adjacent
- * lines predicts with less noise. Alternatively, a Cut tears depths apart whose ratio is too large.
+ * Two neighbours lie on one surface if the surface faces the camera (their difference of nearness is too small for a
+ * steep slope), or if it continues: the slope on one side of the pair predicts the rise from one neighbour to the
+ * other. The slope may grow by a tenth. It may grow more if the surface is also steep in the same direction on the
+ * other side of the pair, or has no sample there: a surface that bends away is steep on both sides or ends, but a step
+ * from its limb to another surface is steep on one side only. A mixed sample between two surfaces continues neither of
+ * them: the mean slope of the three samples on one side is only half of its rise. Noise and the steps of a quantized
+ * scale are not edges. The mean slope of three adjacent lines predicts with less noise. Instead of this test, or in
+ * addition, a Cut may tear neighbours apart whose depths have too large a ratio.
  *
- * A sample covers its pixel. So a ring of further samples surrounds the outermost ones, each on the straight line
- * through the two samples inside. With the ring, the surface extends to the edges of the image's pixels
+ * A sample covers its pixel. So a ring of further samples surrounds the image; each lies on the straight line through
+ * the two nearest samples inside. With the ring, the surface extends to the edges of the image's pixels
  * (lib/surface.h).
  *
  * nearness: (height, pitch) of picture/nearness.cl. noise: picture/noise.cl. surface: (height + 2, pitch) nearness
- * with the ring; the last bits of each sample are its TORN_... bits, which change it by at most 5e-7 of its value.
- * ring: (2, 2 width + 2 height + 4) nearness half a pixel beyond each border sample, twice: invalid samples are inf the
- * first time, for minima, and -inf the second time, for maxima.
- * Work-item: find_edges takes `piece` samples of a row, a multiple of LANES or the whole row; continue_border,
- * launched after it, a sample of the ring. Cost: O(samples). Determinism: each sample from depths alone.
+ * with the ring. The last bits of each sample store which of its edges are torn (TORN_..., lib/surface.h), which
+ * changes nearness by at most 5e-7 of its value. ring: (2, 2 width + 2 height + 4) nearness half a pixel beyond each
+ * border sample. The first row has inf for invalid samples and is used for minima; the second has -inf, for maxima.
+ * Work-item: `piece` samples of a row, a multiple of LANES or the whole row (find_edges); a sample of the ring
+ * (continue_border, launched next). Cost: O(samples). Determinism: each sample depends on depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -35,22 +36,22 @@ INLINED floatl image_samples(Image image, intl x, intl y)
     return select_lanes(inside, (floatl)(gather(image.nearness, at)), (floatl)NO_SURFACE);
 }
 
-#define KEEP_GROWTH 0.1f   /* growth of the slope on one side: rises at edges are steeper than the slope before */
-#define BEND_GROWTH 0.6f   /* growth if the other side is steep or ends: a sphere's last slopes grow by under half */
-#define STEEP_TIMES 4.0f  /* a pair may be this many times as steep as the other side of a bend, */
-#define SAME_TIMES 2.05f  /* or as the slope that both sides agree on: rounding to steps may double a rise */
-#define LEAST_RISE 0.05f /* fraction of the slope: a pair with a smaller rise is next to a step */
+#define KEEP_GROWTH 0.1f   /* growth of a slope that surfaces may have from one pair to the next; edges rise by more */
+#define BEND_GROWTH 0.6f   /* the same if the other side is steep or ends: a sphere's last slopes grow by under half */
+#define STEEP_TIMES 4.0f   /* the other side is steep if a pair rises by at most this many times its slope */
+#define SAME_TIMES 2.05f   /* a pair may rise by this many times the smaller slope of both sides: steps may double it */
+#define LEAST_RISE 0.05f   /* fraction of the slope: if a pair rises by less, there is a step next to it */
 
-/* Slopes on one side of a pair, in the direction in which the pair rises. `nearest`: from the two nearest samples;
- * `agreed`: the smaller of `nearest` and the mean slope of the three nearest samples, at least 0. A mixed sample halves
- * `agreed`. */
+/* Slopes on one side of a pair, positive if nearness changes there in the same direction as within the pair. `nearest`:
+ * from the two nearest samples; `agreed`: the smaller of `nearest` and the mean slope of the three nearest samples, at
+ * least 0. A mixed sample halves `agreed`. */
 typedef struct {
     floatl nearest, agreed;
     intl known;
 } Slope;
 
-/* The slope from sample `a` of a pair outwards. (Debian 13's LLVM cannot compile a selection of the results for one
- * lane, so the operands are selected.) */
+/* The slope on one side of a pair: from its sample (x, y) outwards, along (dx, dy). (The operands are selected, not the
+ * results: Debian 13's LLVM cannot compile the latter for one lane.) */
 INLINED Slope slope_at(Image image, intl x, intl y, intl dx, intl dy, floatl sign)
 {
     const floatl a = image_samples(image, x, y), next = image_samples(image, x + dx, y + dy);
@@ -64,14 +65,14 @@ INLINED Slope slope_at(Image image, intl x, intl y, intl dx, intl dy, floatl sig
     return slope;
 }
 
-/* Tells whether a rise follows a slope that may grow by the factor 1 + growth. */
+/* Tells whether a rise follows from a slope that may grow by the factor 1 + growth, and be off by `allowed`. */
 INLINED intl follows(floatl rise, floatl slope, floatl growth, floatl allowed)
 {
     const floatl sure = max_lanes(slope - allowed, (floatl)0.0f);
     return (rise <= slope + allowed + growth * sure) & (rise >= LEAST_RISE * sure);
 }
 
-/* Tells whether a rise continues the surface of one side, given the other side. */
+/* Tells whether a pair's rise continues the surface on one `side` of the pair, given its `other` side. */
 INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
 {
     const intl bends = (STEEP_TIMES * other.nearest >= rise - allowed) | !other.known;
@@ -79,7 +80,7 @@ INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
     return side.known & follows(rise, select_lanes(bends, side.nearest, side.agreed), growth, allowed);
 }
 
-/* Tells whether a rise follows the mean of the known slopes on one side of three lines. */
+/* Tells whether a rise follows from the mean of the slopes that are known on one side, on three adjacent lines. */
 INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed)
 {
     const floatl count = fabs(to_floatl(a.known + b.known + c.known)); /* true is 1 for one lane, -1 for many */
@@ -87,10 +88,10 @@ INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed
     return (count > 0.0f) & follows(rise, mean, KEEP_GROWTH, allowed);
 }
 
-#define ROUNDED_DOWN 0.999999f /* a factor that makes up for rounding */
+#define ROUNDED_DOWN 0.999999f /* factor that makes a limit safe against rounding */
 
-/* Tells whether a surface continues from the wanted samples (x, y) to the next along (dx, dy). Pairs in rows and
- * columns also use the adjacent lines. */
+/* Tells whether a surface continues from the wanted samples (x, y) to (x + dx, y + dy). For pairs in rows and columns,
+ * the adjacent lines are read, too. */
 OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest test, intl wanted)
 {
     const floatl here = image_samples(image, x, y), next = image_samples(image, x + dx, y + dy);
@@ -99,7 +100,7 @@ OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest te
 #define BEFORE(side) slope_at(image, x + (side) * dy, y + (side) * dx, -dx, -dy, sign)
 #define AFTER(side) slope_at(image, x + dx + (side) * dy, y + dy + (side) * dx, dx, dy, -sign)
     const Slope before = BEFORE(0), after = AFTER(0);
-    const intl diagonal = (dx & dy) != 0; /* if no slope is known, as in corners, the cell's other edges decide */
+    const intl diagonal = (dx & dy) != 0; /* not torn if no slope is known, as in corners: the cell's edges decide */
     const intl alone = goes_on_from(rise, before, after, allowed) | goes_on_from(rise, after, before, allowed) |
                        (rise <= allowed + SAME_TIMES * min_lanes(before.agreed, after.agreed)) |
                        (diagonal & !(before.known | after.known));
@@ -110,17 +111,17 @@ OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest te
     return alone | (mean & !diagonal);
 }
 
-/* A part of a row that is processed together: the bits of its samples, and pairs of samples that may be torn apart.
- * Pairs are collected, so that they are tested in full packets. */
+/* A part of a row, processed at a time: the bits of its samples, and the pairs of samples that may be torn apart. The
+ * pairs are collected first, so that full packets of them are tested. */
 typedef struct {
     int bits[STRIP * LANES];        /* TORN_... bits, starting at sample `first` */
-    int x[4 * LANES], edge[4 * LANES]; /* pairs: a sample, and the bit of its edge */
+    int x[4 * LANES], edge[4 * LANES]; /* pairs: the column of the sample that stores their bit, and this bit */
     int pairs, first, y;
 } Part;
 
-#define PLACE(i) (LANES == 1 ? 0 : (i)) /* index in a part's arrays, which GPUs keep in registers */
+#define PLACE(i) (LANES == 1 ? 0 : (i)) /* index in a part's arrays: always 0 on GPUs, which keep them in registers */
 
-/* Tests the last pairs, up to LANES. */
+/* Tests and removes the last LANES collected pairs, or all if there are fewer. */
 OUTLINED void test_pairs(Part *part, Image image, EdgeTest test)
 {
     const int count = min(part->pairs, LANES), from = PLACE(part->pairs - count);
@@ -133,16 +134,17 @@ OUTLINED void test_pairs(Part *part, Image image, EdgeTest test)
     const intl goes = goes_on(image, select_lanes(across, x + 1, x), (intl)part->y, dx, dy, test, wanted);
     for (uint torn = lane_bits(wanted & !goes); torn; torn = WITHOUT_LOWEST(torn)) {
         const int at = int_lane(x, LOWEST(torn)), bit = int_lane(edge, LOWEST(torn));
-        /* At the image's last row or column, one end of the diagonal is in the ring. */
+        /* In the image's last row or column, one end of the diagonal lies in the ring, so this edge decides for it,
+         * too. */
         const int is_last = bit == TORN_RIGHT ? part->y + 1 == image.height : at + 1 == image.width;
         part->bits[PLACE(at - part->first)] |= bit | (is_last ? TORN_DIAGONAL : 0);
     }
     part->pairs = from;
 }
 
-/* Tells whether samples a and b are torn apart for sure: one is missing, or the Cut tears them. Sets `may` for other
- * pairs whose change exceeds both noise and the limit for surfaces that face the camera (per_pixel, in the direction
- * from a to b). */
+/* Tells whether samples a and b are torn apart without a further test: one is missing, or the test is a Cut that tears
+ * them. Sets `may` for other pairs whose change exceeds both the noise and the limit for surfaces that face the camera:
+ * per_pixel, in the direction from a to b. */
 INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTest test, intl *may)
 {
     const floatl near = max_lanes(a, b), far = min_lanes(a, b);
@@ -157,7 +159,7 @@ INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTes
     return far <= NO_SURFACE;
 }
 
-/* Adds the pairs of LANES samples, starting at x, that may be torn apart. */
+/* Adds the pairs of the samples x to x + LANES - 1 in the mask `may`. */
 INLINED void add_pairs(Part *part, Image image, int x, int edge, intl may, EdgeTest test)
 {
     for (uint left = lane_bits(may); left; left = WITHOUT_LOWEST(left)) {
@@ -170,7 +172,7 @@ INLINED void add_pairs(Part *part, Image image, int x, int edge, intl may, EdgeT
     }
 }
 
-/* A packet of samples, and their neighbours to the right and below */
+/* The nearness of a packet of samples, and of their neighbours to the right and below */
 typedef struct {
     floatl here, right, below;
 } Packet;
@@ -216,7 +218,7 @@ OUTLINED void mark_packet(Part *part, Packet n, Image image, int x, Cut cut, Edg
         test_pairs(part, image, test);
 }
 
-/* Tells whether any pair in a packet may be torn apart, by the range of each three samples. */
+/* Tells whether any pair in a packet may be torn apart, from the range of each sample and its two neighbours. */
 INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
 {
     const floatl near = max_lanes(max_lanes(n.here, n.right), n.below);
@@ -225,26 +227,26 @@ INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
         return any_lane(IS_OPEN(cut, near, far));
     const float least = min(test.per_pixel[0], test.per_pixel[1]);
     const floatl slope = test.perspective ? least * far : (floatl)least;
-    const floatl noise = EXPLAINED(test, test.perspective ? far : near); /* the least for any pair */
+    const floatl noise = EXPLAINED(test, test.perspective ? far : near); /* the least that may hold for any pair */
     return any_lane((near - far > ROUNDED_DOWN * max_lanes(slope, noise)) | (far <= NO_SURFACE));
 }
 
-/* A float's bits, rounded to the nearest number with the given last bits */
+/* The bits of a float, rounded to the nearest float that has the given last bits */
 #define NEAREST_WITH_BITS(number, bits) ((((number) - (bits) + (TORN_ALL + 1) / 2) & ~TORN_ALL) | (bits))
 
-#define LEAST_BEYOND 1e-3f /* least nearness in the ring, relative to the border's */
+#define LEAST_BEYOND 1e-3f /* least nearness in the ring, as a fraction of the border sample's */
 
 /* Writes LANES samples with their bits, starting at x, to a row of `width` samples. */
 INLINED void store_marked(floatl here, intl bits, global float *row, int x, int width)
 {
-    /* A missing sample stays NO_SURFACE with its bits for the right and the lower edge. */
+    /* A missing sample stays NO_SURFACE, with its bits. */
     const intl of_missing = ((intl)as_int(NO_SURFACE) & ~TORN_ALL) | bits;
     const floatl marked =
         as_floatl(select_lanes(here > NO_SURFACE, NEAREST_WITH_BITS(as_intl(here), bits), of_missing));
-    store_first(marked, row + x, width - x); /* another work-item may have written the ring's sample */
+    store_first(marked, row + x, width - x); /* not the ring, which another work-item may have written */
 }
 
-/* Writes the surface's samples `first` to `end` - 1 of a row. */
+/* Writes the samples `first` to `end` - 1 of a row of the surface. */
 OUTLINED void mark_row(Image image, int first, int end, int y, Cut cut, EdgeTest test, global float *row)
 {
     Part part;
@@ -285,7 +287,7 @@ kernel void find_edges(global const float *nearness, global const float *noise, 
 /* A sample of the surface, by its column and row in the image */
 #define MARKED(x, y) surface[(size_t)((y) + 1) * pitch + (x) + 1]
 
-/* Continues the surface to sample `i` of its ring. */
+/* Writes sample `i` of the ring. */
 OUTLINED void continue_at(Image image, global float *surface, global float *ring, int i)
 {
     const int width = image.width, height = image.height, pitch = image.pitch, row = width + 2, count = 2 * row + 2 * height;
@@ -301,9 +303,9 @@ OUTLINED void continue_at(Image image, global float *surface, global float *ring
         beyond += n - nearness[(size_t)by * pitch + ix];
     if (iy != by && iy >= 0 && iy < height && !(as_int(MARKED(bx, min(iy, by))) & TORN_BELOW))
         beyond += n - nearness[(size_t)iy * pitch + bx];
-    /* Limits the ring, so that half a pixel beyond the border, depth is at most doubled and at least halved. */
+    /* Limits the ring: half a pixel beyond the border, nearness is half to 1.5 times the border sample's. */
     beyond = n > 0.0f ? clamp(beyond, LEAST_BEYOND * n, 2.0f * n) : clamp(beyond, 2.0f * n, LEAST_BEYOND * n);
-    /* Edges along the ring are torn where the border's edges are; edges from the border to the ring are not torn. */
+    /* An edge along the ring is torn if the border's edge beside it is; edges from the border to the ring are not torn. */
     const int along_row = x == bx && (bits & TORN_RIGHT), along_column = y == by && (bits & TORN_BELOW);
     int torn = (along_row ? TORN_RIGHT : 0) | (along_column ? TORN_BELOW : 0);
     if ((y < 0 && along_row) || (x < 0 && along_column))

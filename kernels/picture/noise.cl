@@ -1,40 +1,46 @@
-/* Estimates the noise of depth, and the steps of a quantized scale, from strips of rows and columns.
+/* Estimates the noise of depth and, if depths are quantized, their steps. It reads strips of three adjacent rows or
+ * columns.
+ *
+ * Neighbouring samples form cells of 2 x 2. In a cell, the difference between two neighbours changes from one line to
+ * the next by noise alone if the surface is a plane. Quantized depths form stairs: a sample equals one neighbour and
+ * differs from the other by a step. Results are collected for ranges of nearness, and a polynomial of depth is fitted
+ * to them.
  *
  * depth: (height, width) planar z; depths <= 0, not finite or >= far are ignored. cells: approximate number of cells
- * of 2 x 2 samples to read. tables: NoiseTables and room for the strips (pyibr/picture/noise.py). noise: 6 floats,
- * (a, b, c) of the standard deviation a z^2 + b z + c at depth z, then of the steps. Work-item: the launch has one
- * group, whose work-items share all loops. Cost: O(cells). Determinism: shared sums are sums of integers.
- * tests/reference/noise.py does the same in NumPy.
+ * to read. tables: NoiseTables, then room for the strips (pyibr/picture/noise.py). noise: 6 floats: a, b, c of the
+ * noise's standard deviation a z^2 + b z + c at depth z, then a, b, c of the steps' size. Work-item: the launch has one
+ * work-group, which divides each loop among its work-items. Cost: O(cells). Determinism: shared sums are sums of
+ * integers. tests/reference/noise.py computes the same in NumPy.
  */
 #include "lib/lanes.h"
 
-#define NOISE_ITEMS 256         /* most work-items */
-#define NOISE_RANGES 64         /* bins of nearness, each a quarter of an octave: first the nearest; the last is open */
-#define NOISE_SIZES 144         /* bins of differences relative to nearness, each an eighth of an octave */
-#define NOISE_STAIRS 4128       /* capacity for stairs: a power of two, and two packets */
-#define FIRST_SIZE 879          /* first bin of differences (a float's upper 12 bits), for rounding errors */
-#define LAST_SIZE 137
-#define NEAREST_RANGE 508       /* nearness 1 in quarters of an octave (a float's upper 11 bits) */
-#define EDGE_PART 0.1f          /* larger differences, relative to nearness, are edges */
-#define OFF_STEP 0.2f           /* tolerance of jumps and gaps, in steps, as two scales may be mixed */
-#define FIT_CHOICES 0x7653421   /* subsets of the terms a, b and c, one hexadecimal digit each */
-#define NOISE_MAX 1e18f         /* its square is still within single precision */
+#define NOISE_ITEMS 256         /* greatest number of work-items */
+#define NOISE_RANGES 64         /* ranges of nearness, a quarter of an octave each, nearest first; the last is open */
+#define NOISE_SIZES 144         /* bins of differences divided by nearness, an eighth of an octave each */
+#define NOISE_STAIRS 4128       /* room for stairs: a power of two, and two packets */
+#define FIRST_SIZE 879          /* upper 12 bits of the floats in the first bin, which collects rounding errors */
+#define LAST_SIZE 137           /* number of the last bin */
+#define NEAREST_RANGE 508       /* upper 11 bits of the float 1, the end of the nearest range */
+#define EDGE_PART 0.1f          /* fraction of nearness: larger differences are edges */
+#define OFF_STEP 0.2f           /* steps by which jumps and gaps may be off, as an image may mix two scales */
+#define FIT_CHOICES 0x7653421   /* the subsets of the terms a, b, c that are fitted; each hexadecimal digit is a mask */
+#define NOISE_MAX 1e18f         /* its square still fits into single precision */
 
 typedef struct {
-    int counts[3][NOISE_RANGES][NOISE_SIZES];        /* histograms: differences over one and two samples, jumps */
-    int every[2][NOISE_RANGES], sums[2][NOISE_RANGES]; /* numbers of cells and stairs, and sums of their nearness */
-    int levels[NOISE_RANGES];                        /* numbers of cells with equal samples */
+    int counts[3][NOISE_RANGES][NOISE_SIZES];        /* histograms of differences over 1 and over 2 samples, of jumps */
+    int every[2][NOISE_RANGES], sums[2][NOISE_RANGES]; /* number of cells (0) and stairs (1), and sums of nearness */
+    int levels[NOISE_RANGES];                        /* number of cells with four equal samples */
     int nearest, known, smooth, high, farthest, last, changes, steep, whole, below, near_one, ones, gaps, whole_gaps,
         grade, half_steps;
     int stairs_of[NOISE_ITEMS], steep_of[NOISE_ITEMS]; /* counts of each work-item */
     int kept, grades[NOISE_RANGES];                    /* grades of ranges: 0: unusable, 1: good, 2: good and smooth */
-    float near_by[NOISE_RANGES], far_by[NOISE_RANGES]; /* deviations of differences over one and two samples */
-    float depth[NOISE_RANGES], deviation[NOISE_RANGES], share[NOISE_RANGES]; /* data and weights of the fit */
+    float near_by[NOISE_RANGES], far_by[NOISE_RANGES]; /* deviation of differences over 1 sample, over 2 samples */
+    float depth[NOISE_RANGES], deviation[NOISE_RANGES], share[NOISE_RANGES]; /* the fit's data and weights */
     float fits[7][4];                                                        /* a, b, c, and the fit's error */
-    float places[NOISE_STAIRS], ratios[NOISE_STAIRS]; /* stairs: nearness, and jump in units of the step */
+    float places[NOISE_STAIRS], ratios[NOISE_STAIRS]; /* stairs: nearness, and jump divided by the step */
 } NoiseTables;
 
-#define CLEARED ((3 * NOISE_SIZES + 5) * NOISE_RANGES + 16 + 2 * NOISE_ITEMS) /* ints before `kept` */
+#define CLEARED ((3 * NOISE_SIZES + 5) * NOISE_RANGES + 16 + 2 * NOISE_ITEMS) /* number of ints before `kept` */
 
 typedef struct {
     global NoiseTables *t;
@@ -58,7 +64,7 @@ typedef struct {
         ADD_TO(place, (int)popcount(lane_bits(mask)));
 #define IS_WHOLE_NUMBER(x, off) (fabs((x)-floor_lanes((x) + 0.5f)) < (off))
 #define RANGE_OF(near) clamp(NEAREST_RANGE - (as_int(near) >> 21), 0, NOISE_RANGES - 1)
-#define STRIDE_OF(count) (((count) / LANES + 2) * LANES) /* a packet may start at the end */
+#define STRIDE_OF(count) (((count) / LANES + 2) * LANES) /* with room for one more packet at the end */
 #define STRIPS_OF(length, lines, cells) min(((cells) + 2 * (length)-1) / (2 * (length)), max((lines)-2, 0))
 
 INLINED float sum_of_lanes(floatl v)
@@ -69,12 +75,12 @@ INLINED float sum_of_lanes(floatl v)
     return sum;
 }
 
-/* Copies strips of three lines, each followed by two zeros. */
+/* Copies strips, each of three adjacent lines (rows or columns). Two zeros follow each line. */
 INLINED void copy_strips(Estimate e, global const float *depth, int along, int across, int count, int length, int lines,
                          global float *to)
 {
     for (int strip = 0; strip < count; strip++, to += length + 2) {
-        /* Steps of 2^32 times the golden ratio avoid periods of the picture. */
+        /* Multiples of the golden ratio, modulo 1, spread the strips without a period that the picture may have, too. */
         const int line = count == lines - 2 ? strip : (int)mul_hi(strip * 2654435769u, (uint)(lines - 2));
         global const float *from = depth + (size_t)line * across;
         for (int i = e.item; i < length + 2; i += e.items)
@@ -83,7 +89,8 @@ INLINED void copy_strips(Estimate e, global const float *depth, int along, int a
     }
 }
 
-/* Copies the depths of strips from the grid of every `gap`-th row and column. Returns their number, including zeros. */
+/* Copies the depths of strips, from the grid of every `gap`-th row and column. Returns the length of a line of all
+ * strips together, including the two zeros after each strip. */
 OUTLINED int gather_strips(Estimate e, global const float *depth, int width, int height, int gap, int cells)
 {
     for OWN_PACKETS (e, i, CLEARED)
@@ -111,7 +118,7 @@ OUTLINED void find_unit(Estimate e, float far)
     RAISE(e.t->nearest, as_int(INFINITY) - as_int(least_lane(least)));
 }
 
-/* The unit of depth, a power of two, in which the nearest sample is 1 to 2 */
+/* The unit of depth: the power of two for which the nearest sample's depth lies between 1 and 2 units */
 INLINED float noise_unit(Estimate e)
 {
     return e.t->nearest ? as_float((as_int(INFINITY) - e.t->nearest) & as_int(INFINITY)) : 1.0f;
@@ -126,8 +133,9 @@ OUTLINED void to_noise_unit(Estimate e, float far)
     }
 }
 
-/* Cells of 2 x 2 samples: mean nearness, change of the difference from line to line, largest difference of neighbours.
- * At edges along rows or columns, the change is 0, as on planes, so thin objects contribute their noise, too. */
+/* Cells of 2 x 2 samples. near: mean nearness. change: the amount by which the difference between the two samples of
+ * the upper line differs from that of the lower line. largest: the largest difference between neighbours. At edges
+ * along rows or columns the change is 0 without noise, as on planes, so thin objects contribute their noise, too. */
 typedef struct {
     floatl near, change, largest;
 } NoiseCells;
@@ -156,7 +164,7 @@ OUTLINED void count_cells(Estimate e)
     RAISE(e.t->farthest, RANGE_OF(least_lane(low)));
 }
 
-#define SUM_SHIFT(e) max(21 - (int)clz(2 * (e).stride), 0) /* keeps sums within 32 bits */
+#define SUM_SHIFT(e) max(21 - (int)clz(2 * (e).stride), 0) /* bits that terms drop, so that sums fit into 32 bits */
 
 INLINED void add_place(Estimate e, int kind, int range, float near)
 {
@@ -177,7 +185,7 @@ INLINED float range_depth(Estimate e, int kind, int range)
 
 OUTLINED void count_differences(Estimate e)
 {
-    const int all = 10 * e.t->smooth < e.t->known; /* noise is as large as edges */
+    const int all = 10 * e.t->smooth < e.t->known; /* noise is as large as edges, so no cell is left out */
     const int first = RANGE_OF(as_float(e.t->high)), last = e.t->farthest;
     for OWN_PACKETS (e, i, e.stride - LANES) {
         const NoiseCells one = noise_cells(e, 1, i), two = noise_cells(e, 2, i);
@@ -197,7 +205,8 @@ OUTLINED void count_differences(Estimate e)
     }
 }
 
-/* Mean of the smallest sizes, a fraction `share` of all. (With quantized depths, a quantile would jump by steps.) */
+/* The mean of the smallest sizes in a histogram, the fraction `share` of all sizes. (A quantile of quantized depths
+ * would jump by whole steps.) */
 OUTLINED float mean_below(global const int *counts, float share)
 {
     int total = 0, before = 0;
@@ -210,8 +219,8 @@ OUTLINED float mean_below(global const int *counts, float share)
     return total ? sum / wanted : 0.0f;
 }
 
-/* Standard deviation of differences, relative to nearness. Equal samples are evidence against noise, unless depths are
- * quantized. */
+/* The noise's standard deviation, divided by nearness, from a histogram of changes. Equal samples are evidence against
+ * noise, unless depths are quantized. */
 INLINED float deviation_of(global const int *counts, int on_scale)
 {
     const float most = mean_below(counts, 0.6f) / 0.39639f;
@@ -228,8 +237,9 @@ OUTLINED void set_range(global NoiseTables *t, int range, float depth, float dev
     RAISE(t->last, is_known ? range : 0);
 }
 
-/* Fits a subset of the terms: least absolute differences, by reweighted squares in three rounds. Terms are
- * orthogonalized (Gram-Schmidt), as normal equations would need double precision. */
+/* Fits a subset of the terms a z^2, b z, c to the ranges' deviations, with the least sum of absolute errors. Three
+ * rounds of least squares approximate this: after each, ranges with large errors weigh less. Terms are made orthogonal
+ * (Gram-Schmidt), as normal equations would need double precision. */
 OUTLINED void fit_choice(global NoiseTables *t, int choice)
 {
     const int packets = t->last / LANES + 1, terms = FIT_CHOICES >> 4 * choice & 7;
@@ -279,7 +289,7 @@ OUTLINED void fit_choice(global NoiseTables *t, int choice)
     vstore4((float4)(x[0], x[1], x[2], is_told ? by : INFINITY), choice, &t->fits[0][0]);
 }
 
-/* The best fit (a, b, c) of the ranges, none negative. Each additional term must improve the fit by 3 %. */
+/* The best fit (a, b, c), without negative terms. A further term must reduce the mean relative error by 0.03. */
 OUTLINED float4 best_fit(Estimate e)
 {
     float4 best = (float4)(0.0f, 0.0f, 0.0f, INFINITY);
@@ -294,8 +304,9 @@ OUTLINED float4 best_fit(Estimate e)
     return best;
 }
 
-/* Triples of samples along the first line, or, from `stride` on, across the three lines: nearness of the middle sample,
- * jump, and the smaller difference */
+/* Triples of adjacent samples. here: the middle sample's nearness; jump: the difference of the two differences to its
+ * neighbours; least: the smaller of these two. For i < stride, triple i lies along a strip's first line; from i =
+ * stride on, triples lie across the three lines. */
 typedef struct {
     floatl here, jump, least;
     intl is_change, is_stair, is_steep;
@@ -318,7 +329,8 @@ INLINED Triples triples_at(Estimate e, int i)
 #define OWN_TRIPLES(e, i)                                                                                      \
     (int i = (e).item * TRIPLES_EACH(e); i < min(((e).item + 1) * TRIPLES_EACH(e), 2 * (e).stride - LANES); i += LANES)
 
-/* Counts stairs. On a quantized scale, samples equal one neighbour and differ from the other, mostly by one step. */
+/* Counts stairs: samples that equal one neighbour and differ from the other. On a quantized scale, they mostly differ
+ * by one step. */
 OUTLINED void count_stairs(Estimate e)
 {
     for OWN_TRIPLES (e, i) {
@@ -332,17 +344,17 @@ OUTLINED void count_stairs(Estimate e)
     }
 }
 
-/* Keeps every n-th stair, so that all fit into the tables, and counts their jumps. */
+/* Stores every n-th stair, so that they fit into the tables, and counts their jumps by size. */
 OUTLINED void keep_stairs(Estimate e)
 {
     global NoiseTables *t = e.t;
-    const int with_steep = 10 * t->whole > 9 * t->steep; /* on a quantized scale, steep surfaces rise by whole steps */
+    const int with_steep = 10 * t->whole > 9 * t->steep; /* steep surfaces rise by whole steps, as on a scale */
     int count = 0, number = 0;
     for (int i = 0; i < e.items; i++) {
         number = i == e.item ? count : number;
         count += t->stairs_of[i] + (with_steep ? t->steep_of[i] : 0);
     }
-    const int every = count / 4000 + 1, is_some = 100 * count > t->changes; /* steep surfaces have few stairs */
+    const int every = count / 4000 + 1, is_some = 100 * count > t->changes; /* 1 %, as steep surfaces have few stairs */
     t->kept = is_some ? (count + every - 1) / every : 0;
     for OWN_TRIPLES (e, i) {
         const Triples at = triples_at(e, i);
@@ -358,7 +370,7 @@ OUTLINED void keep_stairs(Estimate e)
     }
 }
 
-/* Sorts `count` values by a bitonic network; `count` is a power of two, at least LANES. */
+/* Sorts `count` values with a bitonic network. `count` is a power of two and at least LANES. */
 OUTLINED void sort_values(Estimate e, global float *values, int count)
 {
     for (int size = 2; size <= count; size *= 2)
@@ -387,10 +399,10 @@ OUTLINED void sort_values(Estimate e, global float *values, int count)
         }
 }
 
-/* a z^2 + b z + c of depth, converted to nearness */
+/* A difference a z^2 + b z + c of depth, as a difference of nearness, at nearness `near` */
 #define IN_NEARNESS(abc, near) ((abc).x + ((abc).y + (abc).z * (near)) * (near))
 
-/* (a, b, c) of the steps, zeros if depths are not quantized */
+/* a, b, c of the steps' size; zeros if depths are not quantized */
 OUTLINED float4 steps_of_stairs(Estimate e)
 {
     global NoiseTables *t = e.t;
@@ -417,7 +429,7 @@ OUTLINED float4 steps_of_stairs(Estimate e)
         TALLY(t->near_one, (ratio > 0.5f) & (ratio < 1.5f))
     }
     MEET
-    const int middle = t->below + t->near_one / 2, before = middle - !(t->near_one & 1); /* the medians */
+    const int middle = t->below + t->near_one / 2, before = middle - !(t->near_one & 1); /* of ratios from 0.5 to 1.5 */
     const float exact = t->near_one ? 0.5f * (t->ratios[before] + t->ratios[middle]) : 1.0f;
     steps *= exact;
     for OWN_PACKETS (e, i, t->kept) {
@@ -429,12 +441,13 @@ OUTLINED float4 steps_of_stairs(Estimate e)
         TALLY(t->whole_gaps, is_gap & (number > OFF_STEP) & IS_WHOLE_NUMBER(number, OFF_STEP))
     }
     MEET
-    /* On a scale, most jumps are one step and most gaps are whole steps; sizes of edges are arbitrary. */
+    /* On a quantized scale, most jumps are one step, and most gaps between the stairs' nearness are whole numbers of
+     * steps. Edges jump by any size. */
     const int is_scale = t->gaps + 1 >= 12 && 5 * t->ones >= 3 * t->kept && 5 * t->whole_gaps >= 3 * t->gaps;
     return is_scale ? steps : (float4)0.0f;
 }
 
-/* Grades the ranges, and measures the deviations of their samples. */
+/* Grades the ranges, and measures the noise's deviations in them. */
 OUTLINED void measure_ranges(Estimate e, int on_scale)
 {
     global NoiseTables *t = e.t;
@@ -442,7 +455,7 @@ OUTLINED void measure_ranges(Estimate e, int on_scale)
         int total = 0;
         for (int i = 0; i <= LAST_SIZE; i++)
             total += t->counts[0][range][i];
-        /* Ranges of equal samples, such as a sky, say nothing about other ranges; nor do ranges with many edges. */
+        /* A range of equal samples, such as a sky, says nothing about other ranges. */
         const int is_good = total >= 50 && (on_scale || 4 * t->levels[range] < total);
         t->grades[range] = is_good ? 1 + (5 * total >= 4 * t->every[0][range]) : 0;
         t->near_by[range] = is_good ? deviation_of(t->counts[0][range], on_scale) : 0.0f;
@@ -453,7 +466,7 @@ OUTLINED void measure_ranges(Estimate e, int on_scale)
     }
 }
 
-/* Sets the ranges' deviations for the fit, from far to near, in one work-item. */
+/* Sets the ranges' deviations for the fit, from the farthest range to the nearest. Only one work-item calls it. */
 OUTLINED void set_deviations(Estimate e, float4 half_)
 {
     global NoiseTables *t = e.t;
@@ -461,7 +474,7 @@ OUTLINED void set_deviations(Estimate e, float4 half_)
     for (int range = NOISE_RANGES - 1; range >= 0; range--) {
         const float z = range_depth(e, 0, range), near_by = t->near_by[range] * z, far_by = t->far_by[range] * z;
         const float count = t->grades[range] == t->grade && t->grade ? t->share[range] : 0.0f;
-        /* Removes curvature, whose differences grow with the square of the distance. */
+        /* Changes by curvature grow with the square of the distance between samples, changes by noise do not. */
         const float square = max((9.0f * near_by * near_by - far_by * far_by) / 8.0f, 0.0f);
         all += count;
         equal += square > 0.0f ? 0.0f : count;
@@ -472,7 +485,7 @@ OUTLINED void set_deviations(Estimate e, float4 half_)
     t->half_steps = t->known < 50 || 2.0f * equal >= all;
 }
 
-/* Estimates the noise; called by all `items` work-items of a group, at most NOISE_ITEMS. */
+/* Estimates the noise. All `items` work-items of a group call it; there are at most NOISE_ITEMS. */
 OUTLINED void estimate_noise(global const float *depth, int width, int height, float far, int cells, global int *tables,
                              global float *noise, int item, int items)
 {
@@ -489,7 +502,7 @@ OUTLINED void estimate_noise(global const float *depth, int width, int height, f
         count_cells(e);
         count_stairs(e);
         MEET
-        gaps = 10 * t->known < count ? 2 : 1; /* if every other sample is missing, lines are two apart */
+        gaps = 10 * t->known < count ? 2 : 1; /* every other sample may be missing: then again on every second line */
         MEET
     }
     count_differences(e);

@@ -32,8 +32,8 @@
 #define NARROW_HOLE 0.02f /* fraction of the picture's longer side: shorter holes are narrow, */
 #define WIDE_HOLE 0.035f  /* and longer holes are wide */
 #define OUTWARD 8         /* slopes are measured from a hole's ends outwards, over 1/8 of the hole's length */
-#define FLAT 0.05f    /* flat surfaces, continued across the hole, change by less than this part of the depth gap, */
-#define SLOPING 0.15f /* and sloping surfaces change by more than this part of it */
+#define FLAT 0.05f    /* flat surfaces, continued across the hole, change by less than this part of the gap, */
+#define SLOPING 0.15f /* and sloping surfaces by more than this part. The gap is the ends' difference of nearness. */
 
 /* The depth by which two pixels of one surface may differ: same_2 z^2 + same_1 z + same_0 at depth z */
 typedef struct {

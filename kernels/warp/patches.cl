@@ -1,36 +1,37 @@
 /* Draws small patches of planes: margins, which no triangle covers, and triangles that the sweep's lines may miss.
  *
- * Margins (lib/margins.h) give hits of the pixels' own rays. These hits are stored in a buffer plane of their own.
+ * Margins (lib/margins.h) are met by the pixels' own rays, not by the sweep's lines. Their hits are stored in a second
+ * plane of the buffer.
  *
  * Lines pass within half a pixel of the pixels that they settle, and resolve.cl looks for a pixel's surface only around
  * the hits of its line and of its neighbours' lines. A narrow piece of surface may lie between the lines. In the
- * source, its samples are isolated along rows or along columns: within two samples on both sides, the surface is torn
- * or falls away. A fall counts across the lines only, among even samples, if it exceeds noise and moves the samples
- * LONE_BY pixels apart in the target. (On rough surfaces every sample stands out, and the lines meet enough of them.)
- * The triangles around isolated samples are drawn into the lines' hits.
+ * source, the samples of such a piece are isolated in their row or their column: on both sides, within two samples, the
+ * surface is torn or falls back. A fall only counts across the epipolar lines, on an even surface, if noise does not
+ * explain it and if it moves the samples LONE_BY pixels apart in the target. (On a rough surface every sample stands
+ * out, and the lines meet enough of them.) The triangles around isolated samples are drawn into the lines' hits.
  *
- * surface: picture/edges.cl. prominence, margins: picture/small_parts.cl; (MARGIN_PLANES, margin_pitch) of `count`
- * quarters.
- * hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the nearest hit of each pixel stays. The hits on margins begin
- * `plane` values later, EMPTY at first; a side that is not shown blocks the view. least: a difference of nearness that
- * moves nothing in the target by LONE_BY pixels.
+ * surface: picture/edges.cl. prominence: picture/small_parts.cl. margins: (MARGIN_PLANES, margin_pitch), lib/margins.h,
+ * with `count` quarters.
+ * hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the nearest hit of each pixel stays. The plane of hits on
+ * margins begins `plane` values later and is EMPTY at first; a side that is not shown blocks the view. least:
+ * prominence, a difference of nearness, below which no sample moves by LONE_BY pixels in the target.
  * Work-item: the first `lone_items` take STRIP * PROMINENCE_BLOCK cells of a row, the others STRIP * LANES quarters.
  * Cost: O(samples + margins + drawn pixels). Determinism: maxima and set bits do not depend on the order of work-items.
- * Not in the paper, where all samples are connected, and pixels take the hits of their lines.
+ * In the paper there are no patches: all samples are connected, and pixels take the hits of their lines.
  */
 #include "lib/margins.h"
 #include "lib/prominence.h"
 #include "warp/trace.h"
 
-#define LONE_BY 4.0f  /* target pixels: more than the windows of candidates.h reach in all */
+#define LONE_BY 4.0f  /* target pixels: farther than all windows of candidates.h together reach */
 #define NARROW 4.0f   /* target pixels: lines meet all triangles that are at least this wide */
-#define ON_LINE 2e-3f /* a ray this close to an edge, in pixels and in slope, runs along the edge */
+#define ON_LINE 2e-3f /* a ray runs along an edge if it is at most this far off: in target pixels, and in slope */
 #define HAIR 1e-3f    /* pixels by which patches overlap their neighbours, against rounding */
 #define PATCH_WIDTH_MAX 256.0f /* target pixels: greatest size of a drawn margin */
 
-/* Patches, one a lane. A patch is a square of a plane, or half of it: it extends `reach` pixels from its sample in the
- * directions to_x, to_y (1 or -1). lower, upper: whether it contains the half to the upper left, lower right of the
- * diagonal on which offsets from the sample add up to `diagonal`. */
+/* Patches, one for each lane. A patch is a square of a plane, or half of the square. The square extends `reach` samples
+ * from its sample in the directions to_x, to_y (1 or -1). It is halved by the diagonal on which the offsets from the
+ * sample add up to `diagonal`. lower: the patch contains the half on the upper left; upper: on the lower right. */
 typedef struct {
     Plane plane;
     floatl to_x, to_y, diagonal;
@@ -38,7 +39,7 @@ typedef struct {
     float reach;
 } Patches;
 
-/* Points of the source, one a lane, in the target */
+/* Points of the source, one for each lane, in the target: pixel (u, v), and the homogeneous component w */
 typedef struct {
     floatl u, v, w;
 } Seen;
@@ -54,19 +55,20 @@ INLINED Seen seen_at(PixelMap map, floatl x, floatl y, floatl n)
     return seen;
 }
 
-/* Widens [*low, *high] by the columns in which the edges from a to b lie within `hair` of the target's rows. */
+/* Widens [*low, *high] to contain the columns of the edges from a to b where these are within `hair` pixels of the
+ * rows. */
 INLINED void widen(Seen a, Seen b, floatl row, floatl hair, floatl *low, floatl *high)
 {
     const intl passes = (row >= min_lanes(a.v, b.v) - hair) & (row <= max_lanes(a.v, b.v) + hair);
     const floatl zero = 0.0f, one = 1.0f, per_row = 1.0f / (b.v - a.v), to_u = b.u - a.u;
-    /* Level edges give NaN, which becomes 0; the adjoining edges then define the ends. */
+    /* On level edges, the divisions give NaN, which clamp_lanes turns into 0: the adjoining edges then give the ends. */
     const floatl above = a.u + clamp_lanes((row - hair - a.v) * per_row, zero, one) * to_u;
     const floatl below = a.u + clamp_lanes((row + hair - a.v) * per_row, zero, one) * to_u;
     *low = select_lanes(passes, min_lanes(*low, min_lanes(above, below) - hair), *low);
     *high = select_lanes(passes, max_lanes(*high, max_lanes(above, below) + hair), *high);
 }
 
-/* Enters the hits of the pixels' own rays into `hits`, for pixels that `meet` something. */
+/* Stores the hits `met` of the pixels' own rays, for the pixels in the mask `meet`. */
 INLINED void put_own_hits(intl meet, floatl column, floatl row, floatl met, intl hides, PixelMap map, global float *hits)
 {
     const intl pixel = to_intl(row) * map.dst_pitch + to_intl(column);
@@ -83,8 +85,8 @@ INLINED void put_hits(intl meet, floatl column, floatl row, floatl packed, Pixel
         put_nearest(hits + int_lane(pixel, LOWEST(left)), int_lane(bits, LOWEST(left)));
 }
 
-/* Draws the wanted patches between four corners. Hits on margins are entered as they are, other hits as hits of the
- * pixels' own rays. */
+/* Draws the wanted patches, each with four corners. On triangles, each hit is marked as one of the pixel's own ray
+ * (OWN_RAY); hits on margins need no mark. */
 OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wanted, Grid grid, PixelMap map, int sides,
                           int are_margins, global float *hits)
 {
@@ -146,26 +148,26 @@ OUTLINED void draw_margins(global const float *margins, int pitch, intl wanted, 
                              seen_at(map, x, y + dy, n_y)};
     const floatl side_x = max_lanes(fabs(corners[1].u - corners[0].u), fabs(corners[1].v - corners[0].v));
     const floatl side_y = max_lanes(fabs(corners[3].u - corners[0].u), fabs(corners[3].v - corners[0].v));
-    /* HAIR source pixels in target pixels, but at least HAIR */
+    /* HAIR pixels of the source, or HAIR pixels of the target if these are larger */
     draw_packet(at, corners, HAIR * max_lanes(2.0f * max_lanes(side_x, side_y), (floatl)1.0f), wanted, grid, map, sides, 1,
                 hits);
 }
 
 #define ONE_OF(mask) select_lanes(mask, (intl)1, (intl)0)
 
-/* Which of the samples (x, y) to (x + LANES - 1, y) are isolated in the target? */
+/* The mask of the samples from (x, y) to (x + LANES - 1, y) that are isolated */
 OUTLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
 {
     const Neighbours n = with_neighbours(grid, x, y);
-    /* The nearness that corresponds to LONE_BY pixels here */
+    /* The difference of nearness that moves these samples by LONE_BY target pixels */
     const float *D = map.dst_from_src, *S = map.src_from_dst;
     const floatl u = to_floatl(x + lane_index), v = y, w = MAP_ROW(D, 2, u, v, n.here), inverse = 1.0f / w;
     const floatl moves_x = D[3] - D[11] * (MAP_ROW(D, 0, u, v, n.here) * inverse),
                  moves_y = D[7] - D[11] * (MAP_ROW(D, 1, u, v, n.here) * inverse);
     const floatl by = LONE_BY * w / max_lanes(fabs(moves_x), fabs(moves_y));
-    const intl along_rows = fabs(u * S[11] - S[3]) >= fabs(v * S[11] - S[7]); /* the line through here */
+    const intl along_rows = fabs(u * S[11] - S[3]) >= fabs(v * S[11] - S[7]); /* does the epipolar line? */
     const Sides all = sides_of(n);
-    /* On one of the four sides, another isolated sample or an edge may lie. */
+    /* The surface is even if only one of the four sides is not: another isolated sample or an edge may lie there. */
     const intl is_even = ONE_OF(all.left.change > by) + ONE_OF(all.right.change > by) + ONE_OF(all.above.change > by) +
                              ONE_OF(all.below.change > by) <= 1;
     intl lone = 0;
@@ -180,7 +182,8 @@ OUTLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
     return lone & (w > 0.0f) & (u >= 0.0f) & (u < grid.width) & (n.here > NO_SURFACE);
 }
 
-/* Triangles, one a lane: a corner (x, y) and its neighbours in direction `to` (1 or -1) in its row and its column */
+/* Triangles, one for each lane. The corners are sample (x, y) and its next samples in the row and in the column, in
+ * direction `to` (1: right and below; -1: left and above). */
 typedef struct {
     int x[LANES], y[LANES], to[LANES];
     int count;
@@ -206,7 +209,7 @@ OUTLINED void draw_triangles(LonePacket *triangles, Grid grid, PixelMap map, int
     draw_packet(at, corners, HAIR, wanted & is_narrow, grid, map, sides, 0, hits);
 }
 
-/* Do the epipolar lines through samples run along the edges that lead from the samples by (dx, dy)? */
+/* Does the epipolar line through sample (x, y) run along the edge from this sample to (x + dx, y + dy)? */
 INLINED intl run_along(PixelMap map, floatl x, floatl y, float dx, float dy)
 {
     const float *S = map.src_from_dst;
@@ -214,8 +217,9 @@ INLINED intl run_along(PixelMap map, floatl x, floatl y, float dx, float dy)
     return fabs(u * dy - v * dx) <= ON_LINE * (fabs(u) + fabs(v));
 }
 
-/* Enters hits of the pixels whose rays run along the edges from samples (x, y) by (dx, dy). Such rays see these edges
- * even if the triangles on both sides are open. For rays that pass an edge closely, the hit is one more candidate. */
+/* Stores hits on the edges from samples (x, y) to (x + dx, y + dy), for pixels whose rays run along these edges. Such
+ * rays see the edges even if the triangles on both sides are open. If a ray only passes close to an edge, resolve.cl
+ * takes the hit as one more place to trace. */
 OUTLINED void draw_edges(Grid grid, PixelMap map, intl x, intl y, int dx, int dy, intl wanted, global float *hits)
 {
     const float *D = map.dst_from_src;
@@ -236,7 +240,7 @@ OUTLINED void draw_edges(Grid grid, PixelMap map, intl x, intl y, int dx, int dy
         const floatl other = select_lanes(is_wide, a.v + part * dv, a.u + part * du);
         const floatl nearest = floor_lanes(clamp_lanes(other + 0.5f, (floatl)-1.0f, other_size));
         const intl passes = (i <= last) & (fabs(other - nearest) <= ON_LINE) & (nearest >= 0.0f) & (nearest < other_size);
-        const floatl there = part * a.w / (b.w + part * (a.w - b.w)); /* the place in the source, from a to b */
+        const floatl there = part * a.w / (b.w + part * (a.w - b.w)); /* place on the source's edge: 0 at a, 1 at b */
         const floatl u = a_x + there * dx, v = a_y + there * dy, n = q + there * (q_to - q);
         const floatl met = MAP_ROW(D, 3, u, v, n) / MAP_ROW(D, 2, u, v, n);
         put_own_hits(passes & IS_BEFORE(map.dst_perspective, met), select_lanes(is_wide, i, nearest),
@@ -244,7 +248,7 @@ OUTLINED void draw_edges(Grid grid, PixelMap map, intl x, intl y, int dx, int dy
     }
 }
 
-/* Adds the triangles of the wanted corners among LANES from (x, y) on; draws each full packet. */
+/* Adds the triangles whose first corner is one of LANES samples from (x, y) on and is wanted; draws each full packet. */
 INLINED void add_triangles(LonePacket *triangles, int x, int y, int to, intl wanted, Grid grid, PixelMap map, int sides,
                            global float *hits)
 {
@@ -258,8 +262,8 @@ INLINED void add_triangles(LonePacket *triangles, int x, int y, int to, intl wan
     }
 }
 
-/* Draws the cells from sample (x, y) on whose bit in `cells` is set: their triangles and, beside open triangles, the
- * edges that run along epipolar lines. */
+/* Draws cells of the row, from sample (x, y) on, if their bit in `cells` is set: their triangles and, on open
+ * triangles, the edges that run along epipolar lines. */
 OUTLINED void draw_cells(LonePacket *triangles, Grid grid, PixelMap map, int x, int y, uint cells, int sides, global float *hits)
 {
     global const float *samples = grid.nearness + y * grid.pitch + x;
@@ -281,7 +285,7 @@ OUTLINED void draw_cells(LonePacket *triangles, Grid grid, PixelMap map, int x, 
         draw_edges(grid, map, columns + 1, y, -1, 1, diagonal, hits);
 }
 
-/* Does any sample of a block stand out by at least `least`? */
+/* Does any sample of a block stand out by `least` or more? */
 INLINED int stands_out(global const float *prominence, int block, int blocks, int y, int height, int sides, float least)
 {
     if (y < 0 || y >= height)
@@ -290,7 +294,7 @@ INLINED int stands_out(global const float *prominence, int block, int blocks, in
     return ((sides & SHOWS_FRONT) && most[0] >= least) || ((sides & SHOWS_BACK) && most[1] >= least);
 }
 
-/* Draws the isolated samples in STRIP blocks of cells, which lie between the rows y and y + 1 of samples. */
+/* Draws the cells around isolated samples in STRIP blocks of the row of cells between the samples' rows y and y + 1. */
 OUTLINED void draw_lone(Grid grid, global const float *prominence, int first, int y, global float *hits, PixelMap map,
                         int sides, float least)
 {

@@ -1,24 +1,25 @@
 /* Finds each pixel's own hit from the hits of the sweep's lines, and its depth and colour.
  *
- * The sweep's lines pass within half a pixel of the pixels whose hits they find; aligned lines pass through them, and
- * their hits are the pixels' own. Elsewhere, if the hits at a pixel and its neighbours lie on one smooth surface, the
- * pixel's own ray is intersected with the triangle at its line's hit (line_hits.h). Other pixels (at silhouettes, cuts
- * and rough surfaces, or without a hit next to a hit) are traced along their own epipolar line, in windows around the
- * hits at the pixel and its neighbours (candidates.h). These pixels are gathered into full packets first, as a trace
- * of a packet costs the same for one pixel as for all.
+ * A line of the sweep passes within half a pixel of the pixels to which it gives hits. Aligned lines pass through the
+ * pixels' centres, so their hits are the pixels' own. In other cases, if the hits at a pixel and at its neighbours lie
+ * on one smooth surface, the pixel's own ray is intersected with the triangle at its line's hit (line_hits.h).
+ * Otherwise (at silhouettes, cuts and rough surfaces, or if the pixel has no hit but a neighbour has one), the ray is
+ * traced along its own epipolar line, in windows around the hits at the pixel and at its neighbours (candidates.h).
+ * The pixels to trace are first gathered into full packets, as a trace of a packet costs the same for one pixel as for
+ * all.
  *
- * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: the rays that the hits belong to,
- * HITS_... in line_hits.h. The hits on margins begin `plane` values later, if there are any (0: none; patches.cl); the
- * nearer hit of a pixel counts.
- * depth, color, valid: (dst_height, dst_width); merge: pixels that already show something nearer stay. density: source
- * pixels per target pixel, >= 1. neighbour_offset: target pixels, >= 1, by which a surface may extend beyond the hits
- * of lines (half a sample). typical: a nearness of the view's surface in the target. rough: a surface is rough from
- * this second difference of neighbouring hits on, in source pixels. window: source pixels that are traced to either
- * side of a hit.
- * source: (dst_height, dst_width, 2) u and v in the samples' grid, NaN in holes; source_view: (dst_height, dst_width)
- * the index of the view, -1 in holes; with ORIGINS. classes: (dst_height, dst_width), classes.h: CLASS_HIDDEN is
- * written where the ray meets a side of the surface that is not shown; with ORIGINS 2.
- * counters: (work-items, 2) cells visited by the slowest lane, times LANES, and pixels traced, with COUNTERS.
+ * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: the rays to which the hits belong,
+ * HITS_... in line_hits.h. plane: the plane of hits on margins (patches.cl) begins this many values later, and the
+ * nearer of a pixel's two hits counts; 0: there are no margins.
+ * depth, color, valid: (dst_height, dst_width). merge: 1 if pixels that already show something nearer stay. density:
+ * source pixels per target pixel, >= 1. neighbour_offset: half the side of a sample in target pixels, >= 1: a surface
+ * may extend this far beyond the lines' hits. typical: a nearness of the view's surface in the target. rough: second
+ * difference of neighbouring hits, in source pixels, from which on a surface is rough. window: source pixels that are
+ * traced to either side of a hit.
+ * With ORIGINS: source: (dst_height, dst_width, 2) u and v in the samples' grid, NaN in holes; source_view:
+ * (dst_height, dst_width) the index of the view, -1 in holes. With ORIGINS 2: classes: (dst_height, dst_width),
+ * classes.h: becomes CLASS_HIDDEN where the ray meets a side of the surface that is not shown.
+ * counters: with COUNTERS, (work-items, 2): cells visited by the slowest lane, times LANES; number of traced pixels.
  * Work-item: STRIP * LANES pixels of a row.
  * Cost: O(pixels): a pixel visits at most CANDIDATES * 2 * window * density columns of the source; if it misses a
  * connected surface there, CANDIDATES * 2 * WIDE_WINDOW * density columns more. Next to isolated samples (OWN_RAY), the
@@ -33,10 +34,10 @@
 #include "warp/corners.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: the origin of each pixel is written, too; 2: also the class of hidden pixels */
+#define ORIGINS 0 /* 1: writes the pixels' origins (view, place in the source), too; 2: also hidden pixels' classes */
 #endif
 
-/* A row of the picture, and the view that it is resolved from */
+/* A row of the picture, and the view that is drawn into it */
 typedef struct {
     Grid grid;
     PixelMap map;
@@ -57,7 +58,7 @@ typedef struct {
     global const float *normals;
 } PictureRow;
 
-/* Enters the row's pixels x that were `written` into the G-buffer. */
+/* Writes the G-buffer's entries of the row's pixels x in the mask `written`. */
 INLINED void enter_pixels(PictureRow row, Corners there, intl written, intl x)
 {
 #if GBUFFER
@@ -76,7 +77,7 @@ INLINED void enter_pixels(PictureRow row, Corners there, intl written, intl x)
 #endif
 }
 
-/* Writes the origins of the row's pixels x that were `written`. */
+/* Writes the origins of the row's pixels x in the mask `written`. */
 INLINED void write_origins(PictureRow row, Pixels pixels, intl written, intl x)
 {
 #if ORIGINS
@@ -105,8 +106,8 @@ INLINED void write_hidden(PictureRow row, floatl hits, intl x, int high_x)
 #endif
 }
 
-/* Writes the first `count` of LANES pixels of the row from x0 on. With merge, only pixels nearer than the picture are
- * written. Returns the mask of written pixels. */
+/* Writes `count` pixels of the row from x0 on, at most LANES. With merge, writes only those nearer than the picture.
+ * Returns the mask of written pixels. */
 INLINED intl write_pixels(PictureRow row, Pixels pixels, Color c, int x0, int count)
 {
     const intl settled = IS_HIT(pixels.n);
@@ -135,7 +136,7 @@ INLINED intl write_pixels(PictureRow row, Pixels pixels, Color c, int x0, int co
     return written;
 }
 
-/* Prefetches the samples around the pixels' hits, which the hardware cannot predict. */
+/* Prefetches samples and colours at the hits of a packet's first and last pixel: hardware cannot predict these places. */
 void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 {
 #if LANES == 16
@@ -157,8 +158,8 @@ void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 #endif
 }
 
-/* Traces the pixels marked `traced`, gathered into full packets. Pixels that are still marked afterwards are traced
- * once more, in wider windows. Returns the number of traced pixels. */
+/* Traces the pixels marked `traced`, gathered into full packets. Pixels that miss the surface keep the mark, and are
+ * traced once more, in wider windows. Returns the number of pixels that were traced in the first round. */
 OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits, Grid grid, PixelMap map, int strip_x,
                          int y, int sides, int neighbour_offset, float density, float window, int connected, uint *cells)
 {
@@ -174,7 +175,7 @@ OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits,
             const intl x = strip_x + select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0);
             const floatl n = trace_candidates(hits, grid, map, x, y, wanted, is_second, sides, neighbour_offset,
                                               density, window, cells);
-            /* On a connected surface, a window that begins behind the surface meets its back. */
+            /* If a connected surface is met from the back, the window began behind it: that is a miss, too. */
             const intl misses = !IS_VISIBLE_HIT(n) & ((intl)(connected ? -1 : 0) | (n > EMPTY));
             for (int i = 0; i < min(count - first, LANES); i++) {
                 const int p = to_trace[first + i] / LANES, lane = to_trace[first + i] % LANES;
@@ -187,7 +188,8 @@ OUTLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits,
     return traced;
 }
 
-/* Reads a row's hits from strip_x to high_x, and intersects the pixels' own rays with the triangles at these hits. */
+/* Reads the hits of a strip's pixels, from strip_x on and before high_x. On smooth surfaces, intersects the pixels' own
+ * rays with the triangles at these hits. */
 OUTLINED void read_strip(Pixels *pixels, PictureRow row, global const float *hits, int strip_x, int high_x, int packets, int hit_kind,
                          int neighbour_offset, float density, float typical, float rough, int sides)
 {
@@ -205,8 +207,8 @@ OUTLINED void read_strip(Pixels *pixels, PictureRow row, global const float *hit
     }
 }
 
-/* Writes the pixels of a strip: their hits, or the row's margins where these are nearer (margins: 0 if there are
- * none). */
+/* Writes the pixels of a strip from their hits, or from hits on margins where these are nearer. margins: the row's hits
+ * on margins, or 0 */
 OUTLINED void write_strip(PictureRow row, Pixels *pixels, int strip_x, int high_x, int packets, int hit_kind,
                           global const float *hits, global const float *margins)
 {

@@ -2,19 +2,20 @@
 #define WARP_TRACE_H
 /* Traces rays of the target through the triangulated grid of the source, exactly, each along its own epipolar line.
  *
- * In the source's pixel space a ray is Y(n) = start + n * centre, where n is the nearness in the target. Its image is a
- * straight line, walked away from the epipole. The ray sees the first triangle that it crosses. The walk goes from cell
- * to cell; in each cell, the line passes one triangle and then the other. The surface's nearness minus the ray's is
- * affine over a triangle: the ray meets the triangle where this difference changes its sign.
+ * In the source's pixel space a ray is Y(n) = start + n * centre, where n is the nearness in the target. In the
+ * source's image the ray is a straight line, which is walked away from the epipole, cell by cell; in each cell, the
+ * line passes one triangle and then the other. The ray sees the first triangle that it crosses. Over a triangle, the
+ * surface's nearness minus the ray's nearness is affine: the ray meets the triangle where this difference changes its
+ * sign.
  *
- * Cost: the cells within the windows, for the slowest of LANES rays.
+ * Cost: for LANES rays, LANES times the cells that the slowest ray passes in its windows.
  */
 #include "warp/cells.h"
 #include "warp/hits.h"
 
-/* One ray a lane; all rays pass through the target's centre, which is the epipole of the source. */
+/* Rays, one for each lane, in the source's pixel space. All pass through the target's centre, the source's epipole. */
 typedef struct {
-    floatl u, v, w, q; /* at target nearness 0 */
+    floatl u, v, w, q; /* the ray's point at target nearness 0 */
     float4 centre;
     int perspective; /* whether the target is perspective */
 } Rays;
@@ -24,20 +25,21 @@ typedef struct {
     floatl q, gu, gv, x, y;
 } Plane;
 
-/* The rays' epipolar lines, and the rays' own nearness along them. */
+/* The epipolar lines of rays, and the nearness of the rays' points along them. Distances are pixels walked along a
+ * line's major axis. */
 typedef struct {
     Lines lines;
-    floatl near, near_step; /* the rays' nearness at distance 0, and its change per distance */
-    floatl start, centre;   /* the rays' start and centre along the lines' major axes, as distances */
+    floatl near, near_step; /* the ray's source nearness at distance 0, and its change per pixel of distance */
+    floatl start, centre;   /* homogeneous distances of the ray's point at target nearness 0, and of the epipole */
 } Epipolar;
 
-#define END_TOLERANCE 2e-4f /* pixels of the source by which a surface extends beyond its end, against rounding */
+#define END_TOLERANCE 2e-4f /* pixels of the source by which surfaces are extended at their ends, against rounding */
 #ifndef WINDOWS
 #define WINDOWS 1 /* greatest number of windows of a line after the first */
 #endif
 
-/* The windows of a line that are searched, in order: first [from, to], then `radius` to either side of each place in
- * `next` (INFINITY: none). */
+/* The windows of a line that are searched, in this order: first from `from` to `to`, then `radius` to either side of
+ * each place in `next` (INFINITY: no further window). All are distances along the line. */
 typedef struct {
     floatl from, to;
     floatl next[WINDOWS];
@@ -57,7 +59,8 @@ INLINED Rays rays_of(PixelMap map, floatl x, floatl y)
     return rays;
 }
 
-/* The target nearness at which the rays meet a plane; per_unit > 0: they meet its front. */
+/* The target nearness at which the rays meet a plane. Sets `per_unit`, which is positive if they meet the plane's
+ * front. */
 INLINED floatl intersect_plane(Rays rays, Plane plane, floatl *per_unit)
 {
     const float4 c = rays.centre;
@@ -67,7 +70,7 @@ INLINED floatl intersect_plane(Rays rays, Plane plane, floatl *per_unit)
     return -at_start / *per_unit;
 }
 
-/* The rays' epipolar lines, from the epipole (or the image's border) to the border (or the epipole) */
+/* The rays' epipolar lines, which begin and end at the image's border or at the epipole */
 INLINED Epipolar epipolar_of(Rays rays, Grid grid)
 {
     const float4 c = rays.centre;
@@ -82,7 +85,7 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
     const floatl minor = select_lanes(u_major, -offset, offset) * per_major;
     const floatl slope = (rays.q * c.z - c.w * rays.w) * per_major, level = (c.w * start - rays.q * centre) * per_major;
 
-    /* Clip to the image's pixels, and a little beyond their edges against rounding. */
+    /* Clip to the image's pixels, and ON_SAMPLES beyond their edges against rounding. */
     const float last_u = grid.width - 1, last_v = grid.height - 1;
     const floatl last_minor = select_lanes(u_major, (floatl)last_v, (floatl)last_u);
     const floatl per_tilt = 1.0f / select_lanes(fabs(tilt) < 1e-12f, (floatl)1e-12f, tilt);
@@ -121,19 +124,19 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
     return epipolar;
 }
 
-/* The distance of a target nearness along the lines */
+/* The distance along the lines at which the rays have a target nearness */
 INLINED floatl distance_of(Rays rays, Epipolar epipolar, floatl nearness)
 {
     return (epipolar.start + nearness * epipolar.centre) / (rays.w + nearness * rays.centre.z);
 }
 
-/* Finds the first triangle that each ray crosses within the windows of its line. Returns its hit; EMPTY without one;
- * BLOCKED if the ray meets a side that is not shown, but not in front of the target. */
+/* Finds the first triangle that each ray crosses within the windows of its line. Returns the hit on it; EMPTY if there
+ * is none; BLOCKED if the ray meets a side that is not shown, at a place that is not in front of the target. */
 INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, int sides, intl wanted, uint *cells)
 {
     const Lines lines = epipolar.lines;
     const Traversal traversal = traversal_of(lines, grid);
-    /* The change of nearness over END_TOLERANCE */
+    /* The change of the ray's nearness over END_TOLERANCE pixels */
     const floatl tolerance = END_TOLERANCE * fabs(epipolar.near_step);
     floatl at = fmax(windows.from, (floatl)0.0f), to = fmin(windows.to, lines.length), difference = 0.0f, x = 0.0f,
            y = 0.0f;
@@ -169,7 +172,7 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
                      near_2 = epipolar.near + epipolar.near_step * cell.out;
         const floatl difference_0 = select_lanes(connected, difference, cell.q_in - near_0), difference_2 = cell.q_out - near_2;
         const floatl difference_1 = select_lanes(cell.has_first, select_lanes(cell.has_second, cell.q_crossing - near_1, difference_2), difference_0);
-        /* The tolerance lets surfaces extend to the ends of their triangles despite rounding. */
+        /* With the tolerance, rounding leaves no gaps at the ends of triangles. */
         const intl first = cell.has_first & !cell.first_open, second = cell.has_second & !cell.second_open;
         const intl first_front = first & (difference_0 < tolerance) & (difference_1 >= -tolerance) &
                                  (difference_1 > difference_0);
