@@ -305,7 +305,7 @@ OUTLINED void continue_at(Image image, global float *surface, global float *ring
         beyond += n - nearness[(size_t)iy * pitch + bx];
     /* Limits the ring: half a pixel beyond the border, nearness is half to 1.5 times the border sample's. */
     beyond = n > 0.0f ? clamp(beyond, LEAST_BEYOND * n, 2.0f * n) : clamp(beyond, 2.0f * n, LEAST_BEYOND * n);
-    /* An edge along the ring is torn if the border's edge beside it is; edges from the border to the ring are not torn. */
+    /* An edge along the ring is torn if the border's edge beside it is; edges that lead to the ring are not. */
     const int along_row = x == bx && (bits & TORN_RIGHT), along_column = y == by && (bits & TORN_BELOW);
     int torn = (along_row ? TORN_RIGHT : 0) | (along_column ? TORN_BELOW : 0);
     if ((y < 0 && along_row) || (x < 0 && along_column))

@@ -1,15 +1,15 @@
 #ifndef WARP_CANDIDATES_H
 #define WARP_CANDIDATES_H
-/* Pixels whose own rays are traced in windows of their epipolar lines. Each window surrounds a candidate: a hit of the
- * pixel's own line or of a neighbour's line.
+/* Traces pixels' own rays in windows of their epipolar lines. Each window surrounds a candidate: the hit that the sweep
+ * stored for the pixel or for one of its neighbours.
  */
-#define CANDIDATES 9 /* hits around a pixel; 5 unless zoomed */
+#define CANDIDATES 9 /* greatest number of hits that are read for a pixel; 5 of them unless IS_ZOOMED */
 #define WINDOWS (CANDIDATES - 1)
 #include "warp/line_hits.h"
 
-#define WIDE_WINDOW 12.0f /* replaces `window` where nothing is met: past a crest, the next slope may be far */
+#define WIDE_WINDOW 12.0f /* replaces `window` in the second attempt: past a crest, the next slope may be far */
 
-#define FOLLOWED 256.0f /* target pixels: next to an isolated sample, a ray is followed this far in one window */
+#define FOLLOWED 256.0f /* target pixels: length of the first window next to an isolated sample */
 
 #define SORT(i, j)                                                                                             \
     {                                                                                                          \
@@ -24,8 +24,8 @@
 #define SORT_FIVE                                                                                              \
     SORT(0, 3) SORT(1, 4) SORT(0, 2) SORT(1, 3) SORT(0, 1) SORT(2, 4) SORT(1, 2) SORT(3, 4) SORT(2, 3)
 
-/* The distances along the rays' epipolar lines of the hits at pixels x of row y; INFINITY without a hit. meets: set for
- * hits with OWN_RAY. Beyond the image's border, the pixels at the border are read. */
+/* The distances along the rays' epipolar lines at which the hits of pixels x of row y lie; INFINITY without a hit. Sets
+ * `meets` for hits with OWN_RAY. Beyond the image's border, the pixels at the border are read. */
 INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, Epipolar epipolar, intl x, int y, intl *meets)
 {
     global const float *row = hits + (size_t)clamp(y, 0, map.dst_height - 1) * map.dst_pitch;
@@ -36,8 +36,8 @@ INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, E
     return select_lanes(IS_HIT(hit) & isfinite_lanes(place), place, (floatl)INFINITY);
 }
 
-/* Traces the rays of the pixels x of row y through the windows around their candidates; a second attempt uses wider
- * windows. Returns hits as trace does. */
+/* Traces the rays of the pixels x of row y through the windows around their candidates, which are wider if `is_second`.
+ * Returns the same as `trace`. */
 INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap map, intl x, int y, intl wanted, int is_second,
                                 int sides, int neighbour_offset, float density, float window, uint *cells)
 {

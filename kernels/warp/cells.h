@@ -2,43 +2,45 @@
 #define WARP_CELLS_H
 /* Traverses the source's triangulated grid along a straight line, from cell to cell.
  *
- * In each cell the line passes one triangle and then crosses the diagonal into the other one, unless it misses one of
- * them. So a line has two parts in a cell: from its entry to the diagonal, and from there to its exit.
+ * In a cell, the line has two parts, one in each triangle: from its entry to the diagonal, and from the diagonal to its
+ * exit. One part does not exist if the line misses a triangle.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
 
-/* Lines of the source, one a lane, as functions of the distance walked along their major axis. */
+/* Lines of the source, one for each lane, as functions of the distance: pixels walked along the line's major axis. */
 typedef struct {
-    floatl u, v, du, dv; /* position at distance 0, and its change */
+    floatl u, v, du, dv; /* position at distance 0, and its change per unit of distance */
     floatl length;       /* distance to walk; < 0: no walk */
     intl along_row, along_column, along_diagonal; /* the line runs along edges of the grid */
 } Lines;
 
 /* Values that are the same in all cells of a line. */
 typedef struct {
-    floatl step_u, step_v;   /* to the next cell */
-    floatl ahead_u, ahead_v; /* offset from a cell to the column and the row at which the line leaves the cell */
-    floatl per_u, per_v, per_d, never_u, never_v; /* distance from column to column, row to row, diagonal to diagonal */
-    floatl last_x, last_y;
+    floatl step_u, step_v;   /* 1 or -1: the steps to the next cell */
+    floatl ahead_u, ahead_v; /* offset from a cell's first sample to the column and the row where the line may leave */
+    /* per_...: distance from column to column, row to row, diagonal to diagonal; never_...: INFINITY if the line crosses
+     * no column, no row; otherwise 0 */
+    floatl per_u, per_v, per_d, never_u, never_v;
+    floatl last_x, last_y;   /* the last cell's column and row */
     float lowest;            /* the last row that has a row below */
     intl edges;              /* TORN_... bits of the edges that the line sees: all, or the edges that it runs along */
-    intl lower_first;
+    intl lower_first;        /* the line passes a cell's lower triangle before its upper one */
     int collapsed; /* some lines run along edges, onto which their cells are collapsed */
 } Traversal;
 
 typedef struct {
-    floatl x, y;                /* the cell's upper left sample */
-    floatl q10, q00, q01, q11;  /* nearness of the cell's samples */
+    floatl x, y;                /* position of the cell's upper left sample */
+    floatl q10, q00, q01, q11;  /* nearness of the cell's samples; q10 is to the right of q00 */
     floatl lower_u, lower_v, upper_u, upper_v; /* gradients of the cell's triangles */
-    floatl crossing, out;       /* distances at which the line crosses the diagonal, and leaves */
+    floatl crossing, out;       /* distances at which the line crosses the diagonal, and leaves the cell */
     floatl q_in, q_crossing, q_out; /* the surface's nearness at the entry, the crossing and the exit */
-    intl has_first, has_second; /* whether the line's two parts exist */
-    intl first_open, second_open; /* whether they pass no surface */
+    intl has_first, has_second; /* masks: the line's first, second part exists */
+    intl first_open, second_open; /* masks: the first, second part lies in an open triangle */
     floatl next_x, next_y;
 } Cell;
 
-/* Snaps lines onto the rows, columns or diagonals of samples that they follow up to rounding. */
+/* Snaps a line onto the row, column or diagonal of samples that it follows exactly, except for rounding. */
 INLINED void snap(Lines *lines)
 {
     const floatl longest = fmax(lines->length, (floatl)1.0f);
@@ -78,8 +80,8 @@ INLINED Traversal traversal_of(Lines lines, Grid grid)
     return traversal;
 }
 
-/* Collapses the corners of cells (`gather_cells`) onto a row or a column, so that only its samples count. lower: the
- * row is the cells' second one, which happens in the last row of an image. */
+/* Collapses the corners of cells (`gather_cells`) onto one row or column of samples, so that only these count. lower:
+ * the line runs along the cells' second row, as in the last row of an image. */
 INLINED void collapse_cells(floatl *corners, intl on_row, intl lower, intl on_column)
 {
     corners[0] = select_lanes(on_row & lower, corners[2], corners[0]);
@@ -97,8 +99,9 @@ INLINED void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *
     *y = select_lanes(which, select_lanes(lines.dv < 0.0f, ceil_lanes(v) - 1.0f, floor_lanes(v)), *y);
 }
 
-/* Intersects lines with the cells (x, y) that contain them at distance `at`. The code selects instead of branching,
- * since the next cell cannot be predicted. Distances are computed from cells, since sums of steps would drift. */
+/* Intersects lines with the cells (x, y) that they enter at distance `at`. The code selects values instead of
+ * branching, as branches could not be predicted. Distances are computed from the cells' positions, since sums of steps
+ * would drift. */
 INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, floatl y, floatl at)
 {
     Cell cell;
@@ -144,7 +147,7 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, f
                               q10 + cell.upper_u * (u_2 - 1.0f) + cell.upper_v * v_2);
     cell.q_crossing = q01 + u_1 * (q10 - q01);
 
-    const intl beyond = lines.along_diagonal & ((x != xc) | (y != yc)); /* outside of the grid, by rounding */
+    const intl beyond = lines.along_diagonal & ((x != xc) | (y != yc)); /* outside of the grid, because of rounding */
     lower_open = beyond | lower_open;
     upper_open = beyond | upper_open;
     cell.first_open = select_lanes(traversal.lower_first, lower_open, upper_open);

@@ -1,18 +1,18 @@
 #ifndef WARP_HITS_H
 #define WARP_HITS_H
-/* The hit of a line in a pixel: the target nearness of the first surface that the line meets there, EMPTY without one.
+/* Hits. A pixel's hit is the target nearness of the first surface that its line meets there; EMPTY if there is none.
  *
- * The last bit of the nearness is 1 if the hit's side is not shown: nothing is drawn there, but the surface hides
- * everything behind it.
+ * The last bit of the nearness is 1 if the surface turns a side to the target that is not shown: the surface is not
+ * drawn there, but hides everything behind it.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
 
-#define OWN_RAY 2 /* bit: the pixel's own ray meets something, there or farther away (patches.cl) */
+#define OWN_RAY 2 /* bit: the pixel's own ray meets a patch (patches.cl), at the hit's nearness or farther away */
 #define PACKED_HIT(nearness, hides) as_floatl((as_intl(nearness) & ~1) | (hides))
 #define IS_VISIBLE_HIT(hit) (IS_HIT(hit) & ((as_intl(hit) & 1) == 0))
-/* Stores a hit, given by its bits, unless the stored hit is nearer. Positive floats are ordered as ints are, negative
- * floats in reverse. */
+/* Stores a hit, given as bits, unless the stored hit is nearer. The bits of positive floats, as ints, have the order of
+ * the floats; the bits of negative floats have the reverse order. */
 void put_nearest(global float *pixel, int hit)
 {
     if (hit > 0)

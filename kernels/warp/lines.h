@@ -7,35 +7,35 @@
 #define ALIGNED 0 /* 1: lines along rows or columns of both images, through the pixels' centres */
 #endif
 #ifndef SEGMENT
-#define SEGMENT 0 /* pixels of a line that a work-item settles; 0: all */
+#define SEGMENT 0 /* number of a line's pixels that one work-item settles; 0: all of them */
 #endif
 #ifndef EDGES
 #define EDGES 0 /* 1: walk from edge to edge of the triangles, which is exact; 0: from column to column (row to row) */
 #endif
 
-/* Equally spaced epipolar lines of the target. Each line has one pixel for each coordinate "along" one axis; the other
- * axis is "across". */
+/* A group of equally spaced epipolar lines of the target. One axis of the image is called "along", the other "across":
+ * each line has one pixel at each coordinate along. */
 typedef struct {
-    int axis;                    /* along x: 0, along y: 1 */
-    int side;                    /* side of the epipole: the sign of D along the axis */
-    int first_packet;            /* this group's first work-item */
-    int count;                   /* lines */
-    int low, high;               /* range of coordinates along, inclusive */
-    int cross_low, cross_high;   /* range of coordinates across, inclusive */
-    int levels;                  /* number of halvings of the distance to the epipole within the image */
-    float reference;             /* coordinate along where lines of level 0 are 1 pixel apart */
-    float first, spacing;        /* at the reference: coordinate across of the first line, and the lines' spacing */
-    float distance, distance_step; /* distance to the epipole, 1 at the reference: distance + distance_step * along */
-    float least;                   /* pixels at this distance or nearer do not belong to these lines */
+    int axis;                    /* the axis along; 0: x, 1: y */
+    int side;                    /* side of the epipole: the sign of D (epipolar.cl) along the axis */
+    int first_packet;            /* the group's first work-item */
+    int count;                   /* number of lines */
+    int low, high;               /* first and last coordinate along */
+    int cross_low, cross_high;   /* first and last coordinate across */
+    int levels;                  /* how often the distance to the epipole halves within the image */
+    float reference;             /* coordinate along at which lines of level 0 are 1 pixel apart */
+    float first, spacing;        /* at the reference: the first line's coordinate across, and the lines' spacing */
+    float distance, distance_step; /* distance + distance_step * along: distance to the epipole, 1 at the reference */
+    float least;                   /* the lines have no pixels at this distance or less */
 } LineGroup;
 
 typedef struct {
-    int along, across;             /* axes of the target: x 0, y 1 */
+    int along, across;             /* axes of the target; 0: x, 1: y */
     floatl start, slope;           /* in the target: across = start + slope * along, */
-    floatl low, high;              /* for pixels along from low to high */
-    intl u_major;                  /* in the source: minor = minor_0 + tilt * major */
-    floatl minor_0, tilt, sign;    /* sign of the walk's steps, which lead away from the epipole */
-    floatl from, to, last_major;   /* major coordinates that are walked; none if from > to */
+    floatl low, high;              /* for the coordinates along from low to high */
+    intl u_major;                  /* in the source: minor = minor_0 + tilt * major; mask: u is major, else v */
+    floatl minor_0, tilt, sign;    /* sign: of the walk's steps along the major axis, in the direction D */
+    floatl from, to, last_major;   /* the walk's range of major coordinates, none if from > to; the image's last one */
     intl last_minor, stride_major, stride_minor;
     intl first_pixel;              /* ALIGNED: the index of the line's pixel 0 */
 } SweepLines;
@@ -81,7 +81,7 @@ INLINED SweepLines lines_of(LineGroup group, PixelMap map, int packet)
     line.low = select_lanes(in_area, line.low, (floatl)0.0f);
     line.high = select_lanes(in_area, line.high, (floatl)-1.0f);
 
-    /* The same lines in the source, directed away from the epipole, as the ray recedes */
+    /* The same lines in the source, directed as the target's rays recede: away from the epipole */
     const int along = line.along;
     const floatl x = along ? at_reference : (floatl)group.reference, y = along ? (floatl)group.reference : at_reference;
     const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y);
@@ -101,7 +101,7 @@ INLINED SweepLines lines_of(LineGroup group, PixelMap map, int packet)
     line.stride_major = select_lanes(u_major, (intl)1, (intl)map.src_pitch);
     line.stride_minor = select_lanes(u_major, (intl)map.src_pitch, (intl)1);
 
-    /* Clip the source line: to the image, to this side of the epipole. */
+    /* Clip the source line to the image, and to the part on this side of the epipole. */
     floatl from = -BORDER, to = line.last_major + BORDER;
     const floatl tilted = select_lanes(fabs(line.tilt) < 1e-12f, (floatl)1e-12f, line.tilt);
     const floatl edge_0 = (-BORDER - ON_SAMPLES - line.minor_0) / tilted;
@@ -111,18 +111,18 @@ INLINED SweepLines lines_of(LineGroup group, PixelMap map, int packet)
     const floatl e_major = select_lanes(u_major, (floatl)e_u, (floatl)e_v);
     if (e_w != 0.0f) {
         const floatl epipole = e_major / e_w;
-        const intl after = e_w * line.sign > 0.0f; /* samples follow the epipole on the axis */
+        const intl after = e_w * line.sign > 0.0f; /* the part's coordinates are greater than the epipole's */
         from = select_lanes(after, fmax(from, epipole), from);
         to = select_lanes(after, to, fmin(to, epipole));
     }
-    /* Rays in the source's principal plane (through its centre, parallel to its image) have no line: no walk. */
+    /* Rays in the plane through the source's centre, parallel to its image, have no line there: nothing is walked. */
     const intl somewhere = isfinite_lanes(line.tilt) & isfinite_lanes(line.minor_0);
     line.from = select_lanes(somewhere, from, (floatl)0.0f);
     line.to = select_lanes(somewhere, to, (floatl)-1.0f);
     return line;
 }
 
-/* The lines of lines_of, in the source also clipped to the range of depth */
+/* The lines of lines_of; in the source, they are also clipped to the part that the range of depth can reach. */
 INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
 {
     const float *S = map.src_from_dst;

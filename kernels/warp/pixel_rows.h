@@ -24,7 +24,7 @@ typedef struct __attribute__((packed)) {
 #define STORE16(v, p) vstore16(v, 0, p)
 #endif
 
-/* Reads the colours of up to 16 pixels of a row; the pixels beyond `count` are 0. */
+/* Reads the colours of `count` pixels of a row, at most 16; the rest of the planes becomes 0. */
 INLINED void read_row(Row *row, global const channel *color, size_t pixel, int count)
 {
     row->plane[0] = row->plane[1] = row->plane[2] = 0.0f;

@@ -5,15 +5,16 @@
 #include "warp/pyramid.h"
 
 #define RIM_PART 0.2f         /* the greatest fraction of foreground in a hole next to foreground */
-#define BESIDE 1              /* pixels: valid pixels this close to a hole have a weight */
-#define PIXEL_WEIGHT_MIN 1e-6f /* the least weight of any pixel */
-#define RATIO_FLOOR 1e-3f     /* ratios up to it weigh nothing: pixels at half the depth behind leave no trace */
+#define BESIDE 1              /* pixels: only valid pixels this close to a hole have a weight */
+#define PIXEL_WEIGHT_MIN 1e-6f /* the least weight of these pixels */
+#define RATIO_FLOOR 1e-3f     /* smaller powers of the ratio of depths count as 0: half the depth leaves no trace */
 
 #if HAS_BEHIND
 /* The fraction of foreground in a pixel of depth z next to a hole */
 #define FOREGROUND(z, far, falloff) clamp((falloff) * ((far) - (z)), 0.0f, 1.0f)
 
-/* The weights of pixels of depths z, one a lane */
+/* The weights of pixels with depths z, one for each lane. around: the farthest depth behind the holes around; touching,
+ * falloffs: the farthest depth behind the holes that touch the pixel, and their greatest falloff */
 INLINED floatl weights_of(floatl z, floatl around, floatl touching, floatl falloffs)
 {
     floatl ratio = around > z ? z / around : (floatl)1.0f;
@@ -27,7 +28,8 @@ INLINED floatl weights_of(floatl z, floatl around, floatl touching, floatl fallo
 #endif
 
 #if HAS_BEHIND && CHANNELS == 3
-/* Mixes up to RIM_PART of adjacent foreground pixels in its row and column into the colour `own` of the hole (x, y). */
+/* Writes the colour of the hole (x, y): its filled colour `own`, mixed with adjacent foreground pixels of its row and
+ * column by a fraction of at most RIM_PART. */
 void show_rim(global channel *color, global const float *depth, global const uchar *valid, global const float *behind,
               int width, int height, int pitch, int x, int y, float4 own)
 {

@@ -1,18 +1,16 @@
 #ifndef WARP_SEGMENTS_H
 #define WARP_SEGMENTS_H
-/* Lines cut into segments: a work-item settles some pixels of a target line, and walks the part of the source line that
- * they may see.
- *
- * A walk along the whole line gives the same hits: the steps left out show nothing at these pixels.
+/* Lines cut into segments: a work-item settles some pixels of a target line, and walks only the part of the source line
+ * that these pixels may see. A walk along the whole line would give the same hits.
  */
 #include "lib/bounds.h"
 #include "warp/interval.h"
 
-#define BLOCK_STEPS (BOUNDS_STEP - 1) /* consecutive steps of a line whose ends all lie in one window */
-#define NEAR_PIXEL 0.05f              /* pixels: by rounding, a surface this far from a pixel may still show there */
+#define BLOCK_STEPS (BOUNDS_STEP - 1) /* so many steps of a line, with all of their ends, lie in one window */
+#define NEAR_PIXEL 0.05f              /* pixels: by rounding, a pixel may show a surface that ends this far from it */
 
-#if LANES == 1 /* other devices walk whole lines */
-/* Can steps of a line from a major coordinate on, at most BLOCK_STEPS, show something at pixels from low to high? */
+#if LANES == 1 /* with more lanes, whole lines are walked */
+/* Can the next BLOCK_STEPS steps of a line, from a major coordinate on, show something at the pixels from low to high? */
 INLINED int may_show(SweepLines line, Targets targets, global const float *bounds, PixelMap map, float major, float low,
                      float high)
 {
@@ -26,7 +24,7 @@ INLINED int may_show(SweepLines line, Targets targets, global const float *bound
     UNROLLED
     for (int corner = 0; corner < 4; corner++) {
         const Projection place = project_at(targets, corner & 1 ? last : major, corner & 2 ? range.y : range.x);
-        if (place.w <= 0.0f) /* in the plane of the target's centre, or behind it, the place may be anywhere */
+        if (place.w <= 0.0f) /* not in front of the target's centre: the steps may show at any pixel */
             return range.x <= range.y;
         least = fmin(least, place.p / place.w);
         most = fmax(most, place.p / place.w);
@@ -34,8 +32,8 @@ INLINED int may_show(SweepLines line, Targets targets, global const float *bound
     return range.x <= range.y && most >= low && least <= high;
 }
 
-/* Shortens a segment's walk, block by block from both ends, by the steps that show nothing at its pixels. Returns the
- * number of blocks left out. */
+/* Shortens a segment's walk at both ends, block by block, by steps that show nothing at its pixels. Returns the number
+ * of tested blocks that were left out. */
 INLINED uint clip_walk(SweepLines *line, global const float *bounds, PixelMap map)
 {
     const Targets targets = targets_along(map, *line);
