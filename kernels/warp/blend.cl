@@ -1,30 +1,29 @@
 /* Blends the pictures of several views, the layers. At each pixel, the layers of the nearest surface are averaged. A
  * layer's weight is greater, the better its view saw the surface.
  *
- * A layer contributes if it lies no farther behind the nearest layer than the noise of both explains. Layers at
- * steps may show a rubber sheet: they count only if no view saw the surface away from its steps.
+ * A layer contributes if it lies no farther behind the nearest layer than the noise of both explains. At a step of its
+ * view's surface, a layer may show a rubber sheet: it only counts if no layer shows the surface away from steps.
  * The weight is the product of
- * - resolution: the view's samples per pixel, at most 1, since a view finer than the picture is no better than the
- *   picture;
- * - angle between the view's ray and the picture's: an error of depth moves a colour aside in proportion to the angle's
- *   sine. The factor is the cosine over the variance of the colour's position, which doubles from angle 0 to
- *   ANGLE_SQUARE;
- * - distance to the view's edges (view_edges.cl): seams then follow the edges, and colours mixed with another surface
- *   count least.
+ * - resolution: the view's samples per pixel of the picture, at most 1, since more samples do not improve the pixel;
+ * - angle between the view's ray and the picture's ray: an error of depth moves a colour aside in proportion to the
+ *   angle's sine. The factor is the angle's cosine, divided by 1 + sine^2 / ANGLE_SQUARE: the variance of the colour's
+ *   position in units of the variance at angle 0;
+ * - distance to the view's edges (view_edges.cl): a view fades out towards its edges, so no seam is visible there, and
+ *   colours that are mixed with another surface count least.
  * (Pajarola, Sainz & Meng 2003, section 4, blend depth meshes with weights of this kind.)
  *
- * Launches: weigh_layer for each layer, once it is drawn; then blend_layers, once for each stack of layers. If the
- * stack cannot hold all layers, nearest_layers first finds the nearest layer of all, and the layers that are no longer
- * held are drawn again.
+ * Launches: weigh_layer for each layer, once it is drawn; then blend_layers, once for each stack of layers. If there
+ * are several stacks, nearest_layers first finds the nearest layer of all stacks; then layers are drawn again, unless
+ * the stack still holds them.
  * depth, color, valid, source, source_view: (height, width) of a layer, or of the picture (resolve.cl). best: (2,
  * height, pitch) depth of the nearest layer, and its tolerance: negative if it was seen at a step, 0 without a layer.
- * stack: (layers, LAYER_PLANES, height, pitch) weight, negative if seen at a step, 0 in holes; depth; colour (a word of
- * 8 bits a channel, or three planes); with ORIGINS two more planes, with GBUFFER 2 three planes of the normal.
- * sums: (SUMS, height, pitch) of the layers so far: the sum of weights; the weighted means of red, green, blue and
- * depth, which equal a layer's own values to the bit if no other layer contributes; with ORIGINS the greatest weight
- * and its origin, with GBUFFER 2 the normal.
- * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels) a layer. Determinism: layers are added in the order of the
- * stack.
+ * stack: (layers, LAYER_PLANES, height, pitch) weight, negative if seen at a step, 0 in holes; depth; colour (a word
+ * with 8 bits for each channel, or three planes); with ORIGINS two planes of origins; with GBUFFER 2 three planes of
+ * normals. sums: (SUMS, height, pitch) over the layers added so far: sum of weights; weighted means of red, green, blue
+ * and depth, which equal a layer's own values to the bit if no other layer contributes; with ORIGINS the greatest
+ * weight and the origin in its layer; with GBUFFER 2 the mean normal.
+ * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels) for each layer. Determinism: layers are added in the order
+ * of the stack.
  */
 #include "lib/color.h"
 #include "lib/gbuffer.h"
@@ -38,7 +37,7 @@
 #define AT_STEP 0.5f          /* places up to this distance are at a step; units of the edges' bytes */
 #define WEIGHT_MIN 1e-6f      /* least weight of a layer that contributes */
 
-/* A packet of pixels of an image. at: the first pixel's index; count: the number of pixels up to the row's end */
+/* The values of a packet of pixels. at: the first pixel's index; count: the number of pixels from it to the row's end */
 INLINED floatl pixels_at(global const float *image, size_t at, int count)
 {
     if (count >= LANES)
@@ -47,7 +46,7 @@ INLINED floatl pixels_at(global const float *image, size_t at, int count)
     return (floatl)(gather(image + at, inside));
 }
 
-/* For each lane, a pair of bytes and the next pair */
+/* Reads two successive pairs of bytes for each lane. */
 #if LANES == 16
 #define WORD_FROM(l) ((global const Word *)(pairs + at.s##l))->bytes
 #define WORDS_FROM(pairs, at)                                                                                  \
@@ -70,8 +69,8 @@ INLINED floatl view_weight(LayerView view, Screen screen, Vector p, floatl z, fl
     const Vector direction = minus(p, centre);
     const floatl deep = DOT(direction, forward);
     const floatl finer = (screen.perspective ? z : (floatl)1.0f) / (view.perspective ? deep : (floatl)1.0f);
-    /* A perspective picture's eye is the origin. The vectors' lengths cancel; the division by depth keeps them near
-     * 1. */
+    /* A perspective picture's eye is the origin. The vectors' lengths cancel; dividing them by the depth only keeps
+     * their squares in range. */
     const float *m = screen.to_world;
     const Vector along = {-m[3], -m[7], -m[11]};
     const floatl scale = screen.perspective ? 1.0f / z : (floatl)1.0f;
@@ -83,15 +82,15 @@ INLINED floatl view_weight(LayerView view, Screen screen, Vector p, floatl z, fl
     return min_lanes(view.density / density * (finer * finer), (floatl)1.0f) * cosine / (1.0f + aside);
 }
 
-/* The distance of a layer's pixels from its view's edges, in units of view_edges.cl; 0 on margins, too, which only
- * extend the surface */
+/* The distance of a layer's pixels from its view's edges, as a byte of view_edges.cl; 0 at steps, and on margins, which
+ * only extend the surface */
 INLINED floatl edges_at(PixelMap map, global const ushort *edges, floatl x, floatl y, floatl n)
 {
     const float *S = map.src_from_dst;
     const floatl inverse = 1.0f / MAP_ROW(S, 2, x, y, n);
     const floatl u = MAP_ROW(S, 0, x, y, n) * inverse, v = MAP_ROW(S, 1, x, y, n) * inverse;
     const Taps taps = clamped_taps(map.src_width, map.src_height, u, v);
-    const intl word = words_at(edges, taps.at[0]); /* left above, left below, right above, right below */
+    const intl word = words_at(edges, taps.at[0]); /* bytes: left above, left below, right above, right below */
     const floatl distance = bilinear(taps, to_floatl(word & DISTANCE_BITS), to_floatl((word >> 16) & DISTANCE_BITS),
                                      to_floatl((word >> 8) & 255), to_floatl((word >> 24) & 255));
     const floatl off_sample = min_lanes(taps.fx, 1.0f - taps.fx) + min_lanes(taps.fy, 1.0f - taps.fy);
@@ -100,8 +99,7 @@ INLINED floatl edges_at(PixelMap map, global const ushort *edges, floatl x, floa
 }
 
 #if CHANNELS && COLOR_BYTES == 1
-/* A packet's colours as words, whose highest bytes are undefined. count: the number of pixels up to the
- * row's end */
+/* A packet's colours as words, whose highest bytes are undefined. count: the number of pixels to the row's end */
 INLINED intl pixel_words(global const uchar *first, int count)
 {
 #if LANES == 16
@@ -180,7 +178,7 @@ typedef struct {
     floatl z, off;
 } Nearest;
 
-/* Updates `best`; the order of the layers changes nothing. stack: at the packet's first pixel */
+/* Updates `best` from all layers of the stack. Their order does not matter. stack: at the packet's first pixel */
 INLINED void find_nearest(Nearest *best, global const float *stack, size_t plane, global const BlendedView *views,
                           int count, float unit)
 {
@@ -198,7 +196,7 @@ INLINED void find_nearest(Nearest *best, global const float *stack, size_t plane
     }
 }
 
-/* first: `best` is empty. */
+/* first: 1 for the first stack, when `best` is not set yet */
 kernel void nearest_layers(global const float *stack, global float *best, global const BlendedView *views, int count,
                            int first, int pitch, float unit, int width, int height)
 {
@@ -285,8 +283,7 @@ INLINED void add_layer(Blended *sums, global const float *layer, size_t plane, B
 #endif
 }
 
-/* Writes the `count` pixels of a packet that are in the picture; with `merge` only where they are nearer than the
- * picture. */
+/* Writes the pixels of a packet, at most `count`; with `merge`, only where they are nearer than the picture. */
 INLINED void write_blend(Blended sums, size_t at, int count, int merge, global float *depth, global channel *color,
                          global uchar *valid
 #if ORIGINS
@@ -332,8 +329,8 @@ INLINED void write_blend(Blended sums, size_t at, int count, int merge, global f
     }
 }
 
-/* first: no layers were added before; last: no layers are left, and the picture is written. If both, `best` is not
- * read. */
+/* first: 1 for the first stack, when `sums` is not set yet; last: 1 for the last stack, after which the picture is
+ * written. If both are 1, the nearest layer is found here, and `best` is not read. */
 kernel void blend_layers(global const float *stack, global const float *best, global float *sums,
                          global const BlendedView *views, int count, int first, int last, int pitch, float unit,
                          global float *depth, global channel *color, global uchar *valid, int width, int height,

@@ -1,23 +1,25 @@
-/* Finds why a pixel of the target is a hole, from the space along its ray that the source has seen.
+/* Finds why a pixel of the target is a hole, from the part of its ray that the source has seen.
  *
- * A ray is followed along its epipolar line as it recedes. Where the ray is nearer than the surface, the source has
- * seen free space. So the pixel shows something beyond the ray's last free place. The region that begins there gives
- * the class: space behind a surface, samples without depth, or the outside of the image. A ray that meets a side of the
- * surface that is not shown ends there; resolve.cl writes the class of its pixel.
+ * A ray is followed along its epipolar line as it recedes. Where the ray is nearer to the source than the surface, the
+ * source has seen that space is free. So the pixel shows something beyond the ray's last free place. The region that
+ * begins there gives the class: space behind a surface, samples without depth, or the outside of the image. A ray that
+ * meets a side of the surface that is not shown ends there; resolve.cl writes the class of its pixel.
  *
- * All pixels of a line (lines.h) share one walk back from the line's end. The first column (or row) where a pixel's ray
- * is free is the ray's last free place. In each column, the rays on one side of the visible surface are free. So the
- * classified pixels are one interval, and a step of the walk either classifies one more pixel at its end or goes on to
- * the next column. Where depth is missing, rays nearer than all samples of the source are free.
+ * All pixels of a line (lines.h) share one walk over the columns (or rows) of the source, backwards from the line's
+ * end. The first column in which a pixel's ray is free is the ray's last free place. In each column, all rays on one
+ * side of the visible surface are free. So the classified pixels form one interval: a step of the walk either
+ * classifies the next pixel at the interval's end or goes on to the next column. Where depth is missing, only rays
+ * nearer than all samples of the source count as free.
  *
- * told: (dst_height, dst_pitch) this view's result: the bits of a class, or a nearness where the line meets the surface
- * although the pixel is a hole. Then the source's sample on the pixel's own ray at this nearness gives the class. 0,
- * the initial value, stays where no line passes: at the borders between groups, and at the epipole. LANES more values
- * a packet follow, for lanes without a pixel. Without parallax there are no lines, and the buffer is filled with any
- * nearness.
- * valid: (dst_height, dst_width). classes: the same shape, classes.h; they hold the results of resolve.cl and of other
- * views for holes, and the least stays. nearest: the source's greatest nearness.
- * Work-item: LANES lines; STRIP * LANES pixels of a row. Cost: O(source samples + target pixels) a line.
+ * told: (dst_height, dst_pitch) this view's result: a class, as an int; or, where the line meets the surface although
+ * the pixel is a hole, the nearness of this place: then the sample at which the pixel's own ray has this nearness gives
+ * the class. The initial value 0 stays where no line passes: at the borders between groups, and at the epipole. LANES
+ * more values for each packet follow, for lanes that have no pixel to write. Without parallax there are no lines: the
+ * host fills the buffer with some nearness.
+ * valid: (dst_height, dst_width). classes: (dst_height, dst_width), classes.h: they already hold the results of
+ * resolve.cl and of other views; a hole keeps the least class. nearest: the greatest nearness in the source.
+ * Work-item: LANES lines (classify_lines); STRIP * LANES pixels of a row (classify). Cost: O(source samples + target
+ * pixels) for each line.
  * Determinism: a pixel is written by at most one lane.
  */
 #include "warp/classes.h"
@@ -35,16 +37,16 @@ OUTLINED void tell_packet(Grid grid, global float *told, LineGroup group, int pa
     const floatl first = floor_lanes(line.from), last = ceil_lanes(line.to), last_minor = to_floatl(line.last_minor);
     const floatl start = select_lanes(mirrored, line.to, line.from), minor_start = line.minor_0 + line.tilt * start;
     const intl enters = (line.from > line.to) | (start < 0.0f) | (start > line.last_major) | (minor_start < 0.0f) |
-                        (minor_start > last_minor); /* whether the ray enters the image over its border */
+                        (minor_start > last_minor); /* mask: the line enters the image at its border */
     const float side = group.side, guard = 5e-7f * (map.dst_width + map.dst_height);
     const int spare = map.dst_height * map.dst_pitch + packet * LANES;
-    /* Where the surface lies behind the target, rays from the source are farther than it, and rays towards the source
-     * are nearer. */
+    /* If the column's surface lies behind the target's centre, all rays that recede from the source are farther from it
+     * than the surface, and all rays that approach it are nearer. */
     const intl all_free = map.dst_from_src[11] > 0.0f ? -1 : 0;
 
     floatl steps = select_lanes(line.from > line.to, (floatl)-1.0f, last - first), major = select_lanes(mirrored, first, last), ahead = NO_SURFACE;
     floatl pixel = side > 0.0f ? line.low : line.high;
-    intl after = CLASS_OUTSIDE; /* class for rays that are not free in the column ahead */
+    intl after = CLASS_OUTSIDE; /* class of rays whose last free place is this column: the region in the column ahead */
     for (intl there = steps >= 0.0f;; there = steps >= 0.0f) {
         const intl untold = (pixel >= line.low) & (pixel <= line.high);
         if (!any_lane(untold))
@@ -89,7 +91,7 @@ kernel void classify_lines(global const float *surface, global float *told, glob
     tell_packet(grid, told, groups[group_of(groups, group_count, packet)], packet, map, nearest);
 }
 
-/* The classes of pixels, from the source's samples on their rays at a nearness */
+/* The classes of pixels, from the source's samples at the places where their rays have a target nearness */
 INLINED intl class_in_place(Grid grid, Rays rays, floatl near)
 {
     const floatl w = rays.w + near * rays.centre.z;

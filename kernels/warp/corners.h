@@ -1,17 +1,17 @@
 #ifndef WARP_CORNERS_H
 #define WARP_CORNERS_H
-/* The samples that pixels' hits are interpolated from, and their colours. */
+/* The samples from which depth and colour of pixels are interpolated, at the pixels' hits. */
 #include "lib/color.h"
 #include "warp/line_hits.h"
 
-/* The samples from which a hit is interpolated (its triangle's corners, or the nearest sample alone), as indices
- * y * width + x, and their weights */
+/* The indices y * width + x of a hit's samples, and their weights: the corners of the hit's triangle, or the nearest
+ * sample with weight 1 */
 typedef struct {
     intl corner, beside, below;
     floatl at_corner, at_beside, at_below;
 } Corners;
 
-/* Sample (x, y) alone; the pixels also take its nearness. */
+/* Sample (x, y) alone. Also sets the pixels' nearness to the sample's. */
 INLINED Corners one_sample(Pixels *pixels, Grid grid, PixelMap map, intl x, intl y)
 {
     const float *D = map.dst_from_src;
@@ -24,8 +24,8 @@ INLINED Corners one_sample(Pixels *pixels, Grid grid, PixelMap map, intl x, intl
     return one;
 }
 
-/* The samples around the pixels' hits on triangles. If not `linear`: the nearest sample; the pixels also take its
- * nearness. */
+/* The samples of hits on triangles: the corners if `linear`, otherwise the nearest sample, whose nearness the pixels
+ * then take, too. */
 INLINED Corners corners_of_triangles(Pixels *pixels, Grid grid, PixelMap map, int linear)
 {
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
@@ -46,10 +46,10 @@ INLINED Corners corners_of_triangles(Pixels *pixels, Grid grid, PixelMap map, in
     return three;
 }
 
-#define BETWEEN_SAMPLES 2e-3f /* pixels: this close to the middle between two samples, a margin may belong to either */
+#define BETWEEN_SAMPLES 2e-3f /* pixels: a margin this close to the middle of two samples may belong to either */
 
-/* The samples whose margins the pixels show: the nearest sample in the image; half-way between samples, the sample with
- * the closest nearness. */
+/* The samples to which hits on margins belong: the nearest sample in the image; half-way between samples, the sample
+ * whose nearness is closest to the hit's. */
 INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, floatl column, int row, intl *x, intl *y)
 {
     const float *S = map.src_from_dst;
@@ -72,7 +72,7 @@ INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, floatl colu
     }
 }
 
-/* The samples around hits on margins: the margin's sample, and its neighbours towards the hit if they lie on the same
+/* The samples of hits on margins: the margin's sample, and its two neighbours on the hit's side if they lie on the same
  * surface */
 INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int linear, floatl column, int row)
 {
@@ -98,7 +98,7 @@ INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int 
     return corners;
 }
 
-/* The samples from which hits are interpolated, where some hits are `on_margins` */
+/* The samples of hits on triangles and of those `on_margins` */
 INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear, intl on_margins, floatl column, int row)
 {
     Pixels beside = *pixels;
@@ -127,7 +127,7 @@ INLINED Color interpolate_color(Corners there, PixelMap map, global const channe
     c.r = there.at_corner * c0.r + there.at_beside * c1.r;
     c.g = there.at_corner * c0.g + there.at_beside * c1.g;
     c.b = there.at_corner * c0.b + there.at_beside * c1.b;
-    if (any_lane(there.at_below != 0.0f)) { /* some hits lie off the rows of samples */
+    if (any_lane(there.at_below != 0.0f)) { /* otherwise all hits lie exactly on rows of samples */
         const Color c2 = read_color(src_color, there.below, count);
         c.r += there.at_below * c2.r;
         c.g += there.at_below * c2.g;

@@ -1,9 +1,9 @@
-/* The forward warp: each sample of the source is carried to the target and drawn as a square of pixels; the nearest one
- * wins (Schaufler & Priglinger 1999, section 3, with a depth test instead of an order).
+/* The forward warp: each sample of the source is projected to the target and drawn as a square of pixels; a pixel shows
+ * the nearest sample (Schaufler & Priglinger 1999, section 3, but with a depth test instead of their drawing order).
  *
- * Three launches. The first finds each pixel's greatest nearness; the second, `by_index`, the least index among the
- * samples of this nearness. The third writes the pixels. keys, indices: (dst_height, dst_width), warp/keys.h. Work-item:
- * a sample, in the third launch a pixel. Cost: O(samples * splat^2).
+ * Launches: the first finds each pixel's greatest nearness; the second, with `by_index`, the least index of a sample
+ * with this nearness; the third writes the pixels. keys, indices: (dst_height, dst_width), keys.h. Work-item: a sample;
+ * in the third launch, a pixel. Cost: O(samples * size^2), with the squares' side in pixels.
  * Determinism: maximum and minimum do not depend on the order of work-items.
  */
 #include "lib/channel.h"
@@ -11,15 +11,16 @@
 #include "lib/pixelspace.h"
 #include "warp/keys.h"
 
-/* Both launches of splat_samples must find the same nearness to the last bit. */
+/* The first two launches must compute the same nearness to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
 typedef struct {
     float nearness;
-    int low_x, high_x, low_y, high_y; /* pixels covered; none where high < low */
+    int low_x, high_x, low_y, high_y; /* first and last pixel; none if high < low */
 } Splat;
 
-/* Pixels whose centres lie in the half-open square of side `size` around the projected sample. */
+/* The pixels whose centres lie in the square around the projected sample. size: the square's side in pixels. The square
+ * contains its left and upper sides, but not the others. */
 Splat splat_of(global const float *nearness, PixelMap map, int x, int y, float size)
 {
     const float *D = map.dst_from_src;

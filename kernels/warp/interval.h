@@ -1,17 +1,16 @@
 #ifndef WARP_INTERVAL_H
 #define WARP_INTERVAL_H
-/* Intervals of settled pixels. A walk along a line of the source settles the pixels of the target's line. A connected
- * run of samples settles one interval of pixels, and the run's next segment extends this interval at either end.
- *
- * A pixel sees the first segment that crosses its ray: a settled pixel keeps its hit.
+/* Intervals of settled pixels. A walk along a line of the source settles the pixels of the target's line: each gets the
+ * hit on the first segment (between two samples) that crosses its ray, and keeps it. A connected run of samples settles
+ * one interval of pixels; each segment of the run extends the interval at one end.
  */
 #include "warp/hits.h"
 #include "warp/lines.h"
 
-#define PREFETCH_STEPS 8 /* steps between a prefetch and the use */
+#define PREFETCH_STEPS 8 /* number of steps by which data are prefetched before their use */
 
-/* Lines across rows touch new pages at each step, but neighbouring lines share cache lines: the first and the last lane
- * are enough, or a few between them. */
+/* Prefetches for lines across rows, which read from another page of memory at each step. Neighbouring lines share cache
+ * lines, so it is enough to prefetch for the first and the last lane, and sometimes for a few others. */
 INLINED void prefetch_across_rows(global const float *array, intl index, LineGroup group)
 {
 #if LANES == 16
@@ -26,15 +25,16 @@ INLINED void prefetch_across_rows(global const float *array, intl index, LineGro
 #endif
 }
 
-/* The pixels [below + 1, above - 1] of a line. */
+/* An interval of a line's settled pixels: those after `below` and before `above` */
 typedef struct {
     floatl below, above;
-    intl ended; /* the run of samples has ended, and the next segment begins another interval */
-    intl begun; /* the line has an interval */
-    floatl first, last; /* a range that contains all pixels of earlier intervals */
+    intl ended; /* mask: the run of samples has ended, and the next segment begins another interval */
+    intl begun; /* mask: the line has an interval */
+    floatl first, last; /* a range that contains all pixels of the line's earlier intervals */
 } Interval;
 
-/* A sample (or a place between samples) of the line: its nearness, and its homogeneous target position. */
+/* A sample of the line, or a place between samples: its source nearness, and its homogeneous target position (p is
+ * along the line). */
 typedef struct {
     floatl nearness, p, w, q;
 } Projection;
@@ -42,9 +42,9 @@ typedef struct {
 /* State for writing the hits of lines */
 typedef struct {
     global float *hits;
-    int spare;      /* for lanes with nothing to write */
-    int up_hides;   /* 1: segments that extend the interval to larger pixels turn a hidden side to the target, */
-    int down_hides; /* 1: segments that extend it to smaller pixels */
+    int spare;      /* index in `hits` at which lanes without a pixel write */
+    int up_hides;   /* 1: a segment that extends the interval to larger pixels shows a side that is not drawn */
+    int down_hides; /* 1: the same for a segment that extends the interval to smaller pixels */
     uint pixels;
 } HitWriter;
 
@@ -58,8 +58,9 @@ INLINED Projection select_projection(intl mask, Projection yes, Projection no)
     return place;
 }
 
-/* Clips a segment to its part in front of an orthographic target's image plane. open: set if the whole segment is
- * behind the plane. Returns whether the segment begins behind it. (Perspective targets need only the sign of W.) */
+/* Clips a segment to the part in front of an orthographic target's image plane. Sets `open` if the whole segment is
+ * behind the plane. Returns the mask of segments that begin behind it. (For perspective targets, the sign of W is
+ * enough.) */
 INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
 {
     const intl a_behind = a->q >= 0.0f, b_behind = b->q >= 0.0f;
@@ -75,11 +76,11 @@ INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
 
 #define STORE_LANE(l) hits[address.s##l] = stored.s##l;
 
-/* The indices in `hits` of the lines' pixels p. Lanes that are not `wanted`, or whose pixel belongs to another line,
+/* The indices in `hits` of pixel p of each line. Lanes that are not `wanted`, or whose pixel belongs to another line,
  * get a spare index. */
 INLINED intl owned_pixel(SweepLines line, LineGroup group, PixelMap map, floatl p, intl wanted, int spare, float guard)
 {
-#if ALIGNED /* each line has pixels of its own */
+#if ALIGNED /* no pixel belongs to two lines */
     return select_lanes(wanted, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1),
                                       spare + lane_index);
 #else
@@ -88,7 +89,8 @@ INLINED intl owned_pixel(SweepLines line, LineGroup group, PixelMap map, floatl 
     const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
     const floatl at_line = line.start + line.slope * p, c = floor_lanes(at_line + 0.5f);
     const floatl distance = group.distance + group.distance_step * p;
-    /* In each ring between two halvings of the distance, lines are 1/2 to 1 pixel apart; in the innermost, closer. */
+    /* Where the distance halves, every second line ends: so lines are 1/2 to 1 pixel apart. After the last halving,
+     * they come closer. */
     const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);
     const floatl line_spacing = min_lanes(in_ring, distance * innermost);
     const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
@@ -101,21 +103,21 @@ INLINED intl owned_pixel(SweepLines line, LineGroup group, PixelMap map, floatl 
 #endif
 }
 
-/* Settles the pixels between a segment's ends that the interval does not contain yet. there: lanes with a segment;
- * open: the segment is no surface. */
+/* Settles the pixels between a segment's ends a and b, unless the interval contains them. there: mask of lanes that
+ * have a segment; open: mask of segments without surface */
 INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Projection b, intl there, intl open,
                     SweepLines line, LineGroup group, PixelMap map)
 {
-    /* A guard against rounding: no pixel may have two owners, and a segment that begins exactly at a pixel must own
-     * this pixel, whichever way the segment goes on. */
+    /* A margin for rounding, in pixels: no pixel may belong to two lines, and a segment that begins exactly at a pixel
+     * must settle it, in whichever direction the segment goes on. */
     const float guard = 5e-7f * (map.dst_width + map.dst_height);
     global float *hits = writer->hits;
 
     intl from_behind = 0;
     if (!map.dst_perspective)
         from_behind = clip_at_plane(&a, &b, &open);
-    const floatl crosses = b.p * a.w - a.p * b.w; /* sign of the target's direction from a to b, if both lie in front */
-    const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* crosses to the front of the target's centre */
+    const floatl crosses = b.p * a.w - a.p * b.w; /* > 0: from a to b, pixels increase, if both ends lie in front */
+    const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* mask: only b lies in front of the target's centre */
     const intl begins = there & (!open) & (interval->ended | emerges | from_behind);
     if (any_lane(begins)) {
         const floatl from_infinity = select_lanes(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);
@@ -175,7 +177,8 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
     }
 }
 
-/* Homogeneous target positions along lines of the source at nearness 0: affine in the distance walked. */
+/* Homogeneous target positions of points along lines of the source. At nearness 0 they are affine functions of the
+ * distance walked. */
 typedef struct {
     floatl p_0, p_1, w_0, w_1, q_0, q_1;
     float b_p, b_w, b_q; /* change per unit of nearness */
@@ -197,7 +200,7 @@ INLINED Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl d
     return targets;
 }
 
-/* The same as functions of the lines' major coordinates */
+/* The same, as functions of the lines' major coordinates instead of distances */
 INLINED Targets targets_along(PixelMap map, SweepLines line)
 {
     return targets_of(map, line.along, select_lanes(line.u_major, (floatl)0.0f, line.minor_0),

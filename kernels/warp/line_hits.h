@@ -1,28 +1,28 @@
 #ifndef WARP_LINE_HITS_H
 #define WARP_LINE_HITS_H
-/* Hits of the pixels' own rays where the hits of their epipolar line and of its neighbours lie on one smooth surface.
- * Other pixels are traced.
+/* Hits of the pixels' own rays, where the lines' hits at a pixel and at its neighbours lie on one smooth surface. Other
+ * pixels are marked, to be traced.
  */
 #include "warp/hits.h"
 #include "warp/trace.h"
 
 #define HITS_OF_LINES 0         /* the hits belong to lines that pass near the pixels */
 #define HITS_OF_PIXELS 1        /* the hits belong to the pixels' own rays */
-#define HITS_WITHOUT_PARALLAX 2 /* nothing moves with its depth: each pixel has one place in the source */
+#define HITS_WITHOUT_PARALLAX 2 /* there are no hits: a pixel's place in the source does not depend on depth */
 
-#define IS_ZOOMED (neighbour_offset > 1) /* samples are larger than pixels: hits at this offset count, too */
-#define AT_EPIPOLE 1e-2f /* pixels of the target around the epipole in which no line has hits */
+#define IS_ZOOMED (neighbour_offset > 1) /* samples are larger than pixels: hits at this offset are read, too */
+#define AT_EPIPOLE 1e-2f /* target pixels: lines have no hits this close to the epipole */
 #define TOLERANCE 1e-3f  /* pixels of the source by which a hit may lie outside its triangle by rounding */
 
 /* LANES pixels of a row */
 typedef struct {
     floatl n;    /* the line's hit, later the pixel's own */
     floatl u, v; /* where the hit lies in the source */
-    intl smooth; /* the hits around lie on one smooth surface */
-    intl traced; /* the pixel's own ray is to be traced, unless it meets the triangle at the line's hit */
+    intl smooth; /* mask: the pixel's hit and its neighbours' hits lie on one smooth surface */
+    intl traced; /* mask: trace the pixel's own ray, unless it meets the triangle at the line's hit */
 } Pixels;
 
-/* Finds where the hits of pixels x of row y lie in the source. Returns 1 / w there. */
+/* Finds the places of the hits of pixels x of row y in the source. Returns 1 / w at these places. */
 INLINED floatl find_place(Pixels *pixels, PixelMap map, floatl x, int y)
 {
     const float *S = map.src_from_dst;
@@ -32,7 +32,7 @@ INLINED floatl find_place(Pixels *pixels, PixelMap map, floatl x, int y)
     return inverse;
 }
 
-/* Reads the hits of the pixels' own lines, and judges from the neighbours' hits whether the surface is smooth there. */
+/* Reads the hits of LANES pixels, and tells from their neighbours' hits whether the surface is smooth there. */
 INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, intl inside, int hit_kind,
                          int neighbour_offset, float density, float typical, float rough)
 {
@@ -66,13 +66,13 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
         }
         curved = max_lanes(fabs(left + right - 2.0f * n), fabs(above + under - 2.0f * n));
         pixels.smooth = inside & IS_HIT(n) & above_met & under_met & left_met & right_met;
-        /* A pixel whose line meets nothing may see what a neighbour's line meets. */
+        /* If a pixel's line has no hit, the pixel's own ray may meet the same surface as a neighbour's line. */
         pixels.traced = inside & any_met;
     }
     intl in_place = hit_kind == HITS_WITHOUT_PARALLAX ? inside : (intl)0;
-    /* A hit that patches.cl drew belongs to no line. */
+    /* Hits from patches.cl do not belong to a line. */
     const intl none = !IS_HIT(n) | (hit_kind == HITS_OF_LINES ? (as_intl(n) & OWN_RAY) != 0 : (intl)0);
-    if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
+    if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* at the epipole, there is no line and no parallax */
         in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & none);
     n = select_lanes(in_place, (floatl)typical, n);
     pixels.n = hit_kind == HITS_OF_PIXELS ? select_lanes(inside | in_place, n, (floatl)EMPTY) : n;
@@ -80,7 +80,7 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
     if (hit_kind == HITS_OF_LINES) {
         const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
         pixels.smooth = pixels.smooth & (curved * moves_by < rough * density);
-        /* If all hits around lie on one smooth side that is not shown, the pixel sees nothing. */
+        /* If all these hits lie on one smooth surface, and on a side that is not shown, the pixel sees nothing. */
         pixels.traced = pixels.traced & (any_seen | !pixels.smooth);
         pixels.smooth = pixels.smooth & seen_here;
     }
@@ -89,8 +89,8 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
     return pixels;
 }
 
-/* Intersects the pixels' own rays with the planes of the triangles at their lines' hits. A ray that meets its triangle
- * gets this hit; the hits of other rays become EMPTY. */
+/* Intersects the pixels' own rays with the planes of the triangles at their lines' hits. A pixel whose ray meets the
+ * plane within the triangle gets this hit; the hits of other pixels become EMPTY. */
 INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int hit_kind, int sides)
 {
     const float *S = map.src_from_dst;
@@ -135,8 +135,8 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
     const intl in_lower = (du >= -TOLERANCE) & (dv >= -TOLERANCE) & (diagonal <= 1.0f + TOLERANCE);
     const intl in_upper = (du <= 1.0f + TOLERANCE) & (dv <= 1.0f + TOLERANCE) & (diagonal >= 1.0f - TOLERANCE);
     const intl in_triangle = (upper & in_upper) | ((!upper) & in_lower);
-    /* A front side lies just in front of each back side, and the pixel's ray may meet it instead. So if both sides are
-     * shown, the ray is traced. */
+    /* Just in front of each back side lies a front side, which the pixel's ray may meet first. So if both sides are
+     * shown, a ray that meets a back side is traced. */
     const int shows_back = hit_kind == HITS_WITHOUT_PARALLAX ? sides & SHOWS_BACK : sides == SHOWS_BACK;
     const intl shows = ((per_unit > 0.0f) & (intl)(sides & SHOWS_FRONT ? -1 : 0)) |
                        ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));

@@ -1,22 +1,22 @@
-/* Finds the margins and uncertain bridges of a view's surface that other views have looked through.
+/* Removes margins and uncertain bridges of a view's surface where a ray of another view passes through them.
  *
- * A view extends its surface by half a sample at edges (lib/margins.h), and it bridges steep steps that seem to go on
- * (step_allowed). Neither was seen. A ray of another view that passes such a place and goes on shows that the place is
- * empty. So these places are listed as points, each view tests the points of all others, and the places that were
- * looked through are dropped.
+ * At edges, a view extends its surface by half a sample (margins, lib/margins.h). Where a steep surface seems to
+ * continue, the view connects neighbours that differ by more than step_allowed (bridges). None of this was seen. If a
+ * ray of another view passes such a place and meets something behind it, the place is empty. So these places are listed
+ * as points, and each view tests the points of all other views.
  *
- * A point's depth is known within its noise. So a point is a piece of its view's ray, and one view must look through
- * both ends and the middle. The view's nearest ray must pass within half a sample of the point, in samples of the
- * point's view, since coarse views do not show details. The ray must meet its surface farther away than noise and a
- * a fraction of a sample explain, or be known to meet nothing. Objects one sample thin consist of margins alone, so
- * these margins stay.
+ * A point's depth is only known within its noise. So a point is a piece of its view's ray, and another view must look
+ * through both ends and the middle of this piece. The other view's nearest ray must pass within half a sample of the
+ * point (in samples of the point's view), since coarse views do not show details. The ray must be known to meet
+ * nothing, or to meet its surface behind the point, by more than noise and a fraction of a sample explain. Objects one
+ * sample thin consist of margins alone, so their margins stay.
  *
  * points: (POINT_PLANES, pitch), one point per column; a view's columns are adjacent. seen: (pitch,) 1 if another view
- * has looked through the point. surface: picture/edges.cl; nearness: picture/nearness.cl, of the same pitch. Launches:
- * find_bridges twice for each view, to count the bridges and to list them; look_through for each view; tear_bridges.
- * Then the same with list_margins and keep_margins. Work-item: a piece of a row; STRIP * LANES columns; one column in
- * tear_bridges, `share` columns in keep_margins. Cost: O(samples + points x views). Determinism: a view's points may
- * come in any order, which changes nothing.
+ * has looked through the point. surface: picture/edges.cl; nearness: picture/nearness.cl, with the same pitch.
+ * Launches: find_bridges twice for each view, to count the bridges and to list them; look_through for each view;
+ * tear_bridges; then list_margins, look_through and keep_margins. Work-item: a piece of a row (find_bridges); one
+ * column (tear_bridges); `share` columns (keep_margins); STRIP * LANES columns (the others). Cost: O(samples + points *
+ * views). Determinism: results do not depend on the order of a view's points.
  */
 #include "lib/lanes.h"
 #include "lib/margins.h"
@@ -29,12 +29,12 @@
 #define BRIDGE 7 /* an int: the index of the bridge's sample in `surface`, times 8, and its TORN_... bit */
 #define POINT_PLANES 8
 
-#define POINT_ASIDE 0.3f /* samples from a margin's sample to its point, slightly beyond the margin's middle */
+#define POINT_ASIDE 0.3f /* samples from a margin's sample to its point, which is slightly beyond the margin's middle */
 #define OWN_DEVIATIONS 4.0f  /* the interval of a point's depth, in standard deviations of its noise */
 #define SEEN_DEVIATIONS 6.0f /* a point must lie in front of a surface by more than this many deviations, */
 #define SURFACE_TOLERANCE 0.2f /* and by more than this fraction of a sample, since surfaces bend between samples */
 
-/* A view of the set. Its noise has the standard deviation noise_2 z z + noise_1 z + noise_0 at depth z. */
+/* A view of the set. At depth z, its noise has the standard deviation noise_2 z z + noise_1 z + noise_0. */
 typedef struct {
     float pixel_from_world[16], world_from_pixel[16];
     int width, height, pitch, perspective;
@@ -70,8 +70,8 @@ INLINED Points points_at(SetView view, floatl x, floatl y, floatl n)
     return points;
 }
 
-/* Counts the uncertain bridges of samples `first` to `end` - 1 of a row. If `points` are given, also lists the bridges
- * from column `at` on. */
+/* Returns the number of uncertain bridges of samples `first` to `end` - 1 of a row. Unless `points` is 0, also writes
+ * the bridges to its columns from `at` on. */
 OUTLINED int bridges_of(Grid grid, SetView view, EdgeView steps, int first, int end, int y, global float *points, int at,
                         int point_pitch)
 {
@@ -80,7 +80,7 @@ OUTLINED int bridges_of(Grid grid, SetView view, EdgeView steps, int first, int 
         global const float *own = grid.nearness + (size_t)y * grid.pitch + x0;
         const intl x = x0 + lane_index, has_right = x + 1 < grid.width, has_below = y + 1 < grid.height ? -1 : 0;
         const floatl here = load_lanes(own), right = load_lanes(own + 1), below = load_lanes(own + grid.pitch);
-        for (int number = 0; number < 3; number++) { /* to the right, below, and along the diagonal */
+        for (int number = 0; number < 3; number++) { /* edges to the right, downwards, and along the diagonal */
             const floatl a = number == 2 ? right : here, b = number == 0 ? right : below;
             const intl inside = (x < end) & (number == 1 ? (intl)-1 : has_right) & (number == 0 ? (intl)-1 : has_below);
             const intl is_torn = (as_intl(here) & (TORN_RIGHT << number)) != 0;
@@ -104,7 +104,8 @@ OUTLINED int bridges_of(Grid grid, SetView view, EdgeView steps, int first, int 
     return count;
 }
 
-/* count: the bridges of each view, counted from 0. lists: whether to list the bridges, from column `start` on. */
+/* count: the number of bridges of each view, initially 0. lists: 1 if the bridges are also listed, from column `start`
+ * on */
 kernel void find_bridges(global const float *surface, SetView view, EdgeView steps, global int *count, int number,
                          int piece, int lists, global float *points, int start, int point_pitch)
 {
@@ -120,10 +121,10 @@ kernel void find_bridges(global const float *surface, SetView view, EdgeView ste
         bridges_of(grid, view, steps, first, end, y, points, start + at, point_pitch);
 }
 
-/* Is a cell whole? Its first sample and the samples to the right and below are given. */
+/* Is a cell whole, given its first sample and the samples to the right of it and below it? */
 #define IS_WHOLE_CELL(first, right, below) ((!IS_LOWER_OPEN(first)) & (!IS_UPPER_OPEN(first, right, below)))
 
-/* Is each of the samples (x, y) a corner of a whole cell? Otherwise it is one sample thin. */
+/* The mask of the samples (x, y) that are a corner of a whole cell. The surface is one sample thin at the others. */
 INLINED intl in_cell(Grid grid, intl x, intl y)
 {
     const intl at = y * grid.pitch + x, above = at - grid.pitch, below = at + grid.pitch;
@@ -142,7 +143,7 @@ INLINED Points points_of_margins(Grid grid, SetView view, global const float *ma
     const intl bits = as_intl(load_lanes(margins + MARGIN_BITS * pitch));
     const floatl x = load_lanes(margins + MARGIN_X * pitch), y = load_lanes(margins + MARGIN_Y * pitch);
     const intl to_right = (bits & TO_RIGHT) != 0, to_below = (bits & TO_BELOW) != 0;
-    /* A quarter that is halved to a triangle lies nearer to one of its two sides. */
+    /* If only half of a quarter is a margin, the middle of this half is nearer to the sample's row or to its column. */
     const intl is_half = ((bits & IN_LOWER) != 0) ^ ((bits & IN_UPPER) != 0);
     const intl is_flat = is_half & (to_right ^ ((bits & IN_LOWER) != 0)), is_high = is_half & !is_flat;
     const floatl much = 1.15f * POINT_ASIDE, little = 0.5f * POINT_ASIDE, even = POINT_ASIDE;
@@ -158,8 +159,8 @@ INLINED Points points_of_margins(Grid grid, SetView view, global const float *ma
     return points;
 }
 
-/* Lists the points of a view's `count` margins from column `start` on. The kernel may write LANES columns beyond them,
- * which later views overwrite. `surface`: before bridges were torn. */
+/* Writes the points of a view's `count` margins to the columns from `start` on. May also write LANES further columns,
+ * which later views overwrite. surface: as it was before bridges were torn */
 kernel void list_margins(global const float *surface, SetView view, global const float *margins, int count, int pitch,
                          global float *points, int start, int point_pitch)
 {
@@ -172,7 +173,7 @@ kernel void list_margins(global const float *surface, SetView view, global const
     }
 }
 
-/* Does a view's nearest ray pass within reach of points p, and go on behind them? */
+/* The mask of points p that a view's nearest ray passes within `reach`, and behind which it goes on */
 INLINED intl looks_beyond(Grid grid, SetView view, global const float *nearness, Vector p, floatl reach)
 {
     const float *m = view.pixel_from_world;
@@ -200,7 +201,7 @@ INLINED intl looks_beyond(Grid grid, SetView view, global const float *nearness,
     return inside & (max_lanes(off_x, off_y) * sample <= reach) & select_lanes(here > NO_SURFACE, farther, is_free);
 }
 
-/* Tests all points except the view's own, which are columns `own_first` to `own_end` - 1. */
+/* Tests all points except the view's own points, in columns `own_first` to `own_end` - 1. */
 kernel void look_through(global const float *points, global uchar *seen, global const float *surface,
                          global const float *nearness, SetView view, int count, int pitch, int own_first, int own_end)
 {
@@ -230,7 +231,7 @@ kernel void look_through(global const float *points, global uchar *seen, global 
     }
 }
 
-/* Tears the bridges of columns `first` to `end` - 1 that were looked through. */
+/* Tears those bridges in columns `first` to `end` - 1 that were looked through. */
 kernel void tear_bridges(global const float *points, global const uchar *seen, global float *surface, int first, int end,
                          int pitch)
 {
@@ -241,8 +242,8 @@ kernel void tear_bridges(global const float *points, global const uchar *seen, g
     atomic_or((volatile global int *)surface + bridge / (TORN_ALL + 1), bridge & TORN_ALL);
 }
 
-/* Copies a view's margins that were not looked through. The view has `count` margins; their columns of `seen` begin at
- * `start`. kept_count: counts from 0. */
+/* Copies those of a view's `count` margins that were not looked through. start: the first margin's column in `seen`;
+ * kept_count: the number of copied margins, initially 0 */
 kernel void keep_margins(global const float *margins, global const uchar *seen, global float *kept, global int *kept_count,
                          int count, int pitch, int kept_pitch, int start, int share)
 {

@@ -2,20 +2,23 @@
 #define WARP_PYRAMID_H
 /* The pyramid of push and pull (fill.cl): weighted means of pixels, level by level.
  *
- * A tile is TILE x TILE pixels, and one cell of the level TILE times as coarse. The tiles of that level are the cells
- * of the next one, until a single tile is left. Within a tile three levels halve the side: 8, 4 and 2 cells.
+ * A tile of TILE x TILE pixels becomes one cell of a level that is TILE times as coarse. TILE x TILE of these cells
+ * form a tile again, until a single tile is left. Within a tile, there are three levels between: of 8, 4 and 2 cells a
+ * side.
  *
- * A cell has PLANES values: colour and nearness (in which planes are linear), each times the weight, and the weight,
- * at most 1. base: (PLANES, height, width), the cells that make up tiles. cells: (PLANES, tiles down, tiles across),
- * one cell for each tile: the base of the next tiles. inner: the three levels of each tile, PLANES * INNER_CELLS
- * values, undefined in tiles of weight 0; then one more tile of zeros.
+ * A cell has PLANES values: colour and nearness, each times the cell's weight, and this weight, at most 1. (Nearness is
+ * averaged instead of depth, since it is linear on planes.) base: (PLANES, height, width), the cells of which the tiles
+ * consist. cells: (PLANES, tiles down, tiles across), one cell for each tile; they are the base of the next tiles.
+ * inner: the three levels of each tile, PLANES * INNER_CELLS values, undefined in tiles of weight 0; then one more tile
+ * of zeros.
  *
  * Small weights must not add up along a long edge: otherwise more foreground would leak in finer pictures. With
- * HAS_BEHIND, four cells become one with weights that fall with nearness. A cell's factor is the ratio of its depth to
- * the farthest of the four depths, to the power of 16 times the cells' side, at most 64. So large cells fill wide holes
- * with the farthest surface: the wider a disocclusion is, the farther its surface lies behind the occluding one, and
- * the middle of the hole shows the wall, not the floor in front. But the factor is at least 0.3, so that a few
- * samples that are far by noise do not decide alone, which would make wide holes flicker.
+ * HAS_BEHIND, when four cells become one, nearer cells get less weight. A cell's factor is the ratio of its depth to
+ * the farthest of the four depths, to the power of 16 s, at most 64, where s is the cells' side in cells of the base.
+ * So large cells fill wide holes with the farthest surface: the wider a disocclusion is, the farther its surface lies
+ * behind the occluding one, and the middle of the hole shows the wall, not the floor in front. But the factor is at
+ * least 0.3: otherwise, in wide holes, a few samples that are far by noise would decide alone, and the hole would
+ * flicker.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
@@ -27,19 +30,19 @@
 #define PLANES 5
 #define WEIGHT_PLANE 4   /* the plane of the weights */
 #define INNER_CELLS 84   /* cells in a tile's three levels of 8 x 8, 4 x 4 and 2 x 2 cells */
-#define STEEPEST_LEVEL 2 /* the level from which on the power stays the same */
+#define STEEPEST_LEVEL 2 /* from this level on, the power stays the same */
 #define RATIO_MIN 0.3f   /* the least factor of a cell's weight, relative to the farthest of four cells */
 #define SATURATION 32.0f /* weights below 1/32 do not add up */
 
-/* Cell (x, y) of the level of 8 x 8 cells a tile, in plane 0 of `inner` */
+/* The index in `inner`, plane 0, of cell (x, y) of the level with 8 x 8 cells a tile */
 #define FIRST_CELL(x, y, across)                                                                               \
     ((size_t)((y) / 8 * (across) + (x) / 8) * PLANES * INNER_CELLS + (y) % 8 * 8 + (x) % 8)
 
 #define MASKED(mask, values) as_float16(as_int16(values) & (mask))
 #define HALVED(a, b) (((a) + (b)).even + ((a) + (b)).odd)
 
-/* Reduces two rows of cells of a level to one row of half their length. The new weight is at most 1 and, so that small
- * weights stay small, at most the greater of w and SATURATION w^2, with w the greatest weight of the four cells. */
+/* Reduces two rows of a level's cells to one row of half their length. The greatest weight w of four cells limits the
+ * new weight, so that small weights stay small: it is at most max(w, SATURATION w^2), and at most 1. */
 #define HALVE(long_row, half_row, made, row, level)                                                            \
     {                                                                                                          \
         long_row a = 1.0f, b = 1.0f; /* factors relative to the farthest of four */                           \
@@ -62,7 +65,7 @@
             made(p) = scale * HALVED(a * row(p, 0), b * row(p, 1));                                            \
         made(WEIGHT_PLANE) = scale * weights;                                                                  \
     }
-/* Depths of a row's cells, 0 for cells without a weight */
+/* The depths of a row's cells; 0 in cells without a weight */
 #define DEPTHS(row, i)                                                                                         \
     (row(WEIGHT_PLANE, i) == 0.0f ? 0.0f                                                                       \
      : perspective               ? row(WEIGHT_PLANE, i) / row(3, i)                                            \

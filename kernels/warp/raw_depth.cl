@@ -1,14 +1,14 @@
 /* Converts raw depth of 16 bits, as cameras deliver it, to planar depth and back.
  *
- * raw: (count,) 0 for no depth. depth: NaN for no depth. scale: raw units per scene unit. Raw depth is rounded to
- * nearest; it is 0, too, for depths beyond 16 bits. Work-item: `share` samples, a multiple of LANES. Cost: O(samples),
- * one pass. Determinism: each sample on its own.
+ * raw: (count,) 0 for no depth. depth: (count,) NaN for no depth. scale: raw units per scene unit. Raw depth is rounded
+ * to the nearest unit, and 0 for depths too large for 16 bits. Work-item: `share` samples, a multiple of LANES. Cost:
+ * O(samples). Determinism: samples are independent.
  */
 #include "lib/lanes.h"
 
 #define RAW_MAX 65535.0f
 
-/* For unaligned stores in one instruction: vstore16 stores value by value. */
+/* An unaligned store to this struct is one instruction; vstore16 stores the values one by one. */
 typedef struct __attribute__((packed)) {
     WIDE(ushort) raw;
 } UnalignedRaw;

@@ -1,17 +1,17 @@
 /* Finds the colours of a depth image's samples in the picture of another camera, where that camera sees them.
  *
- * A sample is hidden if its pixel shows a nearer point of another surface. To tell whether the two lie on one surface,
- * the ray through both is walked in the depth image from one to the other. They lie on different surfaces if the ray
- * passes an opening of the surface, or runs behind it by more than noise explains. A ray that grazes a noisy or slanted
- * surface does neither. A sample whose pixel shows nothing is hidden if its surface turns its back to the camera there.
- * Colours are interpolated from the four pixels around, without the pixels that show another surface. The target is a
- * pinhole's image whose pixels a lens may move (lib/lens.h): `map` leads to the pinhole's pixels.
- * places: (2, height, pitch) the samples' positions in the source of `nearness`, NaN for none, if HAS_PLACES. depth:
+ * A sample is hidden if its pixel in the picture shows a nearer point of another surface. To tell whether sample and
+ * point lie on one surface, their ray is walked in the depth image from one to the other. They lie on different
+ * surfaces if the ray passes an opening of the surface, or runs behind it by more than noise explains. A ray that
+ * grazes a noisy or slanted surface does neither. If the pixel shows nothing, the sample is hidden if its surface turns
+ * its back to the camera. A colour is interpolated from four pixels, without those that show another surface. The other
+ * camera is a pinhole whose pixels a lens may move (lib/lens.h): `map` leads to the pinhole's pixels.
+ * places: with HAS_PLACES, (2, height, pitch) the samples' positions u and v in the source image, NaN for none. depth:
  * (height, width) of the samples, planar z; not finite, <= NEAREST or >= far means no depth. nearness: (src_height,
- * src_pitch). shown, color: (dst_height, dst_width) depth that the target shows, NaN for none, and its picture.
- * sample_color, seen: (height, width); colour is black where a sample is not seen. Work-item: LANES samples of a row.
- * Cost: O(samples), and a walk of at most WALK_STEPS samples for samples behind something nearer. Determinism: each
- * sample on its own.
+ * src_pitch) of the source image. shown, color: (dst_height, dst_width) the depth that the other camera sees, NaN for
+ * none, and its picture. sample_color, seen: (height, width); colour is black where a sample is not seen. Work-item:
+ * LANES samples of a row. Cost: O(samples), and for samples behind something nearer a walk over at most WALK_STEPS
+ * samples. Determinism: samples are independent.
  */
 #include "lib/color.h"
 #include "lib/lens.h"
@@ -28,11 +28,11 @@
 #define SLOPE_STEP 2          /* samples to either side that give a slope; then three times as many, against noise */
 #define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise by which slopes may be off */
 
-/* Are the depths a <= b torn apart? Equals IS_OPEN, without divisions; false for NaN. */
+/* Does the Cut tear depths a <= b apart? Gives the same result as IS_OPEN, without divisions; false for NaN. */
 #define ARE_TORN(perspective, cut, a, b)                                                                       \
     ((cut).near_scale * (b) - (cut).far_scale * (a) > (cut).least * ((perspective) ? (a) * (b) : (floatl)1.0f))
 
-/* Noise at the source's nearness q: a + b q + c q^2 */
+/* The noise's standard deviation at nearness q of the source: a + b q + c q^2 */
 typedef struct {
     float a, b, c;
 } Noise;
@@ -41,7 +41,7 @@ typedef struct {
     floatl u, v, q; /* pixel, and nearness */
 } Point;
 
-/* The source's nearness at (u, v): interpolated if the four samples lie on one surface, else the nearest sample's */
+/* The source's nearness at (u, v): interpolated if the four samples around lie on one surface, else of the nearest one */
 INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut cut, floatl u, floatl v)
 {
     const Taps taps = clamped_taps(map.src_width, map.src_height, u, v);
@@ -56,7 +56,7 @@ INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut c
     return select_lanes(IS_OPEN(cut, high, low), NEAREST_TAP(taps, n), bilinear(taps, n[0], n[1], n[2], n[3]));
 }
 
-/* Does another surface hide the sample? front: the point shown by its pixel, in the source's pixel space */
+/* Does another surface hide the sample? front: the point that the sample's pixel shows, in the source's pixel space */
 INLINED intl is_occluded(global const float *nearness, PixelMap map, Cut cut, Noise noise, Point sample, Point front, intl active)
 {
     const floatl du = front.u - sample.u, dv = front.v - sample.v;
@@ -78,7 +78,7 @@ INLINED intl is_occluded(global const float *nearness, PixelMap map, Cut cut, No
     return hidden;
 }
 
-/* The determinant of a point and two columns of the map m */
+/* The determinant of the matrix of a point and columns i and j of the map m */
 #define ORIENTATION(m, p, i, j)                                                                                \
     ((p)[0] * ((m)[4 + (i)] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[4 + (j)]) -                                    \
      (p)[1] * ((m)[i] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[j]) + (p)[2] * ((m)[i] * (m)[4 + (j)] - (m)[4 + (i)] * (m)[j]))
@@ -101,8 +101,8 @@ INLINED intl faces_away(global const float *nearness, PixelMap map, Cut cut, Noi
     }
     for (int i = 0; i < 3; i++)
         p[i] = MAP_ROW(D, i, sample.u, sample.v, sample.q);
-    /* The determinant of the mapped point and its derivatives along u and v is negative if the target sees the back. A
-     * derivative is a column of the map plus the slope times its last column. */
+    /* If the target sees the back, the determinant of the mapped point and of its derivatives along u and v is
+     * negative. Each derivative is a column of the map plus the slope times the map's last column. */
     const floatl by_u = ORIENTATION(D, p, 3, 1), by_v = ORIENTATION(D, p, 0, 3);
     const floatl unsure = SLOPE_DEVIATIONS / (2.0f * aside) * (noise.a + sample.q * (noise.b + sample.q * noise.c));
     return !unknown & (ORIENTATION(D, p, 0, 1) + slope[0] * by_u + slope[1] * by_v + unsure * (fabs(by_u) + fabs(by_v)) < 0.0f);
@@ -144,7 +144,7 @@ kernel void color_samples(global const float *places, global const float *depth,
     at_u = select_lanes(active, at_u, (floatl)0.0f);
     at_v = select_lanes(active, at_v, (floatl)0.0f);
 
-    /* The depths that the target shows around the sample's pixel, and the sample's own depth there */
+    /* The depths that the target shows at four pixels around the sample, and the sample's own depth in the target */
     const Taps taps = clamped_taps(map.dst_width, map.dst_height, at_u, at_v);
     const floatl own_z = DEPTH_OF(map.dst_perspective, n);
     floatl around[4], weights[4], total = 0.0f, farthest = -INFINITY;
@@ -159,7 +159,7 @@ kernel void color_samples(global const float *places, global const float *depth,
     }
     const floatl z_there = NEAREST_TAP(taps, around);
     const intl none = active & !(z_there == z_there), torn_there = NEAREST_TAP(taps, torn);
-    /* Is the shown surface nearer than the sample, and not a slope on which the sample lies? */
+    /* Is the shown surface nearer than the sample, other than by a slope that contains the sample? */
     const floatl nearer_by = RELATIVE_TOLERANCE * fabs(own_z);
     const intl before = active & (own_z - z_there > nearer_by) & (torn_there | (own_z - farthest > nearer_by));
     intl is_seen = active;
