@@ -2,8 +2,8 @@
  *
  * At edges, a view extends its surface by half a sample (margins, lib/margins.h). Where a steep surface seems to
  * continue, the view connects neighbours that differ by more than step_allowed (bridges). None of this was seen. If a
- * ray of another view passes such a place and meets something behind it, the place is empty. So these places are listed
- * as points, and each view tests the points of all other views.
+ * ray of another view passes such a place and goes on, the place is empty. So these places are listed as points, and
+ * each view tests the points of all other views.
  *
  * A point's depth is only known within its noise. So a point is a piece of its view's ray, and another view must look
  * through both ends and the middle of this piece. The other view's nearest ray must pass within half a sample of the
@@ -24,9 +24,9 @@
 #include "lib/vectors.h"
 #include "warp/view_edges.h"
 
-#define ENDS 0   /* the ends of the piece: two points in the world, relative to the set's origin */
-#define POINT_REACH 6  /* half a sample of its view; negative: the point is not tested */
-#define BRIDGE 7 /* an int: the index of the bridge's sample in `surface`, times 8, and its TORN_... bit */
+#define ENDS 0   /* six planes: the piece's two ends in the world, relative to the set's origin */
+#define POINT_REACH 6  /* scene units: half a sample of the point's view; negative: the point is not tested */
+#define BRIDGE 7 /* an int: the index of the bridge's sample in `surface`, times 8, plus its TORN_... bit */
 #define POINT_PLANES 8
 
 #define POINT_ASIDE 0.3f /* samples from a margin's sample to its point, which is slightly beyond the margin's middle */

@@ -21,11 +21,11 @@
 #ifndef HAS_PLACES
 #define HAS_PLACES 0 /* 1: the samples are not the source's own, but lie between them */
 #endif
-#define WALK_STEPS 24        /* samples of the source: points farther apart count as two surfaces */
-#define SAME_SURFACE 1.0f    /* samples: points no farther apart count as one surface */
+#define WALK_STEPS 24        /* samples of the source: points farther apart count as points of two surfaces */
+#define SAME_SURFACE 1.0f    /* samples of the source: points at most this far apart count as points of one surface */
 #define RELATIVE_TOLERANCE 1e-3f    /* a ray is behind a surface if its nearness is less by more than this fraction */
 #define OCCLUSION_DEVIATIONS 5.0f   /* and by more than this many standard deviations of the noise */
-#define SLOPE_STEP 2          /* samples to either side that give a slope; then three times as many, against noise */
+#define SLOPE_STEP 2          /* samples on each side over which a slope is measured; then over three times as many */
 #define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise by which slopes may be off */
 
 /* Does the Cut tear depths a <= b apart? Gives the same result as IS_OPEN, without divisions; false for NaN. */

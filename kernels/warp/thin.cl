@@ -1,14 +1,12 @@
-/* Draws objects one sample thin, such as wires, leaves and bars, as wide as the samples that saw them, by their ribbons
- * (lib/ribbons.h).
+/* Draws objects one sample thin, such as wires, leaves and bars, as ribbons (lib/ribbons.h) with the width of a sample.
  *
- * Three launches, as in forward.cl. The first finds each pixel's greatest nearness of a ribbon; the second, the least
- * number among the ribbons of this nearness. The third writes the pixels where a ribbon is nearer than the picture or
- * the picture is empty. A side of the surface that is not shown hides no ribbon behind it. keys, indices: (dst_height,
- * dst_width), warp/keys.h. ribbons: (count,) numbers of the view's ribbons (picture/ribbons.cl). source, source_view:
- * as in resolve.cl.
- * Work-item: a ribbon; STRIP * LANES pixels of a row. Cost: O(pixels + pixels of ribbons). Determinism: maximum and
- * minimum do not depend on the order of work-items.
- * Not in the paper, where all samples are connected.
+ * Launches: the first finds at each pixel the greatest nearness of a ribbon; the second, the least number of a ribbon
+ * with this nearness; the third writes the pixels where a ribbon is nearer than the picture or the picture is empty. A
+ * ribbon is also drawn behind a surface whose visible side is not shown. keys, indices: (dst_height, dst_width),
+ * keys.h. ribbons: (count,) numbers of the view's ribbons (picture/ribbons.cl). source, source_view: as in resolve.cl.
+ * Work-item: a ribbon; in the third launch, STRIP * LANES pixels of a row. Cost: O(pixels + pixels of ribbons).
+ * Determinism: maximum and minimum do not depend on the order of work-items.
+ * In the paper there are no ribbons, as all samples are connected.
  */
 #include "lib/channel.h"
 #include "lib/gbuffer.h"
@@ -19,14 +17,15 @@
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: the origins of pixels are written, too */
 #endif
-#define RIBBON_WIDTH_MAX 256 /* target pixels: greatest size of a ribbon's box */
+#define RIBBON_WIDTH_MAX 256 /* target pixels: greatest width and height of a ribbon's bounding box */
 #define NO_RIBBON 0xFFFFFFFFu
-#define END_BIAS 1024u /* in least steps of nearness: moves the half squares beyond a ribbon's samples behind a surface
-                           that goes on there in the same plane, so that the surface's colours are shown */
-#define NEARER 1e-6f /* fraction of the depth, against rounding: at its samples a ribbon is as near as the surface */
+#define END_BIAS 1024u /* units of the key's last bit: subtracted on the half squares beyond a ribbon's samples, so that
+                           a surface that goes on there in the same plane shows its own colours */
+#define NEARER 1e-6f /* fraction of the depth: at its samples, a ribbon is as near as the surface, except for rounding */
 
-/* A moving square sweeps a ribbon. Narrows [*low, *high], the range of the sweep in which the square covers a point, by
- * one axis. p: the point's distance from the first square's middle; d: the sweep's length */
+/* A ribbon is the area that a square covers as it moves. [*low, *high] is the part of the motion, 0 to 1, during which
+ * the square covers a point; it is narrowed by one axis. p: the point's offset from the first square's middle; d: the
+ * motion */
 void narrow_sweep(float p, float d, float *low, float *high)
 {
     if (fabs(d) > 1e-6f) {
@@ -38,8 +37,8 @@ void narrow_sweep(float p, float d, float *low, float *high)
     }
 }
 
-/* The target's nearness where a pixel's ray meets a ribbon, or EMPTY. part: the position along the ribbon, below 0 or
- * above 1 beyond its samples. */
+/* The target nearness at which a pixel's ray meets a ribbon; EMPTY if it meets none. Sets `part`, the position along
+ * the ribbon: 0 at the first sample, 1 at the second. */
 float intersect_ribbon(Ribbon ribbon, PixelMap map, int sides, int column, int row, float *part)
 {
     const float *S = map.src_from_dst;
@@ -110,7 +109,7 @@ void mix_colors(global const channel *src_color, int a, int b, float part, globa
     }
 }
 
-/* Writes the pixel (x, y) of a ribbon, unless the picture is nearer there. Returns whether it was written. Sets `ends`,
+/* Writes the pixel (x, y) of a ribbon, unless the picture is nearer there. Returns 1 if it was written. Sets `ends`,
  * the samples at the ribbon's ends, and `along`, the pixel's position between them, 0 to 1. */
 int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, int x, int y,
                  global const channel *src_color, global float *depth, global channel *color, global uchar *valid,

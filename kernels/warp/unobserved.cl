@@ -1,7 +1,8 @@
-/* Fills holes with colours of the source that have no depth: a hole takes such a colour if its filled depth projects
- * there.
+/* Fills holes with colours of the source image at samples without depth: the hole's filled depth gives its place in the
+ * source.
  *
- * Black without depth is no colour: registered cameras, and frames with holes, use it for missing colours.
+ * A black sample without depth is left out: images of registered cameras, and frames with holes, are black where a
+ * colour is missing.
  *
  * color, depth, valid: (dst_height, dst_width); the holes' colours are replaced. nearness: (src_height, src_pitch).
  * src_color: (src_height, src_width). Work-item: `strip` times LANES pixels of a row. Cost: O(pixels).
@@ -15,7 +16,7 @@ float4 color_at_sample(global const channel *color, size_t sample)
     return (float4)(color[3 * sample], color[3 * sample + 1], color[3 * sample + 2], 0.0f);
 }
 
-/* The colour between four samples */
+/* The colour at (u, v), interpolated between the four samples around */
 float4 color_between(global const channel *color, int width, int height, float u, float v)
 {
     const float in_u = clamp(u, 0.0f, width - 1.0f), in_v = clamp(v, 0.0f, height - 1.0f);
@@ -27,7 +28,7 @@ float4 color_between(global const channel *color, int width, int height, float u
     return mix(above, below, in_v - upper);
 }
 
-/* Replaces the colours of the holes among LANES pixels from (x, y) on. */
+/* Replaces the colours of holes, among LANES pixels of row y from x on. */
 INLINED void show_pixels(global channel *color, global const float *depth, global const uchar *valid,
                          global const float *nearness, global const channel *src_color, const PixelMap *map, int x,
                          int y)

@@ -1,17 +1,16 @@
-/* Finds the distances of a view's samples from edges of its surface, which give their weights when several views are
- * blended (blend.cl).
+/* Finds the distance of each of a view's samples from the edges of the view's surface. When several views are blended
+ * (blend.cl), it gives the sample's weight.
  *
- * edges: (height, width), for each sample its own byte, the byte of the sample below, and two bits that mark the open
- * triangles of its cell, where the picture shows a margin. The byte is 0 at a step, where the surface goes on so
- * steeply that its cells may be rubber sheets. Otherwise it is 1 + STEPS d, where d, 0 to FEATHER, is the distance in
- * samples to the nearest step or end of the surface (a hole, a cut, or the image's border), as the larger of the
- * distances along the two axes.
+ * A sample's byte is 0 at a step, where the surface goes on so steeply that it may be a rubber sheet. Otherwise it is
+ * 1 + STEPS d, where d is the distance in samples, at most FEATHER, to the nearest step or end of the surface (a hole,
+ * a cut, or the image's border). This distance is the larger of the distances along the two axes.
  *
- * surface: (height + 2, pitch), picture/edges.cl. marks: (height, mark_pitch), with FEATHER more columns on either
- * side: STEP at a step, 0 at an end and beyond the image, elsewhere FEATHER. in_row: (height, mark_pitch), distances in
- * rows.
- * Launches: mark_edges, row_distances, edge_distances, once a view.
- * Work-item: LANES samples of a row. Cost: O(samples). Determinism: each sample on its own.
+ * surface: (height + 2, pitch), picture/edges.cl. marks: (height, mark_pitch) STEP at a step, 0 at an end and beyond
+ * the image, elsewhere FEATHER; rows have FEATHER more columns on either side. in_row: (height, mark_pitch) distances
+ * within each row alone. edges: (height, width) for each sample, its own byte and the byte of the sample below. Two
+ * bits of the own byte mark the open triangles of the sample's cell, where the picture shows a margin.
+ * Launches: mark_edges, row_distances, edge_distances, once for each view.
+ * Work-item: LANES samples of a row. Cost: O(samples). Determinism: samples are independent.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -35,7 +34,7 @@ kernel void mark_edges(global const float *surface, global float *marks, EdgeVie
                               (floatl)(gather(nearness, above + x)), (floatl)(gather(nearness, below + x))};
     const floatl z = DEPTH_OF(view.perspective, n);
     intl is_step = (intl)0, is_end = (n <= NO_SURFACE) | (at < 0) | (at >= view.width);
-    /* An edge's bit is stored in its left or upper sample. */
+    /* The bit of an edge is stored in the left or upper one of its two samples. */
     const intl open_to[4] = {as_intl(around[0]) & TORN_RIGHT, as_intl(n) & TORN_RIGHT, as_intl(around[2]) & TORN_BELOW,
                              as_intl(n) & TORN_BELOW};
     for (int i = 0; i < 4; i++) {
@@ -62,11 +61,11 @@ kernel void row_distances(global const float *marks, global float *in_row, int w
     store_lanes(least, in_row + (size_t)y * mark_pitch + x0);
 }
 
-/* The bytes of `edges` of a row's samples */
+/* The bytes of LANES samples of row y, from x0 on, without the bits of open triangles */
 INLINED intl distances_at(global const float *marks, global const float *in_row, int x0, int y, int height,
                           int mark_pitch)
 {
-    floatl distance = min(min(y + 1, height - y), FEATHER); /* to the area beyond the image */
+    floatl distance = min(min(y + 1, height - y), FEATHER); /* to the rows beyond the image */
     for (int row = max(y - FEATHER, 0); row <= min(y + FEATHER, height - 1); row++) {
         const floatl along = load_lanes(in_row + (size_t)row * mark_pitch + x0);
         distance = min_lanes(distance, max_lanes(along, (floatl)abs(row - y)));

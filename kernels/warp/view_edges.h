@@ -22,7 +22,7 @@ typedef struct {
     float unit;
 } EdgeView;
 
-/* The greatest difference of neighbours' depths on one surface, if z is the nearer depth */
+/* The greatest difference in depth between neighbours that are no step. z: the nearer depth */
 INLINED floatl step_allowed(EdgeView view, floatl z)
 {
     const floatl noise = EDGE_DEVIATIONS * ((view.noise_2 * z + view.noise_1) * z + view.noise_0);

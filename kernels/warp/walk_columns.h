@@ -1,7 +1,7 @@
 #ifndef WARP_WALK_COLUMNS_H
 #define WARP_WALK_COLUMNS_H
-/* Walks lines of the source from column to column (or row to row). Between two columns, a connected surface counts as
- * straight, without its corners at diagonals and rows; it ends where its triangles end.
+/* Walks lines of the source from column to column (or from row to row). Where all triangles between two columns are
+ * closed, the surface counts as straight: its corners at diagonals and rows are left out. It ends at open triangles.
  */
 #include "warp/interval.h"
 
@@ -17,27 +17,27 @@ typedef struct {
 /* A step of the lines from one column to the next: through one cell, or through two cells if it crosses a row. */
 typedef struct {
     Column from, to;
-    floatl begins, ends; /* range of the step that lies on the lines: 0 to 1, except in a line's first and last step */
-    floatl passed;                 /* the row crossed: 1 the cell's last, -1 its first, 0 none */
-    floatl beyond_from, beyond_to; /* if a row is crossed: the two cells' samples that `from` and `to` lack */
+    floatl begins, ends; /* part of the step that lies on the line: 0 to 1, except in a line's first and last step */
+    floatl passed;                 /* the row that is crossed; 1: the cell's last, -1: its first, 0: none */
+    floatl beyond_from, beyond_to; /* if a row is crossed: the samples of the two cells that `from` and `to` lack */
     floatl slope;                  /* rows per column */
-    intl mirrored, transposed;     /* columns and rows are both mirrored; columns and rows are swapped */
-    intl along, edge;              /* lines along edges: the edges' TORN_... bit, and whether it is set on this step */
+    intl mirrored, transposed;     /* masks: columns and rows are both mirrored; columns and rows are swapped */
+    intl along, edge;              /* if lines run along edges: these edges' TORN_... bit, and this bit on the step */
 } Step;
 
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
-    floatl leaves[4];   /* position (0 to 1) where lines leave each triangle; skipped unless it grows */
-    floatl nearness[4]; /* the surface's nearness there */
+    floatl leaves[4];   /* position, 0 to 1, at which lines leave each triangle; if it does not grow, they miss it */
+    floatl nearness[4]; /* the surface's nearness at this position */
     intl open[4];
 } PassedTriangles;
 
-/* Are the triangles of a cell open? The cell is given by its samples in two columns; the `first` triangle holds the
- * first column's samples. */
+/* Tells which triangles of a cell are open. The cell is given by its samples in two columns. `first` is for the
+ * triangle that contains both samples of the first column, `second` for the other. */
 INLINED void are_open(Step step, floatl from_a, floatl from_b, floatl to_a, floatl to_b, intl *first, intl *second)
 {
     const floatl q00 = select_lanes(step.mirrored, to_b, from_a);
-    /* The cell's samples to the right of and below its first sample, in the image */
+    /* q10, q01: in the image, the samples to the right of the cell's first sample and below it */
     const intl swapped = step.mirrored != step.transposed;
     const floatl q10 = select_lanes(swapped, from_b, to_a), q01 = select_lanes(swapped, to_a, from_b);
     const intl lower = IS_LOWER_OPEN(q00), upper = IS_UPPER_OPEN(q00, q10, q01);
@@ -45,13 +45,14 @@ INLINED void are_open(Step step, floatl from_a, floatl from_b, floatl to_a, floa
     *second = select_lanes(step.along != 0, step.edge, select_lanes(step.mirrored, lower, upper));
 }
 
-/* The triangles of a step. Cells' diagonals go from the first column's second sample to the second column's first. */
+/* The triangles of a step. A cell's diagonal leads from the second sample of the first column to the first sample of
+ * the second column. */
 INLINED PassedTriangles triangles_of(Step step)
 {
     const Column from = step.from, to = step.to;
     const intl none = step.passed == 0.0f, down = step.passed > 0.0f, up = step.passed < 0.0f;
-    /* The second column's samples of the cell that is left, and the first column's samples of the cell that is
-     * entered. */
+    /* to_...: samples in the second column, of the step's first cell; from_...: samples in the first column, of its
+     * last cell */
     const floatl to_a = select_lanes(down, step.beyond_to, select_lanes(up, to.b, to.a)),
                  to_b = select_lanes(down, to.a, select_lanes(up, step.beyond_to, to.b));
     const floatl from_a = select_lanes(down, from.b, select_lanes(up, step.beyond_from, from.a));
@@ -63,7 +64,7 @@ INLINED PassedTriangles triangles_of(Step step)
     PassedTriangles triangles;
     triangles.leaves[0] = min_lanes(diagonal, select_lanes(none, (floatl)1.0f, row));
     triangles.leaves[1] = select_lanes(none, triangles.leaves[0], row);
-    /* A step up enters its second cell beyond the diagonal, and skips this triangle. */
+    /* A step up enters its second cell beyond the diagonal, so it misses the cell's first triangle. */
     triangles.leaves[2] = select_lanes(down, max_lanes(min_lanes((2.0f - from.part) * per_diagonal, (floatl)1.0f), row),
                                        triangles.leaves[1]);
     triangles.leaves[3] = 1.0f;
@@ -76,8 +77,8 @@ INLINED PassedTriangles triangles_of(Step step)
     return triangles;
 }
 
-/* Extends the interval on a step where the surface may be torn: each run of closed triangles is a segment. major: the
- * first column */
+/* Extends the interval by a step on which the surface may be torn: each run of closed triangles is a segment. major:
+ * the first column's coordinate */
 INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targets targets, floatl major, intl active,
                          SweepLines line, LineGroup group, PixelMap map)
 {
@@ -85,7 +86,7 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
     const int is_clipped = any_lane((step.begins > 0.0f) | (step.ends < 1.0f));
     Projection begin = step.from.place, enters = begin, held_begin = begin, held_end = begin, last = begin;
     floatl entered = 0.0f;
-    intl inside = 0, held = 0; /* held: a run has ended, and waits for the ends of the other lanes' runs */
+    intl inside = 0, held = 0; /* held: mask of lanes whose run has ended, until the other lanes' runs have ended, too */
     for (int part = 0; part < 4; part++) {
         const floatl leaves = CHOSEN(triangles.leaves, part);
         Projection left = step.to.place;
@@ -94,7 +95,7 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
         const Projection passed = left;
         const intl is_passed = leaves > entered;
         intl there = active & is_passed;
-        if (is_clipped) { /* clip the step in this triangle to the lines' ends */
+        if (is_clipped) { /* clip the part of the step in this triangle to the line */
             const floatl low = max_lanes(entered, step.begins), high = min_lanes(leaves, step.ends);
             const floatl change = (left.nearness - enters.nearness) / (leaves - entered);
             const Projection at_low = project_at(targets, major + line.sign * low,
@@ -128,8 +129,8 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
     interval->ended = interval->ended | held;
 }
 
-/* Lines that run along samples see only the edges between these samples. Returns the edges' TORN_... bit, 0 for other
- * lines. */
+/* A line through samples of a row, column or diagonal sees only the edges between these samples. Returns the TORN_...
+ * bit of these edges; 0 for other lines. */
 INLINED intl edges_along(floatl start, floatl slope, floatl length, intl u_major)
 {
     const floatl longest = max_lanes(length, (floatl)1.0f);
@@ -140,8 +141,8 @@ INLINED intl edges_along(floatl start, floatl slope, floatl length, intl u_major
     return select_lanes(straight, edges, select_lanes(diagonals, (intl)TORN_DIAGONAL, (intl)0));
 }
 
-/* The sample that stores the bit of the edge along a step: the edge's upper or left sample; for a diagonal, its cell's
- * upper left sample */
+/* For steps along an edge: the sample that stores the edge's bit, which is the edge's upper or left sample or, for a
+ * diagonal, the upper left sample of its cell */
 INLINED floatl edge_owner(Grid grid, Step step, intl stride)
 {
     const intl along_diagonals = step.along == TORN_DIAGONAL;
@@ -152,14 +153,14 @@ INLINED floatl edge_owner(Grid grid, Step step, intl stride)
     return select_lanes(along_diagonals, (floatl)(gather(grid.nearness, max(above, (intl)(-grid.pitch - 1)))), owner);
 }
 
-/* The columns that lines pass. If steps go towards smaller columns, rows are mirrored, too, so that all lines cross the
- * cells' diagonals in the same direction. */
+/* The columns that lines pass. If a line's steps lead to smaller columns, its rows are numbered from the last one, so
+ * that all lines cross the cells' diagonals in the same direction. */
 typedef struct {
     floatl minor_0, tilt;   /* row = minor_0 + tilt * column */
     intl along;             /* as in Step */
     intl at_0, stride;      /* index of the sample in column 0 and row 0, and stride from row to row */
     intl last_row, last_column, stride_major;
-    intl ahead;             /* distance from a column's sample to the prefetched one */
+    intl ahead;             /* index of the sample that is prefetched, minus the index of the column's sample */
 } Columns;
 
 INLINED Columns columns_of(SweepLines line)
@@ -178,7 +179,7 @@ INLINED Columns columns_of(SweepLines line)
     return columns;
 }
 
-/* before: `cell` of the previous column, ignored if `is_first` */
+/* The column at a major coordinate. before: `cell` of the previous column, ignored if `is_first` */
 INLINED Column column_at(Columns columns, floatl major, int is_first, floatl before, Grid grid, Targets targets,
                          LineGroup group)
 {
@@ -190,7 +191,7 @@ INLINED Column column_at(Columns columns, floatl major, int is_first, floatl bef
     const floatl minor = columns.minor_0 + columns.tilt * major;
     Column column;
     column.cell = to_floatl(max(min(to_intl(minor + nudge + 1.0f) - 1, last_cell), (intl)-1));
-    if (!is_first) /* rounding must not skip a row */
+    if (!is_first) /* a step crosses at most one row, whatever the rounding */
         column.cell = clamp_lanes(column.cell, before - 1.0f, before + 1.0f);
     column.part = select_lanes(along, (floatl)0.0f, minor - column.cell);
     column.at = columns.at_0 + number * columns.stride_major + to_intl(column.cell) * columns.stride;
@@ -200,13 +201,13 @@ INLINED Column column_at(Columns columns, floatl major, int is_first, floatl bef
     column.a = (floatl)(gather(grid.nearness, column.at));
     column.b = (floatl)(gather(grid.nearness, at_b));
     const floatl part = clamp_lanes(column.part, (floatl)0.0f, (floatl)1.0f);
-    /* At the second sample, the first one must not count: it may be no surface. */
+    /* Exactly at the second sample, only this sample counts: the first one may be missing. */
     const floatl between = column.a + part * (column.b - column.a);
     column.place = project_at(targets, major, select_lanes(part < 1.0f, between, column.b));
     return column;
 }
 
-/* Returns the number of columns passed. */
+/* Walks lines of the source, and settles pixels of the target. Returns the number of columns passed. */
 INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl first = floor_lanes(line.from), last = min_lanes(ceil_lanes(line.to), line.last_major + 1.0f);
@@ -223,7 +224,7 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
     step.edge = 0;
     const intl along = step.along != 0;
     columns.along = along;
-    /* Lines end at the image's border and at the epipole, between columns. */
+    /* Lines begin and end at the image's border or at the epipole, which may lie between columns. */
     const floatl begins = select_lanes(mirrored, last - line.to, line.from - first);
     const floatl ends = 1.0f - select_lanes(mirrored, line.from - first, last - line.to);
 

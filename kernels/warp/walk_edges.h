@@ -1,11 +1,10 @@
 #ifndef WARP_WALK_EDGES_H
 #define WARP_WALK_EDGES_H
-/* Walks along lines of the source from edge to edge of its triangles, which finds exactly what the lines meet. Counts
- * cells. */
+/* Walks lines of the source from edge to edge of its triangles: this finds exactly what the lines meet. */
 #include "warp/interval.h"
 
-/* Prefetches samples ahead of the lines. Along rows each line has a cache line of its own for 16 steps, so two lines
- * are prefetched in turn. */
+/* Prefetches the samples that lines read some steps later. Along rows, a line reads one cache line for 16 steps, and no
+ * other line reads it. So each step prefetches for two lanes only, in turn. */
 INLINED void prefetch_samples(Grid grid, SweepLines line, LineGroup group, intl index, int turn)
 {
 #if LANES == 16
@@ -18,7 +17,7 @@ INLINED void prefetch_samples(Grid grid, SweepLines line, LineGroup group, intl 
 #endif
 }
 
-/* Returns the number of cells passed. */
+/* Walks lines of the source, and settles pixels of the target. Returns the number of cells passed. */
 INLINED uint walk_edges(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl from = select_lanes(line.sign > 0.0f, line.from, line.to), minor = line.minor_0 + line.tilt * from;

@@ -1,11 +1,11 @@
 #ifndef WARP_WALK_SAMPLES_H
 #define WARP_WALK_SAMPLES_H
-/* Walks along rows or columns of the source from sample to sample. This is exact: such lines see only the edges between
- * their samples.
+/* Walks along rows or columns of samples of the source, from sample to sample. This is exact, as a line along samples
+ * sees only the edges between these.
  */
 #include "warp/interval.h"
 
-/* Returns the number of samples passed. */
+/* Walks lines of the source, and settles pixels of the target. Returns the number of samples passed. */
 INLINED uint walk_samples(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl first = floor_lanes(line.from), last = min_lanes(ceil_lanes(line.to), line.last_major + 1.0f);
@@ -31,7 +31,7 @@ INLINED uint walk_samples(Grid grid, SweepLines line, LineGroup group, PixelMap 
         if (count == 1)
             from = project_at(targets, begins, n - change * (major - begins) * line.sign);
         const Projection to = project_at(targets, major + last_step * line.sign, n + last_step * change);
-        /* An edge's bit is stored in its left or upper sample. */
+        /* The bit of an edge is stored in the left or upper one of its two samples. */
         const intl owner = select_lanes(rises, as_intl(before), as_intl(n)), edge = select_lanes(line.u_major, (intl)TORN_RIGHT, (intl)TORN_BELOW);
         extend(&interval, writer, from, to, active & (intl)(count ? -1 : 0), (owner & edge) != 0, line, group, map);
         from = to;
